@@ -1,0 +1,56 @@
+"""The error tree: five families, each also a standard library type.
+
+A message names the object, its state, what was expected, what is available and what to do
+next.  `exit_code` is what the command line returns (0 done, 2 bad input, 3 device fault).
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class HilError(Exception):
+    """Any failure that the user can do something about."""
+
+    exit_code = 2
+
+
+class ConfigError(HilError, ValueError):
+    """A rig, model, map file or an option is wrong."""
+
+
+class DataError(HilError, ValueError):
+    """A recording is unreadable, incomplete or contradicts itself."""
+
+
+class FitError(HilError, ArithmeticError):
+    """The parameters cannot be determined from these data."""
+
+
+class DeviceError(HilError, OSError):
+    """A device refused, vanished or answered nonsense."""
+
+    exit_code = 3
+
+
+class DeviceTimeoutError(DeviceError, TimeoutError):
+    """A device did not answer in time."""
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    """Sentence for an unknown name: the nearest known one first, then all of them.
+
+    Parameters
+    ----------
+    kind : str
+        What the name should have been, e.g. ``"effect"``.
+    name : str
+        What was given.
+    known : iterable of str
+        What there is.
+    """
+    names = sorted(known)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    hint = f" Did you mean {near[0]!r}?" if near else ""
+    return f"unknown {kind} {name!r}.{hint} Available: {', '.join(names) or 'none'}."

@@ -1,0 +1,100 @@
+"""A recording in memory: what every analysis reads, whatever wrote it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RobotSource:
+    """Which robot a recording is of: URDF text or the name of a preset.
+
+    Parameters
+    ----------
+    preset : str
+        Name of a built-in robot (``"single-axis"``, ``"phantom-premium-1.5"``, ...) or ``""``.
+    urdf : str
+        URDF text, or ``""``.
+    tip : str
+        Frame at which the external force acts; ``""`` = the frame named ``tip``, or the last.
+    """
+
+    preset: str = "single-axis"
+    urdf: str = ""
+    tip: str = ""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One run of one arm, n samples of d joints, SI units throughout.
+
+    Parameters
+    ----------
+    name : str
+        Name of the run (file stem) for tables and messages.
+    arm : str
+        Name of the arm within the session (``"leader"``, ``"follower"``, ``"arm"``).
+    joints : tuple of str
+        Joint names, length d.
+    t : ndarray (n,)
+        Time [s], increasing.
+    q : ndarray (n, d)
+        Joint positions [rad or m].
+    tau : ndarray (n, d)
+        Commanded or measured motor effort at the joint [N m or N].
+    qd : ndarray (n, d) or None
+        Measured joint velocities, where the recording has them.
+    wrench : ndarray (n, 6) or None
+        Force and torque ON the robot at the tip, in the base frame [N, N m].
+    tau_ext : ndarray (n, d) or None
+        External joint effort ON the robot [N m or N], where it was measured directly.
+    current, temperature : ndarray (n, d) or None
+        Motor current [A] and temperature [degC].
+    robot : RobotSource
+        The robot.
+    metadata : dict
+        What the session says of itself.
+    """
+
+    name: str
+    arm: str
+    joints: tuple[str, ...]
+    t: FloatArray
+    q: FloatArray
+    tau: FloatArray
+    qd: FloatArray | None = None
+    wrench: FloatArray | None = None
+    tau_ext: FloatArray | None = None
+    current: FloatArray | None = None
+    temperature: FloatArray | None = None
+    robot: RobotSource = field(default_factory=RobotSource)
+    metadata: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return int(self.t.size)
+
+    @property
+    def d(self) -> int:
+        """Number of joints."""
+        return int(self.q.shape[1])
+
+    @property
+    def rate(self) -> float:
+        """Sample rate [Hz] from the median period."""
+        return float(1.0 / np.median(np.diff(self.t)))
+
+    def slice(self, start: int, stop: int) -> Recording:
+        """Samples start..stop as a recording of their own."""
+        arrays = {
+            key: value[start:stop]
+            for key in ("t", "q", "tau", "qd", "wrench", "tau_ext", "current", "temperature")
+            if (value := getattr(self, key)) is not None
+        }
+        return replace(self, **arrays)
