@@ -1,1 +1,116 @@
-"""PLACEHOLDER."""
+"""The simulated bench: arms, operator and gel in one world, seen through ideal wires.
+
+A wire answers at signal level: encoder counts and gauge words in, DAC codes out.  The world
+advances by whole ticks when a device is read at a later time, whatever the clock.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError, unknown
+from sim_devices.plants import build, world
+from sim_devices.plants.layout import GEL, NOISES, OPERATOR, SUBSTEPS
+
+BLOCK = 256
+
+
+class Bench:
+    """World of one session.
+
+    Parameters
+    ----------
+    arms : dict of str to str
+        Name of every arm -> name of its force sensor.
+    section : dict
+        Table ``[simulation]`` of the rig file.
+    period_ns : int
+        Tick of the loop [ns].
+    seed : int
+        Noise of this session; `hidden_seed` in `section` chooses random hidden effects.
+    """
+
+    def __init__(
+        self, arms: dict[str, str], section: dict[str, Any], period_ns: int, seed: int
+    ) -> None:
+        self.names = list(arms)
+        self.period_ns = period_ns
+        self.now_ns = 0
+        plan = build.plan(arms, section, seed)
+        self.parameters, self.state = plan.parameters, plan.state
+        self.operators, self.gels = plan.operators, plan.gels
+        if self.operators.dtype != OPERATOR or self.gels.dtype != GEL:
+            raise ConfigError("[simulation]: operator or gel has another layout.")
+        n = len(self.names)
+        self.codes = np.zeros((n, 3), np.int64)
+        self.counts = np.zeros((n, 3), np.int64)
+        self.gauges = np.zeros((n, 6), np.int64)
+        self._rng = np.random.default_rng([seed, 0x5EED])
+        self._noise = np.zeros((BLOCK, n, NOISES))
+        self._left = 0
+        for i in range(n):
+            world.sense(self.parameters[i], self.state[i], 0.0, np.zeros(NOISES), self.counts[i],
+                        self.gauges[i])  # fmt: skip
+
+    def wire(self, arm: str) -> Wire:
+        """Wire to the devices of one arm."""
+        if arm not in self.names:
+            raise ConfigError(unknown("simulated arm", arm, self.names))
+        return Wire(self, self.names.index(arm))
+
+    def advance(self, t_ns: int) -> None:
+        """Run the world up to `t_ns`, in whole ticks."""
+        while self.now_ns + self.period_ns <= t_ns:
+            if self._left == 0:
+                self._rng.standard_normal(out=self._noise)
+                self._left = BLOCK
+            world.run(
+                self.parameters, self.state, self.operators, self.gels, self.now_ns * 1e-9,
+                self.period_ns * 1e-9, SUBSTEPS, self.codes, self._noise[BLOCK - self._left],
+                self.counts, self.gauges,
+            )  # fmt: skip
+            self._left -= 1
+            self.now_ns += self.period_ns
+
+
+class Wire:
+    """Ideal wire to one arm: what arrives is what was sent.
+
+    Attributes
+    ----------
+    counts, gauges : ndarray (3,), (6,) of int
+        Last answer; the arrays stay the same objects.
+    """
+
+    def __init__(self, bench: Bench, index: int) -> None:
+        self._bench = bench
+        self._index = index
+        self.counts = bench.counts[index]
+        self.gauges = bench.gauges[index]
+        self._codes = bench.codes[index]
+
+    def receive(self, t_ns: int) -> None:
+        """Refresh `counts` and `gauges` for time `t_ns`."""
+        self._bench.advance(t_ns)
+
+    def send(self, codes: NDArray[np.int64]) -> None:
+        """Set the DAC codes (3,) that hold until the next call."""
+        self._codes[:] = codes
+
+    def power(self, on: bool) -> None:
+        """Switch the amplifiers; without power the arm rests in its dock."""
+        self._bench.state["parked"][self._index] = 0 if on else 1
+        self._codes[:] = 0
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+def open_bench(
+    arms: dict[str, str], section: dict[str, Any], period_ns: int, seed: int
+) -> Bench:
+    """Open the simulated bench (entry point ``ideal`` of ``hil.sim_devices``)."""
+    return Bench(arms, section, period_ns, seed)

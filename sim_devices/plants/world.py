@@ -1,0 +1,87 @@
+"""One tick of the whole bench, compiled: arms, operators, gels, encoders and gauges."""
+
+from __future__ import annotations
+
+from math import cos, fabs, floor, sin
+from typing import Any
+
+import numba as nb
+import numpy as np
+
+from sim_devices.plants import arm, contact, drive, friction, operator, passive
+
+
+@nb.njit(cache=True, nogil=True)
+def substep(p: Any, x: Any, elapsed: float, tick: float, dt: float, link: Any) -> None:
+    """Semi-implicit Euler step of motors, cables and links; `link` (3,) is scratch [N m]."""
+    for i in range(3):
+        stretch = x.qm[i] - x.q[i]
+        # cable: k (qm - q) + D (vm - v), D not proportional to k
+        pull = p.cable[i] * stretch
+        for j in range(3):
+            pull += p.cable_damping[i, j] * (x.vm[j] - x.v[j])
+        x.sm[i] = friction.slip(x.zm[i], p.slip_motor[i], p.weight, x.vm[i], dt)
+        link[i] = pull - friction.link_side(p, x, i, dt) + passive.torque(p, x, i, dt)
+        x.heat[i] += dt * (fabs(x.vm[i]) - x.heat[i]) / p.warming_time
+        push = drive.torque(p, x, i, elapsed, tick, dt) - pull
+        x.vm[i] += dt * (push - friction.motor_side(p, x, i, pull)) / p.rotor[i]
+    arm.push_links(p, x, link, dt)
+    for i in range(3):
+        x.qm[i] += dt * x.vm[i]
+        x.q[i] += dt * x.v[i]
+
+
+@nb.njit(cache=True, nogil=True)
+def sense(p: Any, x: Any, t: float, random: Any, counts: Any, gauges: Any) -> None:
+    """Quadrature counts (3,) of the motor encoders and gauge words (6,) of the sensor."""
+    for i in range(3):
+        counts[i] = int(floor(x.qm[i] * p.encoder[i]))
+    s1, c1, s3, c3 = sin(x.q[0]), cos(x.q[0]), sin(x.q[2]), cos(x.q[2])
+    radial = c1 * x.force[0] + s1 * x.force[1]
+    # sensor axes: x normal to the forearm, y across, z along it and outwards
+    fx = c3 * radial + s3 * x.force[2]
+    fy = s1 * x.force[0] - c1 * x.force[1]
+    fz = s3 * radial - c3 * x.force[2]
+    for k in range(6):
+        word = p.gauge[k, 0] * fx + p.gauge[k, 1] * fy + p.gauge[k, 2] * fz
+        word += p.gauge_bias[k] + p.gauge_drift[k] * t + p.gauge_noise * random[6 + k]
+        gauges[k] = int(min(max(floor(word + 0.5), -32768.0), 32767.0))
+
+
+@nb.njit(cache=True, nogil=True)
+def run(
+    p: Any, x: Any, h: Any, g: Any, t: float, tick: float, n: int, codes: Any, random: Any,
+    counts: Any, gauges: Any,
+) -> None:  # fmt: skip
+    """Advance every arm by one `tick` [s] in `n` substeps.
+
+    Parameters
+    ----------
+    p, x, h, g : structured arrays (arms,)
+        Parameters, state, operator and gel of every arm (`layout`).
+    t, tick : float
+        Time at the start and length of the tick [s].
+    n : int
+        Substeps.
+    codes : ndarray (arms, 3)
+        DAC codes; `random` (arms, NOISES) standard normal numbers.
+    counts, gauges : ndarray (arms, 3), (arms, 6)
+        Written: what the devices answer at the end of the tick.
+    """
+    dt = tick / n
+    link = np.zeros(3)
+    for a in range(p.shape[0]):
+        pa, xa, ha, ga = p[a], x[a], h[a], g[a]
+        drive.command(pa, xa, codes[a], random[a], tick)
+        operator.aim(ha, t)
+        for k in range(n):
+            if k == 0 or ha.kind > 0 or ga.on > 0:
+                arm.tip(pa, xa)
+                xa.force[:] = 0.0
+                if xa.parked == 0:
+                    operator.hold(ha, xa, dt)
+                    if ga.on > 0:
+                        contact.press(ga, xa, dt)
+            if xa.parked == 0:
+                substep(pa, xa, k * dt, tick, dt, link)
+        sense(pa, xa, t + tick, random[a], counts[a], gauges[a])
