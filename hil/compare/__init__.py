@@ -1,1 +1,1 @@
-"""PLACEHOLDER."""
+"""Comparison: where a model fails, and which physical effect is missing."""

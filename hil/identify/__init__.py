@@ -1,1 +1,1 @@
-"""PLACEHOLDER."""
+"""Identification: from recordings and a model to parameters with honest errors."""

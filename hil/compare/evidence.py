@@ -1,0 +1,225 @@
+"""Evidence for every candidate effect on every joint: how much of the residual it explains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.compare.floor import Floor, measure
+from hil.identify.design import Term, coefficients
+from hil.identify.fit import time_blocks
+from hil.identify.result import FitResult
+from hil.identify.shapes import Projector, best_shape
+from hil.models import catalogue
+
+FloatArray = NDArray[np.float64]
+FLIPS = 400
+
+
+@dataclass
+class Candidate:
+    """One effect on one joint, tried beside the present model.
+
+    Parameters
+    ----------
+    term : Term
+        With the best shape.
+    gain : float
+        Fall of the weighted residual sum of squares if it is added.
+    net : float
+        The same if it takes the place of what it replaces.
+    chi2 : float
+        `net` in units of the noise, for the effective number of instants.
+    dof : int
+        Coefficients and shape values spent.
+    price : float
+        dof * log(effective instants).
+    absorbed : float
+        Share of its columns that the base model imitates (1 = indistinguishable from it).
+    p_value : float
+        Family-wise, by sign flips of noise blocks.
+    """
+
+    term: Term
+    gain: float
+    net: float
+    chi2: float = 0.0
+    dof: int = 1
+    price: float = 0.0
+    absorbed: float = 0.0
+    p_value: float = 1.0
+    null: FloatArray = field(default_factory=lambda: np.zeros(FLIPS), repr=False)
+
+    @property
+    def name(self) -> str:
+        """Effect's name."""
+        return self.term.effect.name
+
+    @property
+    def score(self) -> float:
+        """chi2 less its price (BIC, up to sign)."""
+        return self.chi2 - self.price
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All candidates beside one fit, best first, with the floor they were judged against."""
+
+    candidates: list[Candidate]
+    floor: Floor
+    projector: Projector
+    impossible: list[tuple[str, str]]
+
+
+def possible_terms(result: FitResult, per_run: bool = False) -> tuple[list[Term], list[tuple[str, str]]]:
+    """Candidate terms for these data, and the effects that cannot be tried, with the reason."""
+    problem, explains = result.problem, result.model.explains
+    motion = problem.motions[0]
+    present = {t.key for t in result.terms}
+    shapeless = {t.key for t in result.terms if not t.effect.shape}
+    terms: list[Term] = []
+    impossible: dict[str, str] = {}
+    for effect in catalogue.table().values():
+        if not effect.candidate or explains not in effect.explains:
+            continue
+        if effect.name == "contact-stiffness" and ("contact-stiffness", 0) in present:
+            continue
+        for j in range(1 if effect.whole_robot and not effect.shape else problem.d):
+            if (effect.name, j) in shapeless:
+                continue
+            reason = effect.available(motion, j)
+            if reason:
+                impossible.setdefault(effect.name, reason)
+            else:
+                offset = effect.name == "torque-offset" and len(problem.recordings) > 1
+                terms.append(Term(effect, j, per_run=offset))
+    tried = {t.effect.name for t in terms}
+    return terms, [(n, why) for n, why in impossible.items() if n not in tried]
+
+
+def gather(result: FitResult, seed: int = 0) -> Evidence:
+    """Try every candidate beside a fitted model.
+
+    Parameters
+    ----------
+    result : FitResult
+        The present fit.
+    seed : int
+        Of the sign flips.
+    """
+    problem = result.problem
+    projector = Projector(problem, result.terms, result.sigma)
+    terms, impossible = possible_terms(result)
+    found = [_try(projector, result, t) for t in terms]
+    extra: list[list[FloatArray]] = [[] for _ in problem.joints]
+    for c in found:
+        if c.absorbed < 1 - 1e-6:
+            _collect(problem.d, c.term, problem, extra)
+    floor = measure(result, extra)
+    _judge(found, floor, result)
+    _detect(found, projector, floor, result, seed)
+    found.sort(key=lambda c: -c.score)
+    return Evidence(found, floor, projector, impossible)
+
+
+def _collect(d: int, term: Term, problem: object, extra: list[list[FloatArray]]) -> None:
+    from hil.identify.design import block
+    from hil.identify.problem import Problem
+
+    if not isinstance(problem, Problem):
+        return
+    columns = block(problem, term)
+    for j in range(d) if columns.ndim == 3 else [term.joint]:
+        part = columns[j] if columns.ndim == 3 else columns
+        if np.any(part):
+            extra[j].append(part)
+
+
+def _try(projector: Projector, result: FitResult, term: Term) -> Candidate:
+    term, gain = best_shape(projector, term)
+    if not term.shape and term.effect.shape:
+        return Candidate(term, 0.0, 0.0, absorbed=1.0)
+    gain, _, _, qc = projector.score(term)
+    columns = projector.weighted(term)
+    size = float(np.sum(columns**2))
+    absorbed = float(np.sum(qc**2)) / size if size > 0 else 1.0
+    dof = columns.shape[1] + len(term.effect.shape)
+    return Candidate(term, gain, _net(projector, result, term, gain), dof=dof, absorbed=absorbed)
+
+
+def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> float:
+    """Gain when the candidate replaces what it stands for, e.g. presliding for Coulomb."""
+    gone = [t for t in result.terms if t.joint == term.joint and t.effect.name in term.effect.replaces]
+    if not gone:
+        return gain
+    rest = [t for t in result.terms if t not in gone]
+    reduced = Projector(projector.problem, rest, projector.sigma)
+    return projector.rss - (reduced.rss - reduced.gain(term))
+
+
+def _judge(found: list[Candidate], floor: Floor, result: FitResult) -> None:
+    effective = floor.effective(result.problem)
+    for c in found:
+        j = c.term.joint
+        noise = (floor.scale[j] / result.sigma[j]) ** 2 * floor.inflation[j]
+        replaced = len(c.term.effect.replaces)
+        c.chi2 = c.net / max(noise, 1e-300)
+        c.price = max(c.dof - replaced, 1) * float(np.log(max(effective[j], 2.0)))
+
+
+def _detect(
+    found: list[Candidate], projector: Projector, floor: Floor, result: FitResult, seed: int
+) -> None:
+    """Family-wise p values: flip the signs of blocks of noise, take the maximum over all.
+
+    The noise is the residual of the largest model; each candidate's gain, maximised over its
+    shapes, is divided by its own 95 % null quantile, so that rich families have no advantage.
+    """
+    problem = result.problem
+    correlation = float(np.max(floor.inflation)) / problem.rate
+    seconds = float(np.clip(4 * correlation, 0.4, 2.0))
+    blocks = time_blocks(problem, seconds)
+    count = int(blocks.max()) + 1
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, count))
+    ratio = floor.scale / np.maximum(np.sqrt(np.mean(floor.residual**2, axis=1)), 1e-300)
+    noise = (floor.residual * ratio[:, None] / result.sigma[:, None]).reshape(-1)
+    rows = np.tile(blocks, problem.d)
+    qb = np.zeros((count, projector.q.shape[1]))
+    np.add.at(qb, rows, projector.q * noise[:, None])
+    for c in found:
+        c.null = _null(c, projector, noise, rows, signs, qb)
+    quantile = {id(c): max(float(np.quantile(c.null, 0.95)), 1e-300) for c in found}
+    usable = [c for c in found if c.absorbed < 1 - 1e-6]
+    if not usable:
+        return
+    worst = np.max([c.null / quantile[id(c)] for c in usable], axis=0)
+    for c in usable:
+        c.p_value = (1 + int(np.sum(worst >= c.gain / quantile[id(c)]))) / (1 + FLIPS)
+
+
+def _null(
+    c: Candidate, projector: Projector, noise: FloatArray, rows: NDArray[np.int_],
+    signs: FloatArray, qb: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Gains of a candidate on sign-flipped noise, the best over its grid, shape (FLIPS,)."""
+    best = np.zeros(len(signs))
+    motion = projector.problem.motions[0]
+    grid = c.term.effect.grid(motion, c.term.joint) or [c.term.shape]
+    step = max(1, len(grid) // 40)
+    for shape in grid[::step]:
+        term = c.term.reshaped(shape)
+        where = projector.rows(term)
+        columns = projector.weighted(term)
+        _, _, inverse, qc = projector.score(term)
+        part = np.zeros((signs.shape[1], columns.shape[1]))
+        np.add.at(part, rows[where], columns * noise[where, None])
+        flipped = signs @ (part - qb @ qc)
+        best = np.maximum(best, np.einsum("fi,ij,fj->f", flipped, inverse, flipped))
+    return best
+
+
+def labels(c: Candidate, result: FitResult) -> list[str]:
+    """Full names of a candidate's coefficients."""
+    return [n for n, _ in coefficients(c.term, result.problem)]

@@ -1,0 +1,161 @@
+"""The noise floor: what no model could explain, measured and not assumed.
+
+Three sources, the first available counts:
+
+1. *repeats*: the motion repeats itself; what differs between two passes is noise;
+2. *largest model*: what is left when the base model, every candidate and a smooth function of
+   all positions and speeds are fitted together, corrected for the degrees of freedom spent.
+
+The noise scale must never come from the incomplete model: the missing effect inflates it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from hil.identify.problem import Problem
+from hil.identify.regression import inflation
+from hil.identify.result import FitResult
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Noise floor by joint.
+
+    Parameters
+    ----------
+    rms : ndarray (d,)
+        Floor [N m or N], in the band of the effort filter.
+    method : str
+        ``"repeats"`` or ``"largest-model"``.
+    residual : ndarray (d, n)
+        Residual of the largest model: the noise that detection is tested against.
+    inflation : ndarray (d,)
+        1 + 2 sum of autocorrelations of that residual.
+    scale : ndarray (d,)
+        Its root mean square, corrected for degrees of freedom.
+    """
+
+    rms: FloatArray
+    method: str
+    residual: FloatArray
+    inflation: FloatArray
+    scale: FloatArray
+
+    def effective(self, problem: Problem) -> FloatArray:
+        """Number of independent instants by joint (d,)."""
+        return problem.n / self.inflation
+
+
+def smooth_features(problem: Problem, j: int) -> FloatArray:
+    """Smooth functions of position and speeds for joint j, filtered, shape (n, m)."""
+    rms = np.maximum(np.sqrt(np.mean(np.concatenate([m.qd for m in problem.motions]) ** 2, axis=0)), 1e-12)
+    parts = []
+    for m in problem.motions:
+        x, v = np.clip(m.scaled(j), -1, 1), m.qd / rms
+        own = v[:, j]
+        bumps = np.exp(-0.5 * ((own[:, None] - np.linspace(-2.1, 2.1, 7)) / 0.5) ** 2)
+        place = np.polynomial.chebyshev.chebvander(x, 3)
+        columns = [(bumps[:, :, None] * place[:, None, :3]).reshape(len(x), -1), place[:, 1:]]
+        others = [k for k in range(problem.d) if k != j][:5]
+        for k in others:
+            columns.append(np.stack([np.tanh(3 * v[:, k]), v[:, k], v[:, k] * own, v[:, k] * np.tanh(3 * own)], axis=1))
+        pairs = [(a, b) for a in others for b in others if a < b][:6]
+        columns += [(v[:, a] * v[:, b])[:, None] for a, b in pairs]
+        parts.append(np.concatenate(columns, axis=1))
+    return problem.filtered(parts)
+
+
+def largest_model(
+    result: FitResult, extra: list[list[FloatArray]], smooth: bool = True
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residual (d, n), its inflation (d,) and scale (d,) with everything fitted, joint by joint.
+
+    Parameters
+    ----------
+    result : FitResult
+        The present fit.
+    extra : list (d) of list of ndarray (n, m)
+        Candidate columns for each joint.
+    """
+    problem = result.problem
+    x = result.x.reshape(problem.d, problem.n, -1)
+    out = np.empty_like(result.residual)
+    factor, scale = np.ones(problem.d), np.ones(problem.d)
+    for j in range(problem.d):
+        own = x[j][:, np.any(x[j] != 0, axis=0)]
+        blocks = [own, *extra[j], *([smooth_features(problem, j)] if smooth else [])]
+        out[j], rank = _least_squares(np.concatenate(blocks, axis=1), problem.y[j])
+        factor[j] = inflation(out[j], problem.run)
+        # band-limited rows: about one independent value per half cycle of the effort filter
+        bandwidth = max(1.0, problem.rate / (2 * problem.rates.effort))
+        free = problem.n - rank * bandwidth
+        scale[j] = np.sqrt(np.sum(out[j] ** 2) / max(free, 0.2 * problem.n))
+    return out, factor, scale
+
+
+def _least_squares(x: FloatArray, y: FloatArray) -> tuple[FloatArray, int]:
+    norm = np.linalg.norm(x, axis=0)
+    x = x[:, norm > 1e-300] / norm[norm > 1e-300]
+    q, r, _ = scipy.linalg.qr(x, mode="economic", pivoting=True, check_finite=False)
+    size = np.abs(np.diag(r))
+    rank = int(np.sum(size > 1e-6 * size[0])) if size.size else 0
+    q = q[:, :rank]
+    return y - q @ (q.T @ y), rank
+
+
+def period(problem: Problem, run: int) -> int:
+    """Instants after which the motion of a run repeats itself; 0 if it does not.
+
+    The shortest shift at which all positions agree to 2 % of their variation (rms) and
+    speeds to 5 %, over at least half of the run.
+    """
+    where = problem.run == run
+    q, v = problem.q[:, where], problem.qd[:, where]
+    n = q.shape[1]
+    size_q, size_v = np.std(q, axis=1) + 1e-12, np.std(v, axis=1) + 1e-12
+    best, found = np.inf, 0
+    low = int(1.0 * problem.rate)
+    for lag in range(low, n // 2 + 1):
+        worst = max(
+            float(np.max(np.sqrt(np.mean((q[:, lag:] - q[:, :-lag]) ** 2, axis=1)) / size_q) / 0.02),
+            float(np.max(np.sqrt(np.mean((v[:, lag:] - v[:, :-lag]) ** 2, axis=1)) / size_v) / 0.05),
+        )
+        if worst < 1 and worst < best:
+            best, found = worst, lag
+        elif found and lag > found + 5:
+            break
+    return found
+
+
+def repeat_floor(result: FitResult) -> FloatArray | None:
+    """Floor from repeats: rms of the residual's difference over one period / sqrt 2.
+
+    The residual, not the effort, is compared: what small differences of the motion cost is
+    taken out by the model.  None if no run repeats itself at least once.
+    """
+    problem = result.problem
+    total, count = np.zeros(problem.d), 0
+    for k in range(len(problem.recordings)):
+        lag = period(problem, k)
+        if not lag:
+            continue
+        r = result.residual[:, problem.run == k]
+        total += np.sum((r[:, lag:] - r[:, :-lag]) ** 2, axis=1) / 2
+        count += r.shape[1] - lag
+    return np.sqrt(total / count) if count else None
+
+
+def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
+    """Noise floor of a fit, from repeats where the motion repeats, else the largest model."""
+    residual, factor, scale = largest_model(result, extra)
+    repeats = repeat_floor(result)
+    if repeats is not None:
+        return Floor(repeats, "repeats", residual, factor, scale)
+    return Floor(scale, "largest-model", residual, factor, scale)

@@ -1,0 +1,134 @@
+"""Choice of the filter band, and zero-phase derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+import scipy.signal
+from numpy.typing import NDArray
+
+from hil.errors import DataError
+from hil.models.model import Band
+from hil.record.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Cut-offs and rates of one identification [Hz].
+
+    Parameters
+    ----------
+    position : float
+        Cut-off of the position filter (4th order Butterworth, forward and backward).
+    effort : float
+        Cut-off of the filter that effort and every column pass.
+    stride : dict of str to int
+        Samples per evaluation instant, by run name.
+    """
+
+    position: float
+    effort: float
+
+
+def motion_bandwidth(recording: Recording) -> float:
+    """Frequency below which 99.5 % of the speed's power lies, worst joint [Hz]."""
+    fs, best = recording.rate, 0.0
+    for j in range(recording.d):
+        speed = np.diff(recording.q[:, j]) * fs
+        f, power = scipy.signal.welch(speed, fs, nperseg=min(speed.size, int(8 * fs)))
+        # quantisation gives a flat-to-rising floor: take what stands above the median level
+        power = np.maximum(power - 3 * np.median(power), 0.0)
+        total = np.cumsum(power)
+        if total[-1] > 0:
+            best = max(best, float(f[np.searchsorted(total, 0.995 * total[-1])]))
+    return best
+
+
+def choose(recordings: list[Recording], band: Band) -> Rates:
+    """Filter band for a set of runs: given, or six times the motion's bandwidth in 15..40 Hz.
+
+    The position filter is four times wider, so that what remains of a reversal is sharp
+    against the effort filter and the acceleration noise is still bounded.
+    """
+    slowest = min(r.rate for r in recordings)
+    effort = band.effort_hz or float(
+        np.clip(6 * max(motion_bandwidth(r) for r in recordings), 15.0, 40.0)
+    )
+    effort = min(effort, slowest / 6)
+    position = band.position_hz or min(4 * effort, 0.35 * slowest)
+    return Rates(min(position, 0.45 * slowest), effort)
+
+
+def derivatives(q: FloatArray, fs: float, cutoff: float) -> tuple[FloatArray, ...]:
+    """Filtered position and its central differences, all (n, d).
+
+    4th order Butterworth, forward and backward (zero phase), then central differences, as
+    Gautier's inverse dynamic identification does.
+
+    Raises
+    ------
+    DataError
+        If the run is too short for the filter.
+    """
+    if len(q) < 60:
+        raise DataError(f"a run of {len(q)} samples is too short to differentiate; record longer")
+    sos = scipy.signal.butter(4, cutoff / (fs / 2), output="sos")
+    smooth = scipy.signal.sosfiltfilt(sos, q, axis=0)
+    speed = np.gradient(smooth, 1 / fs, axis=0)
+    return smooth, speed, np.gradient(speed, 1 / fs, axis=0)
+
+
+def smooth(x: FloatArray, fs: float, cutoff: float) -> FloatArray:
+    """Zero-phase Butterworth filter of columns (n, ...)."""
+    sos = scipy.signal.butter(4, cutoff / (fs / 2), output="sos")
+    out: FloatArray = scipy.signal.sosfiltfilt(sos, x, axis=0)
+    return out
+
+
+class Decimator:
+    """The one linear operator that every column and the effort pass: low-pass and decimate.
+
+    Done in the frequency domain, so that it is exactly linear, exactly zero-phase and the
+    same for all: y = X theta before it means y = X theta after it.
+
+    Parameters
+    ----------
+    n : int
+        Instants before.
+    fs : float
+        Their rate [Hz].
+    cutoff : float
+        Cut-off (half power) [Hz]; output rate is about three times that.
+    """
+
+    def __init__(self, n: int, fs: float, cutoff: float) -> None:
+        self._good = int(scipy.fft.next_fast_len(n, real=True))
+        duration = self._good / fs
+        self._keep = max(8, min(int(duration * 1.5 * cutoff), self._good // 2)) + 1
+        f = np.arange(self._keep) / duration
+        # |H|^2 of a 4th order Butterworth, forward and backward
+        self._gain = 1.0 / (1.0 + (f / cutoff) ** 8)
+        self._out = 2 * (self._keep - 1)
+        self._n = n
+        self.rate = self._out / duration
+        edge = max(2, int(np.ceil(1.5 / cutoff * self.rate)))
+        last = int(np.floor((n - 1) / fs * self.rate)) - edge
+        self._slice = slice(edge, max(last, edge + 1))
+        self.times = np.arange(self._out)[self._slice] / self.rate
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Filter and decimate along axis 0; (n, ...) to (n_out, ...)."""
+        # pad by a straight line back to the start: linear in x, and without a step
+        pad = self._good - self._n
+        if pad:
+            ramp = np.arange(1, pad + 1).reshape(-1, *[1] * (x.ndim - 1)) / (pad + 1)
+            x = np.concatenate([x, x[-1:] + (x[:1] - x[-1:]) * ramp])
+        spectrum = scipy.fft.rfft(x, axis=0)[: self._keep]
+        spectrum *= self._gain.reshape(-1, *[1] * (x.ndim - 1))
+        out = scipy.fft.irfft(spectrum, n=self._out, axis=0) * (self._out / self._good)
+        result: FloatArray = out[self._slice]
+        return result

@@ -1,0 +1,144 @@
+"""From a model to a stacked regressor: bound terms and their columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError, unknown
+from hil.identify.problem import Problem
+from hil.models import catalogue
+from hil.models.effect import Effect, Param
+from hil.models.model import RobotModel, Use, Value
+
+FloatArray = NDArray[np.float64]
+OPTIONS = ("per_run", "fixed", "fixed_shape")
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect on one joint (or on the whole robot, then `joint` is its first joint or 0).
+
+    Parameters
+    ----------
+    effect : Effect
+        The physics.
+    joint : int
+        Joint index.
+    shape : tuple of float
+        Current shape values; empty where the effect has none.
+    per_run, fixed, fixed_shape : bool
+        Own coefficients for every run; coefficients, or shape, kept at the model's values.
+    use : int
+        Index of the model's `Use` it belongs to.
+    """
+
+    effect: Effect
+    joint: int
+    shape: tuple[float, ...] = ()
+    per_run: bool = False
+    fixed: bool = False
+    fixed_shape: bool = False
+    use: int = -1
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Effect name and joint."""
+        return self.effect.name, self.joint
+
+    def reshaped(self, shape: tuple[float, ...]) -> Term:
+        """Copy with other shape values."""
+        return replace(self, shape=shape)
+
+
+def prefix(term: Term, joints: tuple[str, ...]) -> str:
+    """Start of the full name of a term's parameters, e.g. ``j2.stribeck``."""
+    shared = term.effect.whole_robot and not term.effect.shape
+    return term.effect.name if shared else f"j{term.joint + 1}.{term.effect.name}"
+
+
+def coefficients(term: Term, problem: Problem) -> list[tuple[str, Param]]:
+    """Full names and declarations of a term's linear coefficients, one a column."""
+    head = prefix(term, problem.joints)
+    params = term.effect.terms(problem.motions[0], term.joint)
+    if not term.per_run:
+        return [(f"{head}.{p.name}", p) for p in params]
+    names = [r.name for r in problem.recordings]
+    return [(f"{head}.{p.name}[{run}]", p) for run in names for p in params]
+
+
+def bind(model: RobotModel, problem: Problem) -> list[Term]:
+    """Terms of a model for the joints of a problem.
+
+    Effects that cannot act on this robot (a rotor inertia beside an axis' only inertia) are
+    left out; an effect that another one replaces on a joint is left out there.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown joint, or an effect that explains another kind of effort.
+    """
+    model.check_joints(problem.joints)
+    motion = problem.motions[0]
+    terms: list[Term] = []
+    for index, use in enumerate(model.effects):
+        effect = catalogue.get(use.type)
+        if model.explains not in effect.explains:
+            raise ConfigError(
+                f"effect {use.type!r} explains {' and '.join(effect.explains)} effort, but the "
+                f"model explains {model.explains!r} effort; set robot.explains or remove it"
+            )
+        for j in _joints(use, effect, problem):
+            if effect.available(motion, j) and not effect.candidate:
+                continue
+            options = {k: bool(use.options.get(k, False)) for k in OPTIONS}
+            terms.append(Term(effect, j, stored_shape(use, effect, j, problem), use=index, **options))
+    gone = {(name, t.joint) for t in terms for name in t.effect.replaces}
+    return [t for t in terms if t.key not in gone]
+
+
+def _joints(use: Use, effect: Effect, problem: Problem) -> list[int]:
+    if effect.whole_robot and not effect.shape:
+        return [0]
+    if use.joints == ("*",):
+        return list(range(problem.d))
+    for name in use.joints:
+        if name not in problem.joints:
+            raise ConfigError(unknown("joint", name, problem.joints))
+    return [problem.joints.index(name) for name in use.joints]
+
+
+def stored_shape(use: Use, effect: Effect, j: int, problem: Problem) -> tuple[float, ...]:
+    """Shape values that the model file holds for joint j, else an empty tuple (= search)."""
+    names = [f"j{j + 1}.{effect.name}.{p.name}" for p in effect.shape]
+    if not names or not all(name in use.values for name in names):
+        return ()
+    return tuple(use.values[name].value for name in names)
+
+
+def block(problem: Problem, term: Term) -> FloatArray:
+    """Columns of a term on the rows of its joint (n, m), or of all joints (d, n, m)."""
+    return problem.columns(term.effect, term.joint, term.shape, term.per_run)
+
+
+def stack(problem: Problem, terms: list[Term]) -> tuple[FloatArray, list[slice]]:
+    """Regressor X (d n, p) of all terms, and each term's columns in it."""
+    blocks = [block(problem, t) for t in terms]
+    widths = [b.shape[-1] for b in blocks]
+    edges = np.concatenate([[0], np.cumsum(widths)]).astype(int)
+    x = np.zeros((problem.d, problem.n, int(edges[-1])))
+    slices = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    for term, values, where in zip(terms, blocks, slices, strict=True):
+        if values.ndim == 3:
+            x[:, :, where] = values
+        else:
+            x[term.joint, :, where] = values
+    return x.reshape(problem.d * problem.n, -1), slices
+
+
+def known_values(model: RobotModel, names: list[str]) -> FloatArray:
+    """Values that the model holds for parameters, NaN where it holds none."""
+    values: dict[str, Value] = model.values()
+    return np.array([values[n].value if n in values else np.nan for n in names])

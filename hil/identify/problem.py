@@ -1,0 +1,207 @@
+"""One identification problem: runs, filters, target and the columns of any effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError, DataError
+from hil.identify import bands
+from hil.models.effect import Effect
+from hil.models.model import Band
+from hil.models.motion import Motion
+from hil.models.robots import Robot, make_robot
+from hil.record.recording import Recording, RobotSource
+
+FloatArray = NDArray[np.float64]
+
+
+class Problem:
+    """Runs of one arm, ready for regression.
+
+    Rows are ordered joint by joint, within a joint run by run: row (j, k) = j * n + k.
+
+    Parameters
+    ----------
+    recordings : list of Recording
+        The runs; same joints.
+    robot : RobotSource
+        The model's robot.
+    explains : str
+        ``"motor"``: target tau + tau_ext; ``"external"``: target tau_ext.
+    band : Band
+        Filter band, zeros = choose.
+
+    Attributes
+    ----------
+    y : ndarray (d, n)
+        Target after the filter.
+    effort : ndarray (d, n)
+        Measured effort after the same filter (what `relative` refers to).
+    run : ndarray (n,)
+        Run index of each instant.
+    t, q, qd, qdd : ndarray
+        Time (n,) and unfiltered-by-the-effort-filter motion (d, n) at the instants.
+    """
+
+    def __init__(
+        self,
+        recordings: list[Recording],
+        robot: RobotSource,
+        explains: str = "motor",
+        band: Band = Band(),
+        rates: bands.Rates | None = None,
+        span: FloatArray | None = None,
+    ) -> None:
+        if not recordings:
+            raise DataError("no recording given")
+        first = recordings[0]
+        for r in recordings:
+            if r.d != first.d:
+                raise DataError(
+                    f"recording {r.name!r} has {r.d} joints but {first.name!r} has {first.d}; "
+                    "give sessions of one robot"
+                )
+        self.robot: Robot = make_robot(robot, first)
+        self.joints, self.explains = first.joints, explains
+        self.recordings = recordings
+        self.rates = rates or bands.choose(recordings, band)
+        lows = np.min([r.q.min(axis=0) for r in recordings], axis=0)
+        highs = np.max([r.q.max(axis=0) for r in recordings], axis=0)
+        self.span = np.stack([lows, highs], axis=1) if span is None else span
+        self.motions: list[Motion] = []
+        self._filters: list[bands.Decimator] = []
+        for r in recordings:
+            self._add(r)
+        self._assemble()
+        self._cache: dict[tuple[object, ...], FloatArray] = {}
+
+    @property
+    def d(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def n(self) -> int:
+        """Instants after the filter, all runs together."""
+        return int(self.run.size)
+
+    @property
+    def rate(self) -> float:
+        """Rate of the instants [Hz]."""
+        return self._filters[0].rate
+
+    def _external(self, r: Recording) -> FloatArray:
+        if r.tau_ext is not None:
+            return r.tau_ext
+        if r.wrench is not None:
+            return np.zeros_like(r.q)
+        if self.explains == "external":
+            raise DataError(
+                f"recording {r.name!r} has no external effort (tauext or fx, fy, fz) to explain"
+            )
+        return np.zeros_like(r.q)
+
+    def _add(self, r: Recording) -> None:
+        fs = r.rate
+        q, qd, qdd = bands.derivatives(r.q, fs, self.rates.position)
+        tau = bands.smooth(r.tau, fs, self.rates.position)
+        ext = bands.smooth(self._external(r), fs, self.rates.position)
+        stride = max(1, int(fs / (3.2 * self.rates.position)))
+        pick = slice(None, None, stride)
+        if r.tau_ext is None and r.wrench is not None:
+            wrench = bands.smooth(r.wrench, fs, self.rates.position)
+            ext = np.empty((0, r.d))
+            external = self.robot.external(q[pick], wrench[pick])
+        else:
+            external = ext[pick]
+        step = stride / fs
+        t = np.arange(q[pick].shape[0]) * step
+        motion = Motion(
+            t=t, q=q[pick], qd=qd[pick], qdd=qdd[pick], tau=tau[pick], tau_ext=external,
+            load=np.zeros_like(q[pick]), v0=self._resolution(r), span=self.span,
+            contact=np.full((r.d, 2), np.nan), robot=self.robot,
+        )  # fmt: skip
+        self.motions.append(motion)
+        self._filters.append(bands.Decimator(t.size, 1 / step, self.rates.effort))
+
+    def _resolution(self, r: Recording) -> FloatArray:
+        """Speed noise after the position filter, three sigma, at least 0.3 % of the rms speed."""
+        fs, cutoff = r.rate, self.rates.position
+        second = np.diff(r.q, 2, axis=0)
+        # white noise of variance s^2 in q gives 6 s^2 in its second difference; take quiet half
+        sigma_q = np.sqrt(np.median(second**2, axis=0) / 6 / 0.455)
+        quantum = np.array([_quantum(r.q[:, j]) for j in range(r.d)])
+        sigma_q = np.maximum(sigma_q, quantum / np.sqrt(12))
+        # s_v = s_q 2 pi fc sqrt(2 fc / (3 fs)) for white noise up to fc
+        sigma_v = sigma_q * 2 * np.pi * cutoff * np.sqrt(2 * cutoff / (3 * fs))
+        rms = np.sqrt(np.mean(np.diff(r.q, axis=0) ** 2, axis=0)) * fs
+        return np.maximum(np.maximum(3 * sigma_v, 0.003 * rms), 1e-9)
+
+    def _assemble(self) -> None:
+        v0 = np.max([m.v0 for m in self.motions], axis=0)
+        self.v0_resolution = v0
+        self.motions = [m.with_(v0=v0) for m in self.motions]
+        motor = self.explains == "motor"
+        target = [m.tau + m.tau_ext if motor else m.tau_ext for m in self.motions]
+        effort = [m.tau if motor else m.tau_ext for m in self.motions]
+        self.y = self.filtered(target).T.copy()
+        self.effort = self.filtered(effort).T.copy()
+        self.q = self.filtered([m.q for m in self.motions]).T.copy()
+        self.qd = self._sampled("qd").T.copy()
+        self.qdd = self._sampled("qdd").T.copy()
+        self.t = np.concatenate([f.times for f in self._filters])
+        sizes = [f.times.size for f in self._filters]
+        self.run = np.repeat(np.arange(len(sizes)), sizes)
+
+    def _sampled(self, name: str) -> FloatArray:
+        return self.filtered([getattr(m, name) for m in self.motions])
+
+    def filtered(self, parts: Sequence[FloatArray]) -> FloatArray:
+        """Effort filter of one array a run, runs stacked along axis 0."""
+        return np.concatenate([f(x) for f, x in zip(self._filters, parts, strict=True)])
+
+    def set_context(self, **changes: FloatArray) -> None:
+        """Change v0, contact or load; forget the columns that depend on them."""
+        if "load" in changes:
+            sizes = np.cumsum([m.n for m in self.motions])[:-1]
+            loads = np.split(changes["load"], sizes)
+            self.motions = [m.with_(load=x) for m, x in zip(self.motions, loads, strict=True)]
+            self._cache = {k: v for k, v in self._cache.items() if not k[0]}
+        else:
+            self.motions = [m.with_(**changes) for m in self.motions]
+            self._cache.clear()
+
+    def columns(
+        self, effect: Effect, j: int, shape: Sequence[float], per_run: bool = False
+    ) -> FloatArray:
+        """Filtered columns of an effect: (n, m) on joint j, or (d, n, m) of the whole robot."""
+        key = (effect.uses_load, effect.name, j, tuple(shape), per_run)
+        if key not in self._cache:
+            raw = [effect.columns(m, j, shape) for m in self.motions]
+            expected = (self.motions[0].n, self.d) if effect.whole_robot else (self.motions[0].n,)
+            if raw[0].shape[:-1] != expected:
+                raise ConfigError(
+                    f"effect {effect.name!r}: columns have shape {raw[0].shape}, expected "
+                    f"{expected} + (coefficients,)"
+                )
+            out = self.filtered(raw)
+            if per_run:
+                out = self._split(out)
+            self._cache[key] = np.moveaxis(out, 0, 1) if effect.whole_robot else out
+        return self._cache[key]
+
+    def _split(self, x: FloatArray) -> FloatArray:
+        """One set of columns a run."""
+        runs = range(len(self.motions))
+        mask = self.run.reshape(-1, *[1] * (x.ndim - 1))
+        return np.concatenate([np.where(mask == k, x, 0.0) for k in runs], axis=-1)
+
+
+def _quantum(x: FloatArray) -> float:
+    """Smallest step of a quantised signal; 0 where it is not quantised."""
+    steps = np.unique(np.abs(np.diff(x[: 20000])))
+    steps = steps[steps > 1e-12]
+    return float(steps[0]) if 0 < steps.size < 200 else 0.0

@@ -1,0 +1,139 @@
+"""Weighted least squares that says what the data determine.
+
+Columns are scaled to unit norm; directions of the parameter space whose effect on the
+effort stays below one noise unit are left at the prior instead of fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Orthonormal basis of a regressor's determined directions.
+
+    Parameters
+    ----------
+    q : ndarray (N, r)
+        Orthonormal columns that span the determined part of the (weighted) regressor.
+    s : ndarray (r,)
+        Singular values of the column-scaled regressor.
+    v : ndarray (p, r)
+        Right singular vectors.
+    scale : ndarray (p,)
+        Column norms.
+    """
+
+    q: FloatArray
+    s: FloatArray
+    v: FloatArray
+    scale: FloatArray
+
+    @property
+    def rank(self) -> int:
+        """Number of determined directions."""
+        return int(self.s.size)
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the column-scaled regressor over its determined directions."""
+        return float(self.s[0] / self.s[-1]) if self.s.size else float("inf")
+
+    def solve(self, y: FloatArray, prior: FloatArray, xprior: FloatArray) -> FloatArray:
+        """Parameters closest to the prior among those that minimise |y - X theta|.
+
+        `xprior` is X @ prior.
+        """
+        delta = self.v @ ((self.q.T @ (y - xprior)) / self.s)
+        out: FloatArray = prior + delta / self.scale
+        return out
+
+    def identifiable(self, tolerance: float = 1e-4) -> BoolArray:
+        """Parameters that lie in the determined directions, shape (p,)."""
+        missing = 1.0 - np.sum(self.v**2, axis=1)
+        out: BoolArray = (missing < tolerance) & (self.scale > 1e-300)
+        return out
+
+
+def basis(x: FloatArray, noise_to_signal: float = 1e-9) -> Basis:
+    """Basis of a weighted regressor.
+
+    Parameters
+    ----------
+    x : ndarray (N, p)
+        Weighted regressor.
+    noise_to_signal : float
+        Singular values of the column-scaled regressor below this are not determined;
+        1 / |y / sigma| leaves out what moves the effort by less than one noise unit.
+    """
+    scale = np.linalg.norm(x, axis=0)
+    safe = np.where(scale > 1e-300, scale, 1.0)
+    q0, r = scipy.linalg.qr(x / safe, mode="economic", check_finite=False)
+    u, s, vt = np.linalg.svd(r)
+    keep = s > max(1e-9, noise_to_signal) * (s[0] if s.size else 1.0)
+    k = int(np.sum(keep))
+    return Basis(q0 @ u[:, :k], s[:k], vt[:k].T, safe * (scale > 1e-300) + (scale <= 1e-300))
+
+
+def cluster_covariance(
+    x: FloatArray, residual: FloatArray, b: Basis, blocks: NDArray[np.int_]
+) -> FloatArray:
+    """Covariance of the parameters that respects coloured and heteroscedastic residuals.
+
+    Sandwich over blocks of time: (X'X)^-1 (sum_b X_b' r_b r_b' X_b) (X'X)^-1, times
+    B / (B - 1) for B blocks; directions that are not determined have no part in it.
+
+    Source: Liang and Zeger, Biometrika 73, 1986.
+
+    Parameters
+    ----------
+    x : ndarray (N, p)
+        Weighted regressor.
+    residual : ndarray (N,)
+        Weighted residual.
+    b : Basis
+        Basis of x.
+    blocks : ndarray (N,)
+        Block number of each row.
+    """
+    count = int(blocks.max()) + 1
+    scores = np.zeros((count, b.rank))
+    np.add.at(scores, blocks, b.q * residual[:, None])
+    half = (b.v / b.s) / b.scale[:, None] @ scores.T
+    out: FloatArray = half @ half.T * (count / max(count - 1, 1))
+    return out
+
+
+def inflation(residual: FloatArray, run: NDArray[np.int_]) -> float:
+    """Factor by which coloured residuals carry less information: 1 + 2 sum rho_k, at least 1.
+
+    The sum stops at the first lag whose autocorrelation is below 0.05 (or after 5 % of the
+    samples).
+
+    Parameters
+    ----------
+    residual : ndarray (n,)
+        Residual of one joint, runs one after the other.
+    run : ndarray (n,)
+        Run index.
+    """
+    r = residual - residual.mean()
+    var = float(r @ r)
+    if var <= 0:
+        return 1.0
+    total = 1.0
+    for lag in range(1, max(2, r.size // 20)):
+        same = run[lag:] == run[:-lag]
+        rho = float((r[lag:] * r[:-lag])[same].sum() / var)
+        if rho < 0.05:
+            break
+        total += 2 * rho
+    return total

@@ -1,0 +1,102 @@
+"""What a fit returns: values with errors, residuals, and what the data do not determine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.identify.design import Term
+from hil.identify.problem import Problem
+from hil.identify.regression import Basis
+from hil.models.model import RobotModel, Value
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A fitted model.
+
+    Parameters
+    ----------
+    model : RobotModel
+        The model with values.
+    problem : Problem
+        Runs and filters it was fitted on.
+    terms : list of Term
+        Bound terms, with the shape values found.
+    theta : ndarray (p,)
+        Coefficients in the order of the terms.
+    names : list of str
+        Their full names.
+    values : dict of str to Value
+        Coefficients and shape values.
+    residual : ndarray (d, n)
+        Target minus model, after the filter [N m or N].
+    sigma : ndarray (d,)
+        Weights' noise scale by joint.
+    basis : Basis
+        Determined directions of the weighted regressor.
+    """
+
+    model: RobotModel
+    problem: Problem
+    terms: list[Term]
+    theta: FloatArray
+    names: list[str]
+    values: dict[str, Value]
+    residual: FloatArray
+    sigma: FloatArray
+    basis: Basis
+    x: FloatArray = field(repr=False, default_factory=lambda: np.empty((0, 0)))
+    slices: list[slice] = field(repr=False, default_factory=list)
+
+    @property
+    def rms(self) -> FloatArray:
+        """Root mean square residual by joint (d,)."""
+        return np.sqrt(np.mean(self.residual**2, axis=1))
+
+    @property
+    def relative(self) -> FloatArray:
+        """100 rms(residual) / rms(measured effort), by joint (d,) [%]."""
+        return relative(self.residual, self.problem.effort)
+
+    def not_identifiable(self) -> list[str]:
+        """Names of the parameters that these data do not determine by themselves."""
+        return [name for name, v in self.values.items() if not v.identifiable]
+
+    def as_dict(self) -> dict[str, object]:
+        """`hil fit --json`."""
+        joints = self.problem.joints
+        return {
+            "schema": "hil.fit/1",
+            "parameters": {
+                name: {
+                    "value": v.value,
+                    "stderr": v.stderr if np.isfinite(v.stderr) else None,
+                    "unit": v.unit,
+                    "at_bound": v.at_bound,
+                    "identifiable": v.identifiable,
+                }
+                for name, v in self.values.items()
+            },
+            "relative": dict(zip(joints, map(float, self.relative), strict=True)),
+            "rms": dict(zip(joints, map(float, self.rms), strict=True)),
+            "rank": self.basis.rank,
+            "columns": int(self.x.shape[1]),
+            "condition": self.basis.condition,
+            "not_identifiable": self.not_identifiable(),
+            "band_hz": {
+                "position": self.problem.rates.position,
+                "effort": self.problem.rates.effort,
+            },
+        }
+
+
+def relative(residual: FloatArray, effort: FloatArray) -> FloatArray:
+    """100 rms(residual) / rms(effort) along the last axis [%]."""
+    size = np.sqrt(np.mean(effort**2, axis=-1))
+    out: FloatArray = 100 * np.sqrt(np.mean(residual**2, axis=-1)) / np.maximum(size, 1e-300)
+    return out

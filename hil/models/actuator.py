@@ -1,0 +1,133 @@
+"""What lies between the commanded and the real motor effort, and between motor and link."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.models.effect import Effect, Param
+from hil.models.friction import harmonics, position_orders
+from hil.models.motion import FloatArray, Motion
+
+
+class TorqueOffset(Effect):
+    """A constant between commanded and real effort."""
+
+    name, family = "torque-offset", "actuator"
+    equation = "tau = t0  (one value a run)"
+    signature = "the residual's mean, moving or at rest"
+    confused_with = ("asymmetric-coulomb", "rigid-body")
+    shown_by = "rests in several postures"
+    source = "Janot, Gautier, Brunot, 2019 (offset of the EMPS)"
+    params = (Param("t0", "{F}", "offset"),)
+    explains = ("motor", "external")
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """1."""
+        return np.ones((motion.n, 1))
+
+
+class TorqueGain(Effect):
+    """The motor constant is not what the command assumes."""
+
+    uses_load = True
+    name, family = "torque-gain", "actuator"
+    equation = "tau = (1 + g) load  (g = 1/kappa - 1, load = rigid body minus external effort)"
+    signature = "residual proportional to everything the motor carries, external force included"
+    confused_with = ("rigid-body", "payload", "load-friction")
+    shown_by = "hand force and motor effort together, or a known payload"
+    source = "Naerum thesis 3.1.3 (motor constants by manual excitation)"
+    params = (Param("g", "1", "relative error of the command"),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Transmitted load."""
+        return motion.load[:, j : j + 1]
+
+    def available(self, motion: Motion, j: int) -> str:
+        """Structural: without an external force the gain scales every parameter alike."""
+        if np.any(motion.tau_ext[:, j]):
+            return ""
+        return "without a measured external force the gain only scales all other parameters"
+
+
+class Cogging(Effect):
+    """Effort over motor position that does not depend on the command."""
+
+    name, family = "cogging", "actuator"
+    equation = "tau = a1 sin kq + b1 cos kq + a2 sin 2kq + b2 cos 2kq,  k = 2 pi p"
+    signature = "lines of the residual over position at fixed orders, whatever the speed"
+    confused_with = ("position-friction", "spring", "encoder-eccentricity")
+    shown_by = "several constant speeds over two periods or more"
+    source = "Holtz, Springob, IEEE Trans. Industrial Electronics 43(6), 1996"
+    params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
+    shape = (Param("p", "1/{x}", "periods per unit of position", 0.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Two harmonics over position."""
+        return harmonics(motion.q[:, j], shape[0])
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Every half order over the span."""
+        return position_orders(motion, j)
+
+
+class Delay(Effect):
+    """The command acts late."""
+
+    name, family = "delay", "actuator"
+    equation = "tau(t) = model(t) + T dtau/dt  (first order in T)"
+    signature = "phase that grows with frequency, loops over acceleration and at reversals"
+    confused_with = ("actuator-lag", "presliding", "filter-lag")
+    shown_by = "fast motion; chirp"
+    source = "Naerum thesis 1.3 (transmission delay); Taylor expansion of u(t - T)"
+    params = (Param("T", "s", "delay", 0.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """dtau/dt of the measured effort."""
+        return np.gradient(motion.tau[:, j], motion.dt)[:, None]
+
+
+class CoupledTransmission(Effect):
+    """The motor of one joint also turns with another (a wrist's differential)."""
+
+    name, family = "coupled-transmission", "transmission"
+    equation = "tau_j = I w' + fc tanh(w / v0) + fv w,  tau_k = r tau_j,  w = v_j + r v_k"
+    signature = "residuals of two joints that follow the sum or difference of their motions"
+    confused_with = ("coupled-friction", "rigid-body")
+    shown_by = "the two joints together with equal and with opposite signs"
+    source = "Khalil, Dombre 2002, 9.2 (kinematic coupling of wrists)"
+    params = (
+        Param("i", "{F} s^2/{x}", "inertia on the relative motion"),
+        Param("fc", "{F}", "Coulomb friction of the relative motion"),
+        Param("fv", "{F} s/{x}", "viscous friction of the relative motion"),
+    )
+    shape = (
+        Param("joint", "1", "number of the other joint", 1.0),
+        Param("r", "1", "ratio of the other joint's motion"),
+    )
+    whole_robot = True
+    refine = False
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Columns (n, d, 3), on joint j and, times r, on the other joint."""
+        k, r = int(shape[0]) - 1, shape[1]
+        w = motion.qd[:, j] + r * motion.qd[:, k]
+        slope = motion.qdd[:, j] + r * motion.qdd[:, k]
+        parts = np.stack([slope, np.tanh(w / max(motion.v0[j], motion.v0[k])), w], axis=1)
+        out = np.zeros((motion.n, motion.d, 3))
+        out[:, j], out[:, k] = parts, r * parts
+        return out
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Every later joint (the pair is unordered), equal or opposite."""
+        return [(float(k + 1), r) for k in range(j + 1, motion.d) for r in (1.0, -1.0)]
+
+    def available(self, motion: Motion, j: int) -> str:
+        """Needs a later joint."""
+        return "" if j + 1 < motion.d else "no later joint to couple with"
+
+
+EFFECTS: tuple[Effect, ...] = (
+    TorqueOffset(), TorqueGain(), Cogging(), Delay(), CoupledTransmission(),
+)  # fmt: skip

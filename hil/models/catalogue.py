@@ -1,0 +1,80 @@
+"""The one table of effects: built in, from installed packages, and from a user's file."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Iterable
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+
+from hil.errors import ConfigError, unknown
+from hil.models.effect import Effect
+
+#: Modules with a tuple `EFFECTS`; adding an effect touches its own file, its test, one line here.
+MODULES = (
+    "hil.models.friction",
+    "hil.models.presliding",
+    "hil.models.mass",
+    "hil.models.actuator",
+    "hil.models.contact",
+)
+_table: dict[str, Effect] = {}
+
+
+def _add(module: ModuleType, origin: str) -> None:
+    effects: Iterable[Effect] = getattr(module, "EFFECTS", ())
+    for effect in effects:
+        known = _table.get(effect.name)
+        if known is not None and type(known).__module__ != type(effect).__module__:
+            raise ConfigError(
+                f"effect {effect.name!r} of {origin} is already defined in "
+                f"{type(known).__module__}; give it another name"
+            )
+        _table[effect.name] = effect
+
+
+def table() -> dict[str, Effect]:
+    """All known effects by name; built-in modules and entry points are loaded at first use."""
+    if not _table:
+        for name in MODULES:
+            _add(importlib.import_module(name), name)
+        for point in entry_points(group="hil.effects"):
+            _add(point.load(), point.value)
+    return _table
+
+
+def get(name: str) -> Effect:
+    """Effect by name.
+
+    Raises
+    ------
+    ConfigError
+        With the nearest name and the whole list, if there is none of that name.
+    """
+    if name not in table():
+        raise ConfigError(unknown("effect", name, table()))
+    return table()[name]
+
+
+def load_plugin(path: Path) -> None:
+    """Load a user's effects from a Python file with a tuple `EFFECTS`.
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, does not run or holds no effects.
+    """
+    table()
+    spec = importlib.util.spec_from_file_location(f"hil_plugin_{path.stem}", path)
+    if not path.is_file() or spec is None or spec.loader is None:
+        raise ConfigError(f"plugin {path}: no such Python file")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise ConfigError(f"plugin {path} does not run: {error!r}") from error
+    if not getattr(module, "EFFECTS", ()):
+        raise ConfigError(f"plugin {path} has no EFFECTS = (MyEffect(),) at its end")
+    _add(module, str(path))

@@ -1,0 +1,140 @@
+"""The environment that a tip or lever touches: laws of the force it returns.
+
+d = max(0, side (q - q0)) is the penetration; the force ON the robot pushes it back.  The
+other laws refer to the surface (q0, side) that `contact-stiffness` found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numba
+import numpy as np
+
+from hil.models.effect import Effect, Param, log_grid
+from hil.models.motion import FloatArray, Motion
+
+
+def penetration(motion: Motion, j: int) -> tuple[FloatArray, float]:
+    """Penetration d (n,) and side of the known surface."""
+    q0, side = motion.contact[j]
+    return np.maximum(0.0, side * (motion.q[:, j] - q0)), float(side)
+
+
+class _ContactLaw(Effect):
+    """A law that needs the surface found first."""
+
+    family = "contact"
+    explains = ("external",)
+
+    def available(self, motion: Motion, j: int) -> str:
+        """Needs a surface."""
+        known = np.isfinite(motion.contact[j]).all()
+        return "" if known else "needs 'contact-stiffness' in the model: it finds the surface"
+
+
+class ContactStiffness(Effect):
+    """A linear spring behind a surface."""
+
+    name, family = "contact-stiffness", "contact"
+    equation = "f = -side k d,  d = max(0, side (q - q0))"
+    signature = "force proportional to penetration"
+    confused_with = ("spring", "contact-hardening")
+    shown_by = "slow press and release"
+    source = "Naerum thesis 3.3.3 (gel palpation)"
+    params = (Param("k", "{F}/{x}", "stiffness", 0.0),)
+    shape = (
+        Param("q0", "{x}", "surface position"),
+        Param("side", "1", "+1: contact above q0, -1: below", -1.0, 1.0),
+    )
+    explains = ("external",)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """-side d."""
+        side = 1.0 if shape[1] > 0 else -1.0
+        return -side * np.maximum(0.0, side * (motion.q[:, j] - shape[0]))[:, None]
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Surfaces over the range, either side; beyond it a bilateral spring."""
+        low, high = motion.span[j]
+        places = [float(low + f * (high - low)) for f in np.arange(-0.1, 1.0, 0.1)]
+        mirrored = [float(high - f * (high - low)) for f in np.arange(-0.1, 1.0, 0.1)]
+        return [(x, 1.0) for x in places] + [(x, -1.0) for x in mirrored]
+
+
+class ContactDamping(_ContactLaw):
+    """A damper in parallel to the spring."""
+
+    name = "contact-damping"
+    equation = "f = -c v  while d > 0"
+    signature = "loop over penetration that opens with speed"
+    confused_with = ("contact-hysteresis",)
+    shown_by = "the same press at several speeds"
+    source = "Kelvin-Voigt; Hunt, Crossley, J. Applied Mechanics 42, 1975"
+    params = (Param("c", "{F} s/{x}", "damping"),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """-v while touching."""
+        depth, _ = penetration(motion, j)
+        return -(np.where(depth > 0, motion.qd[:, j], 0.0))[:, None]
+
+
+class ContactHardening(_ContactLaw):
+    """Stiffness that grows with penetration."""
+
+    name = "contact-hardening"
+    equation = "f = -side h (d / d_max)^n"
+    signature = "force curves upwards over penetration"
+    confused_with = ("contact-stiffness", "contact-hysteresis")
+    shown_by = "slow presses to several depths"
+    source = "Hertz 1882; Hunt, Crossley, J. Applied Mechanics 42, 1975"
+    params = (Param("h", "{F}", "additional force at the deepest penetration"),)
+    shape = (Param("n", "1", "exponent", 1.0, 8.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """-side (d / d_max)^n."""
+        depth, side = penetration(motion, j)
+        low, high = motion.span[j]
+        deepest = max(side * ((high if side > 0 else low) - motion.contact[j, 0]), 1e-12)
+        return (-side * (depth / deepest) ** shape[0])[:, None]
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Exponents 1.5 to 6."""
+        return [(n,) for n in (1.5, 2.0, 3.0, 4.0, 6.0)]
+
+
+@numba.njit(cache=True)
+def slip_state(x: FloatArray, width: float) -> FloatArray:
+    """Elastoplastic element: z follows x but saturates, z <- clip(z + dx, -width, width)."""
+    z = np.zeros(x.size)
+    for k in range(1, x.size):
+        z[k] = min(max(z[k - 1] + x[k] - x[k - 1], -width), width)
+    return z
+
+
+class ContactHysteresis(_ContactLaw):
+    """A loop over penetration that does not depend on speed."""
+
+    name = "contact-hysteresis"
+    equation = "f = -side h z,  z <- clip(z + dd, -r, r)"
+    signature = "loop over penetration of the same width at all speeds"
+    confused_with = ("contact-damping", "contact-hardening")
+    shown_by = "the same press at several speeds and depths"
+    source = "Iwan 1966; Lampaert, Swevers, Al-Bender 2002 (Maxwell-slip element)"
+    params = (Param("h", "{F}/{x}", "stiffness of the slipping element", 0.0),)
+    shape = (Param("r", "{x}", "play: penetration at which it slips", 0.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """-side z(d; r)."""
+        depth, side = penetration(motion, j)
+        return (-side * slip_state(depth, float(shape[0])))[:, None]
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """1 to 60 % of the span."""
+        span = float(np.ptp(motion.span[j])) or 1.0
+        return log_grid(0.01 * span, 0.6 * span, 10)
+
+
+EFFECTS: tuple[Effect, ...] = (
+    ContactStiffness(), ContactDamping(), ContactHardening(), ContactHysteresis(),
+)  # fmt: skip

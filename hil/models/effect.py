@@ -1,0 +1,136 @@
+"""One physical effect: an equation, its parameters, and how it betrays itself.
+
+An effect says which effort the motor must supply because of it,
+
+    tau_j = sum_k  theta_k  x_k(motion; shape),
+
+linear in the coefficients theta and non-linear in at most a few *shape* parameters (a speed,
+a length, an order, a delay).  Identification eliminates theta and searches the shape.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from hil.models.motion import FloatArray, Motion
+
+INF = float("inf")
+
+
+@dataclass(frozen=True)
+class Param:
+    """One parameter of an effect.
+
+    Parameters
+    ----------
+    name : str
+        Short name, e.g. ``"fc"``; in a model it is ``j2.coulomb.fc``.
+    unit : str
+        SI unit; ``{F}`` stands for N m or N, ``{x}`` for rad or m.
+    text : str
+        What it is.
+    lower, upper : float
+        Physical bounds.
+    source : str
+        Where equation or bounds come from.
+    """
+
+    name: str
+    unit: str
+    text: str
+    lower: float = -INF
+    upper: float = INF
+    source: str = ""
+
+
+class Effect(ABC):
+    """Base class of every effect, built in or a user's own.
+
+    A subclass states its class attributes and `columns`; with shape parameters also `grid`.
+
+    Attributes
+    ----------
+    name : str
+        Name in the catalogue.
+    family : str
+        ``friction``, ``actuator``, ``mass``, ``stiffness``, ``transmission``, ``contact``.
+    equation, signature, confused_with, shown_by, source : str
+        For people: what it is, how it shows, what it is mistaken for, which motion shows it.
+    params : tuple of Param
+        The linear coefficients, one a column.
+    shape : tuple of Param
+        The non-linear parameters.
+    replaces : tuple of str
+        Effects of the same joint that this one takes the place of.
+    explains : tuple of str
+        Which measured effort it can be part of: ``"motor"`` and/or ``"external"``.
+    whole_robot : bool
+        True if one set of coefficients acts on all joints (then `columns` is (n, d, m)).
+    candidate : bool
+        False for the parts every model has; they are never proposed as "missing".
+    """
+
+    name: ClassVar[str]
+    family: ClassVar[str]
+    equation: ClassVar[str]
+    signature: ClassVar[str]
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    shown_by: ClassVar[str]
+    source: ClassVar[str]
+    params: ClassVar[tuple[Param, ...]] = ()
+    shape: ClassVar[tuple[Param, ...]] = ()
+    replaces: ClassVar[tuple[str, ...]] = ()
+    explains: ClassVar[tuple[str, ...]] = ("motor",)
+    whole_robot: ClassVar[bool] = False
+    candidate: ClassVar[bool] = True
+    #: Whether a local search may refine the shape after the grid.
+    refine: ClassVar[bool] = True
+    #: Whether the columns depend on `Motion.load`, hence on the model's own estimate.
+    uses_load: ClassVar[bool] = False
+
+    @abstractmethod
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Effort of unit coefficients on joint j.
+
+        Parameters
+        ----------
+        motion : Motion
+            The run.
+        j : int
+            Joint index (ignored by effects of the whole robot).
+        shape : sequence of float
+            Values of the shape parameters, in the order of `shape`.
+
+        Returns
+        -------
+        ndarray (n, m), or (n, d, m) for an effect of the whole robot
+        """
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Shape values worth trying for this motion (coarse; a local search refines)."""
+        if self.shape:
+            raise NotImplementedError(f"effect {self.name!r} has shape parameters but no grid")
+        return [()]
+
+    def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
+        """Coefficients for joint j of this robot (most effects: always the same)."""
+        return self.params
+
+    def available(self, motion: Motion, j: int) -> str:
+        """Say why the effect cannot be tried on these data; empty if it can."""
+        return ""
+
+
+def log_grid(low: float, high: float, count: int) -> list[tuple[float, ...]]:
+    """`count` logarithmically spaced one-parameter shapes from low to high."""
+    return [(float(x),) for x in np.geomspace(low, max(high, low * 1.001), count)]
+
+
+def typical_speed(motion: Motion, j: int) -> float:
+    """Root mean square speed of joint j, never zero [rad/s or m/s]."""
+    return max(float(np.sqrt(np.mean(motion.qd[:, j] ** 2))), 1e-9)

@@ -1,0 +1,220 @@
+"""Friction as a function of speed, position, load and the other joints' motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.models.effect import Effect, Param, log_grid, typical_speed
+from hil.models.motion import FloatArray, Motion
+
+_OLSSON = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Eur. J. Control 4, 1998"
+
+
+def _column(values: FloatArray) -> FloatArray:
+    return values[:, None]
+
+
+class Coulomb(Effect):
+    """Constant friction against the motion."""
+
+    name, family = "coulomb", "friction"
+    equation = "tau = fc tanh(v / v0)"
+    signature = "a step of the residual at every reversal, the same at all speeds"
+    confused_with = ("stribeck", "presliding", "torque-offset")
+    shown_by = "slow motion in both directions"
+    source = _OLSSON
+    params = (Param("fc", "{F}", "Coulomb friction", 0.0),)
+    shape = (Param("v0", "{x}/s", "speed over which the sign is resolved", 0.0),)
+    candidate = False
+    refine = False
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """tanh(v / v0)."""
+        return _column(np.tanh(motion.qd[:, j] / shape[0]))
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """From the velocity resolution up to a tenth of the typical speed."""
+        low = float(motion.v0[j])
+        return log_grid(low, max(0.1 * typical_speed(motion, j), 1.01 * low), 5)
+
+
+class Viscous(Effect):
+    """Friction proportional to speed."""
+
+    name, family = "viscous", "friction"
+    equation = "tau = fv v"
+    signature = "residual proportional to speed, odd"
+    confused_with = ("quadratic-drag", "stribeck")
+    shown_by = "the same path at several speeds"
+    source = _OLSSON
+    params = (Param("fv", "{F} s/{x}", "viscous friction", 0.0),)
+    candidate = False
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """v."""
+        return _column(motion.qd[:, j])
+
+
+class Stribeck(Effect):
+    """Friction that rises as the speed goes to zero."""
+
+    name, family = "stribeck", "friction"
+    equation = "tau = fs exp(-(v / vs)^2) tanh(v / v0)"
+    signature = "friction peak at low speed that fades over vs"
+    confused_with = ("quadratic-drag", "presliding", "coulomb")
+    shown_by = "slow constant-speed strokes in both directions, log-spaced speeds"
+    source = "Stribeck 1902; " + _OLSSON
+    params = (Param("fs", "{F}", "excess of static over Coulomb friction"),)
+    shape = (Param("vs", "{x}/s", "Stribeck speed", 0.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """exp(-(v / vs)^2) tanh(v / v0)."""
+        return _column(np.exp(-((motion.qd[:, j] / shape[0]) ** 2)) * motion.sign(j))
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """From twice the sign resolution up to 0.7 of the typical speed."""
+        speed = typical_speed(motion, j)
+        return log_grid(max(2 * motion.v0[j], 0.03 * speed), 0.7 * speed, 8)
+
+
+class AsymmetricCoulomb(Effect):
+    """Coulomb friction that differs between the two directions."""
+
+    name, family = "asymmetric-coulomb", "friction"
+    equation = "tau = da |tanh(v / v0)|"
+    signature = "the same residual in both directions while moving, none at rest"
+    confused_with = ("torque-offset",)
+    shown_by = "motion with rests: an offset stays at rest, this does not"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
+    params = (Param("da", "{F}", "half the difference of the two directions"),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """|tanh(v / v0)|."""
+        return _column(np.abs(motion.sign(j)))
+
+
+class AsymmetricViscous(Effect):
+    """Viscous friction that differs between the two directions."""
+
+    name, family = "asymmetric-viscous", "friction"
+    equation = "tau = dv |v|"
+    signature = "even residual that grows with speed"
+    confused_with = ("asymmetric-coulomb", "position-torque")
+    shown_by = "the same path at several speeds, both directions"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
+    params = (Param("dv", "{F} s/{x}", "half the difference of the two directions"),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """|v|."""
+        return _column(np.abs(motion.qd[:, j]))
+
+
+class QuadraticDrag(Effect):
+    """Drag that grows with the square of the speed."""
+
+    name, family = "quadratic-drag", "friction"
+    equation = "tau = fd v |v|"
+    signature = "odd residual that curves upwards (or downwards) with speed"
+    confused_with = ("stribeck", "viscous")
+    shown_by = "fast strokes beside slow ones"
+    source = "Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5), 2007"
+    params = (Param("fd", "{F} s^2/{x}^2", "quadratic drag"),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """v |v|."""
+        return _column(motion.qd[:, j] * np.abs(motion.qd[:, j]))
+
+
+def position_orders(motion: Motion, j: int, highest: float = 60.0) -> list[tuple[float, ...]]:
+    """Wave numbers [periods per rad or m]: 1.5 to `highest` periods over the span, step 0.5."""
+    low, high = motion.span[j]
+    length = max(float(high - low), 1e-9)
+    return [(float(k) / length,) for k in np.arange(1.5, highest + 0.25, 0.5)]
+
+
+class PositionFriction(Effect):
+    """Friction that varies periodically with position (an eccentric pulley)."""
+
+    name, family = "position-friction", "friction"
+    equation = "tau = tanh(v / v0) (a1 sin kq + b1 cos kq + a2 sin 2kq + b2 cos 2kq), k = 2 pi p"
+    signature = "the friction's size repeats over position, its sign follows the direction"
+    confused_with = ("cogging",)
+    shown_by = "full slow strokes in both directions"
+    source = "Popovic, Goldenberg, IEEE Trans. Robotics and Automation 14(1), 1998"
+    params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
+    shape = (Param("p", "1/{x}", "periods per unit of position", 0.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """sgn(v) times two harmonics over position."""
+        return motion.sign(j)[:, None] * harmonics(motion.q[:, j], shape[0])
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Every half order over the span."""
+        return position_orders(motion, j, 25.0)
+
+
+def harmonics(q: FloatArray, p: float) -> FloatArray:
+    """[sin kq, cos kq, sin 2kq, cos 2kq] with k = 2 pi p, shape (n, 4)."""
+    phase = 2 * np.pi * p * q
+    return np.stack([np.sin(phase), np.cos(phase), np.sin(2 * phase), np.cos(2 * phase)], axis=1)
+
+
+class LoadFriction(Effect):
+    """Friction that grows with the effort that the joint transmits."""
+
+    uses_load = True
+    name, family = "load-friction", "friction"
+    equation = "tau = mu |load| tanh(v / v0)"
+    signature = "friction grows with gravity, acceleration or contact load"
+    confused_with = ("torque-gain", "coulomb", "position-friction")
+    shown_by = "the same motion under several static loads"
+    source = "Bittencourt, Gunnarsson, J. Dyn. Syst. Meas. Control 134, 2012"
+    params = (Param("mu", "1", "friction per transmitted effort"),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """|load| sgn(v)."""
+        return _column(np.abs(motion.load[:, j]) * motion.sign(j))
+
+
+class CoupledFriction(Effect):
+    """Friction on this joint caused by another joint's motion (cables over its pulleys)."""
+
+    name, family = "coupled-friction", "friction"
+    equation = "tau = fk tanh(w / v0) + vk w,  w = v_k, v + v_k or v - v_k"
+    signature = "residual follows the sign of another joint's speed"
+    confused_with = ("rigid-body", "coupled-transmission")
+    shown_by = "one joint at a time, then pairs with all combinations of signs"
+    source = "Naerum thesis 3.1.2; Miyasaka, Haghighipanah, Li, Hannaford, ICRA 2016"
+    params = (
+        Param("fk", "{F}", "Coulomb part"),
+        Param("vk", "{F} s/{x}", "viscous part"),
+    )
+    shape = (
+        Param("joint", "1", "number of the other joint", 1.0),
+        Param("mode", "1", "0: w = v_k; +1: w = v + v_k; -1: w = v - v_k", -1.0, 1.0),
+    )
+    refine = False
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """[tanh(w / v0), w]."""
+        k, mode = int(shape[0]) - 1, shape[1]
+        own = motion.qd[:, j] if mode else np.zeros(motion.n)
+        w = own + (mode or 1.0) * motion.qd[:, k]
+        return np.stack([np.tanh(w / max(motion.v0[j], motion.v0[k])), w], axis=1)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Every other joint, alone and relative to this one."""
+        others = [k + 1 for k in range(motion.d) if k != j]
+        return [(float(k), mode) for k in others for mode in (0.0, 1.0, -1.0)]
+
+    def available(self, motion: Motion, j: int) -> str:
+        """Needs a second joint."""
+        return "" if motion.d > 1 else "the robot has one joint"
+
+
+EFFECTS: tuple[Effect, ...] = (
+    Coulomb(), Viscous(), Stribeck(), AsymmetricCoulomb(), AsymmetricViscous(), QuadraticDrag(),
+    PositionFriction(), LoadFriction(), CoupledFriction(),
+)  # fmt: skip

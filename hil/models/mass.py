@@ -1,0 +1,152 @@
+"""Masses, springs and stops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.models.effect import Effect, Param
+from hil.models.motion import FloatArray, Motion
+
+
+class RigidBody(Effect):
+    """The robot's links: inertia, Coriolis and gravity efforts, all parameters free."""
+
+    name, family = "rigid-body", "mass"
+    equation = "tau = M(q) qdd + C(q, qd) qd + N(q) = Y(q, qd, qdd) pi"
+    signature = "residual follows acceleration, gravity direction and products of speeds"
+    confused_with = ("payload", "torque-gain", "spring")
+    shown_by = "fast motion over the workspace, many postures"
+    source = "Khalil and Dombre, Modeling, Identification and Control of Robots, 2002, ch. 12"
+    whole_robot = True
+    candidate = False
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Y, shape (n, d, p)."""
+        return motion.robot.regressor(motion.q, motion.qd, motion.qdd)
+
+    def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
+        """The robot's own parameters."""
+        robot = motion.robot
+        return tuple(
+            Param(name, unit, "rigid-body parameter", source="robot description")
+            for name, unit in zip(robot.names, robot.param_units, strict=True)
+        )
+
+
+class Armature(Effect):
+    """Inertia of the motor's rotor, reflected to the joint."""
+
+    name, family = "armature", "mass"
+    equation = "tau = ia qdd"
+    signature = "residual proportional to the joint's own acceleration"
+    confused_with = ("rigid-body",)
+    shown_by = "fast motion of the joint in different postures"
+    source = "Featherstone, Rigid Body Dynamics Algorithms, 2008, 9.6"
+    params = (Param("ia", "{F} s^2/{x}", "reflected rotor inertia", 0.0),)
+    candidate = False
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """qdd."""
+        return motion.qdd[:, j : j + 1]
+
+    def available(self, motion: Motion, j: int) -> str:
+        """One inertia per independent axis is all there is."""
+        return "" if motion.robot.has_armature else "the axis' inertia already contains it"
+
+
+class Payload(Effect):
+    """A mass at the tip."""
+
+    name, family = "payload", "mass"
+    equation = "tau = m J' (p'' + g e_z)"
+    signature = "gravity and inertia of all joints change together"
+    confused_with = ("rigid-body", "load-friction")
+    shown_by = "one recording with and one without the mass"
+    source = "Naerum thesis 3.1.3 (sensor adapter as payload)"
+    params = (Param("m", "kg", "mass at the tip", 0.0),)
+    whole_robot = True
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """J^T (p'' + g e_z), shape (n, d, 1)."""
+        effort = motion.robot.tip_mass(motion.q, motion.qd, motion.qdd)
+        return np.zeros((motion.n, motion.d, 1)) if effort is None else effort[:, :, None]
+
+    def available(self, motion: Motion, j: int) -> str:
+        """Needs a tip."""
+        none = motion.robot.tip_mass(motion.q[:2], motion.qd[:2], motion.qdd[:2]) is None
+        return "the robot has no geometry, so no tip" if none else ""
+
+
+class Spring(Effect):
+    """A linear spring on the joint."""
+
+    name, family = "spring", "stiffness"
+    equation = "tau = k q  (rest position in the offset)"
+    signature = "residual proportional to position"
+    confused_with = ("rigid-body", "position-torque", "cogging")
+    shown_by = "static poses over a wide range"
+    source = "Cavusoglu, Feygin, Tendick, Presence 11(6), 2002 (balance of haptic arms)"
+    params = (
+        Param("k", "{F}/{x}", "stiffness"),
+        Param("t0", "{F}", "effort at mid-range"),
+    )
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """[q - mid-range, 1]."""
+        centred = motion.q[:, j] - motion.span[j].mean()
+        return np.stack([centred, np.ones_like(centred)], axis=1)
+
+
+class PositionTorque(Effect):
+    """Smooth effort over position: an umbilical, a cable bundle, a bent hose."""
+
+    name, family = "position-torque", "stiffness"
+    equation = "tau = t0 + sum_{k=1..4} ck T_k(x),  x = position scaled to [-1, 1]"
+    signature = "smooth residual over position, the same in both directions"
+    confused_with = ("spring", "rigid-body", "cogging")
+    shown_by = "slow strokes over the whole range"
+    source = "WPI dVRK identification (joint cable torque), RA-L 2019"
+    params = tuple(Param(n, "{F}", "Chebyshev coefficient") for n in ("t0", "c1", "c2", "c3", "c4"))
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Chebyshev polynomials T0..T4."""
+        return np.polynomial.chebyshev.chebvander(np.clip(motion.scaled(j), -1, 1), 4)
+
+
+class EndStop(Effect):
+    """A stop that pushes back beyond a position."""
+
+    name, family = "end-stop", "stiffness"
+    equation = "tau = k d + c d v,  d = max(0, q - q0)  (upper) or min(0, q - q0)  (lower)"
+    signature = "residual only at one end of the range"
+    confused_with = ("spring", "position-torque")
+    shown_by = "strokes that reach the end of the range, slowly and fast"
+    source = "Hunt, Crossley, J. Applied Mechanics 42, 1975"
+    params = (
+        Param("k", "{F}/{x}", "stiffness", 0.0),
+        Param("c", "{F} s/{x}^2", "damping per penetration"),
+    )
+    shape = (
+        Param("q0", "{x}", "position of the stop"),
+        Param("side", "1", "+1 upper, -1 lower", -1.0, 1.0),
+    )
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """[d, |d| v]."""
+        side = 1.0 if shape[1] > 0 else -1.0
+        depth = side * np.maximum(0.0, side * (motion.q[:, j] - shape[0]))
+        return np.stack([depth, np.abs(depth) * motion.qd[:, j]], axis=1)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """2 to 35 % of the span from either end."""
+        low, high = motion.span[j]
+        fractions = (0.02, 0.05, 0.1, 0.15, 0.2, 0.27, 0.35)
+        upper = [(float(high - f * (high - low)), 1.0) for f in fractions]
+        return upper + [(float(low + f * (high - low)), -1.0) for f in fractions]
+
+
+EFFECTS: tuple[Effect, ...] = (
+    RigidBody(), Armature(), Payload(), Spring(), PositionTorque(), EndStop(),
+)  # fmt: skip

@@ -1,0 +1,170 @@
+"""A model: a robot and a frozen tuple of effects, composed with `+`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from hil.errors import ConfigError, unknown
+from hil.models import catalogue
+from hil.record.recording import RobotSource
+
+ALL = ("*",)
+
+
+@dataclass(frozen=True)
+class Value:
+    """A parameter's value with what is known of it.
+
+    Parameters
+    ----------
+    value, stderr : float
+        Estimate and standard error (NaN where unknown), in `unit`.
+    unit : str
+        SI unit.
+    lower, upper : float
+        Bounds.
+    at_bound, identifiable : bool
+        Whether the estimate lies on a bound; whether the data determine it.
+    source : str
+        Where it comes from, e.g. ``"fit of run1.mcap"``.
+    """
+
+    value: float
+    stderr: float = float("nan")
+    unit: str = ""
+    lower: float = float("-inf")
+    upper: float = float("inf")
+    at_bound: bool = False
+    identifiable: bool = True
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Use:
+    """One effect in a model, on some joints, with its options and values.
+
+    Parameters
+    ----------
+    type : str
+        Name in the catalogue.
+    joints : tuple of str
+        Joint names; ``("*",)`` means all.
+    options : dict
+        ``per_run = true`` gives every run its own coefficients; ``fixed = true`` keeps the values.
+    values : dict of str to Value
+        By full name, e.g. ``j2.stribeck.fs``.
+    """
+
+    type: str
+    joints: tuple[str, ...] = ALL
+    options: dict[str, object] = field(default_factory=dict)
+    values: dict[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Band:
+    """Filter band of an identification; zeros mean: choose from the data.
+
+    Parameters
+    ----------
+    position_hz : float
+        Cut-off of the zero-phase position filter.
+    effort_hz : float
+        Cut-off of the zero-phase filter that every column and the effort pass.
+    """
+
+    position_hz: float = 0.0
+    effort_hz: float = 0.0
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """Robot plus effects; immutable, `model + "stribeck"` makes a new one.
+
+    Parameters
+    ----------
+    robot : RobotSource
+        Preset or URDF.
+    effects : tuple of Use
+        The parts.
+    arm : str
+        Arm of the session it describes; ``""`` = the only or first one.
+    explains : str
+        ``"motor"``: the motor effort; ``"external"``: the measured external effort (contact).
+    band : Band
+        Filter band.
+    plugins : tuple of str
+        Files with a user's effects.
+    """
+
+    robot: RobotSource
+    effects: tuple[Use, ...]
+    arm: str = ""
+    explains: str = "motor"
+    band: Band = Band()
+    plugins: tuple[str, ...] = ()
+    urdf_path: str = ""
+
+    def __add__(self, other: Use | str) -> RobotModel:
+        """Model with one more effect; what it replaces is taken off the same joints.
+
+        Raises
+        ------
+        ConfigError
+            If the effect is unknown or already there for one of the joints.
+        """
+        use = Use(other) if isinstance(other, str) else other
+        effect = catalogue.get(use.type)
+        for old in self.effects:
+            if old.type == use.type and _overlap(old.joints, use.joints):
+                if not effect.shape:
+                    raise ConfigError(
+                        f"the model already has {use.type!r} on {_text(old.joints)}; "
+                        "remove it first or name another joint"
+                    )
+        kept = tuple(self.effects)
+        return replace(self, effects=(*kept, use))
+
+    def __sub__(self, name: str) -> RobotModel:
+        """Model without an effect (on every joint).
+
+        Raises
+        ------
+        ConfigError
+            If the model has no such effect.
+        """
+        rest = tuple(u for u in self.effects if u.type != name)
+        if len(rest) == len(self.effects):
+            raise ConfigError("the model has no " + unknown("effect", name, self.names()))
+        return replace(self, effects=rest)
+
+    def names(self) -> tuple[str, ...]:
+        """Names of its effects, in order, without repetition."""
+        return tuple(dict.fromkeys(u.type for u in self.effects))
+
+    def values(self) -> dict[str, Value]:
+        """All parameter values by full name."""
+        return {name: value for use in self.effects for name, value in use.values.items()}
+
+    def check_joints(self, joints: tuple[str, ...]) -> None:
+        """Raise ConfigError if an effect names a joint that the robot does not have."""
+        for use in self.effects:
+            for joint in use.joints:
+                if joint != "*" and joint not in joints:
+                    raise ConfigError(f"effect {use.type!r}: " + unknown("joint", joint, joints))
+
+
+def _overlap(a: tuple[str, ...], b: tuple[str, ...]) -> bool:
+    return a == ALL or b == ALL or bool(set(a) & set(b))
+
+
+def _text(joints: tuple[str, ...]) -> str:
+    return "all joints" if joints == ALL else ", ".join(joints)
+
+
+BASE_EFFECTS = ("rigid-body", "armature", "coulomb", "viscous")
+
+
+def base_model(robot: RobotSource, arm: str = "") -> RobotModel:
+    """Base model of any robot: rigid-body + armature + coulomb + viscous."""
+    return RobotModel(robot, tuple(Use(name) for name in BASE_EFFECTS), arm)

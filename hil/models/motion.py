@@ -1,0 +1,79 @@
+"""What an effect may look at: the measured motion of one run, at the evaluation rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.models.robots import Robot
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One run of d joints at n instants, after the position filter.
+
+    Parameters
+    ----------
+    t : ndarray (n,)
+        Time since the start of the run [s].
+    q, qd, qdd : ndarray (n, d)
+        Position, velocity, acceleration [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+    tau : ndarray (n, d)
+        Motor effort [N m or N].
+    tau_ext : ndarray (n, d)
+        External effort ON the robot [N m or N]; zeros where there is none.
+    load : ndarray (n, d)
+        Effort that the joint transmits (rigid body minus external) under the current model.
+    v0 : ndarray (d,)
+        Speed over which the sign of the velocity is resolved [rad/s or m/s].
+    span : ndarray (d, 2)
+        Smallest and largest position over *all* runs, so that every run shares one basis.
+    contact : ndarray (d, 2)
+        Surface position and side (+1: contact above it, -1: below); NaN where there is none.
+    robot : Robot
+        Geometry and rigid-body regressor.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    tau: FloatArray
+    tau_ext: FloatArray
+    load: FloatArray
+    v0: FloatArray
+    span: FloatArray
+    contact: FloatArray
+    robot: Robot
+
+    @property
+    def n(self) -> int:
+        """Number of instants."""
+        return int(self.t.size)
+
+    @property
+    def d(self) -> int:
+        """Number of joints."""
+        return int(self.q.shape[1])
+
+    @property
+    def dt(self) -> float:
+        """Evaluation period [s]."""
+        return float(self.t[1] - self.t[0])
+
+    def sign(self, j: int) -> FloatArray:
+        """Sign of joint j's velocity, resolved to `v0[j]`: tanh(v / v0), shape (n,)."""
+        return np.tanh(self.qd[:, j] / self.v0[j])
+
+    def scaled(self, j: int) -> FloatArray:
+        """Position of joint j mapped to [-1, 1] over the recorded span, shape (n,)."""
+        low, high = self.span[j]
+        return (2.0 * self.q[:, j] - low - high) / max(high - low, 1e-12)
+
+    def with_(self, **changes: FloatArray) -> Motion:
+        """Copy with some arrays replaced."""
+        return replace(self, **changes)  # type: ignore[arg-type]

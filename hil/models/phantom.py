@@ -1,0 +1,114 @@
+"""PHANTOM arms in closed form: Premium 1.5 (parallelogram) and Omni.
+
+theta1 turntable, theta2 upper link from horizontal, theta3 forearm measured from the base
+(theta3 = 0: it hangs straight down).  Sources: Cavusoglu, Feygin and Tendick, Presence 11(6),
+2002 (form and values; their C32 has the wrong sign, skew symmetry of M' - 2C demands minus);
+public Simulink code for the Omni's ten parameters.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+G = 9.81
+
+
+class _Phantom:
+    """Geometry that both arms share: link lengths, tip Jacobian, a mass at the tip."""
+
+    l1: float
+    l2: float
+    has_armature = True
+    units = ("rad", "rad", "rad")
+
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        self.joints = joints if len(joints) == 3 else ("joint1", "joint2", "joint3")
+
+    def jacobian(self, q: FloatArray) -> FloatArray:
+        """Tip Jacobian of p = (r c1, r s1, l1 s2 - l2 c3), shape (n, 3, 3)."""
+        (s1, s2, s3), (c1, c2, c3) = np.sin(q).T, np.cos(q).T
+        r = self.l1 * c2 + self.l2 * s3
+        zero = np.zeros_like(r)
+        rows = [
+            [-s1 * r, -self.l1 * c1 * s2, self.l2 * c1 * c3],
+            [c1 * r, -self.l1 * s1 * s2, self.l2 * s1 * c3],
+            [zero, self.l1 * c2, self.l2 * s3],
+        ]
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+
+    def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """tau_ext = J^T F, shape (n, 3); a pen tip transmits no torque."""
+        return np.einsum("nkd,nk->nd", self.jacobian(q), wrench[:, :3])
+
+    def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
+        """tau = J^T (J q'' + J' q' + g e_z) of one kilogram at the tip, shape (n, 3)."""
+        jac, eps = self.jacobian(q), 1e-6
+        rate = (self.jacobian(q + eps * qd) - self.jacobian(q - eps * qd)) / (2 * eps)
+        acceleration = np.einsum("nkd,nd->nk", jac, qdd) + np.einsum("nkd,nd->nk", rate, qd)
+        acceleration[:, 2] += G
+        return np.einsum("nkd,nk->nd", jac, acceleration)
+
+
+def _inertia_rows(q: FloatArray, qd: FloatArray, qdd: FloatArray, y: FloatArray) -> None:
+    """Columns pi1..pi4 that both arms share: M11 and the coupling M23, with Coriolis terms."""
+    (s2, s3), (c2, c3) = np.sin(q[:, 1:]).T, np.cos(q[:, 1:]).T
+    (v1, v2, v3), (a1, a2, a3) = qd.T, qdd.T
+    s22, s23, c22, c23 = (np.sin(2 * q[:, 1]), np.sin(2 * q[:, 2]), np.cos(2 * q[:, 1]), np.cos(2 * q[:, 2]))
+    sd, cd = np.sin(q[:, 1] - q[:, 2]), np.cos(q[:, 1] - q[:, 2])
+    # M11 = pi1 + pi2 cos 2th2 + pi3 cos 2th3 + pi4 cos th2 sin th3
+    y[:, 0, 0] = a1
+    y[:, 0, 1] = a1 * c22 - 2 * v1 * v2 * s22
+    y[:, 0, 2] = a1 * c23 - 2 * v1 * v3 * s23
+    y[:, 0, 3] = a1 * c2 * s3 - v1 * v2 * s2 * s3 + v1 * v3 * c2 * c3
+    y[:, 1, 1] = v1**2 * s22
+    y[:, 2, 2] = v1**2 * s23
+    # M23 = -(pi4 / 2) sin(th2 - th3)
+    y[:, 1, 3] = (v1**2 * s2 * s3 + v3**2 * cd - a3 * sd) / 2
+    y[:, 2, 3] = (-(v1**2) * c2 * c3 - v2**2 * cd - a2 * sd) / 2
+
+
+class Premium(_Phantom):
+    """PHANTOM Premium 1.5: eight parameters, tau = Y pi."""
+
+    l1, l2 = 0.215, 0.170
+    names = tuple(f"pi{k}" for k in range(1, 9))
+    param_units = ("kg m^2",) * 6 + ("N m",) * 2
+    prior = np.array(
+        [2.8328e-3, 1.1319e-3, -3.9120e-4, 9.1230e-4, 2.4264e-3, 9.3189e-4, -1.6298e-2, -7.3755e-2]
+    )
+
+    def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Minimal regressor (n, 3, 8) of Cavusoglu's model."""
+        y = np.zeros((len(q), 3, 8))
+        _inertia_rows(q, qd, qdd, y)
+        y[:, 1, 4], y[:, 2, 5] = qdd[:, 1], qdd[:, 2]
+        # N = [0, pi7 cos th2, pi8 sin th3]
+        y[:, 1, 6], y[:, 2, 7] = np.cos(q[:, 1]), np.sin(q[:, 2])
+        return y
+
+
+class Omni(_Phantom):
+    """PHANTOM Omni: ten parameters k1..k10, with the balance spring k10."""
+
+    l1, l2 = 0.135, 0.135
+    names = tuple(f"k{k}" for k in range(1, 11))
+    param_units = ("kg m^2",) * 7 + ("N m", "N m", "N m/rad")
+    prior = 1e-3 * np.array(
+        [1.798, 0.864, 0.486, 2.766, 0.308, 2.526, 0.652, 164.458, 94.050, 117.294]
+    )
+
+    def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Regressor (n, 3, 10): Premium's form, M12 = k5 sin th2, spring on joint 2."""
+        y = np.zeros((len(q), 3, 10))
+        _inertia_rows(q, qd, qdd, y)
+        s2, c2 = np.sin(q[:, 1]), np.cos(q[:, 1])
+        # M12 = k5 sin th2
+        y[:, 0, 4] = s2 * qdd[:, 1] + c2 * qd[:, 1] ** 2
+        y[:, 1, 4] = s2 * qdd[:, 0]
+        y[:, 1, 5], y[:, 2, 6] = qdd[:, 1], qdd[:, 2]
+        # N2 = k8 cos th2 + k10 (th2 - pi/2),  N3 = k9 sin th3
+        y[:, 1, 7], y[:, 2, 8] = c2, np.sin(q[:, 2])
+        y[:, 1, 9] = q[:, 1] - np.pi / 2
+        return y

@@ -1,0 +1,122 @@
+"""Robots: geometry and the rigid-body regressor, from a preset or a URDF."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError, unknown
+from hil.record.recording import Recording, RobotSource
+
+FloatArray = NDArray[np.float64]
+
+
+class Robot(Protocol):
+    """What identification needs to know of a robot's rigid bodies."""
+
+    #: Joint names, length d.
+    joints: tuple[str, ...]
+    #: "rad" or "m" for each joint.
+    units: tuple[str, ...]
+    #: Names and units of the p rigid-body parameters.
+    names: tuple[str, ...]
+    param_units: tuple[str, ...]
+    #: Values to fall back on for what the data cannot determine, shape (p,).
+    prior: FloatArray
+    #: Whether a separate rotor inertia is a parameter of its own.
+    has_armature: bool
+
+    def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Regressor Y with tau = Y pi, shape (n, d, p), from arrays (n, d)."""
+
+    def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Joint effort J^T w of a wrench (n, 6) ON the tip, base frame; shape (n, d)."""
+
+    def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
+        """Effort of one kilogram at the tip, shape (n, d); None without a tip."""
+
+
+class IndependentAxes:
+    """Axes that do not feel each other: one inertia each (preset ``single-axis``).
+
+    tau_j = m_j qdd_j
+    """
+
+    has_armature = False
+
+    def __init__(self, joints: tuple[str, ...], unit: str = "rad") -> None:
+        self.joints = joints
+        self.units = tuple(unit for _ in joints)
+        single = len(joints) == 1
+        self.names = ("m",) if single else tuple(f"m{j + 1}" for j in range(len(joints)))
+        self.param_units = tuple("kg m^2" if unit == "rad" else "kg" for _ in joints)
+        self.prior = np.zeros(len(joints))
+
+    def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Y = diag(qdd), shape (n, d, d)."""
+        n, d = qdd.shape
+        out = np.zeros((n, d, d))
+        out[:, np.arange(d), np.arange(d)] = qdd
+        return out
+
+    def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Refuse: an axis without geometry has no Jacobian."""
+        raise ConfigError(
+            "robot 'single-axis' has no geometry, so a tip force cannot be turned into joint "
+            "effort; record tauext1.. instead of fx,fy,fz, or name a URDF"
+        )
+
+    def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
+        """No tip."""
+        return None
+
+
+def _premium(recording: Recording) -> Robot:
+    from hil.models.phantom import Premium
+
+    return Premium(recording.joints)
+
+
+def _omni(recording: Recording) -> Robot:
+    from hil.models.phantom import Omni
+
+    return Omni(recording.joints)
+
+
+def _axes(recording: Recording) -> Robot:
+    return IndependentAxes(recording.joints, recording.metadata.get("unit", "rad"))
+
+
+PRESETS: dict[str, Callable[[Recording], Robot]] = {
+    "single-axis": _axes,
+    "phantom-premium-1.5": _premium,
+    "phantom-omni": _omni,
+}
+
+
+def make_robot(source: RobotSource, recording: Recording) -> Robot:
+    """Build the robot of a model for a recording.
+
+    Raises
+    ------
+    ConfigError
+        If the preset is unknown or the joints of robot and recording do not match.
+    """
+    if source.urdf:
+        from hil.models.urdf import UrdfRobot
+
+        robot: Robot = UrdfRobot(source.urdf, source.tip)
+    else:
+        if source.preset not in PRESETS:
+            raise ConfigError(unknown("robot preset", source.preset, PRESETS))
+        robot = PRESETS[source.preset](recording)
+    if len(robot.joints) != recording.d:
+        raise ConfigError(
+            f"the robot has {len(robot.joints)} joints ({', '.join(robot.joints)}) but "
+            f"recording {recording.name!r} has {recording.d} position columns; "
+            "name the URDF or preset that matches the recording"
+        )
+    return robot
