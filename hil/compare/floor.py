@@ -3,8 +3,8 @@
 Three sources, the first available counts:
 
 1. *repeats*: the motion repeats itself; what differs between two passes is noise;
-2. *largest model*: what is left when the base model, every candidate and a smooth function of
-   all positions and speeds are fitted together, corrected for the degrees of freedom spent.
+2. *largest model*: what the base model, every candidate and a smooth function of all positions
+   and speeds together cannot predict on blocks of time that they were not fitted to.
 
 The noise scale must never come from the incomplete model: the missing effect inflates it.
 """
@@ -73,9 +73,9 @@ def smooth_features(problem: Problem, j: int) -> FloatArray:
 
 
 def largest_model(
-    result: FitResult, extra: list[list[FloatArray]], smooth: bool = True
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residual (d, n), its inflation (d,) and scale (d,) with everything fitted, joint by joint.
+    result: FitResult, extra: list[list[FloatArray]]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Everything fitted together, joint by joint.
 
     Parameters
     ----------
@@ -83,21 +83,49 @@ def largest_model(
         The present fit.
     extra : list (d) of list of ndarray (n, m)
         Candidate columns for each joint.
+
+    Returns
+    -------
+    residual (d, n), inflation (d,), scale (d,), predicted (d,)
+        Residual, its 1 + 2 sum rho, its rms corrected for degrees of freedom, and the rms
+        error on blocks that were left out.
     """
     problem = result.problem
     x = result.x.reshape(problem.d, problem.n, -1)
     out = np.empty_like(result.residual)
-    factor, scale = np.ones(problem.d), np.ones(problem.d)
+    factor, scale, predicted = np.ones((3, problem.d))
     for j in range(problem.d):
         own = x[j][:, np.any(x[j] != 0, axis=0)]
-        blocks = [own, *extra[j], *([smooth_features(problem, j)] if smooth else [])]
-        out[j], rank = _least_squares(np.concatenate(blocks, axis=1), problem.y[j])
+        more = np.concatenate([*extra[j], smooth_features(problem, j)], axis=1)
+        out[j], rank = _least_squares(np.concatenate([own, more], axis=1), problem.y[j])
         factor[j] = inflation(out[j], problem.run)
-        # band-limited rows: about one independent value per half cycle of the effort filter
-        bandwidth = max(1.0, problem.rate / (2 * problem.rates.effort))
-        free = problem.n - rank * bandwidth
-        scale[j] = np.sqrt(np.sum(out[j] ** 2) / max(free, 0.2 * problem.n))
-    return out, factor, scale
+        # band-limited or coloured rows: one independent value in `factor` instants
+        spent = rank * max(factor[j], problem.rate / (2 * problem.rates.effort))
+        now = float(np.sqrt(np.mean(result.residual[j] ** 2)))
+        free = max(problem.n - spent, 0.3 * problem.n)
+        scale[j] = min(np.sqrt(np.sum(out[j] ** 2) / free), now)
+        predicted[j] = min(_left_out(own, more, problem.y[j]), now)
+    return out, factor, scale, predicted
+
+
+def _left_out(base: FloatArray, more: FloatArray, y: FloatArray, folds: int = 6) -> float:
+    """Rms error on left-out blocks of time; ridge on `more`, the best of four strengths."""
+    x = np.concatenate([base, more], axis=1)
+    norm = np.linalg.norm(x, axis=0)
+    x = x[:, norm > 1e-300] / norm[norm > 1e-300]
+    penalised = (np.arange(norm.size) >= base.shape[1])[norm > 1e-300]
+    edges = np.linspace(0, y.size, folds + 1).astype(int)
+    grams = [x[a:b].T @ x[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    rights = [x[a:b].T @ y[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    best = np.inf
+    for strength in (1e-4, 1e-3, 1e-2, 1e-1):
+        ridge = np.diag(np.where(penalised, strength, 1e-10))
+        error = 0.0
+        for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+            theta = scipy.linalg.solve(sum(grams) - grams[k] + ridge, sum(rights) - rights[k], assume_a="sym")
+            error += float(np.sum((y[a:b] - x[a:b] @ theta) ** 2))
+        best = min(best, error)
+    return float(np.sqrt(best / y.size))
 
 
 def _least_squares(x: FloatArray, y: FloatArray) -> tuple[FloatArray, int]:
@@ -154,8 +182,8 @@ def repeat_floor(result: FitResult) -> FloatArray | None:
 
 def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
     """Noise floor of a fit, from repeats where the motion repeats, else the largest model."""
-    residual, factor, scale = largest_model(result, extra)
+    residual, factor, scale, predicted = largest_model(result, extra)
     repeats = repeat_floor(result)
     if repeats is not None:
         return Floor(repeats, "repeats", residual, factor, scale)
-    return Floor(scale, "largest-model", residual, factor, scale)
+    return Floor(predicted, "largest-model", residual, factor, scale)

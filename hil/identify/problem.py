@@ -64,6 +64,7 @@ class Problem:
                     f"recording {r.name!r} has {r.d} joints but {first.name!r} has {first.d}; "
                     "give sessions of one robot"
                 )
+        self.source = robot
         self.robot: Robot = make_robot(robot, first)
         self.joints, self.explains = first.joints, explains
         self.recordings = recordings

@@ -1,0 +1,141 @@
+"""The verbs of the Python API: fit, compare, diagnose, add, improve, on recordings and models."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.compare.diagnose import Diagnosis, Step
+from hil.compare.evidence import Evidence, gather
+from hil.compare.heldout import Examiner, HeldOut
+from hil.compare.localise import Region, regions
+from hil.compare.multistep import MultiStep, simulate
+from hil.errors import ConfigError, DataError
+from hil.identify.fit import fit as fit_problem
+from hil.identify.problem import Problem
+from hil.identify.result import FitResult
+from hil.models import catalogue
+from hil.models.model import RobotModel, Use
+from hil.record.checks import Finding as Fault
+from hil.record.checks import check
+from hil.record.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A model against measurements.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit.
+    heldout : HeldOut
+        Errors on held-out data.
+    evidence : Evidence
+        Noise floor and candidates.
+    where : dict
+        Regions in which the model fails, by joint.
+    multi_step : MultiStep
+        Short-horizon simulation error.
+    """
+
+    result: FitResult
+    heldout: HeldOut
+    evidence: Evidence
+    where: dict[str, list[Region]]
+    multi_step: MultiStep
+    faults: list[Fault] = field(default_factory=list)
+
+
+def faults_of(recordings: list[Recording]) -> list[Fault]:
+    """Data faults of all runs; the analysis must not go on where one is an error."""
+    return [f for r in recordings for f in check(r)]
+
+
+def make_problem(recordings: list[Recording], model: RobotModel) -> Problem:
+    """Problem of some runs for a model.
+
+    Raises
+    ------
+    DataError
+        If a run has a fault that makes every result worthless (see `hil info`).
+    """
+    errors = [f for f in faults_of(recordings) if f.severity == "error"]
+    if errors:
+        raise DataError(
+            "the recording has faults that make any fit worthless: "
+            + "; ".join(f.text for f in errors[:3])
+            + ". Run 'hil info' on it, mend or cut the recording, then try again."
+        )
+    return Problem(recordings, model.robot, model.explains, model.band)
+
+
+def fit(recordings: list[Recording], model: RobotModel) -> FitResult:
+    """Fit all parameters of a model jointly to some runs."""
+    return fit_problem(make_problem(recordings, model), model)
+
+
+def compare(
+    recordings: list[Recording], model: RobotModel, holdout: list[Recording] | None = None
+) -> Comparison:
+    """Model against measurement: error, noise floor, where it fails, one-step and multi-step."""
+    problem = make_problem(recordings, model)
+    examine = Examiner(problem, holdout or [])
+    result = fit_problem(problem, model)
+    evidence = gather(result)
+    where = regions(result, evidence.floor)
+    return Comparison(
+        result, examine(result), evidence, where, simulate(result, problem), faults_of(recordings)
+    )
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One model of an error ladder with both of its errors."""
+
+    step: Step
+    multi_step: MultiStep
+
+
+def ladder(diagnosis: Diagnosis) -> list[Rung]:
+    """Every accepted step with its multi-step error (motor efforts only)."""
+    return [Rung(s, simulate(s.result, s.result.problem)) for s in diagnosis.ladder]
+
+
+def add(
+    recordings: list[Recording],
+    model: RobotModel,
+    effect: str,
+    joints: tuple[str, ...] = ("*",),
+    holdout: list[Recording] | None = None,
+) -> tuple[Rung, Rung]:
+    """Add one effect, refit everything, and return the model before and after.
+
+    Raises
+    ------
+    ConfigError
+        If the effect or a joint is unknown, already there, or impossible with these data.
+    """
+    kind = catalogue.get(effect)
+    problem = make_problem(recordings, model)
+    examine = Examiner(problem, holdout or [])
+    before = fit_problem(problem, model)
+    for name in joints:
+        j = problem.joints.index(name) if name in problem.joints else 0
+        reason = kind.available(problem.motions[0], j)
+        if reason and not kind.shape:
+            raise ConfigError(f"effect {effect!r} cannot be fitted to these data: {reason}")
+    larger = before.model + Use(effect, joints)
+    after = fit_problem(problem, larger)
+    steps = (Step("before", before, examine(before)), Step(f"+ {effect}", after, examine(after)))
+    rungs = [Rung(s, simulate(s.result, problem)) for s in steps]
+    return rungs[0], rungs[1]
+
+
+def heldout_all(heldout: HeldOut) -> float:
+    """Relative error over all joints [%]."""
+    return heldout.relative_all

@@ -1,0 +1,91 @@
+"""Attribution: of the candidates that explain the residual, which is it, and how sure."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.compare.evidence import Candidate, Evidence
+from hil.identify.shapes import Projector
+
+FloatArray = NDArray[np.float64]
+#: Family-wise false-alarm level of one step.
+LEVEL = 0.01
+#: An effect must account for at least this share of the noise variance to matter.
+MATERIAL = 0.10
+#: Share of chi2 by which functional forms are allowed to miss the truth (tempers confidence).
+TEMPER = 0.02
+
+
+def variance_share(c: Candidate, evidence: Evidence, sigma: FloatArray, n: int) -> float:
+    """Variance that the candidate removes on its joint, in units of the noise floor's."""
+    j = c.term.joint
+    removed = c.net * sigma[j] ** 2 / n
+    return float(removed / max(evidence.floor.rms[j] ** 2, 1e-300))
+
+
+def plausible(evidence: Evidence, sigma: FloatArray, n: int) -> list[Candidate]:
+    """Candidates that are detected, matter and pay their price; best first."""
+    return [
+        c
+        for c in evidence.candidates
+        if c.p_value <= LEVEL
+        and c.score > 0
+        and c.absorbed < 0.9999
+        and variance_share(c, evidence, sigma, n) >= MATERIAL
+    ]
+
+
+def overlap(a: Candidate, b: Candidate, projector: Projector) -> float:
+    """Largest canonical correlation of two candidates' columns after projection off the base.
+
+    1 means that within these data one can imitate (a direction of) the other.
+    """
+    qa, qb = _projected(a, projector), _projected(b, projector)
+    if qa.shape[1] == 0 or qb.shape[1] == 0:
+        return 0.0
+    return float(np.linalg.svd(qa.T @ qb, compute_uv=False)[0])
+
+
+def _projected(c: Candidate, projector: Projector) -> FloatArray:
+    rows = projector.rows(c.term)
+    full = np.zeros((projector.residual.size, projector.weighted(c.term).shape[1]))
+    full[rows] = projector.weighted(c.term)
+    full -= projector.q @ (projector.q.T @ full)
+    norm = np.linalg.norm(full, axis=0)
+    u, s, _ = np.linalg.svd(full[:, norm > 1e-12] / norm[norm > 1e-12], full_matrices=False)
+    return np.asarray(u[:, s > 1e-3], dtype=np.float64)
+
+
+def weights(best: Candidate, rivals: list[Candidate]) -> dict[int, float]:
+    """Probability of each of `best` and its rivals, by index (0 = best).
+
+    exp(-delta / 2T) of the score difference, tempered by T = 1 + 2 % of the best chi2: real
+    effects do not follow a library's equation exactly.  A rival that only contains the best
+    one (more coefficients, little more explained) is not tempered: it adds nothing.
+    """
+    tempered = 1.0 + TEMPER * best.chi2
+    logs = [0.0]
+    for r in rivals:
+        contains = r.dof > best.dof and r.chi2 <= best.chi2 + (r.price - best.price)
+        delta = max(best.score - r.score, 0.0)
+        logs.append(-delta / 2 if contains and r.chi2 > best.chi2 else -delta / (2 * tempered))
+    p = np.exp(np.array(logs))
+    return {k: float(x) for k, x in enumerate(p / p.sum())}
+
+
+def choose(candidates: list[Candidate]) -> tuple[Candidate, float, list[Candidate]]:
+    """Best candidate, its confidence, and the rivals that keep at least 5 % each.
+
+    Rivals on another joint compete for the same residual only through the shared rigid-body
+    parameters; they are retested after the best one is in, so only rivals on the same joint
+    (or of the whole robot) count here.
+    """
+    best = candidates[0]
+    same = [
+        c for c in candidates[1:]
+        if c.term.joint == best.term.joint or c.term.effect.whole_robot or best.term.effect.whole_robot
+    ]  # fmt: skip
+    p = weights(best, same)
+    rivals = [c for k, c in enumerate(same, start=1) if p[k] >= 0.05]
+    return best, p[0], rivals

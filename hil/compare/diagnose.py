@@ -1,0 +1,281 @@
+"""Which physical effect is missing: detect, attribute, add, refit, retest, and judge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.compare.attribute import LEVEL, choose, plausible
+from hil.compare.evidence import Candidate, Evidence, gather
+from hil.compare.heldout import Examiner, HeldOut
+from hil.identify.fit import fit
+from hil.identify.problem import Problem
+from hil.identify.result import FitResult
+from hil.models import catalogue
+from hil.models.model import RobotModel, Use, Value
+from hil.record.recording import Recording
+
+FloatArray = NDArray[np.float64]
+#: Below this share of the excess explained, no name is given.
+EXPLAINED = 0.70
+#: Errors within this factor of the floor count as adequate.
+ADEQUATE = 1.10
+CONFIDENT = 0.75
+#: An effect must lower the held-out error of its joint by this much ...
+WORTH = 0.025
+#: ... and remove this share of what is still above the floor.
+SHARE = 0.10
+MOST = 4
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One accepted effect.
+
+    Parameters
+    ----------
+    effect : str
+        Name in the catalogue.
+    joint : str or None
+        Joint; None where it is not one joint's.
+    confidence : float
+        Probability that it is this effect and none of the rivals.
+    relative_before, relative_after, se : float
+        Held-out relative error of the joint [%] and the standard error of the latter.
+    excess_explained : float
+        Share of the squared error above the noise floor that this effect removed.
+    parameters : dict of str to Value
+        Its parameters after the joint refit.
+    rivals : list of str
+        Effects that these data cannot tell from it.
+    """
+
+    effect: str
+    joint: str | None
+    confidence: float
+    relative_before: float
+    relative_after: float
+    se: float
+    excess_explained: float
+    parameters: dict[str, Value]
+    rivals: list[str]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the error ladder."""
+
+    label: str
+    result: FitResult
+    heldout: HeldOut
+
+
+@dataclass
+class Diagnosis:
+    """Verdict, findings and everything they rest on."""
+
+    verdict: str
+    findings: list[Finding]
+    ladder: list[Step]
+    first: Evidence
+    last: Evidence
+    floor: FloatArray
+    warnings: list[tuple[str, str]] = field(default_factory=list)
+    partial: list[Finding] = field(default_factory=list)
+
+    @property
+    def result(self) -> FitResult:
+        """Fit of the final model."""
+        return self.ladder[-1].result
+
+
+def diagnose(
+    recordings: list[Recording],
+    model: RobotModel,
+    holdout: list[Recording] | None = None,
+    most: int = MOST,
+    seed: int = 0,
+) -> Diagnosis:
+    """Find the physical effects that a model lacks.
+
+    Parameters
+    ----------
+    recordings : list of Recording
+        Runs to fit.
+    model : RobotModel
+        The model under suspicion.
+    holdout : list of Recording, optional
+        Runs to judge on; contiguous fifths of the same runs otherwise.
+    most : int
+        Largest number of effects to add.
+    seed : int
+        Of the sign flips.
+    """
+    problem = Problem(recordings, model.robot, model.explains, model.band)
+    examine = Examiner(problem, holdout or [])
+    result = fit(problem, model)
+    ladder = [Step("base model", result, examine(result))]
+    evidence = first = gather(result, seed)
+    found: list[tuple[Candidate, float, list[Candidate]]] = []
+    for _ in range(most):
+        step = _next(evidence, ladder, examine, problem, found)
+        if step is None:
+            break
+        ladder.append(step)
+        evidence = gather(step.result, seed)
+        _retest(found, ladder, examine, problem)
+    return _judge(ladder, found, first, evidence)
+
+
+def _next(
+    evidence: Evidence, ladder: list[Step], examine: Examiner, problem: Problem,
+    found: list[tuple[Candidate, float, list[Candidate]]],
+) -> Step | None:  # fmt: skip
+    """Try the plausible candidates in order; accept the first that also helps held-out."""
+    now = ladder[-1]
+    candidates = plausible(evidence, now.result.sigma, problem.n)
+    for k, c in enumerate(candidates[:3]):
+        rest = [c, *[x for x in candidates if x is not c and candidates.index(x) > k]]
+        best, confidence, rivals = choose(rest)
+        model = now.result.model + as_use(best, problem)
+        step = Step(f"+ {describe(best, problem)}", *_refit(model, problem, examine))
+        if _worth(step, now, best.term.joint, evidence.floor.rms):
+            found.append((best, confidence, rivals))
+            return step
+    return None
+
+
+def _worth(step: Step, now: Step, j: int, floor: FloatArray) -> bool:
+    """Whether a step pays: in held-out error, and in the excess over the floor."""
+    before, after = now.result.rms[j] ** 2, step.result.rms[j] ** 2
+    excess = max(before - float(floor[j]) ** 2, 1e-300)
+    share = (before - after) / excess
+    return bool(step.heldout.rms[j] < (1 - WORTH) * now.heldout.rms[j] and share > SHARE)
+
+
+def _refit(model: RobotModel, problem: Problem, examine: Examiner) -> tuple[FitResult, HeldOut]:
+    result = fit(problem, model, sweeps=2)
+    return result, examine(result)
+
+
+def as_use(c: Candidate, problem: Problem) -> Use:
+    """A candidate as a part of a model, its shape as the starting value."""
+    effect = c.term.effect
+    head = f"j{c.term.joint + 1}.{effect.name}"
+    values = {
+        f"{head}.{p.name}": Value(v, unit=p.unit)
+        for p, v in zip(effect.shape, c.term.shape, strict=True)
+    }
+    whole = effect.whole_robot and not effect.shape
+    options: dict[str, object] = {"per_run": True} if c.term.per_run else {}
+    joints = ("*",) if whole else (problem.joints[c.term.joint],)
+    return Use(effect.name, joints, options, values)
+
+
+def describe(c: Candidate, problem: Problem) -> str:
+    """E.g. ``stribeck on joint2``."""
+    where = joint_of(c, problem)
+    return f"{c.name} on {where}" if where else c.name
+
+
+def joint_of(c: Candidate, problem: Problem) -> str | None:
+    """Joint's name, None for an effect of the whole robot."""
+    if c.term.effect.whole_robot and not c.term.effect.shape:
+        return None
+    return problem.joints[c.term.joint]
+
+
+def _retest(
+    found: list[tuple[Candidate, float, list[Candidate]]], ladder: list[Step],
+    examine: Examiner, problem: Problem,
+) -> None:  # fmt: skip
+    """Take out an accepted effect that later ones have made superfluous."""
+    for k, (candidate, _, _) in enumerate(found[:-1]):
+        use = as_use(candidate, problem)
+        model = ladder[-1].result.model
+        rest = tuple(u for u in model.effects if (u.type, u.joints) != (use.type, use.joints))
+        if len(rest) == len(model.effects):
+            continue
+        result, heldout = _refit(replace(model, effects=rest), problem, examine)
+        j = candidate.term.joint
+        if heldout.rms[j] <= 1.002 * ladder[-1].heldout.rms[j]:
+            found.pop(k)
+            ladder.append(Step(f"- {describe(candidate, problem)} (superfluous)", result, heldout))
+            return
+
+
+def _judge(
+    ladder: list[Step], found: list[tuple[Candidate, float, list[Candidate]]],
+    first: Evidence, last: Evidence,
+) -> Diagnosis:  # fmt: skip
+    problem = ladder[0].result.problem
+    floor = np.minimum(last.floor.rms, ladder[-1].result.rms)
+    findings = _findings(ladder, found, floor)
+    start, end = ladder[0].result.rms, ladder[-1].result.rms
+    excess, left = start**2 - floor**2, np.maximum(end**2 - floor**2, 0.0)
+    open_joints = [
+        j for j in range(problem.d)
+        if end[j] > ADEQUATE * floor[j] and left[j] > (1 - EXPLAINED) * excess[j]
+    ]  # fmt: skip
+    touched = {c.term.joint for c, _, _ in found}
+    partial: list[Finding] = []
+    if open_joints and (not found or any(j in touched for j in open_joints)):
+        verdict, partial, findings = "unexplained", findings, []
+    elif open_joints:
+        verdict = "unexplained" if not findings else "missing-effect"
+    elif not findings:
+        verdict = "adequate"
+    elif all(f.confidence >= CONFIDENT for f in findings):
+        verdict = "missing-effect"
+    else:
+        verdict = "ambiguous"
+    return Diagnosis(verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial)
+
+
+def _findings(
+    ladder: list[Step], found: list[tuple[Candidate, float, list[Candidate]]], floor: FloatArray
+) -> list[Finding]:
+    problem = ladder[0].result.problem
+    values = ladder[-1].result.values
+    rungs = {s.label: k for k, s in enumerate(ladder)}
+    out = []
+    for c, confidence, rivals in found:
+        k, j = rungs[f"+ {describe(c, problem)}"], c.term.joint
+        before, after = ladder[k - 1], ladder[k]
+        excess = max(ladder[0].result.rms[j] ** 2 - floor[j] ** 2, 1e-300)
+        removed = before.result.rms[j] ** 2 - after.result.rms[j] ** 2
+        head = (f"j{j + 1}.{c.name}.", f"{c.name}.")
+        out.append(
+            Finding(
+                c.name, joint_of(c, problem), round(confidence, 3),
+                float(before.heldout.relative[j]), float(after.heldout.relative[j]),
+                float(after.heldout.standard_error()[j]), float(np.clip(removed / excess, 0, 1)),
+                {n: v for n, v in values.items() if n.startswith(head)},
+                list(dict.fromkeys(r.name for r in rivals)),
+            )
+        )  # fmt: skip
+    return out
+
+
+def _warnings(ladder: list[Step], last: Evidence) -> list[tuple[str, str]]:
+    out = [(f"impossible-{name}", f"{name} cannot be tested: {why}") for name, why in last.impossible]
+    result = ladder[-1].result
+    for name, v in result.values.items():
+        if v.at_bound:
+            out.append(("at-bound", f"parameter {name} lies on its bound {v.value:g} {v.unit}"))
+    lost = [n for n in result.not_identifiable()]
+    if lost:
+        out.append(("not-identifiable", f"{len(lost)} parameters are determined only in combination, e.g. {', '.join(lost[:4])}"))
+    return out
+
+
+def significant(evidence: Evidence) -> bool:
+    """Whether anything at all stands out of the noise."""
+    return any(c.p_value <= LEVEL and c.score > 0 for c in evidence.candidates)
+
+
+def known_effects() -> list[str]:
+    """Names of all effects that can be found."""
+    return sorted(n for n, e in catalogue.table().items() if e.candidate)

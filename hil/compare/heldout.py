@@ -1,0 +1,111 @@
+"""Errors on data that the parameters have not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.identify.fit import predict, time_blocks
+from hil.identify.problem import Problem
+from hil.identify.regression import basis
+from hil.identify.result import FitResult, relative
+from hil.record.recording import Recording
+
+FloatArray = NDArray[np.float64]
+FOLDS = 5
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Residuals on held-out data.
+
+    Parameters
+    ----------
+    residual, effort : ndarray (d, n)
+        Residual and measured effort after the same filter.
+    blocks : ndarray (n,)
+        One-second blocks of time, for standard errors.
+    kind : str
+        ``"holdout"`` (other runs) or ``"folds"`` (contiguous fifths of the same runs).
+    """
+
+    residual: FloatArray
+    effort: FloatArray
+    blocks: NDArray[np.int_]
+    kind: str
+
+    @property
+    def rms(self) -> FloatArray:
+        """Rms residual (d,)."""
+        return np.sqrt(np.mean(self.residual**2, axis=1))
+
+    @property
+    def relative(self) -> FloatArray:
+        """100 rms(residual) / rms(effort) (d,) [%]."""
+        return relative(self.residual, self.effort)
+
+    @property
+    def relative_all(self) -> float:
+        """The same over all joints together, each in its own effort's scale [%]."""
+        return float(np.sqrt(np.mean(self.relative**2)))
+
+    def standard_error(self) -> FloatArray:
+        """Standard error of `relative` from the spread over blocks (d,)."""
+        count = int(self.blocks.max()) + 1
+        size = np.bincount(self.blocks, minlength=count)
+        power = np.stack([np.bincount(self.blocks, r**2, minlength=count) for r in self.residual])
+        mean = power.sum(axis=1) / size.sum()
+        spread = np.sqrt(np.sum((power - mean[:, None] * size) ** 2, axis=1)) / size.sum()
+        return self.relative * spread / np.maximum(2 * mean, 1e-300)
+
+
+class Examiner:
+    """Evaluates fits on held-out runs if there are any, else on contiguous fifths.
+
+    Parameters
+    ----------
+    problem : Problem
+        The runs of the fit.
+    holdout : list of Recording
+        Other runs; may be empty.
+    """
+
+    def __init__(self, problem: Problem, holdout: list[Recording]) -> None:
+        self.kind = "holdout" if holdout else "folds"
+        self._problem = problem
+        self._other: Problem | None = None
+        if holdout:
+            self._other = Problem(
+                holdout, problem.source, problem.explains, rates=problem.rates, span=problem.span
+            )
+
+    def __call__(self, result: FitResult) -> HeldOut:
+        """Held-out residuals of a fit."""
+        if self._other is not None:
+            residual = predict(result, self._other)
+            return HeldOut(residual, self._other.effort, time_blocks(self._other), self.kind)
+        return HeldOut(
+            _folds(result), self._problem.effort, time_blocks(self._problem), self.kind
+        )
+
+
+def _folds(result: FitResult) -> FloatArray:
+    """Residual of each contiguous fifth, coefficients from the other four."""
+    problem = result.problem
+    w = np.repeat(1.0 / result.sigma, problem.n)
+    fold = np.minimum(np.arange(problem.n) * FOLDS // problem.n, FOLDS - 1)
+    rows = np.tile(fold, problem.d)
+    y = problem.y.reshape(-1)
+    xw, out = result.x * w[:, None], np.empty(y.size)
+    held = result.x @ result.theta
+    for k in range(FOLDS):
+        train, test = rows != k, rows == k
+        b = basis(xw[train], 1.0 / max(float(np.linalg.norm((y * w)[train])), 1.0))
+        # start from the whole fit where the other folds determine nothing
+        theta = b.solve((y * w)[train], result.theta, (held * w)[train])
+        fixed = np.concatenate([np.full(s.stop - s.start, t.fixed) for t, s in zip(result.terms, result.slices, strict=True)])
+        theta = np.where(fixed, result.theta, theta)
+        out[test] = y[test] - result.x[test] @ theta
+    return out.reshape(problem.d, problem.n)

@@ -1,0 +1,192 @@
+"""Where a model fails: the residual against speed, reversal, position, load, others, time.
+
+Every view has its own noise band: the spread that block-wise sign flips of the residual's own
+noise give.  A region is reported where its error stands above the band.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.compare.floor import Floor
+from hil.identify.result import FitResult
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Region:
+    """One region of one view.
+
+    Parameters
+    ----------
+    joint : str
+        Joint.
+    feature : str
+        ``speed``, ``since-reversal``, ``position``, ``load``, ``speed of <joint>``, ``time``,
+        ``frequency``.
+    low, high : float
+        Range of the feature in its unit.
+    unit : str
+        Unit of the range.
+    rms : float
+        Rms residual in the region [N m or N].
+    mean : float
+        Mean residual there, the systematic part.
+    share : float
+        Share of the joint's squared error above the floor that lies here.
+    strength : float
+        How far the mean stands above its noise band (1 = at the edge).
+    text : str
+        One sentence.
+    """
+
+    joint: str
+    feature: str
+    low: float
+    high: float
+    unit: str
+    rms: float
+    mean: float
+    share: float
+    strength: float
+    text: str
+
+
+@dataclass(frozen=True)
+class View:
+    """A whole view, for plots: bins with mean, rms and noise band."""
+
+    joint: str
+    feature: str
+    unit: str
+    edges: FloatArray
+    mean: FloatArray
+    rms: FloatArray
+    band: FloatArray
+    count: NDArray[np.int_]
+
+
+def since_reversal(v: FloatArray, v0: float, t: FloatArray, run: NDArray[np.int_]) -> FloatArray:
+    """Time since the last change of direction [s], speeds below v0 keep the old direction."""
+    out, last, direction = np.empty(v.size), t[0], 0
+    for k in range(v.size):
+        if k and run[k] != run[k - 1]:
+            last, direction = t[k], 0
+        now = int(np.sign(v[k])) if abs(v[k]) > v0 else direction
+        if now != direction:
+            last, direction = t[k], now
+        out[k] = t[k] - last
+    return out
+
+
+def features(result: FitResult, j: int) -> list[tuple[str, str, FloatArray, FloatArray]]:
+    """Views of joint j: name, unit, values (n,), bin edges."""
+    problem = result.problem
+    unit = problem.robot.units[j]
+    v, q = problem.qd[j], problem.q[j]
+    v0 = float(problem.motions[0].v0[j])
+    fast = max(float(np.quantile(np.abs(v), 0.99)), 2 * v0)
+    speeds = np.geomspace(max(v0, 0.01 * fast), fast, 7)
+    out = [
+        ("speed", f"{unit}/s", v, np.concatenate([-speeds[::-1], [0.0], speeds])),
+        (
+            "since-reversal", "s", since_reversal(v, v0, problem.t, problem.run),
+            np.array([0, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8, 1e3]),
+        ),
+        ("position", unit, q, np.linspace(q.min(), q.max() + 1e-12, 13)),
+        ("time", "s", problem.t, np.linspace(0, problem.t.max() + 1e-9, 7)),
+    ]  # fmt: skip
+    load = problem.filtered([m.load for m in problem.motions])[:, j]
+    if np.ptp(load) > 0:
+        out.append(("load", "N" if unit == "m" else "N m", load, np.quantile(load, np.linspace(0, 1, 7))))
+    for k in range(problem.d):
+        if k != j:
+            top = max(float(np.quantile(np.abs(problem.qd[k]), 0.95)), 1e-9)
+            edges = top * np.array([-1.5, -0.5, -0.1, 0, 0.1, 0.5, 1.5])
+            out.append((f"speed of {problem.joints[k]}", f"{problem.robot.units[k]}/s", problem.qd[k], edges))
+    return out
+
+
+def views(result: FitResult, floor: Floor) -> list[View]:
+    """All views of all joints."""
+    out = []
+    for j, joint in enumerate(result.problem.joints):
+        r = result.residual[j]
+        for name, unit, values, edges in features(result, j):
+            edges = np.unique(edges)
+            if edges.size < 3:
+                continue
+            where = np.clip(np.digitize(values, edges) - 1, 0, edges.size - 2)
+            inside = (values >= edges[0]) & (values <= edges[-1])
+            count = np.bincount(where[inside], minlength=edges.size - 1)
+            n = np.maximum(count, 1)
+            mean = np.bincount(where[inside], r[inside], minlength=edges.size - 1) / n
+            power = np.bincount(where[inside], r[inside] ** 2, minlength=edges.size - 1) / n
+            # three standard errors of a mean of n / inflation independent values
+            band = 3 * floor.scale[j] * np.sqrt(floor.inflation[j] / n)
+            out.append(View(joint, name, unit, edges, mean, np.sqrt(power), band, count))
+    return out
+
+
+def regions(result: FitResult, floor: Floor, most: int = 5) -> dict[str, list[Region]]:
+    """Regions where the model fails, per joint, strongest first (at most `most`)."""
+    found: dict[str, list[Region]] = {joint: [] for joint in result.problem.joints}
+    for view in views(result, floor):
+        j = result.problem.joints.index(view.joint)
+        excess = max(float(np.sum(result.residual[j] ** 2)) - result.problem.n * float(floor.rms[j]) ** 2, 1e-300)
+        for k in range(view.mean.size):
+            if view.count[k] < 10:
+                continue
+            strength = float(abs(view.mean[k]) / max(view.band[k], 1e-300))
+            above = view.count[k] * max(view.rms[k] ** 2 - float(floor.rms[j]) ** 2, 0.0)
+            if strength > 1:
+                found[view.joint].append(_region(view, k, strength, min(above / excess, 1.0)))
+    return {joint: _strongest(items, most) for joint, items in found.items()}
+
+
+def _strongest(items: list[Region], most: int) -> list[Region]:
+    """Best region of each view first, so that one view does not fill the list."""
+    items = sorted(items, key=lambda x: -x.strength)
+    heads, tail, seen = [], [], set()
+    for item in items:
+        (tail if item.feature in seen else heads).append(item)
+        seen.add(item.feature)
+    return (heads + tail)[:most]
+
+
+def _region(view: View, k: int, strength: float, share: float) -> Region:
+    low, high = float(view.edges[k]), float(view.edges[k + 1])
+    what = {
+        "speed": f"at speeds from {low:.3g} to {high:.3g} {view.unit}",
+        "since-reversal": f"{low:.2g} to {high:.2g} s after a reversal"
+        if high < 100 else f"more than {low:.2g} s after a reversal",
+        "position": f"at positions from {low:.3g} to {high:.3g} {view.unit}",
+        "load": f"at transmitted loads from {low:.3g} to {high:.3g} {view.unit}",
+        "time": f"from {low:.0f} to {high:.0f} s into the run",
+    }.get(view.feature, f"when the {view.feature} is {low:.2g} to {high:.2g} {view.unit}")
+    side = "too little" if view.mean[k] > 0 else "too much"
+    text = (
+        f"{view.joint}: {what} the model predicts {side} effort by {abs(view.mean[k]):.2g} on "
+        f"average, {strength:.1f} times its noise band"
+    )
+    return Region(
+        view.joint, view.feature, low, high, view.unit, float(view.rms[k]), float(view.mean[k]),
+        float(share), strength, text,
+    )  # fmt: skip
+
+
+def frequency_excess(result: FitResult, floor: Floor) -> dict[str, tuple[FloatArray, FloatArray, FloatArray]]:
+    """Spectrum of the residual beside the noise': frequency [Hz] and two amplitude densities."""
+    import scipy.signal
+
+    rate, out = result.problem.rate, {}
+    for j, joint in enumerate(result.problem.joints):
+        n = min(result.problem.n, int(4 * rate))
+        f, power = scipy.signal.welch(result.residual[j], rate, nperseg=n)
+        _, noise = scipy.signal.welch(floor.residual[j], rate, nperseg=n)
+        out[joint] = (f, np.sqrt(power), np.sqrt(noise))
+    return out

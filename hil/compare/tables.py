@@ -1,0 +1,149 @@
+"""Results as the JSON of the contract, and as text for a terminal."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hil.compare.ambiguity import Indistinguishable, pairs
+from hil.compare.analysis import Comparison, Rung
+from hil.compare.diagnose import Diagnosis, Finding
+from hil.compare.evidence import Candidate, Evidence
+from hil.compare.localise import Region, regions
+from hil.compare.multistep import MultiStep
+from hil.identify.result import FitResult
+from hil.models.model import Value
+
+
+def number(x: float, digits: int = 6) -> float | None:
+    """A float for JSON: rounded to significant digits, None if not finite."""
+    if not math.isfinite(x):
+        return None
+    return float(f"{x:.{digits}g}")
+
+
+def by_joint(result: FitResult, values: Any) -> dict[str, float | None]:
+    """One number a joint, by joint name."""
+    return {j: number(float(v)) for j, v in zip(result.problem.joints, values, strict=True)}
+
+
+def value_json(v: Value) -> dict[str, object]:
+    """A parameter."""
+    return {"value": number(v.value, 9), "stderr": number(v.stderr), "unit": v.unit}
+
+
+def region_json(r: Region) -> dict[str, object]:
+    """A place where the model fails."""
+    return {
+        "feature": r.feature, "range": [number(r.low), number(r.high)], "unit": r.unit,
+        "rms": number(r.rms), "mean": number(r.mean), "share": number(r.share, 3), "text": r.text,
+    }  # fmt: skip
+
+
+def multi_json(m: MultiStep, result: FitResult) -> dict[str, object]:
+    """Multi-step error."""
+    return {
+        "horizon_s": m.horizon, "windows": m.windows, "diverged": m.diverged,
+        "rms": by_joint(result, m.rms), "relative": by_joint(result, m.relative),
+    }  # fmt: skip
+
+
+def comparison_json(c: Comparison) -> dict[str, object]:
+    """`hil compare --json`."""
+    result, floor = c.result, c.evidence.floor.rms
+    joints = []
+    for j, name in enumerate(result.problem.joints):
+        rms = float(c.heldout.rms[j])
+        excess = max(0.0, 1 - (float(floor[j]) / rms) ** 2) if rms > 0 else 0.0
+        joints.append(
+            {
+                "name": name, "rms": number(rms), "relative": number(float(c.heldout.relative[j])),
+                "se": number(float(c.heldout.standard_error()[j])),
+                "noise_floor": number(float(floor[j])), "excess_share": number(excess, 3),
+                "where": [region_json(r) for r in c.where[name]],
+            }
+        )  # fmt: skip
+    return {
+        "schema": "hil.compare/1", "joints": joints, "held_out": c.heldout.kind,
+        "noise_floor_from": c.evidence.floor.method,
+        "multi_step": multi_json(c.multi_step, result),
+        "warnings": [{"code": f.code, "text": f.text} for f in c.faults],
+    }  # fmt: skip
+
+
+def finding_json(f: Finding) -> dict[str, object]:
+    """One accepted effect."""
+    return {
+        "effect": f.effect, "joint": f.joint, "confidence": number(f.confidence, 3),
+        "relative_before": number(f.relative_before), "relative_after": number(f.relative_after),
+        "se": number(f.se, 3), "excess_explained": number(f.excess_explained, 3),
+        "parameters": {n: value_json(v) for n, v in f.parameters.items()}, "rivals": f.rivals,
+    }  # fmt: skip
+
+
+def candidate_json(c: Candidate, evidence: Evidence, diagnosis: Diagnosis) -> dict[str, object]:
+    """One candidate beside the first model."""
+    base = diagnosis.ladder[0]
+    problem, j = base.result.problem, c.term.joint
+    power = base.result.rms[j] ** 2 - c.net * base.result.sigma[j] ** 2 / problem.n
+    size = float(np.sqrt(np.mean(problem.effort[j] ** 2)))
+    total = sum(math.exp(min(0.0, (x.score - evidence.candidates[0].score) / 2)) for x in evidence.candidates)
+    weight = math.exp(min(0.0, (c.score - evidence.candidates[0].score) / 2)) / total
+    detected = c.p_value <= 0.01 and c.score > 0
+    whole = c.term.effect.whole_robot and not c.term.effect.shape
+    return {
+        "effect": c.name, "joint": None if whole else problem.joints[j],
+        "relative_after": number(100 * math.sqrt(max(float(power), 0.0)) / max(size, 1e-300)),
+        "se": number(float(base.heldout.standard_error()[j]), 3),
+        "confidence": number(weight if detected else 0.0, 3),
+        "p_value": number(c.p_value, 3), "absorbed": number(c.absorbed, 4),
+    }  # fmt: skip
+
+
+def sets_of(d: Diagnosis) -> list[Indistinguishable]:
+    """Indistinguishable sets of a diagnosis."""
+    return pairs(d.first, [(f.effect, f.rivals) for f in [*d.findings, *d.partial]])
+
+
+def diagnosis_json(d: Diagnosis) -> dict[str, object]:
+    """`hil diagnose --json`."""
+    last = d.ladder[-1]
+    structure = [
+        {"joint": r.joint, "feature": r.feature, "share": number(r.share, 3), "text": r.text}
+        for items in regions(last.result, d.last.floor, 3).values()
+        for r in items
+    ]
+    return {
+        "schema": "hil.diagnose/1",
+        "verdict": d.verdict,
+        "findings": [finding_json(f) for f in d.findings],
+        "candidates": [candidate_json(c, d.first, d) for c in d.first.candidates[:20]],
+        "remaining": {
+            "relative": by_joint(last.result, last.heldout.relative),
+            "rms": by_joint(last.result, last.heldout.rms),
+            "noise_floor": by_joint(last.result, d.floor),
+            "noise_floor_from": d.last.floor.method,
+            "structure": structure,
+            "best_partial": [finding_json(f) for f in d.partial],
+        },
+        "indistinguishable": [
+            {"effects": list(s.effects), "why": s.why, "experiment": s.experiment} for s in sets_of(d)
+        ],
+        "warnings": [{"code": code, "text": text} for code, text in d.warnings],
+    }
+
+
+def ladder_json(rungs: list[Rung]) -> list[dict[str, object]]:
+    """The error ladder."""
+    return [
+        {
+            "model": r.step.label,
+            "relative": by_joint(r.step.result, r.step.heldout.relative),
+            "relative_all": number(r.step.heldout.relative_all),
+            "rms": by_joint(r.step.result, r.step.heldout.rms),
+            "multi_step": multi_json(r.multi_step, r.step.result),
+        }
+        for r in rungs
+    ]

@@ -1,0 +1,173 @@
+"""Reads the records of an MCAP file in one pass, whole or cut off anywhere.
+
+The file is walked record by record and chunk by chunk; what a killed writer left is read up
+to the last complete chunk.  Payloads stay bytes: decoding is done a channel at a time.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import zstandard
+
+from hil.errors import DataError
+
+MAGIC = b"\x89MCAP0\r\n"
+_RECORD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_SCHEMA, _CHANNEL, _MSG, _CHUNK, _ATTACHMENT, _METADATA, _DATA_END = 3, 4, 5, 6, 9, 12, 15
+
+
+@dataclass
+class Topic:
+    """One channel's messages.
+
+    Parameters
+    ----------
+    name, schema, encoding : str
+        Topic, schema name, message encoding.
+    times, sequence : list of int
+        Log time [ns] and sequence number of each message.
+    data : list of bytes
+        Payloads.
+    """
+
+    name: str
+    schema: str
+    encoding: str
+    times: list[int] = field(default_factory=list)
+    sequence: list[int] = field(default_factory=list)
+    data: list[bytes] = field(default_factory=list)
+
+
+@dataclass
+class Container:
+    """Everything in a file."""
+
+    path: Path
+    topics: dict[str, Topic] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    truncated: bool = False
+    size: int = 0
+
+
+def read(path: str | Path, messages: bool = True) -> Container:
+    """Read a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The session.
+    messages : bool
+        False: metadata and attachments only.
+
+    Raises
+    ------
+    DataError
+        If the file is missing, empty or not MCAP.
+    """
+    path = Path(path)
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"session {path}: {error.strerror}") from error
+    if not raw.startswith(MAGIC):
+        what = "is empty" if not raw else "is not an MCAP file"
+        raise DataError(f"session {path} {what}; import a CSV, NPZ or MAT table with 'hil import'")
+    out = Container(path, size=len(raw))
+    reader = _Reader(out, messages)
+    try:
+        ended = reader.records(raw, len(MAGIC))
+    except (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError):
+        ended = False
+    out.truncated = not ended
+    return out
+
+
+def _text(data: bytes, at: int) -> tuple[str, int]:
+    (n,) = struct.unpack_from("<I", data, at)
+    return data[at + 4 : at + 4 + n].decode(), at + 4 + n
+
+
+def _pairs(data: bytes, at: int) -> dict[str, str]:
+    (n,) = struct.unpack_from("<I", data, at)
+    stop, at, out = at + 4 + n, at + 4, {}
+    while at < stop:
+        key, at = _text(data, at)
+        out[key], at = _text(data, at)
+    return out
+
+
+class _Reader:
+    def __init__(self, out: Container, messages: bool) -> None:
+        self.out, self.messages = out, messages
+        self.schemas: dict[int, str] = {}
+        self.channels: dict[int, Topic] = {}
+
+    def records(self, raw: bytes, at: int) -> bool:
+        """Walk records; True if the data section ended properly."""
+        size = len(raw)
+        while at + 9 <= size:
+            code, length = _RECORD.unpack_from(raw, at)
+            at += 9
+            if at + length > size:
+                return False
+            if code == _DATA_END:
+                return True
+            if code == _CHUNK and self.messages:
+                self.chunk(raw, at)
+            elif code != _CHUNK:
+                self.record(code, raw[at : at + length])
+            at += length
+        return False
+
+    def chunk(self, raw: bytes, at: int) -> None:
+        (uncompressed,) = struct.unpack_from("<Q", raw, at + 16)
+        compression, start = _text(raw, at + 28)
+        (n,) = struct.unpack_from("<Q", raw, start)
+        data = raw[start + 8 : start + 8 + n]
+        if compression == "zstd":
+            data = zstandard.ZstdDecompressor().decompress(data, max_output_size=uncompressed)
+        elif compression:
+            raise DataError(f"session {self.out.path}: chunk compression {compression!r} unknown")
+        self.inner(data)
+
+    def inner(self, data: bytes) -> None:
+        at, size, channels = 0, len(data), self.channels
+        unpack, message = _RECORD.unpack_from, _MESSAGE.unpack_from
+        while at + 9 <= size:
+            code, length = unpack(data, at)
+            at += 9
+            if code == _MSG:
+                number, sequence, log_time, _ = message(data, at)
+                topic = channels[number]
+                topic.times.append(log_time)
+                topic.sequence.append(sequence)
+                topic.data.append(data[at + 22 : at + length])
+            else:
+                self.record(code, data[at : at + length])
+            at += length
+
+    def record(self, code: int, data: bytes) -> None:
+        if code == _SCHEMA:
+            (number,) = struct.unpack_from("<H", data)
+            self.schemas[number] = _text(data, 2)[0]
+        elif code == _CHANNEL:
+            number, schema = struct.unpack_from("<HH", data)
+            name, at = _text(data, 4)
+            if number not in self.channels:
+                topic = Topic(name, self.schemas.get(schema, ""), _text(data, at)[0])
+                self.channels[number] = self.out.topics.setdefault(name, topic)
+        elif code == _MSG:
+            self.inner(_RECORD.pack(code, len(data)) + data)
+        elif code == _METADATA:
+            name, at = _text(data, 0)
+            self.out.metadata[name] = _pairs(data, at)
+        elif code == _ATTACHMENT:
+            name, at = _text(data, 16)
+            _, at = _text(data, at)
+            (n,) = struct.unpack_from("<Q", data, at)
+            self.out.attachments[name] = data[at + 8 : at + 8 + n]

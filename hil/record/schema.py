@@ -1,0 +1,171 @@
+"""Channels of a session and their encoding: ROS 2 CDR, one `struct.pack` a message.
+
+Joint names, field names and frames are constant within a session, so every message of a
+channel has the same layout: constant bytes with numbers in between.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from hil.errors import ConfigError
+
+_TIME = "int32 sec\nuint32 nanosec\n"
+_HEADER = "builtin_interfaces/Time stamp\nstring frame_id\n"
+_RULE = "=" * 80 + "\n"
+JOINT_STATE = (
+    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n"
+    f"float64[] effort\n{_RULE}MSG: std_msgs/Header\n{_HEADER}"
+    f"{_RULE}MSG: builtin_interfaces/Time\n{_TIME}"
+)
+WRENCH = (
+    f"std_msgs/Header header\ngeometry_msgs/Wrench wrench\n{_RULE}MSG: geometry_msgs/Wrench\n"
+    f"Vector3 force\nVector3 torque\n{_RULE}MSG: geometry_msgs/Vector3\n"
+    f"float64 x\nfloat64 y\nfloat64 z\n{_RULE}MSG: std_msgs/Header\n{_HEADER}"
+    f"{_RULE}MSG: builtin_interfaces/Time\n{_TIME}"
+)
+EVENT_SCHEMA = (
+    '{"type": "object", "properties": {"tick": {"type": "integer"}, "name": {"type": "string"}, '
+    '"data": {"type": "object"}}, "required": ["tick", "name"]}'
+)
+PARTS = ("position", "velocity", "effort")
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One topic.
+
+    Parameters
+    ----------
+    topic : str
+        CRTK name under the arm, e.g. ``/leader/measured_js``.
+    kind : str
+        ``"joint_state"``, ``"wrench"`` or ``"fields"`` (own message of named float64).
+    names : tuple of str
+        Joint names, or field names; unused for a wrench.
+    parts : tuple of str
+        Which of position, velocity, effort a joint state holds.
+    units : tuple of str
+        Units of the fields, one a field.
+    frame : str
+        Frame of the header.
+    message : str
+        Message name of a ``fields`` channel, e.g. ``hil_msgs/msg/LoopTiming``.
+    """
+
+    topic: str
+    kind: str
+    names: tuple[str, ...] = ()
+    parts: tuple[str, ...] = PARTS
+    units: tuple[str, ...] = ()
+    frame: str = ""
+    message: str = ""
+
+    @property
+    def width(self) -> int:
+        """Numbers a message holds."""
+        if self.kind == "joint_state":
+            return len(self.names) * len(self.parts)
+        return 6 if self.kind == "wrench" else len(self.names)
+
+    def schema(self) -> tuple[str, str]:
+        """Schema name and `ros2msg` text.
+
+        Raises
+        ------
+        ConfigError
+            For an unknown kind.
+        """
+        if self.kind == "joint_state":
+            return "sensor_msgs/msg/JointState", JOINT_STATE
+        if self.kind == "wrench":
+            return "geometry_msgs/msg/WrenchStamped", WRENCH
+        if self.kind != "fields":
+            raise ConfigError(f"channel {self.topic}: kind {self.kind!r} is not known")
+        units = self.units or ("",) * len(self.names)
+        lines = [
+            f"float64 {name}  # [{unit}]\n" for name, unit in zip(self.names, units, strict=True)
+        ]
+        text = f"builtin_interfaces/Time stamp\n{''.join(lines)}{_RULE}"
+        return self.message or "hil_msgs/msg/Fields", (
+            f"{text}MSG: builtin_interfaces/Time\n{_TIME}"
+        )
+
+
+class _Layout:
+    """Struct format under construction; CDR aligns relative to the end of its header."""
+
+    def __init__(self) -> None:
+        self.format, self.size, self.constants = "<4s", 0, [b"\x00\x01\x00\x00"]
+
+    def _align(self, to: int) -> None:
+        pad = -self.size % to
+        self.format += f"{pad}x" if pad else ""
+        self.size += pad
+
+    def stamp(self) -> None:
+        self.format += "iI"
+        self.size += 8
+
+    def constant(self, data: bytes, align: int) -> None:
+        self._align(align)
+        self.format += f"{len(data)}s"
+        self.size += len(data)
+        self.constants.append(data)
+
+    def text(self, value: str) -> None:
+        raw = value.encode() + b"\x00"
+        self.constant(struct.pack("<I", len(raw)) + raw, 4)
+
+    def count(self, n: int) -> None:
+        self.constant(struct.pack("<I", n), 4)
+
+    def doubles(self, n: int) -> None:
+        if n:
+            self._align(8)
+            self.format += f"{n}d"
+            self.size += 8 * n
+
+
+def encoder(channel: Channel) -> Callable[[int, Sequence[float]], bytes]:
+    """Encoder of a channel: (t_ns, values) to bytes.
+
+    Values are, for a joint state, its parts one after the other; for a wrench force then
+    torque; else the fields.
+    """
+    layout = _Layout()
+    layout.stamp()
+    n = len(channel.names)
+    if channel.kind in ("joint_state", "wrench"):
+        layout.text(channel.frame)
+    if channel.kind == "joint_state":
+        layout.count(n)
+        for name in channel.names:
+            layout.text(name)
+        for part in PARTS:
+            held = n if part in channel.parts else 0
+            layout.count(held)
+            layout.doubles(held)
+    else:
+        layout.doubles(channel.width)
+    return _packer(layout)
+
+
+def _packer(layout: _Layout) -> Callable[[int, Sequence[float]], bytes]:
+    """One pack for the numbers; the constant bytes, which never overlap them, are or-ed in."""
+    text, constants = layout.format.removeprefix("<4siI"), iter(layout.constants[1:])
+    numbers, fixed = "<4xiI", bytearray(layout.constants[0] + bytes(8))
+    for count, kind in re.findall(r"(\d+)([sxd])", text):
+        numbers += f"{count}{'d' if kind == 'd' else 'x'}"
+        size = int(count) * (8 if kind == "d" else 1)
+        fixed += next(constants) if kind == "s" else bytes(size)
+    pack, size, mask = struct.Struct(numbers).pack, len(fixed), int.from_bytes(fixed, "little")
+
+    def encode(t_ns: int, values: Sequence[float]) -> bytes:
+        raw = pack(t_ns // 1_000_000_000, t_ns % 1_000_000_000, *values)
+        return (int.from_bytes(raw, "little") | mask).to_bytes(size, "little")
+
+    return encode
