@@ -13,6 +13,8 @@ from hil.errors import HilError
 #: name -> module with `HELP`, `EXAMPLE`, `configure(parser)` and `run(args) -> int`; in the
 #: order of a day's work.  A command stands here when it works, not before.
 COMMANDS: dict[str, str] = {
+    "run": "hil.commands.run",
+    "devices": "hil.commands.devices",
 }
 
 

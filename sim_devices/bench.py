@@ -109,8 +109,6 @@ class Wire:
         """Nothing to release."""
 
 
-def open_bench(
-    arms: dict[str, str], section: dict[str, Any], period_ns: int, seed: int
-) -> Bench:
+def open_bench(arms: dict[str, str], section: dict[str, Any], period_ns: int, seed: int) -> Bench:
     """Open the simulated bench (entry point ``ideal`` of ``hil.sim_devices``)."""
     return Bench(arms, section, period_ns, seed)

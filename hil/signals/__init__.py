@@ -1,1 +1,1 @@
-"""PLACEHOLDER."""
+"""Signals: capabilities of devices by CRTK name, operating states, the wire to a device."""

@@ -6,7 +6,7 @@ slip).  The library's models use other forms: sgn or tanh signs, exponential Str
 
 from __future__ import annotations
 
-from math import cos, expm1, fabs, pi, tanh
+from math import cos, expm1, fabs, pi, sqrt, tanh
 from typing import Any
 
 import numba as nb
@@ -28,6 +28,15 @@ def slip(z: Any, limit: Any, weight: Any, v: float, dt: float) -> float:
         z[k] = deflection
         total += weight[k] * deflection / limit[k]
     return total
+
+
+@nb.njit(cache=True, nogil=True)
+def direction(p: Any, x: Any, i: int, dt: float) -> float:
+    """Friction state -1..1 of motor i: creeping in grease, or Maxwell slip."""
+    if p.creep[i] > 0.0:
+        # v / sqrt(v^2 + vc^2)
+        return float(x.vm[i] / sqrt(x.vm[i] ** 2 + p.creep[i] ** 2))
+    return float(slip(x.zm[i], p.slip_motor[i], p.weight, x.vm[i], dt))
 
 
 @nb.njit(cache=True, nogil=True)

@@ -28,24 +28,24 @@ class Hidden:
     size : dict
         Field -> value at amplitude 1, scaled by the amplitude.
     shape : dict
-        Field -> value at any amplitude.
+        Field -> value at any amplitude, or one per joint.
     text : str
         What it is.
     """
 
     size: dict[str, float]
-    shape: dict[str, float]
+    shape: dict[str, float | tuple[float, float, float]]
     text: str
 
 
 HIDDEN: dict[str, Hidden] = {
-    "stribeck": Hidden({"stribeck": 0.012}, {"stribeck_speed": 0.15}, "rational Stribeck curve"),
+    "stribeck": Hidden({"stribeck": 0.013}, {"stribeck_speed": 0.15}, "rational Stribeck curve"),
     "asymmetric-coulomb": Hidden({"asym_coulomb": 0.006}, {}, "one direction rubs harder"),
     "asymmetric-viscous": Hidden({"asym_viscous": 0.006}, {}, "one direction is more viscous"),
-    "quadratic-drag": Hidden({"drag": 0.008}, {}, "|v|^1.8"),
-    "presliding": Hidden({"coulomb_motor": 0.006}, {}, "nested Maxwell slip over 3..20 mrad"),
+    "quadratic-drag": Hidden({"drag": 0.016}, {}, "|v|^1.8"),
+    "presliding": Hidden({"coulomb_motor": 0.002}, {}, "nested Maxwell slip over 3..20 mrad"),
     "position-friction": Hidden(
-        {"eccentric": 0.007},
+        {"eccentric": 0.006},
         {"eccentric_period": 0.45, "eccentric_phase": 0.6},
         "eccentric pulley rubs once a turn",
     ),
@@ -53,14 +53,16 @@ HIDDEN: dict[str, Hidden] = {
     "coupled-friction": Hidden({"couple": 0.006}, {}, "another joint's cable rubs on this one"),
     "spring": Hidden({"spring": 0.06}, {"spring_rest": 0.1}, "over-centre spring"),
     "position-torque": Hidden({"umbilical": 0.012}, {"umbilical_at": 0.1}, "umbilical cable"),
-    "end-stop": Hidden({"stop": 0.5}, {"stop_at": 0.4}, "rubber stop within the range"),
+    "end-stop": Hidden(
+        {"stop": 0.3}, {"stop_at": (0.15, 0.6, 0.5)}, "rubber stop within the range"
+    ),
     "torque-gain": Hidden({"gain": 0.08}, {}, "torque constant off"),
     "cogging": Hidden({"cogging": 0.006}, {"cogging_cycles": 33.6}, "two harmonics of the motor"),
-    "delay": Hidden({"delay": 0.005}, {}, "commands arrive late [s]"),
+    "delay": Hidden({"delay": 0.008}, {}, "commands arrive late [s]"),
     "payload": Hidden({"payload": 0.03}, {}, "a mass at the tip [kg]"),
     "outside-speed-product": Hidden({"product": 0.03}, {}, "product of the other joints' speeds"),
     "outside-stick-slip": Hidden({"burst": 0.03}, {}, "friction bursts at random times"),
-    "outside-resonance": Hidden({"resonance": 0.02}, {}, "resonance that moves with speed"),
+    "outside-resonance": Hidden({"resonance": 0.06}, {}, "resonance that moves with speed"),
 }
 
 #: What ``effect = "random"`` chooses from: effects that free motion alone can reveal.
@@ -98,12 +100,13 @@ def apply(p: NDArray[np.void], row: dict[str, Any]) -> None:
         return
     kind, joint = HIDDEN[name], row.get("joint", "joint2")
     joints = JOINTS if joint == "all" else (joint,)
-    values = {k: v * amplitude for k, v in kind.size.items()} | kind.shape
-    values |= _own(row, values)
     for label in joints:
         if label not in JOINTS:
             raise ConfigError(f"[[simulation.hidden]] {name}: {unknown('joint', label, JOINTS)}")
-        _set(p, name, JOINTS.index(label), values, row)
+        i = JOINTS.index(label)
+        values = {k: v * amplitude for k, v in kind.size.items()}
+        values |= {k: v[i] if isinstance(v, tuple) else v for k, v in kind.shape.items()}
+        _set(p, name, i, values | _own(row, values), row)
 
 
 def _own(row: dict[str, Any], values: dict[str, float]) -> dict[str, float]:
@@ -128,4 +131,4 @@ def _set(
         # what is scaled adds up; a shape is set
         p[key][0, i] = value if key in HIDDEN[name].shape else p[key][0, i] + value
     if name == "presliding":
-        p["slip_motor"][0, i] = NESTED_SLIP
+        p["slip_motor"][0, i], p["creep"][0, i] = NESTED_SLIP, 0.0

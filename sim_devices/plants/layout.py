@@ -32,6 +32,7 @@ _NOMINAL = [
     ("viscous_motor", _F, _J), ("viscous_link", _F, _J),  # [N m s/rad]
     ("slip_motor", _F, (3, ELEMENTS)), ("slip_link", _F, (3, ELEMENTS)),  # breakaway [rad]
     ("weight", _F, (ELEMENTS,)),  # share of each Maxwell element
+    ("creep", _F, _J),  # speed at which the greased motor side yields [rad/s]; 0 = Maxwell slip
     ("warming", _F), ("warming_time", _F),  # friction lost per rad/s of mean speed, [s]
     ("lag", _F),  # amplifier time constant [s]
     ("torque_max", _F, _J),

@@ -30,9 +30,10 @@ def outside(p: Any, x: Any, i: int, dt: float) -> float:
     a, b = (i + 1) % 3, (i + 2) % 3
     total = -p.product[i] * x.v[a] * x.v[b]
     if p.resonance[i] != 0.0:
-        # x'' = w^2 (v - x) - 2 zeta w x' with w = 2 pi 6 (1 + |v| / 2)
-        w = 2.0 * pi * 6.0 * (1.0 + 0.5 * fabs(x.v[i]))
-        x.ring[i, 1] += dt * (w * w * (x.v[i] - x.ring[i, 0]) - 0.2 * w * x.ring[i, 1])
+        # damping that lives in a band: x'' + 0.3 w x' + w^2 x = v, torque -0.3 w A x',
+        # w = 2 pi 2 (1 + |v|)
+        w = 2.0 * pi * 2.0 * (1.0 + fabs(x.v[i]))
+        x.ring[i, 1] += dt * (x.v[i] - w * w * x.ring[i, 0] - 0.3 * w * x.ring[i, 1])
         x.ring[i, 0] += dt * x.ring[i, 1]
-        total -= p.resonance[i] * (x.ring[i, 0] - x.v[i])
+        total -= p.resonance[i] * 0.3 * w * x.ring[i, 1]
     return float(total)

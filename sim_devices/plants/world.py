@@ -20,7 +20,7 @@ def substep(p: Any, x: Any, elapsed: float, tick: float, dt: float, link: Any) -
         pull = p.cable[i] * stretch
         for j in range(3):
             pull += p.cable_damping[i, j] * (x.vm[j] - x.v[j])
-        x.sm[i] = friction.slip(x.zm[i], p.slip_motor[i], p.weight, x.vm[i], dt)
+        x.sm[i] = friction.direction(p, x, i, dt)
         link[i] = pull - friction.link_side(p, x, i, dt) + passive.torque(p, x, i, dt)
         x.heat[i] += dt * (fabs(x.vm[i]) - x.heat[i]) / p.warming_time
         push = drive.torque(p, x, i, elapsed, tick, dt) - pull
@@ -35,7 +35,7 @@ def substep(p: Any, x: Any, elapsed: float, tick: float, dt: float, link: Any) -
 def sense(p: Any, x: Any, t: float, random: Any, counts: Any, gauges: Any) -> None:
     """Quadrature counts (3,) of the motor encoders and gauge words (6,) of the sensor."""
     for i in range(3):
-        counts[i] = int(floor(x.qm[i] * p.encoder[i]))
+        counts[i] = floor(x.qm[i] * p.encoder[i])
     s1, c1, s3, c3 = sin(x.q[0]), cos(x.q[0]), sin(x.q[2]), cos(x.q[2])
     radial = c1 * x.force[0] + s1 * x.force[1]
     # sensor axes: x normal to the forearm, y across, z along it and outwards

@@ -104,6 +104,7 @@ def _friction(p: NDArray[np.void], truth: dict[str, Any]) -> None:
         p[key] = friction[key]
     p["slip_motor"][:], p["slip_link"][:] = friction["slip"], friction["slip"]
     p["weight"], p["warming"] = friction["weight"], friction["warming"]
+    p["creep"] = friction["creep"]
     p["warming_time"] = friction["warming_time"]
 
 

@@ -1,0 +1,162 @@
+"""Joint tracking: PD with gravity compensation to a periodic multisine per joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, pi, sin, tanh
+from typing import Any
+
+import numba as nb
+import numpy as np
+
+from controllers import multisine
+from hil.errors import ConfigError
+from hil.signals.device import FloatArray
+
+#: Limits of th2 - th3 by the parallelogram [rad] (Cavusoglu et al. 2002), less a margin.
+FOLD = (-0.95, 1.13)
+
+
+@dataclass(frozen=True)
+class JointTrackingConfig:
+    """Parameters of the law.
+
+    Parameters
+    ----------
+    seed : int
+        Chooses the motion.
+    period : float
+        After which the motion repeats [s].
+    center, amplitude, speed : tuple of 3 floats
+        Middle [rad], largest excursion [rad] and largest speed [rad/s] per joint.
+    stiffness, damping : tuple of 3 floats
+        PD gains [N m/rad], [N m s/rad].
+    velocity_filter : float
+        Time constant of the first-order filter on the speed [s]; keeps the damping away from
+        the resonance of the cables.
+    gravity : tuple of 2 floats
+        Nominal gravity: g2 cos th2, g3 sin th3 [N m].
+    inertia, friction : tuple of 3 floats
+        Nominal inertia [kg m^2] and Coulomb friction [N m] that are fed forward, so that the
+        joints do not stick where the motion turns round.
+    blend : float
+        Time over which the motion swells from the starting pose [s].
+    """
+
+    seed: int = 0
+    period: float = 10.0
+    center: tuple[float, ...] = (0.0, 0.4, 0.3)
+    amplitude: tuple[float, ...] = (0.6, 0.45, 0.45)
+    speed: tuple[float, ...] = (2.2, 2.2, 2.2)
+    stiffness: tuple[float, ...] = (8.0, 8.0, 4.0)
+    damping: tuple[float, ...] = (0.14, 0.14, 0.07)
+    velocity_filter: float = 0.003
+    gravity: tuple[float, ...] = (0.08, 0.0)
+    inertia: tuple[float, ...] = (0.0035, 0.003, 0.0013)
+    friction: tuple[float, ...] = (0.012, 0.011, 0.010)
+    blend: float = 1.0
+
+
+@nb.njit(cache=True, nogil=True)
+def law(
+    t: float, x: Any, u: Any, c: Any, center: Any, gains: Any, times: Any, x_next: Any, y: Any
+) -> None:
+    """Torques of all arms: PD to the reference r, with nominal torques fed forward.
+
+    tau = K (r - q) + D (r' - q') + I r'' + Fc tanh(r' / 0.02) + g(q)
+
+    Parameters
+    ----------
+    x, x_next : ndarray (1 + 9 a,)
+        1 once started; then starting pose [rad], reference [rad] and filtered speed [rad/s]
+        of every arm.
+    c : ndarray (a, 3, h, 2)
+        Fourier coefficients of the motion.
+    gains : ndarray (5, 3)
+        Rows: stiffness, damping, nominal gravity (0, g2, g3), inertia and Coulomb friction.
+    times : ndarray (3,)
+        Period, blending time [s], share of the velocity filter.
+    """
+    arms = u.shape[0]
+    x_next[0] = 1.0
+    ramp = min(1.0, t / times[1])
+    rate = (pi / times[1]) / 2.0 * sin(pi * ramp) if ramp < 1.0 else 0.0
+    ramp = (1.0 - cos(pi * ramp)) / 2.0
+    omega = 2.0 * pi / times[0]
+    for a in range(arms):
+        for i in range(3):
+            place, speed, push = center[i], 0.0, 0.0
+            for k in range(c.shape[2]):
+                w = (k + 1) * omega
+                s, o = sin(w * t), cos(w * t)
+                place += c[a, i, k, 0] * s + c[a, i, k, 1] * o
+                speed += w * (c[a, i, k, 0] * o - c[a, i, k, 1] * s)
+                push -= w * w * (c[a, i, k, 0] * s + c[a, i, k, 1] * o)
+            start = x[1 + 3 * a + i] if x[0] > 0.0 else u[a, i]
+            # r = q0 + ramp (motion - q0)
+            aim = start + ramp * (place - start)
+            aim_rate = ramp * speed + rate * (place - start)
+            # v <- v + share (q' - v)
+            n = 1 + 6 * arms + 3 * a + i
+            x_next[n] = x[n] + times[2] * (u[a, 3 + i] - x[n])
+            y[a, i] = gains[0, i] * (aim - u[a, i]) + gains[1, i] * (aim_rate - x_next[n])
+            y[a, i] += ramp * gains[3, i] * push + gains[4, i] * tanh(aim_rate / 0.02)
+            x_next[1 + 3 * a + i] = start
+            x_next[1 + 3 * arms + 3 * a + i] = aim
+        y[a, 1] += gains[2, 1] * cos(u[a, 1])
+        y[a, 2] += gains[2, 2] * sin(u[a, 2])
+
+
+class JointTracking:
+    """The law with its parameters; see `law`.
+
+    Parameters
+    ----------
+    config : JointTrackingConfig
+        Parameters.
+    arms : tuple of str
+        Names, in the order of u and y.
+    period : float
+        Of the loop [s].
+    """
+
+    def __init__(self, config: JointTrackingConfig, arms: tuple[str, ...], period: float) -> None:
+        self.config = config
+        self._center = np.array(config.center)
+        self._c = np.stack([self._motion(k) for k in range(len(arms))])
+        self._gains = np.array(
+            [config.stiffness, config.damping, (0.0, *config.gravity), config.inertia,
+             config.friction]
+        )  # fmt: skip
+        share = 1.0 - np.exp(-period / config.velocity_filter)
+        self._times = np.array([config.period, config.blend, share])
+        names = [f"{arm}.{what}{i}" for what in ("start", "reference", "speed")
+                 for arm in arms
+                 for i in (1, 2, 3)]  # fmt: skip
+        self.state_names = ("started", *names)
+
+    def _motion(self, arm: int) -> FloatArray:
+        """Coefficients (3, h, 2) for one arm, scaled so that the parallelogram may fold so far."""
+        config = self.config
+        rng = np.random.default_rng([config.seed, arm])
+        c = multisine.coefficients(
+            rng, np.array(config.amplitude), np.array(config.speed), config.period
+        )
+        t = np.linspace(0.0, config.period, 2001)
+        for _ in range(20):
+            q = self._center + multisine.sample(c, t, config.period)
+            fold = q[:, 1] - q[:, 2]
+            if fold.min() > FOLD[0] and fold.max() < FOLD[1]:
+                return c
+            c[1:] *= 0.9
+        raise ConfigError("joint-tracking: center is outside -55..65 degrees of th2 - th3.")
+
+    def update(
+        self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray
+    ) -> None:
+        """One period; see `hil.signals.device.Controller`."""
+        law(t, x, u, self._c, self._center, self._gains, self._times, x_next, y)
+
+
+Config = JointTrackingConfig
+build = JointTracking

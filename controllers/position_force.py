@@ -1,0 +1,180 @@
+"""Position-force: the follower tracks the leader, the leader feels the follower's force.
+
+operator -> leader --position--> PD -> follower -> environment
+              ^------ J^T scale * measured force ------'
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, sin
+from typing import Any
+
+import numba as nb
+import numpy as np
+
+from hil.errors import ConfigError, unknown
+from hil.signals.device import FloatArray
+
+SPACES = ("joint", "workspace")
+
+
+@dataclass(frozen=True)
+class PositionForceConfig:
+    """Parameters of the law.
+
+    Parameters
+    ----------
+    space : str
+        Where the follower's position error is formed: ``"joint"`` or ``"workspace"``.
+    stiffness, damping : tuple of 3 floats
+        [N m/rad] and [N m s/rad], or [N/m] and [N s/m] in the workspace.
+    velocity_filter : float
+        Time constant of the first-order filter on the rate of the error [s].
+    force_scale : float
+        Share of the follower's force that the leader feels.
+    force_filter : float
+        Time constant of the first-order filter on the force [s].
+    leader_damping : float
+        Added joint damping of the leader [N m s/rad].
+    lengths : tuple of 2 floats
+        Nominal l1, l2 [m] (Cavusoglu et al. 2002).
+    leader_gravity, follower_gravity : tuple of 2 floats
+        Nominal gravity: g2 cos th2, g3 sin th3 [N m].
+    """
+
+    space: str = "joint"
+    stiffness: tuple[float, ...] = (8.0, 8.0, 4.0)
+    damping: tuple[float, ...] = (0.14, 0.14, 0.07)
+    velocity_filter: float = 0.003
+    force_scale: float = 0.7
+    force_filter: float = 0.004
+    leader_damping: float = 0.004
+    lengths: tuple[float, float] = (0.215, 0.170)
+    leader_gravity: tuple[float, ...] = (0.12, 0.03)
+    follower_gravity: tuple[float, ...] = (0.0, -0.06)
+
+    def __post_init__(self) -> None:
+        if self.space not in SPACES:
+            raise ConfigError(unknown("space", self.space, SPACES))
+
+
+@nb.njit(cache=True, nogil=True)
+def jacobian(q: Any, lengths: Any, out: Any) -> None:
+    """Position Jacobian (3, 3) of the tip; q = th1, th2, th3 (forearm from the base)."""
+    s1, c1, s2, c2 = sin(q[0]), cos(q[0]), sin(q[1]), cos(q[1])
+    s3, c3 = sin(q[2]), cos(q[2])
+    l1, l2 = lengths[0], lengths[1]
+    r = l1 * c2 + l2 * s3
+    out[0, 0], out[0, 1], out[0, 2] = -s1 * r, -l1 * c1 * s2, l2 * c1 * c3
+    out[1, 0], out[1, 1], out[1, 2] = c1 * r, -l1 * s1 * s2, l2 * s1 * c3
+    out[2, 0], out[2, 1], out[2, 2] = 0.0, l1 * c2, l2 * s3
+
+
+@nb.njit(cache=True, nogil=True)
+def place(q: Any, lengths: Any, axis: int) -> float:
+    """Coordinate `axis` of the tip [m]."""
+    r = lengths[0] * cos(q[1]) + lengths[1] * sin(q[2])
+    if axis == 0:
+        return float(r * cos(q[0]))
+    if axis == 1:
+        return float(r * sin(q[0]))
+    return float(lengths[0] * sin(q[1]) - lengths[1] * cos(q[2]))
+
+
+@nb.njit(cache=True, nogil=True)
+def law(
+    x: Any, u: Any, workspace: bool, gains: Any, gravity: Any, lengths: Any, scalars: Any,
+    work: Any, x_next: Any, y: Any,
+) -> None:  # fmt: skip
+    """Leader and follower torques; rows of u and y: leader, follower.
+
+    Parameters
+    ----------
+    x, x_next : ndarray (13,)
+        1 once started; offset follower - leader [rad or m] (3,); filtered force on the
+        follower [N] (3,); position error [rad or m] (3,);
+        filtered rate of the error (3,).
+    gains : ndarray (2, 3)
+        Stiffness, damping.
+    gravity : ndarray (2, 3)
+        (0, g2, g3) of leader and follower [N m].
+    scalars : ndarray (4,)
+        Force scale, share of the force filter, leader damping, share of the rate filter.
+    work : ndarray (2, 3, 3)
+        Room for the Jacobians.
+    """
+    jacobian(u[0], lengths, work[0])
+    jacobian(u[1], lengths, work[1])
+    x_next[0] = 1.0
+    for i in range(3):
+        if workspace:
+            gap, rate = place(u[0], lengths, i) - place(u[1], lengths, i), 0.0
+            for j in range(3):
+                rate += work[0, i, j] * u[0, 3 + j] - work[1, i, j] * u[1, 3 + j]
+        else:
+            gap, rate = u[0, i] - u[1, i], u[0, 3 + i] - u[1, 3 + i]
+        x_next[1 + i] = x[1 + i] if x[0] > 0.0 else -gap
+        # f <- f + a (f_measured - f)
+        x_next[4 + i] = x[4 + i] + scalars[1] * (u[1, 6 + i] - x[4 + i])
+        x_next[7 + i] = gap + x_next[1 + i]
+        x_next[10 + i] = x[10 + i] + scalars[3] * (rate - x[10 + i])
+        y[1, i] = gains[0, i] * x_next[7 + i] + gains[1, i] * x_next[10 + i]
+    if workspace:
+        p0, p1, p2 = y[1, 0], y[1, 1], y[1, 2]
+        for j in range(3):
+            y[1, j] = work[1, 0, j] * p0 + work[1, 1, j] * p1 + work[1, 2, j] * p2
+    for j in range(3):
+        # leader: tau = J^T scale f - b q'
+        y[0, j] = -scalars[2] * u[0, 3 + j]
+        for i in range(3):
+            y[0, j] += work[0, i, j] * scalars[0] * x_next[4 + i]
+    for a in range(2):
+        y[a, 1] += gravity[a, 1] * cos(u[a, 1])
+        y[a, 2] += gravity[a, 2] * sin(u[a, 2])
+
+
+class PositionForce:
+    """The law with its parameters; see `law`.
+
+    Parameters
+    ----------
+    config : PositionForceConfig
+        Parameters.
+    arms : tuple of str
+        Two names: leader, follower.
+    period : float
+        Of the loop [s].
+    """
+
+    state_names = (
+        "started", "offset1", "offset2", "offset3", "force_x", "force_y", "force_z",
+        "error1", "error2", "error3", "rate1", "rate2", "rate3",
+    )  # fmt: skip
+
+    def __init__(self, config: PositionForceConfig, arms: tuple[str, ...], period: float) -> None:
+        if len(arms) != 2:
+            raise ConfigError(f"position-force needs leader and follower, not {len(arms)} arms.")
+        self.config = config
+        self._gains = np.array([config.stiffness, config.damping])
+        gravity = (0.0, *config.leader_gravity), (0.0, *config.follower_gravity)
+        self._gravity = np.array(gravity)
+        self._lengths = np.array(config.lengths)
+        force, rate = (
+            1.0 - np.exp(-period / tau) for tau in (config.force_filter, config.velocity_filter)
+        )
+        self._scalars = np.array([config.force_scale, force, config.leader_damping, rate])
+        self._work = np.zeros((2, 3, 3))
+
+    def update(
+        self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray
+    ) -> None:
+        """One period; see `hil.signals.device.Controller`."""
+        law(
+            x, u, self.config.space == "workspace", self._gains, self._gravity, self._lengths,
+            self._scalars, self._work, x_next, y,
+        )  # fmt: skip
+
+
+Config = PositionForceConfig
+build = PositionForce

@@ -1,0 +1,9 @@
+"""PHANTOM Premium 1.5: three joints, motor encoders, motor DACs."""
+
+from drivers.premium.config import PremiumConfig
+from drivers.premium.driver import PremiumArm
+
+Config = PremiumConfig
+open_device = PremiumArm
+
+__all__ = ["Config", "PremiumArm", "PremiumConfig", "open_device"]

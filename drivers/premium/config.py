@@ -1,0 +1,33 @@
+"""Constants of the PHANTOM Premium 1.5 drive train, each with its source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PremiumConfig:
+    """How counts become angles and torques become codes.
+
+    Parameters
+    ----------
+    gear : tuple of 3 tuples of 3 floats
+        Motor angles = gear @ joint angles; joint 3 is measured from the base, hence diagonal
+        (cable reductions 13.3, 11.2, 11.2: mahilab/Phantom, after Cavusoglu et al. 2002).
+    counts_per_turn : int
+        HEDM-5500 with 1024 lines, four edges each.
+    torque_constant : float
+        Maxon RE25 118743 [N m/A].
+    amps_per_volt, dac_volts, dac_bits : float, float, int
+        Amplifier [A/V] and its DAC.
+    stall_torque : float
+        Of the motor [N m].
+    """
+
+    gear: tuple[tuple[float, ...], ...] = ((13.3, 0.0, 0.0), (0.0, 11.2, 0.0), (0.0, 0.0, 11.2))
+    counts_per_turn: int = 4096
+    torque_constant: float = 0.0234
+    amps_per_volt: float = 0.5513
+    dac_volts: float = 10.0
+    dac_bits: int = 16
+    stall_torque: float = 0.129

@@ -1,0 +1,208 @@
+"""Rig files: TOML to frozen dataclasses; every unknown key is an error that names the nearest."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from hil.errors import ConfigError, unknown
+
+SCHEMA = "hil.rig/1"
+BACKENDS = ("sim", "usb", "hid", "can")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class LoopConfig:
+    """Table ``[loop]``: rates [Hz], clock, length of a session [s], rows of the ring."""
+
+    rate_hz: float = 1000.0
+    slow_hz: float = 100.0
+    clock: str = "lockstep"
+    seconds: float = 10.0
+    ring_rows: int = 8192
+
+    def __post_init__(self) -> None:
+        if self.clock not in ("lockstep", "real"):
+            raise ConfigError(f"[loop]: {unknown('clock', self.clock, ('lockstep', 'real'))}")
+        if not 0.0 < self.slow_hz <= self.rate_hz <= 10_000.0:
+            raise ConfigError("[loop]: 0 < slow_hz <= rate_hz <= 10000 is needed.")
+        if self.seconds <= 0.0 or self.ring_rows < 1:
+            raise ConfigError("[loop]: seconds and ring_rows must be positive.")
+
+    @property
+    def period_ns(self) -> int:
+        """Length of a tick [ns]."""
+        return round(1e9 / self.rate_hz)
+
+
+@dataclass(frozen=True)
+class ArmConfig:
+    """Table ``[arms.NAME]``: which robot, its joints, and limits [N m], [rad/s]."""
+
+    robot: str = "phantom-premium-1.5"
+    tip: str = "tip"
+    joints: tuple[str, ...] = ("joint1", "joint2", "joint3")
+    torque_limit: tuple[float, ...] = (0.8, 0.8, 0.8)
+    speed_limit: tuple[float, ...] = (25.0, 25.0, 25.0)
+
+    def __post_init__(self) -> None:
+        for name in ("joints", "torque_limit", "speed_limit"):
+            if len(getattr(self, name)) != 3:
+                raise ConfigError(f"[arms]: {name} needs three entries, one per joint.")
+        if min(*self.torque_limit, *self.speed_limit) <= 0:
+            raise ConfigError("[arms]: torque_limit and speed_limit must be positive.")
+
+
+@dataclass(frozen=True)
+class DeviceConfig:
+    """Table ``[devices.NAME]``: driver, arm, back end (empty = the rig's), driver's options."""
+
+    driver: str
+    arm: str
+    backend: str = ""
+    address: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ControllerConfig:
+    """Table ``[controller]``: name, arms in the order of the law, parameters of the law."""
+
+    name: str
+    arms: tuple[str, ...] = ("leader", "follower")
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RigConfig:
+    """A whole rig file.
+
+    Parameters
+    ----------
+    name : str
+        Of the rig.
+    backend : str
+        Back end of every device that does not name its own.
+    simulation : mapping
+        Table that the simulator reads; it never reaches a session.
+    """
+
+    controller: ControllerConfig
+    arms: Mapping[str, ArmConfig]
+    devices: Mapping[str, DeviceConfig]
+    schema: str = SCHEMA
+    name: str = "rig"
+    backend: str = "sim"
+    loop: LoopConfig = field(default_factory=LoopConfig)
+    simulation: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.schema != SCHEMA:
+            raise ConfigError(f"schema = {self.schema!r}; this version reads {SCHEMA!r}.")
+        for device in self.devices.values():
+            _one_of("arm", device.arm, self.arms)
+        for arm in self.controller.arms:
+            _one_of("arm of the controller", arm, self.arms)
+        for backend in (self.backend, *(d.backend for d in self.devices.values() if d.backend)):
+            _one_of("backend", backend, BACKENDS)
+
+    def backend_of(self, device: str) -> str:
+        """Back end of `device`: its own, or the rig's."""
+        return self.devices[device].backend or self.backend
+
+
+def _one_of(kind: str, name: str, known: typing.Iterable[str]) -> None:
+    if name not in known:
+        raise ConfigError(unknown(kind, name, known))
+
+
+def load_rig(path: str | Path, overrides: Mapping[str, Any] | None = None) -> RigConfig:
+    """Read a rig file.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML file.
+    overrides : mapping, optional
+        Tables that are merged over the file, e.g.
+        ``{"simulation": {"hidden": [{"effect": "stribeck", "joint": "joint2"}]}}``.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        table = tomllib.loads(text)
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such rig file.") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"{path}: not a readable TOML file ({error}).") from error
+    try:
+        return parse(RigConfig, merge(table, overrides or {}), "rig")
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables of `over` merged into `base`, recursively; neither is changed."""
+    result = dict(base)
+    for key, value in over.items():
+        below = result.get(key)
+        both = isinstance(value, Mapping) and isinstance(below, Mapping)
+        result[key] = merge(below, value) if both and below is not None else value
+    return result
+
+
+def parse(cls: type[T], table: Mapping[str, Any], where: str) -> T:
+    """Dataclass of type `cls` from a TOML table; `where` names the table in messages."""
+    hints = typing.get_type_hints(cls)
+    fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    for key in table:
+        if key not in fields:
+            raise ConfigError(f"[{where}]: {unknown('key', key, fields)}")
+    for name, f in fields.items():
+        needed = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+        if needed and name not in table:
+            raise ConfigError(f"[{where}]: the key {name!r} is missing.")
+    values = {k: _value(hints[k], v, f"{where}.{k}") for k, v in table.items()}
+    return cls(**values)
+
+
+def _value(kind: Any, value: Any, where: str) -> Any:
+    """`value` as the annotated type `kind`, or a `ConfigError`."""
+    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if dataclasses.is_dataclass(kind) and isinstance(kind, type):
+        return parse(kind, _table(value, where), where)
+    if origin is not None and issubclass(origin, Mapping):
+        inner = args[1]
+        table = _table(value, where)
+        return types.MappingProxyType(
+            {k: v if inner is Any else _value(inner, v, f"{where}.{k}") for k, v in table.items()}
+        )
+    if origin is tuple:
+        if not isinstance(value, (list, tuple)):
+            raise ConfigError(f"[{where}]: a list is needed, not {value!r}.")
+        if args[-1] is not Ellipsis and len(value) != len(args):
+            raise ConfigError(f"[{where}]: {len(args)} entries are needed, not {len(value)}.")
+        return tuple(_value(args[0], v, where) for v in value)
+    return _scalar(kind, value, where)
+
+
+def _scalar(kind: Any, value: Any, where: str) -> Any:
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        raise ConfigError(f"[{where}]: {value!r} should be of type {kind.__name__}.")
+    if kind is float and value != value:
+        raise ConfigError(f"[{where}]: not a number.")
+    return value
+
+
+def _table(value: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise ConfigError(f"[{where}]: a table is needed, not {value!r}.")
+    return value

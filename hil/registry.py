@@ -1,0 +1,38 @@
+"""Registry: names in a rig file to drivers, controllers and simulators; strings until used."""
+
+from __future__ import annotations
+
+import importlib
+from importlib.metadata import entry_points
+from typing import Any
+
+from hil.errors import ConfigError, unknown
+
+#: group -> name -> module (with `Config` and `open_device` or `build`) or ``module:attribute``.
+#: Entry points of the same groups join in.
+BUILT_IN: dict[str, dict[str, str]] = {
+    "hil.drivers": {"premium": "drivers.premium", "ft-sensor": "drivers.ft_sensor"},
+    "hil.controllers": {
+        "joint-tracking": "controllers.joint_tracking",
+        "position-force": "controllers.position_force",
+    },
+    "hil.sim_devices": {},
+}
+
+
+def names(group: str) -> dict[str, str]:
+    """All names of a group with where they live."""
+    return {e.name: e.value for e in entry_points(group=group)} | BUILT_IN[group]
+
+
+def load(group: str, name: str) -> Any:
+    """What stands behind `name` of `group`, imported now."""
+    known = names(group)
+    if name not in known:
+        raise ConfigError(unknown(group.removeprefix("hil.").rstrip("s"), name, known))
+    module, _, attribute = known[name].partition(":")
+    try:
+        found = importlib.import_module(module)
+    except ImportError as error:
+        raise ConfigError(f"{name!r} of {group} cannot be imported: {error}.") from error
+    return getattr(found, attribute) if attribute else found

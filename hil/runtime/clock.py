@@ -1,0 +1,113 @@
+"""Clocks: virtual for lockstep, monotonic for real time; both walk a grid of periods."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+#: Spin this long before a deadline instead of sleeping [ns].
+SPIN_NS = 150_000
+
+
+class Clock(Protocol):
+    """Grid of ticks: tick k is due at k periods after the start.
+
+    Attributes
+    ----------
+    name : str
+        ``"lockstep"`` or ``"real"``.
+    epoch_ns : int
+        What to add to tick times for recordings [ns].
+    missed : int
+        Periods that were skipped.
+    """
+
+    name: str
+    epoch_ns: int
+    missed: int
+
+    def start(self) -> None:
+        """Set tick 0 to now."""
+        ...
+
+    def wait(self, tick: int) -> int:
+        """Wait for `tick`; return the tick that it is, later if periods were missed."""
+        ...
+
+    def since_start(self) -> int:
+        """Time since tick 0 [ns]."""
+        ...
+
+
+class VirtualClock:
+    """Time that passes when it is waited for.
+
+    Parameters
+    ----------
+    period_ns : int
+        Length of a tick [ns].
+    """
+
+    name = "lockstep"
+
+    def __init__(self, period_ns: int) -> None:
+        self.period_ns = period_ns
+        self.epoch_ns = 0
+        self.missed = 0
+        self._now = 0
+
+    def start(self) -> None:
+        """Set tick 0 to now."""
+        self._now = 0
+
+    def wait(self, tick: int) -> int:
+        """Jump to `tick`."""
+        self._now = tick * self.period_ns
+        return tick
+
+    def since_start(self) -> int:
+        """Virtual time since tick 0 [ns]."""
+        return self._now
+
+
+class MonotonicClock:
+    """The machine's monotonic clock: sleep to shortly before the deadline, then spin.
+
+    Parameters
+    ----------
+    period_ns : int
+        Length of a tick [ns].
+    """
+
+    name = "real"
+
+    def __init__(self, period_ns: int) -> None:
+        self.period_ns = period_ns
+        self.epoch_ns = 0
+        self.missed = 0
+        self._zero = 0
+
+    def start(self) -> None:
+        """Set tick 0 to now."""
+        self._zero = time.monotonic_ns()
+        self.epoch_ns = time.time_ns()
+
+    def wait(self, tick: int) -> int:
+        """Sleep, then spin, to the deadline of `tick`; skip whole periods when late."""
+        deadline = self._zero + tick * self.period_ns
+        now = time.monotonic_ns()
+        if now >= deadline + self.period_ns:
+            # never catch up by double steps
+            skipped = (now - deadline) // self.period_ns
+            self.missed += skipped
+            tick += skipped
+            deadline += skipped * self.period_ns
+        if deadline - now > SPIN_NS:
+            time.sleep((deadline - now - SPIN_NS) * 1e-9)
+        while time.monotonic_ns() < deadline:
+            pass
+        return tick
+
+    def since_start(self) -> int:
+        """Time since tick 0 [ns]."""
+        return time.monotonic_ns() - self._zero

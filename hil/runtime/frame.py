@@ -1,0 +1,68 @@
+"""Layout of one row of the ring: what a tick leaves behind, as one vector of numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.signals.device import FloatArray
+
+#: Numbers per arm: measured = position, velocity (3 each), wrench (6); words = counts (3),
+#: DAC codes (3), gauges (6).
+MEASURED, SENT, WORDS = 12, 3, 12
+#: The loop's timing: lateness of the wake-up and time until the commands were out [ns], periods
+#: missed and rows dropped so far, worst status of the tick.
+TIMING = ("wake_late", "busy", "missed", "dropped", "status")
+
+
+@dataclass(frozen=True)
+class FrameLayout:
+    """Row: measured of all arms, sent efforts, words, controller state, timing.
+
+    Parameters
+    ----------
+    arms, states : int
+        Number of arms and of controller states.
+    """
+
+    arms: int
+    states: int
+
+    def part(self, name: str, arm: int = 0) -> slice:
+        """Columns of ``js``, ``cf``, ``jf`` of an arm, or of ``words``, ``state``, ``timing``."""
+        sent = self.arms * MEASURED
+        words = sent + self.arms * SENT
+        state = words + self.arms * WORDS
+        timing = state + self.states
+        start, size = {
+            "js": (arm * MEASURED, 6),
+            "cf": (arm * MEASURED + 6, 6),
+            "jf": (sent + arm * SENT, SENT),
+            "words": (words, self.arms * WORDS),
+            "state": (state, self.states),
+            "timing": (timing, len(TIMING)),
+        }[name]
+        return slice(start, start + size)
+
+    @property
+    def width(self) -> int:
+        """Numbers per row."""
+        return self.part("timing").stop
+
+    def zeros(self) -> FloatArray:
+        """An empty row."""
+        return np.zeros(self.width)
+
+    def arm(
+        self, frame: FloatArray, i: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Views of arm i: position, velocity, wrench, sent effort, words."""
+        js = frame[self.part("js", i)]
+        words = frame[self.part("words")][i * WORDS : (i + 1) * WORDS]
+        return js[:3], js[3:], frame[self.part("cf", i)], frame[self.part("jf", i)], words
+
+    def views(self, frame: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Views of u (arms, 12), controller state (states,) and timing (5,)."""
+        u = frame[: self.arms * MEASURED].reshape(self.arms, MEASURED)
+        return u, frame[self.part("state")], frame[self.part("timing")]

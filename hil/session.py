@@ -1,0 +1,163 @@
+"""What a session file says of itself: channels, metadata, the rig file without its secrets.
+
+Nothing of ``[simulation]`` reaches a session but a hash: an analysis must find hidden effects
+in the signals.  Nothing depends on wall-clock time in lockstep.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import subprocess
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from hil import registry
+from hil.config import RigConfig
+from hil.record.schema import Channel
+from hil.record.writer import SessionWriter
+from hil.rig import Rig
+from hil.runtime.frame import TIMING, FrameLayout
+from hil.signals.device import Controller
+
+#: Words of an arm on ``/rig/raw`` and their units.
+WORDS = (
+    *(f"count{i}" for i in (1, 2, 3)), *(f"code{i}" for i in (1, 2, 3)),
+    *(f"gauge{i}" for i in range(1, 7)),
+)  # fmt: skip
+UNITS = (*["count"] * 3, *["DAC code"] * 3, *["ADC word"] * 6)
+
+
+def with_run_options(
+    config: RigConfig, seconds: float | None, seed: int, clock: str | None
+) -> RigConfig:
+    """Rig file with the options of this run; `seed` where the law needs one and has none."""
+    changes: dict[str, Any] = {}
+    if seconds is not None:
+        changes["seconds"] = float(seconds)
+    if clock is not None:
+        changes["clock"] = clock
+    config = dataclasses.replace(config, loop=dataclasses.replace(config.loop, **changes))
+    law = registry.load("hil.controllers", config.controller.name)
+    names = {f.name for f in dataclasses.fields(law.Config)}
+    if "seed" in names and "seed" not in config.controller.parameters:
+        parameters = {**config.controller.parameters, "seed": seed}
+        controller = dataclasses.replace(config.controller, parameters=parameters)
+        config = dataclasses.replace(config, controller=controller)
+    return config
+
+
+def topics(config: RigConfig, layout: FrameLayout) -> list[tuple[str, slice]]:
+    """Topic -> columns of a row of the ring, in the order in which messages are written."""
+    found = []
+    for i, arm in enumerate(config.controller.arms):
+        found.append((f"/{arm}/measured_js", layout.part("js", i)))
+        found.append((f"/{arm}/setpoint_jf", layout.part("jf", i)))
+        found.append((f"/{arm}/measured_cf", layout.part("cf", i)))
+    found.append(("/rig/raw", layout.part("words")))
+    found.append(("/controller/state", layout.part("state")))
+    found.append(("/loop/timing", layout.part("timing")))
+    return found
+
+
+def channels(config: RigConfig, controller: Controller) -> list[Channel]:
+    """Channels behind `topics`, in the same order."""
+    found = []
+    for arm in config.controller.arms:
+        joints = config.arms[arm].joints
+        state = ("position", "velocity")
+        found.append(Channel(f"/{arm}/measured_js", "joint_state", joints, state))
+        found.append(Channel(f"/{arm}/setpoint_jf", "joint_state", joints, ("effort",)))
+        found.append(Channel(f"/{arm}/measured_cf", "wrench", frame="base"))
+    words = tuple(f"{arm}_{word}" for arm in config.controller.arms for word in WORDS)
+    units = tuple(unit for _ in config.controller.arms for unit in UNITS)
+    found.append(_fields("/rig/raw", words, units, "RigRaw"))
+    states = tuple(name.replace(".", "_") for name in controller.state_names)
+    found.append(_fields("/controller/state", states, ("",) * len(states), "ControllerState"))
+    found.append(_fields("/loop/timing", TIMING, ("ns", "ns", "1", "1", "1"), "LoopTiming"))
+    return found
+
+
+def _fields(topic: str, names: tuple[str, ...], units: tuple[str, ...], message: str) -> Channel:
+    return Channel(topic, "fields", names, units=units, message=f"hil_msgs/msg/{message}")
+
+
+def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]]:
+    """Metadata records: the session, then every arm."""
+    secret = json.dumps(plain(config.simulation), sort_keys=True)
+    revision, dirty = _git()
+    records = {
+        "session": {
+            "rig": config.name,
+            "package_version": version("hil-teleop"),
+            "git_revision": revision,
+            "git_dirty": dirty,
+            "seed": str(seed),
+            "clock": config.loop.clock,
+            "scheduler": "lockstep" if config.loop.clock == "lockstep" else "default",
+            "rate_hz": repr(config.loop.rate_hz),
+            "simulation_sha256": hashlib.sha256(secret.encode()).hexdigest(),
+        }
+    }
+    for arm in config.controller.arms:
+        table = config.arms[arm]
+        records[f"robot/{arm}"] = {
+            "preset": table.robot, "tip": table.tip, "joints": json.dumps(list(table.joints)),
+        }  # fmt: skip
+    for name, bias in rig.biases.items():
+        records[f"calibration/{name}"] = {"bias_words": json.dumps(bias)}
+    return records
+
+
+def open_writer(output: Path, config: RigConfig, rig: Rig, seed: int) -> SessionWriter:
+    """Session file, open, with its metadata and the rig file already in it."""
+    attachments = {"rig.toml": rig_text(config).encode()}
+    plan = channels(config, rig.controller)
+    return SessionWriter(output, plan, describe(config, rig, seed), attachments)
+
+
+def _git() -> tuple[str, str]:
+    """Revision and dirty flag of the source tree; ``unknown`` outside of one."""
+    here = Path(__file__).resolve().parent
+    words = ["git", "-C", str(here), "describe", "--always", "--abbrev=40", "--dirty",
+             "--exclude=*"]  # fmt: skip
+    try:
+        text = subprocess.run(words, capture_output=True, text=True, timeout=5, check=True).stdout
+    except (OSError, subprocess.SubprocessError):
+        return "unknown", "unknown"
+    revision, _, dirty = text.strip().partition("-")
+    return revision, "true" if dirty else "false"
+
+
+def rig_text(config: RigConfig) -> str:
+    """Rig file as it was run, with overrides, without ``[simulation]``."""
+    table = plain(config)
+    table.pop("simulation")
+    return to_toml(table)
+
+
+def plain(value: Any) -> Any:
+    """`value` with plain dictionaries and lists throughout, dataclasses included."""
+    if dataclasses.is_dataclass(value):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {k: plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    return value
+
+
+def to_toml(table: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
+    """TOML text of nested tables of numbers, strings and lists of those."""
+    lines, below = [], []
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            below.append(to_toml(value, (*path, key)))
+        else:
+            # JSON scalars and lists of them are TOML too
+            lines.append(f"{json.dumps(key) if '.' in key else key} = {json.dumps(value)}")
+    head = [f"[{'.'.join(path)}]"] if path and lines else []
+    return "\n".join([*head, *lines, *([""] if lines else [])]) + "".join(below)

@@ -1,0 +1,148 @@
+"""Capabilities of devices as protocols, with CRTK names (measured, servo; js, jf, cf).
+
+Methods of the fast path write into arrays of the caller, return a `Status`, allocate nothing
+and never raise.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.signals.state import OperatingState
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Status(IntEnum):
+    """Outcome of a call in the fast path; the larger, the worse."""
+
+    OK = 0
+    CLAMPED = 1
+    STALE = 2
+    INVALID = 3
+
+
+@runtime_checkable
+class Device(Protocol):
+    """Anything with a name, an operating state and an end."""
+
+    name: str
+
+    @property
+    def state(self) -> OperatingState:
+        """Operating state now."""
+        ...
+
+    def enable(self) -> None:
+        """Make ready for commands."""
+        ...
+
+    def disable(self) -> None:
+        """Make safe: no torque."""
+        ...
+
+    def close(self) -> None:
+        """Disable and release."""
+        ...
+
+
+@runtime_checkable
+class MeasuredJs(Protocol):
+    """Measures the joint state."""
+
+    def measured_js(self, t_ns: int, position: FloatArray, velocity: FloatArray) -> Status:
+        """Write position [rad] (d,) and velocity [rad/s] (d,) at time `t_ns`."""
+        ...
+
+
+@runtime_checkable
+class MeasuredCf(Protocol):
+    """Measures the force ON the robot at its tip."""
+
+    def measured_cf(self, t_ns: int, position: FloatArray, wrench: FloatArray) -> Status:
+        """Write force [N] and torque [N m] (6,) in the base frame; `position` (d,) [rad]."""
+        ...
+
+
+@runtime_checkable
+class ServoJf(Protocol):
+    """Takes joint efforts."""
+
+    def servo_jf(self, effort: FloatArray, sent: FloatArray) -> Status:
+        """Command `effort` [N m] (d,); write into `sent` (d,) what really goes out."""
+        ...
+
+    def fault(self) -> None:
+        """Latch FAULT: no effort until cleared."""
+        ...
+
+
+@runtime_checkable
+class Tareable(Protocol):
+    """Has a bias that is measured without load."""
+
+    bias: FloatArray
+
+    def tare(self, t_ns: int) -> int:
+        """Measure the bias from `t_ns` [ns] on; return the time when done."""
+        ...
+
+
+class Wire(Protocol):
+    """Wire to the devices of one arm at signal level.
+
+    `counts` (3,) and `gauges` (6,) hold the last answer and stay the same arrays.
+    """
+
+    counts: IntArray
+    gauges: IntArray
+
+    def receive(self, t_ns: int) -> None:
+        """Refresh the answer for time `t_ns`."""
+        ...
+
+    def send(self, codes: IntArray) -> None:
+        """Set the DAC codes (3,)."""
+        ...
+
+    def power(self, on: bool) -> None:
+        """Switch the amplifiers."""
+        ...
+
+    def close(self) -> None:
+        """Release what the wire holds."""
+        ...
+
+
+class Controller(Protocol):
+    """Control law: state in, state out; no clock, no input or output of its own.
+
+    Attributes
+    ----------
+    state_names : tuple of str
+        Names of the entries of the state vector x, for recordings.
+    """
+
+    state_names: tuple[str, ...]
+
+    def update(self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray
+               ) -> None:  # fmt: skip
+        """One period of the law.
+
+        Parameters
+        ----------
+        t : float
+            Time since the start [s].
+        x, x_next : ndarray (k,)
+            State before (read) and after (written).
+        u : ndarray (arms, 12)
+            Per arm: position [rad], velocity [rad/s], force [N] and torque [N m] at the tip.
+        y : ndarray (arms, 3)
+            Written: joint efforts [N m].
+        """
+        ...
