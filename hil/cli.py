@@ -15,6 +15,12 @@ from hil.errors import HilError
 COMMANDS: dict[str, str] = {
     "run": "hil.commands.run",
     "devices": "hil.commands.devices",
+    "fit": "hil.commands.fit",
+    "compare": "hil.commands.compare",
+    "diagnose": "hil.commands.diagnose",
+    "add": "hil.commands.add",
+    "improve": "hil.commands.improve",
+    "effects": "hil.commands.effects",
 }
 
 

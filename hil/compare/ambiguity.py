@@ -43,7 +43,7 @@ def pairs(evidence: Evidence, rivals: list[tuple[str, list[str]]]) -> list[Indis
         if others:
             why = "both explain this residual nearly equally well with this motion"
             out.append(Indistinguishable((name, *others), why, _experiment(name)))
-    out += _collinear(evidence, out)
+    out += _collinear(evidence, out, {n for name, others in rivals for n in (name, *others)})
     return out
 
 
@@ -56,14 +56,19 @@ def _absorbed(c: Candidate) -> Indistinguishable:
     return Indistinguishable((c.name, partner), why, _experiment(c.name))
 
 
-def _collinear(evidence: Evidence, known: list[Indistinguishable]) -> list[Indistinguishable]:
-    """Pairs of leading candidates on one joint whose projected columns nearly coincide."""
+def _collinear(
+    evidence: Evidence, known: list[Indistinguishable], named: set[str]
+) -> list[Indistinguishable]:
+    """Pairs on one joint, one of them named, whose projected columns nearly coincide."""
+    if evidence.projector is None:
+        return []
     out: list[Indistinguishable] = []
     top = [c for c in evidence.candidates if c.score > 0 and c.absorbed < 0.9999][:8]
     seen = {frozenset(x.effects) for x in known}
     for a_index, a in enumerate(top):
         for b in top[a_index + 1 :]:
-            if a.term.joint != b.term.joint or frozenset((a.name, b.name)) in seen or a.name == b.name:
+            same = a.name == b.name or frozenset((a.name, b.name)) in seen
+            if a.term.joint != b.term.joint or same or not named & {a.name, b.name}:
                 continue
             cosine = overlap(a, b, evidence.projector)
             if cosine > SAME:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.diagnose import Diagnosis, Step
+from hil.compare.diagnose import Diagnosis, Step, diagnose
 from hil.compare.evidence import Evidence, gather
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.localise import Region, regions
@@ -91,6 +91,9 @@ def compare(
     return Comparison(
         result, examine(result), evidence, where, simulate(result, problem), faults_of(recordings)
     )
+
+
+__all__ = ["add", "compare", "diagnose", "fit", "ladder"]
 
 
 @dataclass(frozen=True)

@@ -37,14 +37,15 @@ def plausible(evidence: Evidence, sigma: FloatArray, n: int) -> list[Candidate]:
 
 
 def overlap(a: Candidate, b: Candidate, projector: Projector) -> float:
-    """Largest canonical correlation of two candidates' columns after projection off the base.
+    """How well the poorer candidate is imitated by the richer one, after projection off the base.
 
-    1 means that within these data one can imitate (a direction of) the other.
+    Smallest canonical correlation over the poorer one's directions: 1 means that whatever it
+    does, the other can do too with these data.
     """
     qa, qb = _projected(a, projector), _projected(b, projector)
     if qa.shape[1] == 0 or qb.shape[1] == 0:
         return 0.0
-    return float(np.linalg.svd(qa.T @ qb, compute_uv=False)[0])
+    return float(np.linalg.svd(qa.T @ qb, compute_uv=False)[-1])
 
 
 def _projected(c: Candidate, projector: Projector) -> FloatArray:

@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.attribute import LEVEL, choose, plausible
-from hil.compare.evidence import Candidate, Evidence, gather
+from hil.compare.evidence import NOTHING, Candidate, Evidence, gather
 from hil.compare.heldout import Examiner, HeldOut
+from hil.compare.identifiable import undetermined
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models import catalogue
 from hil.models.model import RobotModel, Use, Value
+from hil.record.checks import check
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -24,7 +26,7 @@ EXPLAINED = 0.70
 ADEQUATE = 1.10
 CONFIDENT = 0.75
 #: An effect must lower the held-out error of its joint by this much ...
-WORTH = 0.025
+WORTH = 0.04
 #: ... and remove this share of what is still above the floor.
 SHARE = 0.10
 MOST = 4
@@ -77,18 +79,23 @@ class Diagnosis:
     """Verdict, findings and everything they rest on."""
 
     verdict: str
-    findings: list[Finding]
-    ladder: list[Step]
-    first: Evidence
-    last: Evidence
-    floor: FloatArray
+    findings: list[Finding] = field(default_factory=list)
+    ladder: list[Step] = field(default_factory=list)
+    first: Evidence = NOTHING
+    last: Evidence = NOTHING
+    floor: FloatArray = field(default_factory=lambda: np.zeros(0))
     warnings: list[tuple[str, str]] = field(default_factory=list)
     partial: list[Finding] = field(default_factory=list)
 
     @property
     def result(self) -> FitResult:
-        """Fit of the final model."""
+        """Fit of the last rung."""
         return self.ladder[-1].result
+
+    @property
+    def model(self) -> RobotModel:
+        """The improved model; the first one where nothing is named."""
+        return (self.ladder[-1] if self.findings else self.ladder[0]).result.model
 
 
 def diagnose(
@@ -113,11 +120,17 @@ def diagnose(
     seed : int
         Of the sign flips.
     """
+    errors = [f for r in recordings for f in check(r) if f.severity == "error"]
+    if errors:
+        return Diagnosis("bad-data", warnings=[(f.code, f.text) for f in errors])
     problem = Problem(recordings, model.robot, model.explains, model.band)
     examine = Examiner(problem, holdout or [])
     result = fit(problem, model)
     ladder = [Step("base model", result, examine(result))]
     evidence = first = gather(result, seed)
+    reasons = undetermined(result)
+    if reasons:
+        return Diagnosis("not-identifiable", [], ladder, first, first, first.floor.rms, reasons)
     found: list[tuple[Candidate, float, list[Candidate]]] = []
     for _ in range(most):
         step = _next(evidence, ladder, examine, problem, found)

@@ -69,8 +69,13 @@ class Evidence:
 
     candidates: list[Candidate]
     floor: Floor
-    projector: Projector
+    projector: Projector | None
     impossible: list[tuple[str, str]]
+
+
+_NONE = np.zeros(0)
+#: No evidence: a recording that was not analysed.
+NOTHING = Evidence([], Floor(_NONE, "none", np.zeros((0, 0)), _NONE, _NONE), None, [])
 
 
 def possible_terms(result: FitResult, per_run: bool = False) -> tuple[list[Term], list[tuple[str, str]]]:

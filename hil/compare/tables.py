@@ -109,10 +109,10 @@ def sets_of(d: Diagnosis) -> list[Indistinguishable]:
 
 def diagnosis_json(d: Diagnosis) -> dict[str, object]:
     """`hil diagnose --json`."""
-    last = d.ladder[-1]
+    last = d.ladder[-1] if d.ladder else None
     structure = [
         {"joint": r.joint, "feature": r.feature, "share": number(r.share, 3), "text": r.text}
-        for items in regions(last.result, d.last.floor, 3).values()
+        for items in (regions(last.result, d.last.floor, 3) if last else {}).values()
         for r in items
     ]
     return {
@@ -121,9 +121,9 @@ def diagnosis_json(d: Diagnosis) -> dict[str, object]:
         "findings": [finding_json(f) for f in d.findings],
         "candidates": [candidate_json(c, d.first, d) for c in d.first.candidates[:20]],
         "remaining": {
-            "relative": by_joint(last.result, last.heldout.relative),
-            "rms": by_joint(last.result, last.heldout.rms),
-            "noise_floor": by_joint(last.result, d.floor),
+            "relative": by_joint(last.result, last.heldout.relative) if last else {},
+            "rms": by_joint(last.result, last.heldout.rms) if last else {},
+            "noise_floor": by_joint(last.result, d.floor) if last else {},
             "noise_floor_from": d.last.floor.method,
             "structure": structure,
             "best_partial": [finding_json(f) for f in d.partial],

@@ -1,0 +1,64 @@
+"""`hil compare`: model against measurement."""
+
+from __future__ import annotations
+
+import argparse
+
+from hil.commands import common
+from hil.compare import analysis
+from hil.compare.analysis import Comparison
+from hil.compare.tables import comparison_json
+
+HELP = "model against measurement: error, noise floor, where it fails"
+EXAMPLE = "hil compare run.mcap --model arm.toml --report out.html"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare options."""
+    common.add_sessions(parser)
+    parser.add_argument("--report", metavar="R.html", help="write a self-contained report")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare and print."""
+    common.writable(args.report)
+    runs, held, model = common.load(args)
+    comparison = analysis.compare(runs, model, held)
+    if args.report:
+        from hil.compare.report import comparison_report
+
+        comparison_report(comparison, args.report)
+    if args.json:
+        common.emit(comparison_json(comparison))
+        return 0
+    common.out(text(comparison))
+    if args.report:
+        common.out(f"\nreport: {args.report}")
+    return 0
+
+
+def text(c: Comparison) -> str:
+    """The comparison for a terminal."""
+    floor, result = c.evidence.floor.rms, c.result
+    rows = [
+        [
+            name, f"{c.heldout.rms[j]:.4g}", f"{c.heldout.relative[j]:.2f}", f"{floor[j]:.4g}",
+            f"{c.heldout.rms[j] / floor[j]:.2f}", f"{c.multi_step.relative[j]:.2f}",
+        ]
+        for j, name in enumerate(result.problem.joints)
+    ]  # fmt: skip
+    head = ["joint", "rms error", "relative %", "noise floor", "error/floor", "multi-step %"]
+    lines = [common.table(head, rows)]
+    method = {"repeats": "repeated motion", "largest-model": "what the largest model cannot predict"}
+    judged = "held-out sessions" if c.heldout.kind == "holdout" else "contiguous fifths, each held out"
+    lines.append(
+        f"\n  errors on {judged}; noise floor from {method[c.evidence.floor.method]}; "
+        f"multi-step over {c.multi_step.horizon:g} s"
+    )
+    lines.append("\nWhere it fails")
+    places = [r for items in c.where.values() for r in items]
+    lines += [f"  - {r.text}" for r in sorted(places, key=lambda r: -r.strength)[:8]]
+    if not places:
+        lines.append("  nowhere above the noise band")
+    lines += [f"  warning: {f.text}" for f in c.faults]
+    return "\n".join(lines)

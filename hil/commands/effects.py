@@ -1,0 +1,73 @@
+"""`hil effects`: the catalogue."""
+
+from __future__ import annotations
+
+import argparse
+
+from hil.commands import common
+from hil.models import catalogue
+from hil.models.effect import Effect
+
+HELP = "the catalogue of physical effects"
+EXAMPLE = "hil effects stribeck"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare options."""
+    parser.add_argument("name", nargs="?", help="one effect in full")
+    parser.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help="own effects")
+    parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the catalogue or one effect."""
+    from pathlib import Path
+
+    for plugin in args.plugin:
+        catalogue.load_plugin(Path(plugin))
+    chosen = [catalogue.get(args.name)] if args.name else list(catalogue.table().values())
+    if args.json:
+        common.emit({"schema": "hil.effects/1", "effects": [as_dict(e) for e in chosen]})
+    elif args.name:
+        common.out(describe(chosen[0]))
+    else:
+        rows = [[e.name, e.family, e.equation] for e in sorted(chosen, key=lambda e: (e.family, e.name))]
+        width = max(len(r[0]) for r in rows)
+        common.out("\n".join(f"  {r[0].ljust(width)}  {r[1].ljust(12)}  {r[2]}" for r in rows))
+    return 0
+
+
+def as_dict(e: Effect) -> dict[str, object]:
+    """One effect as JSON."""
+    params = [
+        {"name": p.name, "unit": p.unit, "text": p.text, "shape": p in e.shape}
+        for p in (*e.params, *e.shape)
+    ]
+    return {
+        "name": e.name, "family": e.family, "equation": e.equation, "signature": e.signature,
+        "confused_with": list(e.confused_with), "shown_by": e.shown_by, "source": e.source,
+        "explains": list(e.explains), "parameters": params,
+    }  # fmt: skip
+
+
+def describe(e: Effect) -> str:
+    """One effect for a terminal."""
+    unit = str.maketrans({"{": "", "}": ""})
+    lines = [
+        f"{e.name} ({e.family}): {(e.__doc__ or '').strip().splitlines()[0]}",
+        "",
+        f"  {e.equation}",
+        "",
+    ]
+    for p in (*e.params, *e.shape):
+        kind = "shape" if p in e.shape else "linear"
+        text = p.unit.replace("{F}", "N m|N").replace("{x}", "rad|m").translate(unit)
+        lines.append(f"  {p.name:6s} {kind:7s} [{text}]  {p.text}")
+    lines += [
+        "",
+        f"  shows itself by    {e.signature}",
+        f"  mistaken for       {', '.join(e.confused_with) or 'nothing'}",
+        f"  motion to show it  {e.shown_by}",
+        f"  source             {e.source}",
+    ]
+    return "\n".join(lines)

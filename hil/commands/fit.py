@@ -1,0 +1,53 @@
+"""`hil fit`: identify all parameters jointly."""
+
+from __future__ import annotations
+
+import argparse
+
+from hil.commands import common
+from hil.compare import analysis
+from hil.identify.result import FitResult
+from hil.models.files import write_model
+
+HELP = "identify all parameters of a model jointly"
+EXAMPLE = "hil fit run1.mcap run2.mcap --model arm.toml -o fitted.toml"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare options."""
+    common.add_sessions(parser, model=False)
+    parser.add_argument("-o", "--output", metavar="FITTED.toml", help="write the fitted model")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit and print."""
+    common.writable(args.output)
+    runs, _, model = common.load(args)
+    result = analysis.fit(runs, model)
+    if args.output:
+        write_model(result.model, args.output)
+    if args.json:
+        common.emit(result.as_dict())
+    else:
+        common.out(text(result))
+        if args.output:
+            common.out(f"\nfitted model: {args.output}")
+    return 0
+
+
+def text(result: FitResult) -> str:
+    """The fit for a terminal."""
+    rows = []
+    for name, v in result.values.items():
+        flag = "on its bound" if v.at_bound else "" if v.identifiable else "only in combination"
+        error = f"{v.stderr:.2g}" if v.stderr == v.stderr else ""
+        rows.append([name, f"{v.value:.5g}", error, v.unit, flag])
+    out = common.table(["parameter", "value", "stderr", "unit", ""], rows)
+    relative = ", ".join(
+        f"{j} {x:.2f} %" for j, x in zip(result.problem.joints, result.relative, strict=True)
+    )
+    return (
+        f"{out}\n\n  relative error (fitted data): {relative}\n"
+        f"  {result.basis.rank} of {result.x.shape[1]} directions determined, condition number "
+        f"{result.basis.condition:.3g}, band up to {result.problem.rates.effort:.3g} Hz"
+    )
