@@ -39,8 +39,8 @@ def coefficients(
         waves = np.sin(2 * np.pi * k[:, None] * t + phase[1:, None]) / k[:, None]
         envelope = (1.0 - np.cos(2 * np.pi * t + phase[0])) / 2
         s = waves[:3].sum(0) + 1.6 * envelope * waves[3:].sum(0)
-        s *= amplitude[joint] / np.ptp(s) * 2
-        s -= (s.max() + s.min()) / 2
+        s -= s.mean()
+        s *= amplitude[joint] / np.abs(s).max()
         spectrum = np.fft.rfft(s)[1 : HARMONICS + 1] / (t.size / 2)
         rate = np.abs(np.gradient(s, t * period)).max()
         scale = min(1.0, speed[joint] / rate)

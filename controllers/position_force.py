@@ -13,6 +13,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
+from controllers import geometry
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
 
@@ -60,29 +61,6 @@ class PositionForceConfig:
 
 
 @nb.njit(cache=True, nogil=True)
-def jacobian(q: Any, lengths: Any, out: Any) -> None:
-    """Position Jacobian (3, 3) of the tip; q = th1, th2, th3 (forearm from the base)."""
-    s1, c1, s2, c2 = sin(q[0]), cos(q[0]), sin(q[1]), cos(q[1])
-    s3, c3 = sin(q[2]), cos(q[2])
-    l1, l2 = lengths[0], lengths[1]
-    r = l1 * c2 + l2 * s3
-    out[0, 0], out[0, 1], out[0, 2] = -s1 * r, -l1 * c1 * s2, l2 * c1 * c3
-    out[1, 0], out[1, 1], out[1, 2] = c1 * r, -l1 * s1 * s2, l2 * s1 * c3
-    out[2, 0], out[2, 1], out[2, 2] = 0.0, l1 * c2, l2 * s3
-
-
-@nb.njit(cache=True, nogil=True)
-def place(q: Any, lengths: Any, axis: int) -> float:
-    """Coordinate `axis` of the tip [m]."""
-    r = lengths[0] * cos(q[1]) + lengths[1] * sin(q[2])
-    if axis == 0:
-        return float(r * cos(q[0]))
-    if axis == 1:
-        return float(r * sin(q[0]))
-    return float(lengths[0] * sin(q[1]) - lengths[1] * cos(q[2]))
-
-
-@nb.njit(cache=True, nogil=True)
 def law(
     x: Any, u: Any, workspace: bool, gains: Any, gravity: Any, lengths: Any, scalars: Any,
     work: Any, x_next: Any, y: Any,
@@ -101,15 +79,16 @@ def law(
         (0, g2, g3) of leader and follower [N m].
     scalars : ndarray (4,)
         Force scale, share of the force filter, leader damping, share of the rate filter.
-    work : ndarray (2, 3, 3)
-        Room for the Jacobians.
+    work : ndarray (2, 4, 3)
+        Room for the Jacobians and, in the last row, the positions.
     """
-    jacobian(u[0], lengths, work[0])
-    jacobian(u[1], lengths, work[1])
+    for a in range(2):
+        geometry.forward(u[a], lengths, work[a, 3])
+        geometry.jacobian(u[a], lengths, work[a])
     x_next[0] = 1.0
     for i in range(3):
         if workspace:
-            gap, rate = place(u[0], lengths, i) - place(u[1], lengths, i), 0.0
+            gap, rate = work[0, 3, i] - work[1, 3, i], 0.0
             for j in range(3):
                 rate += work[0, i, j] * u[0, 3 + j] - work[1, i, j] * u[1, 3 + j]
         else:
@@ -164,7 +143,7 @@ class PositionForce:
             1.0 - np.exp(-period / tau) for tau in (config.force_filter, config.velocity_filter)
         )
         self._scalars = np.array([config.force_scale, force, config.leader_damping, rate])
-        self._work = np.zeros((2, 3, 3))
+        self._work = np.zeros((2, 4, 3))
 
     def update(
         self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray

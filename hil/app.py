@@ -124,6 +124,7 @@ def _record(
     ticks = round(config.loop.seconds * config.loop.rate_hz)
     with session.open_writer(output, config, rig, seed) as writer:
         slow = SlowSide(ring, writer, session.topics(config, layout))
+        loop.rehearse()
         rig.enable()
         timer.start()
         writer.event(0, timer.epoch_ns, "enabled", {})

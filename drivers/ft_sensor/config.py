@@ -54,4 +54,4 @@ class FtSensorConfig:
             c[2, axial], c[5, tangential] = 1 / 3, 1 / 3
             c[3, axial], c[4, axial] = 2 / 3 * np.sin(a), -2 / 3 * np.cos(a)
             c[0, tangential], c[1, tangential] = -2 / 3 * np.sin(a), 2 / 3 * np.cos(a)
-        return c / np.array([force] * 3 + [torque] * 3)[:, None]
+        return np.asarray(c / np.array([force] * 3 + [torque] * 3)[:, None])

@@ -16,21 +16,26 @@ WINDOW = 24
 
 @nb.njit(cache=True, nogil=True)
 def joint_state(
-    counts: Any, past: Any, head: int, to_joint: Any, period: float, position: Any, velocity: Any
-) -> None:
+    counts: Any, past: Any, head: int, steps: int, to_joint: Any, period: float, position: Any,
+    velocity: Any,
+) -> None:  # fmt: skip
     """Position [rad] and velocity [rad/s] from counts.
 
     Parameters
     ----------
     counts : ndarray (3,)
         Motor counts now; written into `past` (3, WINDOW) at `head`.
+    steps : int
+        Periods since the last reading; what lies between is filled in by a line.
     to_joint : ndarray (3, 3)
         Joint angle per motor count [rad].
     period : float
         Sample period [s].
     """
     for i in range(3):
-        past[i, head] = counts[i]
+        last = past[i, (head - steps) % WINDOW] if steps < WINDOW else float(counts[i])
+        for k in range(min(steps, WINDOW)):
+            past[i, (head - k) % WINDOW] = counts[i] - (counts[i] - last) * k / steps
         position[i] = 0.0
         velocity[i] = 0.0
     for j in range(3):

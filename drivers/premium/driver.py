@@ -42,7 +42,9 @@ class PremiumArm:
         self._to_code = np.linalg.inv(self._to_effort)
         stall = int(config.stall_torque / motor)
         self._top = min(stall, 2 ** (config.dac_bits - 1) - 1)
-        self._past = np.zeros((3, convert.WINDOW), np.int64)
+        self._period_ns = round(period * 1e9)
+        self._last_ns = 0
+        self._past = np.zeros((3, convert.WINDOW))
         self._head = 0
         self.counts = wire.counts
         self.codes = np.zeros(3, np.int64)
@@ -60,10 +62,13 @@ class PremiumArm:
     def measured_js(self, t_ns: int, position: FloatArray, velocity: FloatArray) -> Status:
         """Write position [rad] and velocity [rad/s] (3,) at `t_ns`."""
         self._wire.receive(t_ns)
-        self._head = (self._head + 1) % convert.WINDOW
+        steps = max(1, (t_ns - self._last_ns + self._period_ns // 2) // self._period_ns)
+        self._last_ns = t_ns
+        self._head = (self._head + steps) % convert.WINDOW
         convert.joint_state(
-            self.counts, self._past, self._head, self._to_joint, self._period, position, velocity
-        )
+            self.counts, self._past, self._head, steps, self._to_joint, self._period, position,
+            velocity,
+        )  # fmt: skip
         return Status.OK
 
     def servo_jf(self, effort: FloatArray, sent: FloatArray) -> Status:

@@ -48,7 +48,7 @@ class FrameLayout:
     @property
     def width(self) -> int:
         """Numbers per row."""
-        return self.part("timing").stop
+        return self.arms * (MEASURED + SENT + WORDS) + self.states + len(TIMING)
 
     def zeros(self) -> FloatArray:
         """An empty row."""

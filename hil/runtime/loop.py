@@ -82,6 +82,20 @@ class Loop:
         self.worst = safety.OK
         self.clamped = 0
 
+    def rehearse(self) -> None:
+        """Do once all that a tick does, with the devices not enabled and nothing recorded.
+
+        Loads compiled code before the first deadline; leaves no trace in the controller.
+        """
+        for port, q, qd, wrench, sent, _words, y in self._arms:
+            port.joints.measured_js(self._origin_ns, q, qd)
+            if port.force is not None:
+                port.force.measured_cf(self._origin_ns, q, wrench)
+            safety.limit(y, qd, port.torque_limit, port.speed_limit)
+            port.efforts.servo_jf(y, sent)
+        self._controller.update(0.0, self._x, self._u, self._x_next, self._y)
+        self._y[:] = 0.0
+
     def step(self) -> None:
         """One tick."""
         clock, timing = self._clock, self._timing

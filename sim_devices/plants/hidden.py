@@ -40,9 +40,9 @@ class Hidden:
 
 HIDDEN: dict[str, Hidden] = {
     "stribeck": Hidden({"stribeck": 0.013}, {"stribeck_speed": 0.15}, "rational Stribeck curve"),
-    "asymmetric-coulomb": Hidden({"asym_coulomb": 0.006}, {}, "one direction rubs harder"),
-    "asymmetric-viscous": Hidden({"asym_viscous": 0.006}, {}, "one direction is more viscous"),
-    "quadratic-drag": Hidden({"drag": 0.016}, {}, "|v|^1.8"),
+    "asymmetric-coulomb": Hidden({"asym_coulomb": 0.008}, {}, "one direction rubs harder"),
+    "asymmetric-viscous": Hidden({"asym_viscous": 0.008}, {}, "one direction is more viscous"),
+    "quadratic-drag": Hidden({"drag": 0.024}, {}, "|v|^1.8"),
     "presliding": Hidden({"coulomb_motor": 0.002}, {}, "nested Maxwell slip over 3..20 mrad"),
     "position-friction": Hidden(
         {"eccentric": 0.006},

@@ -1,0 +1,79 @@
+"""Rig files: mistakes are one sentence that names the nearest right thing."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from hil.cli import main
+from hil.config import load_rig, merge
+from hil.errors import ConfigError
+from hil.rig import build_controller
+from hil.session import rig_text, to_toml
+
+RIGS = Path(__file__).parents[2] / "rigs"
+
+
+@pytest.mark.parametrize(
+    ("over", "says"),
+    [
+        ({"lop": {}}, "unknown key 'lop'. Did you mean 'loop'"),
+        ({"loop": {"rate": 1000}}, "unknown key 'rate'. Did you mean 'rate_hz'"),
+        ({"loop": {"rate_hz": "fast"}}, "should be of type float"),
+        ({"loop": {"rate_hz": -1}}, "0 < slow_hz <= rate_hz"),
+        ({"loop": {"seconds": 0}}, "must be positive"),
+        ({"loop": {"clock": "lockstp"}}, "Did you mean 'lockstep'"),
+        ({"loop": 3}, "a table is needed"),
+        ({"backend": "usbb"}, "Did you mean 'usb'"),
+        ({"schema": "hil.rig/9"}, "this version reads 'hil.rig/1'"),
+        ({"devices": {"leader-arm": {"arm": "leeder"}}}, "Did you mean 'leader'"),
+        ({"devices": {"new": {"arm": "leader"}}}, "the key 'driver' is missing"),
+        ({"arms": {"leader": {"torque_limit": [1.0]}}}, "three entries"),
+        ({"arms": {"leader": {"torque_limit": [1.0, 1.0, 0.0]}}}, "must be positive"),
+        ({"controller": {"arms": ["leader", "x"]}}, "unknown arm"),
+        ({"controller": {"arms": "leader"}}, "a list is needed"),
+    ],
+)
+def test_mistakes_in_a_rig_are_named(over, says):
+    with pytest.raises(ConfigError, match=says.replace("(", r"\(")):
+        load_rig(RIGS / "teleop.toml", over)
+
+
+@pytest.mark.parametrize(
+    ("over", "says"),
+    [
+        ({"controller": {"name": "position-forse"}}, "Did you mean 'position-force'"),
+        ({"controller": {"parameters": {"stifness": [1, 1, 1]}}}, "Did you mean 'stiffness'"),
+        ({"controller": {"parameters": {"space": "jointt"}}}, "Did you mean 'joint'"),
+        ({"controller": {"arms": ["leader"]}}, "needs leader and follower"),
+    ],
+)
+def test_mistakes_in_a_controller_are_named(over, says):
+    with pytest.raises(ConfigError, match=says):
+        build_controller(load_rig(RIGS / "teleop.toml", over))
+
+
+def test_the_command_line_answers_with_exit_code_2(tmp_path, capsys):
+    assert main(["run", str(tmp_path / "no.toml"), "-o", str(tmp_path / "s.mcap")]) == 2
+    assert "no such rig file" in capsys.readouterr().err
+    bad = tmp_path / "bad.toml"
+    bad.write_text("a = = 1")
+    assert main(["run", str(bad), "-o", str(tmp_path / "s.mcap")]) == 2
+    assert main(["run", str(RIGS / "teleop.toml"), "-o", "x.mcap", "--seed", "-1"]) == 2
+    assert not Path("x.mcap").exists()
+
+
+def test_overrides_do_not_change_what_they_are_merged_into():
+    base = {"a": {"b": 1, "c": 2}}
+    assert merge(base, {"a": {"b": 3}}) == {"a": {"b": 3, "c": 2}}
+    assert base == {"a": {"b": 1, "c": 2}}
+
+
+def test_the_attached_rig_is_toml_that_lacks_the_simulation():
+    config = load_rig(RIGS / "teleop.toml")
+    table = tomllib.loads(rig_text(config))
+    assert "simulation" not in table
+    assert table["devices"]["leader-force"]["options"]["model"] == "nano25"
+    assert tomllib.loads(to_toml({"a": {"b": [1, 2.5, "x"], "c": {"d": True}}})) == {
+        "a": {"b": [1, 2.5, "x"], "c": {"d": True}}
+    }
