@@ -15,6 +15,7 @@ from hil.errors import HilError
 COMMANDS: dict[str, str] = {
     "run": "hil.commands.run",
     "devices": "hil.commands.devices",
+    "import": "hil.commands.import_",
     "fit": "hil.commands.fit",
     "compare": "hil.commands.compare",
     "diagnose": "hil.commands.diagnose",

@@ -1,0 +1,140 @@
+"""`hil import`: a table of any rig into a session."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from hil.errors import ConfigError
+from hil.models.files import write_model
+from hil.models.model import base_model
+from hil.record import datasets
+from hil.record.checks import check
+from hil.record.mapfile import TableMap, builtin_maps, read_map
+from hil.record.recording import Recording
+from hil.record.table import Imported, import_table
+from hil.record.writer import write_recordings
+
+HELP = "bring a CSV, NPZ or MAT recording of any rig into a session"
+EXAMPLE = "hil import run1.csv --robot arm.urdf -o run1.mcap"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "table", metavar="TABLE",
+        help="CSV, NPZ or MAT file with columns t, q1.., tau1.. (SI); or a public recording, "
+        f"e.g. emps/DATA_EMPS.mat, found through {datasets.VARIABLE}",
+    )  # fmt: skip
+    parser.add_argument("-o", "--output", required=True, metavar="S.mcap", help="session to write")
+    parser.add_argument(
+        "--map", metavar="MAP.toml",
+        help="renames, scales, shifts and signs columns; or a built-in map: "
+        + ", ".join(builtin_maps()),
+    )  # fmt: skip
+    parser.add_argument("--robot", default="", metavar="URDF", help="robot; default: of the map")
+    parser.add_argument("--tip", default="", metavar="FRAME", help="frame of the measured force")
+    parser.add_argument("--arm", default="", metavar="NAME", help="name of the arm (default arm)")
+    parser.add_argument("--run", default="", metavar="NAME", help="run of a file with several")
+    parser.add_argument(
+        "--unit", default="", choices=("rad", "m"), help="unit of the axes, without a URDF"
+    )
+    parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Import, write the session and, where there is none, the base model."""
+    output = Path(args.output)
+    if not output.parent.is_dir():
+        raise ConfigError(f"cannot write {output}: folder {output.parent} does not exist")
+    if output.is_dir():
+        raise ConfigError(f"cannot write {output}: it is a folder")
+    table, mapping = _source(args.table, args.map)
+    if table.resolve() == output.resolve():
+        raise ConfigError(f"the output {output} is the table itself; choose another name")
+    found = import_table(
+        table, mapping, urdf=args.robot, tip=args.tip, arm=args.arm, run=args.run, unit=args.unit
+    )
+    _write(output, found, table)
+    model = _model(output, found.recordings)
+    if args.json:
+        sys.stdout.write(json.dumps(_as_dict(output, found, model)) + "\n")
+    else:
+        sys.stdout.write(_text(output, found, *model))
+    return 0
+
+
+def _source(table: str, mapping: str | None) -> tuple[Path, TableMap | None]:
+    """The file, and its map: the given one, or that of a public set."""
+    path, known = Path(table), None
+    if not path.exists():
+        resolved = datasets.resolve(table)
+        if resolved:
+            path, known = resolved
+    name = mapping or known
+    return path, read_map(name) if name else None
+
+
+def _write(output: Path, found: Imported, table: Path) -> None:
+    """Write beside the output and move into place, so that a failure leaves the old one."""
+    handle, temporary = tempfile.mkstemp(suffix=".mcap", dir=output.parent or ".")
+    os.close(handle)
+    try:
+        source = {"import": {"table": table.name, "run": found.recordings[0].name}}
+        write_recordings(temporary, found.recordings, source)
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(temporary).chmod(0o666 & ~mask)
+        Path(temporary).replace(output)
+    except OSError as error:
+        raise ConfigError(f"cannot write {output}: {error.strerror}") from error
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+
+
+def _model(output: Path, recordings: tuple[Recording, ...]) -> tuple[Path, bool]:
+    """Path of the model beside the session, and whether it was written now."""
+    path = output.with_name(f"{output.stem}.model.toml")
+    if path.exists() or path.with_suffix(".urdf").exists():
+        return path, False
+    write_model(base_model(recordings[0].robot), path)
+    return path, True
+
+
+def _as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[str, object]:
+    return {
+        "schema": "hil.import/1",
+        "session": str(output),
+        "model": str(model[0]),
+        "model_written": model[1],
+        "arms": [
+            {"name": r.arm, "joints": list(r.joints), "samples": r.n, "rate_hz": r.rate}
+            for r in found.recordings
+        ],
+        "unused": list(found.unused),
+        "warnings": [
+            {"code": f.code, "text": f.text} for r in found.recordings for f in check(r)
+        ],
+    }  # fmt: skip
+
+
+def _text(output: Path, found: Imported, model: Path, written: bool) -> str:
+    lines = []
+    for r in found.recordings:
+        joints = ", ".join(r.joints)
+        lines.append(
+            f"{output}: arm {r.arm}, {r.n} samples at {r.rate:.5g} Hz, {r.d} joints ({joints})"
+        )
+    if found.unused:
+        lines.append(f"not used: {', '.join(found.unused)}")
+    faults = [f for r in found.recordings for f in check(r)]
+    if faults:
+        lines.append(f"{len(faults)} data faults; 'hil info {output}' lists them")
+    state = "base model written" if written else "model kept as it was"
+    lines.append(f"{model}: {state}")
+    lines += ["next:", f"  hil info {output}", f"  hil diagnose {output} --model {model}"]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,256 @@
+"""Map files: how the columns of a foreign table become those of a recording.
+
+    value = scale * sign * source + shift (+ the offset of the run)
+
+or, for a combination of columns, ``sum = { a = 0.5, b = -0.5 }`` in place of `from`; a bare
+number is a constant column.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError, unknown
+
+FloatArray = NDArray[np.float64]
+
+SCHEMA = "hil.map/1"
+TARGETS = ("t", "q1..", "qd1..", "tau1..", "tauext1..", "i1..", "temp1..", "fx", "fy", "fz",
+           "tx", "ty", "tz")  # fmt: skip
+_TARGET = re.compile(r"t|[ft][xyz]|(q|qd|tau|tauext|i|temp)[1-9][0-9]?")
+_TOP = ("schema", "robot", "table", "columns", "arms", "offsets")
+_ROBOT = ("preset", "urdf", "tip", "unit", "arm")
+_TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated")
+_RULE = ("from", "sum", "scale", "sign", "shift")
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One column of the recording from those of the table: sum of weight * source, + shift."""
+
+    terms: Mapping[str, float]
+    shift: float = 0.0
+
+    def apply(self, columns: Mapping[str, FloatArray], n: int) -> FloatArray:
+        """Values (n,) of the column."""
+        out = np.full(n, self.shift)
+        for source, weight in self.terms.items():
+            out += weight * columns[source]
+        return out
+
+
+@dataclass(frozen=True)
+class TableMap:
+    """A map file, or what stands for it when there is none.
+
+    Parameters
+    ----------
+    arms : mapping of str to mapping of str to Rule
+        Rules by arm and target column; the arm ``""`` is the only one and unnamed.
+    preset, urdf, tip : str
+        The robot; `urdf` is a file name.
+    unit : str
+        Unit of the axes, ``"rad"`` or ``"m"``; ``""`` = not said (rad is taken and doubted).
+    array, columns : str, tuple of str
+        Which 2-D array, and the names of its columns.
+    rate_hz : float
+        Sample rate where the table has no time column; 0 otherwise.
+    join : mapping of str to str
+        Further tables beside the first by the prefix of their columns.
+    gaps, repeated : str
+        ``"refuse"``, or ``"keep"`` the gaps and ``"drop"`` the repeated rows.
+    offsets : mapping
+        Offset by run and target column (``arm.column`` where there are several arms).
+    folder : Path or None
+        Folder of the map file.
+    """
+
+    arms: Mapping[str, Mapping[str, Rule]] = field(default_factory=lambda: {"": {}})
+    preset: str = "single-axis"
+    urdf: str = ""
+    tip: str = ""
+    unit: str = ""
+    array: str = ""
+    columns: tuple[str, ...] = ()
+    rate_hz: float = 0.0
+    join: Mapping[str, str] = field(default_factory=dict)
+    gaps: str = "refuse"
+    repeated: str = "refuse"
+    offsets: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    folder: Path | None = None
+
+
+def is_target(name: str) -> bool:
+    """Whether a column of this name belongs to a recording."""
+    return _TARGET.fullmatch(name) is not None
+
+
+def builtin_maps() -> tuple[str, ...]:
+    """Names of the maps that come with the package."""
+    files = resources.files("hil.record").joinpath("maps").iterdir()
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+
+
+def read_map(source: str | Path) -> TableMap:
+    """Read a map file, or a built-in map by its name.
+
+    Raises
+    ------
+    ConfigError
+        If it is missing, not TOML, or holds an unknown key or column.
+    """
+    path, name = Path(source), str(source)
+    builtin = not path.is_file() and name in builtin_maps()
+    try:
+        if builtin:
+            text = resources.files("hil.record").joinpath("maps", f"{name}.toml").read_text("utf-8")
+        else:
+            text = path.read_text(encoding="utf-8")
+        out = parse_map(tomllib.loads(text))
+    except FileNotFoundError as error:
+        known = ", ".join(builtin_maps())
+        raise ConfigError(f"map {name}: no such file, and no built-in map ({known})") from error
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"map {name} cannot be read: {error}") from error
+    except ConfigError as error:
+        raise ConfigError(f"map {name}: {error}") from error
+    return out if builtin else replace(out, folder=path.parent)
+
+
+def parse_map(data: Mapping[str, Any]) -> TableMap:
+    """Map from the tables of a TOML file.
+
+    Raises
+    ------
+    ConfigError
+        If it holds an unknown key, column or value.
+    """
+    _keys(data, _TOP, "the map")
+    if data.get("schema", SCHEMA) != SCHEMA:
+        raise ConfigError(f"schema is {data['schema']!r}, expected {SCHEMA!r}")
+    robot, table = _table(data, "robot", _ROBOT), _table(data, "table", _TABLE)
+    if robot.get("unit", "") not in ("", "rad", "m"):
+        raise ConfigError(unknown("unit", str(robot["unit"]), ("rad", "m")))
+    if "urdf" in robot and "preset" in robot:
+        raise ConfigError("[robot] has both urdf and preset; keep one")
+    for key, values in (("gaps", ("refuse", "keep")), ("repeated", ("refuse", "drop"))):
+        if table.get(key, "refuse") not in values:
+            raise ConfigError(unknown(f"value of table.{key}", str(table[key]), values))
+    arms = _arms(data, str(robot.get("arm", "")))
+    return TableMap(
+        arms=arms,
+        preset=str(robot.get("preset", "single-axis")),
+        urdf=str(robot.get("urdf", "")),
+        tip=str(robot.get("tip", "")),
+        unit=str(robot.get("unit", "")),
+        array=str(table.get("array", "")),
+        columns=_names(table.get("columns", ())),
+        rate_hz=_number(table.get("rate_hz", 0.0), "table.rate_hz"),
+        join={str(k): str(v) for k, v in _table(table, "join").items()},
+        gaps=str(table.get("gaps", "refuse")),
+        repeated=str(table.get("repeated", "refuse")),
+        offsets=_offsets(data, arms),
+    )
+
+
+def _arms(data: Mapping[str, Any], single: str) -> dict[str, dict[str, Rule]]:
+    shared = _rules(_table(data, "columns"))
+    arms = _table(data, "arms")
+    if not arms:
+        return {single: shared}
+    out: dict[str, dict[str, Rule]] = {}
+    for arm in arms:
+        entry = _table(arms, arm, ("columns",))
+        out[arm] = {**shared, **_rules(_table(entry, "columns"))}
+    return out
+
+
+def _rules(table: Mapping[str, Any]) -> dict[str, Rule]:
+    return {target: _rule(_target(target), entry) for target, entry in table.items()}
+
+
+def _target(name: str) -> str:
+    if not is_target(name):
+        raise ConfigError(unknown("column of a recording", name, TARGETS))
+    return name
+
+
+def _rule(target: str, entry: Any) -> Rule:
+    if isinstance(entry, str):
+        return Rule({entry: 1.0})
+    if isinstance(entry, int | float) and not isinstance(entry, bool):
+        return Rule({}, float(entry))
+    if not isinstance(entry, dict):
+        raise ConfigError(f"column {target!r}: expected a name, a number or {{ from = ... }}")
+    _keys(entry, _RULE, f"column {target!r}")
+    if ("from" in entry) == ("sum" in entry):
+        raise ConfigError(f"column {target!r}: exactly one of 'from' and 'sum' is needed")
+    terms = _table(entry, "sum") if "sum" in entry else {str(entry["from"]): 1.0}
+    sign = _number(entry.get("sign", 1.0), f"{target}.sign")
+    if abs(sign) != 1:
+        raise ConfigError(f"column {target!r}: sign is {sign:g}, expected 1 or -1")
+    factor = sign * _number(entry.get("scale", 1.0), f"{target}.scale")
+    weights = {str(k): factor * _number(v, f"{target}.sum.{k}") for k, v in terms.items()}
+    return Rule(weights, _number(entry.get("shift", 0.0), f"{target}.shift"))
+
+
+def _offsets(
+    data: Mapping[str, Any], arms: Mapping[str, Mapping[str, Rule]]
+) -> dict[str, dict[str, float]]:
+    out: dict[str, dict[str, float]] = {}
+    table = _table(data, "offsets")
+    for run in table:
+        out[run] = {}
+        for name, value in _flat(_table(table, run)).items():
+            arm, _, column = name.rpartition(".")
+            if arm and arm not in arms:
+                raise ConfigError(f"[offsets.{run}]: " + unknown("arm", arm, arms))
+            out[run][f"{arm}.{_target(column)}" if arm else _target(column)] = _number(value, name)
+    return out
+
+
+def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
+    """One level of nested tables as dotted names."""
+    out: dict[str, Any] = {}
+    for key, value in table.items():
+        nested = value.items() if isinstance(value, dict) else None
+        out |= {f"{key}.{k}": v for k, v in nested} if nested is not None else {key: value}
+    return out
+
+
+def _keys(table: Mapping[str, Any], known: tuple[str, ...], what: str) -> None:
+    for key in table:
+        if key not in known:
+            raise ConfigError(unknown(f"key in {what}", key, known))
+
+
+def _table(
+    data: Mapping[str, Any], key: str, known: tuple[str, ...] | None = None
+) -> dict[str, Any]:
+    value = data.get(key, {})
+    if not isinstance(value, dict):
+        raise ConfigError(f"{key} must be a table, found {value!r}")
+    if known is not None:
+        _keys(value, known, f"[{key}]")
+    return value
+
+
+def _number(value: Any, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise ConfigError(f"{what} is {value!r}; expected a number")
+    return float(value)
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list | tuple) or not all(isinstance(v, str) for v in value):
+        raise ConfigError(f"table.columns is {value!r}; expected a list of names")
+    return tuple(value)

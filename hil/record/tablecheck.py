@@ -1,0 +1,153 @@
+"""What an import refuses: values that no fit could use, each with what to do about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import DataError
+from hil.record.mapfile import Rule
+from hil.record.recording import Recording
+from hil.record.tablefile import Table
+from hil.record.urdf_joints import UrdfJoint
+
+FloatArray = NDArray[np.float64]
+
+#: A step of so many median periods is a jump.
+JUMP = 10.0
+#: A median period [s] from here on means that the time is not in seconds.
+LONG_PERIOD = 0.25
+#: Angles [rad] that a joint does not swing through and back: one of which nothing is known, and
+#: one that its URDF says to be continuous.
+TWO_TURNS, MANY_TURNS = 4 * math.pi, 32 * math.pi
+
+
+def refuse_not_finite(
+    table: Table, rules: Mapping[str, Rule], values: Mapping[str, FloatArray]
+) -> None:
+    """Refuse NaN and infinite values, naming the column, how many and which rows first.
+
+    Raises
+    ------
+    DataError
+        If there are any.
+    """
+    for target, column in values.items():
+        bad = np.flatnonzero(~np.isfinite(column))
+        if bad.size:
+            source = ", ".join(rules[target].terms) if target in rules else target
+            first = ", ".join(str(table.first_row + k) for k in bad[:5])
+            more = ", ..." if bad.size > 5 else ""
+            raise DataError(
+                f"table {table.path}: column {source!r} has {bad.size} missing, NaN or infinite "
+                f"values of {column.size}, first in rows {first}{more}; cut or repair these rows"
+            )
+
+
+def clean_time(table: Table, t: FloatArray | None, gaps: str, repeated: str) -> NDArray[np.intp]:
+    """Rows to keep, after checking that the time increases evenly.
+
+    Parameters
+    ----------
+    table : Table
+        For messages.
+    t : ndarray (n,)
+        Time [s].
+    gaps, repeated : str
+        As in the map file.
+
+    Raises
+    ------
+    DataError
+        If time runs backward, repeats, jumps or is not in seconds.
+    """
+    if t is None or t.size < 2:
+        raise DataError(f"table {table.path}: {0 if t is None else t.size} samples; too few")
+    dt = np.diff(t)
+    rows = np.arange(t.size)
+    back, same = np.flatnonzero(dt < 0), np.flatnonzero(dt == 0)
+    if back.size:
+        k = int(back[0])
+        raise DataError(
+            f"table {table.path}: time runs backward {back.size} times, first in row "
+            f"{table.first_row + k + 1} ({t[k]:.6g} s, then {t[k + 1]:.6g} s); "
+            "sort the rows, or import each run by itself"
+        )
+    if same.size and repeated == "refuse":
+        raise DataError(
+            f"table {table.path}: {same.size} repeated time stamps, first in row "
+            f"{table.first_row + int(same[0]) + 1} ({t[same[0]]:.6g} s); remove these rows, or say "
+            'repeated = "drop" in [table] of a map'
+        )
+    rows = np.delete(rows, same + 1)
+    _refuse_steps(table, t[rows], rows, gaps)
+    return rows
+
+
+def _refuse_steps(table: Table, t: FloatArray, rows: NDArray[np.intp], gaps: str) -> None:
+    dt = np.diff(t)
+    if not dt.size:
+        raise DataError(f"table {table.path}: the time never changes")
+    period = float(np.median(dt))
+    if period >= LONG_PERIOD:
+        raise DataError(
+            f"table {table.path}: the time advances by {period:.4g} s a sample "
+            f"({1 / period:.3g} Hz); it looks like milliseconds (or samples, microseconds). "
+            'Scale it to seconds in a map: [columns] t = { from = "t", scale = 0.001 }'
+        )
+    jumps = np.flatnonzero(dt > JUMP * period)
+    if jumps.size and gaps == "refuse":
+        k = int(jumps[0])
+        raise DataError(
+            f"table {table.path}: time jumps {jumps.size} times, first in row "
+            f"{table.first_row + int(rows[k + 1])} (from {t[k]:.6g} to {t[k + 1]:.6g} s at a "
+            f"period of {period:.4g} s); import each part by itself, or say "
+            'gaps = "keep" in [table] of a map'
+        )
+
+
+def refuse_units(table: Table, recording: Recording, joints: tuple[UrdfJoint, ...]) -> None:
+    """Refuse positions that are certainly degrees or millimetres.
+
+    Raises
+    ------
+    DataError
+        If they are; `unit` in the map's [robot] overrules it.
+    """
+    for k, name in enumerate(recording.joints):
+        q = recording.q[:, k]
+        joint = joints[k] if joints else UrdfJoint(name, recording.metadata["unit"])
+        bounded = math.isfinite(joint.upper) and math.isfinite(joint.lower)
+        turns = MANY_TURNS if joints else TWO_TURNS
+        if _beyond(q, joint) if bounded else _implausible(q, joint.unit, turns):
+            degrees = joint.unit == "rad"
+            what, scale = ("degrees", "0.0174532925199433") if degrees else ("millimetres", "0.001")
+            limits = f" (limits {joint.lower:.4g} to {joint.upper:.4g})" if bounded else ""
+            raise DataError(
+                f"table {table.path}: q{k + 1} ({name}) runs from {q.min():.4g} to {q.max():.4g} "
+                f"{joint.unit}{limits}; these look like {what}. Scale them in a map: [columns] "
+                f'q{k + 1} = {{ from = "q{k + 1}", scale = {scale} }}; if they truly are '
+                f'{joint.unit}, say unit = "{joint.unit}" in its [robot] (or --unit {joint.unit})'
+            )
+
+
+def _beyond(q: FloatArray, joint: UrdfJoint) -> bool:
+    """Far outside the limits of the URDF, but inside after the conversion."""
+    scale = math.pi / 180 if joint.unit == "rad" else 1e-3
+    span = joint.upper - joint.lower
+    outside = max(q.max() - joint.upper, joint.lower - q.min()) > max(span, 0.5)
+    slack = 0.1 * span
+    inside = q.max() * scale < joint.upper + slack and q.min() * scale > joint.lower - slack
+    return bool(outside and inside)
+
+
+def _implausible(q: FloatArray, unit: str, turns: float) -> bool:
+    """More than some turns (or 20 m) there and back: no joint of an arm does that."""
+    span = float(np.ptp(q))
+    if unit == "m":
+        return span > 20.0
+    travel = float(np.abs(np.diff(q)).sum())
+    return turns < span < 800.0 and travel > 1.5 * span

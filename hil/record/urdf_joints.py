@@ -1,0 +1,98 @@
+"""Moving joints of a URDF in kinematic order, without a rigid-body library."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+
+from hil.errors import DataError
+
+_KINDS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A moving joint.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    unit : str
+        ``"rad"`` or ``"m"``.
+    lower, upper : float
+        Position limits in `unit`; infinite where the URDF has none.
+    """
+
+    name: str
+    unit: str
+    lower: float = -math.inf
+    upper: float = math.inf
+
+
+def urdf_joints(text: str, where: str = "the URDF") -> tuple[UrdfJoint, ...]:
+    """Moving joints, depth first from the root, branches by joint name; mimic ones left out.
+
+    Parameters
+    ----------
+    text : str
+        URDF text.
+    where : str
+        What to call it in messages.
+
+    Raises
+    ------
+    DataError
+        If it is not a URDF, has no moving joint, or one of several degrees of freedom.
+    """
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise DataError(f"{where} does not parse as XML: {error}") from error
+    if root.tag != "robot":
+        raise DataError(f"{where}: the root element is <{root.tag}>, expected <robot>")
+    children: dict[str, list[ET.Element]] = {}
+    for joint in sorted(root.findall("joint"), key=lambda j: j.get("name", "")):
+        children.setdefault(_link(joint, "parent", where), []).append(joint)
+    inner = {_link(j, "child", where) for joints in children.values() for j in joints}
+    out: list[UrdfJoint] = []
+    for start in sorted(set(children) - inner):
+        _walk(start, children, out, where)
+    if not out:
+        raise DataError(f"{where} has no moving joint (revolute, continuous or prismatic)")
+    return tuple(out)
+
+
+def _link(joint: ET.Element, tag: str, where: str) -> str:
+    element = joint.find(tag)
+    name = element.get("link", "") if element is not None else ""
+    if not name:
+        raise DataError(f"{where}: joint {joint.get('name')!r} has no <{tag} link=...>")
+    return name
+
+
+def _walk(
+    link: str, children: dict[str, list[ET.Element]], out: list[UrdfJoint], where: str
+) -> None:
+    for joint in children.get(link, ()):
+        kind, name = joint.get("type", ""), joint.get("name", "")
+        if kind in _KINDS and joint.find("mimic") is None:
+            out.append(UrdfJoint(name, _KINDS[kind], *_limits(joint, kind, where)))
+        elif kind not in _KINDS and kind != "fixed":
+            raise DataError(
+                f"{where}: joint {name!r} is of type {kind!r}; "
+                f"expected one of {', '.join(_KINDS)}, fixed"
+            )
+        _walk(_link(joint, "child", where), children, out, where)
+
+
+def _limits(joint: ET.Element, kind: str, where: str) -> tuple[float, float]:
+    limit = joint.find("limit")
+    if limit is None or kind == "continuous":
+        return -math.inf, math.inf
+    try:
+        lower, upper = float(limit.get("lower", "0")), float(limit.get("upper", "0"))
+    except ValueError as error:
+        raise DataError(f"{where}: joint {joint.get('name')!r}: limit: {error}") from error
+    return (lower, upper) if lower < upper else (-math.inf, math.inf)
