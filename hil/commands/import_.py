@@ -39,7 +39,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", default="", metavar="URDF", help="robot; default: of the map")
     parser.add_argument("--tip", default="", metavar="FRAME", help="frame of the measured force")
     parser.add_argument("--arm", default="", metavar="NAME", help="name of the arm (default arm)")
-    parser.add_argument("--run", default="", metavar="NAME", help="run of a file with several")
+    parser.add_argument(
+        "--run", dest="which", default="", metavar="NAME", help="run of a file with several"
+    )
     parser.add_argument(
         "--unit", default="", choices=("rad", "m"), help="unit of the axes, without a URDF"
     )
@@ -57,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     if table.resolve() == output.resolve():
         raise ConfigError(f"the output {output} is the table itself; choose another name")
     found = import_table(
-        table, mapping, urdf=args.robot, tip=args.tip, arm=args.arm, run=args.run, unit=args.unit
+        table, mapping, urdf=args.robot, tip=args.tip, arm=args.arm, run=args.which, unit=args.unit
     )
     _write(output, found, table)
     model = _model(output, found.recordings)
