@@ -15,7 +15,7 @@ from hil.errors import DataError, unknown
 from hil.record.mapfile import read_map
 from hil.record.recording import Recording
 from hil.record.table import import_table
-from hil.record.tablefile import open_table
+from hil.record.tablefile import run_names
 
 VARIABLE = "HIL_DATA"
 
@@ -154,8 +154,7 @@ def load_emps(pulses: bool = False) -> Recording:
 
 def tue_runs() -> list[str]:
     """Names of the 55 runs of the TU/e rig, such as ``m2_question1a_foam2``."""
-    with_runs = open_table(path("tue", "tue_1dof.npz"))
-    return sorted({n.rstrip("1234567") for n in with_runs.names})
+    return run_names(path("tue", "tue_1dof.npz"), read_map("tue-1dof").columns)
 
 
 def load_tue(run: str) -> dict[str, Recording]:

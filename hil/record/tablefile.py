@@ -98,6 +98,21 @@ def open_table(
         raise DataError(f"table {path}: {error.strerror or error}") from error
 
 
+def run_names(path: str | Path, columns: Sequence[str]) -> list[str]:
+    """Names of the runs of an NPZ or MAT file: its 2-D arrays of so many columns.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read.
+    """
+    return _runs(_load(Path(path)), columns)
+
+
+def _runs(data: dict[str, NDArray[Any]], columns: Sequence[str]) -> list[str]:
+    return [k for k, v in data.items() if columns and v.ndim == 2 and v.shape[1] == len(columns)]
+
+
 def _text(path: Path) -> Table:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
@@ -208,9 +223,8 @@ def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> Table:
     data = _load(path)
     if not data:
         raise DataError(f"table {path} holds no arrays")
-    runs = [k for k, v in data.items() if columns and v.ndim == 2 and v.shape[1] == len(columns)]
     if array or columns:
-        name = array or _choose(path, runs, run, len(columns))
+        name = array or _choose(path, _runs(data, columns), run, len(columns))
         return _matrix(path, data, name, columns)
     if run:
         raise DataError(
