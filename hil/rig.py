@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +15,7 @@ from hil.errors import ConfigError, DeviceError
 from hil.runtime.loop import ArmPort
 from hil.signals.device import Controller, Device, MeasuredCf, MeasuredJs, ServoJf, Tareable, Wire
 
-#: Where the real back ends will come from; each row is what the user has to know today.
+#: What to do where a back end is asked for that does not exist.
 NOT_YET = 'this version drives simulated devices only; set backend = "sim"'
 
 
@@ -43,14 +44,15 @@ class Rig:
     biases: dict[str, list[float]] = field(default_factory=dict)
 
     def enable(self) -> None:
-        """Enable every device; if one refuses, disable those that had agreed."""
+        """Enable every device; the first refusal is raised, and `close` makes the rest safe."""
         for device in self.devices.values():
             device.enable()
 
     def close(self) -> None:
-        """Make every device safe and release it."""
-        for device in self.devices.values():
-            device.close()
+        """Make every device safe and release it, even where another one fails to."""
+        with ExitStack() as stack:
+            for device in self.devices.values():
+                stack.callback(device.close)
 
 
 def require_backend(name: str, config: RigConfig) -> None:
