@@ -14,7 +14,7 @@ LEVEL = 0.01
 #: An effect must account for at least this share of the noise variance to matter.
 MATERIAL = 0.10
 #: Share of chi2 by which functional forms are allowed to miss the truth (tempers confidence).
-TEMPER = 0.02
+TEMPER = 0.01
 
 
 def variance_share(c: Candidate, evidence: Evidence, sigma: FloatArray, n: int) -> float:
@@ -61,7 +61,7 @@ def _projected(c: Candidate, projector: Projector) -> FloatArray:
 def weights(best: Candidate, rivals: list[Candidate]) -> dict[int, float]:
     """Probability of each of `best` and its rivals, by index (0 = best).
 
-    exp(-delta / 2T) of the score difference, tempered by T = 1 + 2 % of the best chi2: real
+    exp(-delta / 2T) of the score difference, tempered by T = 1 + 1 % of the best chi2: real
     effects do not follow a library's equation exactly.  A rival that only contains the best
     one (more coefficients, little more explained) is not tempered: it adds nothing.
     """

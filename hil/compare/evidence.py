@@ -83,16 +83,13 @@ def possible_terms(result: FitResult, per_run: bool = False) -> tuple[list[Term]
     problem, explains = result.problem, result.model.explains
     motion = problem.motions[0]
     present = {t.key for t in result.terms}
-    shapeless = {t.key for t in result.terms if not t.effect.shape}
     terms: list[Term] = []
     impossible: dict[str, str] = {}
     for effect in catalogue.table().values():
         if not effect.candidate or explains not in effect.explains:
             continue
-        if effect.name == "contact-stiffness" and ("contact-stiffness", 0) in present:
-            continue
         for j in range(1 if effect.whole_robot and not effect.shape else problem.d):
-            if (effect.name, j) in shapeless:
+            if (effect.name, j) in present:
                 continue
             reason = effect.available(motion, j)
             if reason:

@@ -49,17 +49,17 @@ def motion_bandwidth(recording: Recording) -> float:
 
 
 def choose(recordings: list[Recording], band: Band) -> Rates:
-    """Filter band for a set of runs: given, or six times the motion's bandwidth in 15..40 Hz.
+    """Filter band for a set of runs: given, or six times the motion's bandwidth in 12..25 Hz.
 
-    The position filter is four times wider, so that what remains of a reversal is sharp
+    The position filter is three times wider, so that what remains of a reversal is sharp
     against the effort filter and the acceleration noise is still bounded.
     """
     slowest = min(r.rate for r in recordings)
     effort = band.effort_hz or float(
-        np.clip(6 * max(motion_bandwidth(r) for r in recordings), 15.0, 40.0)
+        np.clip(6 * max(motion_bandwidth(r) for r in recordings), 12.0, 25.0)
     )
     effort = min(effort, slowest / 6)
-    position = band.position_hz or min(4 * effort, 0.35 * slowest)
+    position = band.position_hz or min(3 * effort, 0.35 * slowest)
     return Rates(min(position, 0.45 * slowest), effort)
 
 

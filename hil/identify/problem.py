@@ -129,7 +129,7 @@ class Problem:
         self._filters.append(bands.Decimator(t.size, 1 / step, self.rates.effort))
 
     def _resolution(self, r: Recording) -> FloatArray:
-        """Speed noise after the position filter, three sigma, at least 0.3 % of the rms speed."""
+        """Speed noise after the position filter, two sigma, at least 0.3 % of the rms speed."""
         fs, cutoff = r.rate, self.rates.position
         second = np.diff(r.q, 2, axis=0)
         # white noise of variance s^2 in q gives 6 s^2 in its second difference; take quiet half
@@ -139,7 +139,7 @@ class Problem:
         # s_v = s_q 2 pi fc sqrt(2 fc / (3 fs)) for white noise up to fc
         sigma_v = sigma_q * 2 * np.pi * cutoff * np.sqrt(2 * cutoff / (3 * fs))
         rms = np.sqrt(np.mean(np.diff(r.q, axis=0) ** 2, axis=0)) * fs
-        return np.maximum(np.maximum(3 * sigma_v, 0.003 * rms), 1e-9)
+        return np.maximum(np.maximum(2 * sigma_v, 0.003 * rms), 1e-9)
 
     def _assemble(self) -> None:
         v0 = np.max([m.v0 for m in self.motions], axis=0)

@@ -103,29 +103,33 @@ class PositionTorque(Effect):
     """Smooth effort over position: an umbilical, a cable bundle, a bent hose."""
 
     name, family = "position-torque", "stiffness"
-    equation = "tau = t0 + sum_{k=1..4} ck T_k(x),  x = position scaled to [-1, 1]"
+    equation = "tau = t0 + sum_{k=1..6} ck T_k(x),  x = position scaled to [-1, 1]"
     signature = "smooth residual over position, the same in both directions"
     confused_with = ("spring", "rigid-body", "cogging")
     shown_by = "slow strokes over the whole range"
     source = "WPI dVRK identification (joint cable torque), RA-L 2019"
-    params = tuple(Param(n, "{F}", "Chebyshev coefficient") for n in ("t0", "c1", "c2", "c3", "c4"))
+    params = (
+        Param("t0", "{F}", "effort at mid-range"),
+        *(Param(f"c{k}", "{F}", "Chebyshev coefficient") for k in range(1, 7)),
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """Chebyshev polynomials T0..T4."""
-        return np.polynomial.chebyshev.chebvander(np.clip(motion.scaled(j), -1, 1), 4)
+        """Chebyshev polynomials T0..T6."""
+        return np.polynomial.chebyshev.chebvander(np.clip(motion.scaled(j), -1, 1), 6)
 
 
 class EndStop(Effect):
     """A stop that pushes back beyond a position."""
 
     name, family = "end-stop", "stiffness"
-    equation = "tau = k d + c d v,  d = max(0, q - q0)  (upper) or min(0, q - q0)  (lower)"
+    equation = "tau = k d + h d |d| + c |d| v,  d = max(0, q - q0) (upper) or min(0, q - q0) (lower)"
     signature = "residual only at one end of the range"
     confused_with = ("spring", "position-torque")
     shown_by = "strokes that reach the end of the range, slowly and fast"
     source = "Hunt, Crossley, J. Applied Mechanics 42, 1975"
     params = (
-        Param("k", "{F}/{x}", "stiffness", 0.0),
+        Param("k", "{F}/{x}", "stiffness at first touch"),
+        Param("h", "{F}/{x}^2", "hardening"),
         Param("c", "{F} s/{x}^2", "damping per penetration"),
     )
     shape = (
@@ -134,10 +138,10 @@ class EndStop(Effect):
     )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """[d, |d| v]."""
+        """[d, d |d|, |d| v]."""
         side = 1.0 if shape[1] > 0 else -1.0
         depth = side * np.maximum(0.0, side * (motion.q[:, j] - shape[0]))
-        return np.stack([depth, np.abs(depth) * motion.qd[:, j]], axis=1)
+        return np.stack([depth, depth * np.abs(depth), np.abs(depth) * motion.qd[:, j]], axis=1)
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """2 to 35 % of the span from either end."""

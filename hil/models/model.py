@@ -106,7 +106,7 @@ class RobotModel:
     urdf_path: str = ""
 
     def __add__(self, other: Use | str) -> RobotModel:
-        """Model with one more effect; what it replaces is taken off the same joints.
+        """Model with one more effect (what it replaces steps back on the same joints).
 
         Raises
         ------
@@ -114,16 +114,14 @@ class RobotModel:
             If the effect is unknown or already there for one of the joints.
         """
         use = Use(other) if isinstance(other, str) else other
-        effect = catalogue.get(use.type)
+        catalogue.get(use.type)
         for old in self.effects:
             if old.type == use.type and _overlap(old.joints, use.joints):
-                if not effect.shape:
-                    raise ConfigError(
-                        f"the model already has {use.type!r} on {_text(old.joints)}; "
-                        "remove it first or name another joint"
-                    )
-        kept = tuple(self.effects)
-        return replace(self, effects=(*kept, use))
+                raise ConfigError(
+                    f"the model already has {use.type!r} on {_text(old.joints)}; "
+                    "remove it first or name another joint"
+                )
+        return replace(self, effects=(*self.effects, use))
 
     def __sub__(self, name: str) -> RobotModel:
         """Model without an effect (on every joint).

@@ -41,18 +41,22 @@ class Presliding(Effect):
     """Friction that needs a displacement to build up after each reversal."""
 
     name, family = "presliding", "friction"
-    equation = "tau = fc z,  dz/dq = (1 - z sgn v) / s"
+    equation = "tau = fc z(s) + f2 z(4 s),  dz/dq = (1 - z sgn v) / s"
     signature = "a loop over the displacement since reversal, independent of speed"
     confused_with = ("backlash", "elastic-transmission", "stribeck", "delay")
     shown_by = "small reversals below break-away, at two or more frequencies"
     source = "Dahl 1968; Lampaert, Swevers, Al-Bender, IEEE Trans. Automatic Control 47(4), 2002"
-    params = (Param("fc", "{F}", "friction once sliding", 0.0),)
+    params = (
+        Param("fc", "{F}", "friction once sliding of the first element", 0.0),
+        Param("f2", "{F}", "friction once sliding of the element four times as soft"),
+    )
     shape = (Param("s", "{x}", "presliding displacement", 0.0),)
     replaces = ("coulomb",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """z(q; s)."""
-        return dahl_state(np.ascontiguousarray(motion.q[:, j]), float(shape[0]))[:, None]
+        """[z(q; s), z(q; 4 s)]: two elements hold nested loops (generalised Maxwell slip)."""
+        q = np.ascontiguousarray(motion.q[:, j])
+        return np.stack([dahl_state(q, k * float(shape[0])) for k in (1.0, 4.0)], axis=1)
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From 1e-4 to 5e-2 of the span."""

@@ -1,0 +1,1 @@
+"""Published benchmarks: every figure that the project states is printed by one of these."""

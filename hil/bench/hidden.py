@@ -1,0 +1,114 @@
+"""Hidden effects: simulated sessions with one effect inside, named from the recording alone.
+
+The simulator's laws are not the library's (see `sim_devices`), and the session carries no
+trace of what was hidden.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hil import app
+from hil.compare.diagnose import Diagnosis, diagnose
+from hil.config import load_rig
+from hil.models.model import base_model
+from hil.record.reader import load
+
+#: Ten effects that motion in free space can show, and the joint each is hidden in.
+EFFECTS: tuple[tuple[str, str], ...] = (
+    ("stribeck", "joint2"),
+    ("asymmetric-viscous", "joint1"),
+    ("quadratic-drag", "joint3"),
+    ("presliding", "joint2"),
+    ("position-friction", "joint1"),
+    ("coupled-friction", "joint2"),
+    ("position-torque", "joint1"),
+    ("end-stop", "joint3"),
+    ("cogging", "joint2"),
+    ("delay", "joint2"),
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One session with a hidden effect (or none) and what was said of it."""
+
+    effect: str
+    joint: str
+    seed: int
+    verdict: str
+    named: tuple[str, ...]
+    confidence: float
+    before: float
+    after: float
+    seconds: float
+
+    @property
+    def right(self) -> bool:
+        """Named right: this effect on this joint and nothing else; or rightly nothing."""
+        if not self.effect:
+            return self.verdict == "adequate"
+        return self.verdict == "missing-effect" and self.named == (f"{self.effect}@{self.joint}",)
+
+    @property
+    def false_alarm(self) -> bool:
+        """Something was named where nothing is."""
+        return not self.effect and self.verdict != "adequate"
+
+
+def session(
+    rig: Path, folder: Path, seed: int, motion: int, effect: str, joint: str, amplitude: float = 1.0
+) -> Path:
+    """Record one identification session with a hidden effect in the follower."""
+    row = {"effect": effect, "arm": "follower", "joint": joint, "amplitude": amplitude}
+    hidden = [row] if effect else []
+    config = load_rig(
+        rig,
+        {"simulation": {"hidden": hidden}, "controller": {"parameters": {"seed": motion}}},
+    )
+    path = folder / f"{effect or 'none'}-{joint}-{seed}-{motion}.mcap"
+    app.run(config, seed=seed, clock="lockstep", output=path)
+    return path
+
+
+def case(rig: Path, folder: Path, effect: str, joint: str, seed: int, amplitude: float = 1.0) -> Case:
+    """Record a session and a held-out one on another motion, diagnose, and judge."""
+    began = time.perf_counter()
+    train = session(rig, folder, 100 + seed, 2 * seed, effect, joint, amplitude)
+    other = session(rig, folder, 200 + seed, 2 * seed + 1, effect, joint, amplitude)
+    runs, held = [load(train, "follower")], [load(other, "follower")]
+    d = diagnose(runs, base_model(runs[0].robot), held)
+    train.unlink()
+    other.unlink()
+    return verdict(d, effect, joint, seed, time.perf_counter() - began)
+
+
+def verdict(d: Diagnosis, effect: str, joint: str, seed: int, seconds: float) -> Case:
+    """What a diagnosis said of a known truth."""
+    named = tuple(f"{f.effect}@{f.joint}" for f in d.findings)
+    ratio = [float(np.max(s.heldout.rms / d.floor)) for s in d.ladder]
+    confidence = min((f.confidence for f in d.findings), default=1.0)
+    return Case(effect, joint, seed, d.verdict, named, confidence, ratio[0], ratio[-1], seconds)
+
+
+def run(
+    rig: Path,
+    seeds: Sequence[int] = (1, 2, 3),
+    effects: Sequence[tuple[str, str]] = EFFECTS,
+    report: Callable[[Case], None] | None = None,
+) -> list[Case]:
+    """All effects and none, each with several seeds."""
+    out: list[Case] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for effect, joint in (*effects, ("", "joint1")):
+            for seed in seeds:
+                out.append(case(rig, Path(folder), effect, joint, seed))
+                if report:
+                    report(out[-1])
+    return out
