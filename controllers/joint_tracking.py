@@ -58,6 +58,19 @@ class JointTrackingConfig:
 
 
 @nb.njit(cache=True, nogil=True)
+def motion(t: float, omega: float, c: Any) -> tuple[float, float, float]:
+    """Place, speed and acceleration of the Fourier series `c` (h, 2) at time `t`."""
+    place, speed, push = 0.0, 0.0, 0.0
+    for k in range(c.shape[0]):
+        w = (k + 1) * omega
+        s, o = sin(w * t), cos(w * t)
+        place += c[k, 0] * s + c[k, 1] * o
+        speed += w * (c[k, 0] * o - c[k, 1] * s)
+        push -= w * w * (c[k, 0] * s + c[k, 1] * o)
+    return place, speed, push
+
+
+@nb.njit(cache=True, nogil=True)
 def law(
     t: float, x: Any, u: Any, c: Any, center: Any, gains: Any, times: Any, x_next: Any, y: Any
 ) -> None:
@@ -85,13 +98,8 @@ def law(
     omega = 2.0 * pi / times[0]
     for a in range(arms):
         for i in range(3):
-            place, speed, push = center[i], 0.0, 0.0
-            for k in range(c.shape[2]):
-                w = (k + 1) * omega
-                s, o = sin(w * t), cos(w * t)
-                place += c[a, i, k, 0] * s + c[a, i, k, 1] * o
-                speed += w * (c[a, i, k, 0] * o - c[a, i, k, 1] * s)
-                push -= w * w * (c[a, i, k, 0] * s + c[a, i, k, 1] * o)
+            place, speed, push = motion(t, omega, c[a, i])
+            place += center[i]
             start = x[1 + 3 * a + i] if x[0] > 0.0 else u[a, i]
             # r = q0 + ramp (motion - q0)
             aim = start + ramp * (place - start)

@@ -61,6 +61,14 @@ class PositionForceConfig:
 
 
 @nb.njit(cache=True, nogil=True)
+def transpose(jacobian: Any, force: Any) -> None:
+    """Replace `force` (3,) by the joint torques J^T force."""
+    f0, f1, f2 = force[0], force[1], force[2]
+    for j in range(3):
+        force[j] = jacobian[0, j] * f0 + jacobian[1, j] * f1 + jacobian[2, j] * f2
+
+
+@nb.njit(cache=True, nogil=True)
 def law(
     x: Any, u: Any, workspace: bool, gains: Any, gravity: Any, lengths: Any, scalars: Any,
     work: Any, x_next: Any, y: Any,
@@ -100,9 +108,7 @@ def law(
         x_next[10 + i] = x[10 + i] + scalars[3] * (rate - x[10 + i])
         y[1, i] = gains[0, i] * x_next[7 + i] + gains[1, i] * x_next[10 + i]
     if workspace:
-        p0, p1, p2 = y[1, 0], y[1, 1], y[1, 2]
-        for j in range(3):
-            y[1, j] = work[1, 0, j] * p0 + work[1, 1, j] * p1 + work[1, 2, j] * p2
+        transpose(work[1], y[1])
     for j in range(3):
         # leader: tau = J^T scale f - b q'
         y[0, j] = -scalars[2] * u[0, 3 + j]

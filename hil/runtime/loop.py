@@ -87,12 +87,8 @@ class Loop:
 
         Loads compiled code before the first deadline; leaves no trace in the controller.
         """
-        for port, q, qd, wrench, sent, _words, y in self._arms:
-            port.joints.measured_js(self._origin_ns, q, qd)
-            if port.force is not None:
-                port.force.measured_cf(self._origin_ns, q, wrench)
-            safety.limit(y, qd, port.torque_limit, port.speed_limit)
-            port.efforts.servo_jf(y, sent)
+        self._read(self._origin_ns)
+        self._write()
         self._controller.update(0.0, self._x, self._u, self._x_next, self._y)
         self._y[:] = 0.0
 
@@ -102,22 +98,10 @@ class Loop:
         self.tick = tick = clock.wait(self.tick + 1)
         t_ns = tick * self._period_ns
         woken = clock.since_start()
-        device_ns = t_ns + self._origin_ns
-        for port, q, qd, wrench, _sent, _words, _y in self._arms:
-            port.joints.measured_js(device_ns, q, qd)
-            if port.force is not None:
-                port.force.measured_cf(device_ns, q, wrench)
+        self._read(t_ns + self._origin_ns)
         self._controller.update(t_ns * 1e-9, self._x, self._u, self._x_next, self._y)
         self._x, self._x_next = self._x_next, self._x
-        status = safety.OK
-        for port, _q, qd, _wrench, sent, words, y in self._arms:
-            safe = safety.limit(y, qd, port.torque_limit, port.speed_limit)
-            if safe == safety.INVALID:
-                port.efforts.fault()
-            status = max(status, safe, port.efforts.servo_jf(y, sent))
-            words[0:3] = port.counts
-            words[3:6] = port.codes
-            words[6:12] = port.gauges
+        status = self._write()
         self._state[:] = self._x
         done = clock.since_start()
         timing[0] = woken - t_ns
@@ -131,6 +115,26 @@ class Loop:
         if status > safety.OK:
             self.clamped += 1
             self.worst = max(self.worst, status)
+
+    def _read(self, t_ns: int) -> None:
+        """Measured joint states and forces of all arms."""
+        for port, q, qd, wrench, _sent, _words, _y in self._arms:
+            port.joints.measured_js(t_ns, q, qd)
+            if port.force is not None:
+                port.force.measured_cf(t_ns, q, wrench)
+
+    def _write(self) -> int:
+        """Limited efforts to all arms, words into the row; the worst status."""
+        status = safety.OK
+        for port, _q, qd, _wrench, sent, words, y in self._arms:
+            safe = safety.limit(y, qd, port.torque_limit, port.speed_limit)
+            if safe == safety.INVALID:
+                port.efforts.fault()
+            status = max(status, safe, port.efforts.servo_jf(y, sent))
+            words[0:3] = port.counts
+            words[3:6] = port.codes
+            words[6:12] = port.gauges
+        return status
 
     @property
     def dropped(self) -> int:
