@@ -1,17 +1,18 @@
 """Data faults of a recording, before anyone fits it: time base, missing and frozen values.
 
 What needs the laws of motion (scale and sign of velocities and efforts) is in
-`hil.record.consistency`.  An ``"error"`` means that any fit would be worthless.
+`hil.record.motioncheck`.  An ``"error"`` means that any fit would be worthless.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.record.finding import Finding
+from hil.record.motioncheck import check_motion
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -21,27 +22,7 @@ SLOW_HZ, HOPELESS_HZ = 100.0, 20.0
 SHORT_S, HOPELESS_SAMPLES = 1.0, 20
 _GAP, _JITTER = 3.0, 0.5
 
-
-@dataclass(frozen=True)
-class Finding:
-    """One fault of a recording.
-
-    Parameters
-    ----------
-    code : str
-        Stable name, e.g. ``"gap"``.
-    severity : str
-        ``"error"`` (any fit would be worthless) or ``"warning"``.
-    joint : str
-        Joint concerned, or ``""``.
-    text : str
-        What was found, and what to do.
-    """
-
-    code: str
-    severity: str
-    joint: str
-    text: str
+__all__ = ["Finding", "check", "columns"]
 
 
 def check(recording: Recording) -> list[Finding]:
@@ -59,7 +40,7 @@ def check(recording: Recording) -> list[Finding]:
     """
     found = [*_values(recording), *_time(recording)]
     if not any(f.severity == "error" for f in found):
-        found += _frozen(recording)
+        found += [*_frozen(recording), *check_motion(recording)]
     return sorted(found, key=lambda f: f.severity)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError
+from hil.record.consistency import unit_doubt
 from hil.record.mapfile import Rule
 from hil.record.recording import Recording
 from hil.record.tablefile import Table
@@ -20,9 +21,6 @@ FloatArray = NDArray[np.float64]
 JUMP = 10.0
 #: A median period [s] from here on means that the time is not in seconds.
 LONG_PERIOD = 0.25
-#: Angles [rad] that a joint does not swing through and back: one of which nothing is known, and
-#: one that its URDF says to be continuous.
-TWO_TURNS, MANY_TURNS = 4 * math.pi, 32 * math.pi
 
 
 def refuse_not_finite(
@@ -121,8 +119,7 @@ def refuse_units(table: Table, recording: Recording, joints: tuple[UrdfJoint, ..
         q = recording.q[:, k]
         joint = joints[k] if joints else UrdfJoint(name, recording.metadata["unit"])
         bounded = math.isfinite(joint.upper) and math.isfinite(joint.lower)
-        turns = MANY_TURNS if joints else TWO_TURNS
-        if _beyond(q, joint) if bounded else _implausible(q, joint.unit, turns):
+        if unit_doubt(q, joint, bool(joints)):
             degrees = joint.unit == "rad"
             what, scale = ("degrees", "0.0174532925199433") if degrees else ("millimetres", "0.001")
             limits = f" (limits {joint.lower:.4g} to {joint.upper:.4g})" if bounded else ""
@@ -132,22 +129,3 @@ def refuse_units(table: Table, recording: Recording, joints: tuple[UrdfJoint, ..
                 f'q{k + 1} = {{ from = "q{k + 1}", scale = {scale} }}; if they truly are '
                 f'{joint.unit}, say unit = "{joint.unit}" in its [robot] (or --unit {joint.unit})'
             )
-
-
-def _beyond(q: FloatArray, joint: UrdfJoint) -> bool:
-    """Far outside the limits of the URDF, but inside after the conversion."""
-    scale = math.pi / 180 if joint.unit == "rad" else 1e-3
-    span = joint.upper - joint.lower
-    outside = max(q.max() - joint.upper, joint.lower - q.min()) > max(span, 0.5)
-    slack = 0.1 * span
-    inside = q.max() * scale < joint.upper + slack and q.min() * scale > joint.lower - slack
-    return bool(outside and inside)
-
-
-def _implausible(q: FloatArray, unit: str, turns: float) -> bool:
-    """More than some turns (or 20 m) there and back: no joint of an arm does that."""
-    span = float(np.ptp(q))
-    if unit == "m":
-        return span > 20.0
-    travel = float(np.abs(np.diff(q)).sum())
-    return turns < span < 800.0 and travel > 1.5 * span

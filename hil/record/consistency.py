@@ -1,0 +1,239 @@
+"""Data faults that only the laws of motion show: steps, clipping, scales and signs.
+
+All of them are warnings, and each is given only on strong evidence: a false alarm costs more
+trust than a missed one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
+
+from hil.record.urdf_joints import UrdfJoint
+
+FloatArray = NDArray[np.float64]
+
+#: Angles [rad] that a joint does not swing through and back: one of which nothing is known, and
+#: one that its URDF says to be continuous.
+TWO_TURNS, MANY_TURNS = 4 * math.pi, 32 * math.pi
+
+
+@dataclass(frozen=True)
+class Clipping:
+    """A column that stays at its extreme value: level, share of the samples [-]."""
+
+    level: float
+    share: float
+
+
+def steps(t: FloatArray, q: FloatArray) -> NDArray[np.intp]:
+    """Samples after which a position (n,) jumps by itself, the velocity before and after alike.
+
+    Parameters
+    ----------
+    t : ndarray (n,)
+        Time [s]; steps across a gap are not counted.
+    q : ndarray (n,)
+        Position.
+
+    Returns
+    -------
+    ndarray of int
+        Indices k with a jump from k to k + 1; empty where there are too many to be faults.
+    """
+    dt, dq = np.diff(t), np.diff(q)
+    if dq.size < 50 or not np.any(dq):
+        return np.empty(0, dtype=np.intp)
+    period = float(np.median(dt))
+    dq = np.where(dt > 1.5 * period, 0.0, dq)
+    size = np.abs(dq - median_filter(dq, 9))
+    count = float(np.min(np.abs(dq[dq != 0])))
+    before = np.concatenate(([0.0], maximum_filter1d(size, 25, origin=12)[:-1]))
+    after = np.concatenate((maximum_filter1d(size, 25, origin=-12)[1:], [0.0]))
+    around = np.maximum(before, after)
+    fastest = float(np.quantile(np.abs(dq), 0.99))
+    limit = np.maximum(8 * around, max(6 * count, 3 * fastest, 1e-4 * float(np.ptp(q))))
+    found = np.flatnonzero(size > limit)
+    return found if found.size <= max(20, dq.size // 1000) else found[:0]
+
+
+def clipping(values: FloatArray, moving: NDArray[np.bool_]) -> list[Clipping]:
+    """Extremes at which a column (n,) is cut off while the joint moves.
+
+    A cut-off extreme is visited at least twice, each time for several samples, and holds far more
+    samples than the levels next to it.
+    """
+    out: list[Clipping] = []
+    span, n = float(np.ptp(values)), values.size
+    if span == 0 or np.unique(values[:5000]).size < 30:
+        return out
+    for level in (float(values.max()), float(values.min())):
+        at = (np.abs(values - level) <= 1e-9 * span) & moving
+        inner = np.sort(np.abs(values - level))
+        near = np.count_nonzero((inner > 1e-9 * span) & (inner <= 0.01 * span))
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], at, [False])).astype(np.int8)))
+        lengths = edges[1::2] - edges[::2]
+        held = int(lengths[lengths >= 4].sum())
+        visits = int(np.count_nonzero(lengths >= 4))
+        enough = held >= max(20, 0.002 * n) and held > 3 * near and visits >= 2
+        if enough and abs(level) > 0.05 * span:
+            out.append(Clipping(level, held / n))
+    return out
+
+
+def smooth(values: FloatArray, width: int) -> FloatArray:
+    """Moving average (twice) of so many samples along time."""
+    once = uniform_filter1d(values, max(width, 1), axis=0, mode="nearest")
+    return np.asarray(uniform_filter1d(once, max(width, 1), axis=0, mode="nearest"))
+
+
+def velocity_factor(t: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[float, float]:
+    """Measured velocity over derivative of the position: factor and correlation.
+
+    Parameters
+    ----------
+    t, q, qd : ndarray (n,)
+        Time [s], position, measured velocity.
+
+    Returns
+    -------
+    factor, correlation : float
+        NaN where the joint hardly moves.
+    """
+    period = float(np.median(np.diff(t)))
+    width = max(int(0.05 / period), 3)
+    trim = slice(2 * width, -2 * width or None)
+    derivative = np.gradient(smooth(q, width), t)[trim]
+    measured = smooth(qd, width)[trim]
+    steps_q = np.abs(np.diff(q))
+    count = float(np.min(steps_q[steps_q > 0], initial=np.inf))
+    if derivative.size < 50 or np.ptp(q) < 50 * count or not np.any(measured):
+        return float("nan"), float("nan")
+    # in phase up to a lag of 20 ms: take the better of a few shifts
+    best = (float("nan"), 0.0)
+    for lag in range(-int(0.02 / period), int(0.02 / period) + 1, max(int(0.005 / period), 1)):
+        shifted = np.roll(measured, lag)
+        norm = float(np.sqrt(np.mean(derivative**2) * np.mean(shifted**2)))
+        correlation = float(np.mean(derivative * shifted)) / norm if norm else 0.0
+        if abs(correlation) > abs(best[1]):
+            ratio = float(np.mean(derivative * shifted) / np.mean(derivative**2))
+            best = (ratio, correlation)
+    return best
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Joint effort explained by its own motion.
+
+    Parameters
+    ----------
+    inertia, friction : float
+        Coefficients of acceleration and of the direction of motion.
+    work : float
+        Net work of the effort over the work without regard to sign, -1 to 1.
+    external : float
+        Coefficient of the external effort (-1 where all is right); NaN without one.
+    certainty : float
+        Partial correlation of the external effort.
+    """
+
+    inertia: float
+    friction: float
+    work: float
+    external: float
+    certainty: float
+
+
+def balance(t: FloatArray, q: FloatArray, tau: FloatArray, ext: FloatArray | None) -> Balance:
+    """Regress the effort of a joint on its own motion and the external effort.
+
+    Parameters
+    ----------
+    t, q, tau : ndarray (n,)
+        Time, position and motor effort.
+    ext : ndarray (n,) or None
+        External effort on the robot.
+    """
+    period = float(np.median(np.diff(t)))
+    width = max(int(0.02 / period), 3)
+    position, effort = smooth(q, width), smooth(tau, width)
+    speed = np.gradient(position, t)
+    acceleration = smooth(np.gradient(speed, t), width)
+    scale = 0.1 * float(np.sqrt(np.mean(speed**2))) or 1.0
+    direction = smooth(np.tanh(speed / scale), width)
+    terms = [acceleration, direction, np.ones_like(q), position, np.sin(position), np.cos(position)]
+    trim = slice(3 * width, -3 * width, max(width // 2, 1))
+    y, v = effort[trim], speed[trim]
+    known = np.stack(terms, axis=1)[trim]
+    work = float(np.sum(y * v) / (np.sum(np.abs(y * v)) or 1.0))
+    external, certainty = float("nan"), 0.0
+    if ext is not None and np.ptp(ext) > 0:
+        other = smooth(ext, width)[trim]
+        rest = other - known @ np.linalg.lstsq(known, other, rcond=None)[0]
+        left = y - known @ np.linalg.lstsq(known, y, rcond=None)[0]
+        norm = float(np.sqrt(np.sum(rest**2) * np.sum(left**2)))
+        certainty = float(np.sum(rest * left)) / norm if norm else 0.0
+        external = float(np.sum(rest * left) / (np.sum(rest**2) or 1.0))
+        y = y - external * other
+    fitted = np.linalg.lstsq(known, y, rcond=None)[0]
+    return Balance(float(fitted[0]), float(fitted[1]), work, external, certainty)
+
+
+def moves(t: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
+    """Where a joint moves, (n,): above 1 % of its highest smoothed speed."""
+    width = max(int(0.02 / float(np.median(np.diff(t)))), 3)
+    speed = np.abs(np.gradient(smooth(q, width), t))
+    return np.asarray(speed > 0.01 * float(speed.max()))
+
+
+def swings(q: FloatArray) -> int:
+    """How often a joint crosses the middle of its range."""
+    centred = q - 0.5 * (float(q.max()) + float(q.min()))
+    side = np.sign(centred[np.abs(centred) > 0.1 * float(np.ptp(q))])
+    return int(np.count_nonzero(np.diff(side)))
+
+
+def unit_doubt(q: FloatArray, joint: UrdfJoint, described: bool) -> bool:
+    """Whether positions (n,) are degrees or millimetres rather than rad or m.
+
+    Parameters
+    ----------
+    q : ndarray (n,)
+        Position.
+    joint : UrdfJoint
+        The joint with its limits, infinite if there are none.
+    described : bool
+        Whether a URDF describes it: then a joint without limits is a continuous one.
+    """
+    span = float(np.ptp(q))
+    if not (math.isfinite(joint.lower) and math.isfinite(joint.upper)):
+        if joint.unit == "m":
+            return span > 20.0
+        turns = MANY_TURNS if described else TWO_TURNS
+        return turns < span < 800.0 and float(np.abs(np.diff(q)).sum()) > 1.5 * span
+    scale = math.pi / 180 if joint.unit == "rad" else 1e-3
+    room = joint.upper - joint.lower
+    outside = max(q.max() - joint.upper, joint.lower - q.min()) > max(room, 0.5)
+    high, low = joint.upper + 0.1 * room, joint.lower - 0.1 * room
+    return bool(outside and q.max() * scale < high and q.min() * scale > low)
+
+
+def stuck(t: FloatArray, q: FloatArray) -> Iterator[tuple[float, float]]:
+    """Start and length [s] of intervals in which a fast position (n,) freezes, then catches up."""
+    dq, period = np.abs(np.diff(q)), float(np.median(np.diff(t)))
+    if not np.any(dq):
+        return
+    usual = float(np.quantile(dq, 0.9))
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], dq == 0, [False])).astype(np.int8)))
+    for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        length = stop - start
+        if length * period >= 0.02 and length >= 5 and 0 < start and stop < dq.size:
+            before = float(np.median(dq[max(start - 5, 0) : start]))
+            catch_up = float(dq[stop])
+            if before > 0.3 * usual and catch_up > 0.5 * length * before:
+                yield float(t[start]), length * period
