@@ -16,6 +16,7 @@ COMMANDS: dict[str, str] = {
     "run": "hil.commands.run",
     "devices": "hil.commands.devices",
     "import": "hil.commands.import_",
+    "info": "hil.commands.info",
     "fit": "hil.commands.fit",
     "compare": "hil.commands.compare",
     "diagnose": "hil.commands.diagnose",

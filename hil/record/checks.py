@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.record.finding import Finding
-from hil.record.motioncheck import check_motion
+from hil.record.motioncheck import check_motion, described_joints
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -22,7 +22,7 @@ SLOW_HZ, HOPELESS_HZ = 100.0, 20.0
 SHORT_S, HOPELESS_SAMPLES = 1.0, 20
 _GAP, _JITTER = 3.0, 0.5
 
-__all__ = ["Finding", "check", "columns"]
+__all__ = ["Finding", "check", "columns", "joint_units"]
 
 
 def check(recording: Recording) -> list[Finding]:
@@ -53,6 +53,14 @@ def columns(recording: Recording) -> Iterator[tuple[str, str, FloatArray]]:
     if recording.wrench is not None:
         for k, name in enumerate(("fx", "fy", "fz", "tx", "ty", "tz")):
             yield name, "", recording.wrench[:, k]
+
+
+def joint_units(recording: Recording) -> tuple[str, ...]:
+    """Unit of each joint, ``"rad"`` or ``"m"``: of the URDF, else what the recording says."""
+    listed = described_joints(recording)
+    if listed:
+        return tuple(j.unit for j in listed)
+    return (recording.metadata.get("unit", "rad"),) * recording.d
 
 
 _STEMS = {
@@ -132,9 +140,12 @@ def _frozen(r: Recording) -> Iterator[Finding]:
         return
     span = np.ptp(r.tau, axis=0)
     for k, joint in enumerate(r.joints):
-        if still[k] and not still.all() and span[k] > 0.5 * float(np.max(span)):
+        if still[k] and not idle[k] and (still.all() or span[k] > 0.8 * float(np.max(span))):
             text = (
                 f"q{k + 1} never changes while tau{k + 1} varies by {span[k]:.3g}; "
                 "is the joint locked, or its encoder dead?"
             )
+            yield Finding("stuck", "warning", joint, text)
+        if idle[k] and not still[k] and (r.tau[0, k] != 0 or not idle.all()):
+            text = f"tau{k + 1} never changes while q{k + 1} moves; is the channel dead?"
             yield Finding("stuck", "warning", joint, text)

@@ -67,11 +67,19 @@ def clipping(values: FloatArray, moving: NDArray[np.bool_]) -> list[Clipping]:
 
     A cut-off extreme is visited at least twice, each time for several samples, and holds far more
     samples than the levels next to it.
+
+    Parameters
+    ----------
+    values : ndarray (n,)
+        Effort or force.
+    moving : ndarray (n,) of bool
+        Where the joint moves.
     """
     out: list[Clipping] = []
     span, n = float(np.ptp(values)), values.size
-    if span == 0 or np.unique(values[:5000]).size < 30:
-        return out
+    levels = np.unique(values)
+    if levels.size < 30 or float(np.median(np.diff(levels))) > 0.002 * span:
+        return out  # coarse levels: their extremes are held without being cut off
     for level in (float(values.max()), float(values.min())):
         at = (np.abs(values - level) <= 1e-9 * span) & moving
         inner = np.sort(np.abs(values - level))
@@ -185,10 +193,15 @@ def balance(t: FloatArray, q: FloatArray, tau: FloatArray, ext: FloatArray | Non
 
 
 def moves(t: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
-    """Where a joint moves, (n,): above 1 % of its highest smoothed speed."""
+    """Where a joint moves at a changing speed, (n,).
+
+    At constant speed a constant effort is nothing strange.
+    """
     width = max(int(0.02 / float(np.median(np.diff(t)))), 3)
-    speed = np.abs(np.gradient(smooth(q, width), t))
-    return np.asarray(speed > 0.01 * float(speed.max()))
+    speed = np.gradient(smooth(q, width), t)
+    rate = np.abs(np.gradient(smooth(speed, width), t))
+    fast = np.abs(speed) > 0.01 * float(np.abs(speed).max())
+    return np.asarray(fast & (rate > 0.01 * float(rate.max())))
 
 
 def swings(q: FloatArray) -> int:

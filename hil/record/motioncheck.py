@@ -46,13 +46,18 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
     yield from _signs(recording)
 
 
-def _units(r: Recording) -> Iterator[Finding]:
+def described_joints(recording: Recording) -> tuple[UrdfJoint, ...]:
+    """Joints of the recording's URDF; empty without one, or if it is of another robot."""
     try:
-        listed = urdf_joints(r.robot.urdf) if r.robot.urdf else ()
-    except DataError as error:
-        yield Finding("robot", "warning", "", str(error))
-        listed = ()
-    described = len(listed) == r.d
+        listed = urdf_joints(recording.robot.urdf) if recording.robot.urdf else ()
+    except DataError:
+        return ()
+    return listed if len(listed) == recording.d else ()
+
+
+def _units(r: Recording) -> Iterator[Finding]:
+    listed = described_joints(r)
+    described = bool(listed)
     unit = r.metadata.get("unit", "rad")
     for k, name in enumerate(r.joints):
         joint = listed[k] if described else UrdfJoint(name, unit)

@@ -1,0 +1,177 @@
+"""`hil info`: what a session holds, and what is wrong with it before anyone fits it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from hil.errors import ConfigError, DataError
+from hil.record.checks import Finding, check, columns, joint_units
+from hil.record.reader import SessionSummary, load, recover, summary
+from hil.record.recording import Recording
+
+HELP = "channels, rates, gaps and data faults of sessions"
+EXAMPLE = "hil info run1.mcap run2.mcap"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("sessions", nargs="+", metavar="S.mcap", help="sessions")
+    parser.add_argument(
+        "--recover",
+        metavar="OUT.mcap",
+        help="write what a cut-off session still holds",
+    )
+    parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print what the sessions hold."""
+    if args.recover:
+        return _recover(args.sessions, Path(args.recover), args.json)
+    seen = [_session(path) for path in args.sessions]
+    if args.json:
+        entries = [_as_dict(*entry) for entry in seen]
+        sys.stdout.write(json.dumps({"schema": "hil.info/1", "sessions": entries}) + "\n")
+    else:
+        sys.stdout.write("\n".join(_text(*entry) for entry in seen))
+    return 0
+
+
+def _recover(sessions: list[str], target: Path, as_json: bool) -> int:
+    if len(sessions) != 1:
+        raise ConfigError(f"--recover takes one session, got {len(sessions)}")
+    if not target.parent.is_dir():
+        raise ConfigError(f"cannot write {target}: folder {target.parent} does not exist")
+    if target.exists():
+        raise ConfigError(f"{target} exists; name a new file for --recover")
+    if not summary(sessions[0]).arms:
+        raise DataError(f"session {sessions[0]} holds nothing to recover")
+    kept = recover(sessions[0], target)
+    if as_json:
+        sys.stdout.write(json.dumps({"schema": "hil.info/1", "recovered": str(target)}) + "\n")
+    else:
+        sys.stdout.write(f"{target}: {kept} samples recovered from {sessions[0]}\n")
+    return 0
+
+
+def _session(path: str) -> tuple[SessionSummary, list[tuple[Recording, list[Finding]]]]:
+    found = summary(path)
+    recordings = [load(path, arm) for arm in found.arms]
+    return found, [(r, check(r)) for r in recordings]
+
+
+def _as_dict(
+    found: SessionSummary, arms: list[tuple[Recording, list[Finding]]]
+) -> dict[str, object]:
+    return {
+        "path": found.path,
+        "bytes": found.bytes,
+        "truncated": found.truncated,
+        "channels": [
+            {
+                "topic": c.topic, "schema": c.schema, "count": c.count, "rate_hz": c.rate_hz,
+                "first_s": c.first_s, "last_s": c.last_s, "missing": c.missing,
+            }
+            for c in found.channels
+        ],
+        "arms": [_arm_dict(r, faults) for r, faults in arms],
+        "metadata": found.metadata,
+        "attachments": list(found.attachments),
+    }  # fmt: skip
+
+
+def _arm_dict(r: Recording, faults: list[Finding]) -> dict[str, object]:
+    return {
+        "name": r.arm,
+        "robot": _robot(r),
+        "units": list(joint_units(r)),
+        "joints": list(r.joints),
+        "samples": r.n,
+        "duration_s": float(r.t[-1] - r.t[0]),
+        "rate_hz": _rate(r),
+        "ranges": {n: [_number(v.min()), _number(v.max())] for n, _, v in columns(r)},
+        "faults": [
+            {"code": f.code, "severity": f.severity, "joint": f.joint or None, "text": f.text}
+            for f in faults
+        ],
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _rate(r: Recording) -> float:
+    period = float(np.median(np.diff(r.t))) if r.n > 1 else 0.0
+    return 1.0 / period if period > 0 else 0.0
+
+
+def _robot(r: Recording) -> str:
+    return "URDF in the session" if r.robot.urdf else r.robot.preset
+
+
+def _text(found: SessionSummary, arms: list[tuple[Recording, list[Finding]]]) -> str:
+    cut = ", cut off" if found.truncated else ""
+    lines = [f"{found.path}: {found.bytes / 1e6:.3g} MB{cut}", ""]
+    if found.truncated:
+        lines += [
+            "  the writer did not finish; what follows is what is left.",
+            f"  hil info {found.path} --recover NEW.mcap writes it as a proper session.", "",
+        ]  # fmt: skip
+    rows: list[tuple[str, ...]] = [
+        ("channel", "messages", "rate [Hz]", "from [s]", "to [s]", "missing")
+    ]
+    rows += [
+        (c.topic, str(c.count), f"{c.rate_hz:.5g}", f"{c.first_s:.4f}", f"{c.last_s:.4f}",
+         str(c.missing) if c.missing else "-")
+        for c in found.channels
+    ]  # fmt: skip
+    lines += [*_aligned(rows), ""]
+    if not arms:
+        lines += ["  no arm: no /<name>/measured_js channel, so there is nothing to fit", ""]
+    for r, faults in arms:
+        lines += [*_arm_text(r), *_faults_text(faults), ""]
+    return "\n".join(lines)
+
+
+def _arm_text(r: Recording) -> list[str]:
+    units = dict(zip(r.joints, joint_units(r), strict=True))
+    rows: list[tuple[str, ...]] = [("column", "joint", "least", "most", "unit")]
+    rows += [
+        (n, j or "-", f"{v.min():.4g}", f"{v.max():.4g}", _unit(n, units.get(j, "")))
+        for n, j, v in columns(r)
+    ]
+    head = (
+        f"arm {r.arm}: {r.d} joints, {r.n} samples, {r.t[-1] - r.t[0]:.4g} s at {_rate(r):.5g} Hz; "
+        f"robot: {_robot(r)}"
+    )
+    return [head, *_aligned(rows)]
+
+
+def _unit(column: str, axis: str) -> str:
+    effort = "N" if axis == "m" or column[0] == "f" else "N m"
+    units = {"q": axis, "qd": f"{axis}/s", "i": "A", "temp": "degC"}
+    return units.get(column.rstrip("0123456789"), effort)
+
+
+def _faults_text(faults: list[Finding]) -> list[str]:
+    if not faults:
+        return ["  data faults: none found"]
+    lines = [f"  data faults: {len(faults)}"]
+    for f in faults:
+        where = f" {f.joint}:" if f.joint else ""
+        lines.append(f"  {f.severity} [{f.code}]{where} {f.text}")
+    return lines
+
+
+def _aligned(rows: list[tuple[str, ...]]) -> list[str]:
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return [
+        "  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
