@@ -16,6 +16,7 @@ from hil.errors import ConfigError, DataError
 from hil.identify.fit import fit as fit_problem
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.identify.threads import single_threaded
 from hil.models import catalogue
 from hil.models.model import RobotModel, Use
 from hil.record.checks import Finding as Fault
@@ -74,11 +75,13 @@ def make_problem(recordings: list[Recording], model: RobotModel) -> Problem:
     return Problem(recordings, model.robot, model.explains, model.band)
 
 
+@single_threaded
 def fit(recordings: list[Recording], model: RobotModel) -> FitResult:
     """Fit all parameters of a model jointly to some runs."""
     return fit_problem(make_problem(recordings, model), model)
 
 
+@single_threaded
 def compare(
     recordings: list[Recording], model: RobotModel, holdout: list[Recording] | None = None
 ) -> Comparison:
@@ -104,11 +107,13 @@ class Rung:
     multi_step: MultiStep
 
 
+@single_threaded
 def ladder(diagnosis: Diagnosis) -> list[Rung]:
     """Every accepted step with its multi-step error (motor efforts only)."""
     return [Rung(s, simulate(s.result, s.result.problem)) for s in diagnosis.ladder]
 
 
+@single_threaded
 def add(
     recordings: list[Recording],
     model: RobotModel,

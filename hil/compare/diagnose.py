@@ -14,6 +14,7 @@ from hil.compare.identifiable import undetermined
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.identify.threads import single_threaded
 from hil.models import catalogue
 from hil.models.model import RobotModel, Use, Value
 from hil.record.checks import check
@@ -98,6 +99,7 @@ class Diagnosis:
         return (self.ladder[-1] if self.findings else self.ladder[0]).result.model
 
 
+@single_threaded
 def diagnose(
     recordings: list[Recording],
     model: RobotModel,

@@ -99,12 +99,12 @@ def _folds(result: FitResult) -> FloatArray:
     rows = np.tile(fold, problem.d)
     y = problem.y.reshape(-1)
     xw, out = result.x * w[:, None], np.empty(y.size)
-    held = result.x @ result.theta
+    # what the other folds do not determine stays where the fit began, not where it ended
+    held = result.x @ result.prior
     for k in range(FOLDS):
         train, test = rows != k, rows == k
         b = basis(xw[train], 1.0 / max(float(np.linalg.norm((y * w)[train])), 1.0))
-        # start from the whole fit where the other folds determine nothing
-        theta = b.solve((y * w)[train], result.theta, (held * w)[train])
+        theta = b.solve((y * w)[train], result.prior, (held * w)[train])
         fixed = np.concatenate([np.full(s.stop - s.start, t.fixed) for t, s in zip(result.terms, result.slices, strict=True)])
         theta = np.where(fixed, result.theta, theta)
         out[test] = y[test] - result.x[test] @ theta

@@ -82,17 +82,17 @@ def solve(
     """Weighted least squares of bound terms: theta, X, basis, slices, residual (d, n)."""
     x, slices = stack(problem, terms)
     names = [n for t in terms for n, _ in coefficients(t, problem)]
-    prior = _prior(problem, terms, model, names)
+    start = prior(problem, terms, model, names)
     w = np.repeat(1.0 / sigma, problem.n)
     y = problem.y.reshape(-1)
     if not np.all(np.isfinite(x)):
         raise DataError("a column of the model is not finite; check the recording (hil info)")
     free = _free(terms, problem)
-    held = x @ np.where(free, 0.0, prior)
+    held = x @ np.where(free, 0.0, start)
     xw = x * w[:, None] * free
     target = (y - held) * w
     b = basis(xw, 1.0 / max(float(np.linalg.norm(target)), 1.0))
-    theta = b.solve(target, prior * free, xw @ (prior * free)) + np.where(free, 0.0, prior)
+    theta = b.solve(target, start * free, xw @ (start * free)) + np.where(free, 0.0, start)
     theta = _bounded(terms, problem, xw, target, theta, b, free)
     residual = (y - x @ theta).reshape(problem.d, problem.n)
     return theta, x, b, slices, residual
@@ -104,18 +104,18 @@ def _free(terms: list[Term], problem: Problem) -> FloatArray:
     )
 
 
-def _prior(
+def prior(
     problem: Problem, terms: list[Term], model: RobotModel, names: list[str]
 ) -> FloatArray:
     """Where undetermined directions stay: the model's values, the robot's, else zero."""
-    prior = np.nan_to_num(known_values(model, names))
+    values = np.nan_to_num(known_values(model, names))
     start = 0
     for t in terms:
         width = len(coefficients(t, problem))
-        if t.effect.name == "rigid-body" and not prior[start : start + width].any():
-            prior[start : start + width] = problem.robot.prior
+        if t.effect.name == "rigid-body" and not values[start : start + width].any():
+            values[start : start + width] = problem.robot.prior
         start += width
-    return prior
+    return values
 
 
 def _bounded(
@@ -207,7 +207,7 @@ def assemble(
     names = [n for t in terms for n, _ in coefficients(t, problem)]
     return FitResult(
         replace(model, effects=effects), problem, terms, theta, names, values,
-        residual, sigma, b, x, slices,
+        residual, sigma, b, prior(problem, terms, model, names), x, slices,
     )  # fmt: skip
 
 

@@ -39,6 +39,8 @@ class FitResult:
         Weights' noise scale by joint.
     basis : Basis
         Determined directions of the weighted regressor.
+    prior : ndarray (p,)
+        Where undetermined directions stay.
     """
 
     model: RobotModel
@@ -50,6 +52,7 @@ class FitResult:
     residual: FloatArray
     sigma: FloatArray
     basis: Basis
+    prior: FloatArray
     x: FloatArray = field(repr=False, default_factory=lambda: np.empty((0, 0)))
     slices: list[slice] = field(repr=False, default_factory=list)
 
