@@ -17,7 +17,9 @@ EXAMPLE = "hil add stribeck --joint joint2 --model arm.toml --session run.mcap -
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     parser.add_argument("effect", help="name of an effect (see 'hil effects')")
-    parser.add_argument("--joint", action="append", default=[], help="joint (repeatable); default all")
+    parser.add_argument(
+        "--joint", action="append", default=[], help="joint (repeatable); default all"
+    )
     common.add_model(parser)
     parser.add_argument("--session", action="append", required=True, metavar="S.mcap", nargs="+")
     parser.add_argument("--holdout", action="append", default=[], metavar="H.mcap")
@@ -40,10 +42,14 @@ def run(args: argparse.Namespace) -> int:
         return 0
     joint_names = rungs[0].step.result.problem.joints
     rows = [
-        [r.step.label, *(f"{x:.2f}" for x in r.step.heldout.relative), *(f"{x:.2f}" for x in r.multi_step.relative)]
+        [r.step.label, *(f"{x:.2f}" for x in (*r.step.heldout.relative, *r.multi_step.relative))]
         for r in rungs
     ]
-    head = ["held-out error", *(f"{j} %" for j in joint_names), *(f"{j} multi-step %" for j in joint_names)]
+    head = [
+        "held-out error",
+        *(f"{j} %" for j in joint_names),
+        *(f"{j} multi-step %" for j in joint_names),
+    ]
     common.out(common.table(head, rows))
     for warning in warnings:
         common.out(f"  warning: {warning}")

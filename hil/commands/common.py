@@ -114,7 +114,12 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     cells = [list(head), *map(list, rows)]
     widths = [max(len(r[k]) for r in cells) for k in range(len(head))]
     lines = [
-        "  ".join(c.ljust(w) if k == 0 else c.rjust(w) for k, (c, w) in enumerate(zip(r, widths, strict=True)))
+        "  ".join(
+            c.ljust(w) if k == 0 else c.rjust(w)
+            for k, (c, w) in enumerate(zip(r, widths, strict=True))
+        )
         for r in cells
     ]
-    return "\n".join(["  " + x.rstrip() for x in [lines[0], "  ".join("-" * w for w in widths), *lines[1:]]])
+    return "\n".join(
+        ["  " + x.rstrip() for x in [lines[0], "  ".join("-" * w for w in widths), *lines[1:]]]
+    )

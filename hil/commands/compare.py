@@ -49,8 +49,13 @@ def text(c: Comparison) -> str:
     ]  # fmt: skip
     head = ["joint", "rms error", "relative %", "noise floor", "error/floor", "multi-step %"]
     lines = [common.table(head, rows)]
-    method = {"repeats": "repeated motion", "largest-model": "what the largest model cannot predict"}
-    judged = "held-out sessions" if c.heldout.kind == "holdout" else "contiguous fifths, each held out"
+    method = {
+        "repeats": "repeated motion",
+        "largest-model": "what the largest model cannot predict",
+    }
+    judged = (
+        "held-out sessions" if c.heldout.kind == "holdout" else "contiguous fifths, each held out"
+    )
     lines.append(
         f"\n  errors on {judged}; noise floor from {method[c.evidence.floor.method]}; "
         f"multi-step over {c.multi_step.horizon:g} s"

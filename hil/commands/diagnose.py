@@ -6,7 +6,7 @@ import argparse
 
 from hil.commands import common
 from hil.compare import analysis
-from hil.compare.diagnose import Diagnosis, Finding, diagnose
+from hil.compare.diagnose import Diagnosis, Finding
 from hil.compare.tables import diagnosis_json, sets_of
 
 HELP = "which physical effect is missing"
@@ -61,7 +61,9 @@ def text(d: Diagnosis) -> str:
     sets = sets_of(d)
     if sets:
         lines += ["", "What these data cannot tell apart"]
-        lines += [f"  - {' / '.join(s.effects)}: {s.why}. Would show it: {s.experiment}." for s in sets]
+        lines += [
+            f"  - {' / '.join(s.effects)}: {s.why}. Would show it: {s.experiment}." for s in sets
+        ]
     notes = [w for code, w in d.warnings if not code.startswith("impossible")]
     lines += ["", *(f"  note: {w}" for w in notes)] if notes else []
     return "\n".join(lines)
@@ -71,8 +73,8 @@ def _finding(f: Finding) -> list[str]:
     where = f" on {f.joint}" if f.joint else ""
     lines = [
         f"  {f.effect}{where}  (confidence {f.confidence:.2f})",
-        f"    held-out error {f.relative_before:.2f} % -> {f.relative_after:.2f} % (se {f.se:.2f}), "
-        f"{100 * f.excess_explained:.0f} % of what was above the noise floor",
+        f"    held-out error {f.relative_before:.2f} % -> {f.relative_after:.2f} % "
+        f"(se {f.se:.2f}), {100 * f.excess_explained:.0f} % of what was above the noise floor",
     ]
     for name, v in f.parameters.items():
         error = f" +- {v.stderr:.2g}" if v.stderr == v.stderr else ""
@@ -86,7 +88,7 @@ def ladder_text(d: Diagnosis) -> str:
     """Error ladder: held-out rms error over the noise floor, by joint."""
     joints = d.result.problem.joints
     rows = [
-        [s.label, *(f"{x:.2f}" for x in s.heldout.relative), *(f"{x:.2f}" for x in s.heldout.rms / d.floor)]
+        [s.label, *(f"{x:.2f}" for x in (*s.heldout.relative, *(s.heldout.rms / d.floor)))]
         for s in d.ladder
     ]
     head = ["held-out error", *(f"{j} %" for j in joints), *(f"{j}/floor" for j in joints)]

@@ -15,7 +15,9 @@ EXAMPLE = "hil effects stribeck"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     parser.add_argument("name", nargs="?", help="one effect in full")
-    parser.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help="own effects")
+    parser.add_argument(
+        "--plugin", action="append", default=[], metavar="FILE.py", help="own effects"
+    )
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 
@@ -31,7 +33,9 @@ def run(args: argparse.Namespace) -> int:
     elif args.name:
         common.out(describe(chosen[0]))
     else:
-        rows = [[e.name, e.family, e.equation] for e in sorted(chosen, key=lambda e: (e.family, e.name))]
+        rows = [
+            [e.name, e.family, e.equation] for e in sorted(chosen, key=lambda e: (e.family, e.name))
+        ]
         width = max(len(r[0]) for r in rows)
         common.out("\n".join(f"  {r[0].ljust(width)}  {r[1].ljust(12)}  {r[2]}" for r in rows))
     return 0

@@ -40,7 +40,8 @@ def run(args: argparse.Namespace) -> int:
         diagnosis_report(result, args.report)
     if args.json:
         data = diagnosis_json(result)
-        data["warnings"] = [*data["warnings"], *({"code": "multi-step", "text": w} for w in warnings)]  # type: ignore[misc]
+        more = [{"code": "multi-step", "text": w} for w in warnings]
+        data["warnings"] = [*data["warnings"], *more]  # type: ignore[misc]
         common.emit({**data, "ladder": ladder_json(rungs)})
         return 0
     common.out(text(result))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +95,8 @@ def bind(model: RobotModel, problem: Problem) -> list[Term]:
             if effect.available(motion, j) and not effect.candidate:
                 continue
             options = {k: bool(use.options.get(k, False)) for k in OPTIONS}
-            terms.append(Term(effect, j, stored_shape(use, effect, j, problem), use=index, **options))
+            shape = stored_shape(use, effect, j, problem)
+            terms.append(Term(effect, j, shape, use=index, **options))
     gone = {(name, t.joint) for t in terms for name in t.effect.replaces}
     return [t for t in terms if t.key not in gone]
 
@@ -129,7 +131,7 @@ def stack(problem: Problem, terms: list[Term]) -> tuple[FloatArray, list[slice]]
     widths = [b.shape[-1] for b in blocks]
     edges = np.concatenate([[0], np.cumsum(widths)]).astype(int)
     x = np.zeros((problem.d, problem.n, int(edges[-1])))
-    slices = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    slices = [slice(int(a), int(b)) for a, b in pairwise(edges)]
     for term, values, where in zip(terms, blocks, slices, strict=True):
         if values.ndim == 3:
             x[:, :, where] = values

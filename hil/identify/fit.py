@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,9 +105,7 @@ def _free(terms: list[Term], problem: Problem) -> FloatArray:
     )
 
 
-def prior(
-    problem: Problem, terms: list[Term], model: RobotModel, names: list[str]
-) -> FloatArray:
+def prior(problem: Problem, terms: list[Term], model: RobotModel, names: list[str]) -> FloatArray:
     """Where undetermined directions stay: the model's values, the robot's, else zero."""
     values = np.nan_to_num(known_values(model, names))
     start = 0
@@ -174,7 +173,7 @@ def update_load(
 
 def time_blocks(problem: Problem, seconds: float = 1.0) -> NDArray[np.int_]:
     """Number of the time block of each instant, runs kept apart; shape (n,)."""
-    length = max(1, int(round(seconds * problem.rate)))
+    length = max(1, round(seconds * problem.rate))
     out = np.empty(problem.n, dtype=int)
     offset = 0
     for k in range(len(problem.recordings)):
@@ -257,6 +256,7 @@ def predict(result: FitResult, problem: Problem) -> FloatArray:
     _, slices = _slices(problem, flat)
     update_load(problem, flat, theta, slices)
     x, _ = stack(problem, flat)
+    residual: FloatArray
     residual = (problem.y.reshape(-1) - x @ theta).reshape(problem.d, problem.n)
     for t in result.terms:
         if t.per_run:
@@ -269,4 +269,4 @@ def predict(result: FitResult, problem: Problem) -> FloatArray:
 def _slices(problem: Problem, terms: list[Term]) -> tuple[int, list[slice]]:
     widths = [len(coefficients(t, problem)) for t in terms]
     edges = np.concatenate([[0], np.cumsum(widths)]).astype(int)
-    return int(edges[-1]), [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return int(edges[-1]), [slice(int(a), int(b)) for a, b in pairwise(edges)]

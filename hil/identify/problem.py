@@ -16,6 +16,8 @@ from hil.models.robots import Robot, make_robot
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
+#: Band chosen from the data.
+AUTOMATIC = Band()
 
 
 class Problem:
@@ -51,7 +53,7 @@ class Problem:
         recordings: list[Recording],
         robot: RobotSource,
         explains: str = "motor",
-        band: Band = Band(),
+        band: Band = AUTOMATIC,
         rates: bands.Rates | None = None,
         span: FloatArray | None = None,
     ) -> None:
@@ -119,7 +121,7 @@ class Problem:
         else:
             external = ext[pick]
         step = stride / fs
-        t = np.arange(q[pick].shape[0]) * step
+        t = np.arange(q[pick].shape[0], dtype=np.float64) * step
         motion = Motion(
             t=t, q=q[pick], qd=qd[pick], qdd=qdd[pick], tau=tau[pick], tau_ext=external,
             load=np.zeros_like(q[pick]), v0=self._resolution(r), span=self.span,
@@ -139,7 +141,8 @@ class Problem:
         # s_v = s_q 2 pi fc sqrt(2 fc / (3 fs)) for white noise up to fc
         sigma_v = sigma_q * 2 * np.pi * cutoff * np.sqrt(2 * cutoff / (3 * fs))
         rms = np.sqrt(np.mean(np.diff(r.q, axis=0) ** 2, axis=0)) * fs
-        return np.maximum(np.maximum(2 * sigma_v, 0.003 * rms), 1e-9)
+        out: FloatArray = np.maximum(np.maximum(2 * sigma_v, 0.003 * rms), 1e-9)
+        return out
 
     def _assemble(self) -> None:
         v0 = np.max([m.v0 for m in self.motions], axis=0)
@@ -203,6 +206,6 @@ class Problem:
 
 def _quantum(x: FloatArray) -> float:
     """Smallest step of a quantised signal; 0 where it is not quantised."""
-    steps = np.unique(np.abs(np.diff(x[: 20000])))
+    steps = np.unique(np.abs(np.diff(x[:20000])))
     steps = steps[steps > 1e-12]
     return float(steps[0]) if 0 < steps.size < 200 else 0.0

@@ -59,7 +59,8 @@ class FitResult:
     @property
     def rms(self) -> FloatArray:
         """Root mean square residual by joint (d,)."""
-        return np.sqrt(np.mean(self.residual**2, axis=1))
+        out: FloatArray = np.sqrt(np.mean(self.residual**2, axis=1))
+        return out
 
     @property
     def relative(self) -> FloatArray:

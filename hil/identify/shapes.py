@@ -58,7 +58,8 @@ class Projector:
         if term.effect.whole_robot:
             flat = columns / self.sigma[:, None, None]
             return flat.reshape(-1, columns.shape[-1])
-        return columns / self.sigma[term.joint]
+        out: FloatArray = columns / self.sigma[term.joint]
+        return out
 
     def gain(self, term: Term) -> float:
         """By how much the term lowers the weighted residual sum of squares."""

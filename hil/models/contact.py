@@ -59,7 +59,7 @@ class ContactStiffness(Effect):
         low, high = motion.span[j]
         places = [float(low + f * (high - low)) for f in np.arange(-0.1, 1.0, 0.1)]
         mirrored = [float(high - f * (high - low)) for f in np.arange(-0.1, 1.0, 0.1)]
-        return [(x, 1.0) for x in places] + [(x, -1.0) for x in mirrored]
+        return [*((x, 1.0) for x in places), *((x, -1.0) for x in mirrored)]
 
 
 class ContactDamping(_ContactLaw):
@@ -96,7 +96,8 @@ class ContactHardening(_ContactLaw):
         depth, side = penetration(motion, j)
         low, high = motion.span[j]
         deepest = max(side * ((high if side > 0 else low) - motion.contact[j, 0]), 1e-12)
-        return (-side * (depth / deepest) ** shape[0])[:, None]
+        force: FloatArray = -side * (depth / deepest) ** shape[0]
+        return force[:, None]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Exponents 1.5 to 6."""

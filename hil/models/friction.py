@@ -53,7 +53,7 @@ class Viscous(Effect):
     candidate = False
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """v."""
+        """Speed v."""
         return _column(motion.qd[:, j])
 
 
@@ -123,7 +123,7 @@ class QuadraticDrag(Effect):
     params = (Param("fd", "{F} s^2/{x}^2", "quadratic drag"),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """v |v|."""
+        """Signed square v |v|."""
         return _column(motion.qd[:, j] * np.abs(motion.qd[:, j]))
 
 

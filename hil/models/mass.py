@@ -48,7 +48,7 @@ class Armature(Effect):
     candidate = False
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """qdd."""
+        """The joint's acceleration qdd."""
         return motion.qdd[:, j : j + 1]
 
     def available(self, motion: Motion, j: int) -> str:
@@ -115,14 +115,15 @@ class PositionTorque(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Chebyshev polynomials T0..T6."""
-        return np.polynomial.chebyshev.chebvander(np.clip(motion.scaled(j), -1, 1), 6)
+        values = np.polynomial.chebyshev.chebvander(np.clip(motion.scaled(j), -1, 1), 6)
+        return np.asarray(values, dtype=np.float64)
 
 
 class EndStop(Effect):
     """A stop that pushes back beyond a position."""
 
     name, family = "end-stop", "stiffness"
-    equation = "tau = k d + h d |d| + c |d| v,  d = max(0, q - q0) (upper) or min(0, q - q0) (lower)"
+    equation = "tau = k d + h d |d| + c |d| v,  d = max(0, q - q0) (upper), min(0, q - q0) (lower)"
     signature = "residual only at one end of the range"
     confused_with = ("spring", "position-torque")
     shown_by = "strokes that reach the end of the range, slowly and fast"
@@ -147,6 +148,7 @@ class EndStop(Effect):
         """2 to 35 % of the span from either end."""
         low, high = motion.span[j]
         fractions = (0.02, 0.05, 0.1, 0.15, 0.2, 0.27, 0.35)
+        upper: list[tuple[float, ...]]
         upper = [(float(high - f * (high - low)), 1.0) for f in fractions]
         return upper + [(float(low + f * (high - low)), -1.0) for f in fractions]
 

@@ -67,12 +67,14 @@ class Motion:
 
     def sign(self, j: int) -> FloatArray:
         """Sign of joint j's velocity, resolved to `v0[j]`: tanh(v / v0), shape (n,)."""
-        return np.tanh(self.qd[:, j] / self.v0[j])
+        out: FloatArray = np.tanh(self.qd[:, j] / self.v0[j])
+        return out
 
     def scaled(self, j: int) -> FloatArray:
         """Position of joint j mapped to [-1, 1] over the recorded span, shape (n,)."""
         low, high = self.span[j]
-        return (2.0 * self.q[:, j] - low - high) / max(high - low, 1e-12)
+        out: FloatArray = (2.0 * self.q[:, j] - low - high) / max(high - low, 1e-12)
+        return out
 
     def with_(self, **changes: FloatArray) -> Motion:
         """Copy with some arrays replaced."""

@@ -21,10 +21,12 @@ class _Phantom:
     l1: float
     l2: float
     has_armature = True
-    units = ("rad", "rad", "rad")
+    units: tuple[str, ...] = ("rad", "rad", "rad")
 
     def __init__(self, joints: tuple[str, ...]) -> None:
-        self.joints = joints if len(joints) == 3 else ("joint1", "joint2", "joint3")
+        self.joints: tuple[str, ...] = (
+            joints if len(joints) == 3 else ("joint1", "joint2", "joint3")
+        )
 
     def jacobian(self, q: FloatArray) -> FloatArray:
         """Tip Jacobian of p = (r c1, r s1, l1 s2 - l2 c3), shape (n, 3, 3)."""
@@ -40,22 +42,24 @@ class _Phantom:
 
     def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """tau_ext = J^T F, shape (n, 3); a pen tip transmits no torque."""
-        return np.einsum("nkd,nk->nd", self.jacobian(q), wrench[:, :3])
+        effort: FloatArray = np.einsum("nkd,nk->nd", self.jacobian(q), wrench[:, :3])
+        return effort
 
     def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
-        """tau = J^T (J q'' + J' q' + g e_z) of one kilogram at the tip, shape (n, 3)."""
+        """Effort J^T (J q'' + J' q' + g e_z) of one kilogram at the tip, shape (n, 3)."""
         jac, eps = self.jacobian(q), 1e-6
         rate = (self.jacobian(q + eps * qd) - self.jacobian(q - eps * qd)) / (2 * eps)
         acceleration = np.einsum("nkd,nd->nk", jac, qdd) + np.einsum("nkd,nd->nk", rate, qd)
         acceleration[:, 2] += G
-        return np.einsum("nkd,nk->nd", jac, acceleration)
+        effort: FloatArray = np.einsum("nkd,nk->nd", jac, acceleration)
+        return effort
 
 
 def _inertia_rows(q: FloatArray, qd: FloatArray, qdd: FloatArray, y: FloatArray) -> None:
     """Columns pi1..pi4 that both arms share: M11 and the coupling M23, with Coriolis terms."""
     (s2, s3), (c2, c3) = np.sin(q[:, 1:]).T, np.cos(q[:, 1:]).T
     (v1, v2, v3), (a1, a2, a3) = qd.T, qdd.T
-    s22, s23, c22, c23 = (np.sin(2 * q[:, 1]), np.sin(2 * q[:, 2]), np.cos(2 * q[:, 1]), np.cos(2 * q[:, 2]))
+    (s22, s23), (c22, c23) = np.sin(2 * q[:, 1:]).T, np.cos(2 * q[:, 1:]).T
     sd, cd = np.sin(q[:, 1] - q[:, 2]), np.cos(q[:, 1] - q[:, 2])
     # M11 = pi1 + pi2 cos 2th2 + pi3 cos 2th3 + pi4 cos th2 sin th3
     y[:, 0, 0] = a1
@@ -73,8 +77,8 @@ class Premium(_Phantom):
     """PHANTOM Premium 1.5: eight parameters, tau = Y pi."""
 
     l1, l2 = 0.215, 0.170
-    names = tuple(f"pi{k}" for k in range(1, 9))
-    param_units = ("kg m^2",) * 6 + ("N m",) * 2
+    names: tuple[str, ...] = tuple(f"pi{k}" for k in range(1, 9))
+    param_units: tuple[str, ...] = ("kg m^2",) * 6 + ("N m",) * 2
     prior = np.array(
         [2.8328e-3, 1.1319e-3, -3.9120e-4, 9.1230e-4, 2.4264e-3, 9.3189e-4, -1.6298e-2, -7.3755e-2]
     )
@@ -93,8 +97,8 @@ class Omni(_Phantom):
     """PHANTOM Omni: ten parameters k1..k10, with the balance spring k10."""
 
     l1, l2 = 0.135, 0.135
-    names = tuple(f"k{k}" for k in range(1, 11))
-    param_units = ("kg m^2",) * 7 + ("N m", "N m", "N m/rad")
+    names: tuple[str, ...] = tuple(f"k{k}" for k in range(1, 11))
+    param_units: tuple[str, ...] = ("kg m^2",) * 7 + ("N m", "N m", "N m/rad")
     prior = 1e-3 * np.array(
         [1.798, 0.864, 0.486, 2.766, 0.308, 2.526, 0.652, 164.458, 94.050, 117.294]
     )

@@ -91,10 +91,11 @@ class UrdfRobot:
 
     def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """tau_ext = J^T w, shape (n, d)."""
-        return np.einsum("nkd,nk->nd", self.jacobian(q), wrench)
+        effort: FloatArray = np.einsum("nkd,nk->nd", self.jacobian(q), wrench)
+        return effort
 
     def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
-        """tau = J^T (p'' + g e_z) of one kilogram at the tip, shape (n, d)."""
+        """Effort J^T (p'' + g e_z) of one kilogram at the tip, shape (n, d)."""
         pin, frame = self._pin, self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         acceleration = np.empty((len(q), 3))
         for k, row in enumerate(self._config(q)):
@@ -103,4 +104,5 @@ class UrdfRobot:
                 self._model, self._data, self._tip, frame
             ).linear
         acceleration -= self._model.gravity.linear
-        return np.einsum("nkd,nk->nd", self.jacobian(q)[:, :3], acceleration)
+        effort: FloatArray = np.einsum("nkd,nk->nd", self.jacobian(q)[:, :3], acceleration)
+        return effort

@@ -57,7 +57,13 @@ def summary(path: str | Path) -> SessionSummary:
     box = read(path)
     channels = tuple(_channel(t) for t in box.topics.values())
     return SessionSummary(
-        str(path), box.size, box.truncated, channels, box.metadata, tuple(box.attachments), _arms(box)
+        str(path),
+        box.size,
+        box.truncated,
+        channels,
+        box.metadata,
+        tuple(box.attachments),
+        _arms(box),
     )
 
 
@@ -72,7 +78,9 @@ def _channel(topic: Topic) -> ChannelSummary:
 
 def _arms(box: Container) -> tuple[str, ...]:
     return tuple(
-        name.split("/")[1] for name in box.topics if name.endswith("/measured_js") and name.count("/") == 2
+        name.split("/")[1]
+        for name in box.topics
+        if name.endswith("/measured_js") and name.count("/") == 2
     )
 
 
@@ -99,9 +107,8 @@ def load(path: str | Path, arm: str | None = None) -> Recording:
     box = read(path)
     names = _arms(box)
     if not names:
-        raise DataError(
-            f"session {path} has no /<arm>/measured_js channel. It has: {', '.join(box.topics) or 'none'}"
-        )
+        has = ", ".join(box.topics) or "none"
+        raise DataError(f"session {path} has no /<arm>/measured_js channel. It has: {has}")
     chosen = arm or names[0]
     if chosen not in names:
         raise DataError(f"session {path}: " + unknown("arm", chosen, names))
@@ -134,13 +141,16 @@ def _recording(box: Container, arm: str) -> Recording:
     if not state.data:
         raise DataError(f"session {box.path}: arm {arm!r} has no samples")
     names, parts = decode_joint_state(state)
-    t = np.array(state.times, dtype=np.int64) * 1e-9
+    t = np.asarray(np.array(state.times, dtype=np.int64) * 1e-9, dtype=np.float64)
     jf = box.topics.get(f"/{arm}/setpoint_jf")
-    tau = _aligned(decode_joint_state(jf)[1]["effort"], jf, state) if jf and jf.data else parts["effort"]
+    tau = parts["effort"]
+    if jf and jf.data:
+        tau = _aligned(decode_joint_state(jf)[1]["effort"], jf, state)
     if tau is None or parts["position"] is None:
         raise DataError(f"session {box.path}: arm {arm!r} has no position or no motor effort")
     info = box.metadata.get(f"robot/{arm}", {})
     urdf = box.attachments.get(f"robot/{arm}.urdf", b"").decode()
+    preset = "" if urdf else info.get("preset", "single-axis")
     joints = tuple(json.loads(info["joints"])) if "joints" in info else names
     metadata = {k: v for k, v in info.items() if k == "unit"}
     metadata |= {f"session.{k}": v for k, v in box.metadata.get("session", {}).items()}
@@ -150,7 +160,7 @@ def _recording(box: Container, arm: str) -> Recording:
         tau_ext=_optional(box, arm, "external_jf", state),
         current=_optional(box, arm, "motor_current", state),
         temperature=_optional(box, arm, "motor_temperature", state),
-        robot=RobotSource("" if urdf else info.get("preset", "single-axis"), urdf, info.get("tip", "")),
+        robot=RobotSource(preset, urdf, info.get("tip", "")),
         metadata=metadata,
     )  # fmt: skip
 

@@ -67,7 +67,7 @@ class SessionWriter:
         self._events = 0
         self._chunk_start = 0
         self.messages = 0
-        self._writer.flush()
+        self._writer.flush()  # type: ignore[no-untyped-call]
 
     def _register(self, channel: Channel) -> None:
         name, text = channel.schema()
@@ -109,12 +109,12 @@ class SessionWriter:
 
     def flush(self) -> None:
         """Close the open chunk and hand everything to the operating system."""
-        self._writer.flush()
+        self._writer.flush()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
         """Write the index and close the file."""
         if not self._file.closed:
-            self._writer.finish()
+            self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.close()
 
     def __enter__(self) -> SessionWriter:
@@ -169,7 +169,7 @@ def write_recordings(
             w.write(topics[p], k + 1, int(stamps[p][k]), rows[p][k])
 
 
-def _plan(r: Recording) -> list[tuple[Channel, np.ndarray, np.ndarray]]:  # type: ignore[type-arg]
+def _plan(r: Recording) -> list[tuple[Channel, np.ndarray, np.ndarray]]:
     """Channel, times and values of everything a recording holds."""
     parts = ("position",) if r.qd is None else ("position", "velocity")
     state = r.q if r.qd is None else np.concatenate([r.q, r.qd], axis=1)
@@ -191,5 +191,7 @@ def _plan(r: Recording) -> list[tuple[Channel, np.ndarray, np.ndarray]]:  # type
             message = "hil_msgs/msg/" + name.title().replace("_", "")
             units = (unit,) * r.d
             topic = f"/{r.arm}/{name}"
-            out.append((Channel(topic, "fields", fields, units=units, message=message), r.t, values))
+            out.append(
+                (Channel(topic, "fields", fields, units=units, message=message), r.t, values)
+            )
     return out
