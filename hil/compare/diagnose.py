@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hil.compare.attribute import LEVEL, choose, plausible
 from hil.compare.evidence import NOTHING, Candidate, Evidence, gather
+from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.identifiable import undetermined
 from hil.identify.fit import fit
@@ -163,11 +164,15 @@ def _next(
 
 
 def _worth(step: Step, now: Step, j: int, floor: FloatArray) -> bool:
-    """Whether a step pays: in held-out error, and in the excess over the floor."""
+    """Whether a step pays: in held-out error beyond chance, and in the excess over the floor."""
     before, after = now.result.rms[j] ** 2, step.result.rms[j] ** 2
     excess = max(before - float(floor[j]) ** 2, 1e-300)
     share = (before - after) / excess
-    return bool(step.heldout.rms[j] < (1 - WORTH) * now.heldout.rms[j] and share > SHARE)
+    better = step.heldout.rms[j] < (1 - WORTH) * now.heldout.rms[j]
+    if step.result.model.explains == "external":
+        # half the force sensor's accuracy, in percent of the effort
+        better &= step.heldout.relative[j] < now.heldout.relative[j] - 50 * SENSOR_ACCURACY
+    return bool(better and share > SHARE and step.heldout.gain(now.heldout, j) > 1.0)
 
 
 def _refit(model: RobotModel, problem: Problem, examine: Examiner) -> tuple[FitResult, HeldOut]:

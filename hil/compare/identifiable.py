@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from hil.identify.result import FitResult
+from hil.models.contact import penetration
 
 #: A contact law is undetermined when forward and reverse regression differ by this factor.
-DISAGREEMENT = 2.0
+DISAGREEMENT = 1.5
+#: Rows with at least this share of the deepest penetration count as contact.
+TOUCHING = 0.02
 
 
 def undetermined(result: FitResult) -> list[tuple[str, str]]:
@@ -31,17 +34,29 @@ def undetermined(result: FitResult) -> list[tuple[str, str]]:
 def _rigid(result: FitResult) -> list[tuple[str, str]]:
     problem, out = result.problem, []
     for j, joint in enumerate(problem.joints):
-        y = problem.y[j] - problem.y[j].mean()
-        power = float(np.mean(y**2))
-        left = float(np.mean(result.residual[j] ** 2))
-        r2 = 1 - left / max(power, 1e-300)
+        r2 = _agreement(result, j)
         if r2 < 1 / DISAGREEMENT:
             out.append(
                 (
                     "not-identifiable",
-                    f"{joint}: a spring explains only {100 * max(r2, 0):.0f} % of the contact "
-                    "effort's variance: the stiffness is beyond what the position resolves (or "
-                    "there is no contact); use a softer object, a finer encoder or a stiffer mount",
+                    f"{joint}: while touching, position explains only {100 * r2:.0f} % of the "
+                    "contact effort's variance, so its stiffness is bounded from below only "
+                    f"(forward and reverse regression differ by a factor {1 / max(r2, 1e-3):.1f}):"
+                    " the object is stiffer than the position resolves, or there is no contact; "
+                    "use a softer object, a finer encoder or a stiffer mount",
                 )
             )
     return out if len(out) == problem.d else []
+
+
+def _agreement(result: FitResult, j: int) -> float:
+    """Squared correlation of effort and penetration over the rows in contact."""
+    problem = result.problem
+    y = problem.y[j]
+    if not np.isfinite(problem.motions[0].contact[j]).all():
+        return 1 - float(np.mean(result.residual[j] ** 2) / max(np.var(y), 1e-300))
+    depth = problem.filtered([penetration(m, j)[0][:, None] for m in problem.motions])[:, 0]
+    touching = depth > TOUCHING * depth.max()
+    if np.sum(touching) < 20 or np.std(depth[touching]) == 0:
+        return 0.0
+    return float(np.corrcoef(depth[touching], y[touching])[0, 1] ** 2)
