@@ -1,0 +1,203 @@
+"""Data faults: each is found, and clean recordings have none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from record_tables import URDF, columns, recording
+
+from hil.record.checks import check, joint_units
+from hil.record.recording import Recording, RobotSource
+
+
+def faults(r: Recording) -> list[tuple[str, str, str]]:
+    return [(f.code, f.severity, f.joint) for f in check(r)]
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    d=st.integers(1, 7),
+    seed=st.integers(0, 10_000),
+    rate=st.sampled_from([200.0, 500.0, 1000.0]),
+    unit=st.sampled_from(["rad", "m"]),
+    count=st.sampled_from([0.0, 1e-5, 1e-3]),
+    delay=st.integers(0, 5),
+    still=st.booleans(),
+    slow=st.sampled_from([1.0, 0.1]),
+)
+def test_clean_recordings_have_no_fault(d, seed, rate, unit, count, delay, still, slow):
+    r = recording(d, 6.0, rate, seed, unit)
+    q, tau = r.q, r.tau
+    if still and slow == 1:  # stands still for the first and last second
+        ramp = np.clip(np.minimum(r.t, r.t[-1] - r.t) - 1.0, 0, 1)[:, None]
+        q = q * (3 * ramp**2 - 2 * ramp**3)
+    if slow < 1:  # the same motion ten times slower, sampled as often: friction alone counts
+        q = np.stack([np.interp(r.t * slow, r.t, column) for column in q.T], axis=1)
+        qd = np.gradient(q, r.t, axis=0)
+        tau = 0.1 * qd + 0.3 * np.tanh(qd / 0.02)
+    elif still:
+        qd = np.gradient(q, r.t, axis=0)
+        tau = 0.05 * np.gradient(qd, r.t, axis=0) + 0.1 * qd + 0.3 * np.tanh(qd / 0.02)
+    q = np.round(q / count) * count if count else q
+    tau = np.concatenate([np.repeat(tau[:1], delay, axis=0), tau[: r.n - delay]])
+    assert faults(replace(r, q=q, tau=tau, qd=None)) == []
+
+
+def test_nan_is_an_error():
+    r = recording()
+    tau = r.tau.copy()
+    tau[7:9, 1] = np.nan
+    (found,) = check(replace(r, tau=tau))
+    assert (found.code, found.severity, found.joint) == ("not-finite", "error", "joint2")
+    assert "tau2: 2 of 3000" in found.text
+    assert "first at sample 7" in found.text
+
+
+def with_time(change) -> Recording:
+    r = recording()
+    t = r.t.copy()
+    change(t)
+    return replace(r, t=t)
+
+
+def test_backward_time_is_an_error():
+    assert ("time-backward", "error", "") in faults(with_time(lambda t: t.__setitem__(50, 0.0)))
+
+
+def test_repeated_time():
+    r = with_time(lambda t: t.__setitem__(50, t[49]))
+    assert faults(r) == [("time-repeated", "warning", "")]
+
+
+def test_constant_time_is_an_error():
+    r = with_time(lambda t: t.fill(1.0))
+    assert ("time-repeated", "error", "") in faults(r)
+
+
+def test_gap():
+    r = with_time(lambda t: t.__setitem__(slice(900, None), t[900:] + 0.5))
+    (found,) = check(r)
+    assert found.code == "gap"
+    assert "1 gaps, the longest 0.502 s, the first after 1.798 s" in found.text
+
+
+def test_irregular_time():
+    def change(t):
+        t += np.random.default_rng(0).uniform(0, 0.0015, t.size)
+
+    assert ("irregular-time", "warning", "") in faults(with_time(change))
+
+
+@pytest.mark.parametrize(("rate", "severity"), [(50.0, "warning"), (10.0, "error")])
+def test_slow_rate(rate, severity):
+    assert ("sample-rate", severity, "") in faults(recording(rate=rate))
+
+
+def test_milliseconds_are_named():
+    (found,) = check(with_time(lambda t: t.__imul__(1000)))
+    assert found.severity == "error"
+    assert "milliseconds" in found.text
+
+
+def test_too_short():
+    assert ("too-short", "warning", "") in faults(recording(seconds=0.5))
+    assert faults(recording().slice(0, 10)) == [("too-short", "error", "")]
+    assert faults(recording().slice(0, 1)) == [("too-short", "error", "")]
+
+
+def test_nothing_moves_is_no_error():
+    r = recording()
+    assert all(s == "warning" for _, s, _ in faults(replace(r, q=np.zeros_like(r.q), qd=None)))
+
+
+def test_everything_stuck_is_an_error():
+    r = recording()
+    zero = np.zeros_like(r.q)
+    assert faults(replace(r, q=zero, tau=zero, qd=None)) == [("stuck", "error", "")]
+
+
+def one(r: Recording, key: str, change) -> Recording:
+    values = getattr(r, key).copy()
+    values[:, 0] = change(values[:, 0])
+    return replace(r, **{key: values})
+
+
+def test_dead_effort_channel():
+    r = one(recording(), "tau", lambda x: 0 * x)
+    assert faults(r) == [("stuck", "warning", "joint1")]
+
+
+def test_frozen_encoder_that_catches_up():
+    def freeze(q):
+        at = int(np.argmax(np.abs(np.gradient(q))[200:-200])) + 200
+        q[at : at + 40] = q[at]
+        return q
+
+    assert faults(one(replace(recording(), qd=None), "q", freeze)) == [
+        ("stuck", "warning", "joint1")
+    ]
+
+
+def test_position_step():
+    def jump(q):
+        q[1500:] += 0.05
+        return q
+
+    found = check(one(replace(recording(), qd=None), "q", jump))
+    assert [(f.code, f.joint) for f in found] == [("step", "joint1")]
+    assert "jumps 1 times" in found[0].text
+    assert "2.998 s" in found[0].text
+
+
+def test_clipped_effort():
+    r = one(recording(d=1), "tau", lambda x: np.clip(3 * x, -0.9, 0.9))
+    assert {c for c, _, _ in faults(r)} == {"saturation"}
+
+
+@pytest.mark.parametrize(
+    ("factor", "code", "text"),
+    [(57.3, "velocity-scale", "degrees"), (-1.0, "velocity-sign", "opposite signs"),
+     (0.001, "velocity-scale", "milliseconds"), (2.0, "velocity-scale", "is 2")],
+)  # fmt: skip
+def test_velocity_that_is_not_the_derivative(factor, code, text):
+    found = check(one(recording(), "qd", lambda x: factor * x))
+    assert [(f.code, f.joint) for f in found] == [(code, "joint1")]
+    assert text in found[0].text
+
+
+def test_degrees():
+    r = one(replace(recording(), qd=None), "q", lambda x: 57.3 * x)
+    assert faults(r) == [("unit", "warning", "joint1")]
+
+
+def test_beyond_the_limits_of_the_urdf():
+    r = replace(one(recording(), "q", lambda x: x + 3.0), robot=RobotSource("", URDF), qd=None)
+    assert [f[0] for f in faults(replace(r, joints=("shoulder", "elbow")))] == ["limits"]
+
+
+def test_inverted_effort():
+    found = check(replace(recording(), tau=-recording().tau))
+    assert [(f.code, f.severity) for f in found] == [("sign", "warning")] * 2
+    assert "only takes energy out" in found[0].text
+
+
+def test_inverted_external_effort():
+    r = recording(d=1)
+    push = 2 * np.sin(5 * r.t[:, None]) ** 3
+    right = replace(r, tau=r.tau - push, tau_ext=push)
+    assert faults(right) == []
+    (found,) = check(replace(right, tau_ext=-push))
+    assert (found.code, found.joint) == ("sign", "joint1")
+    assert "tauext1" in found.text
+
+
+def test_units_come_from_the_urdf():
+    urdf = URDF.replace('name="elbow" type="revolute"', 'name="elbow" type="prismatic"')
+    r = replace(recording(), robot=RobotSource("", urdf))
+    assert joint_units(r) == ("rad", "m")
+    assert joint_units(replace(r, robot=RobotSource("", "nonsense"))) == ("rad", "rad")
+    assert columns(r)["q1"].shape == (r.n,)

@@ -1,0 +1,157 @@
+"""`hil import`: what it brings in."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from record_tables import URDF, columns, recording, write_csv
+from scipy.io import savemat
+
+from hil.cli import main
+from hil.models.files import read_model
+from hil.record.reader import load, summary
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_csv_comes_back_exactly(tmp_path, delimiter):
+    r = recording(d=3)
+    table = write_csv(tmp_path / "run.csv", columns(r), delimiter)
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 0
+    back = load(tmp_path / "s.mcap")
+    np.testing.assert_array_equal(back.q, r.q)
+    np.testing.assert_array_equal(back.qd, r.qd)
+    np.testing.assert_array_equal(back.tau, r.tau)
+    np.testing.assert_allclose(back.t, r.t, atol=1e-9)
+    assert back.joints == ("joint1", "joint2", "joint3")
+    assert back.arm == "arm"
+
+
+def test_comma_as_decimal_mark(tmp_path):
+    table = tmp_path / "run.csv"
+    rows = [f"0,{k:03d};0,5{k};-1,25" for k in range(1, 60)]
+    table.write_text("t;q1;tau1\n" + "\n".join(rows))
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 0
+    assert load(tmp_path / "s.mcap").tau[0, 0] == -1.25
+
+
+@pytest.mark.parametrize("kind", ["npz", "mat"])
+@pytest.mark.parametrize("stacked", [True, False])
+def test_arrays_by_name(tmp_path, kind, stacked):
+    r = recording(d=2)
+    data = {"t": r.t, "q": r.q, "tau": r.tau} if stacked else columns(r)
+    data = {**data, "gain": np.array(3.0)}
+    path = tmp_path / f"run.{kind}"
+    if kind == "npz":
+        np.savez(path, **data)
+    else:
+        savemat(path, data)
+    assert main(["import", str(path), "-o", str(tmp_path / "s.mcap")]) == 0
+    np.testing.assert_array_equal(load(tmp_path / "s.mcap").q, r.q)
+
+
+def test_force_temperature_current(tmp_path):
+    r = recording(d=1)
+    extra = {n: np.full(r.n, k + 1.0) for k, n in enumerate(("fx", "fy", "fz", "i1", "temp1"))}
+    table = write_csv(tmp_path / "run.csv", {**columns(r), **extra})
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 0
+    back = load(tmp_path / "s.mcap")
+    assert back.wrench[5].tolist() == [1, 2, 3, 0, 0, 0]
+    assert back.current[5, 0] == 4
+    assert back.temperature[5, 0] == 5
+
+
+def test_urdf_names_the_joints_and_travels_along(tmp_path):
+    (tmp_path / "two.urdf").write_text(URDF)
+    table = write_csv(tmp_path / "run.csv", columns(recording()))
+    words = ["import", str(table), "-o", str(tmp_path / "s.mcap"), "--tip", "hand"]
+    assert main([*words, "--robot", str(tmp_path / "two.urdf"), "--arm", "left"]) == 0
+    back = load(tmp_path / "s.mcap")
+    assert (back.joints, back.arm) == (("shoulder", "elbow"), "left")
+    assert (back.robot.urdf, back.robot.tip) == (URDF, "hand")
+
+
+def test_base_model_is_made_once(tmp_path, capsys):
+    table = write_csv(tmp_path / "run.csv", columns(recording()))
+    words = ["import", str(table), "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 0
+    model = tmp_path / "s.model.toml"
+    assert read_model(model).names() == ("rigid-body", "armature", "coulomb", "viscous")
+    assert f"hil diagnose {tmp_path / 's.mcap'} --model {model}" in capsys.readouterr().out
+    model.write_text("mine")
+    assert main(words) == 0
+    assert model.read_text() == "mine"
+
+
+def test_json_is_alone_on_stdout(tmp_path, capsys):
+    table = write_csv(tmp_path / "run.csv", {**columns(recording()), "note": np.arange(3000.0)})
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["schema"] == "hil.import/1"
+    assert found["unused"] == ["note"]
+    assert found["arms"][0]["samples"] == 3000
+
+
+def test_two_arms_and_runs_from_one_file(tmp_path):
+    r = recording(d=1)
+    array = np.stack([r.t, r.q[:, 0], -r.q[:, 0], r.tau[:, 0]], axis=1)
+    np.savez(tmp_path / "runs.npz", first=array, second=2 * array)
+    (tmp_path / "m.toml").write_text("""
+[table]
+columns = ["t", "a", "b", "effort"]
+[columns]
+tau1 = "effort"
+[arms.leader.columns]
+q1 = "a"
+[arms.follower.columns]
+q1 = { from = "b", scale = 3.0, sign = -1, shift = 1.0 }
+[offsets.first]
+leader.q1 = 0.5
+""")
+    words = ["import", str(tmp_path / "runs.npz"), "--map", str(tmp_path / "m.toml")]
+    assert main([*words, "--run", "first", "-o", str(tmp_path / "s.mcap")]) == 0
+    assert summary(tmp_path / "s.mcap").arms == ("leader", "follower")
+    np.testing.assert_allclose(load(tmp_path / "s.mcap", "leader").q, r.q + 0.5)
+    np.testing.assert_allclose(load(tmp_path / "s.mcap", "follower").q, 3 * r.q + 1)
+    assert main([*words, "--run", "second", "--arm", "leader", "-o", str(tmp_path / "l.mcap")]) == 0
+    assert summary(tmp_path / "l.mcap").arms == ("leader",)
+
+
+def test_joined_table_without_time(tmp_path):
+    r = recording(d=1)
+    write_csv(tmp_path / "effort.csv", {"value": r.tau[:, 0]})
+    table = write_csv(tmp_path / "pos.csv", {"value": r.q[:, 0]})
+    (tmp_path / "m.toml").write_text("""
+[table]
+rate_hz = 500
+join = { drive = "effort.csv" }
+[columns]
+q1 = "value"
+tau1 = { sum = { "drive.value" = 2.0, value = 1.0 } }
+""")
+    words = ["import", str(table), "--map", str(tmp_path / "m.toml")]
+    assert main([*words, "-o", str(tmp_path / "s.mcap")]) == 0
+    back = load(tmp_path / "s.mcap")
+    np.testing.assert_allclose(back.tau, 2 * r.tau + r.q)
+    assert back.rate == pytest.approx(500)
+
+
+def test_declared_unit_settles_the_doubt(tmp_path):
+    r = recording(d=1)
+    table = write_csv(tmp_path / "run.csv", {**columns(r), "q1": 60 * r.q[:, 0]})
+    words = ["import", str(table), "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 2
+    assert main([*words, "--unit", "rad"]) == 0
+
+
+def test_gaps_and_repeats_on_request(tmp_path):
+    r = recording(d=1)
+    t = r.t.copy()
+    t[1000:] += 1.0
+    t[50] = t[49]
+    table = write_csv(tmp_path / "run.csv", {**columns(r), "t": t})
+    (tmp_path / "m.toml").write_text('[table]\ngaps = "keep"\nrepeated = "drop"\n')
+    words = ["import", str(table), "--map", str(tmp_path / "m.toml")]
+    assert main([*words, "-o", str(tmp_path / "s.mcap")]) == 0
+    assert load(tmp_path / "s.mcap").n == r.n - 1

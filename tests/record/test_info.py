@@ -1,0 +1,89 @@
+"""`hil info`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from record_tables import recording
+
+from hil.cli import main
+from hil.record.reader import load
+from hil.record.writer import write_recordings
+
+
+@pytest.fixture
+def session(tmp_path):
+    path = tmp_path / "s.mcap"
+    write_recordings(path, [replace(recording(), arm="leader"), replace(recording(1), arm="tail")])
+    return path
+
+
+def test_text_for_a_stranger(session, capsys):
+    assert main(["info", str(session)]) == 0
+    text = capsys.readouterr().out
+    assert "/leader/measured_js" in text
+    assert "arm leader: 2 joints, 3000 samples, 5.998 s at 500 Hz" in text
+    assert text.count("data faults: none found") == 2
+
+
+def test_json(session, capsys):
+    assert main(["info", str(session), str(session), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["schema"] == "hil.info/1"
+    assert len(found["sessions"]) == 2
+    leader, tail = found["sessions"][0]["arms"]
+    assert (leader["name"], tail["name"]) == ("leader", "tail")
+    assert leader["rate_hz"] == pytest.approx(500)
+    assert leader["units"] == ["rad", "rad"]
+    assert leader["ranges"]["q1"][0] < 0 < leader["ranges"]["q1"][1]
+    assert leader["faults"] == []
+
+
+def test_faults_are_told_and_exit_is_zero(tmp_path, capsys):
+    r = recording()
+    tau = r.tau.copy()
+    tau[5, 0] = np.nan
+    write_recordings(tmp_path / "s.mcap", [replace(r, tau=tau)])
+    assert main(["info", str(tmp_path / "s.mcap")]) == 0
+    assert "error [not-finite] joint1: tau1: 1 of 3000" in capsys.readouterr().out
+    assert main(["info", str(tmp_path / "s.mcap"), "--json"]) == 0
+    (arm,) = json.loads(capsys.readouterr().out)["sessions"][0]["arms"]
+    assert arm["faults"][0]["code"] == "not-finite"
+
+
+def test_cut_off_session_is_read_and_recovered(session, tmp_path, capsys):
+    whole = session.read_bytes()
+    session.write_bytes(whole[: len(whole) // 2])
+    assert main(["info", str(session)]) == 0
+    assert "cut off" in capsys.readouterr().out
+    target = tmp_path / "r.mcap"
+    assert main(["info", str(session), "--recover", str(target)]) == 0
+    assert 100 < load(target, "leader").n < 3000
+    assert main(["info", str(target)]) == 0
+    assert "cut off" not in capsys.readouterr().out.split("recovered")[1]
+
+
+def test_recover_writes_nothing_over(session, capsys):
+    before = session.read_bytes()
+    assert main(["info", str(session), "--recover", str(session)]) == 2
+    assert session.read_bytes() == before
+    assert "exists" in capsys.readouterr().err
+
+
+def test_recover_into_a_missing_folder(session, tmp_path):
+    assert main(["info", str(session), "--recover", str(tmp_path / "no" / "r.mcap")]) == 2
+
+
+def test_recover_takes_one_session(session, tmp_path):
+    words = ["info", str(session), str(session), "--recover", str(tmp_path / "r.mcap")]
+    assert main(words) == 2
+
+
+@pytest.mark.parametrize("content", [b"", b"t,q1,tau1\n"])
+def test_unreadable(tmp_path, capsys, content):
+    (tmp_path / "s.mcap").write_bytes(content)
+    assert main(["info", str(tmp_path / "s.mcap")]) == 2
+    assert "hil import" in capsys.readouterr().err
