@@ -1,0 +1,253 @@
+"""Check that an effect keeps the contract which fitting, ranking and reporting rely on."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+
+import numpy as np
+
+from hil.errors import HilError
+from hil.models.effect import Effect, Param
+from hil.models.motion import FloatArray, Motion
+from hil.models.phantom import Premium
+from hil.models.robots import IndependentAxes, Robot
+
+FAMILIES = (
+    "friction", "transmission", "actuator", "mass", "stiffness", "sensor", "structure", "contact",
+)  # fmt: skip
+_TEXTS = ("name", "family", "equation", "signature", "shown_by", "source")
+_TUPLES = ("confused_with", "params", "shape", "replaces", "explains")
+_EFFORTS = ("motor", "external")
+_KEBAB = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+
+
+class ConformanceError(HilError, AssertionError):
+    """An effect breaks the contract of `hil.models.effect.Effect`."""
+
+
+def check_effect(effect: Effect) -> None:
+    """Check that an effect can be fitted, ranked, added and reported like a built-in one.
+
+    Its declaration is read, then its columns are evaluated for robots of one to three joints
+    on seeded random smooth motions and at standstill, with and without an external effort and
+    a known surface.  Nothing is returned: an effect that passes passes silently.
+
+    Parameters
+    ----------
+    effect : Effect
+        Instance, built in or a user's own.
+
+    Raises
+    ------
+    ConformanceError
+        With a sentence that says what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> from hil.models import catalogue
+    >>> check_effect(catalogue.get("stribeck"))
+    """
+    if not isinstance(effect, Effect):
+        raise ConformanceError(
+            f"{effect!r} is not an instance of hil.models.effect.Effect; "
+            "EFFECTS holds instances, e.g. EFFECTS = (MyEffect(),)"
+        )
+    _declaration(effect)
+    tried = 0
+    for label, motion in sample_motions():
+        joints = range(1) if effect.whole_robot and not effect.shape else range(motion.d)
+        tried += sum(_on_joint(effect, motion, j, f"{label}, joint {j + 1}") for j in joints)
+    if not tried:
+        raise ConformanceError(
+            f"effect {effect.name!r} is not available on any of the sample motions (1 to 3 "
+            "joints, with and without external effort); 'available' must return '' where it acts"
+        )
+
+
+def _declaration(effect: Effect) -> None:
+    kind = type(effect).__name__
+    for attribute in _TEXTS:
+        value = getattr(effect, attribute, None)
+        if not isinstance(value, str) or not value.strip():
+            raise ConformanceError(f"{kind}.{attribute} must be a non-empty text, got {value!r}")
+    if not _KEBAB.fullmatch(effect.name):
+        raise ConformanceError(
+            f"{kind}.name is {effect.name!r}; expected kebab-case, e.g. 'cable-creep'"
+        )
+    if effect.family not in FAMILIES:
+        raise ConformanceError(
+            f"{kind}.family is {effect.family!r}; expected one of {', '.join(FAMILIES)}"
+        )
+    for attribute in _TUPLES:
+        value = getattr(effect, attribute)
+        if not isinstance(value, tuple):
+            raise ConformanceError(f"{kind}.{attribute} must be a tuple, got {value!r}")
+    if not effect.explains or not set(effect.explains) <= set(_EFFORTS):
+        raise ConformanceError(
+            f"{kind}.explains is {effect.explains!r}; expected 'motor', 'external' or both"
+        )
+    if effect.name in effect.replaces or effect.name in effect.confused_with:
+        raise ConformanceError(f"effect {effect.name!r} replaces or is confused with itself")
+    _parameters(effect, (*effect.params, *effect.shape))
+
+
+def _parameters(effect: Effect, params: Sequence[Param]) -> None:
+    seen: set[str] = set()
+    for p in params:
+        if not isinstance(p, Param):
+            raise ConformanceError(f"effect {effect.name!r}: {p!r} is not a Param")
+        what = f"effect {effect.name!r}: parameter {p.name!r}"
+        if not p.name or re.search(r"[\s.\[\]]", p.name):
+            raise ConformanceError(f"{what} needs a name without spaces, dots and brackets")
+        if p.name in seen:
+            raise ConformanceError(f"{what} is declared twice")
+        if not p.unit.strip():
+            raise ConformanceError(f"{what} has no unit; write '1' for a pure number")
+        if not p.text.strip():
+            raise ConformanceError(f"{what} has no text that says what it is")
+        if not p.lower < p.upper:
+            raise ConformanceError(
+                f"{what} has bounds {p.lower} .. {p.upper}; expected lower < upper"
+            )
+        seen.add(p.name)
+
+
+def _on_joint(effect: Effect, motion: Motion, j: int, where: str) -> bool:
+    """Check one joint of one motion; False where the effect is not available."""
+    head = f"effect {effect.name!r} ({where})"
+    before = {f.name: np.copy(getattr(motion, f.name)) for f in fields(motion) if f.name != "robot"}
+    try:
+        with warnings.catch_warnings(), np.errstate(divide="raise", over="raise", invalid="raise"):
+            warnings.simplefilter("error")
+            tried = _evaluate(effect, motion, j, head)
+    except ConformanceError:
+        raise
+    except Exception as error:
+        raise ConformanceError(f"{head} fails with {error!r}") from error
+    for name, value in before.items():
+        if not np.array_equal(value, getattr(motion, name), equal_nan=True):
+            raise ConformanceError(f"{head} modifies its input motion.{name}; work on a copy")
+    return tried
+
+
+def _evaluate(effect: Effect, motion: Motion, j: int, head: str) -> bool:
+    reason = effect.available(motion, j)
+    if not isinstance(reason, str):
+        raise ConformanceError(f"{head}: 'available' returned {reason!r}, expected a text")
+    if reason:
+        return False
+    terms = effect.terms(motion, j)
+    if not terms:
+        raise ConformanceError(f"{head} has no coefficients; declare 'params' or 'terms'")
+    _parameters(effect, (*terms, *effect.shape))
+    shapes = _grid(effect, motion, j, head)
+    for shape in dict.fromkeys((shapes[0], shapes[len(shapes) // 2], shapes[-1])):
+        _columns(effect, motion, j, shape, len(terms), head)
+    return True
+
+
+def _grid(effect: Effect, motion: Motion, j: int, head: str) -> list[tuple[float, ...]]:
+    shapes = [tuple(s) for s in effect.grid(motion, j)]
+    if not shapes:
+        raise ConformanceError(f"{head} is available but its grid is empty")
+    for shape in shapes:
+        if len(shape) != len(effect.shape):
+            raise ConformanceError(
+                f"{head}: grid point {shape} has {len(shape)} values for "
+                f"{len(effect.shape)} shape parameters"
+            )
+        for p, value in zip(effect.shape, shape, strict=True):
+            if not np.isfinite(value) or not p.lower <= value <= p.upper:
+                raise ConformanceError(
+                    f"{head}: grid value {p.name} = {value} is not finite or outside the declared "
+                    f"bounds {p.lower} .. {p.upper}"
+                )
+    return shapes
+
+
+def _columns(
+    effect: Effect, motion: Motion, j: int, shape: tuple[float, ...], count: int, head: str
+) -> None:
+    values = np.asarray(effect.columns(motion, j, shape))
+    rows = (motion.n, motion.d) if effect.whole_robot else (motion.n,)
+    if values.shape != (*rows, count):
+        raise ConformanceError(
+            f"{head}: columns have shape {values.shape}, expected {(*rows, count)} "
+            f"for {count} coefficients"
+        )
+    if values.dtype != np.float64:
+        raise ConformanceError(f"{head}: columns are {values.dtype}, expected float64")
+    if not np.all(np.isfinite(values)):
+        raise ConformanceError(f"{head}: columns are not finite for shape {shape}")
+    kept = values.copy()
+    if not np.array_equal(kept, effect.columns(motion, j, shape)):
+        raise ConformanceError(f"{head}: two calls with the same input give different columns")
+    # the shift is a power of two, so that rounding leaves the period as it is
+    later = effect.columns(motion.with_(t=motion.t + 64.0), j, shape)
+    if not np.allclose(kept, later, rtol=1e-6, atol=1e-9 * max(float(np.abs(kept).max()), 1e-300)):
+        raise ConformanceError(
+            f"{head}: columns change when the time axis is shifted; use time since motion.t[0]"
+        )
+
+
+def sample_motions(n: int = 2000) -> Iterator[tuple[str, Motion]]:
+    """Motions on which effects are checked: label and motion.
+
+    Parameters
+    ----------
+    n : int
+        Instants of each motion.
+
+    Yields
+    ------
+    str, Motion
+        1 to 3 joints, moving and at standstill, with and without an external effort and a
+        known surface; the three-joint robot has geometry.
+    """
+    for d in (1, 2, 3):
+        names = tuple(f"joint{k + 1}" for k in range(d))
+        robot: Robot = Premium(names) if d == 3 else IndependentAxes(names)
+        for seed, external in ((d, False), (10 + d, True)):
+            what = "with" if external else "without"
+            yield f"{d} joints moving, {what} external effort", _moving(robot, n, seed, external)
+        yield f"{d} joints at standstill", _still(robot, n)
+
+
+def _moving(robot: Robot, n: int, seed: int, external: bool) -> Motion:
+    """Sum of seeded random sines up to 3 Hz, with exact derivatives."""
+    rng, d = np.random.default_rng(seed), len(robot.joints)
+    t = np.arange(n, dtype=np.float64) / 128.0
+    w = 2 * np.pi * rng.uniform(0.1, 3.0, (d, 8))
+    size, phase = rng.normal(0.0, 0.3, (d, 8)) / w, rng.uniform(0, 2 * np.pi, (d, 8))
+    angle = w[None] * t[:, None, None] + phase[None]
+    q = np.sum(size * np.sin(angle), axis=2)
+    qd = np.sum(size * w * np.cos(angle), axis=2)
+    qdd = -np.sum(size * w**2 * np.sin(angle), axis=2)
+    tau = 0.1 * qdd + 0.05 * np.tanh(qd / 0.01) + 0.01 * q
+    push = 0.2 * np.sin(2.0 * np.pi * 0.7 * t)[:, None] * np.ones(d) if external else 0.0 * q
+    middle = np.stack([q.mean(axis=0), np.where(np.arange(d) % 2, -1.0, 1.0)], axis=1)
+    contact = middle if external else np.full((d, 2), np.nan)
+    return _motion(robot, t, (q, qd, qdd), tau, push, contact)
+
+
+def _still(robot: Robot, n: int) -> Motion:
+    t, d = np.arange(n, dtype=np.float64) / 128.0, len(robot.joints)
+    q, zero = np.full((n, d), 0.3), np.zeros((n, d))
+    contact = np.tile([0.3, 1.0], (d, 1))
+    return _motion(robot, t, (q, zero, zero.copy()), zero.copy(), zero.copy(), contact)
+
+
+def _motion(
+    robot: Robot, t: FloatArray, state: tuple[FloatArray, FloatArray, FloatArray],
+    tau: FloatArray, push: FloatArray, contact: FloatArray,
+) -> Motion:  # fmt: skip
+    q, qd, qdd = state
+    speed = np.sqrt(np.mean(qd**2, axis=0))
+    return Motion(
+        t=t, q=q, qd=qd, qdd=qdd, tau=tau, tau_ext=push, load=0.1 * qdd - push,
+        v0=np.maximum(0.01 * speed, 1e-9), span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
+        contact=contact, robot=robot,
+    )  # fmt: skip
