@@ -12,6 +12,7 @@ from pathlib import Path
 from hil.errors import ConfigError
 from hil.models.files import write_model
 from hil.models.model import base_model
+from hil.models.robots import make_robot
 from hil.record import datasets
 from hil.record.checks import check
 from hil.record.mapfile import TableMap, builtin_maps, read_map
@@ -61,6 +62,9 @@ def run(args: argparse.Namespace) -> int:
     found = import_table(
         table, mapping, urdf=args.robot, tip=args.tip, arm=args.arm, run=args.which, unit=args.unit
     )
+    for recording in found.recordings:
+        if not recording.robot.urdf:
+            make_robot(recording.robot, recording)  # refuses an unknown preset, or another robot
     _write(output, found, table)
     model = _model(output, found.recordings)
     if args.json:

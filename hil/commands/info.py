@@ -11,7 +11,7 @@ import numpy as np
 
 from hil.errors import ConfigError, DataError
 from hil.record.checks import Finding, check, columns, joint_units
-from hil.record.reader import SessionSummary, load, recover, summary
+from hil.record.reader import ChannelSummary, SessionSummary, load, recover, summary
 from hil.record.recording import Recording
 
 HELP = "channels, rates, gaps and data faults of sessions"
@@ -74,8 +74,10 @@ def _as_dict(
         "truncated": found.truncated,
         "channels": [
             {
-                "topic": c.topic, "schema": c.schema, "count": c.count, "rate_hz": c.rate_hz,
-                "first_s": c.first_s, "last_s": c.last_s, "missing": c.missing,
+                "topic": c.topic, "schema": c.schema, "count": c.count,
+                "rate_hz": c.rate_hz if _periodic(c) else None,
+                "first_s": c.first_s, "last_s": c.last_s,
+                "missing": c.missing if _periodic(c) else 0,
             }
             for c in found.channels
         ],
@@ -127,8 +129,8 @@ def _text(found: SessionSummary, arms: list[tuple[Recording, list[Finding]]]) ->
         ("channel", "messages", "rate [Hz]", "from [s]", "to [s]", "missing")
     ]
     rows += [
-        (c.topic, str(c.count), f"{c.rate_hz:.5g}", f"{c.first_s:.4f}", f"{c.last_s:.4f}",
-         str(c.missing) if c.missing else "-")
+        (c.topic, str(c.count), f"{c.rate_hz:.5g}" if _periodic(c) else "-", f"{c.first_s:.4f}",
+         f"{c.last_s:.4f}", str(c.missing) if c.missing and _periodic(c) else "-")
         for c in found.channels
     ]  # fmt: skip
     lines += [*_aligned(rows), ""]
@@ -167,6 +169,11 @@ def _faults_text(faults: list[Finding]) -> list[str]:
         where = f" {f.joint}:" if f.joint else ""
         lines.append(f"  {f.severity} [{f.code}]{where} {f.text}")
     return lines
+
+
+def _periodic(channel: ChannelSummary) -> bool:
+    """Whether a channel has a message a tick; events do not."""
+    return channel.schema != "hil_event"
 
 
 def _aligned(rows: list[tuple[str, ...]]) -> list[str]:

@@ -109,8 +109,13 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[Finding]:
     rate, gaps = 1 / period, dt > _GAP * period
     if rate < SLOW_HZ:
         severity = "error" if rate < HOPELESS_HZ else "warning"
-        ms = "; is the time in milliseconds? Scale it by 0.001 in a map" if period >= 0.2 else ""
-        text = f"{rate:.4g} Hz is slow for dynamics (from {SLOW_HZ:.0f} Hz on it is fine){ms}"
+        ms = (
+            "; is the time in milliseconds? Scale it by 0.001 in a map"
+            if period > 1 / HOPELESS_HZ
+            else ""
+        )
+        text = f"{rate:.4g} Hz is slow for dynamics (from {SLOW_HZ:.0f} Hz on it is fine)"
+        text += hint if severity == "error" else ""
         yield Finding("sample-rate", severity, "", text)
     if t[-1] - t[0] < SHORT_S:
         text = f"{t[-1] - t[0]:.3g} s of data; parameters will be uncertain, record longer"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError
-from hil.record.consistency import unit_doubt
+from hil.record.consistency import unit_doubt, velocity_factor
 from hil.record.mapfile import Rule
 from hil.record.recording import Recording
 from hil.record.tablefile import Table
@@ -19,8 +19,8 @@ FloatArray = NDArray[np.float64]
 
 #: A step of so many median periods is a jump.
 JUMP = 10.0
-#: A median period [s] from here on means that the time is not in seconds.
-LONG_PERIOD = 0.25
+#: A longer median period [s] means that the time is not in seconds, or useless for dynamics.
+LONG_PERIOD = 0.05
 
 
 def refuse_not_finite(
@@ -90,11 +90,12 @@ def _refuse_steps(table: Table, t: FloatArray, rows: NDArray[np.intp], gaps: str
     if not dt.size:
         raise DataError(f"table {table.path}: the time never changes")
     period = float(np.median(dt))
-    if period >= LONG_PERIOD:
+    if period > LONG_PERIOD:
         raise DataError(
             f"table {table.path}: the time advances by {period:.4g} s a sample "
-            f"({1 / period:.3g} Hz); it looks like milliseconds (or samples, microseconds). "
-            'Scale it to seconds in a map: [columns] t = { from = "t", scale = 0.001 }'
+            f"({1 / period:.3g} Hz); it looks like milliseconds (or samples, microseconds): "
+            'scale it to seconds in a map, [columns] t = { from = "t", scale = 0.001 }. If it '
+            "truly is in seconds, the recording is too slow for dynamics"
         )
     jumps = np.flatnonzero(dt > JUMP * period)
     if jumps.size and gaps == "refuse":
@@ -128,4 +129,21 @@ def refuse_units(table: Table, recording: Recording, joints: tuple[UrdfJoint, ..
                 f"{joint.unit}{limits}; these look like {what}. Scale them in a map: [columns] "
                 f'q{k + 1} = {{ from = "q{k + 1}", scale = {scale} }}; if they truly are '
                 f'{joint.unit}, say unit = "{joint.unit}" in its [robot] (or --unit {joint.unit})'
+            )
+    for k in range(recording.d):
+        _refuse_mixed(table, recording, k)
+
+
+def _refuse_mixed(table: Table, r: Recording, k: int) -> None:
+    """Refuse a position in degrees beside a velocity in rad/s, or the other way round."""
+    if r.qd is None:
+        return
+    factor, correlation = velocity_factor(r.t, r.q[:, k], r.qd[:, k])
+    degrees = {math.pi / 180: f"q{k + 1}", 180 / math.pi: f"qd{k + 1}"}
+    for known, column in degrees.items():
+        if correlation > 0.98 and abs(factor / known - 1) < 0.05 and r.metadata["unit"] == "rad":
+            raise DataError(
+                f"table {table.path}: qd{k + 1} is {factor:.4g} times the derivative of "
+                f"q{k + 1}, so {column} is in degrees. Scale it in a map: [columns] "
+                f'{column} = {{ from = "{column}", scale = 0.0174532925199433 }}'
             )

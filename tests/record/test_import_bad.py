@@ -133,6 +133,19 @@ def test_degrees_against_the_limits(tmp_path, refuse):
     refuse(table, "q2 (elbow)", "degrees", "limits -2 to 2", options=options)
 
 
+def test_degrees_beside_a_velocity_in_radians(tmp_path, refuse):
+    table = changed(tmp_path, lambda c: c.update(q1=57.2958 * c["q1"] * 0.3, qd1=0.3 * c["qd1"]))
+    refuse(table, "q1 is in degrees", "scale = 0.01745")
+
+
+def test_preset_of_another_robot(tmp_path, refuse):
+    (tmp_path / "m.toml").write_text("[robot]\npreset = 'phantom-premium-1.5'")
+    table, options = changed(tmp_path, lambda c: None), ("--map", str(tmp_path / "m.toml"))
+    refuse(table, "3 joints", "2 position columns", options=options)
+    (tmp_path / "m.toml").write_text("[robot]\npreset = 'phantom'")
+    refuse(table, "unknown robot preset 'phantom'", options=options)
+
+
 def test_empty_file(tmp_path, refuse):
     (tmp_path / "run.csv").write_text("")
     refuse(tmp_path / "run.csv", "is empty")
