@@ -109,11 +109,7 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[Finding]:
     rate, gaps = 1 / period, dt > _GAP * period
     if rate < SLOW_HZ:
         severity = "error" if rate < HOPELESS_HZ else "warning"
-        ms = (
-            "; is the time in milliseconds? Scale it by 0.001 in a map"
-            if period > 1 / HOPELESS_HZ
-            else ""
-        )
+        hint = "; is the time in milliseconds? Scale it by 0.001 in a map"
         text = f"{rate:.4g} Hz is slow for dynamics (from {SLOW_HZ:.0f} Hz on it is fine)"
         text += hint if severity == "error" else ""
         yield Finding("sample-rate", severity, "", text)

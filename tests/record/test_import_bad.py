@@ -134,7 +134,7 @@ def test_degrees_against_the_limits(tmp_path, refuse):
 
 
 def test_degrees_beside_a_velocity_in_radians(tmp_path, refuse):
-    table = changed(tmp_path, lambda c: c.update(q1=57.2958 * c["q1"] * 0.3, qd1=0.3 * c["qd1"]))
+    table = changed(tmp_path, lambda c: c.update(q1=57.2958 * 0.1 * c["q1"], qd1=0.1 * c["qd1"]))
     refuse(table, "q1 is in degrees", "scale = 0.01745")
 
 
