@@ -42,7 +42,7 @@ class UrdfRobot:
         model = self._model
         bad = [n for n, j in zip(model.names, model.joints, strict=True) if j.nv > 1]
         if bad:
-            raise ConfigError(f"URDF joints with several degrees of freedom: {', '.join(bad[1:])}")
+            raise ConfigError(f"URDF joints with several degrees of freedom: {', '.join(bad)}")
         self._data = model.createData()
         moving = list(model.names)[1:]
         self.joints = tuple(moving)
