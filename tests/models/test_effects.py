@@ -1,0 +1,331 @@
+"""Every effect keeps the contract, and its columns are what its equation says."""
+
+import re
+from collections.abc import Callable
+from math import cos, exp, pi, sin, tanh
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.models import catalogue
+from hil.models.effect import Effect, Param
+from hil.models.motion import Motion
+from hil.models.phantom import Premium
+from hil.models.robots import IndependentAxes, Robot
+from hil.testing import ConformanceError, check_effect
+from hil.testing.effects import sample_motions
+
+EFFECTS = sorted(catalogue.table())
+DESIGN = """coulomb viscous stribeck asymmetric-coulomb asymmetric-viscous quadratic-drag presliding
+position-friction load-friction coupled-friction torque-gain torque-offset cogging delay rigid-body
+armature payload spring position-torque end-stop contact-stiffness contact-damping
+contact-hardening contact-hysteresis""".split()
+
+
+def motion_of(robot: Robot, n: int = 40, seed: int = 0) -> Motion:
+    rng, d = np.random.default_rng(seed), len(robot.joints)
+    q, qd, qdd, tau, ext, load = rng.normal(size=(6, n, d))
+    qd[3] = 0.0
+    return Motion(
+        t=np.arange(n) * 0.01, q=q, qd=qd, qdd=qdd, tau=tau, tau_ext=ext, load=load,
+        v0=np.linspace(0.02, 0.05, d), span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
+        contact=np.array([[0.1, 1.0], [-0.2, -1.0], [0.0, 1.0]])[:d], robot=robot,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_conforms(name: str) -> None:
+    check_effect(catalogue.get(name))
+
+
+def test_catalogue_holds_the_names_of_the_design() -> None:
+    assert set(DESIGN) <= set(catalogue.table())
+    assert all(e.name == name for name, e in catalogue.table().items())
+
+
+def test_confusions_and_replacements_name_no_typing_errors() -> None:
+    planned = {"backlash", "elastic-transmission", "actuator-lag", "filter-lag"}
+    planned |= {"encoder-eccentricity"}
+    for effect in catalogue.table().values():
+        assert set(effect.confused_with) <= set(EFFECTS) | planned, effect.name
+        assert set(effect.replaces) <= set(EFFECTS), effect.name
+
+
+Row = Callable[[Motion, int, int, tuple[float, ...]], list[float]]
+
+
+def waves(x: float, p: float) -> list[float]:
+    k = 2 * pi * p
+    return [sin(k * x), cos(k * x), sin(2 * k * x), cos(2 * k * x)]
+
+
+def relative_speed(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
+    other = m.qd[i, int(s[0]) - 1]
+    w = {0.0: other, 1.0: m.qd[i, j] + other, -1.0: m.qd[i, j] - other}[s[1]]
+    return [tanh(w / 0.05), w]
+
+
+def chebyshev(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
+    low, high = min(m.q[:, j]), max(m.q[:, j])
+    angle = np.arccos(np.clip((m.q[i, j] - (low + high) / 2) / ((high - low) / 2), -1, 1))
+    return [cos(k * angle) for k in range(7)]
+
+
+def stop(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
+    x = m.q[i, j] - s[0]
+    d = max(0.0, x) if s[1] > 0 else min(0.0, x)
+    return [d, d * abs(d), abs(d) * m.qd[i, j]]
+
+
+def depth(m: Motion, i: int, j: int) -> float:
+    q0, side = m.contact[j]
+    return max(0.0, side * (m.q[i, j] - q0))
+
+
+def hardening(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
+    deepest = max(depth(m, k, j) for k in range(m.n))
+    return [-m.contact[j, 1] * (depth(m, i, j) / deepest) ** s[0]]
+
+
+def hysteresis(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
+    z = 0.0
+    for k in range(1, i + 1):
+        z = min(max(z + depth(m, k, j) - depth(m, k - 1, j), -s[0]), s[0])
+    return [-m.contact[j, 1] * z]
+
+
+def dahl(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
+    out = []
+    written = re.findall(r"z\((\d*) ?s\)", catalogue.get("presliding").equation)
+    for length in (float(ratio or 1) * s[0] for ratio in written):
+        z = 0.0
+        for k in range(1, i + 1):
+            step = m.q[k, j] - m.q[k - 1, j]
+            goal = 1.0 if step > 0 else -1.0
+            z = goal + (z - goal) * exp(-abs(step) / length)
+        out.append(z)
+    return out
+
+
+V0 = (0.02, 0.05)
+FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
+    "coulomb": ((0.03,), lambda m, i, j, s: [tanh(m.qd[i, j] / s[0])]),
+    "viscous": ((), lambda m, i, j, s: [m.qd[i, j]]),
+    "stribeck": (
+        (0.4, 1.3),
+        lambda m, i, j, s: [
+            exp(-(abs(m.qd[i, j] / s[0]) ** (*s, 2.0)[1])) * tanh(m.qd[i, j] / V0[j])
+        ],
+    ),
+    "asymmetric-coulomb": ((), lambda m, i, j, s: [abs(tanh(m.qd[i, j] / V0[j]))]),
+    "asymmetric-viscous": ((), lambda m, i, j, s: [abs(m.qd[i, j])]),
+    "quadratic-drag": ((), lambda m, i, j, s: [m.qd[i, j] * abs(m.qd[i, j])]),
+    "position-friction": (
+        (1.7,),
+        lambda m, i, j, s: [tanh(m.qd[i, j] / V0[j]) * x for x in waves(m.q[i, j], s[0])],
+    ),
+    "load-friction": (
+        (),
+        lambda m, i, j, s: [abs(m.load[i, j]) * tanh(m.qd[i, j] / V0[j])],
+    ),
+    "coupled-friction": ((2.0, -1.0), relative_speed),
+    "presliding": ((0.3,), dahl),
+    "armature": ((), lambda m, i, j, s: [m.qdd[i, j]]),
+    "spring": (
+        (),
+        lambda m, i, j, s: [m.q[i, j] - (min(m.q[:, j]) + max(m.q[:, j])) / 2, 1.0],
+    ),
+    "position-torque": ((), chebyshev),
+    "end-stop": ((0.5, -1.0), stop),
+    "torque-offset": ((), lambda m, i, j, s: [1.0]),
+    "torque-gain": ((), lambda m, i, j, s: [m.load[i, j]]),
+    "cogging": ((2.3,), lambda m, i, j, s: waves(m.q[i, j], s[0])),
+    "contact-stiffness": (
+        (0.3, -1.0),
+        lambda m, i, j, s: [-s[1] * max(0.0, s[1] * (m.q[i, j] - s[0]))],
+    ),
+    "contact-damping": (
+        (),
+        lambda m, i, j, s: [-m.qd[i, j] if depth(m, i, j) > 0 else 0.0],
+    ),
+    "contact-hardening": ((2.5,), hardening),
+    "contact-hysteresis": ((0.4,), hysteresis),
+}
+
+
+@pytest.mark.parametrize("name", sorted(FORMULAS))
+@pytest.mark.parametrize("j", [0, 1])
+def test_columns_are_the_equation(name: str, j: int) -> None:
+    motion = motion_of(IndependentAxes(("a", "b")))
+    shape, row = FORMULAS[name]
+    shape = shape[: len(catalogue.get(name).shape)]
+    if name == "coupled-friction":
+        shape = (2.0 - j, shape[1])
+    got = catalogue.get(name).columns(motion, j, shape)
+    expected = np.array([row(motion, i, j, shape) for i in range(motion.n)])
+    np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("mode", [0.0, 1.0])
+def test_coupled_friction_of_the_other_joint_alone_or_with_it(mode: float) -> None:
+    motion = motion_of(IndependentAxes(("a", "b")))
+    got = catalogue.get("coupled-friction").columns(motion, 0, (2.0, mode))
+    expected = [relative_speed(motion, i, 0, (2.0, mode)) for i in range(motion.n)]
+    np.testing.assert_allclose(got, expected, rtol=1e-12)
+
+
+def test_delay_is_the_first_order_of_a_late_command() -> None:
+    t = np.arange(400) * 0.005
+    motion = motion_of(IndependentAxes(("a",)), n=400).with_(t=t, tau=np.sin(3 * t)[:, None])
+    column = catalogue.get("delay").columns(motion, 0, ())[1:-1, 0]
+    late = 1e-3  # tau(t) - tau(t - T) = T dtau/dt
+    difference = np.sin(3 * t) - np.sin(3 * (t - late))
+    np.testing.assert_allclose(late * column, difference[1:-1], atol=1e-5)
+
+
+def test_coupled_transmission_obeys_virtual_work() -> None:
+    motion = motion_of(IndependentAxes(("a", "b", "c")))
+    x = catalogue.get("coupled-transmission").columns(motion, 0, (3.0, -1.0))
+    w = motion.qd[:, 0] - motion.qd[:, 2]
+    slope = motion.qdd[:, 0] - motion.qdd[:, 2]
+    parts = np.stack([slope, np.tanh(w / 0.05), w], axis=1)
+    power = np.einsum("njm,nj->nm", x, motion.qd)
+    np.testing.assert_allclose(power, parts * w[:, None], rtol=1e-12)
+    assert not x[:, 1].any()
+
+
+def test_whole_robot_effects_are_the_robot_s_own_columns() -> None:
+    robot = Premium(("joint1", "joint2", "joint3"))
+    motion = motion_of(robot)
+    arguments = (motion.q, motion.qd, motion.qdd)
+    body = catalogue.get("rigid-body").columns(motion, 0, ())
+    np.testing.assert_array_equal(body, robot.regressor(*arguments))
+    tip = catalogue.get("payload").columns(motion, 0, ())
+    np.testing.assert_array_equal(tip[:, :, 0], robot.tip_mass(*arguments))
+    assert [p.name for p in catalogue.get("rigid-body").terms(motion, 0)] == list(robot.names)
+
+
+def test_presliding_has_dahl_s_slope_after_a_reversal() -> None:
+    """Just after a reversal out of sliding the slope is twice the initial one: 2 fc / s."""
+    q = np.concatenate([np.linspace(0, 1, 2001), 1 - np.linspace(0, 0.001, 101)[1:]])
+    motion = motion_of(IndependentAxes(("a",)), n=q.size).with_(q=q[:, None])
+    z = catalogue.get("presliding").columns(motion, 0, (0.01,))[:, 0]
+    assert z[2000] == pytest.approx(1.0)
+    assert (z[2001] - z[2000]) / (q[2001] - q[2000]) == pytest.approx(2 / 0.01, rel=1e-3)
+
+
+def test_presliding_does_not_depend_on_speed() -> None:
+    effect, q = catalogue.get("presliding"), np.sin(np.linspace(0, 9, 400))
+    one = motion_of(IndependentAxes(("a",)), n=400).with_(q=q[:, None])
+    fast = one.with_(qd=5 * one.qd, qdd=25 * one.qdd, t=one.t / 5)
+    np.testing.assert_array_equal(effect.columns(one, 0, (0.1,)), effect.columns(fast, 0, (0.1,)))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("torque-gain", "without a measured external force"),
+        ("payload", "no geometry"),
+        ("armature", "already contains it"),
+        ("coupled-friction", "one joint"),
+        ("coupled-transmission", "no later joint"),
+        ("contact-damping", "needs 'contact-stiffness'"),
+        ("contact-hardening", "needs 'contact-stiffness'"),
+        ("contact-hysteresis", "needs 'contact-stiffness'"),
+    ],
+)
+def test_unavailable_effects_say_why(name: str, text: str) -> None:
+    _, motion = next(sample_motions())
+    assert text in catalogue.get(name).available(motion, 0)
+
+
+class Good(Effect):
+    """Small correct effect, made wrong one attribute at a time."""
+
+    name, family = "good-effect", "friction"
+    equation, signature, shown_by, source = "tau = a s v", "odd", "any motion", "a book"
+    params: Any = (Param("a", "1", "size"),)
+    shape: Any = (Param("s", "1", "scale", 0.0, 2.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Any) -> Any:
+        return motion.qd[:, j : j + 1] * shape[0]
+
+    def grid(self, motion: Motion, j: int) -> Any:
+        return [(0.5,), (1.0,)]
+
+
+def test_a_correct_effect_passes() -> None:
+    check_effect(Good())
+
+
+def spoil(self: Effect, motion: Motion, j: int, shape: Any) -> Any:
+    motion.qd[:, j] *= 2
+    return motion.qd[:, j : j + 1]
+
+
+counter = iter(range(10**6))
+BROKEN: list[tuple[str, dict[str, Any], str]] = [
+    ("empty", {"equation": " "}, "equation must be a non-empty text"),
+    ("name", {"name": "Good_Effect"}, "kebab-case"),
+    ("family", {"family": "magic"}, "expected one of friction"),
+    ("explains", {"explains": ("mind",)}, "'motor', 'external' or both"),
+    ("list", {"params": [Param("a", "1", "x")]}, "must be a tuple"),
+    ("itself", {"replaces": ("good-effect",)}, "confused with itself"),
+    ("param", {"params": ("a",)}, "is not a Param"),
+    ("unit", {"params": (Param("a", "", "size"),)}, "has no unit"),
+    ("text", {"params": (Param("a", "1", ""),)}, "no text"),
+    ("dots", {"params": (Param("a.b", "1", "x"),)}, "without spaces, dots"),
+    ("twice", {"params": (Param("s", "1", "x"),)}, "declared twice"),
+    ("bounds", {"params": (Param("a", "1", "x", 2.0, 1.0),)}, "lower < upper"),
+    ("none", {"params": ()}, "no coefficients"),
+    ("grid", {"grid": lambda *_: []}, "grid is empty"),
+    ("nan", {"grid": lambda *_: [(float("nan"),)]}, "is not finite"),
+    ("outside", {"grid": lambda *_: [(3.0,)]}, "outside the declared"),
+    ("length", {"grid": lambda *_: [(1.0, 1.0)]}, "2 values for 1 shape"),
+    ("available", {"available": lambda *_: None}, "expected a text"),
+    ("never", {"available": lambda *_: "no"}, "not available on any"),
+    ("flat", {"columns": lambda s, m, j, x: m.qd[:, j]}, "columns have shape (2000,)"),
+    ("count", {"columns": lambda s, m, j, x: np.ones((m.n, 2))}, "for 1 coefficients"),
+    ("dtype", {"columns": lambda s, m, j, x: np.ones((m.n, 1), int)}, "expected float64"),
+    ("inf", {"columns": lambda s, m, j, x: np.full((m.n, 1), np.inf)}, "not finite"),
+    ("warn", {"columns": lambda s, m, j, x: 1 / m.qd[:, j : j + 1]}, "fails with FloatingPoint"),
+    ("bug", {"columns": lambda s, m, j, x: m.nothing}, "fails with AttributeError"),
+    ("spoil", {"columns": spoil}, "different columns"),
+    (
+        "random",
+        {"columns": lambda s, m, j, x: np.full((m.n, 1), float(next(counter)))},
+        "different columns",
+    ),
+    ("time", {"columns": lambda s, m, j, x: m.t[:, None] + 0.0}, "time axis is shifted"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("label", "change", "text"), BROKEN, ids=[b[0] for b in BROKEN])
+def test_each_breach_is_named(label: str, change: dict[str, Any], text: str) -> None:
+    with pytest.raises(ConformanceError) as caught:
+        check_effect(type("Bad", (Good,), change)())
+    assert text in str(caught.value)
+    assert isinstance(caught.value, AssertionError)
+
+
+def test_changed_input_is_named() -> None:
+    def constant(self: Effect, motion: Motion, j: int, shape: Any) -> Any:
+        motion.tau[0, 0] = 7.0
+        return np.ones((motion.n, 1))
+
+    with pytest.raises(ConformanceError, match=r"modifies its input motion\.tau"):
+        check_effect(type("Bad", (Good,), {"columns": constant})())
+
+
+def test_a_class_instead_of_an_instance_is_named() -> None:
+    with pytest.raises(ConformanceError, match="not an instance"):
+        check_effect(Good)  # type: ignore[arg-type]
+
+
+def test_grid_is_demanded_of_effects_with_a_shape() -> None:
+    class NoGrid(Good):
+        grid = Effect.grid
+
+    with pytest.raises(ConformanceError, match="no grid"):
+        check_effect(NoGrid())
