@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import sys
 from collections.abc import Iterable
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -24,8 +25,13 @@ _table: dict[str, Effect] = {}
 
 
 def _add(module: ModuleType, origin: str) -> None:
-    effects: Iterable[Effect] = getattr(module, "EFFECTS", ())
+    effects: Iterable[object] = getattr(module, "EFFECTS", ())
     for effect in effects:
+        if not isinstance(effect, Effect):
+            raise ConfigError(
+                f"EFFECTS of {origin} holds {effect!r}, which is not an Effect instance; "
+                "write EFFECTS = (MyEffect(),)"
+            )
         known = _table.get(effect.name)
         if known is not None and type(known).__module__ != type(effect).__module__:
             raise ConfigError(
@@ -71,10 +77,12 @@ def load_plugin(path: Path) -> None:
     if not path.is_file() or spec is None or spec.loader is None:
         raise ConfigError(f"plugin {path}: no such Python file")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up by name
     try:
         spec.loader.exec_module(module)
     except Exception as error:
         raise ConfigError(f"plugin {path} does not run: {error!r}") from error
-    if not getattr(module, "EFFECTS", ()):
+    effects = getattr(module, "EFFECTS", ())
+    if not isinstance(effects, tuple | list) or not effects:
         raise ConfigError(f"plugin {path} has no EFFECTS = (MyEffect(),) at its end")
     _add(module, str(path))

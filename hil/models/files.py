@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import tomllib
 from dataclasses import fields, replace
 from pathlib import Path
@@ -56,14 +57,13 @@ def _model(data: dict[str, Any], path: Path) -> RobotModel:
     if not isinstance(robot, dict):
         raise ConfigError("[robot] must be a table with urdf = ... or preset = ...")
     _keys(robot, _ROBOT, "[robot]")
-    plugins = tuple(str((path.parent / p).resolve()) for p in data.get("plugins", ()))
+    files = _texts(data.get("plugins", []), "plugins", "['./my_effects.py']")
+    plugins = tuple(str((path.parent / p).resolve()) for p in files)
     for plugin in plugins:
         catalogue.load_plugin(Path(plugin))
     explains = robot.get("explains", "motor")
     if explains not in _EXPLAINS:
         raise ConfigError(unknown("value of robot.explains", str(explains), _EXPLAINS))
-    signal = data.get("signal", {})
-    _keys(signal, tuple(f.name for f in fields(Band)), "[signal]")
     effects = data.get("effects", [])
     if not isinstance(effects, list) or not effects:
         raise ConfigError("no [[effects]]; the base is rigid-body, armature, coulomb, viscous")
@@ -72,13 +72,38 @@ def _model(data: dict[str, Any], path: Path) -> RobotModel:
         effects=(),
         arm=str(robot.get("arm", "")),
         explains=explains,
-        band=Band(**{k: float(v) for k, v in signal.items()}),
+        band=_band(data.get("signal", {})),
         plugins=plugins,
         urdf_path=str(robot.get("urdf", "")),
     )
     for entry in effects:
         model = model + _use(entry)
     return model
+
+
+def _texts(value: Any, what: str, example: str) -> list[str]:
+    if isinstance(value, list) and all(isinstance(x, str) for x in value):
+        return value
+    raise ConfigError(f"{what} = {value!r}: expected a list of texts, e.g. {example}")
+
+
+def _number(value: Any, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ConfigError(f"{what} = {value!r}: expected a number")
+    return float(value)
+
+
+def _band(signal: Any) -> Band:
+    if not isinstance(signal, dict):
+        raise ConfigError("[signal] must be a table with position_hz and effort_hz")
+    _keys(signal, tuple(f.name for f in fields(Band)), "[signal]")
+    values = {k: _number(v, f"signal.{k}") for k, v in signal.items()}
+    for key, value in values.items():
+        if not 0 <= value < math.inf:
+            raise ConfigError(
+                f"signal.{key} = {value:g}: expected a frequency in Hz, or 0 = choose"
+            )
+    return Band(**values)
 
 
 def _source(robot: dict[str, Any], path: Path) -> RobotSource:
@@ -99,22 +124,45 @@ def _use(entry: Any) -> Use:
         raise ConfigError("every [[effects]] needs type = <name of an effect>")
     effect = catalogue.get(str(entry["type"]))
     _keys(entry, ("type", "joints", "parameters", *_OPTIONS), f"effect {effect.name!r}")
-    joints = entry.get("joints", "all")
-    names = ALL if joints == "all" else tuple([joints] if isinstance(joints, str) else joints)
-    values = {name: _value(name, v) for name, v in entry.get("parameters", {}).items()}
-    return Use(effect.name, names, {k: entry[k] for k in _OPTIONS if k in entry}, values)
+    what, options = f"effect {effect.name!r}", {k: entry[k] for k in _OPTIONS if k in entry}
+    for key, value in options.items():
+        if not isinstance(value, bool):
+            raise ConfigError(f"{what}: {key} = {value!r}: expected true or false")
+    parameters = entry.get("parameters", {})
+    if not isinstance(parameters, dict):
+        raise ConfigError(f"{what}: parameters must be a table of names with values")
+    values = {name: _value(name, v) for name, v in parameters.items()}
+    return Use(effect.name, _joints(entry.get("joints", "all"), what), options, values)
+
+
+def _joints(joints: Any, what: str) -> tuple[str, ...]:
+    if joints == "all":
+        return ALL
+    if isinstance(joints, str):
+        return (joints,)
+    names = _texts(joints, f"{what}: joints", '["joint2"], or "all"')
+    if not names or len(set(names)) < len(names):
+        raise ConfigError(f'{what}: joints = {names!r}: name each joint once, or write "all"')
+    return tuple(names)
 
 
 def _value(name: str, entry: Any) -> Value:
-    if isinstance(entry, int | float):
-        return Value(float(entry))
-    if not isinstance(entry, dict) or "value" not in entry:
-        raise ConfigError(f"parameter {name!r}: expected a number or {{ value = ... }}")
+    what = f"parameter {name!r}"
+    if not isinstance(entry, dict):
+        return Value(_number(entry, what))
+    if "value" not in entry:
+        raise ConfigError(f"{what}: expected a number or {{ value = ... }}")
     known = tuple(f.name for f in fields(Value) if f.name not in ("lower", "upper"))
-    _keys(entry, (*known, "bounds"), f"parameter {name!r}")
-    low, high = entry.get("bounds", (-math.inf, math.inf))
-    rest = {k: v for k, v in entry.items() if k != "bounds"}
-    return Value(**rest, lower=float(low), upper=float(high))
+    _keys(entry, (*known, "bounds"), what)
+    bounds = entry.get("bounds", [-math.inf, math.inf])
+    if not isinstance(bounds, list) or len(bounds) != 2:
+        raise ConfigError(f"{what}: bounds = {bounds!r}: expected [lower, upper]")
+    low, high = (_number(x, f"{what}: bounds") for x in bounds)
+    numbers = ("value", "stderr", "bounds")
+    rest = {k: v for k, v in entry.items() if k not in numbers}
+    value = _number(entry["value"], f"{what}: value")
+    stderr = _number(entry.get("stderr", math.nan), f"{what}: stderr")
+    return Value(value, stderr, lower=low, upper=high, **rest)
 
 
 def write_model(model: RobotModel, path: str | Path) -> None:
@@ -131,7 +179,7 @@ def write_model(model: RobotModel, path: str | Path) -> None:
     robot = _robot_lines(model, path)
     lines = [f'schema = "{SCHEMA}"']
     if model.plugins:
-        lines.append(f"plugins = {json.dumps(list(model.plugins))}")
+        lines.append(f"plugins = {_toml([_relative(p, path.parent) for p in model.plugins])}")
     lines += ["", "[robot]", *robot]
     if model.band != Band():
         lines += ["", "[signal]", f"position_hz = {model.band.position_hz!r}"]
@@ -141,34 +189,47 @@ def write_model(model: RobotModel, path: str | Path) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def _toml(value: object) -> str:
+    """Text, boolean or list as TOML; JSON writes them alike, but for surrogate pairs."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _relative(file: str, folder: Path) -> str:
+    """Path from the model's folder, so that model and plugin move together."""
+    try:
+        return Path(os.path.relpath(file, folder.resolve())).as_posix()
+    except ValueError:  # another drive
+        return file
+
+
 def _robot_lines(model: RobotModel, path: Path) -> list[str]:
     lines = []
     if model.robot.urdf:
         file = path.with_suffix(".urdf")
         file.write_text(model.robot.urdf, encoding="utf-8")
-        lines.append(f"urdf = {json.dumps(file.name)}")
+        lines.append(f"urdf = {_toml(file.name)}")
     elif model.robot.preset:
-        lines.append(f"preset = {json.dumps(model.robot.preset)}")
+        lines.append(f"preset = {_toml(model.robot.preset)}")
     if model.robot.tip:
-        lines.append(f"tip = {json.dumps(model.robot.tip)}")
+        lines.append(f"tip = {_toml(model.robot.tip)}")
     if model.arm:
-        lines.append(f"arm = {json.dumps(model.arm)}")
+        lines.append(f"arm = {_toml(model.arm)}")
     if model.explains != "motor":
-        lines.append(f"explains = {json.dumps(model.explains)}")
+        lines.append(f"explains = {_toml(model.explains)}")
     return lines
 
 
 def _use_lines(use: Use) -> list[str]:
     joints = "all" if use.joints == ALL else list(use.joints)
-    lines = ["[[effects]]", f"type = {json.dumps(use.type)}", f"joints = {json.dumps(joints)}"]
-    lines += [f"{key} = {json.dumps(value)}" for key, value in use.options.items()]
+    lines = ["[[effects]]", f"type = {_toml(use.type)}", f"joints = {_toml(joints)}"]
+    lines += [f"{key} = {_toml(value)}" for key, value in use.options.items()]
     if use.values:
         lines.append("[effects.parameters]")
     for name, v in use.values.items():
         parts = [f"value = {v.value!r}"]
         if math.isfinite(v.stderr):
             parts.append(f"stderr = {v.stderr!r}")
-        parts.append(f"unit = {json.dumps(v.unit)}")
+        parts.append(f"unit = {_toml(v.unit)}")
         if math.isfinite(v.lower) or math.isfinite(v.upper):
             parts.append(f"bounds = [{v.lower!r}, {v.upper!r}]")
         if v.at_bound:
@@ -176,8 +237,8 @@ def _use_lines(use: Use) -> list[str]:
         if not v.identifiable:
             parts.append("identifiable = false")
         if v.source:
-            parts.append(f"source = {json.dumps(v.source)}")
-        lines.append(f"{json.dumps(name)} = {{ {', '.join(parts)} }}")
+            parts.append(f"source = {_toml(v.source)}")
+        lines.append(f"{_toml(name)} = {{ {', '.join(parts)} }}")
     return lines
 
 

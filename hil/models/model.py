@@ -133,7 +133,7 @@ class RobotModel:
         """
         rest = tuple(u for u in self.effects if u.type != name)
         if len(rest) == len(self.effects):
-            raise ConfigError("the model has no " + unknown("effect", name, self.names()))
+            raise ConfigError(unknown("effect of this model", name, self.names()))
         return replace(self, effects=rest)
 
     def names(self) -> tuple[str, ...]:
