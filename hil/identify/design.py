@@ -74,7 +74,8 @@ def bind(model: RobotModel, problem: Problem) -> list[Term]:
     """Terms of a model for the joints of a problem.
 
     Effects that cannot act on this robot (a rotor inertia beside an axis' only inertia) are
-    left out; an effect that another one replaces on a joint is left out there.
+    left out, and so are joints without anything to try (the last one of a coupled pair); an
+    effect that another one replaces on a joint is left out there.
 
     Raises
     ------
@@ -91,7 +92,10 @@ def bind(model: RobotModel, problem: Problem) -> list[Term]:
                 f"effect {use.type!r} explains {' and '.join(effect.explains)} effort, but the "
                 f"model explains {model.explains!r} effort; set robot.explains or remove it"
             )
-        for j in _joints(use, effect, problem):
+        joints = _joints(use, effect, problem)
+        if use.joints == ("*",) and any(effect.grid(motion, j) for j in joints):
+            joints = [j for j in joints if effect.grid(motion, j)]
+        for j in joints:
             if effect.available(motion, j) and not effect.candidate:
                 continue
             options = {k: bool(use.options.get(k, False)) for k in OPTIONS}

@@ -42,12 +42,15 @@ def fit(problem: Problem, model: RobotModel, sweeps: int = 2) -> FitResult:
         If the runs hold no motion at all, or fewer rows than coefficients.
     """
     terms = bind(model, problem)
+    if not any(np.ptp(m.q) for m in problem.motions) and not np.any(np.diff(problem.span)):
+        raise FitError("the recordings hold no motion, so they determine nothing; move the robot")
     if problem.n * problem.d <= sum(len(coefficients(t, problem)) for t in terms):
         raise FitError(
             f"{problem.n} instants are fewer than the model's coefficients; record longer"
         )
     sigma = np.maximum(np.std(problem.y, axis=1), 1e-12)
     terms = [replace(t, shape=t.shape or _start(t, problem)) for t in terms]
+    _find_surface(problem, terms, sigma)
     for _ in range(sweeps):
         terms = search_shapes(problem, terms, sigma)
         _set_context(problem, terms)
@@ -58,8 +61,26 @@ def fit(problem: Problem, model: RobotModel, sweeps: int = 2) -> FitResult:
 def _start(term: Term, problem: Problem) -> tuple[float, ...]:
     grid = term.effect.grid(problem.motions[0], term.joint)
     if not grid:
-        raise FitError(f"effect {term.effect.name!r} cannot be fitted: no shape to try")
+        reason = term.effect.available(problem.motions[0], term.joint) or "no shape to try"
+        raise FitError(_impossible(term, problem, reason))
     return grid[0]
+
+
+def _impossible(term: Term, problem: Problem, reason: str) -> str:
+    joint = problem.joints[term.joint]
+    return f"effect {term.effect.name!r} cannot be fitted to {joint}: {reason}"
+
+
+def _find_surface(problem: Problem, terms: list[Term], sigma: FloatArray) -> None:
+    """Set the surface that contact laws refer to before any of them is evaluated."""
+    motion = problem.motions[0]
+    ready = [t for t in terms if not t.effect.available(motion, t.joint)]
+    if len(ready) < len(terms):
+        _set_context(problem, search_shapes(problem, ready, sigma))
+    for t in terms:
+        reason = t.effect.available(problem.motions[0], t.joint)
+        if reason and not np.all(np.isfinite(block(problem, t))):
+            raise FitError(_impossible(t, problem, reason))
 
 
 def _set_context(problem: Problem, terms: Sequence[Term]) -> None:
@@ -127,7 +148,7 @@ def _bounded(
     high = np.array([p.upper for p in params])
     fixed = ~b.identifiable() | (free == 0)
     active = np.zeros(theta.size, dtype=bool)
-    for _ in range(5):
+    for _ in range(theta.size):
         out = ((theta < low) | (theta > high)) & ~fixed & ~active
         if not out.any():
             return theta

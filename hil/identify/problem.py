@@ -16,6 +16,8 @@ from hil.models.robots import Robot, make_robot
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
+#: Shortest run, in periods of the effort filter.
+SHORTEST = 6.0
 #: Band chosen from the data.
 AUTOMATIC = Band()
 
@@ -122,6 +124,11 @@ class Problem:
             external = ext[pick]
         step = stride / fs
         t = np.arange(q[pick].shape[0], dtype=np.float64) * step
+        if t.size * step * self.rates.effort < SHORTEST:
+            raise DataError(
+                f"run {r.name!r} of {r.n / fs:.3g} s is too short for a filter of "
+                f"{self.rates.effort:.3g} Hz; record {SHORTEST / self.rates.effort:.2g} s or more"
+            )
         motion = Motion(
             t=t, q=q[pick], qd=qd[pick], qdd=qdd[pick], tau=tau[pick], tau_ext=external,
             load=np.zeros_like(q[pick]), v0=self._resolution(r), span=self.span,
