@@ -78,21 +78,20 @@ def session(
 
 
 def case(rig: Path, folder: Path, effect: str, joint: str, seed: int, amplitude: float = 1.0) -> Case:
-    """Record a session and a held-out one on another motion, diagnose, and judge."""
+    """Record two sessions and a held-out one, each on its own motion; diagnose; judge."""
     began = time.perf_counter()
-    train = session(rig, folder, 100 + seed, 2 * seed, effect, joint, amplitude)
-    other = session(rig, folder, 200 + seed, 2 * seed + 1, effect, joint, amplitude)
-    runs, held = [load(train, "follower")], [load(other, "follower")]
-    d = diagnose(runs, base_model(runs[0].robot), held)
-    train.unlink()
-    other.unlink()
+    paths = [session(rig, folder, 10 * seed + k, 3 * seed + k, effect, joint, amplitude) for k in range(3)]
+    runs = [load(path, "follower") for path in paths]
+    d = diagnose(runs[:2], base_model(runs[0].robot), runs[2:])
+    for path in paths:
+        path.unlink()
     return verdict(d, effect, joint, seed, time.perf_counter() - began)
 
 
 def verdict(d: Diagnosis, effect: str, joint: str, seed: int, seconds: float) -> Case:
     """What a diagnosis said of a known truth."""
     named = tuple(f"{f.effect}@{f.joint}" for f in d.findings)
-    ratio = [float(np.max(s.heldout.rms / d.floor)) for s in d.ladder]
+    ratio = [float(np.max(s.heldout.rms / d.noise)) for s in d.ladder]
     confidence = min((f.confidence for f in d.findings), default=1.0)
     return Case(effect, joint, seed, d.verdict, named, confidence, ratio[0], ratio[-1], seconds)
 

@@ -62,15 +62,17 @@ def weights(best: Candidate, rivals: list[Candidate]) -> dict[int, float]:
     """Probability of each of `best` and its rivals, by index (0 = best).
 
     exp(-delta / 2T) of the score difference, tempered by T = 1 + 1 % of the best chi2: real
-    effects do not follow a library's equation exactly.  A rival that only contains the best
-    one (more coefficients, little more explained) is not tempered: it adds nothing.
+    effects do not follow a library's equation exactly.  A richer rival (more coefficients) gets
+    a quarter of that allowance if it explains less all the same, and none if it explains little
+    more: then it merely contains the best one.
     """
-    tempered = 1.0 + TEMPER * best.chi2
     logs = [0.0]
     for r in rivals:
-        contains = r.dof > best.dof and r.chi2 <= best.chi2 + (r.price - best.price)
         delta = max(best.score - r.score, 0.0)
-        logs.append(-delta / 2 if contains and r.chi2 > best.chi2 else -delta / (2 * tempered))
+        share = TEMPER
+        if r.dof > best.dof:
+            share = TEMPER / 4 if r.chi2 <= best.chi2 else 0.0
+        logs.append(-delta / (2 * (1.0 + share * best.chi2)))
     p = np.exp(np.array(logs))
     return {k: float(x) for k, x in enumerate(p / p.sum())}
 

@@ -31,6 +31,9 @@ CONFIDENT = 0.75
 WORTH = 0.04
 #: ... and remove this share of what is still above the floor.
 SHARE = 0.10
+#: ... and, after a first effect on the joint, this share of all that was above the floor:
+#: library equations miss real effects by about a percent of their power, which is no new effect.
+FORM = 0.02
 MOST = 4
 
 
@@ -88,6 +91,12 @@ class Diagnosis:
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
     warnings: list[tuple[str, str]] = field(default_factory=list)
     partial: list[Finding] = field(default_factory=list)
+    heldout_floor: FloatArray | None = None
+
+    @property
+    def noise(self) -> FloatArray:
+        """Noise floor that belongs to the held-out errors (d,)."""
+        return self.floor if self.heldout_floor is None else self.heldout_floor
 
     @property
     def result(self) -> FitResult:
@@ -142,7 +151,9 @@ def diagnose(
         ladder.append(step)
         evidence = gather(step.result, seed)
         _retest(found, ladder, examine, problem)
-    return _judge(ladder, found, first, evidence)
+    out = _judge(ladder, found, first, evidence)
+    out.heldout_floor = examine.floor(ladder[-1].result)
+    return out
 
 
 def _next(
@@ -157,17 +168,18 @@ def _next(
         best, confidence, rivals = choose(rest)
         model = now.result.model + as_use(best, problem)
         step = Step(f"+ {describe(best, problem)}", *_refit(model, problem, examine))
-        if _worth(step, now, best.term.joint, evidence.floor.rms):
+        if _worth(step, now, ladder[0], best.term.joint, evidence.floor.rms):
             found.append((best, confidence, rivals))
             return step
     return None
 
 
-def _worth(step: Step, now: Step, j: int, floor: FloatArray) -> bool:
+def _worth(step: Step, now: Step, first: Step, j: int, floor: FloatArray) -> bool:
     """Whether a step pays: in held-out error beyond chance, and in the excess over the floor."""
     before, after = now.result.rms[j] ** 2, step.result.rms[j] ** 2
     excess = max(before - float(floor[j]) ** 2, 1e-300)
-    share = (before - after) / excess
+    whole = max(first.result.rms[j] ** 2 - float(floor[j]) ** 2, 1e-300)
+    share = min((before - after) / excess, SHARE / FORM * (before - after) / whole)
     better = step.heldout.rms[j] < (1 - WORTH) * now.heldout.rms[j]
     if step.result.model.explains == "external":
         # half the force sensor's accuracy, in percent of the effort

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.identify.fit import predict, time_blocks
+from hil.compare.evidence import gather
+from hil.identify.fit import fit, predict, time_blocks
 from hil.identify.problem import Problem
 from hil.identify.regression import basis
 from hil.identify.result import FitResult, relative
@@ -95,6 +96,13 @@ class Examiner:
         return HeldOut(
             _folds(result), self._problem.effort, _blocks(self._problem), self.kind
         )
+
+    def floor(self, result: FitResult) -> FloatArray | None:
+        """Noise floor of the held-out runs themselves (d,); None without any."""
+        if self._other is None:
+            return None
+        own = fit(self._other, result.model)
+        return np.asarray(gather(own).floor.rms)
 
 
 def _blocks(problem: Problem) -> NDArray[np.int_]:

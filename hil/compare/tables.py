@@ -123,7 +123,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, object]:
         "remaining": {
             "relative": by_joint(last.result, last.heldout.relative) if last else {},
             "rms": by_joint(last.result, last.heldout.rms) if last else {},
-            "noise_floor": by_joint(last.result, d.floor) if last else {},
+            "noise_floor": by_joint(last.result, d.noise) if last else {},
             "noise_floor_from": d.last.floor.method,
             "structure": structure,
             "best_partial": [finding_json(f) for f in d.partial],

@@ -61,22 +61,26 @@ class Stribeck(Effect):
     """Friction that rises as the speed goes to zero."""
 
     name, family = "stribeck", "friction"
-    equation = "tau = fs exp(-(v / vs)^2) tanh(v / v0)"
+    equation = "tau = fs exp(-|v / vs|^n) tanh(v / v0)"
     signature = "friction peak at low speed that fades over vs"
     confused_with = ("quadratic-drag", "presliding", "coulomb")
     shown_by = "slow constant-speed strokes in both directions, log-spaced speeds"
     source = "Stribeck 1902; " + _OLSSON
     params = (Param("fs", "{F}", "excess of static over Coulomb friction"),)
-    shape = (Param("vs", "{x}/s", "Stribeck speed", 0.0),)
+    shape = (
+        Param("vs", "{x}/s", "Stribeck speed", 0.0),
+        Param("n", "1", "exponent: 2 Gaussian, 1 exponential, less: long tail", 0.25, 2.0),
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """exp(-(v / vs)^2) tanh(v / v0)."""
-        return _column(np.exp(-((motion.qd[:, j] / shape[0]) ** 2)) * motion.sign(j))
+        """exp(-|v / vs|^n) tanh(v / v0)."""
+        return _column(np.exp(-(np.abs(motion.qd[:, j] / shape[0]) ** shape[1])) * motion.sign(j))
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From twice the sign resolution up to 0.7 of the typical speed."""
         speed = typical_speed(motion, j)
-        return log_grid(max(2 * motion.v0[j], 0.03 * speed), 0.7 * speed, 8)
+        slow = log_grid(max(2 * motion.v0[j], 0.03 * speed), 0.7 * speed, 8)
+        return [(vs, n) for n in (2.0, 1.0, 0.5) for (vs,) in slow]
 
 
 class AsymmetricCoulomb(Effect):

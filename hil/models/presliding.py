@@ -41,22 +41,23 @@ class Presliding(Effect):
     """Friction that needs a displacement to build up after each reversal."""
 
     name, family = "presliding", "friction"
-    equation = "tau = fc z(s) + f2 z(4 s),  dz/dq = (1 - z sgn v) / s"
+    equation = "tau = f1 z(s) + f2 z(3 s) + f3 z(9 s),  dz/dq = (1 - z sgn v) / s"
     signature = "a loop over the displacement since reversal, independent of speed"
     confused_with = ("backlash", "elastic-transmission", "stribeck", "delay")
     shown_by = "small reversals below break-away, at two or more frequencies"
     source = "Dahl 1968; Lampaert, Swevers, Al-Bender, IEEE Trans. Automatic Control 47(4), 2002"
     params = (
-        Param("fc", "{F}", "friction once sliding of the first element", 0.0),
-        Param("f2", "{F}", "friction once sliding of the element four times as soft"),
+        Param("f1", "{F}", "sliding friction of the stiffest element"),
+        Param("f2", "{F}", "sliding friction of the element three times as soft"),
+        Param("f3", "{F}", "sliding friction of the element nine times as soft"),
     )
     shape = (Param("s", "{x}", "presliding displacement", 0.0),)
     replaces = ("coulomb",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """[z(q; s), z(q; 4 s)]: two elements hold nested loops (generalised Maxwell slip)."""
+        """[z(q; s), z(q; 3 s), z(q; 9 s)]: nested loops (generalised Maxwell slip)."""
         q = np.ascontiguousarray(motion.q[:, j])
-        return np.stack([dahl_state(q, k * float(shape[0])) for k in (1.0, 4.0)], axis=1)
+        return np.stack([dahl_state(q, k * float(shape[0])) for k in (1.0, 3.0, 9.0)], axis=1)
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From 1e-4 to 5e-2 of the span."""
