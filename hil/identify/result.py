@@ -90,7 +90,7 @@ class FitResult:
             "rms": dict(zip(joints, map(float, self.rms), strict=True)),
             "rank": self.basis.rank,
             "columns": int(self.x.shape[1]),
-            "condition": self.basis.condition,
+            "condition": self.basis.condition if self.basis.rank else None,
             "not_identifiable": self.not_identifiable(),
             "band_hz": {
                 "position": self.problem.rates.position,
