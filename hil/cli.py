@@ -13,6 +13,7 @@ from hil.errors import HilError
 #: name -> module with `HELP`, `EXAMPLE`, `configure(parser)` and `run(args) -> int`; in the
 #: order of a day's work.  A command stands here when it works, not before.
 COMMANDS: dict[str, str] = {
+    "demo": "hil.commands.demo",
     "run": "hil.commands.run",
     "devices": "hil.commands.devices",
     "import": "hil.commands.import_",
@@ -23,6 +24,7 @@ COMMANDS: dict[str, str] = {
     "add": "hil.commands.add",
     "improve": "hil.commands.improve",
     "effects": "hil.commands.effects",
+    "bench": "hil.commands.bench",
 }
 
 

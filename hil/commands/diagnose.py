@@ -88,7 +88,7 @@ def ladder_text(d: Diagnosis) -> str:
     """Error ladder: held-out rms error over the noise floor, by joint."""
     joints = d.result.problem.joints
     rows = [
-        [s.label, *(f"{x:.2f}" for x in (*s.heldout.relative, *(s.heldout.rms / d.floor)))]
+        [s.label, *(f"{x:.2f}" for x in (*s.heldout.relative, *(s.heldout.rms / d.noise)))]
         for s in d.ladder
     ]
     head = ["held-out error", *(f"{j} %" for j in joints), *(f"{j}/floor" for j in joints)]

@@ -1,0 +1,151 @@
+"""Real recordings: what the published sets give, end to end, with every figure printed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.compare.diagnose import Diagnosis, diagnose
+from hil.compare.heldout import Examiner
+from hil.compare.multistep import simulate
+from hil.identify.fit import fit
+from hil.identify.problem import Problem
+from hil.identify.result import relative
+from hil.models.model import Band, RobotModel, Use, Value, base_model
+from hil.record import datasets
+from hil.record.recording import Recording, RobotSource
+
+#: Janot, Gautier, Brunot 2019: identified values of the EMPS.
+PUBLISHED = {
+    "rigid-body.m": 95.11, "j1.viscous.fv": 203.5, "j1.coulomb.fc": 20.39,
+    "j1.torque-offset.t0": -3.17,
+}  # fmt: skip
+PUBLISHED_ERROR = 4.12
+AXIS = RobotSource("single-axis")
+
+
+def emps_model() -> RobotModel:
+    """The published model: M qdd + Fv v + Fc sgn v + offset, with a sharp sign and its filter.
+
+    Position filter 100 Hz (4th order, forward and backward) as published; their decimation by
+    a Chebyshev filter with a 40 Hz pass band edge is met by a half-power frequency of 48 Hz.
+    """
+    sharp = Use(
+        "coulomb", options={"fixed_shape": True}, values={"j1.coulomb.v0": Value(1e-6)}
+    )  # fmt: skip
+    parts = (Use("rigid-body"), sharp, Use("viscous"), Use("torque-offset"))
+    return RobotModel(AXIS, parts, band=Band(100.0, 48.0))
+
+
+@dataclass(frozen=True)
+class Published:
+    """EMPS with the published model."""
+
+    values: dict[str, float]
+    error: float
+    heldout: float
+
+
+def emps_published() -> Published:
+    """Reproduce the published identification; held-out error on the record with pulses."""
+    train, other = datasets.load_emps(), datasets.load_emps(pulses=True)
+    model = emps_model()
+    problem = Problem([train], model.robot, band=model.band)
+    result = fit(problem, model)
+    held = Examiner(problem, [other])(result)
+    values = {k: result.values[k].value for k in PUBLISHED}
+    return Published(values, float(result.relative[0]), float(held.relative[0]))
+
+
+@dataclass(frozen=True)
+class Emps:
+    """EMPS diagnosed: errors of every rung, one-step and open loop."""
+
+    diagnosis: Diagnosis
+    heldout: list[float]
+    open_loop_mm: list[float]
+
+
+def emps_diagnosed() -> Emps:
+    """Start from the published effects, let the tool name what is missing."""
+    train, other = datasets.load_emps(), datasets.load_emps(pulses=True)
+    model = base_model(AXIS) + "torque-offset"
+    d = diagnose([train], model, [other])
+    whole = train.t[-1] - train.t[0] - 1.0
+    errors = [
+        1e3 * float(simulate(s.result, s.result.problem, whole).rms[0]) for s in d.ladder
+    ]
+    return Emps(d, [float(s.heldout.relative[0]) for s in d.ladder], errors)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One run of the one-degree-of-freedom rig against an object."""
+
+    run: str
+    verdict: str
+    spring: float
+    final: float
+    named: tuple[str, ...]
+    hysteresis: float
+    damping: float
+
+
+def contact_runs(kind: str) -> list[str]:
+    """Runs of the second series against foam, spring or rigid (the first one's sensors disagree)."""
+    return [r for r in datasets.tue_runs() if r.startswith("m2") and kind in r]
+
+
+def contact(run: str) -> Contact:
+    """Diagnose the contact law of one run: first half fits, second half tests.
+
+    `spring` is the held-out error of one linear spring over the whole run (free motion
+    included), the naive law to improve on.
+    """
+    recording = datasets.load_tue(run)["follower"]
+    half = recording.n // 2
+    first, second = recording.slice(0, half), recording.slice(half, recording.n)
+    base = RobotModel(AXIS, (Use("contact-stiffness"), Use("torque-offset")), explains="external")
+    d = diagnose([first], base, [second])
+    law = [f.effect for f in (*d.findings, *d.partial)]
+    candidates = {c.name: c.score for c in d.first.candidates}
+    return Contact(
+        run, d.verdict, linear_spring(first, second), float(d.ladder[-1].heldout.relative[0]),
+        tuple(law), candidates.get("contact-hysteresis", 0.0), candidates.get("contact-damping", 0.0),
+    )  # fmt: skip
+
+
+def linear_spring(first: Recording, second: Recording) -> float:
+    """Held-out relative error of tau_ext = -k q + t0 [%]."""
+    train = Problem([first], AXIS, "external")
+    other = Problem([second], AXIS, "external", rates=train.rates, span=train.span)
+    x = np.stack([train.q[0], np.ones(train.n)], axis=1)
+    theta = np.linalg.lstsq(x, train.y[0], rcond=None)[0]
+    left = other.y[0] - np.stack([other.q[0], np.ones(other.n)], axis=1) @ theta
+    return float(relative(left, other.effort[0]))
+
+
+@dataclass(frozen=True)
+class Wrist:
+    """TX40: held-out error of every joint before and after."""
+
+    diagnosis: Diagnosis
+    split: str
+
+
+def wrist(split: str = "fifths") -> Wrist:
+    """Diagnose the TX40; `split` is ``"fifths"`` or ``"halves"`` (first fits, second tests)."""
+    recording = datasets.load_tx40()
+    model = base_model(recording.robot) + "torque-offset"
+    if split == "fifths":
+        return Wrist(diagnose([recording], model), split)
+    half = recording.n // 2
+    runs = recording.slice(0, half), recording.slice(half, recording.n)
+    return Wrist(diagnose([runs[0]], model, [runs[1]]), split)
+
+
+def median(values: Sequence[float]) -> float:
+    """Median."""
+    return float(np.median(list(values)))

@@ -1,0 +1,137 @@
+"""`hil bench`: the published benchmarks."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from tqdm import tqdm
+
+from hil.bench import hidden, recordings
+from hil.commands import common
+from hil.rigs import rig_path
+
+HELP = "the published benchmarks: hidden effects, and the three public recordings"
+EXAMPLE = "hil bench hidden --seeds 3"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare options."""
+    parser.add_argument("name", choices=sorted(BENCHES), help="which benchmark")
+    parser.add_argument("--seeds", type=int, default=3, help="seeds per hidden effect (hidden)")
+    parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run one benchmark and print its table."""
+    text, data = BENCHES[args.name](args)
+    if args.json:
+        common.emit({"schema": f"hil.bench.{args.name}/1", **data})
+    else:
+        common.out(text)
+    return 0
+
+
+def _hidden(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    seeds = range(1, args.seeds + 1)
+    total = (len(hidden.EFFECTS) + 1) * args.seeds
+    with tqdm(total=total, unit="session", disable=not sys.stderr.isatty()) as bar:
+        cases = hidden.run(Path(rig_path("identify")), list(seeds), report=lambda _: bar.update())
+    rows = [
+        [
+            f"{c.effect or 'none'}{'@' + c.joint if c.effect else ''}", str(c.seed), c.verdict,
+            ", ".join(c.named) or "-", f"{c.confidence:.2f}", f"{c.before:.2f}", f"{c.after:.2f}",
+            "right" if c.right else "WRONG",
+        ]
+        for c in cases
+    ]  # fmt: skip
+    head = ["hidden", "seed", "verdict", "named", "confidence", "before/floor", "after/floor", ""]
+    present = [c for c in cases if c.effect]
+    right = sum(c.right for c in present)
+    alarms = sum(c.false_alarm for c in cases)
+    summary = (
+        f"\n  {right} of {len(present)} hidden effects named right "
+        f"({100 * right / len(present):.0f} %), {alarms} false alarms in "
+        f"{len(cases) - len(present)} sessions with none\n"
+        f"  held-out error over its noise floor, worst joint: median "
+        f"{recordings.median([c.before for c in present]):.2f} before, "
+        f"{recordings.median([c.after for c in present]):.2f} after, "
+        f"worst {max(c.after for c in present):.2f}"
+    )
+    data = {"cases": [vars(c) | {"right": c.right} for c in cases]}
+    return common.table(head, rows) + summary, dict(data)
+
+
+def _emps(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    p, e = recordings.emps_published(), recordings.emps_diagnosed()
+    rows = [
+        [k, f"{v:.3f}", f"{recordings.PUBLISHED[k]:.2f}", f"{100 * (v / recordings.PUBLISHED[k] - 1):+.2f} %"]
+        for k, v in p.values.items()
+    ]
+    lines = ["Published identification", common.table(["parameter", "here", "published", ""], rows)]
+    lines.append(
+        f"  relative force error {p.error:.2f} % (published {recordings.PUBLISHED_ERROR} %), "
+        f"on the record with pulses {p.heldout:.2f} %"
+    )
+    steps = zip(e.diagnosis.ladder, e.heldout, e.open_loop_mm, strict=True)
+    table = [[s.label, f"{h:.2f}", f"{mm:.1f}"] for s, h, mm in steps]
+    lines += ["", "What is missing", common.table(["model", "held-out %", "open loop mm"], table)]
+    gain = 100 * (1 - e.heldout[-1] / e.heldout[0])
+    lines.append(f"  held-out force error falls by {gain:.0f} %")
+    for k in range(1, len(table)):
+        if e.open_loop_mm[k] > 1.05 * e.open_loop_mm[k - 1]:
+            lines.append(
+                f"  warning: {table[k][0]} lowers the force error, but the open-loop position error "
+                f"rises from {e.open_loop_mm[k - 1]:.1f} to {e.open_loop_mm[k]:.1f} mm"
+            )
+    data: dict[str, object] = {
+        "published": p.values, "error": p.error, "heldout": e.heldout, "open_loop_mm": e.open_loop_mm,
+        "models": [s.label for s in e.diagnosis.ladder],
+    }  # fmt: skip
+    return "\n".join(lines), data
+
+
+def _contact(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    lines, data = [], {}
+    for kind in ("foam", "spring", "rigid"):
+        found = [recordings.contact(r) for r in recordings.contact_runs(kind)]
+        rows = [
+            [
+                c.run, c.verdict, f"{c.spring:.1f}", f"{c.final:.1f}", ", ".join(c.named) or "-",
+                f"{c.hysteresis - c.damping:+.0f}",
+            ]
+            for c in found
+        ]  # fmt: skip
+        head = ["run", "verdict", "spring %", "final %", "named", "hysteresis - damping"]
+        lines += [kind, common.table(head, rows)]
+        lines.append(
+            f"  median held-out error {recordings.median([c.spring for c in found]):.1f} % with a "
+            f"linear spring, {recordings.median([c.final for c in found]):.1f} % with the law found\n"
+        )
+        data[kind] = [vars(c) | {"named": list(c.named)} for c in found]
+    return "\n".join(lines), dict(data)
+
+
+def _wrist(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    lines, data = [], {}
+    for split in ("fifths", "halves"):
+        w = recordings.wrist(split)
+        joints = w.diagnosis.result.problem.joints
+        rows = [[s.label, *(f"{x:.1f}" for x in s.heldout.relative)] for s in w.diagnosis.ladder]
+        what = {
+            "fifths": "Contiguous fifths, each held out",
+            "halves": "First half fits, second half tests",
+        }[split]
+        lines += [f"{what}: held-out error %", common.table(["model", *joints], rows), ""]
+        data[split] = {s.label: s.heldout.relative.tolist() for s in w.diagnosis.ladder}
+    return "\n".join(lines), dict(data)
+
+
+BENCHES: dict[str, Callable[[argparse.Namespace], tuple[str, dict[str, object]]]] = {
+    "hidden": _hidden,
+    "emps": _emps,
+    "contact": _contact,
+    "wrist": _wrist,
+}

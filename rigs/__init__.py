@@ -1,0 +1,1 @@
+"""Rig files: which devices, which law, which simulation."""
