@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +30,18 @@ class HeldOut:
         Blocks of time, for standard errors.
     kind : str
         ``"holdout"`` (other runs) or ``"folds"`` (contiguous fifths of the same runs).
+    run : ndarray (n,)
+        Run of each instant.
+    names : tuple of str
+        Names of the runs.
     """
 
     residual: FloatArray
     effort: FloatArray
     blocks: NDArray[np.int_]
     kind: str
+    run: NDArray[np.int_] = field(default_factory=lambda: np.zeros(0, dtype=np.int_))
+    names: tuple[str, ...] = ()
 
     @property
     def rms(self) -> FloatArray:
@@ -92,10 +98,8 @@ class Examiner:
         """Held-out residuals of a fit."""
         if self._other is not None:
             residual = predict(result, self._other)
-            return HeldOut(residual, self._other.effort, _blocks(self._other), self.kind)
-        return HeldOut(
-            _folds(result), self._problem.effort, _blocks(self._problem), self.kind
-        )
+            return _held(residual, self._other, self.kind)
+        return _held(_folds(result), self._problem, self.kind)
 
     def floor(self, result: FitResult) -> FloatArray | None:
         """Noise floor of the held-out runs themselves (d,); None without any."""
@@ -103,6 +107,11 @@ class Examiner:
             return None
         own = fit(self._other, result.model)
         return np.asarray(gather(own).floor.rms)
+
+
+def _held(residual: FloatArray, problem: Problem, kind: str) -> HeldOut:
+    names = tuple(r.name for r in problem.recordings)
+    return HeldOut(residual, problem.effort, _blocks(problem), kind, problem.run, names)
 
 
 def _blocks(problem: Problem) -> NDArray[np.int_]:
