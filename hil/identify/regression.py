@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+#: Columns below this share of the largest are zero but for rounding.
+ROUNDING = 1e-11
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Basis:
     v : ndarray (p, r)
         Right singular vectors.
     scale : ndarray (p,)
-        Column norms.
+        Column norms; 1 where a column is zero.
     """
 
     q: FloatArray
@@ -59,7 +61,7 @@ class Basis:
     def identifiable(self, tolerance: float = 1e-4) -> BoolArray:
         """Parameters that lie in the determined directions, shape (p,)."""
         missing = 1.0 - np.sum(self.v**2, axis=1)
-        out: BoolArray = (missing < tolerance) & (self.scale > 1e-300)
+        out: BoolArray = missing < tolerance
         return out
 
 
@@ -74,13 +76,15 @@ def basis(x: FloatArray, noise_to_signal: float = 1e-9) -> Basis:
         Singular values of the column-scaled regressor below this are not determined;
         1 / |y / sigma| leaves out what moves the effort by less than one noise unit.
     """
-    scale = np.linalg.norm(x, axis=0)
-    safe = np.where(scale > 1e-300, scale, 1.0)
-    q0, r = scipy.linalg.qr(x / safe, mode="economic", check_finite=False)
+    norm = np.linalg.norm(x, axis=0)
+    # a column that is nothing but rounding must not be scaled up to a direction of its own
+    live = norm > max(1e-300, ROUNDING * float(norm.max(initial=0.0)))
+    scale = np.where(live, norm, 1.0)
+    q0, r = scipy.linalg.qr(x * live / scale, mode="economic", check_finite=False)
     u, s, vt = np.linalg.svd(r)
     keep = s > max(1e-9, noise_to_signal) * (s[0] if s.size else 1.0)
     k = int(np.sum(keep))
-    return Basis(q0 @ u[:, :k], s[:k], vt[:k].T, safe * (scale > 1e-300) + (scale <= 1e-300))
+    return Basis(q0 @ u[:, :k], s[:k], vt[:k].T, scale)
 
 
 def cluster_covariance(

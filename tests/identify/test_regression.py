@@ -58,6 +58,15 @@ def test_zero_columns_are_not_identifiable() -> None:
     np.testing.assert_allclose(theta, [0, 9, 1, 0, 0], atol=1e-6)
 
 
+def test_columns_of_rounding_are_zero() -> None:
+    """A link's first moment about an axis that cannot feel it: 1e-17, not a parameter of 1e12."""
+    x = regressor(p=3)
+    x[:, 1] = 1e-16 * np.random.default_rng(1).normal(size=200)
+    b = basis(x)
+    assert b.identifiable().tolist() == [True, False, True]
+    assert b.solve(x[:, 0], np.array([0.0, 5.0, 0.0]), 5 * x[:, 1])[1] == 5.0
+
+
 def test_a_regressor_of_zeros_determines_nothing() -> None:
     b = basis(np.zeros((10, 3)))
     assert b.rank == 0 and not b.identifiable().any() and b.condition == np.inf
