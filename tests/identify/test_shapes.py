@@ -1,0 +1,122 @@
+"""Variable projection equals refitting everything."""
+
+import numpy as np
+import pytest
+
+from hil.identify.design import Term, bind, stack
+from hil.identify.fit import fit
+from hil.identify.problem import Problem
+from hil.identify.shapes import Projector, best_shape
+from hil.models import catalogue
+from hil.models.model import RobotModel, Use
+from hil.record.recording import Recording, RobotSource
+
+SOURCE = RobotSource("phantom-premium-1.5")
+# without armature, which is one with pi1, pi5 and pi6
+BASE = RobotModel(SOURCE, tuple(Use(name) for name in ("rigid-body", "coulomb", "viscous")))
+
+
+def record(seed: int, vs: float = 0.0, d: int = 3) -> Recording:
+    rng, t = np.random.default_rng(seed), np.arange(5000) / 250.0
+    w, phase = 2 * np.pi * rng.uniform(0.1, 1.5, (d, 5)), rng.uniform(0, 6, (d, 5))
+    angle = t[:, None, None] * w + phase
+    q, qd = (0.4 / w * np.sin(angle)).sum(axis=2), (0.4 * np.cos(angle)).sum(axis=2)
+    tau = 0.2 * np.tanh(qd / 0.02) + 0.1 * qd + 0.01 * rng.normal(size=q.shape)
+    if vs:
+        tau += 0.15 * np.exp(-((qd / vs) ** 2)) * np.sign(qd)
+    return Recording("run", "arm", tuple(f"joint{k + 1}" for k in range(d)), t, q, tau)
+
+
+@pytest.fixture(scope="module")
+def setting() -> tuple[Problem, list[Term], np.ndarray]:
+    problem = Problem([record(0)], SOURCE)
+    terms = [
+        t if t.shape or not t.effect.shape else t.reshaped((0.02,)) for t in bind(BASE, problem)
+    ]
+    # small scales, so that no direction of the base is left out
+    return problem, terms, 1e-4 * np.std(problem.y, axis=1)
+
+
+def brute_force(problem: Problem, terms: list[Term], sigma: np.ndarray) -> tuple[float, np.ndarray]:
+    x, _ = stack(problem, terms)
+    w = np.repeat(1.0 / sigma, problem.n)
+    size = np.linalg.norm(x * w[:, None], axis=0)
+    y = problem.y.reshape(-1) * w
+    theta, _, rank, _ = np.linalg.lstsq(x * w[:, None] / size, y, rcond=1e-13)
+    assert rank == x.shape[1]
+    r = y - x * w[:, None] / size @ theta
+    return float(r @ r), theta / size
+
+
+@pytest.mark.parametrize(
+    ("name", "j", "shape"),
+    [
+        ("quadratic-drag", 1, ()),
+        ("spring", 0, ()),
+        ("stribeck", 2, (0.2, 2.0)),
+        ("cogging", 1, (2.0,)),
+        ("coupled-friction", 0, (2.0, 0.0)),
+        ("coupled-transmission", 0, (3.0, -1.0)),
+    ],
+)
+def test_gain_is_the_fall_of_a_complete_refit(
+    setting: tuple[Problem, list[Term], np.ndarray], name: str, j: int, shape: tuple[float, ...]
+) -> None:
+    problem, terms, sigma = setting
+    effect = catalogue.get(name)
+    term = Term(effect, j, shape[: len(effect.shape)])
+    projector = Projector(problem, terms, sigma)
+    before, _ = brute_force(problem, terms, sigma)
+    assert projector.rss == pytest.approx(before, rel=1e-9)
+    after, theta = brute_force(problem, [*terms, term], sigma)
+    gain, beta, inverse, qc = projector.score(term)
+    assert abs(gain - (before - after)) <= 1e-9 * before
+    np.testing.assert_allclose(beta, theta[-beta.size :], rtol=1e-6)
+    assert inverse.shape == (beta.size, beta.size) and qc.shape[1] == beta.size
+
+
+def test_gain_of_what_the_base_holds_already_is_nothing(
+    setting: tuple[Problem, list[Term], np.ndarray],
+) -> None:
+    problem, terms, sigma = setting
+    projector = Projector(problem, terms, sigma)
+    again = Term(catalogue.get("viscous"), 1)
+    assert abs(projector.gain(again)) < 1e-9 * projector.rss
+    # the arm's eight parameters hold any mass at its tip
+    assert abs(projector.gain(Term(catalogue.get("payload"), 0))) < 1e-6 * projector.rss
+
+
+def test_gain_beside_no_base_is_plain_regression(
+    setting: tuple[Problem, list[Term], np.ndarray],
+) -> None:
+    problem, _, sigma = setting
+    term = Term(catalogue.get("viscous"), 0)
+    projector = Projector(problem, [], sigma)
+    after, _ = brute_force(problem, [term], sigma)
+    assert projector.gain(term) == pytest.approx(projector.rss - after, rel=1e-9)
+
+
+@pytest.mark.parametrize("vs", [0.05, 0.12])
+def test_stribeck_speed_is_found(vs: float) -> None:
+    problem = Problem([record(3, vs)], SOURCE)
+    effect = catalogue.get("stribeck")
+    result = fit(problem, BASE + Use("stribeck", ("joint2",)))
+    term = next(t for t in result.terms if t.effect is effect)
+    assert term.shape[0] == pytest.approx(vs, rel=0.35)
+    assert result.values["j2.stribeck.fs"].value == pytest.approx(0.15, rel=0.35)
+
+
+def test_refinement_is_at_least_as_good_as_the_grid(
+    setting: tuple[Problem, list[Term], np.ndarray],
+) -> None:
+    problem, terms, sigma = setting
+    projector = Projector(problem, terms, sigma)
+    for name in ("stribeck", "presliding", "cogging", "end-stop"):
+        term = Term(catalogue.get(name), 1)
+        found, gain = best_shape(projector, term)
+        _, coarse = best_shape(projector, term, refine=False)
+        grid = term.effect.grid(problem.motions[0], 1)
+        low, high = min(s[0] for s in grid), max(s[0] for s in grid)
+        assert gain >= coarse
+        assert gain == pytest.approx(projector.gain(found))
+        assert low <= found.shape[0] <= high
