@@ -46,7 +46,8 @@ class HeldOut:
     @property
     def rms(self) -> FloatArray:
         """Rms residual (d,)."""
-        return np.sqrt(np.mean(self.residual**2, axis=1))
+        out: FloatArray = np.sqrt(np.mean(self.residual**2, axis=1))
+        return out
 
     @property
     def relative(self) -> FloatArray:
@@ -65,7 +66,8 @@ class HeldOut:
         power = np.stack([np.bincount(self.blocks, r**2, minlength=count) for r in self.residual])
         mean = power.sum(axis=1) / size.sum()
         spread = np.sqrt(np.sum((power - mean[:, None] * size) ** 2, axis=1)) / size.sum()
-        return self.relative * spread / np.maximum(2 * mean, 1e-300)
+        out: FloatArray = self.relative * spread / np.maximum(2 * mean, 1e-300)
+        return out
 
     def gain(self, before: HeldOut, j: int) -> float:
         """Fall of joint j's squared error against `before`, in standard errors (paired blocks)."""
@@ -93,6 +95,7 @@ class Examiner:
             self._other = Problem(
                 holdout, problem.source, problem.explains, rates=problem.rates, span=problem.span
             )
+            self._other.shift_effort(problem.shift)
 
     def __call__(self, result: FitResult) -> HeldOut:
         """Held-out residuals of a fit."""
@@ -134,7 +137,12 @@ def _folds(result: FitResult) -> FloatArray:
         train, test = rows != k, rows == k
         b = basis(xw[train], 1.0 / max(float(np.linalg.norm((y * w)[train])), 1.0))
         theta = b.solve((y * w)[train], result.prior, (held * w)[train])
-        fixed = np.concatenate([np.full(s.stop - s.start, t.fixed) for t, s in zip(result.terms, result.slices, strict=True)])
+        fixed = np.concatenate(
+            [
+                np.full(s.stop - s.start, t.fixed)
+                for t, s in zip(result.terms, result.slices, strict=True)
+            ]
+        )
         theta = np.where(fixed, result.theta, theta)
         out[test] = y[test] - result.x[test] @ theta
     return out.reshape(problem.d, problem.n)

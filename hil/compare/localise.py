@@ -68,6 +68,7 @@ class View:
     rms: FloatArray
     band: FloatArray
     count: NDArray[np.int_]
+    effort: str = ""
 
 
 def since_reversal(v: FloatArray, v0: float, t: FloatArray, run: NDArray[np.int_]) -> FloatArray:
@@ -128,7 +129,8 @@ def views(result: FitResult, floor: Floor) -> list[View]:
             power = np.bincount(where[inside], r[inside] ** 2, minlength=edges.size - 1) / n
             # three standard errors of a mean of n / inflation independent values
             band = 3 * floor.scale[j] * np.sqrt(floor.inflation[j] / n)
-            out.append(View(joint, name, unit, edges, mean, np.sqrt(power), band, count))
+            effort = "N" if result.problem.robot.units[j] == "m" else "N m"
+            out.append(View(joint, name, unit, edges, mean, np.sqrt(power), band, count, effort))
     return out
 
 
@@ -151,7 +153,9 @@ def regions(result: FitResult, floor: Floor, most: int = 5) -> dict[str, list[Re
 def _strongest(items: list[Region], most: int) -> list[Region]:
     """Best region of each view first, so that one view does not fill the list."""
     items = sorted(items, key=lambda x: -x.strength)
-    heads, tail, seen = [], [], set()
+    heads: list[Region] = []
+    tail: list[Region] = []
+    seen: set[str] = set()
     for item in items:
         (tail if item.feature in seen else heads).append(item)
         seen.add(item.feature)
@@ -170,8 +174,8 @@ def _region(view: View, k: int, strength: float, share: float) -> Region:
     }.get(view.feature, f"when the {view.feature} is {low:.2g} to {high:.2g} {view.unit}")
     side = "too little" if view.mean[k] > 0 else "too much"
     text = (
-        f"{view.joint}: {what} the model predicts {side} effort by {abs(view.mean[k]):.2g} on "
-        f"average, {strength:.1f} times its noise band"
+        f"{view.joint}: {what} the model predicts {side} effort by "
+        f"{abs(view.mean[k]):.2g} {view.effort} on average, {strength:.1f} times its noise band"
     )
     return Region(
         view.joint, view.feature, low, high, view.unit, float(view.rms[k]), float(view.mean[k]),

@@ -1,0 +1,165 @@
+"""Figures of a report: error ladder, where the model fails, candidates."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from hil.compare.localise import View, views
+from hil.compare.material import Material
+from hil.compare.page import escape
+from hil.compare.plots import AFTER, BAND, BEFORE, FLOOR, embed, grid, line, rung_colors
+
+FloatArray = NDArray[np.float64]
+#: Views drawn per joint, and bins with fewer instants than this are left out.
+VIEWS, FEWEST = 6, 10
+#: Views over unevenly spaced bins, drawn with bins of equal width.
+UNEVEN = ("speed", "since-reversal", "speed of")
+
+
+def ladder_figure(m: Material) -> str:
+    """Held-out error over the noise floor, and the simulated position error beside it."""
+    multi = np.array([r.multi_step.relative for r in m.rungs])
+    both = not m.external and bool(np.isfinite(multi).any())
+    titles = ["one-step: error of the predicted effort"]
+    titles += [f"multi-step: position error after {m.rungs[0].multi_step.horizon:g} s simulations"]
+    fig = grid(1, 2 if both else 1, titles[: 1 + both], 300, sideways=0.1)
+    values = np.array([m.ratio(r.step) for r in m.rungs])
+    labels = [r.step.label for r in m.rungs]
+    _bars(fig, m.joints, values, labels, 1)
+    _floor_line(fig, m)
+    fig.update_yaxes(
+        title_text="held-out rms error / noise floor",
+        range=[0, 1.18 * max(values.max(), 1.2)],
+        col=1,
+    )
+    if both:
+        _bars(fig, m.joints, multi, labels, 2)
+        top = float(np.nanmax(np.where(np.isfinite(multi), multi, np.nan)))
+        fig.update_yaxes(
+            title_text="rms error / rms displacement [%]", range=[0, 1.18 * top], col=2
+        )
+    text = "How to read: one group of bars a joint, one bar a model. The dashed line at 1 is the "
+    text += "measured noise floor: no model can do better, and a bar at the line leaves nothing to "
+    text += "explain."
+    if both:
+        text += (
+            " Right: the model is started from measured states, driven with the measured effort "
+        )
+        text += "and compared with where the robot went; lower is better."
+    return embed(fig, "ladder", text)
+
+
+def _floor_line(fig: Any, m: Material) -> None:
+    """Dashed line at 1, named in the legend with its origin."""
+    look = {"color": FLOOR, "width": 2, "dash": "dash"}
+    fig.add_hline(y=1, line=look, row=1, col=1)
+    origin = {"repeats": "repeated motion", "largest-model": "largest model on left-out data"}
+    method = m.last.floor.method
+    name = f"noise floor (from {escape(origin.get(method, method))})"
+    fig.add_trace(go.Scatter(x=[None], y=[None], mode="lines", line=look, name=name), row=1, col=1)
+
+
+def _bars(
+    fig: Any, joints: tuple[str, ...], values: FloatArray, labels: list[str], column: int
+) -> None:
+    few = values.size <= 24
+    for k, (label, color) in enumerate(zip(labels, rung_colors(len(labels)), strict=True)):
+        y = [float(v) if np.isfinite(v) else None for v in values[k]]
+        text = [f"{v:.3g}" if few and v is not None else "" for v in y]
+        fig.add_trace(
+            go.Bar(
+                x=[escape(j) for j in joints], y=y, name=escape(label), legendgroup=escape(label),
+                marker_color=color, text=text, textposition="outside", cliponaxis=False,
+                showlegend=column == 1,
+            ),
+            row=1, col=column,
+        )  # fmt: skip
+
+
+def view_figures(m: Material) -> list[str]:
+    """Mean residual over speed, reversal, position, ... with its noise band, joint by joint."""
+    before = views(m.before.result, m.last.floor)
+    after = views(m.after.result, m.last.floor) if len(m.rungs) > 1 else None
+    out = []
+    for j in m.concerned():
+        own = [k for k, v in enumerate(before) if v.joint == m.joints[j]]
+        own.sort(key=lambda k: -_strength(before[k]))
+        chosen = sorted(own[:VIEWS])
+        pairs = [(before[k], after[k] if after else None) for k in chosen]
+        if pairs:
+            out.append(_views(m, j, pairs))
+    return out
+
+
+def _strength(view: View) -> float:
+    used = view.count >= FEWEST
+    return float(np.max(np.abs(view.mean[used]) / np.maximum(view.band[used], 1e-300), initial=0))
+
+
+def _views(m: Material, j: int, pairs: list[tuple[View, View | None]]) -> str:
+    rows = -(-len(pairs) // 3)
+    columns = min(3, len(pairs))
+    fig = grid(rows, columns, [_title(v) for v, _ in pairs], 180, sideways=0.055)
+    top = 1.25 * max(_reach(v) for pair in pairs for v in pair if v is not None)
+    for k, (old, new) in enumerate(pairs):
+        row, column = k // 3 + 1, k % 3 + 1
+        _one_view(fig, old, new, row, column, k == 0)
+        fig.update_yaxes(range=[-top, top], row=row, col=column)
+        if column == 1:
+            fig.update_yaxes(title_text=f"mean residual [{m.effort_unit(j)}]", row=row, col=column)
+    text = (
+        f"{m.joints[j]}: measured minus predicted effort, averaged in bins. Grey: what noise alone "
+        "would give (three standard errors). A line outside the grey is a systematic error of the "
+        "model; positive means that the model predicts too little."
+    )
+    return embed(fig, f"views-{j + 1}", text)
+
+
+def _reach(view: View) -> float:
+    used = view.count >= FEWEST
+    if not used.any():
+        return 1e-12
+    return max(float(np.max(np.abs(view.mean[used]))), 1.3 * float(np.median(view.band[used])))
+
+
+def _title(view: View) -> str:
+    return (
+        "over time since reversal" if view.feature == "since-reversal" else f"over {view.feature}"
+    )
+
+
+def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, legend: bool) -> None:
+    uneven = old.feature.startswith(UNEVEN)
+    edges = np.arange(old.edges.size, dtype=float) if uneven else old.edges
+    used = old.count >= FEWEST
+    band = np.where(used, old.band, 0.0)
+    fig.add_trace(
+        go.Bar(
+            x=(edges[1:] + edges[:-1]) / 2, y=2 * band, base=-band, width=np.diff(edges),
+            marker={"color": BAND, "line_width": 0}, name="noise band", legendgroup="noise band",
+            showlegend=legend, hoverinfo="skip",
+        ),
+        row=row, col=column,
+    )  # fmt: skip
+    for view, name, color, dash in ((old, "before", BEFORE, "dot"), (new, "after", AFTER, "solid")):
+        if view is not None:
+            y = np.repeat(np.where(used, view.mean, np.nan), 2)
+            trace = line(np.repeat(edges, 2)[1:-1], y, name, color, dash=dash, width=2.2,
+                         showlegend=legend)  # fmt: skip
+            fig.add_trace(trace, row=row, col=column)
+    ticks = {"title_text": f"{escape(_axis(old.feature))} [{old.unit}]", "nticks": 6}
+    if uneven:
+        at = np.unique(np.round(np.linspace(0, edges.size - 1, 5)).astype(int))
+        labels = [f"{x:.2g}" if abs(x) < 999 else "" for x in old.edges[at]]
+        ticks |= {"tickmode": "array", "tickvals": at, "ticktext": labels}
+    fig.update_xaxes(**ticks, row=row, col=column)
+
+
+def _axis(feature: str) -> str:
+    return {"since-reversal": "time since reversal", "load": "transmitted load"}.get(
+        feature, feature
+    )

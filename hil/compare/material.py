@@ -1,0 +1,122 @@
+"""What a report is made of, from a diagnosis or a comparison."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.compare.ambiguity import Indistinguishable
+from hil.compare.analysis import Comparison, Rung, ladder
+from hil.compare.diagnose import Diagnosis, Finding, Step
+from hil.compare.evidence import Evidence
+from hil.compare.multistep import MultiStep
+from hil.compare.tables import sets_of
+from hil.identify.problem import Problem
+
+FloatArray = NDArray[np.float64]
+#: Verdict of a comparison, which judges nothing.
+COMPARED = "compared"
+
+
+@dataclass(frozen=True)
+class Material:
+    """Verdict, ladder and evidence of one report.
+
+    Parameters
+    ----------
+    verdict : str
+        Verdict of a diagnosis, or ``"compared"``.
+    rungs : list of Rung
+        Ladder with both errors; empty where nothing was fitted.
+    floor : ndarray (d,)
+        Noise floor [N m or N].
+    first, last : Evidence
+        Candidates beside the first and the last model.
+    findings, partial : list of Finding
+        Accepted effects; effects that help but explain too little.
+    sets : list of Indistinguishable
+        What the data cannot tell apart.
+    warnings : list of (code, str)
+        Notes and faults.
+    """
+
+    verdict: str
+    rungs: list[Rung]
+    floor: FloatArray
+    first: Evidence
+    last: Evidence
+    findings: list[Finding] = field(default_factory=list)
+    partial: list[Finding] = field(default_factory=list)
+    sets: list[Indistinguishable] = field(default_factory=list)
+    warnings: list[tuple[str, str]] = field(default_factory=list)
+
+    @property
+    def before(self) -> Step:
+        """First model."""
+        return self.rungs[0].step
+
+    @property
+    def after(self) -> Step:
+        """Last model."""
+        return self.rungs[-1].step
+
+    @property
+    def problem(self) -> Problem:
+        """Runs of the fit."""
+        return self.before.result.problem
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names."""
+        return tuple(self.problem.joints)
+
+    @property
+    def external(self) -> bool:
+        """Whether the model explains a contact force instead of the motor's effort."""
+        return self.before.result.model.explains == "external"
+
+    def effort_unit(self, j: int) -> str:
+        """Unit of joint j's effort."""
+        return "N" if self.problem.robot.units[j] == "m" else "N m"
+
+    def relative_floor(self, j: int) -> float:
+        """Noise floor of joint j in percent of the held-out effort."""
+        size = float(np.sqrt(np.mean(self.before.heldout.effort[j] ** 2)))
+        return 100 * float(self.floor[j]) / max(size, 1e-300)
+
+    def ratio(self, step: Step) -> FloatArray:
+        """Held-out error of a rung in units of the noise floor (d,)."""
+        out: FloatArray = step.heldout.rms / np.maximum(self.floor, 1e-300)
+        return out
+
+    def concerned(self, most: int = 3) -> list[int]:
+        """Joints worth looking at: those of the findings, else the worst against the floor."""
+        names = [f.joint for f in (*self.findings, *self.partial) if f.joint in self.joints]
+        named = list(dict.fromkeys(self.joints.index(n) for n in names if n is not None))
+        worst = [int(j) for j in np.argsort(-self.ratio(self.before))]
+        return named[:most] if named else worst[: 1 if self.verdict != COMPARED else most]
+
+
+def from_diagnosis(d: Diagnosis) -> Material:
+    """Material of a diagnosis; both errors of every rung."""
+    if not d.ladder:
+        return Material(d.verdict, [], d.floor, d.first, d.last, warnings=d.warnings)
+    motor = d.ladder[0].result.model.explains == "motor"
+    rungs = ladder(d) if motor else [Rung(s, _none(len(d.floor))) for s in d.ladder]
+    return Material(
+        d.verdict, rungs, d.floor, d.first, d.last, d.findings, d.partial, sets_of(d), d.warnings
+    )
+
+
+def from_comparison(c: Comparison) -> Material:
+    """Material of a comparison: a ladder of one rung."""
+    rung = Rung(Step("model", c.result, c.heldout), c.multi_step)
+    faults = [(f.code, f.text) for f in c.faults]
+    return Material(COMPARED, [rung], c.evidence.floor.rms, c.evidence, c.evidence, warnings=faults)
+
+
+def _none(d: int) -> MultiStep:
+    nothing = np.full(d, np.nan)
+    return MultiStep(0.0, nothing, nothing, 0, 0)

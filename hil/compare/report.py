@@ -1,0 +1,188 @@
+"""The report: one self-contained HTML file about a comparison or a diagnosis."""
+
+from __future__ import annotations
+
+from hil.compare import words
+from hil.compare.analysis import Comparison, Rung
+from hil.compare.candidateplot import candidates_figure, candidates_table
+from hil.compare.diagnose import Diagnosis
+from hil.compare.effectplot import effect_figure
+from hil.compare.figures import ladder_figure, view_figures
+from hil.compare.localise import Region, regions
+from hil.compare.material import COMPARED, Material, from_comparison, from_diagnosis
+from hil.compare.page import document, escape, items, number, paragraph, section, table, warnings
+from hil.compare.provenance import parameters, provenance
+from hil.compare.traces import trace_figure
+from hil.compare.warn import rising
+from hil.models import catalogue
+
+
+def comparison_report(comparison: Comparison, path: str) -> None:
+    """Write the report of a comparison.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Model against measurement.
+    path : str
+        HTML file to write.
+    """
+    _write(from_comparison(comparison), path)
+
+
+def diagnosis_report(diagnosis: Diagnosis, path: str) -> None:
+    """Write the report of a diagnosis.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        Verdict, findings and what they rest on.
+    path : str
+        HTML file to write.
+    """
+    _write(from_diagnosis(diagnosis), path)
+
+
+def _write(m: Material, path: str) -> None:
+    kind = "Comparison" if m.verdict == COMPARED else "Diagnosis"
+    title = f"{kind} of a robot model with measurements"
+    body = f"<h1>{escape(title)}</h1>" + top(m)
+    if m.rungs:
+        body += "".join(
+            (ladder(m), fails(m), candidates(m), effects(m), traces(m), parameters(m), further(m))
+        )
+    body += provenance(m)
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(document(title, body, figures=bool(m.rungs)))
+
+
+def top(m: Material) -> str:
+    """Headline, what it rests on, what to do next."""
+    lines = "".join(paragraph(t) for t in words.details(m))
+    box = (
+        f'<div class="verdict" style="--tone: {words.TONES[m.verdict]}">'
+        f'<p class="head">{escape(words.headline(m))}</p>{lines}</div>'
+    )
+    command = words.command(m)
+    pre = f"<pre>{escape(command)}</pre>" if command else ""
+    after = f'<div class="next"><b>What to do next</b>{items(words.next_steps(m))}{pre}</div>'
+    return box + after
+
+
+def ladder(m: Material) -> str:
+    """Errors of every model beside the noise floor."""
+    rows = [_errors(m, r) for r in m.rungs]
+    floor = [f"{number(m.relative_floor(j))} %" for j in range(len(m.joints))]
+    rows.append(["noise floor", *floor])
+    if not m.external:
+        for r in m.rungs:
+            cells = [f"{number(float(x))} %" for x in r.multi_step.relative]
+            rows.append([f"multi-step, {r.step.label}", *cells])
+    judged = (
+        "sessions that were not fitted"
+        if m.before.heldout.kind == "holdout"
+        else "contiguous fifths of the same sessions, each predicted from the other four"
+    )
+    note = (
+        f"Errors are rms residual over rms measured effort on {judged}; in brackets the multiple "
+        "of the noise floor."
+    )
+    numbers = table(["model", *m.joints], rows, strong=[len(m.rungs) - 1])
+    return section(
+        "Error ladder", ladder_figure(m), numbers,
+        paragraph(note, "note"), paragraph(words.origin(m), "note"), warnings(_alarms(m)),
+    )  # fmt: skip
+
+
+def _errors(m: Material, r: Rung) -> list[str]:
+    both = zip(r.step.heldout.relative, m.ratio(r.step), strict=True)
+    return [r.step.label, *(words.cell(float(x), float(f)) for x, f in both)]
+
+
+def _alarms(m: Material) -> list[str]:
+    """Where the simulated motion gets worse or leaves the recorded range."""
+    if m.external:
+        return []
+    diverged = [
+        f"{r.step.label}: {r.multi_step.diverged} of {r.multi_step.windows} simulations left the "
+        "recorded range and are not counted"
+        for r in m.rungs
+        if r.multi_step.diverged
+    ]
+    return [*rising(m.rungs), *diverged]
+
+
+def fails(m: Material) -> str:
+    """Views of the residual, strongest regions as sentences."""
+    before = regions(m.before.result, m.last.floor)
+    after = regions(m.after.result, m.last.floor)
+    first = _strongest(before, 6)
+    text = items(first) if first else paragraph("Nowhere above the noise band.")
+    parts = [paragraph("Before any effect was added, strongest first:" if first else ""), text]
+    if len(m.rungs) > 1:
+        left = _strongest(after, 5)
+        nothing = "With the added effects nothing stands above the noise band."
+        parts.append(paragraph("Left over with all added effects:" if left else nothing))
+        parts.append(items(left))
+    return section("Where the model fails", *parts, *view_figures(m))
+
+
+def _strongest(found: dict[str, list[Region]], most: int) -> list[str]:
+    places = sorted((r for some in found.values() for r in some), key=lambda r: -r.strength)
+    return [r.text for r in places[:most]]
+
+
+def candidates(m: Material) -> str:
+    """What was tried, what stands out, what cannot be tested."""
+    listed = candidates_table(m)
+    note = (
+        "Score = chi2 (fall of the squared residual in units of the noise) less the price of the "
+        "parameters. Detection p: chance that noise alone makes any candidate look this good. "
+        "Absorbed: share of the effect that the first model's parameters imitate; only the rest "
+        "is evidence. Set off: effects that were accepted. After each accepted effect the others "
+        "were tried again."
+    )
+    never = [f"{name}: {why}" for name, why in m.first.impossible]
+    tail = paragraph("Not testable with these data:") + items(never) if never else ""
+    body = candidates_figure(m) + listed + paragraph(note, "note")
+    return section("Candidates", body if listed else paragraph("None was tried."), tail)
+
+
+def effects(m: Material) -> str:
+    """Each learnt effect over the data."""
+    parts = []
+    for k, f in enumerate((*m.findings, *m.partial)):
+        figure = effect_figure(m, f, f"effect-{k + 1}")
+        if not figure:
+            continue
+        effect = catalogue.get(f.effect)
+        parts.append(f"<h3>{escape(words.where(f))}</h3>")
+        parts.append(paragraph(f"{words.meaning(f.effect)}. Equation: {effect.equation}"))
+        values = [words.value(n, v) for n, v in f.parameters.items()]
+        parts += [items(values), figure, paragraph(f"Source: {effect.source}.", "note")]
+    return section("The learnt effect over the data", *parts)
+
+
+def traces(m: Material) -> str:
+    """Measured against predicted."""
+    return section("Measured and predicted effort", trace_figure(m))
+
+
+def further(m: Material) -> str:
+    """What the data cannot tell apart, and which motion would."""
+    parts = []
+    if m.sets:
+        rows = [[" / ".join(s.effects), s.why, s.experiment] for s in m.sets]
+        parts.append(table(["effects", "why", "motion that would show it"], rows, (0, 1, 2)))
+    elif m.verdict != COMPARED:
+        parts.append(paragraph("No two of the plausible effects coincide with this motion."))
+    steps = [f"{f.effect}: {words.shown_by(f.effect)}" for f in (*m.findings, *m.partial)]
+    if steps:
+        parts += [paragraph("What to measure next, to confirm each effect:"), items(steps)]
+    notes = [
+        text for code, text in m.warnings
+        if not code.startswith("impossible") and m.verdict != "not-identifiable"
+    ]  # fmt: skip
+    if notes:
+        parts += ["<h3>Notes</h3>", items(notes)]
+    return section("What these data cannot tell apart, and what to measure next", *parts)

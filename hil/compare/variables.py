@@ -1,0 +1,238 @@
+"""Which variable shows an effect best, and what the fitted effect contributes to the effort."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.identify.design import Term
+from hil.identify.result import FitResult
+from hil.models.contact import penetration
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What an effect is drawn against.
+
+    Parameters
+    ----------
+    x : ndarray (n,)
+        Values.
+    label : str
+        Axis label with unit.
+    edges : ndarray
+        Bins for averages.
+    split : ndarray (n,) of bool or None
+        Two groups that the effect treats differently.
+    groups : tuple of str
+        Their names, first that of ``split`` true.
+    sign : ndarray (n,) or None
+        Effort is multiplied by it, e.g. the direction of motion.
+    log : bool
+        Logarithmic axis.
+    """
+
+    x: FloatArray
+    label: str
+    edges: FloatArray
+    split: BoolArray | None = None
+    groups: tuple[str, str] = ("forward", "backward")
+    sign: FloatArray | None = None
+    log: bool = False
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """A fitted effect on one joint.
+
+    Parameters
+    ----------
+    term : Term
+        With its shape.
+    joint : int
+        Joint that it is drawn for.
+    effort : ndarray (n,)
+        What it contributes.
+    partial : ndarray (n,)
+        Residual of the final model plus that contribution.
+    """
+
+    term: Term
+    joint: int
+    effort: FloatArray
+    partial: FloatArray
+
+
+def learnt(result: FitResult, effect: str, joint: str | None) -> Learnt | None:
+    """Contribution of a fitted effect; None if the final model does not hold it."""
+    problem = result.problem
+    x = result.x.reshape(problem.d, problem.n, -1)
+    for term, where in zip(result.terms, result.slices, strict=True):
+        if term.effect.name != effect or (joint and problem.joints[term.joint] != joint):
+            continue
+        effort = x[:, :, where] @ result.theta[where]
+        j = term.joint
+        if joint is None:
+            j = int(np.argmax(np.sqrt(np.mean(effort**2, axis=1)) / result.sigma))
+        return Learnt(term, j, effort[j], result.residual[j] + effort[j])
+    return None
+
+
+def variable_of(result: FitResult, fit: Learnt) -> Variable:
+    """The variable that suits the effect; for a user's effect the one that orders it best."""
+    chosen = CHOICE.get(fit.term.effect.name)
+    if chosen is not None:
+        return chosen(result, fit)
+    options = [speed(result, fit), position(result, fit), load(result, fit)]
+    return max(options, key=lambda v: _ordered(v, fit.effort))
+
+
+def _ordered(v: Variable, effort: FloatArray) -> float:
+    """Share of the effort's variance that lies between the bins of a variable."""
+    where = np.digitize(v.x, v.edges)
+    count = np.maximum(np.bincount(where), 1)
+    mean = np.bincount(where, effort) / count
+    return float(1 - np.mean((effort - mean[where]) ** 2) / max(float(np.var(effort)), 1e-300))
+
+
+def _unit(result: FitResult, j: int) -> str:
+    return result.problem.robot.units[j]
+
+
+def dense_at_zero(x: FloatArray, count: int = 41) -> FloatArray:
+    """Bins over a signed variable, narrow near zero where friction changes fastest."""
+    top = max(float(np.quantile(np.abs(x), 0.998)), 1e-12)
+    u = np.linspace(-1, 1, count)
+    edges: FloatArray = top * np.sign(u) * u**2
+    return edges
+
+
+def _even(x: FloatArray, count: int) -> FloatArray:
+    low, high = np.quantile(x, [0.001, 0.999])
+    return np.linspace(low, max(high, low + 1e-12), count + 1)
+
+
+def speed(result: FitResult, fit: Learnt) -> Variable:
+    """Own speed."""
+    x, j = result.problem.qd[fit.joint], fit.joint
+    return Variable(
+        x, f"speed of {result.problem.joints[j]} [{_unit(result, j)}/s]", dense_at_zero(x)
+    )
+
+
+def _direction(result: FitResult, j: int) -> BoolArray:
+    forward: BoolArray = result.problem.qd[j] > 0
+    return forward
+
+
+def position(result: FitResult, fit: Learnt) -> Variable:
+    """Own position; bins fine enough for the effect's period where it has one."""
+    x, j = result.problem.q[fit.joint], fit.joint
+    periods = fit.term.shape[0] * float(np.ptp(x)) if _periodic(fit.term) else 4.0
+    edges = _even(x, int(np.clip(12 * periods, 40, 300)))
+    label = f"position of {result.problem.joints[j]} [{_unit(result, j)}]"
+    split = _direction(result, j) if fit.term.effect.name == "position-friction" else None
+    return Variable(x, label, edges, split)
+
+
+def _periodic(term: Term) -> bool:
+    return [p.name for p in term.effect.shape] == ["p"] and term.shape[0] > 0
+
+
+def phase(result: FitResult, fit: Learnt) -> Variable | None:
+    """Position within one period of a periodic effect; None for the others."""
+    if not _periodic(fit.term):
+        return None
+    j, length = fit.joint, 1 / fit.term.shape[0]
+    x = np.mod(result.problem.q[j], length)
+    label = f"position within one period of {length:.3g} {_unit(result, j)} [{_unit(result, j)}]"
+    v = position(result, fit)
+    return Variable(x, label, np.linspace(0, length, 25), v.split)
+
+
+def load(result: FitResult, fit: Learnt) -> Variable:
+    """Transmitted load."""
+    problem, j = result.problem, fit.joint
+    x = problem.filtered([m.load for m in problem.motions])[:, j]
+    split = _direction(result, j) if fit.term.effect.family == "friction" else None
+    unit = "N" if _unit(result, j) == "m" else "N m"
+    return Variable(x, f"load on {problem.joints[j]} [{unit}]", _even(x, 40), split)
+
+
+def other_speed(result: FitResult, fit: Learnt) -> Variable:
+    """Speed of the other joint, alone or combined with the own one."""
+    problem, j = result.problem, fit.term.joint
+    k, mode = int(fit.term.shape[0]) - 1, float(fit.term.shape[1])
+    own, other = problem.joints[j], problem.joints[k]
+    unit = f"[{_unit(result, k)}/s]"
+    if fit.term.effect.name == "coupled-transmission":
+        x, sign = problem.qd[j] + mode * problem.qd[k], "+" if mode > 0 else "\u2212"
+        return Variable(
+            x, f"speed of {own} {sign} {abs(mode):g} x speed of {other} {unit}", dense_at_zero(x)
+        )
+    if not mode:
+        return Variable(problem.qd[k], f"speed of {other} {unit}", dense_at_zero(problem.qd[k]))
+    x, sign = problem.qd[j] + mode * problem.qd[k], "+" if mode > 0 else "\u2212"
+    return Variable(x, f"speed of {own} {sign} speed of {other} {unit}", dense_at_zero(x))
+
+
+def depth(result: FitResult, fit: Learnt) -> Variable:
+    """Penetration; pressing and releasing apart."""
+    problem, j = result.problem, fit.joint
+    if not np.isfinite(problem.motions[0].contact[j]).all():
+        return position(result, fit)
+    parts = [penetration(m, j)[0][:, None] for m in problem.motions]
+    x, side = problem.filtered(parts)[:, 0], float(problem.motions[0].contact[j, 1])
+    edges = np.linspace(0, max(float(x.max()), 1e-12), 31)
+    edges[0] = 0.01 * edges[-1]
+    split = side * problem.qd[j] > 0
+    return Variable(x, f"penetration [{_unit(result, j)}]", edges, split, ("pressing", "releasing"))
+
+
+def displacement(result: FitResult, fit: Learnt) -> Variable:
+    """Displacement since the last reversal, effort along the motion; logarithmic."""
+    problem, j = result.problem, fit.joint
+    q, v, v0 = problem.q[j], problem.qd[j], float(problem.motions[0].v0[j])
+    now = np.where(np.abs(v) > v0, np.sign(v), 0.0)
+    last = np.maximum.accumulate(np.where(now != 0, np.arange(q.size), 0))
+    direction = now[last]
+    turn = np.flatnonzero(np.diff(direction, prepend=direction[0]) != 0)
+    start = np.zeros(q.size, dtype=int)
+    start[turn] = turn
+    # where the speed last passed zero: the run's first instant until it has
+    x = np.abs(q - q[np.maximum.accumulate(start)])
+    low = max(float(fit.term.shape[0]) / 10, 1e-3 * float(x.max()), 1e-12)
+    edges = np.geomspace(low, max(float(x.max()), 2 * low), 31)
+    label = f"displacement since reversal [{_unit(result, j)}]"
+    return Variable(np.maximum(x, low), label, edges, sign=direction, log=True)
+
+
+def effort_rate(result: FitResult, fit: Learnt) -> Variable:
+    """Rate of change of the motor effort."""
+    problem, j = result.problem, fit.joint
+    x = problem.filtered([np.gradient(m.tau[:, j], m.dt)[:, None] for m in problem.motions])[:, 0]
+    unit = "N/s" if _unit(result, j) == "m" else "N m/s"
+    return Variable(x, f"rate of the motor effort [{unit}]", dense_at_zero(x, 31))
+
+
+CHOICE: dict[str, Callable[[FitResult, Learnt], Variable]] = {
+    **dict.fromkeys(
+        ("coulomb", "viscous", "stribeck", "asymmetric-coulomb", "asymmetric-viscous",
+         "quadratic-drag"), speed,
+    ),
+    **dict.fromkeys(
+        ("position-friction", "cogging", "position-torque", "spring", "end-stop",
+         "contact-stiffness"), position,
+    ),
+    **dict.fromkeys(("contact-damping", "contact-hardening", "contact-hysteresis"), depth),
+    **dict.fromkeys(("load-friction", "torque-gain"), load),
+    **dict.fromkeys(("coupled-friction", "coupled-transmission"), other_speed),
+    "presliding": displacement,
+    "delay": effort_rate,
+}  # fmt: skip

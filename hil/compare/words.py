@@ -1,0 +1,205 @@
+"""The report's sentences: verdict, reasons, and what to do next."""
+
+from __future__ import annotations
+
+import inspect
+
+from hil.compare.diagnose import ADEQUATE, CONFIDENT, EXPLAINED, Finding
+from hil.compare.material import COMPARED, Material
+from hil.compare.page import number
+from hil.errors import ConfigError
+from hil.models import catalogue
+from hil.models.model import Value
+
+#: Colour of the verdict's bar.
+TONES = {
+    "adequate": "#009E73", "missing-effect": "#0072B2", "ambiguous": "#E69F00",
+    "unexplained": "#D55E00", "not-identifiable": "#D55E00", "bad-data": "#D55E00",
+    COMPARED: "#56B4E9",
+}  # fmt: skip
+ORIGIN = {
+    "repeats": "The motion repeats itself: the floor is what differs between two passes over the "
+    "same motion, which no model of the motion can explain.",
+    "largest-model": "The motion does not repeat itself: the floor is the error, on blocks of time "
+    "left out of the fit, of the largest model at hand (every effect of the catalogue and "
+    "smooth functions of all positions and speeds).",
+}
+#: Added to the origin where the effort is a force sensor's.
+SENSOR = " The accuracy of the force sensor (2 % of what it measures) is added."
+
+
+def meaning(effect: str) -> str:
+    """One line on an effect, e.g. ``Friction that rises as the speed goes to zero``."""
+    try:
+        return (inspect.getdoc(type(catalogue.get(effect))) or "").split("\n")[0].rstrip(".")
+    except ConfigError:
+        return ""
+
+
+def where(f: Finding) -> str:
+    """E.g. ``stribeck on joint2``."""
+    return f"{f.effect} on {f.joint}" if f.joint else f.effect
+
+
+def _list(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def worst(m: Material) -> int:
+    """Joint whose first error stands farthest above its floor."""
+    return int(m.ratio(m.before).argmax())
+
+
+def headline(m: Material) -> str:
+    """The verdict in one sentence."""
+    names = _list([where(f) for f in m.findings]) if m.findings else ""
+    several = len(m.findings) > 1
+    if m.verdict == "missing-effect":
+        return (
+            f"The model lacks {len(m.findings)} effects: {names}."
+            if several
+            else f"The model lacks {names}."
+        )
+    if m.verdict == "ambiguous":
+        return (
+            f"Something is missing, most likely {names}, but these data do not settle which effect "
+            "it is."
+        )
+    if m.verdict == "adequate":
+        return "The model is adequate: it explains the data down to the noise floor."
+    if m.verdict == "unexplained":
+        j = m.concerned(1)[0]
+        return f"Something is missing on {m.joints[j]}, and no effect of the catalogue explains it."
+    if m.verdict == "not-identifiable":
+        return (
+            "These data do not determine the model, so nothing can be said about missing effects."
+        )
+    if m.verdict == "bad-data":
+        return "The recording has faults; anything fitted to it would be meaningless."
+    j = worst(m)
+    ratio = float(m.ratio(m.before)[j])
+    tail = "all joints are at the noise floor" if ratio <= 1.1 else f"{m.joints[j]} is worst"
+    return f"Held-out error is up to {ratio:.2f} times the noise floor: {tail}."
+
+
+def details(m: Material) -> list[str]:
+    """Sentences below the headline: effect, confidence, error before and after, floor."""
+    out = [_finding(m, f) for f in m.findings]
+    for f in m.partial:
+        out.append(
+            f"Best partial explanation: {where(f)} ({_errors(m, f)}; it accounts for "
+            f"{100 * f.excess_explained:.0f} % of what was above the noise floor, and less than "
+            f"{100 * EXPLAINED:.0f} % is explained in all, so it is not named as the cause)."
+        )
+    left = float(m.ratio(m.after).max()) if m.findings else 1.0
+    if left > ADEQUATE:
+        j = int(m.ratio(m.after).argmax())
+        out.append(
+            f"With it the error of {m.joints[j]} is still {left:.2f} times the noise floor: "
+            "smaller errors remain that no single effect of the catalogue accounts for."
+        )
+    if m.verdict == "not-identifiable" or not m.rungs:
+        out += [text for _, text in m.warnings]
+    if m.rungs and not m.findings and not m.partial:
+        j = worst(m)
+        held, ratio = m.before.heldout, float(m.ratio(m.before)[j])
+        out.append(
+            f"Largest error against the floor: {m.joints[j]} with {held.relative[j]:.2f} % of the "
+            f"effort; noise floor {m.relative_floor(j):.2f} % (ratio {ratio:.2f})."
+        )
+    return out
+
+
+def _finding(m: Material, f: Finding) -> str:
+    sure = "" if f.confidence >= CONFIDENT else ", too low to name it as the cause"
+    rivals = f" Rivals with this motion: {', '.join(f.rivals)}." if f.rivals else ""
+    text = meaning(f.effect)
+    return (
+        f"{where(f)[:1].upper()}{where(f)[1:]}{f': {text[:1].lower()}{text[1:]}' if text else ''}. "
+        f"Confidence {_chance(f.confidence)}{sure}. {_errors(m, f).capitalize()}; this explains "
+        f"{100 * f.excess_explained:.0f} % of what was above the floor.{rivals}"
+    )
+
+
+def _chance(p: float) -> str:
+    return "above 0.99" if p > 0.99 else f"{p:.2f}"
+
+
+def _errors(m: Material, f: Finding) -> str:
+    text = (
+        f"held-out error {f.relative_before:.2f} % before, {f.relative_after:.2f} % after "
+        f"(standard error {f.se:.2f})"
+    )
+    if f.joint in m.joints:
+        text += f", noise floor {m.relative_floor(m.joints.index(str(f.joint))):.2f} %"
+    return text
+
+
+def next_steps(m: Material) -> list[str]:
+    """What to do now, in plain words."""
+    motions = list(
+        dict.fromkeys(f"{s.effects[0]} or {s.effects[1]}: record {s.experiment}" for s in m.sets)
+    )
+    if m.verdict == "missing-effect":
+        steps = ["Accept the effect with the command below; all parameters are fitted again."]
+        steps += [
+            f"Confirm {where(f)} on a new recording: {shown_by(f.effect)}." for f in m.findings
+        ]
+        return steps
+    fixed = {
+        "adequate": ["Use the model within the range of motion that was recorded.",
+                     "To be sure beyond it, record faster, slower and wider motion."],
+        "unexplained": ["See below where the model fails: there the missing physics sits.",
+                        "Record more motion there; if the cause is known, write it as an effect of "
+                        "your own (one file) and diagnose again."],
+        "not-identifiable": ["Record again as the sentence above says; a fit of these data would "
+                             "give numbers without meaning."],
+        "bad-data": ["Run 'hil info' on the recording; mend, cut or repeat it."],
+        COMPARED: ["Run 'hil diagnose' on the same files to learn which effect is missing."],
+    }  # fmt: skip
+    if m.verdict == "ambiguous":
+        return [
+            "Do not add an effect yet; record the motion that separates the rivals.",
+            *motions[:3],
+        ]
+    return fixed[m.verdict]
+
+
+def shown_by(effect: str) -> str:
+    """Motion that shows an effect."""
+    try:
+        return catalogue.get(effect).shown_by
+    except ConfigError:
+        return "see the effect's own documentation"
+
+
+def command(m: Material) -> str:
+    """Commands that add the findings, ready to complete; empty if there is nothing to add."""
+    if m.verdict != "missing-effect":
+        return ""
+    lines = []
+    for k, f in enumerate(m.findings):
+        source = "MODEL.toml" if k == 0 else f"BETTER{k}.toml"
+        joint = f" --joint {f.joint}" if f.joint else ""
+        lines.append(
+            f"hil add {f.effect}{joint} --model {source} --session SESSION.mcap "
+            f"-o BETTER{k + 1}.toml"
+        )
+    return "\n".join(lines)
+
+
+def origin(m: Material) -> str:
+    """Where the noise floor comes from."""
+    text = ORIGIN.get(m.last.floor.method, m.last.floor.method)
+    return text + (SENSOR if m.external else "")
+
+
+def cell(value: float, floor: float) -> str:
+    """Error in percent with its multiple of the floor."""
+    return f"{number(value)} % ({floor:.2f} x)"
+
+
+def value(name: str, v: Value) -> str:
+    """A parameter, e.g. ``j2.stribeck.fs = 0.031 N m (standard error 0.0007)``."""
+    text = f"{name} = {number(v.value, 4)}" + ("" if v.unit == "1" else f" {v.unit}")
+    return text + (f" (standard error {number(v.stderr, 2)})" if v.stderr == v.stderr else "")
