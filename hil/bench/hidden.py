@@ -77,10 +77,15 @@ def session(
     return path
 
 
-def case(rig: Path, folder: Path, effect: str, joint: str, seed: int, amplitude: float = 1.0) -> Case:
+def case(
+    rig: Path, folder: Path, effect: str, joint: str, seed: int, amplitude: float = 1.0
+) -> Case:
     """Record two sessions and a held-out one, each on its own motion; diagnose; judge."""
     began = time.perf_counter()
-    paths = [session(rig, folder, 10 * seed + k, 3 * seed + k, effect, joint, amplitude) for k in range(3)]
+    paths = [
+        session(rig, folder, 10 * seed + k, 3 * seed + k, effect, joint, amplitude)
+        for k in range(3)
+    ]
     runs = [load(path, "follower") for path in paths]
     d = diagnose(runs[:2], base_model(runs[0].robot), runs[2:])
     for path in paths:

@@ -74,9 +74,7 @@ def emps_diagnosed() -> Emps:
     model = base_model(AXIS) + "torque-offset"
     d = diagnose([train], model, [other])
     whole = train.t[-1] - train.t[0] - 1.0
-    errors = [
-        1e3 * float(simulate(s.result, s.result.problem, whole).rms[0]) for s in d.ladder
-    ]
+    errors = [1e3 * float(simulate(s.result, s.result.problem, whole).rms[0]) for s in d.ladder]
     return Emps(d, [float(s.heldout.relative[0]) for s in d.ladder], errors)
 
 
@@ -94,7 +92,7 @@ class Contact:
 
 
 def contact_runs(kind: str) -> list[str]:
-    """Runs of the second series against foam, spring or rigid (the first one's sensors disagree)."""
+    """Runs of the second series against foam, spring or rigid (the first's sensors disagree)."""
     return [r for r in datasets.tue_runs() if r.startswith("m2") and kind in r]
 
 
@@ -113,7 +111,8 @@ def contact(run: str) -> Contact:
     candidates = {c.name: c.score for c in d.first.candidates}
     return Contact(
         run, d.verdict, linear_spring(first, second), float(d.ladder[-1].heldout.relative[0]),
-        tuple(law), candidates.get("contact-hysteresis", 0.0), candidates.get("contact-damping", 0.0),
+        tuple(law),
+        candidates.get("contact-hysteresis", 0.0), candidates.get("contact-damping", 0.0),
     )  # fmt: skip
 
 

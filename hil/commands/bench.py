@@ -67,7 +67,12 @@ def _hidden(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
 def _emps(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     p, e = recordings.emps_published(), recordings.emps_diagnosed()
     rows = [
-        [k, f"{v:.3f}", f"{recordings.PUBLISHED[k]:.2f}", f"{100 * (v / recordings.PUBLISHED[k] - 1):+.2f} %"]
+        [
+            k,
+            f"{v:.3f}",
+            f"{recordings.PUBLISHED[k]:.2f}",
+            f"{100 * (v / recordings.PUBLISHED[k] - 1):+.2f} %",
+        ]
         for k, v in p.values.items()
     ]
     lines = ["Published identification", common.table(["parameter", "here", "published", ""], rows)]
@@ -83,12 +88,12 @@ def _emps(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     for k in range(1, len(table)):
         if e.open_loop_mm[k] > 1.05 * e.open_loop_mm[k - 1]:
             lines.append(
-                f"  warning: {table[k][0]} lowers the force error, but the open-loop position error "
-                f"rises from {e.open_loop_mm[k - 1]:.1f} to {e.open_loop_mm[k]:.1f} mm"
+                f"  warning: {table[k][0]} lowers the force error, but the open-loop position "
+                f"error rises from {e.open_loop_mm[k - 1]:.1f} to {e.open_loop_mm[k]:.1f} mm"
             )
     data: dict[str, object] = {
-        "published": p.values, "error": p.error, "heldout": e.heldout, "open_loop_mm": e.open_loop_mm,
-        "models": [s.label for s in e.diagnosis.ladder],
+        "published": p.values, "error": p.error, "heldout": e.heldout,
+        "open_loop_mm": e.open_loop_mm, "models": [s.label for s in e.diagnosis.ladder],
     }  # fmt: skip
     return "\n".join(lines), data
 
@@ -106,9 +111,12 @@ def _contact(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
         ]  # fmt: skip
         head = ["run", "verdict", "spring %", "final %", "named", "hysteresis - damping"]
         lines += [kind, common.table(head, rows)]
+        spring, final = (
+            recordings.median([getattr(c, x) for c in found]) for x in ("spring", "final")
+        )
         lines.append(
-            f"  median held-out error {recordings.median([c.spring for c in found]):.1f} % with a "
-            f"linear spring, {recordings.median([c.final for c in found]):.1f} % with the law found\n"
+            f"  median held-out error {spring:.1f} % with a linear spring, "
+            f"{final:.1f} % with the law found\n"
         )
         data[kind] = [vars(c) | {"named": list(c.named)} for c in found]
     return "\n".join(lines), dict(data)

@@ -25,7 +25,9 @@ EXAMPLE = "hil demo --seed 7 -o out/demo"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
-    parser.add_argument("--seed", type=int, default=1, help="changes the hidden effect and the noise")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="changes the hidden effect and the noise"
+    )
     parser.add_argument("-o", "--output", default="hil-demo", metavar="FOLDER")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
@@ -69,8 +71,8 @@ def _end(args: argparse.Namespace, d: Diagnosis, truth: str, folder: Path, secon
     right = named == [truth]
     common.out(
         f"\n3. What was hidden: {truth}. {'Named right.' if right else 'Not what was named.'}\n"
-        f"   held-out error of that joint: {ratio[0]:.2f} -> {ratio[-1]:.2f} times its noise floor\n"
-        f"\n   report          {folder / 'report.html'}\n   improved model  {folder / 'improved.toml'}"
-        f"\n   {seconds:.0f} s"
+        f"   held-out error of that joint: {ratio[0]:.2f} -> {ratio[-1]:.2f} times its floor\n"
+        f"\n   report          {folder / 'report.html'}"
+        f"\n   improved model  {folder / 'improved.toml'}\n   {seconds:.0f} s"
     )
     return 0
