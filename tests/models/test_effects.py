@@ -25,10 +25,10 @@ contact-hardening contact-hysteresis""".split()
 
 def motion_of(robot: Robot, n: int = 40, seed: int = 0) -> Motion:
     rng, d = np.random.default_rng(seed), len(robot.joints)
-    q, qd, qdd, tau, ext, load = rng.normal(size=(6, n, d))
+    q, qd, qdd, tau, ext, load, static = rng.normal(size=(7, n, d))
     qd[3] = 0.0
     return Motion(
-        t=np.arange(n) * 0.01, q=q, qd=qd, qdd=qdd, tau=tau, tau_ext=ext, load=load,
+        t=np.arange(n) * 0.01, q=q, qd=qd, qdd=qdd, tau=tau, tau_ext=ext, load=load, static=static,
         v0=np.linspace(0.02, 0.05, d), span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
         contact=np.array([[0.1, 1.0], [-0.2, -1.0], [0.0, 1.0]])[:d], robot=robot,
     )  # fmt: skip
@@ -126,7 +126,7 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
         lambda m, i, j, s: [tanh(m.qd[i, j] / V0[j]) * x for x in waves(m.q[i, j], s[0])],
     ),
     "load-friction": (
-        (),
+        (0.0,),
         lambda m, i, j, s: [abs(m.load[i, j]) * tanh(m.qd[i, j] / V0[j])],
     ),
     "coupled-friction": ((2.0, -1.0), relative_speed),
@@ -172,6 +172,13 @@ def test_coupled_friction_of_the_other_joint_alone_or_with_it(mode: float) -> No
     motion = motion_of(IndependentAxes(("a", "b")))
     got = catalogue.get("coupled-friction").columns(motion, 0, (2.0, mode))
     expected = [relative_speed(motion, i, 0, (2.0, mode)) for i in range(motion.n)]
+    np.testing.assert_allclose(got, expected, rtol=1e-12)
+
+
+def test_load_friction_of_the_static_load_alone() -> None:
+    motion = motion_of(IndependentAxes(("a", "b")))
+    got = catalogue.get("load-friction").columns(motion, 1, (1.0,))[:, 0]
+    expected = np.abs(motion.static[:, 1]) * np.tanh(motion.qd[:, 1] / 0.05)
     np.testing.assert_allclose(got, expected, rtol=1e-12)
 
 
