@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.errors import DataError, FitError
@@ -115,7 +116,7 @@ def solve(
     target = (y - held) * w
     b = basis(xw, 1.0 / max(float(np.linalg.norm(target)), 1.0))
     theta = b.solve(target, start * free, xw @ (start * free)) + np.where(free, 0.0, start)
-    theta = _bounded(terms, problem, xw, target, theta, b, free)
+    theta = _bounded(terms, problem, theta, b, free)
     residual = (y - x @ theta).reshape(problem.d, problem.n)
     return theta, x, b, slices, residual
 
@@ -139,27 +140,28 @@ def prior(problem: Problem, terms: list[Term], model: RobotModel, names: list[st
 
 
 def _bounded(
-    terms: list[Term], problem: Problem, xw: FloatArray, target: FloatArray,
-    theta: FloatArray, b: Basis, free: FloatArray,
-) -> FloatArray:  # fmt: skip
-    """Move determined coefficients that left their bounds onto them; refit the others."""
+    terms: list[Term], problem: Problem, theta: FloatArray, b: Basis, free: FloatArray
+) -> FloatArray:
+    """Best coefficients within their bounds; those that are not determined are left alone.
+
+    In the coordinates of the basis the weighted residual grows by |S V' d|^2 when the scaled
+    coefficients move by d away from the unbounded solution.
+    """
     params = [p for t in terms for _, p in coefficients(t, problem)]
-    low = np.array([p.lower for p in params])
-    high = np.array([p.upper for p in params])
-    fixed = ~b.identifiable() | (free == 0)
-    active = np.zeros(theta.size, dtype=bool)
-    for _ in range(theta.size):
-        out = ((theta < low) | (theta > high)) & ~fixed & ~active
-        if not out.any():
-            return theta
-        active |= out
-        bound = np.where(active, np.clip(theta, low, high), 0.0)
-        rest = xw * ~active
-        b2 = basis(rest, 1.0 / max(float(np.linalg.norm(target)), 1.0))
-        start = np.where(active, 0.0, theta)
-        theta = b2.solve(target - xw @ bound, start, rest @ start)
-        theta = np.where(active, bound, theta)
-    return theta
+    judged = b.identifiable() & (free > 0)
+    low = np.where(judged, [p.lower for p in params], -np.inf)
+    high = np.where(judged, [p.upper for p in params], np.inf)
+    if np.all((theta >= low) & (theta <= high)):
+        return theta
+    bounds = ((low - theta) * b.scale, (high - theta) * b.scale)
+    found = scipy.optimize.lsq_linear(
+        b.s[:, None] * b.v.T, np.zeros(b.rank), bounds, method="bvls", tol=1e-14
+    )
+    out = np.where(found.active_mask < 0, low, np.where(found.active_mask > 0, high, theta))
+    moved = found.active_mask == 0
+    out[moved] += (found.x / b.scale)[moved]
+    clipped: FloatArray = np.clip(out, low, high)
+    return clipped
 
 
 def _scales(

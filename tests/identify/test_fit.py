@@ -10,9 +10,12 @@ import scipy.optimize
 from identify_arm import FC, FV, JOINTS, NOISE, record, urdf
 
 from hil.errors import ConfigError, DataError, FitError
+from hil.identify import fit as fitting
 from hil.identify.fit import fit, predict, time_blocks
 from hil.identify.problem import Problem
+from hil.identify.regression import basis
 from hil.identify.result import FitResult
+from hil.models.effect import Param
 from hil.models.model import RobotModel, Use, Value, base_model
 from hil.record.recording import Recording, RobotSource
 
@@ -196,6 +199,22 @@ def test_a_bound_is_held_and_the_others_are_refitted() -> None:
     lower = [-np.inf, 0.0, 0.0]
     expected = scipy.optimize.lsq_linear(x, y, (lower, [np.inf] * 3), tol=1e-14).x
     np.testing.assert_allclose(result.theta, expected, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_bounded_solution_is_optimal_for_correlated_columns(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Moving what left its bounds onto them is not enough: others must be let go again."""
+    rng, p = np.random.default_rng(seed), 5
+    x = rng.normal(size=(60, p)) @ (np.eye(p) + 0.9 * rng.normal(size=(p, p)))
+    y = x @ rng.normal(size=p) + rng.normal(size=60)
+    b = basis(x)
+    start = b.solve(y, np.zeros(p), np.zeros(60))
+    bound = [("a", Param("a", "1", "not negative", 0.0))] * p
+    monkeypatch.setattr(fitting, "coefficients", lambda *_: bound)
+    got = fitting._bounded([None], None, start, b, np.ones(p))  # type: ignore[list-item,arg-type]
+    np.testing.assert_allclose(got, scipy.optimize.nnls(x, y)[0], atol=1e-9)
 
 
 def test_bounds_of_many_joints_at_once() -> None:
