@@ -119,4 +119,15 @@ def make_robot(source: RobotSource, recording: Recording) -> Robot:
             f"recording {recording.name!r} has {recording.d} position columns; "
             "name the URDF or preset that matches the recording"
         )
+    moved = [
+        name
+        for k, name in enumerate(recording.joints)
+        if name in robot.joints and robot.joints[k] != name
+    ]
+    if moved:
+        raise ConfigError(
+            f"recording {recording.name!r} has the joints in the order "
+            f"{', '.join(recording.joints)}, the robot in the order {', '.join(robot.joints)}; "
+            "reorder the recording's columns"
+        )
     return robot

@@ -372,3 +372,7 @@ def test_wrong_robots_are_refused() -> None:
         make_robot(RobotSource("phantom-omni"), recording(("a", "b")))
     with pytest.raises(ConfigError, match="shoulder, rail, spin"):
         make_robot(RobotSource("", ARM), recording(("a",)))
+    with pytest.raises(ConfigError, match=r"in the order rail, shoulder, spin, the robot in"):
+        make_robot(RobotSource("", ARM), recording(("rail", "shoulder", "spin")))
+    make_robot(RobotSource("", ARM), recording(("shoulder", "rail", "spin")))
+    make_robot(RobotSource("", ARM), recording(("a", "b", "c")))
