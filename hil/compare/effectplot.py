@@ -8,14 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.diagnose import Finding
+from hil.compare.learnt import Learnt, learnt
 from hil.compare.material import Material
 from hil.compare.plots import AFTER, BEFORE, CLOUD, MEASURED, dots, embed, grid, line
 from hil.compare.traces import window
-from hil.compare.variables import Learnt, Variable, learnt, phase, variable_of
+from hil.compare.variables import Variable, phase, variable_of
 from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
 CLOUD_POINTS, FEWEST, SECONDS = 2500, 6, 3.0
+#: How to read the figure.
+READING = (
+    "Dots: what the rest of the final model leaves over, i.e. its residual plus the effect's "
+    "own part. Circles: their mean in bins (bars: the middle half of the dots). Line: the "
+    "fitted effect, after the same filter. The line should run through the circles."
+)
 
 
 def effect_figure(m: Material, finding: Finding, name: str) -> str:
@@ -37,10 +44,8 @@ def effect_figure(m: Material, finding: Finding, name: str) -> str:
     v, second = variable_of(result, fit), phase(result, fit)
     loop = finding.effect == "presliding"
     right = "folded on one period" if second else "loop over position" if loop else "over time"
-    title = finding.effect + (
-        f" on {finding.joint}" if finding.joint else f" (seen on {m.joints[fit.joint]})"
-    )
-    fig = grid(1, 2, [title, right], 330, sideways=0.1)
+    seen = f" on {finding.joint}" if finding.joint else f" (seen on {m.joints[fit.joint]})"
+    fig = grid(1, 2, [finding.effect + seen, right], 330, sideways=0.1)
     _over(fig, v, fit, 1, True)
     if second:
         _over(fig, second, fit, 2, False)
@@ -49,12 +54,7 @@ def effect_figure(m: Material, finding: Finding, name: str) -> str:
     along = "effort along the motion" if v.sign is not None else "effort"
     fig.update_yaxes(title_text=f"{along} [{m.effort_unit(fit.joint)}]", col=1)
     fig.update_yaxes(title_text=f"effort [{m.effort_unit(fit.joint)}]", col=2)
-    text = (
-        "Dots: what the rest of the final model leaves over, i.e. its residual plus the effect's "
-        "own part. Circles: their mean in bins (bars: the middle half of the dots). Line: the "
-        "fitted effect, after the same filter. The line should run through the circles."
-    )
-    return embed(fig, name, text)
+    return embed(fig, name, READING)
 
 
 def _over(fig: Any, v: Variable, fit: Learnt, column: int, legend: bool) -> None:

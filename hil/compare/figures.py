@@ -11,13 +11,21 @@ from numpy.typing import NDArray
 from hil.compare.localise import View, views
 from hil.compare.material import Material
 from hil.compare.page import escape
-from hil.compare.plots import AFTER, BAND, BEFORE, FLOOR, embed, grid, line, rung_colors
+from hil.compare.plots import AFTER, BAND, BEFORE, FLOOR, TOP, embed, grid, line, rung_colors
 
 FloatArray = NDArray[np.float64]
 #: Views drawn per joint, and bins with fewer instants than this are left out.
 VIEWS, FEWEST = 6, 10
+ONE_STEP = (
+    "How to read: one group of bars a joint, one bar a model. The dashed line at 1 is the measured "
+    "noise floor: no model can do better, and a bar at the line leaves nothing to explain."
+)
+MULTI_STEP = (
+    " Right: the model is started from measured states, driven with the measured effort and "
+    "compared with where the robot went; lower is better."
+)
 #: Views over unevenly spaced bins, drawn with bins of equal width.
-UNEVEN = ("speed", "since-reversal", "speed of")
+UNEVEN = ("speed", "since-reversal", "load")
 
 
 def ladder_figure(m: Material) -> str:
@@ -25,32 +33,22 @@ def ladder_figure(m: Material) -> str:
     multi = np.array([r.multi_step.relative for r in m.rungs])
     both = not m.external and bool(np.isfinite(multi).any())
     titles = ["one-step: error of the predicted effort"]
-    titles += [f"multi-step: position error after {m.rungs[0].multi_step.horizon:g} s simulations"]
+    titles += [f"multi-step: position error in {m.rungs[0].multi_step.horizon:g} s simulations"]
     fig = grid(1, 2 if both else 1, titles[: 1 + both], 300, sideways=0.1)
     values = np.array([m.ratio(r.step) for r in m.rungs])
     labels = [r.step.label for r in m.rungs]
     _bars(fig, m.joints, values, labels, 1)
     _floor_line(fig, m)
-    fig.update_yaxes(
-        title_text="held-out rms error / noise floor",
-        range=[0, 1.18 * max(values.max(), 1.2)],
-        col=1,
-    )
+    # a long legend needs more room above
+    more = 22 * max(0, len(labels) - 3)
+    fig.update_layout(margin_t=TOP + more, height=fig.layout.height + more)
+    top = 1.18 * max(float(values.max()), 1.2)
+    fig.update_yaxes(title_text="held-out rms error / noise floor", range=[0, top], col=1)
     if both:
         _bars(fig, m.joints, multi, labels, 2)
-        top = float(np.nanmax(np.where(np.isfinite(multi), multi, np.nan)))
-        fig.update_yaxes(
-            title_text="rms error / rms displacement [%]", range=[0, 1.18 * top], col=2
-        )
-    text = "How to read: one group of bars a joint, one bar a model. The dashed line at 1 is the "
-    text += "measured noise floor: no model can do better, and a bar at the line leaves nothing to "
-    text += "explain."
-    if both:
-        text += (
-            " Right: the model is started from measured states, driven with the measured effort "
-        )
-        text += "and compared with where the robot went; lower is better."
-    return embed(fig, "ladder", text)
+        top = 1.18 * float(np.max(multi[np.isfinite(multi)]))
+        fig.update_yaxes(title_text="rms error / rms displacement [%]", range=[0, top], col=2)
+    return embed(fig, "ladder", ONE_STEP + (MULTI_STEP if both else ""))
 
 
 def _floor_line(fig: Any, m: Material) -> None:
@@ -109,6 +107,7 @@ def _views(m: Material, j: int, pairs: list[tuple[View, View | None]]) -> str:
         row, column = k // 3 + 1, k % 3 + 1
         _one_view(fig, old, new, row, column, k == 0)
         fig.update_yaxes(range=[-top, top], row=row, col=column)
+        fig.update_yaxes(showticklabels=column == 1, row=row, col=column)
         if column == 1:
             fig.update_yaxes(title_text=f"mean residual [{m.effort_unit(j)}]", row=row, col=column)
     text = (
@@ -145,7 +144,10 @@ def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, lege
         ),
         row=row, col=column,
     )  # fmt: skip
-    for view, name, color, dash in ((old, "before", BEFORE, "dot"), (new, "after", AFTER, "solid")):
+    for view, name, color, dash in (
+        (old, "before" if new else "model", BEFORE, "dot"),
+        (new, "after", AFTER, "solid"),
+    ):
         if view is not None:
             y = np.repeat(np.where(used, view.mean, np.nan), 2)
             trace = line(np.repeat(edges, 2)[1:-1], y, name, color, dash=dash, width=2.2,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.ambiguity import Indistinguishable
+from hil.compare.ambiguity import Indistinguishable, pairs
 from hil.compare.analysis import Comparison, Rung, ladder
 from hil.compare.diagnose import Diagnosis, Finding, Step
 from hil.compare.evidence import Evidence
@@ -96,7 +96,7 @@ class Material:
         names = [f.joint for f in (*self.findings, *self.partial) if f.joint in self.joints]
         named = list(dict.fromkeys(self.joints.index(n) for n in names if n is not None))
         worst = [int(j) for j in np.argsort(-self.ratio(self.before))]
-        return named[:most] if named else worst[: 1 if self.verdict != COMPARED else most]
+        return named[:most] if named else worst[:most]
 
 
 def from_diagnosis(d: Diagnosis) -> Material:
@@ -114,7 +114,15 @@ def from_comparison(c: Comparison) -> Material:
     """Material of a comparison: a ladder of one rung."""
     rung = Rung(Step("model", c.result, c.heldout), c.multi_step)
     faults = [(f.code, f.text) for f in c.faults]
-    return Material(COMPARED, [rung], c.evidence.floor.rms, c.evidence, c.evidence, warnings=faults)
+    return Material(
+        COMPARED,
+        [rung],
+        c.evidence.floor.rms,
+        c.evidence,
+        c.evidence,
+        sets=pairs(c.evidence, []),
+        warnings=faults,
+    )
 
 
 def _none(d: int) -> MultiStep:

@@ -21,6 +21,24 @@ CLOUD, FLOOR, BAND = "#9a9a9a", "#444444", "rgba(110,110,110,0.24)"
 FONT = "system-ui, Segoe UI, Helvetica, Arial, sans-serif"
 WIDTH, TOP, BOTTOM, LEFT = 1040, 76, 56, 78
 
+#: Look of every axis.
+AXIS: dict[str, Any] = {"gridcolor": "#ebebeb", "zerolinecolor": "#b5b5b5", "linecolor": "#888",
+        "showline": True, "ticks": "outside", "ticklen": 4, "automargin": False,
+        "title_standoff": 6, "title_font_size": 12, "exponentformat": "power"}  # fmt: skip
+
+LEGEND = {
+    "orientation": "h",
+    "x": 0,
+    "xanchor": "left",
+    "yanchor": "bottom",
+    "itemsizing": "constant",
+}
+LAYOUT: dict[str, Any] = {
+    "template": "none", "width": WIDTH, "margin": {"l": LEFT, "r": 20, "t": TOP, "b": BOTTOM},
+    "font": {"family": FONT, "size": 12, "color": "#222"}, "bargap": 0.25,
+    "paper_bgcolor": "white", "plot_bgcolor": "white", "hovermode": "closest",
+}  # fmt: skip
+
 
 def grid(
     rows: int, columns: int, titles: Sequence[str], panel: Sequence[float] | float = 190.0,
@@ -30,14 +48,10 @@ def grid(
 
     Parameters
     ----------
-    rows, columns : int
-        Panels.
-    titles : sequence of str
-        One a panel, escaped here.
-    panel : float or sequence of float
-        Height of the rows [px].
-    gap : float
-        Space between rows, for tick labels and the next title [px].
+    rows, columns, titles : int, int, sequence of str
+        Panels and one title each, escaped here.
+    panel, gap : float
+        Height of a row (or of each), and space between rows [px].
     sideways : float
         Space between columns as a share of the width.
     """
@@ -48,20 +62,11 @@ def grid(
         vertical_spacing=gap / area if rows > 1 else 0.0, horizontal_spacing=sideways,
     )  # fmt: skip
     fig.update_annotations(font_size=13)
-    fig.update_layout(
-        template="none", width=WIDTH, height=area + TOP + BOTTOM,
-        margin={"l": LEFT, "r": 20, "t": TOP, "b": BOTTOM},
-        font={"family": FONT, "size": 12, "color": "#222"},
-        paper_bgcolor="white", plot_bgcolor="white", hovermode="closest", bargap=0.25,
-        legend={"orientation": "h", "x": 0, "xanchor": "left", "yanchor": "bottom",
-                "y": 1 + 28 / area,
-                "itemsizing": "constant"},
-    )  # fmt: skip
-    axis = {"gridcolor": "#ebebeb", "zerolinecolor": "#b5b5b5", "linecolor": "#888",
-            "showline": True, "ticks": "outside", "ticklen": 4, "automargin": False,
-            "title_standoff": 6, "title_font_size": 12}  # fmt: skip
-    fig.update_xaxes(**axis)
-    fig.update_yaxes(**axis, nticks=6)
+    # the legend stands above the panels' titles and grows upwards
+    legend = {**LEGEND, "y": 1 + 28 / area}
+    fig.update_layout(**LAYOUT, height=area + TOP + BOTTOM, legend=legend)
+    fig.update_xaxes(**AXIS)
+    fig.update_yaxes(**AXIS, nticks=6)
     return fig
 
 

@@ -118,8 +118,10 @@ def fails(m: Material) -> str:
     after = regions(m.after.result, m.last.floor)
     first = _strongest(before, 6)
     text = items(first) if first else paragraph("Nowhere above the noise band.")
-    parts = [paragraph("Before any effect was added, strongest first:" if first else ""), text]
-    if len(m.rungs) > 1:
+    several = len(m.rungs) > 1
+    lead = "Before any effect was added, strongest first:" if several else "Strongest first:"
+    parts = [paragraph(lead) if first else "", text]
+    if several:
         left = _strongest(after, 5)
         nothing = "With the added effects nothing stands above the noise band."
         parts.append(paragraph("Left over with all added effects:" if left else nothing))
@@ -137,7 +139,8 @@ def candidates(m: Material) -> str:
     listed = candidates_table(m)
     note = (
         "Score = chi2 (fall of the squared residual in units of the noise) less the price of the "
-        "parameters. Detection p: chance that noise alone makes any candidate look this good. "
+        "parameters. Detection p: chance that noise alone makes any candidate look "
+        "this good (0.0025 is the least that the test can show). "
         "Absorbed: share of the effect that the first model's parameters imitate; only the rest "
         "is evidence. Set off: effects that were accepted. After each accepted effect the others "
         "were tried again."

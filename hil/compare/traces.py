@@ -55,8 +55,9 @@ def trace_figure(m: Material) -> str:
         _joint(fig, m, j, part, time)
     fig.update_xaxes(title_text="time [s]", row=2 * len(m.joints), col=1)
     fig.update_xaxes(range=[0, float(time[-1])])
+    most = "the models differ most" if len(m.rungs) > 1 else "the model errs most"
     text = (
-        "The stretch of the held-out data where the models differ most. Per joint: measured and "
+        f"The stretch of the held-out data where {most}. Per joint: measured and "
         "predicted effort, below it what remains (grey: plus and minus the noise floor's rms)."
     )
     return embed(fig, "traces", text)
@@ -74,8 +75,10 @@ def _joint(fig: Any, m: Material, j: int, part: slice, time: FloatArray) -> None
         fillcolor=BAND, name="noise floor", legendgroup="floor", showlegend=first, hoverinfo="skip",
     )  # fmt: skip
     put(band, row=below, col=1)
-    cases = [(old, f"before ({m.before.label})", BEFORE, "dot")]
-    if len(m.rungs) > 1:
+    single = len(m.rungs) == 1
+    name = f"{'predicted' if single else 'before'} ({m.before.label})"
+    cases = [(old, name, BEFORE, "dot")]
+    if not single:
         cases.append((new, after_name(m), AFTER, "solid"))
     for held, name, color, dash in cases:
         r = held.residual[j, part]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare.learnt import Learnt
 from hil.identify.design import Term
 from hil.identify.result import FitResult
 from hil.models.contact import penetration
@@ -45,43 +46,6 @@ class Variable:
     groups: tuple[str, str] = ("forward", "backward")
     sign: FloatArray | None = None
     log: bool = False
-
-
-@dataclass(frozen=True)
-class Learnt:
-    """A fitted effect on one joint.
-
-    Parameters
-    ----------
-    term : Term
-        With its shape.
-    joint : int
-        Joint that it is drawn for.
-    effort : ndarray (n,)
-        What it contributes.
-    partial : ndarray (n,)
-        Residual of the final model plus that contribution.
-    """
-
-    term: Term
-    joint: int
-    effort: FloatArray
-    partial: FloatArray
-
-
-def learnt(result: FitResult, effect: str, joint: str | None) -> Learnt | None:
-    """Contribution of a fitted effect; None if the final model does not hold it."""
-    problem = result.problem
-    x = result.x.reshape(problem.d, problem.n, -1)
-    for term, where in zip(result.terms, result.slices, strict=True):
-        if term.effect.name != effect or (joint and problem.joints[term.joint] != joint):
-            continue
-        effort = x[:, :, where] @ result.theta[where]
-        j = term.joint
-        if joint is None:
-            j = int(np.argmax(np.sqrt(np.mean(effort**2, axis=1)) / result.sigma))
-        return Learnt(term, j, effort[j], result.residual[j] + effort[j])
-    return None
 
 
 def variable_of(result: FitResult, fit: Learnt) -> Variable:
@@ -195,22 +159,39 @@ def depth(result: FitResult, fit: Learnt) -> Variable:
     return Variable(x, f"penetration [{_unit(result, j)}]", edges, split, ("pressing", "releasing"))
 
 
+def reversals(result: FitResult, j: int) -> tuple[FloatArray, NDArray[np.int_]]:
+    """Direction of motion and instant of the last reversal, for every instant.
+
+    A reversal counts when the speed exceeds its resolution again; it took place where the
+    speed last had the old sign.
+    """
+    problem = result.problem
+    v, v0 = problem.qd[j], float(problem.motions[0].v0[j])
+    direction, start = np.sign(v), np.zeros(v.size, dtype=int)
+    begin, now = 0, 0.0
+    for k in range(v.size):
+        if k and problem.run[k] != problem.run[k - 1]:
+            begin, now = k, 0.0
+        if abs(v[k]) > v0 and np.sign(v[k]) != now:
+            new = float(np.sign(v[k]))
+            first = k
+            while first > begin and np.sign(v[first - 1]) == new:
+                first -= 1
+            begin, now = first, new
+            direction[first:k], start[first:k] = now, first
+        direction[k], start[k] = now or direction[k], begin
+    return direction, start
+
+
 def displacement(result: FitResult, fit: Learnt) -> Variable:
     """Displacement since the last reversal, effort along the motion; logarithmic."""
     problem, j = result.problem, fit.joint
-    q, v, v0 = problem.q[j], problem.qd[j], float(problem.motions[0].v0[j])
-    now = np.where(np.abs(v) > v0, np.sign(v), 0.0)
-    last = np.maximum.accumulate(np.where(now != 0, np.arange(q.size), 0))
-    direction = now[last]
-    turn = np.flatnonzero(np.diff(direction, prepend=direction[0]) != 0)
-    start = np.zeros(q.size, dtype=int)
-    start[turn] = turn
-    # where the speed last passed zero: the run's first instant until it has
-    x = np.abs(q - q[np.maximum.accumulate(start)])
+    q, direction, start = problem.q[j], *reversals(result, j)
+    x = np.abs(q - q[start])
     low = max(float(fit.term.shape[0]) / 10, 1e-3 * float(x.max()), 1e-12)
     edges = np.geomspace(low, max(float(x.max()), 2 * low), 31)
     label = f"displacement since reversal [{_unit(result, j)}]"
-    return Variable(np.maximum(x, low), label, edges, sign=direction, log=True)
+    return Variable(np.where(x < low, np.nan, x), label, edges, sign=direction, log=True)
 
 
 def effort_rate(result: FitResult, fit: Learnt) -> Variable:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from hil.compare.analysis import Rung
 
 
@@ -16,13 +18,25 @@ def rising(rungs: list[Rung], factor: float = 1.05) -> list[str]:
         Rise of the multi-step error that counts.
     """
     out = []
-    for before, after in zip(rungs[:-1], rungs[1:], strict=True):
-        for j, joint in enumerate(after.step.result.problem.joints):
+    for before, after in pairwise(rungs):
+        for j in range(after.step.result.problem.d):
             old, new = float(before.multi_step.rms[j]), float(after.multi_step.rms[j])
             if new > factor * old:
-                out.append(
-                    f"{after.step.label}: the one-step error of {joint} falls but its simulated "
-                    f"position error over {after.multi_step.horizon:g} s rises from {old:.3g} to "
-                    f"{new:.3g}; the effect helps the effort prediction, not the simulation"
-                )
+                out.append(_sentence(before, after, j, old, new))
     return out
+
+
+def _sentence(before: Rung, after: Rung, j: int, old: float, new: float) -> str:
+    problem = after.step.result.problem
+    joint, unit = problem.joints[j], problem.robot.units[j]
+    errors = [float(r.step.heldout.relative[j]) for r in (before, after)]
+    rise = (
+        f"simulated position error over {after.multi_step.horizon:g} s rises from {old:.3g} to "
+        f"{new:.3g} {unit}"
+    )
+    if errors[1] < 0.99 * errors[0]:
+        return (
+            f"{after.step.label}: the one-step error of {joint} falls but its {rise}; the effect "
+            "helps the effort prediction, not the simulation"
+        )
+    return f"{after.step.label}: the one-step error of {joint} stays but its {rise}"
