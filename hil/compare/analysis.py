@@ -17,6 +17,7 @@ from hil.identify.fit import fit as fit_problem
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.threads import single_threaded
+from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.model import RobotModel, Use
 from hil.record.checks import Finding as Fault
@@ -87,8 +88,8 @@ def compare(
 ) -> Comparison:
     """Model against measurement: error, noise floor, where it fails, one-step and multi-step."""
     problem = make_problem(recordings, model)
+    result = fit_aligned(problem, model)
     examine = Examiner(problem, holdout or [])
-    result = fit_problem(problem, model)
     evidence = gather(result)
     where = regions(result, evidence.floor)
     return Comparison(
@@ -130,8 +131,8 @@ def add(
     """
     kind = catalogue.get(effect)
     problem = make_problem(recordings, model)
+    before = fit_aligned(problem, model)
     examine = Examiner(problem, holdout or [])
-    before = fit_problem(problem, model)
     for name in joints:
         j = problem.joints.index(name) if name in problem.joints else 0
         reason = kind.available(problem.motions[0], j)

@@ -15,6 +15,8 @@ LEVEL = 0.01
 MATERIAL = 0.10
 #: Share of chi2 by which functional forms are allowed to miss the truth (tempers confidence).
 TEMPER = 0.01
+#: Cosine between projected columns from which two effects look the same.
+COINCIDE = 0.98
 
 
 def variance_share(c: Candidate, evidence: Evidence, sigma: FloatArray, n: int) -> float:
@@ -58,13 +60,14 @@ def _projected(c: Candidate, projector: Projector) -> FloatArray:
     return np.asarray(u[:, s > 1e-3], dtype=np.float64)
 
 
-def weights(best: Candidate, rivals: list[Candidate]) -> dict[int, float]:
+def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> dict[int, float]:
     """Probability of each of `best` and its rivals, by index (0 = best).
 
     exp(-delta / 2T) of the score difference, tempered by T = 1 + 1 % of the best chi2: real
     effects do not follow a library's equation exactly.  A richer rival (more coefficients) gets
     a quarter of that allowance if it explains less all the same, and none if it explains little
-    more: then it merely contains the best one.
+    more: then it merely contains the best one.  A rival whose columns coincide with the best
+    one's to a cosine of 0.98 gets ten times the allowance: the data hardly see the difference.
     """
     logs = [0.0]
     for r in rivals:
@@ -72,12 +75,14 @@ def weights(best: Candidate, rivals: list[Candidate]) -> dict[int, float]:
         share = TEMPER
         if r.dof > best.dof:
             share = TEMPER / 4 if r.chi2 <= best.chi2 else 0.0
+        elif r.dof == best.dof and overlap(best, r, projector) > COINCIDE:
+            share = 10 * TEMPER
         logs.append(-delta / (2 * (1.0 + share * best.chi2)))
     p = np.exp(np.array(logs))
     return {k: float(x) for k, x in enumerate(p / p.sum())}
 
 
-def choose(candidates: list[Candidate]) -> tuple[Candidate, float, list[Candidate]]:
+def choose(candidates: list[Candidate], projector: Projector) -> tuple[Candidate, float, list[Candidate]]:
     """Best candidate, its confidence, and the rivals that keep at least 5 % each.
 
     Rivals on another joint compete for the same residual only through the shared rigid-body
@@ -89,6 +94,6 @@ def choose(candidates: list[Candidate]) -> tuple[Candidate, float, list[Candidat
         c for c in candidates[1:]
         if c.term.joint == best.term.joint or c.term.effect.whole_robot or best.term.effect.whole_robot
     ]  # fmt: skip
-    p = weights(best, same)
-    rivals = [c for k, c in enumerate(same, start=1) if p[k] >= 0.05]
+    p = weights(best, same[:12], projector)
+    rivals = [c for k, c in enumerate(same[:12], start=1) if p[k] >= 0.05]
     return best, p[0], rivals

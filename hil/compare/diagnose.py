@@ -12,10 +12,10 @@ from hil.compare.evidence import NOTHING, Candidate, Evidence, gather
 from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.identifiable import undetermined
-from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.threads import single_threaded
+from hil.identify.timing import fit_aligned, longest_shift
 from hil.models import catalogue
 from hil.models.model import RobotModel, Use, Value
 from hil.record.checks import check
@@ -136,8 +136,8 @@ def diagnose(
     if errors:
         return Diagnosis("bad-data", warnings=[(f.code, f.text) for f in errors])
     problem = Problem(recordings, model.robot, model.explains, model.band)
+    result = fit_aligned(problem, model)
     examine = Examiner(problem, holdout or [])
-    result = fit(problem, model)
     ladder = [Step("base model", result, examine(result))]
     evidence = first = gather(result, seed)
     reasons = undetermined(result)
@@ -161,11 +161,16 @@ def _next(
     found: list[tuple[Candidate, float, list[Candidate]]],
 ) -> Step | None:  # fmt: skip
     """Try the plausible candidates in order; accept the first that also helps held-out."""
-    now = ladder[-1]
-    candidates = plausible(evidence, now.result.sigma, problem.n)
+    now, projector = ladder[-1], evidence.projector
+    if projector is None:
+        return None
+    candidates = [
+        c for c in plausible(evidence, now.result.sigma, problem.n)
+        if c.name != "delay" or abs(c.coefficient) > longest_shift(problem)
+    ]  # fmt: skip
     for k, c in enumerate(candidates[:3]):
         rest = [c, *[x for x in candidates if x is not c and candidates.index(x) > k]]
-        best, confidence, rivals = choose(rest)
+        best, confidence, rivals = choose(rest, projector)
         model = now.result.model + as_use(best, problem)
         step = Step(f"+ {describe(best, problem)}", *_refit(model, problem, examine))
         if _worth(step, now, ladder[0], best.term.joint, evidence.floor.rms):
@@ -188,7 +193,7 @@ def _worth(step: Step, now: Step, first: Step, j: int, floor: FloatArray) -> boo
 
 
 def _refit(model: RobotModel, problem: Problem, examine: Examiner) -> tuple[FitResult, HeldOut]:
-    result = fit(problem, model, sweeps=2)
+    result = fit_aligned(problem, model)
     return result, examine(result)
 
 
@@ -251,18 +256,14 @@ def _judge(
         j for j in range(problem.d)
         if end[j] > ADEQUATE * floor[j] and left[j] > (1 - EXPLAINED) * excess[j]
     ]  # fmt: skip
-    touched = {c.term.joint for c, _, _ in found}
-    partial: list[Finding] = []
-    if open_joints and (not found or any(j in touched for j in open_joints)):
-        verdict, partial, findings = "unexplained", findings, []
-    elif open_joints:
-        verdict = "unexplained" if not findings else "missing-effect"
-    elif not findings:
-        verdict = "adequate"
-    elif all(f.confidence >= CONFIDENT for f in findings):
-        verdict = "missing-effect"
+    failed = {problem.joints[j] for j in open_joints}
+    partial = [f for f in findings if f.joint in failed or (f.joint is None and failed)]
+    findings = [f for f in findings if f not in partial]
+    if findings:
+        sure = all(f.confidence >= CONFIDENT for f in findings)
+        verdict = "missing-effect" if sure else "ambiguous"
     else:
-        verdict = "ambiguous"
+        verdict = "unexplained" if open_joints else "adequate"
     return Diagnosis(verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial)
 
 

@@ -40,6 +40,8 @@ class Candidate:
         Share of its columns that the base model imitates (1 = indistinguishable from it).
     p_value : float
         Family-wise, by sign flips of noise blocks.
+    coefficient : float
+        First coefficient if it is added.
     """
 
     term: Term
@@ -50,6 +52,7 @@ class Candidate:
     price: float = 0.0
     absorbed: float = 0.0
     p_value: float = 1.0
+    coefficient: float = 0.0
     null: FloatArray = field(default_factory=lambda: np.zeros(FLIPS), repr=False)
 
     @property
@@ -143,12 +146,12 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate:
     term, gain = best_shape(projector, term)
     if not term.shape and term.effect.shape:
         return Candidate(term, 0.0, 0.0, absorbed=1.0)
-    gain, _, _, qc = projector.score(term)
+    gain, beta, _, qc = projector.score(term)
     columns = projector.weighted(term)
     size = float(np.sum(columns**2))
     absorbed = float(np.sum(qc**2)) / size if size > 0 else 1.0
     dof = columns.shape[1] + len(term.effect.shape)
-    return Candidate(term, gain, _net(projector, result, term, gain), dof=dof, absorbed=absorbed)
+    return Candidate(term, gain, _net(projector, result, term, gain), dof=dof, absorbed=absorbed, coefficient=float(beta[0]))
 
 
 def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> float:

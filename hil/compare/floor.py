@@ -25,6 +25,9 @@ FloatArray = NDArray[np.float64]
 #: Non-linearity and cross-talk of strain-gauge force sensors (1-2 % of what is measured): below
 #: that, a law of the environment cannot be told from the sensor's own error.
 SENSOR_ACCURACY = 0.02
+#: Linearity of amplifiers and DACs, and the jitter of a command within its period: no motor
+#: effort is known better than to about a third of a percent.
+EFFORT_ACCURACY = 0.003
 
 
 @dataclass(frozen=True)
@@ -188,7 +191,7 @@ def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
     residual, factor, scale, predicted = largest_model(result, extra)
     repeats = repeat_floor(result)
     rms, method = (predicted, "largest-model") if repeats is None else (repeats, "repeats")
-    if result.model.explains == "external":
-        size = np.sqrt(np.mean(result.problem.effort**2, axis=1))
-        rms = np.hypot(rms, SENSOR_ACCURACY * size)
+    size = np.sqrt(np.mean(result.problem.effort**2, axis=1))
+    accuracy = SENSOR_ACCURACY if result.model.explains == "external" else EFFORT_ACCURACY
+    rms = np.hypot(rms, accuracy * size)
     return Floor(rms, method, residual, factor, scale)

@@ -95,11 +95,12 @@ class Examiner:
             self._other = Problem(
                 holdout, problem.source, problem.explains, rates=problem.rates, span=problem.span
             )
-            self._other.shift_effort(problem.shift)
 
     def __call__(self, result: FitResult) -> HeldOut:
         """Held-out residuals of a fit."""
         if self._other is not None:
+            if self._other.shift != self._problem.shift:
+                self._other.shift_effort(self._problem.shift - self._other.shift)
             residual = predict(result, self._other)
             return _held(residual, self._other, self.kind)
         return _held(_folds(result), self._problem, self.kind)

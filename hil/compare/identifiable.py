@@ -25,7 +25,7 @@ def undetermined(result: FitResult) -> list[tuple[str, str]]:
     if result.model.explains == "external":
         return _rigid(result)
     speed = np.sqrt(np.mean(problem.qd**2, axis=1))
-    if np.all(speed < 2 * problem.v0_resolution):
+    if np.all(speed < 4 * problem.speed_noise):
         names = ", ".join(problem.joints)
         return [("no-motion", f"{names}: no motion above what the encoders resolve; record motion")]
     return []

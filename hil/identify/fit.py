@@ -17,6 +17,7 @@ from hil.identify.regression import Basis, basis, cluster_covariance
 from hil.identify.result import FitResult
 from hil.identify.shapes import search_shapes
 from hil.models.model import RobotModel, Use, Value
+from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 
@@ -86,7 +87,7 @@ def _find_surface(problem: Problem, terms: list[Term], sigma: FloatArray) -> Non
 
 def _set_context(problem: Problem, terms: Sequence[Term]) -> None:
     """Tell the effects the sign resolution and the surface that the fit has found."""
-    v0 = problem.motions[0].v0.copy()
+    v0 = problem.motions[0].resolution.copy()
     contact = problem.motions[0].contact.copy()
     for t in terms:
         if t.effect.name == "coulomb":
@@ -179,19 +180,30 @@ def _scales(
 def update_load(
     problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
 ) -> None:
-    """Transmitted load = rigid-body effort minus external effort, at every instant."""
-    loads = [-m.tau_ext for m in problem.motions]
-    for t, where in zip(terms, slices, strict=True):
-        if t.effect.family != "mass" or t.per_run:
-            continue
-        for k, m in enumerate(problem.motions):
-            columns = t.effect.columns(m, t.joint, t.shape) @ theta[where]
-            loads[k] = loads[k].copy()
-            if t.effect.whole_robot:
-                loads[k] += columns
-            else:
-                loads[k][:, t.joint] += columns
-    problem.set_context(load=np.concatenate(loads))
+    """Transmitted load = rigid-body effort minus external effort; its static part at rest."""
+    mass = [
+        (t, theta[where])
+        for t, where in zip(terms, slices, strict=True)
+        if t.effect.family == "mass" and not t.per_run
+    ]
+    loads, still = [], []
+    for m in problem.motions:
+        at_rest = m.with_(qd=np.zeros_like(m.qd), qdd=np.zeros_like(m.qdd))
+        loads.append(_carried(m, mass) - m.tau_ext)
+        still.append(_carried(at_rest, mass))
+    problem.set_context(load=np.concatenate(loads), static=np.concatenate(still))
+
+
+def _carried(motion: Motion, mass: list[tuple[Term, FloatArray]]) -> FloatArray:
+    """Rigid-body effort (n, d) along a motion."""
+    out = np.zeros_like(motion.q)
+    for t, theta in mass:
+        effort = t.effect.columns(motion, t.joint, t.shape) @ theta
+        if t.effect.whole_robot:
+            out += effort
+        else:
+            out[:, t.joint] += effort
+    return out
 
 
 def time_blocks(problem: Problem, seconds: float = 1.0) -> NDArray[np.int_]:

@@ -81,6 +81,7 @@ class Problem:
         for r in recordings:
             self._add(r)
         self._assemble()
+        self.shift = 0.0
         self._cache: dict[tuple[object, ...], FloatArray] = {}
 
     @property
@@ -131,14 +132,14 @@ class Problem:
             )
         motion = Motion(
             t=t, q=q[pick], qd=qd[pick], qdd=qdd[pick], tau=tau[pick], tau_ext=external,
-            load=np.zeros_like(q[pick]), v0=self._resolution(r), span=self.span,
+            load=np.zeros_like(q[pick]), static=np.zeros_like(q[pick]), v0=self._resolution(r), resolution=np.zeros(r.d), span=self.span,
             contact=np.full((r.d, 2), np.nan), robot=self.robot,
         )  # fmt: skip
         self.motions.append(motion)
         self._filters.append(bands.Decimator(t.size, 1 / step, self.rates.effort))
 
     def _resolution(self, r: Recording) -> FloatArray:
-        """Speed noise after the position filter, two sigma, at least 0.3 % of the rms speed."""
+        """Speed noise after the position filter, at least 0.2 % of the rms speed."""
         fs, cutoff = r.rate, self.rates.position
         second = np.diff(r.q, 2, axis=0)
         # white noise of variance s^2 in q gives 6 s^2 in its second difference; take quiet half
@@ -148,24 +149,37 @@ class Problem:
         # s_v = s_q 2 pi fc sqrt(2 fc / (3 fs)) for white noise up to fc
         sigma_v = sigma_q * 2 * np.pi * cutoff * np.sqrt(2 * cutoff / (3 * fs))
         rms = np.sqrt(np.mean(np.diff(r.q, axis=0) ** 2, axis=0)) * fs
-        out: FloatArray = np.maximum(np.maximum(2 * sigma_v, 0.003 * rms), 1e-9)
+        out: FloatArray = np.maximum(np.maximum(sigma_v, 0.002 * rms), 1e-9)
         return out
 
     def _assemble(self) -> None:
-        v0 = np.max([m.v0 for m in self.motions], axis=0)
-        self.v0_resolution = v0
-        self.motions = [m.with_(v0=v0) for m in self.motions]
-        motor = self.explains == "motor"
-        target = [m.tau + m.tau_ext if motor else m.tau_ext for m in self.motions]
-        effort = [m.tau if motor else m.tau_ext for m in self.motions]
-        self.y = self.filtered(target).T.copy()
-        self.effort = self.filtered(effort).T.copy()
+        #: Speed noise by joint (d,): what is slower than this is not motion.
+        self.speed_noise = np.max([m.v0 for m in self.motions], axis=0)
+        self.motions = [m.with_(v0=0.5 * self.speed_noise, resolution=0.5 * self.speed_noise) for m in self.motions]
+        self._target()
         self.q = self.filtered([m.q for m in self.motions]).T.copy()
         self.qd = self._sampled("qd").T.copy()
         self.qdd = self._sampled("qdd").T.copy()
         self.t = np.concatenate([f.times for f in self._filters])
         sizes = [f.times.size for f in self._filters]
         self.run = np.repeat(np.arange(len(sizes)), sizes)
+
+    def _target(self) -> None:
+        """Filtered target and effort of the motions as they stand."""
+        motor = self.explains == "motor"
+        target = [m.tau + m.tau_ext if motor else m.tau_ext for m in self.motions]
+        effort = [m.tau if motor else m.tau_ext for m in self.motions]
+        self.y = self.filtered(target).T.copy()
+        self.effort = self.filtered(effort).T.copy()
+
+    def shift_effort(self, seconds: float) -> None:
+        """Take the motor effort `seconds` later: tau(t) <- tau(t - s), to first order in s."""
+        self.shift += seconds
+        self.motions = [
+            m.with_(tau=m.tau - seconds * np.gradient(m.tau, m.dt, axis=0)) for m in self.motions
+        ]
+        self._target()
+        self._cache.clear()
 
     def _sampled(self, name: str) -> FloatArray:
         return self.filtered([getattr(m, name) for m in self.motions])
@@ -179,7 +193,9 @@ class Problem:
         if "load" in changes:
             sizes = np.cumsum([m.n for m in self.motions])[:-1]
             loads = np.split(changes["load"], sizes)
-            self.motions = [m.with_(load=x) for m, x in zip(self.motions, loads, strict=True)]
+            still = np.split(changes["static"], sizes)
+            parts = zip(self.motions, loads, still, strict=True)
+            self.motions = [m.with_(load=x, static=z) for m, x, z in parts]
             self._cache = {k: v for k, v in self._cache.items() if not k[0]}
         else:
             self.motions = [m.with_(**changes) for m in self.motions]

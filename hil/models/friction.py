@@ -36,8 +36,8 @@ class Coulomb(Effect):
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From the velocity resolution up to a tenth of the typical speed."""
-        low = float(motion.v0[j])
-        return log_grid(low, max(0.1 * typical_speed(motion, j), 1.01 * low), 5)
+        low = float(motion.resolution[j])
+        return log_grid(low, max(0.1 * typical_speed(motion, j), 1.01 * low), 7)
 
 
 class Viscous(Effect):
@@ -170,16 +170,23 @@ class LoadFriction(Effect):
 
     uses_load = True
     name, family = "load-friction", "friction"
-    equation = "tau = mu |load| tanh(v / v0)"
+    equation = "tau = mu |load| tanh(v / v0),  load = all that is transmitted, or its static part"
     signature = "friction grows with gravity, acceleration or contact load"
     confused_with = ("torque-gain", "coulomb", "position-friction")
     shown_by = "the same motion under several static loads"
     source = "Bittencourt, Gunnarsson, J. Dyn. Syst. Meas. Control 134, 2012"
     params = (Param("mu", "1", "friction per transmitted effort"),)
+    shape = (Param("of", "1", "0: all that is transmitted; 1: gravity and springs only", 0.0, 1.0),)
+    refine = False
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """|load| sgn(v)."""
-        return _column(np.abs(motion.load[:, j]) * motion.sign(j))
+        load = motion.static if shape[0] else motion.load
+        return _column(np.abs(load[:, j]) * motion.sign(j))
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Both loads, where they differ."""
+        return [(0.0,), (1.0,)] if np.any(motion.static[:, j]) else [(0.0,)]
 
 
 class CoupledFriction(Effect):

@@ -28,8 +28,12 @@ class Motion:
         External effort ON the robot [N m or N]; zeros where there is none.
     load : ndarray (n, d)
         Effort that the joint transmits (rigid body minus external) under the current model.
+    static : ndarray (n, d)
+        The part of the load that stays when the motion stops: gravity and springs.
     v0 : ndarray (d,)
         Speed over which the sign of the velocity is resolved [rad/s or m/s].
+    resolution : ndarray (d,)
+        Half the speed noise: no sign of a velocity is sharper than this [rad/s or m/s].
     span : ndarray (d, 2)
         Smallest and largest position over *all* runs, so that every run shares one basis.
     contact : ndarray (d, 2)
@@ -45,7 +49,9 @@ class Motion:
     tau: FloatArray
     tau_ext: FloatArray
     load: FloatArray
+    static: FloatArray
     v0: FloatArray
+    resolution: FloatArray
     span: FloatArray
     contact: FloatArray
     robot: Robot

@@ -20,7 +20,8 @@ class _Phantom:
 
     l1: float
     l2: float
-    has_armature = True
+    #: pi1, pi5, pi6 (k1, k6, k7) already hold the rotors' inertias.
+    has_armature = False
     units: tuple[str, ...] = ("rad", "rad", "rad")
 
     def __init__(self, joints: tuple[str, ...]) -> None:

@@ -209,11 +209,17 @@ def sample_motions(n: int = 2000) -> Iterator[tuple[str, Motion]]:
     """
     for d in (1, 2, 3):
         names = tuple(f"joint{k + 1}" for k in range(d))
-        robot: Robot = Premium(names) if d == 3 else IndependentAxes(names)
+        robot: Robot = _Geared(names) if d == 3 else IndependentAxes(names)
         for seed, external in ((d, False), (10 + d, True)):
             what = "with" if external else "without"
             yield f"{d} joints moving, {what} external effort", _moving(robot, n, seed, external)
         yield f"{d} joints at standstill", _still(robot, n)
+
+
+class _Geared(Premium):
+    """Three joints with geometry, and rotors that are not part of the links' inertias."""
+
+    has_armature = True
 
 
 def _moving(robot: Robot, n: int, seed: int, external: bool) -> Motion:
@@ -249,6 +255,6 @@ def _motion(
     return Motion(
         t=t, q=q, qd=qd, qdd=qdd, tau=tau, tau_ext=push, load=0.1 * qdd + 0.05 * q - push,
         static=0.05 * q,
-        v0=np.maximum(0.01 * speed, 1e-9), span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
+        v0=np.maximum(0.01 * speed, 1e-9), resolution=np.maximum(0.005 * speed, 1e-9), span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
         contact=contact, robot=robot,
     )  # fmt: skip
