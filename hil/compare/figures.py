@@ -48,6 +48,9 @@ def ladder_figure(m: Material) -> str:
         _bars(fig, m.joints, multi, labels, 2)
         top = 1.18 * float(np.max(multi[np.isfinite(multi)]))
         fig.update_yaxes(title_text="rms error / rms displacement [%]", range=[0, top], col=2)
+    if len("".join(m.joints)) > 40:
+        fig.update_xaxes(tickangle=-35, automargin=True)
+        fig.update_layout(height=fig.layout.height + 60)
     return embed(fig, "ladder", ONE_STEP + (MULTI_STEP if both else ""))
 
 
@@ -64,7 +67,7 @@ def _floor_line(fig: Any, m: Material) -> None:
 def _bars(
     fig: Any, joints: tuple[str, ...], values: FloatArray, labels: list[str], column: int
 ) -> None:
-    few = values.size <= 24
+    few = values.size <= 10
     for k, (label, color) in enumerate(zip(labels, rung_colors(len(labels)), strict=True)):
         y = [float(v) if np.isfinite(v) else None for v in values[k]]
         text = [f"{v:.3g}" if few and v is not None else "" for v in y]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +104,11 @@ def from_diagnosis(d: Diagnosis) -> Material:
     if not d.ladder:
         return Material(d.verdict, [], d.floor, d.first, d.last, warnings=d.warnings)
     motor = d.ladder[0].result.model.explains == "motor"
-    rungs = ladder(d) if motor else [Rung(s, _none(len(d.floor))) for s in d.ladder]
+    rungs = (
+        [_honest(r) for r in ladder(d)]
+        if motor
+        else [Rung(s, _none(len(d.floor))) for s in d.ladder]
+    )
     return Material(
         d.verdict, rungs, d.floor, d.first, d.last, d.findings, d.partial, sets_of(d), d.warnings
     )
@@ -112,7 +116,7 @@ def from_diagnosis(d: Diagnosis) -> Material:
 
 def from_comparison(c: Comparison) -> Material:
     """Material of a comparison: a ladder of one rung."""
-    rung = Rung(Step("model", c.result, c.heldout), c.multi_step)
+    rung = _honest(Rung(Step("model", c.result, c.heldout), c.multi_step))
     faults = [(f.code, f.text) for f in c.faults]
     return Material(
         COMPARED,
@@ -123,6 +127,15 @@ def from_comparison(c: Comparison) -> Material:
         sets=pairs(c.evidence, []),
         warnings=faults,
     )
+
+
+def _honest(rung: Rung) -> Rung:
+    """Rung without a multi-step error where every simulation left the recorded range."""
+    multi = rung.multi_step
+    if not multi.windows or multi.diverged < multi.windows:
+        return rung
+    nothing = np.full(multi.rms.size, np.nan)
+    return Rung(rung.step, replace(multi, rms=nothing, relative=nothing))
 
 
 def _none(d: int) -> MultiStep:

@@ -30,9 +30,10 @@ pre { padding: 8px 12px; white-space: pre-wrap; overflow-wrap: anywhere; }
 table { border-collapse: collapse; margin: 10px 0; font-size: 13.5px; }
 th, td { padding: 4px 12px 4px 6px; text-align: right; vertical-align: top;
   border-bottom: 1px solid #e4e4e4; font-variant-numeric: tabular-nums; }
-th { border-bottom: 2px solid #999; font-weight: 600; vertical-align: bottom; }
+th { border-bottom: 2px solid #999; font-weight: 600; vertical-align: bottom;
+  max-width: 150px; }
 th.text, td.text { text-align: left; }
-td.text { overflow-wrap: anywhere; }
+td.text { overflow-wrap: break-word; max-width: 620px; }
 tr.strong td { background: #e8f1f8; font-weight: 600; }
 figure { margin: 14px 0; break-inside: avoid; }
 figcaption { color: #444; font-size: 13.5px; max-width: 860px; margin: 0 0 4px; }
@@ -93,14 +94,19 @@ def table(
     return f'<div class="scroll"><table>{top}<tbody>{body}</tbody></table></div>'
 
 
+def _words(text: str) -> str:
+    """Escaped text that never breaks the line before a percent sign."""
+    return escape(text).replace(" %", "\u00a0%")
+
+
 def paragraph(text: str, kind: str = "") -> str:
     """One paragraph of plain text."""
-    return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
+    return f'<p class="{kind}">{_words(text)}</p>' if kind else f"<p>{_words(text)}</p>"
 
 
 def items(texts: Sequence[str]) -> str:
     """Bullet list of plain texts; empty if there are none."""
-    return "<ul>" + "".join(f"<li>{escape(t)}</li>" for t in texts) + "</ul>" if texts else ""
+    return "<ul>" + "".join(f"<li>{_words(t)}</li>" for t in texts) + "</ul>" if texts else ""
 
 
 def warnings(texts: Sequence[str]) -> str:

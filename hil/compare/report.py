@@ -49,7 +49,7 @@ def _write(m: Material, path: str) -> None:
     body = f"<h1>{escape(title)}</h1>" + top(m)
     if m.rungs:
         body += "".join(
-            (ladder(m), fails(m), candidates(m), effects(m), traces(m), parameters(m), further(m))
+            (ladder(m), fails(m), _tried(m), effects(m), traces(m), parameters(m), further(m))
         )
     body += provenance(m)
     with open(path, "w", encoding="utf-8") as file:
@@ -71,13 +71,6 @@ def top(m: Material) -> str:
 
 def ladder(m: Material) -> str:
     """Errors of every model beside the noise floor."""
-    rows = [_errors(m, r) for r in m.rungs]
-    floor = [f"{number(m.relative_floor(j))} %" for j in range(len(m.joints))]
-    rows.append(["noise floor", *floor])
-    if not m.external:
-        for r in m.rungs:
-            cells = [f"{number(float(x))} %" for x in r.multi_step.relative]
-            rows.append([f"multi-step, {r.step.label}", *cells])
     judged = (
         "sessions that were not fitted"
         if m.before.heldout.kind == "holdout"
@@ -87,11 +80,24 @@ def ladder(m: Material) -> str:
         f"Errors are rms residual over rms measured effort on {judged}; in brackets the multiple "
         "of the noise floor."
     )
-    numbers = table(["model", *m.joints], rows, strong=[len(m.rungs) - 1])
     return section(
-        "Error ladder", ladder_figure(m), numbers,
+        "Error ladder", ladder_figure(m), _numbers(m),
         paragraph(note, "note"), paragraph(words.origin(m), "note"), warnings(_alarms(m)),
     )  # fmt: skip
+
+
+def _numbers(m: Material) -> str:
+    """Both errors of every model; one column a joint, or one row where there are many."""
+    rows = [["model", *m.joints], *(_errors(m, r) for r in m.rungs)]
+    floor = [f"{number(m.relative_floor(j))} %" for j in range(len(m.joints))]
+    rows.append(["noise floor", *floor])
+    for r in [] if m.external else m.rungs:
+        cells = [f"{number(float(x))} %" for x in r.multi_step.relative]
+        rows.append([f"multi-step, {r.step.label}", *cells])
+    if len(m.joints) <= 4:
+        return table(rows[0], rows[1:], strong=[len(m.rungs) - 1])
+    turned = [list(column) for column in zip(*rows, strict=True)]
+    return table(["joint", *turned[0][1:]], turned[1:])
 
 
 def _errors(m: Material, r: Rung) -> list[str]:
@@ -105,7 +111,12 @@ def _alarms(m: Material) -> list[str]:
         return []
     diverged = [
         f"{r.step.label}: {r.multi_step.diverged} of {r.multi_step.windows} simulations left the "
-        "recorded range and are not counted"
+        "recorded range"
+        + (
+            " and are not counted"
+            if r.multi_step.diverged < r.multi_step.windows
+            else ": no multi-step error"
+        )
         for r in m.rungs
         if r.multi_step.diverged
     ]
@@ -132,6 +143,10 @@ def fails(m: Material) -> str:
 def _strongest(found: dict[str, list[Region]], most: int) -> list[str]:
     places = sorted((r for some in found.values() for r in some), key=lambda r: -r.strength)
     return [r.text for r in places[:most]]
+
+
+def _tried(m: Material) -> str:
+    return "" if m.verdict == "not-identifiable" else candidates(m)
 
 
 def candidates(m: Material) -> str:

@@ -48,7 +48,7 @@ def trace_figure(m: Material) -> str:
     part = slice(part.start, part.stop, step)
     titles = [t for joint in m.joints for t in (joint, "")]
     heights = [170.0, 100.0] * len(m.joints)
-    fig = grid(2 * len(m.joints), 1, titles, heights, gap=40)
+    fig = grid(2 * len(m.joints), 1, titles, heights, gap=54)
     time = np.arange(part.start, part.stop, step) / m.problem.rate
     time = time - time[0]
     for j in range(len(m.joints)):

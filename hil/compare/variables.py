@@ -153,7 +153,7 @@ def depth(result: FitResult, fit: Learnt) -> Variable:
         return position(result, fit)
     parts = [penetration(m, j)[0][:, None] for m in problem.motions]
     x, side = problem.filtered(parts)[:, 0], float(problem.motions[0].contact[j, 1])
-    edges = np.linspace(0, max(float(x.max()), 1e-12), 31)
+    edges = np.linspace(0, max(float(x.max()), 1e-12), 19)
     edges[0] = 0.01 * edges[-1]
     split = side * problem.qd[j] > 0
     return Variable(x, f"penetration [{_unit(result, j)}]", edges, split, ("pressing", "releasing"))

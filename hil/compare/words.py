@@ -100,7 +100,7 @@ def details(m: Material) -> list[str]:
         )
     if m.verdict == "not-identifiable" or not m.rungs:
         out += [text for _, text in m.warnings]
-    if m.rungs and not m.findings and not m.partial:
+    if m.rungs and not (m.findings or m.partial or m.verdict == "not-identifiable"):
         j = worst(m)
         held, ratio = m.before.heldout, float(m.ratio(m.before)[j])
         out.append(
@@ -137,9 +137,9 @@ def _errors(m: Material, f: Finding) -> str:
 
 def next_steps(m: Material) -> list[str]:
     """What to do now, in plain words."""
-    motions = list(
-        dict.fromkeys(f"{s.effects[0]} or {s.effects[1]}: record {s.experiment}" for s in m.sets)
-    )
+    named = {f.effect for f in m.findings}
+    rivals = [s for s in m.sets if named & set(s.effects)]
+    motions = [f"{' or '.join(s.effects)}: record {s.experiment}." for s in rivals]
     if m.verdict == "missing-effect":
         steps = ["Accept the effect with the command below; all parameters are fitted again."]
         steps += [
