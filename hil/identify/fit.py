@@ -53,10 +53,14 @@ def fit(problem: Problem, model: RobotModel, sweeps: int = 2) -> FitResult:
     sigma = np.maximum(np.std(problem.y, axis=1), 1e-12)
     terms = [replace(t, shape=t.shape or _start(t, problem)) for t in terms]
     _find_surface(problem, terms, sigma)
-    for _ in range(sweeps):
-        terms = search_shapes(problem, terms, sigma)
+    idle: set[tuple[str, int]] = set()
+    for sweep in range(sweeps + 1):
+        terms = search_shapes(problem, terms, sigma, idle)
         _set_context(problem, terms)
-        sigma = _scales(problem, terms, model, sigma)
+        sigma, now = _scales(problem, terms, model, sigma)
+        if now == idle and sweep >= sweeps - 1:
+            break
+        idle = now
     return assemble(problem, model, terms, sigma)
 
 
@@ -167,14 +171,15 @@ def _bounded(
 
 def _scales(
     problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
-) -> FloatArray:
-    """Residual scale by joint, and the load under the present estimate."""
+) -> tuple[FloatArray, set[tuple[str, int]]]:
+    """Residual scale by joint, the load, and the terms that their bounds keep at zero."""
     for _ in range(2):
         theta, _, _, slices, residual = solve(problem, terms, model, sigma)
         floor = 1e-6 * np.std(problem.y, axis=1) + 1e-15
         sigma = np.maximum(np.sqrt(np.mean(residual**2, axis=1)), floor)
     update_load(problem, terms, theta, slices)
-    return sigma
+    parts = zip(terms, slices, strict=True)
+    return sigma, {t.key for t, s in parts if not t.effect.shape and not np.any(theta[s])}
 
 
 def update_load(

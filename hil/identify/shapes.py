@@ -8,6 +8,8 @@ Source: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
@@ -118,13 +120,21 @@ def _refine(
     return term, gain
 
 
-def search_shapes(problem: Problem, terms: list[Term], sigma: FloatArray) -> list[Term]:
-    """One round: every term with a shape is searched, all others present."""
+def search_shapes(
+    problem: Problem,
+    terms: list[Term],
+    sigma: FloatArray,
+    idle: Collection[tuple[str, int]] = (),
+) -> list[Term]:
+    """One round: every term with a shape is searched, all others present.
+
+    Terms in `idle` (effect, joint) are kept at zero by their bounds and take no part.
+    """
     out = list(terms)
     for k, term in enumerate(terms):
         if not term.effect.shape or term.fixed or term.fixed_shape:
             continue
-        others = out[:k] + out[k + 1 :]
+        others = [t for t in out[:k] + out[k + 1 :] if t.key not in idle]
         projector = Projector(problem, others, sigma)
         found, gain = best_shape(projector, term)
         if term.effect.name == "coulomb":
