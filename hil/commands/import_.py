@@ -15,10 +15,10 @@ from hil.models.model import base_model
 from hil.models.robots import make_robot
 from hil.record import datasets
 from hil.record.checks import check
+from hil.record.export import write_recordings
 from hil.record.mapfile import TableMap, builtin_maps, read_map
 from hil.record.recording import Recording
 from hil.record.table import Imported, import_table
-from hil.record.writer import write_recordings
 
 HELP = "bring a CSV, NPZ or MAT recording of any rig into a session"
 EXAMPLE = "hil import run1.csv --robot arm.urdf -o run1.mcap"

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.errors import ConfigError, DataError
+from hil.errors import ConfigError
 from hil.record.checks import Finding, check, columns, joint_units
-from hil.record.reader import ChannelSummary, SessionSummary, load, recover, summary
+from hil.record.reader import ChannelSummary, SessionSummary, load, summary
 from hil.record.recording import Recording
+from hil.record.recovery import recover
 
 HELP = "channels, rates, gaps and data faults of sessions"
 EXAMPLE = "hil info run1.mcap run2.mcap"
@@ -49,13 +50,16 @@ def _recover(sessions: list[str], target: Path, as_json: bool) -> int:
         raise ConfigError(f"cannot write {target}: folder {target.parent} does not exist")
     if target.exists():
         raise ConfigError(f"{target} exists; name a new file for --recover")
-    if not summary(sessions[0]).arms:
-        raise DataError(f"session {sessions[0]} holds nothing to recover")
-    kept = recover(sessions[0], target)
+    kept, found = recover(sessions[0], target), summary(sessions[0])
+    lost = {"unread_bytes": found.unread, "damaged_chunks": found.damaged}
     if as_json:
-        sys.stdout.write(json.dumps({"schema": "hil.info/1", "recovered": str(target)}) + "\n")
+        entry = {"schema": "hil.info/1", "recovered": str(target), "messages": kept, **lost}
+        sys.stdout.write(json.dumps(entry) + "\n")
     else:
-        sys.stdout.write(f"{target}: {kept} samples recovered from {sessions[0]}\n")
+        sys.stdout.write(
+            f"{target}: {kept} messages recovered from {sessions[0]}; {found.unread} bytes at its "
+            f"end and {found.damaged} damaged chunks could not be read\n"
+        )
     return 0
 
 
@@ -72,6 +76,8 @@ def _as_dict(
         "path": found.path,
         "bytes": found.bytes,
         "truncated": found.truncated,
+        "unread_bytes": found.unread,
+        "damaged_chunks": found.damaged,
         "channels": [
             {
                 "topic": c.topic, "schema": c.schema, "count": c.count,
@@ -120,9 +126,10 @@ def _robot(r: Recording) -> str:
 def _text(found: SessionSummary, arms: list[tuple[Recording, list[Finding]]]) -> str:
     cut = ", cut off" if found.truncated else ""
     lines = [f"{found.path}: {found.bytes / 1e6:.3g} MB{cut}", ""]
-    if found.truncated:
+    if found.truncated or found.damaged:
+        lost = f"{found.unread} bytes at the end and {found.damaged} damaged chunks"
         lines += [
-            "  the writer did not finish; what follows is what is left.",
+            f"  {_why(found)}; what follows is what is left ({lost} cannot be read).",
             f"  hil info {found.path} --recover NEW.mcap writes it as a proper session.", "",
         ]  # fmt: skip
     rows: list[tuple[str, ...]] = [
@@ -139,6 +146,10 @@ def _text(found: SessionSummary, arms: list[tuple[Recording, list[Finding]]]) ->
     for r, faults in arms:
         lines += [*_arm_text(r), *_faults_text(faults), ""]
     return "\n".join(lines)
+
+
+def _why(found: SessionSummary) -> str:
+    return "the writer did not finish" if found.truncated else "the file is damaged"
 
 
 def _arm_text(r: Recording) -> list[str]:

@@ -7,6 +7,7 @@ to the last complete chunk.  Payloads stay bytes: decoding is done a channel at 
 from __future__ import annotations
 
 import struct
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -32,6 +33,8 @@ class Topic:
         Log time [ns] and sequence number of each message.
     data : list of bytes
         Payloads.
+    schema_encoding, schema_text : str, bytes
+        The schema as it stands in the file.
     """
 
     name: str
@@ -40,11 +43,27 @@ class Topic:
     times: list[int] = field(default_factory=list)
     sequence: list[int] = field(default_factory=list)
     data: list[bytes] = field(default_factory=list)
+    schema_encoding: str = ""
+    schema_text: bytes = b""
 
 
 @dataclass
 class Container:
-    """Everything in a file."""
+    """Everything in a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    topics, metadata, attachments : mapping
+        By name, in file order.
+    truncated : bool
+        Whether the writer did not finish.
+    size, unread : int
+        Bytes there are, and bytes at the end that no complete record holds.
+    damaged : int
+        Chunks within that could not be read, or whose checksum is wrong; they are left out.
+    """
 
     path: Path
     topics: dict[str, Topic] = field(default_factory=dict)
@@ -52,6 +71,8 @@ class Container:
     attachments: dict[str, bytes] = field(default_factory=dict)
     truncated: bool = False
     size: int = 0
+    unread: int = 0
+    damaged: int = 0
 
 
 def read(path: str | Path, messages: bool = True) -> Container:
@@ -78,12 +99,9 @@ def read(path: str | Path, messages: bool = True) -> Container:
         what = "is empty" if not raw else "is not an MCAP file"
         raise DataError(f"session {path} {what}; import a CSV, NPZ or MAT table with 'hil import'")
     out = Container(path, size=len(raw))
-    reader = _Reader(out, messages)
-    try:
-        ended = reader.records(raw, len(MAGIC))
-    except (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError):
-        ended = False
-    out.truncated = not ended
+    stop, ended = _Reader(out, messages).records(raw, len(MAGIC))
+    out.truncated = not (ended and raw.endswith(MAGIC))
+    out.unread = 0 if ended else len(raw) - stop
     return out
 
 
@@ -104,36 +122,49 @@ def _pairs(data: bytes, at: int) -> dict[str, str]:
 class _Reader:
     def __init__(self, out: Container, messages: bool) -> None:
         self.out, self.messages = out, messages
-        self.schemas: dict[int, str] = {}
+        self.schemas: dict[int, tuple[str, str, bytes]] = {}
         self.channels: dict[int, Topic] = {}
 
-    def records(self, raw: bytes, at: int) -> bool:
-        """Walk records; True if the data section ended properly."""
+    def records(self, raw: bytes, at: int) -> tuple[int, bool]:
+        """Walk records; where the last complete one ends, and if the data section ended."""
         size = len(raw)
         while at + 9 <= size:
             code, length = _RECORD.unpack_from(raw, at)
-            at += 9
-            if at + length > size:
-                return False
+            if at + 9 + length > size:
+                break
             if code == _DATA_END:
-                return True
-            if code == _CHUNK and self.messages:
-                self.chunk(raw, at)
-            elif code != _CHUNK:
-                self.record(code, raw[at : at + length])
-            at += length
-        return False
+                return at, True
+            if code != _CHUNK or self.messages:
+                self.whole(code, raw[at + 9 : at + 9 + length])
+            at += 9 + length
+        return at, False
 
-    def chunk(self, raw: bytes, at: int) -> None:
-        (uncompressed,) = struct.unpack_from("<Q", raw, at + 16)
-        compression, start = _text(raw, at + 28)
-        (n,) = struct.unpack_from("<Q", raw, start)
-        data = raw[start + 8 : start + 8 + n]
+    def whole(self, code: int, data: bytes) -> None:
+        """One record; a damaged one is left out and counted."""
+        try:
+            if code == _CHUNK:
+                self.inner(self.unpacked(data))
+            else:
+                self.record(code, data)
+        except (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError, MemoryError):
+            self.out.damaged += 1
+
+    def unpacked(self, chunk: bytes) -> bytes:
+        """Records of a chunk, its checksum verified."""
+        uncompressed, checksum = struct.unpack_from("<QI", chunk, 16)
+        compression, start = _text(chunk, 28)
+        (n,) = struct.unpack_from("<Q", chunk, start)
+        data = chunk[start + 8 : start + 8 + n]
         if compression == "zstd":
             data = zstandard.ZstdDecompressor().decompress(data, max_output_size=uncompressed)
         elif compression:
-            raise DataError(f"session {self.out.path}: chunk compression {compression!r} unknown")
-        self.inner(data)
+            raise DataError(
+                f"session {self.out.path}: chunks are compressed with {compression!r}; "
+                "expected zstd or none: convert the file"
+            )
+        if checksum and zlib.crc32(data) != checksum:
+            raise struct.error("checksum of the chunk")
+        return data
 
     def inner(self, data: bytes) -> None:
         at, size, channels = 0, len(data), self.channels
@@ -154,12 +185,16 @@ class _Reader:
     def record(self, code: int, data: bytes) -> None:
         if code == _SCHEMA:
             (number,) = struct.unpack_from("<H", data)
-            self.schemas[number] = _text(data, 2)[0]
+            name, at = _text(data, 2)
+            encoding, at = _text(data, at)
+            self.schemas[number] = (name, encoding, data[at + 4 :])
         elif code == _CHANNEL:
             number, schema = struct.unpack_from("<HH", data)
             name, at = _text(data, 4)
             if number not in self.channels:
-                topic = Topic(name, self.schemas.get(schema, ""), _text(data, at)[0])
+                kind, language, text = self.schemas.get(schema, ("", "", b""))
+                topic = Topic(name, kind, _text(data, at)[0])
+                topic.schema_encoding, topic.schema_text = language, text
                 self.channels[number] = self.out.topics.setdefault(name, topic)
         elif code == _MSG:
             self.inner(_RECORD.pack(code, len(data)) + data)

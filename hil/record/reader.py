@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError, unknown
 from hil.record.container import Container, Topic, read
+from hil.record.decode import decode, decode_joint_state
 from hil.record.recording import Recording, RobotSource
-from hil.record.schema import PARTS
-from hil.record.writer import write_recordings
 
 FloatArray = NDArray[np.float64]
+#: Topics of an arm beside its state that become columns of a recording.
+_COLUMNS = ("setpoint_jf", "measured_cf", "external_jf", "motor_current", "motor_temperature")
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ class SessionSummary:
     path: str
     bytes: int
     truncated: bool
+    unread: int
+    damaged: int
     channels: tuple[ChannelSummary, ...]
     metadata: dict[str, dict[str, str]]
     attachments: tuple[str, ...]
@@ -60,6 +63,8 @@ def summary(path: str | Path) -> SessionSummary:
         str(path),
         box.size,
         box.truncated,
+        box.unread,
+        box.damaged,
         channels,
         box.metadata,
         tuple(box.attachments),
@@ -97,7 +102,8 @@ def load(path: str | Path, arm: str | None = None) -> Recording:
     path : str or Path
         Session; one that a killed writer left is read up to its last complete chunk.
     arm : str, optional
-        Arm; default the only one, else the first, with a note in ``metadata["note"]``.
+        Arm; default the only one, else the first.  That, and a session cut off or damaged, is
+        told in ``metadata["note"]``.
 
     Raises
     ------
@@ -113,11 +119,8 @@ def load(path: str | Path, arm: str | None = None) -> Recording:
     if chosen not in names:
         raise DataError(f"session {path}: " + unknown("arm", chosen, names))
     recording = _recording(box, chosen)
-    if arm is None and len(names) > 1:
-        recording.metadata["note"] = (
-            f"session {Path(path).name} has the arms {', '.join(names)}; using {chosen!r} "
-            "(choose with --arm, or arm = ... in the model's [robot])"
-        )
+    if notes := list(_notes(box, recording, names if arm is None else ())):
+        recording.metadata["note"] = "; ".join(notes)
     return recording
 
 
@@ -126,98 +129,125 @@ def load_all(paths: Sequence[str | Path], arm: str | None = None) -> list[Record
     return [load(path, arm) for path in paths]
 
 
-def recover(source: str | Path, target: str | Path) -> int:
-    """Write what a cut-off session still holds as a proper one; returns samples kept."""
-    box = read(source)
-    recordings = [_recording(box, name) for name in _arms(box)]
-    known = {f"robot/{r.arm}" for r in recordings}
-    rest = {k: v for k, v in box.metadata.items() if k not in known}
-    write_recordings(target, recordings, rest)
-    return sum(r.n for r in recordings)
+def read_metadata(path: str | Path) -> dict[str, dict[str, str]]:
+    """Metadata records of a session by name; they survive a killed writer.
+
+    Raises
+    ------
+    DataError
+        If the file is not a session.
+    """
+    return read(path, messages=False).metadata
+
+
+def read_attachments(path: str | Path) -> dict[str, bytes]:
+    """Attached files of a session by name; they survive a killed writer.
+
+    Raises
+    ------
+    DataError
+        If the file is not a session.
+    """
+    return read(path, messages=False).attachments
+
+
+def _notes(box: Container, recording: Recording, names: tuple[str, ...]) -> Iterator[str]:
+    """What the user should know of how a session was read."""
+    if len(names) > 1:
+        yield (
+            f"session {box.path.name} has the arms {', '.join(names)}; using {recording.arm!r} "
+            "(choose with --arm, or arm = ... in the model's [robot])"
+        )
+    if box.truncated:
+        yield (
+            f"session {box.path.name} is cut off; {recording.n} samples up to "
+            f"{recording.t[-1]:.6g} s are left"
+        )
+    if box.damaged:
+        yield f"session {box.path.name} has {box.damaged} damaged chunks; they are left out"
 
 
 def _recording(box: Container, arm: str) -> Recording:
-    state = box.topics[f"/{arm}/measured_js"]
-    if not state.data:
+    topics = _common(box, arm)
+    state = topics.get("measured_js")
+    if state is None:
         raise DataError(f"session {box.path}: arm {arm!r} has no samples")
-    names, parts = decode_joint_state(state)
-    t = np.asarray(np.array(state.times, dtype=np.int64) * 1e-9, dtype=np.float64)
-    jf = box.topics.get(f"/{arm}/setpoint_jf")
-    tau = parts["effort"]
-    if jf and jf.data:
-        tau = _aligned(decode_joint_state(jf)[1]["effort"], jf, state)
-    if tau is None or parts["position"] is None:
-        raise DataError(f"session {box.path}: arm {arm!r} has no position or no motor effort")
-    info = box.metadata.get(f"robot/{arm}", {})
-    urdf = box.attachments.get(f"robot/{arm}.urdf", b"").decode()
+    try:
+        names, parts = decode_joint_state(state)
+        info = box.metadata.get(f"robot/{arm}", {})
+        names = names or tuple(json.loads(info.get("joints", "[]")))
+        extra = {
+            name: _on(topic, state, names) for name, topic in topics.items() if name in _COLUMNS
+        }
+    except DataError as error:
+        raise DataError(f"session {box.path}: {error}") from error
+    except (struct.error, IndexError, ValueError, TypeError) as error:
+        raise DataError(f"session {box.path}: arm {arm!r} cannot be decoded: {error}") from error
+    q, tau = parts["position"], extra.get("setpoint_jf", parts["effort"])
+    if q is None or tau is None:
+        what = "motor effort (setpoint_jf, or effort of measured_js)" if tau is None else "position"
+        raise DataError(f"session {box.path}: arm {arm!r} has no {what}")
+    if not len(names) == q.shape[1] == tau.shape[1]:
+        raise DataError(
+            f"session {box.path}: arm {arm!r} has {len(names)} joints, {q.shape[1]} positions and "
+            f"{tau.shape[1]} efforts; expected one each a joint"
+        )
+    urdf = box.attachments.get(f"robot/{arm}.urdf", b"").decode(errors="replace")
     preset = "" if urdf else info.get("preset", "single-axis")
-    joints = tuple(json.loads(info["joints"])) if "joints" in info else names
     metadata = {k: v for k, v in info.items() if k == "unit"}
     metadata |= {f"session.{k}": v for k, v in box.metadata.get("session", {}).items()}
+    t = np.asarray(np.array(state.times, np.int64) * 1e-9, np.float64)
     return Recording(
-        name=box.path.stem, arm=arm, joints=joints, t=t, q=parts["position"], tau=tau,
-        qd=parts["velocity"], wrench=_optional(box, arm, "measured_cf", state),
-        tau_ext=_optional(box, arm, "external_jf", state),
-        current=_optional(box, arm, "motor_current", state),
-        temperature=_optional(box, arm, "motor_temperature", state),
-        robot=RobotSource(preset, urdf, info.get("tip", "")),
-        metadata=metadata,
+        name=box.path.stem, arm=arm, joints=names, t=t, q=q, tau=tau, qd=parts["velocity"],
+        wrench=extra.get("measured_cf"), tau_ext=extra.get("external_jf"),
+        current=extra.get("motor_current"), temperature=extra.get("motor_temperature"),
+        robot=RobotSource(preset, urdf, info.get("tip", "")), metadata=metadata,
     )  # fmt: skip
 
 
-def _optional(box: Container, arm: str, name: str, state: Topic) -> FloatArray | None:
-    topic = box.topics.get(f"/{arm}/{name}")
-    if topic is None or not topic.data:
-        return None
-    if name == "external_jf":
-        return _aligned(decode_joint_state(topic)[1]["effort"], topic, state)
-    if name == "measured_cf":
-        (n,) = struct.unpack_from("<I", topic.data[0], 12)
-        start = 4 + -(-(12 + n) // 8) * 8
-        return _aligned(_numbers(topic, start, 6), topic, state)
-    return _aligned(_numbers(topic, 12, (len(topic.data[0]) - 12) // 8), topic, state)
+def _common(box: Container, arm: str) -> dict[str, Topic]:
+    """Topics of an arm by their last name, on the ticks that the fast ones share.
+
+    A killed writer or a damaged chunk leaves some channels a message longer than others;
+    nothing is invented for the shorter ones.
+    """
+    found = {
+        name.split("/")[2]: topic
+        for name, topic in box.topics.items()
+        if name.startswith(f"/{arm}/") and name.count("/") == 2 and topic.times
+    }
+    state = found.get("measured_js")
+    if state is None:
+        return found
+    fast = [t for n, t in found.items() if n in _COLUMNS and 2 * len(t.times) > len(state.times)]
+    if all(t.times == state.times for t in fast):
+        return found
+    shared = set(state.times).intersection(*(t.times for t in fast))
+    if len(shared) < 0.9 * len(state.times):  # channels with clocks of their own
+        first = max(t.times[0] for t in (state, *fast))
+        last = min(t.times[-1] for t in (state, *fast))
+        shared = {t for t in state.times if first <= t <= last}
+        fast = []
+    return {n: _only(t, shared) if t is state or t in fast else t for n, t in found.items()}
 
 
-def _aligned(values: FloatArray | None, topic: Topic, state: Topic) -> FloatArray | None:
-    """Values on the state's stamps: as they are if stamps agree, else linearly interpolated."""
-    if values is None or topic.times == state.times:
+def _only(topic: Topic, times: set[int]) -> Topic:
+    keep = [k for k, t in enumerate(topic.times) if t in times]
+    if not keep:
+        raise DataError(f"topic {topic.name} and the others of its arm share no time")
+    return replace(
+        topic, times=[topic.times[k] for k in keep], data=[topic.data[k] for k in keep],
+        sequence=[topic.sequence[k] for k in keep],
+    )  # fmt: skip
+
+
+def _on(topic: Topic, state: Topic, joints: tuple[str, ...]) -> FloatArray:
+    """Values of a topic in the order of the joints and on the stamps of the state.
+
+    As they are if the stamps agree, else linearly interpolated.
+    """
+    values = decode(topic, joints)
+    if topic.times == state.times:
         return values
     t, at = np.array(topic.times, float), np.array(state.times, float)
     return np.stack([np.interp(at, t, column) for column in values.T], axis=1)
-
-
-def _numbers(topic: Topic, start: int, count: int) -> FloatArray:
-    """`count` doubles at byte `start` of every message, shape (n, count)."""
-    size = len(topic.data[0])
-    if any(len(x) != size for x in topic.data):
-        raise DataError(f"topic {topic.name}: messages of different sizes; expected one layout")
-    raw = np.frombuffer(b"".join(topic.data), dtype=np.uint8).reshape(-1, size)
-    return np.ascontiguousarray(raw[:, start : start + 8 * count]).view("<f8").astype(np.float64)
-
-
-def decode_joint_state(topic: Topic) -> tuple[tuple[str, ...], dict[str, FloatArray | None]]:
-    """Joint names and the parts (n, d) of a JointState topic; absent parts are None."""
-    data = topic.data[0]
-
-    def text(at: int) -> tuple[str, int]:
-        at += -at % 4
-        (n,) = struct.unpack_from("<I", data, at + 4)
-        return data[at + 8 : at + 8 + n - 1].decode(), at + 4 + n
-
-    _, at = text(8)
-    at += -at % 4
-    (count,) = struct.unpack_from("<I", data, at + 4)
-    at, names = at + 4, []
-    for _ in range(count):
-        name, at = text(at)
-        names.append(name)
-    parts: dict[str, FloatArray | None] = {}
-    for part in PARTS:
-        at += -at % 4
-        (n,) = struct.unpack_from("<I", data, at + 4)
-        at += 4
-        if n:
-            at += -at % 8
-        parts[part] = _numbers(topic, at + 4, n) if n else None
-        at += 8 * n
-    return tuple(names), parts

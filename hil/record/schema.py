@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from hil.errors import ConfigError
+from hil.errors import ConfigError, unknown
 
 _TIME = "int32 sec\nuint32 nanosec\n"
 _HEADER = "builtin_interfaces/Time stamp\nstring frame_id\n"
@@ -32,6 +32,9 @@ EVENT_SCHEMA = (
     '"data": {"type": "object"}}, "required": ["tick", "name"]}'
 )
 PARTS = ("position", "velocity", "effort")
+KINDS = ("joint_state", "wrench", "fields")
+#: What every ROS 2 tool accepts; a decoder refuses the whole channel otherwise.
+_FIELD = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
 
 
 @dataclass(frozen=True)
@@ -47,13 +50,19 @@ class Channel:
     names : tuple of str
         Joint names, or field names; unused for a wrench.
     parts : tuple of str
-        Which of position, velocity, effort a joint state holds.
+        Which of position, velocity, effort a joint state holds, in this order.
     units : tuple of str
         Units of the fields, one a field.
     frame : str
         Frame of the header.
     message : str
         Message name of a ``fields`` channel, e.g. ``hil_msgs/msg/LoopTiming``.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown kind, no names, names that stand twice or that no ROS 2 message can
+        hold, parts out of order, or another number of units than fields.
     """
 
     topic: str
@@ -64,6 +73,27 @@ class Channel:
     frame: str = ""
     message: str = ""
 
+    def __post_init__(self) -> None:
+        if fault := self._fault():
+            raise ConfigError(f"channel {self.topic}: {fault}")
+
+    def _fault(self) -> str:
+        if self.kind not in KINDS:
+            return unknown("kind", self.kind, KINDS)
+        if self.kind == "wrench":
+            return ""
+        if not self.names or len(set(self.names)) < len(self.names):
+            return f"names are {self.names}; expected at least one, each once"
+        if self.kind == "joint_state":
+            inorder = tuple(p for p in PARTS if p in self.parts) == tuple(self.parts)
+            text = f"parts are {self.parts}; expected some of {PARTS}, in this order"
+            return "" if inorder and self.parts else text
+        bad = [n for n in self.names if not _FIELD.fullmatch(n)]
+        if bad:
+            return f"field {bad[0]!r}; expected small letters, digits and single _ between them"
+        wrong = self.units and len(self.units) != len(self.names)
+        return f"{len(self.units)} units for {len(self.names)} fields" if wrong else ""
+
     @property
     def width(self) -> int:
         """Numbers a message holds."""
@@ -72,19 +102,11 @@ class Channel:
         return 6 if self.kind == "wrench" else len(self.names)
 
     def schema(self) -> tuple[str, str]:
-        """Schema name and `ros2msg` text.
-
-        Raises
-        ------
-        ConfigError
-            For an unknown kind.
-        """
+        """Schema name and `ros2msg` text."""
         if self.kind == "joint_state":
             return "sensor_msgs/msg/JointState", JOINT_STATE
         if self.kind == "wrench":
             return "geometry_msgs/msg/WrenchStamped", WRENCH
-        if self.kind != "fields":
-            raise ConfigError(f"channel {self.topic}: kind {self.kind!r} is not known")
         units = self.units or ("",) * len(self.names)
         lines = [
             f"float64 {name}  # [{unit}]\n" for name, unit in zip(self.names, units, strict=True)

@@ -7,17 +7,49 @@ from collections.abc import Callable, Mapping, Sequence
 from io import BufferedWriter
 from pathlib import Path
 from types import TracebackType
+from typing import BinaryIO
 
-import numpy as np
 from mcap.writer import CompressionType, IndexType, Writer
 
-from hil.errors import ConfigError
-from hil.record.recording import Recording
+from hil.errors import ConfigError, unknown
 from hil.record.schema import EVENT_SCHEMA, Channel, encoder
 
 LIBRARY = "hil"
 CHUNK_BYTES = 64 * 1024
 CHUNK_NS = 100_000_000
+#: Bytes of a message record around its payload.
+_FRAME = 31
+
+
+def mcap_writer(file: BinaryIO, largest: int) -> Writer:
+    """Started MCAP writer whose chunks stay within 64 KiB.
+
+    Parameters
+    ----------
+    file : binary file
+        Where to.
+    largest : int
+        Size of the largest payload [byte]; a chunk is closed after the message that fills it.
+    """
+    writer = Writer(
+        file, chunk_size=max(CHUNK_BYTES - _FRAME - largest, 0),
+        compression=CompressionType.ZSTD, index_types=IndexType.ALL, enable_data_crcs=True,
+    )  # fmt: skip
+    writer.start(profile="ros2", library=LIBRARY)
+    return writer
+
+
+def chunk_closer(writer: Writer) -> Callable[[], None]:
+    """Function that closes the open chunk.
+
+    Not every published mcap 1.6 has a public ``flush``; without it the private step does.
+    """
+    public: Callable[[], None] | None = getattr(writer, "flush", None)
+    private: Callable[[], None] | None = getattr(writer, "_Writer__finalize_chunk", None)
+    found = public or private
+    if found is None:
+        raise ConfigError("this release of mcap cannot close a chunk; install mcap 1.6")
+    return found
 
 
 class SessionWriter:
@@ -33,11 +65,14 @@ class SessionWriter:
         Metadata records; written first, so that they survive a crash.
     attachments : mapping of str to bytes
         Attached files.
+    overwrite : bool
+        False refuses a file that exists.
 
     Raises
     ------
     ConfigError
-        If the file cannot be created.
+        If the file cannot be created, or two channels have one topic; the file is not touched
+        before everything else is known to be right.
     """
 
     def __init__(
@@ -46,16 +81,15 @@ class SessionWriter:
         channels: Sequence[Channel],
         metadata: Mapping[str, Mapping[str, str]],
         attachments: Mapping[str, bytes] | None = None,
+        overwrite: bool = True,
     ) -> None:
-        try:
-            self._file: BufferedWriter = Path(path).open("wb")
-        except OSError as error:
-            raise ConfigError(f"cannot write session {path}: {error.strerror}") from error
-        self._writer = Writer(
-            self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD,
-            index_types=IndexType.ALL, enable_data_crcs=True,
-        )  # fmt: skip
-        self._writer.start(profile="ros2", library=LIBRARY)
+        encoders = {c.topic: encoder(c) for c in channels}
+        if len(encoders) < len(channels):
+            raise ConfigError(f"session {path}: two channels have one topic: {list(encoders)}")
+        largest = max((len(encoders[c.topic](0, [0.0] * c.width)) for c in channels), default=0)
+        self._file = create(path, overwrite)
+        self._writer = mcap_writer(self._file, largest)
+        self._end_chunk = chunk_closer(self._writer)
         for name, record in metadata.items():
             self._writer.add_metadata(name, dict(record))
         for name, data in (attachments or {}).items():
@@ -63,18 +97,18 @@ class SessionWriter:
         self._encode: dict[str, tuple[int, int, Callable[[int, Sequence[float]], bytes]]] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         for channel in channels:
-            self._register(channel)
+            self._register(channel, encoders[channel.topic])
         self._events = 0
         self._chunk_start = 0
         self.messages = 0
-        self._writer.flush()  # type: ignore[no-untyped-call]
+        self.flush()
 
-    def _register(self, channel: Channel) -> None:
+    def _register(self, channel: Channel, encode: Callable[[int, Sequence[float]], bytes]) -> None:
         name, text = channel.schema()
         if (name, text) not in self._schemas:
             self._schemas[name, text] = self._writer.register_schema(name, "ros2msg", text.encode())
         number = self._writer.register_channel(channel.topic, "cdr", self._schemas[name, text])
-        self._encode[channel.topic] = (number, channel.width, encoder(channel))
+        self._encode[channel.topic] = (number, channel.width, encode)
 
     def write(self, topic: str, tick: int, t_ns: int, values: Sequence[float]) -> None:
         """Write one message.
@@ -89,12 +123,22 @@ class SessionWriter:
             Time of the tick [ns]; log and publish time.
         values : sequence of float
             As many as the channel holds.
+
+        Raises
+        ------
+        ConfigError
+            If the topic is not registered, or takes another number of values.
         """
+        if topic not in self._encode:
+            raise ConfigError(unknown("topic", topic, self._encode))
         number, width, encode = self._encode[topic]
         if len(values) != width:
             raise ConfigError(f"topic {topic} takes {width} values, got {len(values)}")
         self._writer.add_message(number, t_ns, encode(t_ns, values), t_ns, tick)
         self.messages += 1
+        self._keep_up(t_ns)
+
+    def _keep_up(self, t_ns: int) -> None:
         if t_ns - self._chunk_start >= CHUNK_NS:
             self.flush()
             self._chunk_start = t_ns
@@ -106,16 +150,20 @@ class SessionWriter:
             self._events = self._writer.register_channel("/events", "json", schema)
         text = json.dumps({"tick": tick, "name": name, "data": dict(data)}, sort_keys=True)
         self._writer.add_message(self._events, t_ns, text.encode(), t_ns, tick)
+        self._keep_up(t_ns)
 
     def flush(self) -> None:
         """Close the open chunk and hand everything to the operating system."""
-        self._writer.flush()  # type: ignore[no-untyped-call]
+        self._end_chunk()
+        self._file.flush()
 
     def close(self) -> None:
         """Write the index and close the file."""
         if not self._file.closed:
-            self._writer.finish()  # type: ignore[no-untyped-call]
-            self._file.close()
+            try:
+                self._writer.finish()  # type: ignore[no-untyped-call]
+            finally:
+                self._file.close()
 
     def __enter__(self) -> SessionWriter:
         return self
@@ -127,71 +175,17 @@ class SessionWriter:
         self.close()
 
 
-def robot_record(recording: Recording) -> dict[str, str]:
-    """Metadata record ``robot/<arm>`` of a recording."""
-    return {
-        "preset": recording.robot.preset,
-        "tip": recording.robot.tip,
-        "joints": json.dumps(list(recording.joints)),
-        "unit": recording.metadata.get("unit", "rad"),
-        "name": recording.name,
-    }
+def create(path: str | Path, overwrite: bool) -> BufferedWriter:
+    """Open a session file for writing.
 
-
-def write_recordings(
-    path: str | Path,
-    recordings: Sequence[Recording],
-    metadata: Mapping[str, Mapping[str, str]] | None = None,
-) -> None:
-    """Write recordings (one an arm, same run) as one session.
-
-    Parameters
-    ----------
-    path : str or Path
-        Output.
-    recordings : sequence of Recording
-        One a distinct arm.
-    metadata : mapping, optional
-        Further metadata records.
+    Raises
+    ------
+    ConfigError
+        If it cannot be created, or exists and must not be overwritten.
     """
-    records = {f"robot/{r.arm}": robot_record(r) for r in recordings}
-    urdf = {f"robot/{r.arm}.urdf": r.robot.urdf.encode() for r in recordings if r.robot.urdf}
-    plans = [p for r in recordings for p in _plan(r)]
-    with SessionWriter(path, [c for c, _, _ in plans], {**(metadata or {}), **records}, urdf) as w:
-        # one pass in time order over all channels
-        stamps = [np.round(t * 1e9).astype(np.int64) for _, t, _ in plans]
-        rows = [x.tolist() for _, _, x in plans]
-        order = np.argsort(np.concatenate(stamps), kind="stable")
-        which = np.repeat(np.arange(len(plans)), [len(s) for s in stamps])[order]
-        index = np.concatenate([np.arange(len(s)) for s in stamps])[order]
-        topics = [c.topic for c, _, _ in plans]
-        for p, k in zip(which.tolist(), index.tolist(), strict=True):
-            w.write(topics[p], k + 1, int(stamps[p][k]), rows[p][k])
-
-
-def _plan(r: Recording) -> list[tuple[Channel, np.ndarray, np.ndarray]]:
-    """Channel, times and values of everything a recording holds."""
-    parts = ("position",) if r.qd is None else ("position", "velocity")
-    state = r.q if r.qd is None else np.concatenate([r.q, r.qd], axis=1)
-    out = [
-        (Channel(f"/{r.arm}/measured_js", "joint_state", r.joints, parts), r.t, state),
-        (Channel(f"/{r.arm}/setpoint_jf", "joint_state", r.joints, ("effort",)), r.t, r.tau),
-    ]
-    if r.wrench is not None:
-        out.append((Channel(f"/{r.arm}/measured_cf", "wrench", frame="base"), r.t, r.wrench))
-    for name, values in (("external_jf", r.tau_ext),):
-        if values is not None:
-            channel = Channel(f"/{r.arm}/{name}", "joint_state", r.joints, ("effort",))
-            out.append((channel, r.t, values))
-    for name, unit, values in (
-        ("motor_current", "A", r.current), ("motor_temperature", "degC", r.temperature)
-    ):  # fmt: skip
-        if values is not None:
-            fields = tuple(f"j{k + 1}" for k in range(r.d))
-            message = "hil_msgs/msg/" + name.title().replace("_", "")
-            units = (unit,) * r.d
-            topic = f"/{r.arm}/{name}"
-            out.append(
-                (Channel(topic, "fields", fields, units=units, message=message), r.t, values)
-            )
-    return out
+    try:
+        return Path(path).open("wb" if overwrite else "xb")
+    except FileExistsError as error:
+        raise ConfigError(f"session {path} exists; name a new file") from error
+    except OSError as error:
+        raise ConfigError(f"cannot write session {path}: {error.strerror}") from error

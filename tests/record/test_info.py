@@ -10,8 +10,8 @@ import pytest
 from record_tables import recording
 
 from hil.cli import main
+from hil.record.export import write_recordings
 from hil.record.reader import load
-from hil.record.writer import write_recordings
 
 
 @pytest.fixture

@@ -1,0 +1,112 @@
+"""From the payloads of a channel to arrays: the layout is read once, the numbers all at once."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import DataError
+from hil.record.container import Topic
+from hil.record.schema import PARTS
+
+FloatArray = NDArray[np.float64]
+
+
+def decode(topic: Topic, joints: tuple[str, ...]) -> FloatArray:
+    """Numbers of a channel, shape (n, columns).
+
+    Parameters
+    ----------
+    topic : Topic
+        A JointState (its effort, in the order of `joints`), a WrenchStamped (force, torque), or
+        fields, one a joint.
+    joints : tuple of str
+        Joints of the arm.
+
+    Raises
+    ------
+    DataError
+        If the messages are of another encoding, or of other joints.
+    """
+    _refuse_encoding(topic)
+    if topic.schema.endswith("/JointState"):
+        names, parts = decode_joint_state(topic)
+        return _ordered(topic, parts["effort"], names, joints)
+    if topic.schema.endswith("/WrenchStamped"):
+        (n,) = struct.unpack_from("<I", topic.data[0], 12)
+        return _numbers(topic, 4 + -(-(12 + n) // 8) * 8, 6)
+    return _ordered(topic, _numbers(topic, 12, (len(topic.data[0]) - 12) // 8), (), joints)
+
+
+def _ordered(
+    topic: Topic, values: FloatArray | None, names: tuple[str, ...], joints: tuple[str, ...]
+) -> FloatArray:
+    if values is None or values.shape[1] != len(joints) or (names and set(names) != set(joints)):
+        found = "no numbers" if values is None else f"{values.shape[1]} numbers a message"
+        of = f" of {', '.join(names)}" if names else ""
+        raise DataError(f"topic {topic.name} has {found}{of}; expected one each of {joints}")
+    return values[:, [names.index(j) for j in joints]] if names else values
+
+
+def decode_joint_state(
+    topic: Topic,
+) -> tuple[tuple[str, ...], dict[str, FloatArray | None]]:
+    """Joint names and the parts (n, d) of a JointState topic; absent parts are None.
+
+    Raises
+    ------
+    DataError
+        If the messages are of another type or encoding, or differ in size.
+    """
+    _refuse_encoding(topic)
+    if not topic.schema.endswith("/JointState"):
+        raise DataError(
+            f"topic {topic.name} is of type {topic.schema!r}; expected sensor_msgs/msg/JointState"
+        )
+    data = topic.data[0]
+    _, at = _string(data, 8)
+    count, at = _count(data, at)
+    names = []
+    for _ in range(count):
+        name, at = _string(data, at)
+        names.append(name)
+    parts: dict[str, FloatArray | None] = {}
+    for part in PARTS:
+        n, at = _count(data, at)
+        at += -at % 8 if n else 0
+        parts[part] = _numbers(topic, at + 4, n) if n else None
+        at += 8 * n
+    return tuple(names), parts
+
+
+def _refuse_encoding(topic: Topic) -> None:
+    if topic.encoding != "cdr" or topic.data[0][:2] != b"\x00\x01":
+        raise DataError(
+            f"topic {topic.name} is encoded as {topic.encoding!r}; "
+            "expected ROS 2 CDR, little endian"
+        )
+
+
+def _count(data: bytes, at: int) -> tuple[int, int]:
+    """Length at `at`, counted from the end of the CDR header, and where it ends."""
+    at += -at % 4
+    (n,) = struct.unpack_from("<I", data, at + 4)
+    return n, at + 4
+
+
+def _string(data: bytes, at: int) -> tuple[str, int]:
+    n, at = _count(data, at)
+    return data[at + 4 : at + 4 + n - 1].decode(), at + n
+
+
+def _numbers(topic: Topic, start: int, count: int) -> FloatArray:
+    """`count` doubles at byte `start` of every message, shape (n, count)."""
+    size = len(topic.data[0])
+    if any(len(x) != size for x in topic.data):
+        raise DataError(f"topic {topic.name}: messages of different sizes; expected one layout")
+    if start + 8 * count > size:
+        raise DataError(f"topic {topic.name}: a message ends before its numbers")
+    raw = np.frombuffer(b"".join(topic.data), dtype=np.uint8).reshape(-1, size)
+    return np.ascontiguousarray(raw[:, start : start + 8 * count]).view("<f8").astype(np.float64)

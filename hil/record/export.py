@@ -1,0 +1,83 @@
+"""Recordings as a session file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hil.record.recording import Recording
+from hil.record.schema import Channel
+from hil.record.writer import SessionWriter
+
+
+def robot_record(recording: Recording) -> dict[str, str]:
+    """Metadata record ``robot/<arm>`` of a recording."""
+    return {
+        "preset": recording.robot.preset,
+        "tip": recording.robot.tip,
+        "joints": json.dumps(list(recording.joints)),
+        "unit": recording.metadata.get("unit", "rad"),
+        "name": recording.name,
+    }
+
+
+def write_recordings(
+    path: str | Path,
+    recordings: Sequence[Recording],
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
+) -> None:
+    """Write recordings (one an arm, same run) as one session.
+
+    Parameters
+    ----------
+    path : str or Path
+        Output.
+    recordings : sequence of Recording
+        One a distinct arm.
+    metadata : mapping, optional
+        Further metadata records.
+    """
+    records = {f"robot/{r.arm}": robot_record(r) for r in recordings}
+    urdf = {f"robot/{r.arm}.urdf": r.robot.urdf.encode() for r in recordings if r.robot.urdf}
+    plans = [p for r in recordings for p in _plan(r)]
+    with SessionWriter(path, [c for c, _, _ in plans], {**(metadata or {}), **records}, urdf) as w:
+        # one pass in time order over all channels
+        stamps = [np.round(t * 1e9).astype(np.int64) for _, t, _ in plans]
+        rows = [x.tolist() for _, _, x in plans]
+        order = np.argsort(np.concatenate(stamps), kind="stable")
+        which = np.repeat(np.arange(len(plans)), [len(s) for s in stamps])[order]
+        index = np.concatenate([np.arange(len(s)) for s in stamps])[order]
+        topics = [c.topic for c, _, _ in plans]
+        for p, k in zip(which.tolist(), index.tolist(), strict=True):
+            w.write(topics[p], k + 1, int(stamps[p][k]), rows[p][k])
+
+
+def _plan(r: Recording) -> list[tuple[Channel, np.ndarray, np.ndarray]]:
+    """Channel, times and values of everything a recording holds."""
+    parts = ("position",) if r.qd is None else ("position", "velocity")
+    state = r.q if r.qd is None else np.concatenate([r.q, r.qd], axis=1)
+    out = [
+        (Channel(f"/{r.arm}/measured_js", "joint_state", r.joints, parts), r.t, state),
+        (Channel(f"/{r.arm}/setpoint_jf", "joint_state", r.joints, ("effort",)), r.t, r.tau),
+    ]
+    if r.wrench is not None:
+        out.append((Channel(f"/{r.arm}/measured_cf", "wrench", frame="base"), r.t, r.wrench))
+    for name, values in (("external_jf", r.tau_ext),):
+        if values is not None:
+            channel = Channel(f"/{r.arm}/{name}", "joint_state", r.joints, ("effort",))
+            out.append((channel, r.t, values))
+    for name, unit, values in (
+        ("motor_current", "A", r.current), ("motor_temperature", "degC", r.temperature)
+    ):  # fmt: skip
+        if values is not None:
+            fields = tuple(f"j{k + 1}" for k in range(r.d))
+            message = "hil_msgs/msg/" + name.title().replace("_", "")
+            units = (unit,) * r.d
+            topic = f"/{r.arm}/{name}"
+            out.append(
+                (Channel(topic, "fields", fields, units=units, message=message), r.t, values)
+            )
+    return out
