@@ -72,9 +72,10 @@ def _share_bars(fig: Any, m: Material, chosen: list[Candidate], labels: list[str
     )
     for which, name, color in kinds:
         text = [f"{x:.0f} %" if x >= 0.95 else f"{x:.1f} %" for x in share[which]]
+        spot = ["inside" if x > 15 else "outside" for x in share[which]]
         bar = go.Bar(
             x=share[which], y=np.array(labels)[which], orientation="h", name=name,
-            marker_color=color, text=text, textposition="outside", cliponaxis=False,
+            marker_color=color, text=text, textposition=spot, cliponaxis=False,
         )  # fmt: skip
         fig.add_trace(bar)
 

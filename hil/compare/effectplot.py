@@ -108,7 +108,7 @@ def _binned(
 def _over_time(fig: Any, result: FitResult, fit: Learnt, loop: bool) -> None:
     """A few seconds of the partial residual and the effect: over time, or a loop over position."""
     problem, put = result.problem, fig.add_trace
-    weight = fit.effort**2 - (fit.partial - fit.effort) ** 2
+    weight = fit.effort**2
     if loop:
         turns = np.diff(np.sign(problem.qd[fit.joint]), prepend=0.0) != 0
         weight = np.where(turns, 1.0, 0.0)

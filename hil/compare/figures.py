@@ -158,7 +158,8 @@ def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, lege
             fig.add_trace(trace, row=row, col=column)
     ticks = {"title_text": f"{escape(_axis(old.feature))} [{old.unit}]", "nticks": 6}
     if uneven:
-        at = np.unique(np.round(np.linspace(0, edges.size - 1, 5)).astype(int))
+        count = 3 if old.feature == "load" else 5
+        at = np.unique(np.round(np.linspace(0, edges.size - 1, count)).astype(int))
         labels = [f"{x:.2g}" if abs(x) < 999 else "" for x in old.edges[at]]
         ticks |= {"tickmode": "array", "tickvals": at, "ticktext": labels}
     fig.update_xaxes(**ticks, row=row, col=column)

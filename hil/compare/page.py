@@ -43,7 +43,7 @@ summary { cursor: pointer; color: #0060a0; margin: 8px 0; }
 @media print {
   body { zoom: 0.67; -webkit-print-color-adjust: exact; print-color-adjust: exact; }
   main { padding: 0; } h2, h3 { break-after: avoid; } tr { break-inside: avoid; }
-  .scroll, figure > div { overflow: visible; }
+  .scroll, figure > div { overflow: visible; } .modebar-container { display: none; }
 }
 """
 SCRIPT = """

@@ -13,26 +13,43 @@ from hil.record.recording import Recording
 KEYS = ("rig", "package_version", "git_revision", "git_dirty", "seed", "clock", "rate_hz")
 
 
+#: More rigid-body parameters than this are folded away.
+FOLD = 4
+
+
 def parameters(m: Material) -> str:
     """Values with unit, standard error and flags; what was added first, rigid body folded."""
-    old, new = m.before.result.values, m.after.result.values
-    added = [n for f in (*m.findings, *m.partial) for n in f.parameters]
+    new = m.after.result.values
+    added = [n for f in (*m.findings, *m.partial) for n in f.parameters if n in new]
+    added = list(dict.fromkeys(added))
     rigid = [n for n in new if n.startswith("rigid-body") and n not in added]
+    if len(rigid) <= FOLD:
+        rigid = []
     plain = [n for n in new if n not in added and n not in rigid]
-    head = ["parameter", "value", "standard error", "unit", "in the first model", "remarks"]
-    shown = [*dict.fromkeys(added), *plain]
-    rows = [_row(n, new[n], old.get(n)) for n in shown if n in new]
-    main = table(head, rows, (0, 3, 5), range(len(dict.fromkeys(added)))) if rows else ""
-    more = table(head, [_row(n, new[n], old.get(n)) for n in rigid], (0, 3, 5)) if rigid else ""
+    main = _values(m, [*added, *plain], len(added))
+    rest = folded(f"{len(rigid)} rigid-body parameters", _values(m, rigid, 0)) if rigid else ""
     note = (
         "Standard errors allow for residuals that are correlated in time. 'Only in combination': "
         "these data determine it only together with other parameters; its own value means nothing."
     )
-    rest = folded(f"{len(rigid)} rigid-body parameters", more) if rigid else ""
-    return section("Parameters of the final model", main, rest, paragraph(note, "note"))
+    title = "Parameters of the final model" if len(m.rungs) > 1 else "Parameters of the model"
+    return section(title, main, rest, paragraph(note, "note"))
 
 
-def _row(name: str, v: Value, old: Value | None) -> list[str]:
+def _values(m: Material, names: list[str], strong: int) -> str:
+    """Table of some parameters; the column of the first model only where there is a second."""
+    old, new = m.before.result.values, m.after.result.values
+    several = len(m.rungs) > 1
+    head = ["parameter", "value", "standard error", "unit", "remarks"]
+    rows = [_row(n, new[n]) for n in names]
+    if several:
+        head.append("in the first model")
+        first = [number(old[n].value, 4) if n in old else "" for n in names]
+        rows = [[*row, x] for row, x in zip(rows, first, strict=True)]
+    return table(head, rows, (0, 3, 4), range(strong)) if rows else ""
+
+
+def _row(name: str, v: Value) -> list[str]:
     remarks = []
     if v.at_bound:
         remarks.append("at its bound")
@@ -40,9 +57,8 @@ def _row(name: str, v: Value, old: Value | None) -> list[str]:
         remarks.append("only in combination")
     if v.source == "given":
         remarks.append("given, not fitted")
-    before = number(old.value, 4) if old is not None else ""
     unit = "" if v.unit == "1" else v.unit
-    return [name, number(v.value, 4), number(v.stderr, 2), unit, before, ", ".join(remarks)]
+    return [name, number(v.value, 4), number(v.stderr, 2), unit, ", ".join(remarks)]
 
 
 def provenance(m: Material) -> str:

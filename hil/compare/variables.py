@@ -188,8 +188,8 @@ def displacement(result: FitResult, fit: Learnt) -> Variable:
     problem, j = result.problem, fit.joint
     q, direction, start = problem.q[j], *reversals(result, j)
     x = np.abs(q - q[start])
-    low = max(float(fit.term.shape[0]) / 10, 1e-3 * float(x.max()), 1e-12)
-    edges = np.geomspace(low, max(float(x.max()), 2 * low), 31)
+    low = max(float(fit.term.shape[0]), 1e-3 * float(x.max()), 1e-12)
+    edges = np.geomspace(low, max(float(x.max()), 2 * low), 25)
     label = f"displacement since reversal [{_unit(result, j)}]"
     return Variable(np.where(x < low, np.nan, x), label, edges, sign=direction, log=True)
 

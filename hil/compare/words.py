@@ -95,8 +95,8 @@ def details(m: Material) -> list[str]:
     if left > ADEQUATE:
         j = int(m.ratio(m.after).argmax())
         out.append(
-            f"With it the error of {m.joints[j]} is still {left:.2f} times the noise floor: "
-            "smaller errors remain that no single effect of the catalogue accounts for."
+            f"With all this added, the error of {m.joints[j]} is still {left:.2f} times the noise "
+            "floor: smaller errors remain that no single effect of the catalogue accounts for."
         )
     if m.verdict == "not-identifiable" or not m.rungs:
         out += [text for _, text in m.warnings]
@@ -141,7 +141,8 @@ def next_steps(m: Material) -> list[str]:
     rivals = [s for s in m.sets if named & set(s.effects)]
     motions = [f"{' or '.join(s.effects)}: record {s.experiment}." for s in rivals]
     if m.verdict == "missing-effect":
-        steps = ["Accept the effect with the command below; all parameters are fitted again."]
+        which = "effects" if len(m.findings) > 1 else "effect"
+        steps = [f"Accept the {which} as shown below; all parameters are fitted again."]
         steps += [
             f"Confirm {where(f)} on a new recording: {shown_by(f.effect)}." for f in m.findings
         ]
@@ -158,10 +159,8 @@ def next_steps(m: Material) -> list[str]:
         COMPARED: ["Run 'hil diagnose' on the same files to learn which effect is missing."],
     }  # fmt: skip
     if m.verdict == "ambiguous":
-        return [
-            "Do not add an effect yet; record the motion that separates the rivals.",
-            *motions[:3],
-        ]
+        wait = "Do not add an effect yet; record the motion that separates the rivals."
+        return [wait, *motions[:3]]
     return fixed[m.verdict]
 
 

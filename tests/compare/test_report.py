@@ -18,7 +18,7 @@ from hil.record.recording import Recording
 
 SECTIONS = (
     "Error ladder", "Where the model fails", "Candidates", "Measured and predicted effort",
-    "Parameters of the final model", "What these data cannot tell apart", "Provenance",
+    "Parameters of the", "What these data cannot tell apart", "Provenance",
 )  # fmt: skip
 
 
