@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hil.compare.localise import View, views
 from hil.compare.material import Material
-from hil.compare.page import escape
+from hil.compare.page import escape, number
 from hil.compare.plots import AFTER, BAND, BEFORE, FLOOR, TOP, embed, grid, line, rung_colors
 
 FloatArray = NDArray[np.float64]
@@ -116,7 +116,8 @@ def _views(m: Material, j: int, pairs: list[tuple[View, View | None]]) -> str:
     text = (
         f"{m.joints[j]}: measured minus predicted effort, averaged in bins. Grey: what noise alone "
         "would give (three standard errors). A line outside the grey is a systematic error of the "
-        "model; positive means that the model predicts too little."
+        "model; positive means that the model predicts too little. Bins over speed, reversal and "
+        "load are drawn equally wide, whatever they span."
     )
     return embed(fig, f"views-{j + 1}", text)
 
@@ -160,7 +161,7 @@ def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, lege
     if uneven:
         count = 3 if old.feature == "load" else 5
         at = np.unique(np.round(np.linspace(0, edges.size - 1, count)).astype(int))
-        labels = [f"{x:.2g}" if abs(x) < 999 else "" for x in old.edges[at]]
+        labels = [number(float(x), 2) if abs(x) < 999 else "" for x in old.edges[at]]
         ticks |= {"tickmode": "array", "tickvals": at, "ticktext": labels}
     fig.update_xaxes(**ticks, row=row, col=column)
 
