@@ -63,7 +63,9 @@ def number(x: float, digits: int = 3) -> str:
     if not math.isfinite(x):
         return "-"
     text = f"{x:.{digits}g}"
-    return f"{x:.0f}" if "e+" in text and abs(x) < 1e6 else text.replace("-", "\u2212")
+    if "e+" in text and abs(x) < 1e6:
+        text = f"{x:.0f}"
+    return text.replace("-", "\u2212")
 
 
 def table(
