@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 
 from hil.compare.diagnose import ADEQUATE, CONFIDENT, EXPLAINED, Finding
+from hil.compare.floor import EFFORT_ACCURACY, SENSOR_ACCURACY
 from hil.compare.material import COMPARED, Material
 from hil.compare.page import number
 from hil.errors import ConfigError
@@ -24,8 +25,6 @@ ORIGIN = {
     "left out of the fit, of the largest model at hand (every effect of the catalogue and "
     "smooth functions of all positions and speeds).",
 }
-#: Added to the origin where the effort is a force sensor's.
-SENSOR = " The accuracy of the force sensor (2 % of what it measures) is added."
 
 
 def meaning(effect: str) -> str:
@@ -190,7 +189,9 @@ def command(m: Material) -> str:
 def origin(m: Material) -> str:
     """Where the noise floor comes from."""
     text = ORIGIN.get(m.last.floor.method, m.last.floor.method)
-    return text + (SENSOR if m.external else "")
+    share = SENSOR_ACCURACY if m.external else EFFORT_ACCURACY
+    what = "force sensor" if m.external else "measured effort"
+    return f"{text} The accuracy of the {what} ({100 * share:g} % of its rms) is added."
 
 
 def cell(value: float, floor: float) -> str:
