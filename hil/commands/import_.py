@@ -7,7 +7,11 @@ import json
 import os
 import sys
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
+from typing import TypeVar
+
+from tqdm import tqdm
 
 from hil.errors import ConfigError
 from hil.models.files import write_model
@@ -19,7 +23,9 @@ from hil.record.export import write_recordings
 from hil.record.mapfile import TableMap, builtin_maps, read_map
 from hil.record.recording import Recording
 from hil.record.table import Imported, import_table
+from hil.record.tablefile import run_names
 
+_Item = TypeVar("_Item")
 HELP = "bring a CSV, NPZ or MAT recording of any rig into a session"
 EXAMPLE = "hil import run1.csv --robot arm.urdf -o run1.mcap"
 
@@ -44,6 +50,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--run", dest="which", default="", metavar="NAME", help="run of a file with several"
     )
     parser.add_argument(
+        "--all-runs", action="store_true",
+        help="every run of a file with several, each as a session in the folder -o names",
+    )  # fmt: skip
+    parser.add_argument(
         "--unit", default="", choices=("rad", "m"), help="unit of the axes, without a URDF"
     )
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
@@ -54,24 +64,65 @@ def run(args: argparse.Namespace) -> int:
     output = Path(args.output)
     if not output.parent.is_dir():
         raise ConfigError(f"cannot write {output}: folder {output.parent} does not exist")
+    table, mapping = _source(args.table, args.map)
+    if args.all_runs:
+        return _every_run(args, table, mapping, output)
     if output.is_dir():
         raise ConfigError(f"cannot write {output}: it is a folder")
-    table, mapping = _source(args.table, args.map)
     if table.resolve() == output.resolve():
         raise ConfigError(f"the output {output} is the table itself; choose another name")
-    found = import_table(
-        table, mapping, urdf=args.robot, tip=args.tip, arm=args.arm, run=args.which, unit=args.unit
-    )
-    for recording in found.recordings:
-        if not recording.robot.urdf:
-            make_robot(recording.robot, recording)  # refuses an unknown preset, or another robot
+    found = _read(args, table, mapping, args.which)
     _write(output, found, table)
-    model = _model(output, found.recordings)
+    model = _model(output.with_name(f"{output.stem}.model.toml"), found.recordings)
     if args.json:
         sys.stdout.write(json.dumps(_as_dict(output, found, model)) + "\n")
     else:
         sys.stdout.write(_text(output, found, *model))
     return 0
+
+
+def _every_run(
+    args: argparse.Namespace, table: Path, mapping: TableMap | None, folder: Path
+) -> int:
+    """Each run of a file as a session in one folder; all are read before any is written."""
+    if args.which:
+        raise ConfigError("--run and --all-runs exclude each other; give one of them")
+    names = run_names(table, mapping.columns if mapping else ())
+    if not names:
+        raise ConfigError(f"table {table} does not hold several runs; leave --all-runs out")
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"cannot write into {folder}: with --all-runs it must be a folder")
+    found = {folder / f"{n}.mcap": _read(args, table, mapping, n) for n in _bar("read", names)}
+    folder.mkdir(exist_ok=True)
+    for path in _bar("write", list(found)):
+        _write(path, found[path], table)
+    model = _model(folder / "model.toml", next(iter(found.values())).recordings)
+    if args.json:
+        sessions = [_as_dict(path, one, model) for path, one in found.items()]
+        text = json.dumps({"schema": "hil.import-all/1", "sessions": sessions})
+    else:
+        faults = sum(len(check(r)) for one in found.values() for r in one.recordings)
+        state = "base model written" if model[1] else "model kept as it was"
+        text = (
+            f"{folder}: {len(found)} sessions, {faults} data faults\n{model[0]}: {state}\n"
+            f"next:\n  hil info {next(iter(found))}"
+        )
+    sys.stdout.write(text + "\n")
+    return 0
+
+
+def _bar(what: str, items: list[_Item]) -> Iterable[_Item]:
+    return tqdm(items, what, unit="run", disable=None, leave=False, file=sys.stderr)  # type: ignore[no-any-return]
+
+
+def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which: str) -> Imported:
+    found = import_table(
+        table, mapping, urdf=args.robot, tip=args.tip, arm=args.arm, run=which, unit=args.unit
+    )
+    for recording in found.recordings:
+        if not recording.robot.urdf:
+            make_robot(recording.robot, recording)  # refuses an unknown preset, or another robot
+    return found
 
 
 def _source(table: str, mapping: str | None) -> tuple[Path, TableMap | None]:
@@ -90,7 +141,10 @@ def _write(output: Path, found: Imported, table: Path) -> None:
     handle, temporary = tempfile.mkstemp(suffix=".mcap", dir=output.parent or ".")
     os.close(handle)
     try:
-        source = {"import": {"table": table.name, "run": found.recordings[0].name}}
+        first = found.recordings[0]
+        source = {"import": {"table": table.name, "run": first.name}}
+        if shift := first.metadata.get("time_shift_s"):
+            source["import"]["time_shift_s"] = shift
         write_recordings(temporary, found.recordings, source)
         mask = os.umask(0)
         os.umask(mask)
@@ -102,9 +156,8 @@ def _write(output: Path, found: Imported, table: Path) -> None:
         Path(temporary).unlink(missing_ok=True)
 
 
-def _model(output: Path, recordings: tuple[Recording, ...]) -> tuple[Path, bool]:
+def _model(path: Path, recordings: tuple[Recording, ...]) -> tuple[Path, bool]:
     """Path of the model beside the session, and whether it was written now."""
-    path = output.with_name(f"{output.stem}.model.toml")
     if path.exists() or path.with_suffix(".urdf").exists():
         return path, False
     write_model(base_model(recordings[0].robot), path)
@@ -135,6 +188,8 @@ def _text(output: Path, found: Imported, model: Path, written: bool) -> str:
         lines.append(
             f"{output}: arm {r.arm}, {r.n} samples at {r.rate:.5g} Hz, {r.d} joints ({joints})"
         )
+    if shift := found.recordings[0].metadata.get("time_shift_s"):
+        lines.append(f"time begins before 0: shifted by {float(shift):.6g} s")
     if found.unused:
         lines.append(f"not used: {', '.join(found.unused)}")
     faults = [f for r in found.recordings for f in check(r)]

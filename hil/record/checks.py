@@ -139,6 +139,13 @@ def _frozen(r: Recording) -> Iterator[Finding]:
         text = "no position and no effort changes in the whole recording: the sensors were stuck"
         yield Finding("stuck", "error", "", text)
         return
+    if idle.all() and not np.any(r.tau) and r.wrench is None and r.tau_ext is None:
+        text = (
+            "no effort is recorded: every tau is zero, and there is no measured force; "
+            "name the effort columns in a map"
+        )
+        yield Finding("no-effort", "error", "", text)
+        return
     span = np.ptp(r.tau, axis=0)
     for k, joint in enumerate(r.joints):
         if still[k] and not idle[k] and (still.all() or span[k] > 0.8 * float(np.max(span))):

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from hil.errors import DataError
 from hil.record.recording import Recording
-from hil.record.schema import Channel
+from hil.record.schema import LAST_S, Channel
 from hil.record.writer import SessionWriter
 
 
@@ -39,7 +40,20 @@ def write_recordings(
         One a distinct arm.
     metadata : mapping, optional
         Further metadata records.
+
+    Raises
+    ------
+    DataError
+        If a time is not a number from 0 s on; nothing is written then.
+    ConfigError
+        If the file cannot be written.
     """
+    for r in recordings:
+        if not np.all((r.t >= 0) & (r.t < LAST_S)):
+            raise DataError(
+                f"recording {r.name} ({r.arm}): time runs from {r.t.min():.6g} to {r.t.max():.6g} "
+                f"s; a session holds finite times from 0 to {LAST_S} s: shift it"
+            )
     records = {f"robot/{r.arm}": robot_record(r) for r in recordings}
     urdf = {f"robot/{r.arm}.urdf": r.robot.urdf.encode() for r in recordings if r.robot.urdf}
     plans = [p for r in recordings for p in _plan(r)]

@@ -169,21 +169,14 @@ def _notes(box: Container, recording: Recording, names: tuple[str, ...]) -> Iter
 
 def _recording(box: Container, arm: str) -> Recording:
     topics = _common(box, arm)
-    state = topics.get("measured_js")
-    if state is None:
-        raise DataError(f"session {box.path}: arm {arm!r} has no samples")
+    info = box.metadata.get(f"robot/{arm}", {})
     try:
-        names, parts = decode_joint_state(state)
-        info = box.metadata.get(f"robot/{arm}", {})
-        names = names or tuple(json.loads(info.get("joints", "[]")))
-        extra = {
-            name: _on(topic, state, names) for name, topic in topics.items() if name in _COLUMNS
-        }
+        names, columns = _columns(topics, info)
     except DataError as error:
         raise DataError(f"session {box.path}: {error}") from error
     except (struct.error, IndexError, ValueError, TypeError) as error:
         raise DataError(f"session {box.path}: arm {arm!r} cannot be decoded: {error}") from error
-    q, tau = parts["position"], extra.get("setpoint_jf", parts["effort"])
+    q, tau = columns.get("position"), columns.get("setpoint_jf", columns.get("effort"))
     if q is None or tau is None:
         what = "motor effort (setpoint_jf, or effort of measured_js)" if tau is None else "position"
         raise DataError(f"session {box.path}: arm {arm!r} has no {what}")
@@ -196,13 +189,26 @@ def _recording(box: Container, arm: str) -> Recording:
     preset = "" if urdf else info.get("preset", "single-axis")
     metadata = {k: v for k, v in info.items() if k == "unit"}
     metadata |= {f"session.{k}": v for k, v in box.metadata.get("session", {}).items()}
-    t = np.asarray(np.array(state.times, np.int64) * 1e-9, np.float64)
+    t = np.asarray(np.array(topics["measured_js"].times, np.int64) * 1e-9, np.float64)
     return Recording(
-        name=box.path.stem, arm=arm, joints=names, t=t, q=q, tau=tau, qd=parts["velocity"],
-        wrench=extra.get("measured_cf"), tau_ext=extra.get("external_jf"),
-        current=extra.get("motor_current"), temperature=extra.get("motor_temperature"),
+        name=box.path.stem, arm=arm, joints=names, t=t, q=q, tau=tau, qd=columns.get("velocity"),
+        wrench=columns.get("measured_cf"), tau_ext=columns.get("external_jf"),
+        current=columns.get("motor_current"), temperature=columns.get("motor_temperature"),
         robot=RobotSource(preset, urdf, info.get("tip", "")), metadata=metadata,
     )  # fmt: skip
+
+
+def _columns(
+    topics: dict[str, Topic], info: dict[str, str]
+) -> tuple[tuple[str, ...], dict[str, FloatArray]]:
+    """Joint names, and every array of an arm by part of the state or name of the topic."""
+    if "measured_js" not in topics:
+        raise DataError("measured_js has no samples")
+    state = topics["measured_js"]
+    names, parts = decode_joint_state(state)
+    names = names or tuple(json.loads(info.get("joints", "[]")))
+    out = {part: values for part, values in parts.items() if values is not None}
+    return names, out | {n: _on(t, state, names) for n, t in topics.items() if n in _COLUMNS}
 
 
 def _common(box: Container, arm: str) -> dict[str, Topic]:

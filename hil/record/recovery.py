@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from mcap.writer import Writer
 
 from hil.errors import ConfigError, DataError
 from hil.record.container import Container, read
@@ -42,23 +43,29 @@ def recover(source: str | Path, target: str | Path) -> int:
     largest = max(len(x) for t in box.topics.values() for x in t.data)
     with create(target, overwrite=False) as file:
         writer = mcap_writer(file, largest)
-        for name, record in box.metadata.items():
-            writer.add_metadata(name, record)
-        for name, data in box.attachments.items():
-            writer.add_attachment(0, 0, name, "application/octet-stream", data)
-        schemas: dict[tuple[str, str, bytes], int] = {}
-        numbers: dict[str, int] = {}
-        for t in box.topics.values():
-            key = (t.schema, t.schema_encoding, t.schema_text)
-            if key not in schemas:
-                schemas[key] = writer.register_schema(*key)
-            numbers[t.name] = writer.register_channel(t.name, t.encoding, schemas[key])
+        numbers = _head(writer, box)
         for name, k in _in_order(box):
             t = box.topics[name]
             writer.add_message(numbers[name], t.times[k], t.data[k], t.times[k], t.sequence[k])
         chunk_closer(writer)()
         writer.finish()  # type: ignore[no-untyped-call]
     return kept
+
+
+def _head(writer: Writer, box: Container) -> dict[str, int]:
+    """Write all but the messages; the number of each channel."""
+    for name, record in box.metadata.items():
+        writer.add_metadata(name, record)
+    for name, data in box.attachments.items():
+        writer.add_attachment(0, 0, name, "application/octet-stream", data)
+    schemas: dict[tuple[str, str, bytes], int] = {}
+    numbers: dict[str, int] = {}
+    for t in box.topics.values():
+        key = (t.schema, t.schema_encoding, t.schema_text)
+        if key not in schemas:
+            schemas[key] = writer.register_schema(*key)
+        numbers[t.name] = writer.register_channel(t.name, t.encoding, schemas[key])
+    return numbers
 
 
 def _in_order(box: Container) -> list[tuple[str, int]]:

@@ -32,6 +32,8 @@ EVENT_SCHEMA = (
     '"data": {"type": "object"}}, "required": ["tick", "name"]}'
 )
 PARTS = ("position", "velocity", "effort")
+#: Stamps [s] from here on do not fit into a ROS 2 message.
+LAST_S = 2**31
 KINDS = ("joint_state", "wrench", "fields")
 #: What every ROS 2 tool accepts; a decoder refuses the whole channel otherwise.
 _FIELD = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")

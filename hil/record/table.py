@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError, DataError, unknown
 from hil.record.mapfile import Rule, TableMap, is_target
 from hil.record.recording import Recording, RobotSource
-from hil.record.tablecheck import clean_time, refuse_not_finite, refuse_units
+from hil.record.tablecheck import clean_time, from_zero, refuse_not_finite, refuse_units
 from hil.record.tablefile import Table, open_table
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
 
@@ -85,6 +85,7 @@ def import_table(
         recording, sources = _arm(name or "arm", filled, tables, given, robot, joints)
         recordings.append(recording)
         used |= sources
+    recordings = from_zero(table, recordings)
     unused = tuple(n for prefix, t in tables.items() for n in _prefixed(prefix, t) if n not in used)
     return Imported(tuple(recordings), unused)
 

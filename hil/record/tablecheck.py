@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from hil.errors import DataError
 from hil.record.consistency import unit_doubt, velocity_factor
 from hil.record.mapfile import Rule
 from hil.record.recording import Recording
+from hil.record.schema import LAST_S
 from hil.record.tablefile import Table
 from hil.record.urdf_joints import UrdfJoint
 
@@ -106,6 +108,28 @@ def _refuse_steps(table: Table, t: FloatArray, rows: NDArray[np.intp], gaps: str
             f"period of {period:.4g} s); import each part by itself, or say "
             'gaps = "keep" in [table] of a map'
         )
+
+
+def from_zero(table: Table, recordings: Sequence[Recording]) -> list[Recording]:
+    """Shift a table that begins before 0 s as a whole; a session cannot hold earlier times.
+
+    Raises
+    ------
+    DataError
+        If it holds times that are certainly no seconds.
+    """
+    start = min(float(r.t[0]) for r in recordings)
+    if max(float(r.t[-1]) for r in recordings) >= LAST_S:
+        raise DataError(
+            f"table {table.path}: time begins at {start:.6g}; expected seconds. Scale it in a map: "
+            '[columns] t = { from = "t", scale = 0.001 }'
+        )
+    if start >= 0:
+        return list(recordings)
+    return [
+        replace(r, t=r.t - start, metadata={**r.metadata, "time_shift_s": repr(-start)})
+        for r in recordings
+    ]
 
 
 def refuse_units(table: Table, recording: Recording, joints: tuple[UrdfJoint, ...]) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,10 +34,11 @@ def open_table(
     path : str or Path
         CSV (comma, semicolon or tab; header row), NPZ or MAT file.
     array : str
-        The 2-D array (n, k) of an NPZ or MAT file that holds the columns.
+        The 2-D array (n, k), structured array or struct of an NPZ or MAT file that holds the
+        columns.
     columns : sequence of str
-        Names of the columns of that array; with no `array`, every array of so many columns
-        is a run.
+        Names of the columns of a 2-D array; with no `array`, every array of so many columns
+        is a run.  Without `columns`, every structured array is one.
     run : str
         Run to choose.
 
@@ -60,15 +62,20 @@ def open_table(
         raise DataError(f"table {path}: {error.strerror or error}") from error
 
 
-def run_names(path: str | Path, columns: Sequence[str]) -> list[str]:
-    """Names of the runs of an NPZ or MAT file: its 2-D arrays of so many columns.
+def run_names(path: str | Path, columns: Sequence[str] = ()) -> list[str]:
+    """Names of the runs of an NPZ or MAT file.
+
+    They are its 2-D arrays of so many columns; without `columns`, its structured arrays.
 
     Raises
     ------
     DataError
         If the file cannot be read.
     """
-    return _runs(_load(Path(path)), columns)
+    if Path(path).suffix.lower() not in (".npz", ".mat"):
+        return []
+    data = _load(Path(path))
+    return _runs(data, columns) if columns else [k for k, v in data.items() if _fields(v)]
 
 
 def _runs(data: dict[str, NDArray[Any]], columns: Sequence[str]) -> list[str]:
@@ -76,6 +83,11 @@ def _runs(data: dict[str, NDArray[Any]], columns: Sequence[str]) -> list[str]:
 
 
 def _load(path: Path) -> dict[str, NDArray[Any]]:
+    return _load_once(path, path.stat().st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=1)  # a file of many runs is read once for all of them
+def _load_once(path: Path, _: int) -> dict[str, NDArray[Any]]:
     if path.suffix.lower() == ".npz":
         try:
             with np.load(path, allow_pickle=False) as data:
@@ -101,19 +113,39 @@ def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> Table:
     data = _load(path)
     if not data:
         raise DataError(f"table {path} holds no arrays")
+    records = {key: fields for key, value in data.items() if (fields := _fields(value))}
+    if array in records:
+        return _named(path, records[array], array)
     if array or columns:
         name = array or _choose(path, _runs(data, columns), run, len(columns))
         return _matrix(path, data, name, columns)
+    if len(records) > 1 or (run and records):
+        name = _choose(path, list(records), run)
+        return _named(path, records[name], name)
     if run:
         raise DataError(
             f"table {path}: --run {run!r}, but no runs are declared; "
             "name the columns of its arrays in a map: [table] columns = [...]"
         )
+    inner = next(iter(records.values()), {})
+    return _named(path, {**inner, **{k: v for k, v in data.items() if k not in records}}, path.stem)
+
+
+def _named(path: Path, data: Mapping[str, NDArray[Any]], run: str) -> Table:
     found = _by_key(data)
-    return Table(path, tuple(found), _picker(path, found), 1, path.stem)
+    if not found:
+        raise DataError(f"table {path} holds no columns; it has {', '.join(data) or 'nothing'}")
+    return Table(path, tuple(found), _picker(path, found), 1, run)
 
 
-def _choose(path: Path, runs: list[str], run: str, width: int) -> str:
+def _fields(value: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Fields of a structured array or of a MAT struct; empty for a plain array."""
+    names = value.dtype.names or ()
+    one = value.size == 1 and value.dtype.hasobject
+    return {n: np.asarray(value[n].ravel()[0] if one else value[n]) for n in names}
+
+
+def _choose(path: Path, runs: list[str], run: str, width: int = 0) -> str:
     if not runs:
         raise DataError(f"table {path} has no 2-D array of {width} columns")
     if not run and len(runs) > 1:
@@ -138,7 +170,7 @@ def _matrix(path: Path, data: dict[str, NDArray[Any]], name: str, columns: Seque
     return Table(path, names, _picker(path, found), 1, name)
 
 
-def _by_key(data: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+def _by_key(data: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Columns by key: ``q`` of shape (n, d) becomes ``q1`` to ``qd``; scalars are left out."""
     out: dict[str, NDArray[Any]] = {}
     for key, value in data.items():

@@ -126,6 +126,14 @@ def one(r: Recording, key: str, change) -> Recording:
     return replace(r, **{key: values})
 
 
+def test_no_effort_anywhere_is_an_error():
+    r = recording(d=1)
+    silent = replace(r, tau=np.zeros_like(r.tau), qd=None)
+    assert faults(silent) == [("no-effort", "error", "")]
+    by_hand = replace(silent, tau_ext=r.tau)  # motors off, moved by hand
+    assert faults(by_hand) == []
+
+
 def test_dead_effort_channel():
     r = one(recording(), "tau", lambda x: 0 * x)
     assert faults(r) == [("stuck", "warning", "joint1")]

@@ -155,3 +155,59 @@ def test_gaps_and_repeats_on_request(tmp_path):
     words = ["import", str(table), "--map", str(tmp_path / "m.toml")]
     assert main([*words, "-o", str(tmp_path / "s.mcap")]) == 0
     assert load(tmp_path / "s.mcap").n == r.n - 1
+
+
+def test_time_before_zero_is_shifted_and_told(tmp_path, capsys):
+    r = recording(d=1)
+    table = write_csv(tmp_path / "run.csv", {**columns(r), "t": r.t - 1.5})
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 0
+    assert "shifted by 1.5 s" in capsys.readouterr().out
+    np.testing.assert_allclose(load(tmp_path / "s.mcap").t, r.t, atol=2e-9)
+    assert summary(tmp_path / "s.mcap").metadata["import"]["time_shift_s"] == "1.5"
+
+
+@pytest.mark.parametrize("kind", ["npz", "mat"])
+def test_structured_array(tmp_path, kind):
+    r = recording(d=1)
+    table = columns(r)
+    if kind == "npz":
+        np.savez(tmp_path / "run.npz", log=np.rec.fromarrays(table.values(), names=list(table)))
+    else:
+        savemat(tmp_path / "run.mat", {"log": table})
+    for k, options in enumerate(([], ["--run", "log"])):
+        path = tmp_path / f"s{k}.mcap"
+        assert main(["import", str(tmp_path / f"run.{kind}"), "-o", str(path), *options]) == 0
+        np.testing.assert_array_equal(load(path).tau, r.tau)
+
+
+@pytest.mark.parametrize("stacked", [True, False])
+def test_every_run_into_a_folder(tmp_path, capsys, stacked):
+    runs = {f"run_{k}": columns(recording(d=1, seed=k)) for k in range(3)}
+    options = ["--all-runs", "-o", str(tmp_path / "out"), "--json"]
+    if stacked:
+        np.savez(tmp_path / "f.npz", **{n: np.stack(list(c.values()), 1) for n, c in runs.items()})
+        (tmp_path / "m.toml").write_text("[table]\ncolumns = ['t', 'q1', 'qd1', 'tau1']")
+        options += ["--map", str(tmp_path / "m.toml")]
+        table = tmp_path / "f.npz"
+    else:
+        savemat(tmp_path / "f.mat", runs)
+        table = tmp_path / "f.mat"
+    assert main(["import", str(table), *options]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [s["session"].split("/")[-1] for s in found["sessions"]] == [
+        "run_0.mcap", "run_1.mcap", "run_2.mcap",
+    ]  # fmt: skip
+    for name, table_ in runs.items():
+        np.testing.assert_array_equal(
+            load(tmp_path / "out" / f"{name}.mcap").tau[:, 0], table_["tau1"]
+        )
+    assert read_model(tmp_path / "out" / "model.toml")
+
+
+def test_one_bad_run_of_several_writes_nothing(tmp_path, capsys):
+    runs = {f"run_{k}": columns(recording(d=1, seed=k)) for k in range(3)}
+    runs["run_2"]["q1"] = np.where(np.arange(3000) == 7, np.nan, runs["run_2"]["q1"])
+    savemat(tmp_path / "f.mat", runs)
+    assert main(["import", str(tmp_path / "f.mat"), "--all-runs", "-o", str(tmp_path / "o")]) == 2
+    assert "'q1' has 1 missing" in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()

@@ -285,3 +285,12 @@ def test_output_is_the_table(tmp_path, capsys):
     before = table.read_text()
     assert main(["import", str(table), "-o", str(table)]) == 2
     assert table.read_text() == before
+
+
+def test_time_that_no_session_can_hold(tmp_path, refuse):
+    refuse(changed(tmp_path, lambda c: c.update(t=c["t"] + 1.7e12)), "expected seconds")
+
+
+def test_all_runs_of_one(tmp_path, refuse):
+    table = changed(tmp_path, lambda c: None)
+    refuse(table, "leave --all-runs out", options=("--all-runs",))
