@@ -19,6 +19,9 @@ MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _SCHEMA, _CHANNEL, _MSG, _CHUNK, _ATTACHMENT, _METADATA, _DATA_END = 3, 4, 5, 6, 9, 12, 15
+_UNREADABLE = (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError)
+#: No writer makes chunks so large [byte]; a damaged length must not claim the memory.
+_LARGEST_CHUNK = 2**31
 
 
 @dataclass
@@ -146,7 +149,7 @@ class _Reader:
                 self.inner(self.unpacked(data))
             else:
                 self.record(code, data)
-        except (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError, MemoryError):
+        except (*_UNREADABLE, MemoryError, OverflowError):
             self.out.damaged += 1
 
     def unpacked(self, chunk: bytes) -> bytes:
