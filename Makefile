@@ -2,6 +2,7 @@
 # Each makes its own environment (.venv) from nothing but Python 3.11-3.13 and make.
 PYTHON ?= python3
 VENV ?= .venv
+SEED ?= 1
 BIN := $(VENV)/bin
 
 .PHONY: demo test check install clean
@@ -15,10 +16,10 @@ $(VENV)/.installed: pyproject.toml
 	touch $@
 
 demo: install
-	$(BIN)/hil demo -o out/demo
+	$(BIN)/hil demo -o out/demo --seed $(SEED)
 
 test: install
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2
 
 check: install
 	$(BIN)/ruff check .

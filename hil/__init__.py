@@ -1,1 +1,59 @@
-"""PLACEHOLDER."""
+"""Haptic teleoperation rigs in Python, and the physics that their models miss.
+
+>>> import hil                                               # doctest: +SKIP
+>>> runs = [hil.load("run1.mcap")]                           # doctest: +SKIP
+>>> model = hil.base_model(runs[0].robot)                    # doctest: +SKIP
+>>> hil.diagnose(runs, model).verdict                        # doctest: +SKIP
+'missing-effect'
+>>> hil.fit(runs, model + "stribeck").relative               # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hil.compare.analysis import add, compare, diagnose, fit, ladder
+    from hil.models.files import read_model, write_model
+    from hil.models.model import RobotModel, Use, base_model
+    from hil.record.reader import load
+    from hil.record.recording import Recording
+
+_WHERE = {
+    "load": "hil.record.reader",
+    "Recording": "hil.record.recording",
+    "RobotModel": "hil.models.model",
+    "Use": "hil.models.model",
+    "base_model": "hil.models.model",
+    "read_model": "hil.models.files",
+    "write_model": "hil.models.files",
+    "fit": "hil.compare.analysis",
+    "compare": "hil.compare",
+    "diagnose": "hil.compare.analysis",
+    "add": "hil.compare.analysis",
+    "ladder": "hil.compare.analysis",
+}
+
+__all__ = [
+    "Recording",
+    "RobotModel",
+    "Use",
+    "add",
+    "base_model",
+    "compare",
+    "diagnose",
+    "fit",
+    "ladder",
+    "load",
+    "read_model",
+    "write_model",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name at first use, so that `import hil` costs nothing."""
+    if name not in _WHERE:
+        raise AttributeError(f"module 'hil' has no attribute {name!r}")
+    module = importlib.import_module(_WHERE[name])
+    return module if name == "compare" else getattr(module, name)

@@ -22,5 +22,7 @@ def rig_path(name: str) -> Path:
         raise ConfigError(unknown("rig", name, NAMES))
     path = Path(str(files("rigs") / f"{name}.toml"))
     if not path.is_file():
-        raise ConfigError(f"rig file {path} is missing from the installation; reinstall the package")
+        raise ConfigError(
+            f"rig file {path} is missing from the installation; reinstall the package"
+        )
     return path

@@ -30,13 +30,13 @@ def emps_model() -> RobotModel:
     """The published model: M qdd + Fv v + Fc sgn v + offset, with a sharp sign and its filter.
 
     Position filter 100 Hz (4th order, forward and backward) as published; their decimation by
-    a Chebyshev filter with a 40 Hz pass band edge is met by a half-power frequency of 48 Hz.
+    a Chebyshev filter with a 40 Hz pass band edge is met by a half-power frequency of 50 Hz.
     """
     sharp = Use(
         "coulomb", options={"fixed_shape": True}, values={"j1.coulomb.v0": Value(1e-6)}
     )  # fmt: skip
     parts = (Use("rigid-body"), sharp, Use("viscous"), Use("torque-offset"))
-    return RobotModel(AXIS, parts, band=Band(100.0, 48.0))
+    return RobotModel(AXIS, parts, band=Band(100.0, 50.0))
 
 
 @dataclass(frozen=True)

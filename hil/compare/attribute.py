@@ -26,12 +26,19 @@ def variance_share(c: Candidate, evidence: Evidence, sigma: FloatArray, n: int) 
     return float(removed / max(evidence.floor.rms[j] ** 2, 1e-300))
 
 
+def physical(c: Candidate) -> bool:
+    """Whether a single coefficient lies within its bounds (a negative Stribeck peak does not)."""
+    params = c.term.effect.params
+    return len(params) != 1 or params[0].lower <= c.coefficient <= params[0].upper
+
+
 def plausible(evidence: Evidence, sigma: FloatArray, n: int) -> list[Candidate]:
     """Candidates that are detected, matter and pay their price; best first."""
     return [
         c
         for c in evidence.candidates
         if c.p_value <= LEVEL
+        and physical(c)
         and c.score > 0
         and c.absorbed < 0.9999
         and variance_share(c, evidence, sigma, n) >= MATERIAL
@@ -82,7 +89,9 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
     return {k: float(x) for k, x in enumerate(p / p.sum())}
 
 
-def choose(candidates: list[Candidate], projector: Projector) -> tuple[Candidate, float, list[Candidate]]:
+def choose(
+    candidates: list[Candidate], projector: Projector
+) -> tuple[Candidate, float, list[Candidate]]:
     """Best candidate, its confidence, and the rivals that keep at least 5 % each.
 
     Rivals on another joint compete for the same residual only through the shared rigid-body
@@ -90,10 +99,12 @@ def choose(candidates: list[Candidate], projector: Projector) -> tuple[Candidate
     (or of the whole robot) count here.
     """
     best = candidates[0]
+    anywhere = best.term.effect.whole_robot
     same = [
-        c for c in candidates[1:]
-        if c.term.joint == best.term.joint or c.term.effect.whole_robot or best.term.effect.whole_robot
-    ]  # fmt: skip
+        c
+        for c in candidates[1:]
+        if anywhere or c.term.joint == best.term.joint or c.term.effect.whole_robot
+    ]
     p = weights(best, same[:12], projector)
     rivals = [c for k, c in enumerate(same[:12], start=1) if p[k] >= 0.05]
     return best, p[0], rivals

@@ -264,7 +264,9 @@ def _judge(
         verdict = "missing-effect" if sure else "ambiguous"
     else:
         verdict = "unexplained" if open_joints else "adequate"
-    return Diagnosis(verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial)
+    return Diagnosis(
+        verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial
+    )
 
 
 def _findings(
@@ -293,14 +295,22 @@ def _findings(
 
 
 def _warnings(ladder: list[Step], last: Evidence) -> list[tuple[str, str]]:
-    out = [(f"impossible-{name}", f"{name} cannot be tested: {why}") for name, why in last.impossible]
+    out = [
+        (f"impossible-{name}", f"{name} cannot be tested: {why}") for name, why in last.impossible
+    ]
     result = ladder[-1].result
     for name, v in result.values.items():
         if v.at_bound:
             out.append(("at-bound", f"parameter {name} lies on its bound {v.value:g} {v.unit}"))
-    lost = [n for n in result.not_identifiable()]
+    lost = result.not_identifiable()
     if lost:
-        out.append(("not-identifiable", f"{len(lost)} parameters are determined only in combination, e.g. {', '.join(lost[:4])}"))
+        out.append(
+            (
+                "not-identifiable",
+                f"{len(lost)} parameters are determined only in combination, e.g. "
+                f"{', '.join(lost[:4])}",
+            )
+        )
     return out
 
 

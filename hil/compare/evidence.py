@@ -81,7 +81,9 @@ _NONE = np.zeros(0)
 NOTHING = Evidence([], Floor(_NONE, "none", np.zeros((0, 0)), _NONE, _NONE), None, [])
 
 
-def possible_terms(result: FitResult, per_run: bool = False) -> tuple[list[Term], list[tuple[str, str]]]:
+def possible_terms(
+    result: FitResult, per_run: bool = False
+) -> tuple[list[Term], list[tuple[str, str]]]:
     """Candidate terms for these data, and the effects that cannot be tried, with the reason."""
     problem, explains = result.problem, result.model.explains
     motion = problem.motions[0]
@@ -151,12 +153,21 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate:
     size = float(np.sum(columns**2))
     absorbed = float(np.sum(qc**2)) / size if size > 0 else 1.0
     dof = columns.shape[1] + len(term.effect.shape)
-    return Candidate(term, gain, _net(projector, result, term, gain), dof=dof, absorbed=absorbed, coefficient=float(beta[0]))
+    return Candidate(
+        term,
+        gain,
+        _net(projector, result, term, gain),
+        dof=dof,
+        absorbed=absorbed,
+        coefficient=float(beta[0]),
+    )
 
 
 def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> float:
     """Gain when the candidate replaces what it stands for, e.g. presliding for Coulomb."""
-    gone = [t for t in result.terms if t.joint == term.joint and t.effect.name in term.effect.replaces]
+    gone = [
+        t for t in result.terms if t.joint == term.joint and t.effect.name in term.effect.replaces
+    ]
     if not gone:
         return gain
     rest = [t for t in result.terms if t not in gone]

@@ -12,6 +12,7 @@ The noise scale must never come from the incomplete model: the missing effect in
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
@@ -61,7 +62,9 @@ class Floor:
 
 def smooth_features(problem: Problem, j: int) -> FloatArray:
     """Smooth functions of position and speeds for joint j, filtered, shape (n, m)."""
-    rms = np.maximum(np.sqrt(np.mean(np.concatenate([m.qd for m in problem.motions]) ** 2, axis=0)), 1e-12)
+    rms = np.maximum(
+        np.sqrt(np.mean(np.concatenate([m.qd for m in problem.motions]) ** 2, axis=0)), 1e-12
+    )
     parts = []
     for m in problem.motions:
         x, v = np.clip(m.scaled(j), -1, 1), m.qd / rms
@@ -71,7 +74,12 @@ def smooth_features(problem: Problem, j: int) -> FloatArray:
         columns = [(bumps[:, :, None] * place[:, None, :3]).reshape(len(x), -1), place[:, 1:]]
         others = [k for k in range(problem.d) if k != j][:5]
         for k in others:
-            columns.append(np.stack([np.tanh(3 * v[:, k]), v[:, k], v[:, k] * own, v[:, k] * np.tanh(3 * own)], axis=1))
+            columns.append(
+                np.stack(
+                    [np.tanh(3 * v[:, k]), v[:, k], v[:, k] * own, v[:, k] * np.tanh(3 * own)],
+                    axis=1,
+                )
+            )
         pairs = [(a, b) for a in others for b in others if a < b][:6]
         columns += [(v[:, a] * v[:, b])[:, None] for a, b in pairs]
         parts.append(np.concatenate(columns, axis=1))
@@ -121,14 +129,16 @@ def _left_out(base: FloatArray, more: FloatArray, y: FloatArray, folds: int = 6)
     x = x[:, norm > 1e-300] / norm[norm > 1e-300]
     penalised = (np.arange(norm.size) >= base.shape[1])[norm > 1e-300]
     edges = np.linspace(0, y.size, folds + 1).astype(int)
-    grams = [x[a:b].T @ x[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    rights = [x[a:b].T @ y[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    grams = [x[a:b].T @ x[a:b] for a, b in pairwise(edges)]
+    rights = [x[a:b].T @ y[a:b] for a, b in pairwise(edges)]
     best = np.inf
     for strength in (1e-4, 1e-3, 1e-2, 1e-1):
         ridge = np.diag(np.where(penalised, strength, 1e-10))
         error = 0.0
-        for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
-            theta = scipy.linalg.solve(sum(grams) - grams[k] + ridge, sum(rights) - rights[k], assume_a="sym")
+        for k, (a, b) in enumerate(pairwise(edges)):
+            theta = scipy.linalg.solve(
+                sum(grams) - grams[k] + ridge, sum(rights) - rights[k], assume_a="sym"
+            )
             error += float(np.sum((y[a:b] - x[a:b] @ theta) ** 2))
         best = min(best, error)
     return float(np.sqrt(best / y.size))
@@ -158,8 +168,12 @@ def period(problem: Problem, run: int) -> int:
     low = int(1.0 * problem.rate)
     for lag in range(low, n // 2 + 1):
         worst = max(
-            float(np.max(np.sqrt(np.mean((q[:, lag:] - q[:, :-lag]) ** 2, axis=1)) / size_q) / 0.02),
-            float(np.max(np.sqrt(np.mean((v[:, lag:] - v[:, :-lag]) ** 2, axis=1)) / size_v) / 0.05),
+            float(
+                np.max(np.sqrt(np.mean((q[:, lag:] - q[:, :-lag]) ** 2, axis=1)) / size_q) / 0.02
+            ),
+            float(
+                np.max(np.sqrt(np.mean((v[:, lag:] - v[:, :-lag]) ** 2, axis=1)) / size_v) / 0.05
+            ),
         )
         if worst < 1 and worst < best:
             best, found = worst, lag

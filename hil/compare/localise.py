@@ -103,12 +103,21 @@ def features(result: FitResult, j: int) -> list[tuple[str, str, FloatArray, Floa
     ]  # fmt: skip
     load = problem.filtered([m.load for m in problem.motions])[:, j]
     if np.ptp(load) > 0:
-        out.append(("load", "N" if unit == "m" else "N m", load, np.quantile(load, np.linspace(0, 1, 7))))
+        out.append(
+            ("load", "N" if unit == "m" else "N m", load, np.quantile(load, np.linspace(0, 1, 7)))
+        )
     for k in range(problem.d):
         if k != j:
             top = max(float(np.quantile(np.abs(problem.qd[k]), 0.95)), 1e-9)
             edges = top * np.array([-1.5, -0.5, -0.1, 0, 0.1, 0.5, 1.5])
-            out.append((f"speed of {problem.joints[k]}", f"{problem.robot.units[k]}/s", problem.qd[k], edges))
+            out.append(
+                (
+                    f"speed of {problem.joints[k]}",
+                    f"{problem.robot.units[k]}/s",
+                    problem.qd[k],
+                    edges,
+                )
+            )
     return out
 
 
@@ -139,7 +148,10 @@ def regions(result: FitResult, floor: Floor, most: int = 5) -> dict[str, list[Re
     found: dict[str, list[Region]] = {joint: [] for joint in result.problem.joints}
     for view in views(result, floor):
         j = result.problem.joints.index(view.joint)
-        excess = max(float(np.sum(result.residual[j] ** 2)) - result.problem.n * float(floor.rms[j]) ** 2, 1e-300)
+        excess = max(
+            float(np.sum(result.residual[j] ** 2)) - result.problem.n * float(floor.rms[j]) ** 2,
+            1e-300,
+        )
         for k in range(view.mean.size):
             if view.count[k] < 10:
                 continue
@@ -167,7 +179,8 @@ def _region(view: View, k: int, strength: float, share: float) -> Region:
     what = {
         "speed": f"at speeds from {low:.3g} to {high:.3g} {view.unit}",
         "since-reversal": f"{low:.2g} to {high:.2g} s after a reversal"
-        if high < 100 else f"more than {low:.2g} s after a reversal",
+        if high < 100
+        else f"more than {low:.2g} s after a reversal",
         "position": f"at positions from {low:.3g} to {high:.3g} {view.unit}",
         "load": f"at transmitted loads from {low:.3g} to {high:.3g} {view.unit}",
         "time": f"from {low:.0f} to {high:.0f} s into the run",
@@ -183,7 +196,9 @@ def _region(view: View, k: int, strength: float, share: float) -> Region:
     )  # fmt: skip
 
 
-def frequency_excess(result: FitResult, floor: Floor) -> dict[str, tuple[FloatArray, FloatArray, FloatArray]]:
+def frequency_excess(
+    result: FitResult, floor: Floor
+) -> dict[str, tuple[FloatArray, FloatArray, FloatArray]]:
     """Spectrum of the residual beside the noise': frequency [Hz] and two amplitude densities."""
     import scipy.signal
 

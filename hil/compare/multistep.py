@@ -45,7 +45,6 @@ class MultiStep:
     diverged: int
 
 
-
 class _Forward:
     """Effort of the model for many states at once; state effects follow the measured motion."""
 
@@ -69,10 +68,12 @@ class _Forward:
                 out[:, t.joint] += t.effect.columns(self.motion, t.joint, t.shape) @ theta
         return out
 
-    def effort(self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray) -> FloatArray:
+    def effort(
+        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray
+    ) -> FloatArray:
         """Effort (w, d) of the other terms at states (w, d)."""
         m = replace(self.motion, t=np.arange(len(q), dtype=float), q=q, qd=qd, qdd=qdd, load=load,
-                    tau=np.zeros_like(q), tau_ext=np.zeros_like(q))  # fmt: skip
+                    tau=np.zeros_like(q), tau_ext=np.zeros_like(q), average=0.0)  # fmt: skip
         out = np.zeros_like(q)
         for t, theta in self.parts:
             if self.replayed(t):
@@ -102,7 +103,7 @@ def simulate(result: FitResult, problem: Problem, seconds: float = 0.5) -> Multi
     errors: list[FloatArray] = []
     moves: list[FloatArray] = []
     for motion in problem.motions:
-        horizon = max(2, int(round(seconds / motion.dt)))
+        horizon = max(2, round(seconds / motion.dt))
         edge = int(0.2 / motion.dt)
         last = motion.n - horizon - edge
         if last <= edge:
@@ -143,7 +144,9 @@ def _run(
                 axis=-1,
             )
             push = drive[starts + k] - rest
-            qdd = np.linalg.solve(mass, push[..., None])[..., 0] if _regular(mass) else push * np.nan
+            qdd = (
+                np.linalg.solve(mass, push[..., None])[..., 0] if _regular(mass) else push * np.nan
+            )
             qd = qd + dt * qdd
             q = q + dt * qd
             q, qd = np.clip(q, -1e6, 1e6), np.clip(qd, -1e6, 1e6)

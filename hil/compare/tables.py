@@ -89,7 +89,10 @@ def candidate_json(c: Candidate, evidence: Evidence, diagnosis: Diagnosis) -> di
     problem, j = base.result.problem, c.term.joint
     power = base.result.rms[j] ** 2 - c.net * base.result.sigma[j] ** 2 / problem.n
     size = float(np.sqrt(np.mean(problem.effort[j] ** 2)))
-    total = sum(math.exp(min(0.0, (x.score - evidence.candidates[0].score) / 2)) for x in evidence.candidates)
+    total = sum(
+        math.exp(min(0.0, (x.score - evidence.candidates[0].score) / 2))
+        for x in evidence.candidates
+    )
     weight = math.exp(min(0.0, (c.score - evidence.candidates[0].score) / 2)) / total
     detected = c.p_value <= 0.01 and c.score > 0
     whole = c.term.effect.whole_robot and not c.term.effect.shape
@@ -129,7 +132,8 @@ def diagnosis_json(d: Diagnosis) -> dict[str, object]:
             "best_partial": [finding_json(f) for f in d.partial],
         },
         "indistinguishable": [
-            {"effects": list(s.effects), "why": s.why, "experiment": s.experiment} for s in sets_of(d)
+            {"effects": list(s.effects), "why": s.why, "experiment": s.experiment}
+            for s in sets_of(d)
         ],
         "warnings": [{"code": code, "text": text} for code, text in d.warnings],
     }

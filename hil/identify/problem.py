@@ -115,7 +115,7 @@ class Problem:
         q, qd, qdd = bands.derivatives(r.q, fs, self.rates.position)
         tau = bands.smooth(r.tau, fs, self.rates.position)
         ext = bands.smooth(self._external(r), fs, self.rates.position)
-        stride = max(1, int(fs / (3.2 * self.rates.position)))
+        stride = max(1, int(fs / (5.0 * self.rates.position)))
         pick = slice(None, None, stride)
         if r.tau_ext is None and r.wrench is not None:
             wrench = bands.smooth(r.wrench, fs, self.rates.position)
@@ -132,8 +132,9 @@ class Problem:
             )
         motion = Motion(
             t=t, q=q[pick], qd=qd[pick], qdd=qdd[pick], tau=tau[pick], tau_ext=external,
-            load=np.zeros_like(q[pick]), static=np.zeros_like(q[pick]), v0=self._resolution(r), resolution=np.zeros(r.d), span=self.span,
-            contact=np.full((r.d, 2), np.nan), robot=self.robot,
+            load=np.zeros_like(q[pick]), static=np.zeros_like(q[pick]), v0=self._resolution(r),
+            resolution=np.zeros(r.d), span=self.span,
+            contact=np.full((r.d, 2), np.nan), robot=self.robot, average=step,
         )  # fmt: skip
         self.motions.append(motion)
         self._filters.append(bands.Decimator(t.size, 1 / step, self.rates.effort))
@@ -155,7 +156,10 @@ class Problem:
     def _assemble(self) -> None:
         #: Speed noise by joint (d,): what is slower than this is not motion.
         self.speed_noise = np.max([m.v0 for m in self.motions], axis=0)
-        self.motions = [m.with_(v0=0.5 * self.speed_noise, resolution=0.5 * self.speed_noise) for m in self.motions]
+        self.motions = [
+            m.with_(v0=0.5 * self.speed_noise, resolution=0.5 * self.speed_noise)
+            for m in self.motions
+        ]
         self._target()
         self.q = self.filtered([m.q for m in self.motions]).T.copy()
         self.qd = self._sampled("qd").T.copy()

@@ -94,11 +94,25 @@ def best_shape(projector: Projector, term: Term, refine: bool = True) -> tuple[T
     if not grid:
         return term, 0.0
     gains = [projector.gain(term.reshaped(s)) for s in grid]
-    best = int(np.argmax(gains))
+    best = _simplest(grid, gains)
     found, gain = term.reshaped(grid[best]), gains[best]
     if refine and term.effect.refine and len(term.effect.shape) and len(grid) > 1:
         found, gain = _refine(projector, found, gain, grid, best)
     return found, gain
+
+
+def _simplest(grid: list[tuple[float, ...]], gains: list[float]) -> int:
+    """Best index of the first form (all shape values but the first) within 3 % of the best gain.
+
+    A grid lists its forms from the usual to the unusual one.
+    """
+    top = max(gains)
+    for form in dict.fromkeys(shape[1:] for shape in grid):
+        own = [k for k, shape in enumerate(grid) if shape[1:] == form]
+        best = max(own, key=lambda k: gains[k])
+        if gains[best] >= 0.97 * top:
+            return best
+    return int(np.argmax(gains))
 
 
 def _refine(

@@ -114,7 +114,8 @@ class CoupledTransmission(Effect):
         k, r = int(shape[0]) - 1, shape[1]
         w = motion.qd[:, j] + r * motion.qd[:, k]
         slope = motion.qdd[:, j] + r * motion.qdd[:, k]
-        parts = np.stack([slope, np.tanh(w / max(motion.v0[j], motion.v0[k])), w], axis=1)
+        v0 = float(max(motion.v0[j], motion.v0[k]))
+        parts = np.stack([slope, motion.sign_of(w, slope, v0), w], axis=1)
         out = np.zeros((motion.n, motion.d, 3))
         out[:, j], out[:, k] = parts, r * parts
         return out

@@ -32,7 +32,7 @@ class Coulomb(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """tanh(v / v0)."""
-        return _column(np.tanh(motion.qd[:, j] / shape[0]))
+        return _column(motion.sign_of(motion.qd[:, j], motion.qdd[:, j], float(shape[0])))
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From the velocity resolution up to a tenth of the typical speed."""
@@ -66,7 +66,7 @@ class Stribeck(Effect):
     confused_with = ("quadratic-drag", "presliding", "coulomb")
     shown_by = "slow constant-speed strokes in both directions, log-spaced speeds"
     source = "Stribeck 1902; " + _OLSSON
-    params = (Param("fs", "{F}", "excess of static over Coulomb friction"),)
+    params = (Param("fs", "{F}", "excess of static over Coulomb friction", 0.0),)
     shape = (
         Param("vs", "{x}/s", "Stribeck speed", 0.0),
         Param("n", "1", "exponent: 2 Gaussian, 1 exponential, less: long tail", 0.25, 2.0),
@@ -175,7 +175,7 @@ class LoadFriction(Effect):
     confused_with = ("torque-gain", "coulomb", "position-friction")
     shown_by = "the same motion under several static loads"
     source = "Bittencourt, Gunnarsson, J. Dyn. Syst. Meas. Control 134, 2012"
-    params = (Param("mu", "1", "friction per transmitted effort"),)
+    params = (Param("mu", "1", "friction per transmitted effort", 0.0),)
     shape = (Param("of", "1", "0: all that is transmitted; 1: gravity and springs only", 0.0, 1.0),)
     refine = False
 
@@ -211,9 +211,11 @@ class CoupledFriction(Effect):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[tanh(w / v0), w]."""
         k, mode = int(shape[0]) - 1, shape[1]
-        own = motion.qd[:, j] if mode else np.zeros(motion.n)
-        w = own + (mode or 1.0) * motion.qd[:, k]
-        return np.stack([np.tanh(w / max(motion.v0[j], motion.v0[k])), w], axis=1)
+        own, side = float(bool(mode)), mode or 1.0
+        w = own * motion.qd[:, j] + side * motion.qd[:, k]
+        slope = own * motion.qdd[:, j] + side * motion.qdd[:, k]
+        v0 = float(max(motion.v0[j], motion.v0[k]))
+        return np.stack([motion.sign_of(w, slope, v0), w], axis=1)
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Every other joint, alone and relative to this one."""

@@ -129,7 +129,7 @@ class EndStop(Effect):
     shown_by = "strokes that reach the end of the range, slowly and fast"
     source = "Hunt, Crossley, J. Applied Mechanics 42, 1975"
     params = (
-        Param("k", "{F}/{x}", "stiffness at first touch"),
+        Param("k", "{F}/{x}", "stiffness at first touch", 0.0),
         Param("h", "{F}/{x}^2", "hardening"),
         Param("c", "{F} s/{x}^2", "damping per penetration"),
     )

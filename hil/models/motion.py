@@ -40,6 +40,8 @@ class Motion:
         Surface position and side (+1: contact above it, -1: below); NaN where there is none.
     robot : Robot
         Geometry and rigid-body regressor.
+    average : float
+        Time over which a sign is averaged around each instant [s]; 0 = not at all.
     """
 
     t: FloatArray
@@ -55,6 +57,7 @@ class Motion:
     span: FloatArray
     contact: FloatArray
     robot: Robot
+    average: float = 0.0
 
     @property
     def n(self) -> int:
@@ -73,8 +76,25 @@ class Motion:
 
     def sign(self, j: int) -> FloatArray:
         """Sign of joint j's velocity, resolved to `v0[j]`: tanh(v / v0), shape (n,)."""
-        out: FloatArray = np.tanh(self.qd[:, j] / self.v0[j])
-        return out
+        return self.sign_of(self.qd[:, j], self.qdd[:, j], float(self.v0[j]))
+
+    def sign_of(self, v: FloatArray, a: FloatArray, v0: float) -> FloatArray:
+        """tanh(v / v0), averaged over `average` around each instant, shape (n,).
+
+        A reversal between two instants would otherwise be placed on one of them, an error of
+        half a period that no later filter takes back.  With constant acceleration a and
+        h = a average / 2 the average is
+
+            v0 / (2 h) [ln cosh((v + h) / v0) - ln cosh((v - h) / v0)].
+        """
+        h = np.abs(a) * self.average / 2
+        if not np.any(h > 0.1 * v0):
+            return np.tanh(v / v0)
+        h = np.maximum(h, 0.01 * v0)
+        up, down = np.abs(v + h) / v0, np.abs(v - h) / v0
+        # ln cosh x = |x| + ln(1 + exp(-2 |x|)) - ln 2
+        rise = up - down + np.log1p(np.exp(-2 * up)) - np.log1p(np.exp(-2 * down))
+        return v0 / (2 * h) * rise
 
     def scaled(self, j: int) -> FloatArray:
         """Position of joint j mapped to [-1, 1] over the recorded span, shape (n,)."""

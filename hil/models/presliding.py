@@ -47,9 +47,9 @@ class Presliding(Effect):
     shown_by = "small reversals below break-away, at two or more frequencies"
     source = "Dahl 1968; Lampaert, Swevers, Al-Bender, IEEE Trans. Automatic Control 47(4), 2002"
     params = (
-        Param("f1", "{F}", "sliding friction of the stiffest element"),
-        Param("f2", "{F}", "sliding friction of the element three times as soft"),
-        Param("f3", "{F}", "sliding friction of the element nine times as soft"),
+        Param("f1", "{F}", "sliding friction of the stiffest element", 0.0),
+        Param("f2", "{F}", "sliding friction of the element three times as soft", 0.0),
+        Param("f3", "{F}", "sliding friction of the element nine times as soft", 0.0),
     )
     shape = (Param("s", "{x}", "presliding displacement", 0.0),)
     replaces = ("coulomb",)

@@ -255,6 +255,7 @@ def _motion(
     return Motion(
         t=t, q=q, qd=qd, qdd=qdd, tau=tau, tau_ext=push, load=0.1 * qdd + 0.05 * q - push,
         static=0.05 * q,
-        v0=np.maximum(0.01 * speed, 1e-9), resolution=np.maximum(0.005 * speed, 1e-9), span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
+        v0=np.maximum(0.01 * speed, 1e-9), resolution=np.maximum(0.005 * speed, 1e-9),
+        span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
         contact=contact, robot=robot,
     )  # fmt: skip

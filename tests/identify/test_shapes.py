@@ -103,7 +103,13 @@ def test_stribeck_speed_is_found(vs: float) -> None:
     result = fit(problem, BASE + Use("stribeck", ("joint2",)))
     term = next(t for t in result.terms if t.effect is effect)
     assert term.shape[0] == pytest.approx(vs, rel=0.35)
-    assert result.values["j2.stribeck.fs"].value == pytest.approx(0.15, rel=0.35)
+    # peak, its exponent and the sharpness of the sign trade off; the friction curve does not
+    part = {k.removeprefix("j2."): v.value for k, v in result.values.items()}
+    v = vs * np.array([1.0, 1.5, 2.0, 4.0])
+    peak = part["stribeck.fs"] * np.exp(-((v / part["stribeck.vs"]) ** part["stribeck.n"]))
+    found = (part["coulomb.fc"] + peak) * np.tanh(v / part["coulomb.v0"])
+    true = 0.2 * np.tanh(v / 0.02) + 0.15 * np.exp(-((v / vs) ** 2))
+    np.testing.assert_allclose(found, true, rtol=0.2)
 
 
 def test_refinement_is_at_least_as_good_as_the_grid(

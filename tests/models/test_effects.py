@@ -29,7 +29,8 @@ def motion_of(robot: Robot, n: int = 40, seed: int = 0) -> Motion:
     qd[3] = 0.0
     return Motion(
         t=np.arange(n) * 0.01, q=q, qd=qd, qdd=qdd, tau=tau, tau_ext=ext, load=load, static=static,
-        v0=np.linspace(0.02, 0.05, d), resolution=np.full(d, 0.01), span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
+        v0=np.linspace(0.02, 0.05, d), resolution=np.full(d, 0.01),
+        span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
         contact=np.array([[0.1, 1.0], [-0.2, -1.0], [0.0, 1.0]])[:d], robot=robot,
     )  # fmt: skip
 

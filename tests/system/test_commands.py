@@ -1,0 +1,130 @@
+"""The program as a user meets it: JSON contracts, exit codes, help with an example."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hil.cli import COMMANDS, main
+from hil.record.export import write_recordings
+from hil.record.recording import Recording, RobotSource
+
+
+def axis(name, seed, drag=0.0, seconds=20.0):
+    """One axis with friction, driven by a known motion; independent of the library's models."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(seconds * 500)) / 500
+    w, a, p = 2 * np.pi * np.arange(1, 9) * 0.2, rng.uniform(0.1, 0.3, 8), rng.uniform(0, 6.3, 8)
+    q = (a * np.sin(np.outer(t, w) + p)).sum(1)
+    qd = (a * w * np.cos(np.outer(t, w) + p)).sum(1)
+    qdd = -(a * w**2 * np.sin(np.outer(t, w) + p)).sum(1)
+    tau = 0.01 * qdd + 0.03 * np.tanh(qd / 0.002) + 0.01 * qd + drag * qd * np.abs(qd)
+    tau = tau + 0.004 * rng.standard_normal(t.size)
+    return Recording(name, "arm", ("joint1",), t, q[:, None], tau[:, None], robot=RobotSource())
+
+
+@pytest.fixture
+def session(tmp_path):
+    path = tmp_path / "s.mcap"
+    write_recordings(path, [axis("s", 1, drag=0.01)])
+    other = tmp_path / "h.mcap"
+    write_recordings(other, [axis("h", 2, drag=0.01)])
+    return path, other
+
+
+def run(capsys, *words):
+    code = main([str(w) for w in words])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_compare_json(session, capsys):
+    code, out = run(capsys, "compare", session[0], "--holdout", session[1], "--json")
+    assert code == 0 and out["schema"] == "hil.compare/1"
+    (joint,) = out["joints"]
+    assert {"name", "rms", "relative", "noise_floor", "excess_share", "where"} <= set(joint)
+    assert {"feature", "range", "rms", "share", "text"} <= set(joint["where"][0])
+    assert out["multi_step"]["relative"]["joint1"] > 0 and "warnings" in out
+
+
+def test_diagnose_json_names_the_drag(session, capsys):
+    code, out = run(capsys, "diagnose", session[0], "--holdout", session[1], "--json")
+    assert code == 0 and out["schema"] == "hil.diagnose/1"
+    assert out["verdict"] == "missing-effect"
+    (finding,) = out["findings"]
+    assert (finding["effect"], finding["joint"]) == ("quadratic-drag", "joint1")
+    value = finding["parameters"]["j1.quadratic-drag.fd"]
+    assert value["value"] == pytest.approx(0.01, abs=4 * value["stderr"])
+    assert {"candidates", "remaining", "indistinguishable", "warnings"} <= set(out)
+
+
+def test_improve_writes_a_model_that_is_adequate(session, tmp_path, capsys):
+    better = tmp_path / "better.toml"
+    code, out = run(capsys, "improve", session[0], "--holdout", session[1], "-o", better, "--json")
+    assert code == 0
+    errors = [rung["relative_all"] for rung in out["ladder"]]
+    assert errors[-1] < errors[0]
+    _, again = run(capsys, "diagnose", session[0], "--model", better, "--json")
+    assert again["verdict"] == "adequate" and not again["findings"]
+
+
+def test_add_lowers_the_error(session, tmp_path, capsys):
+    words = ("add", "quadratic-drag", "--session", session[0], "--holdout", session[1])
+    code, out = run(capsys, *words, "-o", tmp_path / "m.toml", "--json")
+    assert code == 0
+    before, after = out["ladder"]
+    assert after["relative"]["joint1"] < 0.9 * before["relative"]["joint1"]
+
+
+def test_fit_json(session, capsys):
+    code, out = run(capsys, "fit", session[0], "--json")
+    assert code == 0 and {"parameters", "rank", "condition", "not_identifiable"} <= set(out)
+    assert {"value", "stderr", "unit", "at_bound"} <= set(out["parameters"]["rigid-body.m"])
+
+
+def test_no_effect_no_finding(tmp_path, capsys):
+    path = tmp_path / "n.mcap"
+    write_recordings(path, [axis("n", 3)])
+    _, out = run(capsys, "diagnose", path, "--json")
+    assert out["verdict"] == "adequate" and out["findings"] == []
+
+
+def test_standstill_is_not_a_result(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    still = axis("still", 1)
+    q = 1e-6 * rng.standard_normal(still.q.shape)
+    path = tmp_path / "still.mcap"
+    write_recordings(path, [Recording("still", "arm", ("joint1",), still.t, q, still.tau)])
+    code, out = run(capsys, "diagnose", path, "--json")
+    assert code == 0 and out["verdict"] in ("not-identifiable", "bad-data")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("diagnose", "missing.mcap"), "missing.mcap"),
+        (("add", "stribek", "--session", "SESSION"), "stribeck"),
+        (("add", "stribeck", "--joint", "joint9", "--session", "SESSION"), "joint1"),
+        (("fit", "SESSION", "--model", "none.toml"), "none.toml"),
+        (("fit", "SESSION", "-o", "no/such/folder/m.toml"), "folder"),
+        (("diagnose", "SESSION", "--arm", "left"), "arm"),
+        (("effects", "friktion"), "friction"),
+        (("run", "no.toml", "-o", "x.mcap"), "no.toml"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_2(session, capsys, words, says):
+    words = [str(session[0]) if w == "SESSION" else w for w in words]
+    assert main(words) == 2
+    captured = capsys.readouterr()
+    assert captured.out == "" and says in captured.err and "Traceback" not in captured.err
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_every_command_has_help_with_an_example(name, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([name, "--help"])
+    assert stop.value.code == 0 and f"hil {name}" in capsys.readouterr().out.split("example:")[1]
+
+
+def test_results_are_the_same_twice(session, capsys):
+    first = run(capsys, "diagnose", session[0], "--json")
+    assert first == run(capsys, "diagnose", session[0], "--json")

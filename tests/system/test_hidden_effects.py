@@ -1,0 +1,56 @@
+"""A hidden effect is named from the recording alone; a session with none raises no alarm."""
+
+import json
+
+import pytest
+
+from hil.bench import hidden
+from hil.cli import main
+from hil.rigs import rig_path
+
+#: One seed of each family here; `hil bench hidden` runs all ten with three seeds.
+CASES = [
+    ("", "joint1"),
+    ("stribeck", "joint2"),
+    ("presliding", "joint2"),
+    ("coupled-friction", "joint2"),
+    ("position-torque", "joint1"),
+    ("cogging", "joint2"),
+]
+
+
+@pytest.mark.parametrize(("effect", "joint"), CASES)
+def test_hidden_effect_is_named(tmp_path, effect, joint):
+    found = hidden.case(rig_path("identify"), tmp_path, effect, joint, seed=4)
+    assert found.right, found
+    assert found.after < 1.25
+
+
+def test_outside_effect_gets_no_name(tmp_path):
+    path = hidden.session(rig_path("identify"), tmp_path, 5, 5, "outside-speed-product", "joint2")
+    from hil.compare.diagnose import diagnose
+    from hil.models.model import base_model
+    from hil.record.reader import load
+
+    run = load(path, "follower")
+    assert diagnose([run], base_model(run.robot)).verdict == "unexplained"
+
+
+def test_session_carries_no_trace_of_what_is_hidden(tmp_path):
+    path = hidden.session(rig_path("identify"), tmp_path, 1, 1, "stribeck", "joint2")
+    raw = path.read_bytes()
+    assert b"stribeck" not in raw and b"hidden" not in raw
+
+
+def test_demo_tells_the_whole_story(tmp_path, capsys):
+    assert main(["demo", "--seed", "2", "-o", str(tmp_path), "--json"]) == 0
+    out = json.loads(capsys.readouterr().out)
+    assert out["verdict"] == "missing-effect"
+    found = out["findings"][0]
+    assert (found["effect"], found["joint"]) == (out["hidden"]["effect"], out["hidden"]["joint"])
+    joint = found["joint"]
+    first, last = out["ladder"][0], out["ladder"][-1]
+    assert last["relative"][joint] < first["relative"][joint]
+    assert last["rms"][joint] <= 1.1 * out["remaining"]["noise_floor"][joint]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert found["effect"] in page
