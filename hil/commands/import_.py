@@ -20,10 +20,11 @@ from hil.models.robots import make_robot
 from hil.record import datasets
 from hil.record.checks import check
 from hil.record.export import write_recordings
-from hil.record.mapfile import TableMap, builtin_maps, read_map
+from hil.record.mapfile import builtin_maps, read_map
 from hil.record.recording import Recording
 from hil.record.table import Imported, import_table
 from hil.record.tablefile import run_names
+from hil.record.tablemap import TableMap
 
 _Item = TypeVar("_Item")
 HELP = "bring a CSV, NPZ or MAT recording of any rig into a session"
@@ -145,7 +146,7 @@ def _write(output: Path, found: Imported, table: Path) -> None:
         source = {"import": {"table": table.name, "run": first.name}}
         if shift := first.metadata.get("time_shift_s"):
             source["import"]["time_shift_s"] = shift
-        write_recordings(temporary, found.recordings, source)
+        write_recordings(temporary, found.recordings, source, found.extras)
         mask = os.umask(0)
         os.umask(mask)
         Path(temporary).chmod(0o666 & ~mask)

@@ -102,15 +102,15 @@ class Material:
 def from_diagnosis(d: Diagnosis) -> Material:
     """Material of a diagnosis; both errors of every rung."""
     if not d.ladder:
-        return Material(d.verdict, [], d.floor, d.first, d.last, warnings=d.warnings)
+        return Material(d.verdict, [], d.noise, d.first, d.last, warnings=d.warnings)
     motor = d.ladder[0].result.model.explains == "motor"
     rungs = (
         [_honest(r) for r in ladder(d)]
         if motor
-        else [Rung(s, _none(len(d.floor))) for s in d.ladder]
+        else [Rung(s, _none(len(d.noise))) for s in d.ladder]
     )
     return Material(
-        d.verdict, rungs, d.floor, d.first, d.last, d.findings, d.partial, sets_of(d), d.warnings
+        d.verdict, rungs, d.noise, d.first, d.last, d.findings, d.partial, sets_of(d), d.warnings
     )
 
 

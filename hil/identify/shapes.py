@@ -102,7 +102,7 @@ def best_shape(projector: Projector, term: Term, refine: bool = True) -> tuple[T
 
 
 def _simplest(grid: list[tuple[float, ...]], gains: list[float]) -> int:
-    """Best index of the first form (all shape values but the first) within 3 % of the best gain.
+    """Best index of the first form (all shape values but the first) within 1 % of the best gain.
 
     A grid lists its forms from the usual to the unusual one.
     """
@@ -110,7 +110,7 @@ def _simplest(grid: list[tuple[float, ...]], gains: list[float]) -> int:
     for form in dict.fromkeys(shape[1:] for shape in grid):
         own = [k for k, shape in enumerate(grid) if shape[1:] == form]
         best = max(own, key=lambda k: gains[k])
-        if gains[best] >= 0.97 * top:
+        if gains[best] >= 0.99 * top:
             return best
     return int(np.argmax(gains))
 

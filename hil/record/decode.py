@@ -30,14 +30,30 @@ def decode(topic: Topic, joints: tuple[str, ...]) -> FloatArray:
     DataError
         If the messages are of another encoding, or of other joints.
     """
-    _refuse_encoding(topic)
     if topic.schema.endswith("/JointState"):
         names, parts = decode_joint_state(topic)
         return _ordered(topic, parts["effort"], names, joints)
-    if topic.schema.endswith("/WrenchStamped"):
+    values = decode_numbers(topic)
+    return values if _is_wrench(topic) else _ordered(topic, values, (), joints)
+
+
+def decode_numbers(topic: Topic) -> FloatArray:
+    """Numbers of a WrenchStamped (n, 6), or of a stamped message of float64 fields (n, k).
+
+    Raises
+    ------
+    DataError
+        If the messages are of another encoding, or differ in size.
+    """
+    _refuse_encoding(topic)
+    if _is_wrench(topic):
         (n,) = struct.unpack_from("<I", topic.data[0], 12)
         return _numbers(topic, 4 + -(-(12 + n) // 8) * 8, 6)
-    return _ordered(topic, _numbers(topic, 12, (len(topic.data[0]) - 12) // 8), (), joints)
+    return _numbers(topic, 12, (len(topic.data[0]) - 12) // 8)
+
+
+def _is_wrench(topic: Topic) -> bool:
+    return topic.schema.endswith("/WrenchStamped")
 
 
 def _ordered(

@@ -29,6 +29,7 @@ def write_recordings(
     path: str | Path,
     recordings: Sequence[Recording],
     metadata: Mapping[str, Mapping[str, str]] | None = None,
+    extras: Sequence[tuple[Channel, np.ndarray, np.ndarray]] = (),
 ) -> None:
     """Write recordings (one an arm, same run) as one session.
 
@@ -40,6 +41,8 @@ def write_recordings(
         One a distinct arm.
     metadata : mapping, optional
         Further metadata records.
+    extras : sequence of (Channel, t (n,), values (n, k))
+        Further channels.
 
     Raises
     ------
@@ -56,7 +59,7 @@ def write_recordings(
             )
     records = {f"robot/{r.arm}": robot_record(r) for r in recordings}
     urdf = {f"robot/{r.arm}.urdf": r.robot.urdf.encode() for r in recordings if r.robot.urdf}
-    plans = [p for r in recordings for p in _plan(r)]
+    plans = [*(p for r in recordings for p in _plan(r)), *extras]
     with SessionWriter(path, [c for c, _, _ in plans], {**(metadata or {}), **records}, urdf) as w:
         # one pass in time order over all channels
         stamps = [np.round(t * 1e9).astype(np.int64) for _, t, _ in plans]

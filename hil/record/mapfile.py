@@ -3,90 +3,31 @@
     value = scale * sign * source + shift (+ the offset of the run)
 
 or, for a combination of columns, ``sum = { a = 0.5, b = -0.5 }`` in place of `from`; a bare
-number is a constant column.
+number is a constant column.  ``[extras]`` takes further columns along, each with its unit.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hil.errors import ConfigError, unknown
-
-FloatArray = NDArray[np.float64]
+from hil.record.tablemap import Rule, TableMap
 
 SCHEMA = "hil.map/1"
 TARGETS = ("t", "q1..", "qd1..", "tau1..", "tauext1..", "i1..", "temp1..", "fx", "fy", "fz",
            "tx", "ty", "tz")  # fmt: skip
 _TARGET = re.compile(r"t|[ft][xyz]|(q|qd|tau|tauext|i|temp)[1-9][0-9]?")
-_TOP = ("schema", "robot", "table", "columns", "arms", "offsets")
+_TOP = ("schema", "robot", "table", "columns", "arms", "offsets", "extras")
 _ROBOT = ("preset", "urdf", "tip", "unit", "arm")
 _TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated")
 _RULE = ("from", "sum", "scale", "sign", "shift")
-
-
-@dataclass(frozen=True)
-class Rule:
-    """One column of the recording from those of the table: sum of weight * source, + shift."""
-
-    terms: Mapping[str, float]
-    shift: float = 0.0
-
-    def apply(self, columns: Mapping[str, FloatArray], n: int) -> FloatArray:
-        """Values (n,) of the column."""
-        out = np.full(n, self.shift)
-        for source, weight in self.terms.items():
-            out += weight * columns[source]
-        return out
-
-
-@dataclass(frozen=True)
-class TableMap:
-    """A map file, or what stands for it when there is none.
-
-    Parameters
-    ----------
-    arms : mapping of str to mapping of str to Rule
-        Rules by arm and target column; the arm ``""`` is the only one and unnamed.
-    preset, urdf, tip : str
-        The robot; `urdf` is a file name.
-    unit : str
-        Unit of the axes, ``"rad"`` or ``"m"``; ``""`` = not said (rad is taken and doubted).
-    array, columns : str, tuple of str
-        Which 2-D array, and the names of its columns.
-    rate_hz : float
-        Sample rate where the table has no time column; 0 otherwise.
-    join : mapping of str to str
-        Further tables beside the first by the prefix of their columns.
-    gaps, repeated : str
-        ``"refuse"``, or ``"keep"`` the gaps and ``"drop"`` the repeated rows.
-    offsets : mapping
-        Offset by run and target column (``arm.column`` where there are several arms).
-    folder : Path or None
-        Folder of the map file.
-    """
-
-    arms: Mapping[str, Mapping[str, Rule]] = field(default_factory=lambda: {"": {}})
-    preset: str = "single-axis"
-    urdf: str = ""
-    tip: str = ""
-    unit: str = ""
-    array: str = ""
-    columns: tuple[str, ...] = ()
-    rate_hz: float = 0.0
-    join: Mapping[str, str] = field(default_factory=dict)
-    gaps: str = "refuse"
-    repeated: str = "refuse"
-    offsets: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    folder: Path | None = None
 
 
 def is_target(name: str) -> bool:
@@ -159,6 +100,7 @@ def parse_map(data: Mapping[str, Any]) -> TableMap:
         gaps=str(table.get("gaps", "refuse")),
         repeated=str(table.get("repeated", "refuse")),
         offsets=_offsets(data, arms),
+        **_extras(data),
     )
 
 
@@ -176,6 +118,20 @@ def _arms(data: Mapping[str, Any], single: str) -> dict[str, dict[str, Rule]]:
 
 def _rules(table: Mapping[str, Any]) -> dict[str, Rule]:
     return {target: _rule(_target(target), entry) for target, entry in table.items()}
+
+
+def _extras(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Rules and units of the extra columns."""
+    rules, units = {}, {}
+    for name, entry in _table(data, "extras").items():
+        if is_target(name):
+            raise ConfigError(f"extra {name!r} is a column of a recording; name it in [columns]")
+        plain = (
+            {k: v for k, v in entry.items() if k != "unit"} if isinstance(entry, dict) else entry
+        )
+        rules[name] = _rule(name, plain)
+        units[name] = str(entry.get("unit", "")) if isinstance(entry, dict) else ""
+    return {"extras": rules, "units": units}
 
 
 def _target(name: str) -> str:
@@ -245,7 +201,7 @@ def _table(
 
 
 def _number(value: Any, what: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ConfigError(f"{what} is {value!r}; expected a number")
     return float(value)
 

@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, unknown
-from hil.record.mapfile import Rule, TableMap, is_target
+from hil.record.mapfile import is_target
 from hil.record.recording import Recording, RobotSource
+from hil.record.schema import Channel
 from hil.record.tablecheck import clean_time, from_zero, refuse_not_finite, refuse_units
+from hil.record.tablecolumns import GROUPS, WRENCH, count_joints
 from hil.record.tablefile import Table, open_table
+from hil.record.tablemap import Rule, TableMap
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
 
 FloatArray = NDArray[np.float64]
-_WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
-_GROUPS = {"q": "q", "tau": "tau", "qd": "qd", "tauext": "tau_ext", "i": "current",
-           "temp": "temperature"}  # fmt: skip
+EXTRAS = "hil_msgs/msg/Extras"
 
 
 @dataclass(frozen=True)
@@ -33,10 +34,13 @@ class Imported:
         One an arm.
     unused : tuple of str
         Columns of the table that nothing uses.
+    extras : tuple of (Channel, t (n,), values (n, k))
+        Further columns that the map takes along, as a channel of the session.
     """
 
     recordings: tuple[Recording, ...]
     unused: tuple[str, ...]
+    extras: tuple[tuple[Channel, FloatArray, FloatArray], ...] = ()
 
 
 def import_table(
@@ -80,14 +84,25 @@ def import_table(
     robot, joints = _robot(given, Path(path), urdf)
     recordings: list[Recording] = []
     used: set[str] = set()
+    extra: dict[str, FloatArray] = {}
     for name, rules in arms.items():
         filled = _with_defaults(rules, table)
-        recording, sources = _arm(name or "arm", filled, tables, given, robot, joints)
+        recording, sources, extra = _arm(name or "arm", filled, tables, given, robot, joints)
         recordings.append(recording)
         used |= sources
     recordings = from_zero(table, recordings)
     unused = tuple(n for prefix, t in tables.items() for n in _prefixed(prefix, t) if n not in used)
-    return Imported(tuple(recordings), unused)
+    return Imported(tuple(recordings), unused, _extras(given, recordings, extra))
+
+
+def _extras(
+    given: TableMap, recordings: Sequence[Recording], values: Mapping[str, FloatArray]
+) -> tuple[tuple[Channel, FloatArray, FloatArray], ...]:
+    if not values:
+        return ()
+    units = tuple(given.units[n] for n in values)
+    channel = Channel("/extras", "fields", tuple(values), units=units, message=EXTRAS)
+    return ((channel, recordings[-1].t, np.stack(list(values.values()), axis=1)),)
 
 
 def _select(given: TableMap, arm: str) -> dict[str, Mapping[str, Rule]]:
@@ -142,10 +157,11 @@ def _arm(
     given: TableMap,
     robot: RobotSource,
     joints: tuple[UrdfJoint, ...],
-) -> tuple[Recording, set[str]]:
-    """Recording of an arm, and the columns that it took."""
+) -> tuple[Recording, set[str], dict[str, FloatArray]]:
+    """Recording of an arm, the columns that it took, and the extra ones."""
     table = tables[""]
-    d = _count(rules, table, joints, given.rate_hz > 0)
+    d = count_joints(rules, table, joints, given.rate_hz > 0)
+    rules = {**rules, **given.extras}
     columns = _sources(rules, tables)
     n = next(iter(columns.values())).size
     values = {target: rule.apply(columns, n) for target, rule in rules.items()}
@@ -163,49 +179,7 @@ def _arm(
     recording = _recording(arm, table, values, d, robot, joints, given.unit)
     if not given.unit:
         refuse_units(table, recording, joints)
-    return recording, set(columns)
-
-
-def _count(
-    rules: Mapping[str, Rule], table: Table, joints: tuple[UrdfJoint, ...], timed: bool
-) -> int:
-    """Number of joints, after checking that every group of columns is complete."""
-    groups: dict[str, list[int]] = {}
-    for name in rules:
-        match = re.fullmatch(r"([a-z]+)([0-9]+)", name)
-        if match:
-            groups.setdefault(match[1], []).append(int(match[2]))
-    d = max(groups.get("q", [0]))
-    if "t" not in rules and not timed:
-        raise _missing(table, ["t"], "the time [s]; or rate_hz = ... in [table] of a map")
-    for stem in _GROUPS:
-        numbers = groups.get(stem, [])
-        if not numbers and stem not in ("q", "tau"):
-            continue
-        missing = [f"{stem}{k}" for k in range(1, max(d, 1) + 1) if k not in numbers]
-        if missing:
-            raise _missing(table, missing, f"it has {d} joints (q columns)" if d else "")
-        if max(numbers) > d:
-            raise DataError(f"table {table.path}: column {stem}{max(numbers)}, but only {d} joints")
-    force = [n for n in _WRENCH if n in rules]
-    need = _WRENCH if any(n in force for n in _WRENCH[3:]) else _WRENCH[:3]
-    if force and not set(need) <= set(force):
-        raise _missing(table, [n for n in need if n not in force], f"it has {', '.join(force)}")
-    if joints and len(joints) != d:
-        names = ", ".join(j.name for j in joints)
-        raise DataError(
-            f"the URDF does not match table {table.path}: {len(joints)} moving joints "
-            f"({names}), but {d} position columns"
-        )
-    return d
-
-
-def _missing(table: Table, names: Sequence[str], why: str) -> DataError:
-    reason = f" ({why})" if why else ""
-    return DataError(
-        f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It has: "
-        f'{", ".join(table.names[:40])}. Rename in a map file: [columns] {names[0]} = "..."'
-    )
+    return recording, set(columns), {n: values[n] for n in given.extras}
 
 
 def _sources(rules: Mapping[str, Rule], tables: Mapping[str, Table]) -> dict[str, FloatArray]:
@@ -241,13 +215,13 @@ def _recording(
 ) -> Recording:
     stacked = {
         key: np.stack([values[f"{stem}{k + 1}"] for k in range(d)], axis=1)
-        for stem, key in _GROUPS.items()
+        for stem, key in GROUPS.items()
         if f"{stem}1" in values
     }
     wrench = None
     if "fx" in values:
         zero = np.zeros(values["t"].size)
-        wrench = np.stack([values.get(name, zero) for name in _WRENCH], axis=1)
+        wrench = np.stack([values.get(name, zero) for name in WRENCH], axis=1)
     metres = joints and all(j.unit == "m" for j in joints)
     names = tuple(j.name for j in joints) or tuple(f"joint{k + 1}" for k in range(d))
     return Recording(

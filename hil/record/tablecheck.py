@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError
 from hil.record.consistency import unit_doubt, velocity_factor
-from hil.record.mapfile import Rule
 from hil.record.recording import Recording
 from hil.record.schema import LAST_S
 from hil.record.tablefile import Table
+from hil.record.tablemap import Rule
 from hil.record.urdf_joints import UrdfJoint
 
 FloatArray = NDArray[np.float64]
