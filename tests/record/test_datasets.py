@@ -12,6 +12,7 @@ from hil.cli import main
 from hil.errors import DataError
 from hil.record import datasets
 from hil.record.checks import check
+from hil.record.fields import read_fields
 from hil.record.reader import load
 
 
@@ -56,6 +57,8 @@ def test_shorthand(tmp_path, capsys):
     back, r = load(tmp_path / "s.mcap"), datasets.load_emps()
     np.testing.assert_array_equal(back.q, r.q)
     assert back.metadata["unit"] == "m"
+    reference = read_fields(tmp_path / "s.mcap", "/extras")[1]["qg"]
+    assert np.abs(reference - r.q[:, 0]).max() < 0.02
     run = ["--run", "m2_question1a_foam2", "-o", str(tmp_path / "t.mcap")]
     assert main(["import", "tue_1dof_teleop/tue_1dof.npz", *run]) == 0
     assert main(["import", "tue_1dof_teleop/tue_1dof.npz", "-o", str(tmp_path / "u.mcap")]) == 2

@@ -11,6 +11,7 @@ from scipy.io import savemat
 
 from hil.cli import main
 from hil.models.files import read_model
+from hil.record.fields import read_fields
 from hil.record.reader import load, summary
 
 
@@ -211,3 +212,16 @@ def test_one_bad_run_of_several_writes_nothing(tmp_path, capsys):
     assert main(["import", str(tmp_path / "f.mat"), "--all-runs", "-o", str(tmp_path / "o")]) == 2
     assert "'q1' has 1 missing" in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
+
+
+def test_extra_columns_come_along(tmp_path, capsys):
+    r = recording(d=1)
+    table = write_csv(tmp_path / "run.csv", {**columns(r), "reference": r.q[:, 0] * 1e3})
+    entry = "{ from = 'reference', scale = 0.001, unit = 'rad' }"
+    (tmp_path / "m.toml").write_text(f"[extras]\nqg = {entry}")
+    words = ["import", str(table), "--map", str(tmp_path / "m.toml")]
+    assert main([*words, "-o", str(tmp_path / "s.mcap")]) == 0
+    assert "not used" not in capsys.readouterr().out
+    t, fields = read_fields(tmp_path / "s.mcap", "/extras")
+    np.testing.assert_allclose(fields["qg"], r.q[:, 0], rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(t, load(tmp_path / "s.mcap").t)

@@ -249,6 +249,9 @@ def test_unknown_tip(tmp_path, refuse):
         ("[offsets.run]\nleft.q1 = 1.0", "unknown arm 'left'"),
         ("schema = 'hil.model/1'", "expected 'hil.map/1'"),
         ("[columns", "cannot be read"),
+        ("[extras]\nq1 = 'q1'", "name it in [columns]"),
+        ("[extras]\nqg = 'none'", "unknown column 'none'"),
+        ("[extras]\nQ_ = 'q1'", "field 'Q_'"),
         ("[table]\njoin = { other = 'none.csv' }", "none.csv"),
     ],
 )

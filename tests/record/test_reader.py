@@ -14,6 +14,7 @@ from record_tables import URDF, recording
 from hil.cli import main
 from hil.errors import DataError, HilError
 from hil.record.export import write_recordings
+from hil.record.fields import read_fields
 from hil.record.reader import arms, load, load_all, read_metadata, summary
 from hil.record.recording import RobotSource
 from hil.record.recovery import recover
@@ -218,3 +219,23 @@ def test_slow_channels_are_interpolated_and_do_not_shorten(tmp_path):
     r = load(tmp_path / "s.mcap")
     assert r.n == 100
     assert r.temperature[25, 0] == 45
+
+
+def test_any_channel_of_numbers(tmp_path):
+    state = Channel("/arm/measured_js", "joint_state", ("a", "b"), ("position", "effort"))
+    force = Channel("/arm/measured_cf", "wrench", frame="base")
+    raw = Channel("/rig/raw", "fields", ("count", "word_2"), units=("1", "1"))
+    path = session(tmp_path / "s.mcap", [state, force, raw])
+    t, fields = read_fields(path, "/rig/raw")
+    np.testing.assert_allclose(t, np.arange(50) * 1e-3)
+    assert {n: v[0] for n, v in fields.items()} == {"count": 0, "word_2": 1}
+    assert {n: v[9] for n, v in read_fields(path, "/arm/measured_js")[1].items()} == {
+        "position.a": 0, "position.b": 1, "effort.a": 2, "effort.b": 3,
+    }  # fmt: skip
+    assert list(read_fields(path, "/arm/measured_cf")[1]) == ["fx", "fy", "fz", "tx", "ty", "tz"]
+    with pytest.raises(DataError, match="Did you mean '/rig/raw'"):
+        read_fields(path, "/rig/row")
+    with SessionWriter(tmp_path / "e.mcap", [state], {}) as w:
+        w.event(1, 0, "enabled", {})
+    with pytest.raises(DataError, match="encoded as 'json'"):
+        read_fields(tmp_path / "e.mcap", "/events")
