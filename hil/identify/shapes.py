@@ -19,6 +19,8 @@ from hil.identify.problem import Problem
 from hil.identify.regression import Basis, basis
 
 FloatArray = NDArray[np.float64]
+#: Relative difference of gains that is none: the first of a grid's equals is taken.
+FLAT = 5e-4
 
 
 class Projector:
@@ -109,9 +111,9 @@ def _simplest(grid: list[tuple[float, ...]], gains: list[float]) -> int:
     top = max(gains)
     for form in dict.fromkeys(shape[1:] for shape in grid):
         own = [k for k, shape in enumerate(grid) if shape[1:] == form]
-        best = max(own, key=lambda k: gains[k])
-        if gains[best] >= 0.99 * top:
-            return best
+        most = max(gains[k] for k in own)
+        if most >= 0.99 * top:
+            return next(k for k in own if gains[k] >= most - FLAT * abs(most))
     return int(np.argmax(gains))
 
 
@@ -129,7 +131,7 @@ def _refine(
         lambda s: -projector.gain(term.reshaped((float(s), *rest))),
         bounds=(low, high), method="bounded", options={"maxiter": 12},
     )  # fmt: skip
-    if -float(result.fun) > gain:
+    if -float(result.fun) > gain + FLAT * abs(gain):
         return term.reshaped((float(result.x), *rest)), -float(result.fun)
     return term, gain
 

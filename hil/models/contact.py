@@ -55,10 +55,11 @@ class ContactStiffness(Effect):
         return -side * np.maximum(0.0, side * (motion.q[:, j] - shape[0]))[:, None]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Surfaces over the range, either side; beyond it a bilateral spring."""
+        """Surfaces over the range, either side; far beyond it, a spring that always touches."""
         low, high = motion.span[j]
-        places = [float(low + f * (high - low)) for f in np.arange(-0.1, 1.0, 0.1)]
-        mirrored = [float(high - f * (high - low)) for f in np.arange(-0.1, 1.0, 0.1)]
+        fractions = (-2.0, *np.arange(-0.1, 1.0, 0.1))
+        places = [float(low + f * (high - low)) for f in fractions]
+        mirrored = [float(high - f * (high - low)) for f in fractions]
         return [*((x, 1.0) for x in places), *((x, -1.0) for x in mirrored)]
 
 

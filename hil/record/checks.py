@@ -21,6 +21,8 @@ FloatArray = NDArray[np.float64]
 SLOW_HZ, HOPELESS_HZ = 100.0, 20.0
 SHORT_S, HOPELESS_SAMPLES = 1.0, 20
 _GAP, _JITTER = 3.0, 0.5
+#: No measured quantity reaches this in any unit; NaN and infinity do not pass it either.
+_ABSURD = 1e50
 
 __all__ = ["Finding", "check", "columns", "joint_units"]
 
@@ -70,11 +72,11 @@ _STEMS = {
 
 def _values(r: Recording) -> Iterator[Finding]:
     for name, joint, values in [("t", "", r.t), *columns(r)]:
-        bad = np.flatnonzero(~np.isfinite(values))
+        bad = np.flatnonzero(~(np.abs(values) < _ABSURD))
         if bad.size:
             yield Finding(
                 "not-finite", "error", joint,
-                f"{name}: {bad.size} of {r.n} values are NaN or infinite, first at sample "
+                f"{name}: {bad.size} of {r.n} values are NaN, infinite or absurd, first at sample "
                 f"{bad[0]}; cut or repair them before importing",
             )  # fmt: skip
 
@@ -123,6 +125,8 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[Finding]:
             f"{gaps.sum()} gaps, the longest {dt.max():.3g} s, the first after {first:.6g} s; "
             "derivatives across a gap are wrong: split the run there",
         )  # fmt: skip
+    if gaps.all():
+        return
     low, high = np.quantile(dt[~gaps], (0.05, 0.95))
     if high - low > _JITTER * period:
         yield Finding(
