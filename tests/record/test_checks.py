@@ -209,3 +209,29 @@ def test_units_come_from_the_urdf():
     assert joint_units(r) == ("rad", "m")
     assert joint_units(replace(r, robot=RobotSource("", "nonsense"))) == ("rad", "rad")
     assert columns(r)["q1"].shape == (r.n,)
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    n=st.integers(1, 70),
+    d=st.integers(1, 3),
+    kinds=st.tuples(*[st.integers(0, 5)] * 4),
+    power=st.integers(-320, 308),
+    seed=st.integers(0, 10**6),
+)
+def test_a_check_never_raises(n, d, kinds, power, seed):
+    """Whatever the values; pytest turns every warning of NumPy into an error."""
+    rng = np.random.default_rng(seed)
+    scale = float(f"1e{power}")
+
+    def values(kind: int) -> np.ndarray:
+        walk = np.cumsum(rng.normal(size=(n, d)), axis=0)
+        constant, noise = np.full((n, d), rng.normal()), rng.normal(size=(n, d))
+        holes = np.where(rng.random((n, d)) < 0.1, np.nan, walk)
+        return [0 * walk, constant, noise, walk, scale * noise, holes][kind]
+
+    t = np.arange(n) * 1e-3 if seed % 3 else rng.random(n)
+    q, tau, qd, ext = (values(k) for k in kinds)
+    names = tuple("abc"[:d])
+    r = Recording("r", "arm", names, t, q, tau, qd if seed % 2 else None, None, ext)
+    assert all(f.severity in ("error", "warning") and f.text for f in check(r))
