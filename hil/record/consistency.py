@@ -51,6 +51,8 @@ def steps(t: FloatArray, q: FloatArray) -> NDArray[np.intp]:
         return np.empty(0, dtype=np.intp)
     period = float(np.median(dt))
     dq = np.where(dt > 1.5 * period, 0.0, dq)
+    if not np.any(dq):
+        return np.empty(0, dtype=np.intp)
     size = np.abs(dq - median_filter(dq, 9))
     count = float(np.min(np.abs(dq[dq != 0])))
     before = np.concatenate(([0.0], maximum_filter1d(size, 25, origin=12)[:-1]))
