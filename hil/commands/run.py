@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from itertools import count
+from pathlib import Path
 
 from tqdm import tqdm
 
@@ -34,12 +36,23 @@ def run(args: argparse.Namespace) -> int:
     config = load_rig(args.rig)
     if args.seed < 0:
         raise ConfigError(f"--seed {args.seed}: a number from 0 on is needed.")
+    keep_old(Path(args.output))
     summary = _with_bar(config, args)
     if args.json:
         sys.stdout.write(json.dumps(summary.as_dict()) + "\n")
     else:
         sys.stdout.write(table(summary) + "\n")
     return 0
+
+
+def keep_old(path: Path) -> None:
+    """Move a session that stands at the output's place aside: no recording is written over."""
+    if not path.exists():
+        return
+    number = next(n for n in count(1) if not path.with_suffix(f".{n}{path.suffix}").exists())
+    aside = path.with_suffix(f".{number}{path.suffix}")
+    path.rename(aside)
+    sys.stderr.write(f"{path} was there already; it is kept as {aside}\n")
 
 
 def _with_bar(config: RigConfig, args: argparse.Namespace) -> app.Summary:

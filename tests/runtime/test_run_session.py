@@ -178,3 +178,17 @@ def test_ring_keeps_order_and_counts_what_it_drops():
 def test_summary_is_plain_data(tmp_path):
     done = run(load_rig(RIGS / "teleop.toml"), 0.02, output=tmp_path / "s.mcap")
     assert set(done.as_dict()) == {"schema", *(f.name for f in dataclasses.fields(done))}
+
+
+def test_a_session_at_the_same_place_is_kept(tmp_path, capsys):
+    from hil.commands.run import keep_old
+
+    path = tmp_path / "s.mcap"
+    for text in ("first", "second"):
+        keep_old(path)
+        path.write_text(text)
+    keep_old(path)
+    assert not path.exists()
+    assert (tmp_path / "s.1.mcap").read_text() == "first"
+    assert (tmp_path / "s.2.mcap").read_text() == "second"
+    assert "kept as" in capsys.readouterr().err
