@@ -88,8 +88,8 @@ def test_unknown_names_come_with_the_nearest() -> None:
 
 
 def test_values_are_gathered_by_full_name() -> None:
-    use = Use("spring", values={"j1.spring.k": Value(2.0)})
-    assert (BASE + use).values() == {"j1.spring.k": Value(2.0)}
+    use = Use("spring", values={"j1.spring.k": Value(2.0, 0.1)})
+    assert (BASE + use).values() == {"j1.spring.k": Value(2.0, 0.1)}
 
 
 # --- round trip -----------------------------------------------------------------------------
