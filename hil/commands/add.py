@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Add and print."""
-    common.writable(args.output)
+    common.writable(args.output, ".toml")
     sessions = [s for group in args.session for s in group]
     runs, held, model = common.load(args, sessions)
     joints = tuple(args.joint) or ("*",)

@@ -97,8 +97,8 @@ def emit(data: dict[str, Any]) -> None:
     out(json.dumps(data, indent=2, allow_nan=False))
 
 
-def writable(path: str | None) -> None:
-    """Refuse early when an output's folder does not exist.
+def writable(path: str | None, ending: str) -> None:
+    """Refuse early an output without its folder or its ending, which guards inputs of other kinds.
 
     Raises
     ------
@@ -107,6 +107,10 @@ def writable(path: str | None) -> None:
     """
     if path and not Path(path).resolve().parent.is_dir():
         raise ConfigError(f"cannot write {path}: its folder does not exist; make it first")
+    if path and Path(path).suffix.lower() != ending:
+        raise ConfigError(
+            f"cannot write {path}: this output must end in {ending}; nothing was touched"
+        )
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

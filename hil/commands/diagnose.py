@@ -21,7 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose and print."""
-    common.writable(args.report)
+    common.writable(args.report, ".html")
     runs, held, model = common.load(args)
     result = analysis.diagnose(runs, model, held)
     if args.report:

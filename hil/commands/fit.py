@@ -21,7 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit and print."""
-    common.writable(args.output)
+    common.writable(args.output, ".toml")
     runs, _, model = common.load(args)
     result = analysis.fit(runs, model)
     if args.output:

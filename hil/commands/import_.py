@@ -70,6 +70,10 @@ def run(args: argparse.Namespace) -> int:
         return _every_run(args, table, mapping, output)
     if output.is_dir():
         raise ConfigError(f"cannot write {output}: it is a folder")
+    if output.suffix.lower() != ".mcap":
+        raise ConfigError(
+            f"cannot write {output}: a session must end in .mcap; nothing was touched"
+        )
     if table.resolve() == output.resolve():
         raise ConfigError(f"the output {output} is the table itself; choose another name")
     found = _read(args, table, mapping, args.which)

@@ -24,8 +24,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Improve and print."""
-    common.writable(args.output)
-    common.writable(args.report)
+    common.writable(args.output, ".toml")
+    common.writable(args.report, ".html")
     runs, held, model = common.load(args)
     result = analysis.diagnose(runs, model, held)
     rungs = analysis.ladder(result)

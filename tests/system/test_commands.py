@@ -108,6 +108,8 @@ def test_standstill_is_not_a_result(tmp_path, capsys):
         (("fit", "SESSION", "-o", "no/such/folder/m.toml"), "folder"),
         (("diagnose", "SESSION", "--arm", "left"), "arm"),
         (("effects", "friktion"), "friction"),
+        (("fit", "SESSION", "-o", "SESSION"), ".toml"),
+        (("compare", "SESSION", "--report", "SESSION"), ".html"),
         (("run", "no.toml", "-o", "x.mcap"), "no.toml"),
     ],
 )
