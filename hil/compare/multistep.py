@@ -6,7 +6,7 @@ shown, always.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,8 @@ class MultiStep:
         Number of simulations.
     diverged : int
         Windows whose simulation left the recorded range by more than its span.
+    power : ndarray (windows, d)
+        Mean squared position error of each window; NaN where it diverged.
     """
 
     horizon: float
@@ -43,6 +45,28 @@ class MultiStep:
     relative: FloatArray
     windows: int
     diverged: int
+    power: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+
+    @property
+    def lost(self) -> bool:
+        """Whether no simulation stayed in the recorded range, so that the error means nothing."""
+        return self.windows == self.diverged
+
+    def rises(self, before: MultiStep, j: int, factor: float) -> bool:
+        """Whether joint j's error rose by this factor and by more than its standard error.
+
+        The same windows are compared; neighbours overlap by half, which halves their number.
+        """
+        if self.lost or before.lost:
+            return self.lost and not before.lost
+        if self.power.shape != before.power.shape or not self.power.size:
+            return bool(self.rms[j] > factor * before.rms[j])
+        pair = np.stack([before.power[:, j], self.power[:, j]])
+        pair = pair[:, np.isfinite(pair).all(axis=0)]
+        old, new = np.sqrt(pair.mean(axis=1)) if pair.size else (np.inf, np.inf)
+        rise = pair[1] - pair[0]
+        chance = float(np.std(rise)) * np.sqrt(2 / max(rise.size - 1, 1))
+        return bool(new > factor * old and rise.mean() > chance)
 
 
 class _Forward:
@@ -122,7 +146,10 @@ def simulate(result: FitResult, problem: Problem, seconds: float = 0.5) -> Multi
     good = error[~bad] if (~bad).any() else np.nan_to_num(error, nan=np.inf)
     rms = np.sqrt(np.mean(good**2, axis=(0, 1)))
     size = np.sqrt(np.mean(move**2, axis=(0, 1)))
-    return MultiStep(seconds, rms, 100 * rms / np.maximum(size, 1e-12), len(error), int(bad.sum()))
+    power = np.full((len(error), problem.d), np.nan)
+    power[~bad] = np.mean(error[~bad] ** 2, axis=1)
+    relative = 100 * rms / np.maximum(size, 1e-12)
+    return MultiStep(seconds, rms, relative, len(error), int(bad.sum()), power)
 
 
 def _run(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from hil.compare import words
 from hil.compare.analysis import Comparison, Rung
 from hil.compare.candidateplot import candidates_figure, candidates_table
@@ -17,36 +19,40 @@ from hil.compare.warn import rising
 from hil.models import catalogue
 
 
-def comparison_report(comparison: Comparison, path: str) -> None:
+def comparison_report(comparison: Comparison, path: str | Path) -> None:
     """Write the report of a comparison.
 
     Parameters
     ----------
     comparison : Comparison
         Model against measurement.
-    path : str
+    path : str or Path
         HTML file to write.
     """
     _write(from_comparison(comparison), path)
 
 
-def diagnosis_report(diagnosis: Diagnosis, path: str) -> None:
+def diagnosis_report(
+    diagnosis: Diagnosis, path: str | Path, files: words.Files | None = None
+) -> None:
     """Write the report of a diagnosis.
 
     Parameters
     ----------
     diagnosis : Diagnosis
         Verdict, findings and what they rest on.
-    path : str
+    path : str or Path
         HTML file to write.
+    files : Files, optional
+        Where the data and the model are, for the commands that the report suggests.
     """
-    _write(from_diagnosis(diagnosis), path)
+    _write(from_diagnosis(diagnosis), path, files)
 
 
-def _write(m: Material, path: str) -> None:
+def _write(m: Material, path: str | Path, files: words.Files | None = None) -> None:
     kind = "Comparison" if m.verdict == COMPARED else "Diagnosis"
     title = f"{kind} of a robot model with measurements"
-    body = f"<h1>{escape(title)}</h1>" + top(m)
+    body = f"<h1>{escape(title)}</h1>" + top(m, files)
     if m.rungs:
         body += "".join(
             (ladder(m), fails(m), _tried(m), effects(m), traces(m), parameters(m), further(m))
@@ -56,14 +62,14 @@ def _write(m: Material, path: str) -> None:
         file.write(document(title, body, figures=bool(m.rungs)))
 
 
-def top(m: Material) -> str:
+def top(m: Material, files: words.Files | None = None) -> str:
     """Headline, what it rests on, what to do next."""
     lines = "".join(paragraph(t) for t in words.details(m))
     box = (
         f'<div class="verdict" style="--tone: {words.TONES[m.verdict]}">'
         f'<p class="head">{escape(words.headline(m))}</p>{lines}</div>'
     )
-    command = words.command(m)
+    command = words.command(m, files)
     pre = f"<pre>{escape(command)}</pre>" if command else ""
     after = f'<div class="next"><b>What to do next</b>{items(words.next_steps(m))}{pre}</div>'
     return box + after
