@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import sys
 import time
@@ -11,7 +12,8 @@ from pathlib import Path
 
 from hil import session
 from hil.config import LoopConfig, RigConfig
-from hil.errors import DeviceError
+from hil.errors import ConfigError, DataError, DeviceError
+from hil.record.reader import summary
 from hil.record.ring import Ring
 from hil.rig import Rig, open_rig
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
@@ -20,6 +22,9 @@ from hil.runtime.loop import Loop
 from hil.runtime.slow import SlowSide, SlowThread
 
 CLOCKS: dict[str, Callable[[int], Clock]] = {"lockstep": VirtualClock, "real": MonotonicClock}
+
+#: What the operating system says where no more can be written.
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
 
 @dataclass(frozen=True)
@@ -88,12 +93,18 @@ def run(
     ------
     DeviceError
         An arm went to FAULT; what was recorded until then is kept.
+    ConfigError
+        The session could not be written on, e.g. for a full disk; the same holds.
     """
     config = session.with_run_options(config, seconds, seed, clock)
     began = time.perf_counter()
     rig = open_rig(config, seed)
     try:
         loop, timer = _record(rig, config, seed, Path(output), progress)
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        raise ConfigError(_cut_short(Path(output), error)) from error
     finally:
         rig.close()
     if loop.unsafe:
@@ -108,6 +119,21 @@ def run(
         seconds=loop.tick * period, wall_seconds=time.perf_counter() - began,
         longest_tick_us=loop.longest_ns * 1e-3,
     )  # fmt: skip
+
+
+def _cut_short(output: Path, error: OSError) -> str:
+    """What is left of a session that could not be written on."""
+    try:
+        longest = max((c.last_s for c in summary(output).channels if c.count), default=0.0)
+    except DataError:
+        longest = 0.0
+    kept = (
+        f"the first {longest:.3g} s are kept; once there is room, 'hil info {output} --recover "
+        "NEW.mcap' writes them as a proper session"
+        if longest
+        else "nothing of it was kept; make room and run it again"
+    )
+    return f"session {output} was cut short, the arms are released: {error.strerror}; {kept}"
 
 
 def _record(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from types import ModuleType
 
-from hil.errors import HilError
+from hil.commands.failures import explain
 
 #: name -> module with `HELP`, `EXAMPLE`, `configure(parser)` and `run(args) -> int`; in the
 #: order of a day's work.  A command stands here when it works, not before.
@@ -34,11 +35,12 @@ def _module(name: str) -> ModuleType:
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     """Build the argument parser; with `only`, load that command's module and no other."""
+    debug = "show the traceback of any error"
     parser = argparse.ArgumentParser(
         prog="hil",
         description="Haptic teleoperation rigs: run, record, and find the missing physics.",
     )
-    parser.add_argument("--debug", action="store_true", help="show the traceback of any error")
+    parser.add_argument("--debug", action="store_true", help=debug)
     sub = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in [only] if only else COMMANDS:
         module = _module(name)
@@ -50,6 +52,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         module.configure(command)
+        command.add_argument("--debug", action="store_true", default=argparse.SUPPRESS, help=debug)
         command.set_defaults(run=module.run)
     return parser
 
@@ -67,18 +70,30 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = build_parser(first if first in COMMANDS else None)
     args = parser.parse_args(words)
     try:
-        return int(args.run(args))
-    except HilError as error:
-        if args.debug:
-            raise
-        sys.stderr.write(f"hil {args.command}: {error}\n")
-        return error.exit_code
-    except BrokenPipeError:
-        sys.stderr.close()
+        code = int(args.run(args))
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # the reader has seen enough, e.g. `head`
+        _drop_output()
         return 0
     except KeyboardInterrupt:
         sys.stderr.write(f"hil {args.command}: interrupted; what was recorded so far is kept\n")
         return 130
+    except Exception as error:
+        if args.debug:
+            raise
+        text, code = explain(error, args.command)
+        _drop_output()
+        sys.stderr.write(f"hil {args.command}: {text}\n")
+        return code
+
+
+def _drop_output() -> None:
+    """Print what is still buffered; where that fails, send it nowhere, so that exiting works."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

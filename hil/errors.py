@@ -39,7 +39,7 @@ class DeviceTimeoutError(DeviceError, TimeoutError):
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    """Sentence for an unknown name: the nearest known one first, then all of them.
+    """Sentence for an unknown name: a known one that is truly near first, then all of them.
 
     Parameters
     ----------
@@ -51,6 +51,11 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
         What there is.
     """
     names = sorted(known)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     hint = f" Did you mean {near[0]!r}?" if near else ""
     return f"unknown {kind} {name!r}.{hint} Available: {', '.join(names) or 'none'}."
+
+
+def plural(n: int, what: str) -> str:
+    """Number and noun, e.g. ``1 joint`` and ``3 joints``."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"

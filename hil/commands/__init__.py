@@ -1,1 +1,1 @@
-"""PLACEHOLDER."""
+"""The commands of `hil`, one module each, and what they share."""

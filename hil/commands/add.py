@@ -6,39 +6,49 @@ import argparse
 
 from hil.commands import common
 from hil.compare import analysis
+from hil.compare.analysis import Rung
 from hil.compare.tables import ladder_json
-from hil.compare.warn import rising
-from hil.models.files import write_model
+from hil.compare.warn import rising, useless
 
-HELP = "add an effect to a model, refit everything, error before and after"
+HELP = (
+    "add one effect to a model, fit all parameters again to the sessions, and print the "
+    "held-out error before and after"
+)
 EXAMPLE = "hil add stribeck --joint joint2 --model arm.toml --session run.mcap -o arm2.toml"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
-    parser.add_argument("effect", help="name of an effect (see 'hil effects')")
     parser.add_argument(
-        "--joint", action="append", default=[], help="joint (repeatable); default all"
+        "effect", help="what to add: a name that 'hil effects' lists, e.g. stribeck"
     )
+    parser.add_argument(
+        "--joint", action="append", default=[], metavar="NAME",
+        help="joint that gets the effect, e.g. joint2; repeat for several; without, every joint",
+    )  # fmt: skip
     common.add_model(parser)
-    parser.add_argument("--session", action="append", required=True, metavar="S.mcap", nargs="+")
-    parser.add_argument("--holdout", action="append", default=[], metavar="H.mcap")
-    parser.add_argument("-o", "--output", metavar="M2.toml", help="write the new model")
+    parser.add_argument(
+        "--session", action="append", required=True, metavar="S.mcap", nargs="+",
+        help="session to fit; one or several",
+    )  # fmt: skip
+    common.add_holdout(parser)
+    common.add_output(parser, "M2.toml", "the new model, whether or not the effect helps")
 
 
 def run(args: argparse.Namespace) -> int:
     """Add and print."""
-    common.writable(args.output, ".toml")
     sessions = [s for group in args.session for s in group]
     runs, held, model = common.load(args, sessions)
     joints = tuple(args.joint) or ("*",)
     rungs = analysis.add(runs, model, args.effect, joints, held)
     if args.output:
-        write_model(rungs[1].step.result.model, args.output)
-    warnings = rising(list(rungs))
+        common.save_model(rungs[1].step.result.model, args.output)
+    idle, worse = _idle(args.joint, *rungs), rising(list(rungs))
     if args.json:
         data = {"schema": "hil.add/1", "ladder": ladder_json(list(rungs))}
-        common.emit({**data, "warnings": [{"code": "multi-step", "text": w} for w in warnings]})
+        warnings = [{"code": "no-benefit", "text": w} for w in idle]
+        warnings += [{"code": "multi-step", "text": w} for w in worse]
+        common.emit({**data, "warnings": warnings})
         return 0
     joint_names = rungs[0].step.result.problem.joints
     rows = [
@@ -51,8 +61,15 @@ def run(args: argparse.Namespace) -> int:
         *(f"{j} multi-step %" for j in joint_names),
     ]
     common.out(common.table(head, rows))
-    for warning in warnings:
+    for line in idle:
+        common.out(f"  {line}")
+    for warning in worse:
         common.out(f"  warning: {warning}")
     if args.output:
         common.out(f"\nnew model: {args.output}")
     return 0
+
+
+def _idle(names: list[str], before: Rung, after: Rung) -> list[str]:
+    joints = after.step.result.problem.joints
+    return useless(before, after, [joints.index(n) for n in names] or list(range(len(joints))))

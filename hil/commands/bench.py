@@ -10,7 +10,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from hil.bench import hidden, recordings
-from hil.commands import common
+from hil.commands import common, plugins
 from hil.rigs import rig_path
 
 HELP = "the published benchmarks: hidden effects, and the three public recordings"
@@ -26,6 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run one benchmark and print its table."""
+    plugins.load_installed()
     text, data = BENCHES[args.name](args)
     if args.json:
         common.emit({"schema": f"hil.bench.{args.name}/1", **data})

@@ -5,14 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hil.errors import ConfigError
-from hil.models.files import read_model
+from hil.commands import outputs, plugins
+from hil.errors import ConfigError, DataError
+from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, base_model
+from hil.record.checks import check
 from hil.record.reader import load_all
 from hil.record.recording import Recording
 
@@ -21,11 +24,31 @@ def add_sessions(parser: argparse.ArgumentParser, model: bool = True) -> None:
     """Options of every command that looks at sessions with a model."""
     parser.add_argument("sessions", nargs="+", metavar="S.mcap", help="sessions to fit")
     add_model(parser)
-    if not model:
-        return
+    if model:
+        add_holdout(parser)
+
+
+def add_holdout(parser: argparse.ArgumentParser) -> None:
+    """--holdout."""
     parser.add_argument(
         "--holdout", action="append", default=[], metavar="H.mcap",
         help="session to judge on (repeatable); without, contiguous fifths of the same sessions",
+    )  # fmt: skip
+
+
+def add_report(parser: argparse.ArgumentParser) -> None:
+    """--report."""
+    parser.add_argument(
+        "--report", metavar="R.html",
+        help="write a self-contained report; an older report there is replaced",
+    )  # fmt: skip
+
+
+def add_output(parser: argparse.ArgumentParser, name: str, what: str) -> None:
+    """-o for a model file."""
+    parser.add_argument(
+        "-o", "--output", metavar=name,
+        help=f"write {what}; an older model file there is replaced, any other file is not",
     )  # fmt: skip
 
 
@@ -45,12 +68,17 @@ def load(
     """Sessions, held-out sessions and model of a command line.
 
     A model without a robot takes the session's; a session without a model gets the base model.
+    Outputs that must not be written are refused first.
     """
     paths = list(sessions if sessions is not None else args.sessions)
-    model = read_model(args.model) if args.model else None
+    others = list(getattr(args, "holdout", []))
+    check_outputs(args, [*paths, *others, *([args.model] if args.model else [])])
+    plugins.load_installed()
+    model = model_file(args.model) if args.model else None
     arm = args.arm or (model.arm if model else "") or None
     runs = load_all(paths, arm)
-    held = load_all(getattr(args, "holdout", []), arm or runs[0].arm)
+    held = load_all(others, arm or runs[0].arm)
+    _fit_to_judge(others, held)
     if note := runs[0].metadata.get("note"):
         log(note)
     robot = runs[0].robot
@@ -59,10 +87,52 @@ def load(
         log(f"no --model given: base model ({' + '.join(model.names())}) of the session's robot")
     elif not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=robot)
+    outputs.refuse_urdf(getattr(args, "output", None), model.robot.urdf)
     for path, run in zip(paths, runs, strict=True):
         model.check_joints(run.joints)
         _same_joints(path, run, runs[0])
     return _distinct(runs), _distinct(held), model
+
+
+def check_outputs(args: argparse.Namespace, inputs: Iterable[str | Path]) -> None:
+    """Refuse early an output that cannot be written, or must not be written over."""
+    given, model, report = list(inputs), getattr(args, "output", None), "a report of hil"
+    outputs.check(model, ".toml", given, outputs.is_model, "a model file")
+    outputs.check(getattr(args, "report", None), ".html", given, outputs.is_report, report)
+
+
+def model_file(path: str) -> RobotModel:
+    """Read a model file; one that is none is told apart from one with a mistake in it.
+
+    Raises
+    ------
+    ConfigError
+        If it is empty, of another kind, or wrong.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        schema = tomllib.loads(text).get("schema")
+    except (OSError, ValueError):
+        return read_model(path)  # says what is wrong with the file
+    if not str(schema).startswith("hil.model/"):
+        state = "is empty" if not text.strip() else "is not a model file"
+        found = "" if schema is None else f" (its schema is {schema!r})"
+        raise ConfigError(
+            f'model {path} {state}{found}; a model file starts with schema = "hil.model/1", and '
+            "'hil fit SESSION.mcap -o MODEL.toml' writes one"
+        )
+    return read_model(path)
+
+
+def _fit_to_judge(paths: Sequence[str], held: Sequence[Recording]) -> None:
+    """Refuse held-out sessions whose faults would make every error meaningless."""
+    for path, run in zip(paths, held, strict=True):
+        errors = [f.text for f in check(run) if f.severity == "error"]
+        if errors:
+            raise DataError(
+                f"held-out session {path} has faults, nothing can be judged on it: "
+                f"{'; '.join(errors[:3])}. Run 'hil info {path}', then mend or leave it out."
+            )
 
 
 def _same_joints(path: str, run: Recording, first: Recording) -> None:
@@ -97,20 +167,28 @@ def emit(data: dict[str, Any]) -> None:
     out(json.dumps(data, indent=2, allow_nan=False))
 
 
-def writable(path: str | None, ending: str) -> None:
-    """Refuse early an output without its folder or its ending, which guards inputs of other kinds.
+def deliver(
+    args: argparse.Namespace,
+    report: Callable[[str], None],
+    data: Callable[[], dict[str, Any]],
+    text: Callable[[], str],
+) -> None:
+    """Results of an analysis: the report where it is wanted, then JSON or text."""
+    if args.report:
+        with outputs.writing(args.report):
+            report(args.report)
+    if args.json:
+        emit(data())
+        return
+    out(text())
+    if args.report:
+        out(f"\nreport: {args.report}")
 
-    Raises
-    ------
-    ConfigError
-        Before any work is done.
-    """
-    if path and not Path(path).resolve().parent.is_dir():
-        raise ConfigError(f"cannot write {path}: its folder does not exist; make it first")
-    if path and Path(path).suffix.lower() != ending:
-        raise ConfigError(
-            f"cannot write {path}: this output must end in {ending}; nothing was touched"
-        )
+
+def save_model(model: RobotModel, path: str | Path) -> None:
+    """Write a model file."""
+    with outputs.writing(path):
+        write_model(model, path)
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

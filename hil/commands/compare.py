@@ -16,25 +16,23 @@ EXAMPLE = "hil compare run.mcap --model arm.toml --report out.html"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     common.add_sessions(parser)
-    parser.add_argument("--report", metavar="R.html", help="write a self-contained report")
+    common.add_report(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Compare and print."""
-    common.writable(args.report, ".html")
     runs, held, model = common.load(args)
-    comparison = analysis.compare(runs, model, held)
-    if args.report:
-        from hil.compare.report import comparison_report
-
-        comparison_report(comparison, args.report)
-    if args.json:
-        common.emit(comparison_json(comparison))
-        return 0
-    common.out(text(comparison))
-    if args.report:
-        common.out(f"\nreport: {args.report}")
+    found = analysis.compare(runs, model, held)
+    common.deliver(
+        args, lambda path: _report(found, path), lambda: comparison_json(found), lambda: text(found)
+    )
     return 0
+
+
+def _report(found: Comparison, path: str) -> None:
+    from hil.compare.report import comparison_report
+
+    comparison_report(found, path)
 
 
 def text(c: Comparison) -> str:

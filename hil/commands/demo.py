@@ -8,19 +8,23 @@ import time
 from pathlib import Path
 
 from hil.bench import hidden
-from hil.commands import common
+from hil.commands import common, outputs, plugins
 from hil.commands.diagnose import text
 from hil.compare import analysis
 from hil.compare.diagnose import Diagnosis
 from hil.compare.report import diagnosis_report
 from hil.compare.tables import diagnosis_json, ladder_json
-from hil.models.files import write_model
+from hil.compare.words import Files
+from hil.config import load_rig
+from hil.errors import ConfigError
 from hil.models.model import base_model
 from hil.record.reader import load
 from hil.rigs import rig_path
 
 HELP = "the whole story on simulated devices: a hidden effect, found from the recording alone"
 EXAMPLE = "hil demo --seed 7 -o out/demo"
+SESSIONS = ("first.mcap", "second.mcap", "heldout.mcap")
+MODEL, REPORT = "improved.toml", "report.html"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -28,16 +32,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=int, default=1, help="changes the hidden effect and the noise"
     )
-    parser.add_argument("-o", "--output", default="hil-demo", metavar="FOLDER")
+    parser.add_argument(
+        "-o", "--output", default="hil-demo", metavar="FOLDER",
+        help="folder for the sessions, the model and the report, made if it does not exist "
+        "(default hil-demo); an earlier demo there is replaced, other files are not",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Record, compare, diagnose, add, report, and only then reveal."""
     began = time.perf_counter()
+    plugins.load_installed()
     say = common.log if args.json else common.out
     folder = Path(args.output)
-    folder.mkdir(parents=True, exist_ok=True)
+    _check(folder)
     effect, joint = random.Random(args.seed).choice(hidden.EFFECTS)
     say("1. Recording three sessions of two simulated PHANTOM Premium 1.5 arms at 1 kHz.")
     say("   An effect that the analysis knows nothing of is hidden in the follower.\n")
@@ -48,15 +57,31 @@ def run(args: argparse.Namespace) -> int:
     model = base_model(runs[0].robot, "follower")
     say(f"\n2. Model: {' + '.join(model.names())}. Fit on two sessions, judged on the third.\n")
     d = analysis.diagnose(runs[:2], model, runs[2:])
-    say(text(d))
-    write_model(d.model, folder / "improved.toml")
-    diagnosis_report(d, str(folder / "report.html"))
+    say(text(d, analysis.ladder(d)))
+    common.save_model(d.model, folder / MODEL)
+    with outputs.writing(folder / REPORT):
+        names = [str(p) for p in paths]
+        files = Files(tuple(names[:2]), tuple(names[2:]), "", "follower")
+        diagnosis_report(d, folder / REPORT, files)
     return _end(args, d, f"{effect} on {joint}", folder, time.perf_counter() - began)
 
 
+def _check(folder: Path) -> None:
+    """Make the folder; refuse what cannot be written, and what is not an earlier demo's."""
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"cannot write into {folder}: it is a file; name a folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    outputs.check(folder / MODEL, ".toml", (), outputs.is_model, "a model file")
+    outputs.check(folder / REPORT, ".html", (), outputs.is_report, "a report of hil")
+    for name in SESSIONS:
+        outputs.check(folder / name, ".mcap")
+
+
 def _record(folder: Path, k: int, seed: int, effect: str, joint: str) -> Path:
-    path = hidden.session(rig_path("identify"), folder, seed, seed, effect, joint)
-    return path.rename(folder / f"{('first', 'second', 'heldout')[k]}.mcap")
+    """One session; a session of an earlier demo is replaced, any other is kept aside."""
+    target, rig = folder / SESSIONS[k], rig_path("identify")
+    outputs.keep_unless(target, "session", {"rig": load_rig(rig).name, "clock": "lockstep"})
+    return hidden.session(rig, folder, seed, seed, effect, joint).rename(target)
 
 
 def _end(args: argparse.Namespace, d: Diagnosis, truth: str, folder: Path, seconds: float) -> int:
@@ -72,7 +97,7 @@ def _end(args: argparse.Namespace, d: Diagnosis, truth: str, folder: Path, secon
     common.out(
         f"\n3. What was hidden: {truth}. {'Named right.' if right else 'Not what was named.'}\n"
         f"   held-out error of that joint: {ratio[0]:.2f} -> {ratio[-1]:.2f} times its floor\n"
-        f"\n   report          {folder / 'report.html'}"
-        f"\n   improved model  {folder / 'improved.toml'}\n   {seconds:.0f} s"
+        f"\n   report          {folder / REPORT}"
+        f"\n   improved model  {folder / MODEL}\n   {seconds:.0f} s"
     )
     return 0

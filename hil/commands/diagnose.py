@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from hil.commands import common
 from hil.compare import analysis
+from hil.compare.analysis import Rung
 from hil.compare.diagnose import Diagnosis, Finding
-from hil.compare.tables import diagnosis_json, sets_of
+from hil.compare.tables import diagnosis_json, ladder_json, sets_of
+from hil.compare.warn import rising
+from hil.compare.words import Files
 
 HELP = "which physical effect is missing"
 EXAMPLE = "hil diagnose run.mcap --model arm.toml --holdout other.mcap --report why.html"
@@ -16,25 +20,50 @@ EXAMPLE = "hil diagnose run.mcap --model arm.toml --holdout other.mcap --report 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     common.add_sessions(parser)
-    parser.add_argument("--report", metavar="R.html", help="write a self-contained report")
+    common.add_report(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose and print."""
-    common.writable(args.report, ".html")
     runs, held, model = common.load(args)
     result = analysis.diagnose(runs, model, held)
-    if args.report:
-        from hil.compare.report import diagnosis_report
+    show(args, result)
+    return code(result)
 
-        diagnosis_report(result, args.report)
-    if args.json:
-        common.emit(diagnosis_json(result))
-        return 0
-    common.out(text(result))
-    if args.report:
-        common.out(f"\nreport: {args.report}")
-    return 0
+
+def show(args: argparse.Namespace, result: Diagnosis) -> None:
+    """Report, then JSON or text, of a diagnosis with both errors of every rung."""
+    rungs = analysis.ladder(result)
+    worse = rising(rungs)
+    common.deliver(
+        args,
+        lambda path: _report(args, result, path),
+        lambda: _json(result, rungs, worse),
+        lambda: "\n".join([text(result, rungs), *(f"  warning: {w}" for w in worse)]),
+    )
+
+
+def code(result: Diagnosis) -> int:
+    """Exit code: 2 where the recording has faults and nothing was fitted."""
+    return 2 if result.verdict == "bad-data" else 0
+
+
+def _json(result: Diagnosis, rungs: list[Rung], worse: list[str]) -> dict[str, Any]:
+    """The diagnosis with its ladder and the warnings of the multi-step error."""
+    data = diagnosis_json(result)
+    more = [{"code": "multi-step", "text": w} for w in worse]
+    return {
+        **data,
+        "warnings": [*data["warnings"], *more],  # type: ignore[misc]
+        "ladder": ladder_json(rungs),
+    }
+
+
+def _report(args: argparse.Namespace, result: Diagnosis, path: str) -> None:
+    from hil.compare.report import diagnosis_report
+
+    files = Files(tuple(args.sessions), tuple(args.holdout), args.model or "", args.arm or "")
+    diagnosis_report(result, path, files)
 
 
 SENTENCES = {
@@ -47,7 +76,7 @@ SENTENCES = {
 }
 
 
-def text(d: Diagnosis) -> str:
+def text(d: Diagnosis, rungs: list[Rung]) -> str:
     """The diagnosis for a terminal."""
     lines = [f"Verdict: {SENTENCES[d.verdict]}"]
     for f in d.findings:
@@ -58,6 +87,8 @@ def text(d: Diagnosis) -> str:
     if not d.ladder:
         return "\n".join([*lines, *(f"  {w}" for _, w in d.warnings)])
     lines += ["", ladder_text(d)]
+    if d.result.model.explains == "motor":
+        lines += ["", multi_text(rungs)]
     sets = sets_of(d)
     if sets:
         lines += ["", "What these data cannot tell apart"]
@@ -93,3 +124,23 @@ def ladder_text(d: Diagnosis) -> str:
     ]
     head = ["held-out error", *(f"{j} %" for j in joints), *(f"{j}/floor" for j in joints)]
     return common.table(head, rows)
+
+
+def multi_text(rungs: list[Rung]) -> str:
+    """Multi-step error of the same ladder: the simulated position, by joint."""
+    first = rungs[0]
+    joints = first.step.result.problem.joints
+    rows = [
+        [r.step.label, *("-" if r.multi_step.lost else f"{x:.2f}" for x in r.multi_step.relative)]
+        for r in rungs
+    ]
+    head = [f"multi-step error, {first.multi_step.horizon:g} s", *(f"{j} %" for j in joints)]
+    lines = [common.table(head, rows)]
+    for r in rungs:
+        m = r.multi_step
+        if m.diverged:
+            lines.append(
+                f"  {r.step.label}: {m.diverged} of {m.windows} simulations left the recorded "
+                "range and are not counted"
+            )
+    return "\n".join(lines)

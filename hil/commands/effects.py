@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from hil.commands import common
+from hil.commands import common, plugins
+from hil.errors import ConfigError, unknown
 from hil.models import catalogue
 from hil.models.effect import Effect
 
@@ -16,7 +17,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     parser.add_argument("name", nargs="?", help="one effect in full")
     parser.add_argument(
-        "--plugin", action="append", default=[], metavar="FILE.py", help="own effects"
+        "--plugin",
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="file with effects of your own; repeatable",
     )
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
@@ -25,9 +30,10 @@ def run(args: argparse.Namespace) -> int:
     """Print the catalogue or one effect."""
     from pathlib import Path
 
+    plugins.load_installed()
     for plugin in args.plugin:
         catalogue.load_plugin(Path(plugin))
-    chosen = [catalogue.get(args.name)] if args.name else list(catalogue.table().values())
+    chosen = [_named(args)] if args.name else list(catalogue.table().values())
     if args.json:
         common.emit({"schema": "hil.effects/1", "effects": [as_dict(e) for e in chosen]})
     elif args.name:
@@ -39,6 +45,15 @@ def run(args: argparse.Namespace) -> int:
         width = max(len(r[0]) for r in rows)
         common.out("\n".join(f"  {r[0].ljust(width)}  {r[1].ljust(12)}  {r[2]}" for r in rows))
     return 0
+
+
+def _named(args: argparse.Namespace) -> Effect:
+    if args.name in catalogue.table():
+        return catalogue.get(args.name)
+    raise ConfigError(
+        f"{unknown('effect', args.name, catalogue.table())} An effect of your own: "
+        f"hil effects {args.name} --plugin FILE.py"
+    )
 
 
 def as_dict(e: Effect) -> dict[str, object]:

@@ -7,7 +7,6 @@ import argparse
 from hil.commands import common
 from hil.compare import analysis
 from hil.identify.result import FitResult
-from hil.models.files import write_model
 
 HELP = "identify all parameters of a model jointly"
 EXAMPLE = "hil fit run1.mcap run2.mcap --model arm.toml -o fitted.toml"
@@ -16,16 +15,15 @@ EXAMPLE = "hil fit run1.mcap run2.mcap --model arm.toml -o fitted.toml"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     common.add_sessions(parser, model=False)
-    parser.add_argument("-o", "--output", metavar="FITTED.toml", help="write the fitted model")
+    common.add_output(parser, "FITTED.toml", "the fitted model")
 
 
 def run(args: argparse.Namespace) -> int:
     """Fit and print."""
-    common.writable(args.output, ".toml")
     runs, _, model = common.load(args)
     result = analysis.fit(runs, model)
     if args.output:
-        write_model(result.model, args.output)
+        common.save_model(result.model, args.output)
     if args.json:
         common.emit(result.as_dict())
     else:

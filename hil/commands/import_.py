@@ -13,12 +13,13 @@ from typing import TypeVar
 
 from tqdm import tqdm
 
-from hil.errors import ConfigError
+from hil.commands import outputs, plugins
+from hil.errors import ConfigError, plural
 from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.robots import make_robot
 from hil.record import datasets
-from hil.record.checks import check
+from hil.record.checks import Finding, check
 from hil.record.export import write_recordings
 from hil.record.mapfile import builtin_maps, read_map
 from hil.record.recording import Recording
@@ -38,7 +39,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="CSV, NPZ or MAT file with columns t, q1.., tau1.. (SI); or a public recording, "
         f"e.g. emps/DATA_EMPS.mat, found through {datasets.VARIABLE}",
     )  # fmt: skip
-    parser.add_argument("-o", "--output", required=True, metavar="S.mcap", help="session to write")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="S.mcap",
+        help="session to write; one that was imported from the same table is replaced, any other "
+        "session there is kept under another name",
+    )  # fmt: skip
     parser.add_argument(
         "--map", metavar="MAP.toml",
         help="renames, scales, shifts and signs columns; or a built-in map: "
@@ -63,19 +68,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Import, write the session and, where there is none, the base model."""
     output = Path(args.output)
-    if not output.parent.is_dir():
-        raise ConfigError(f"cannot write {output}: folder {output.parent} does not exist")
+    plugins.load_installed()
     table, mapping = _source(args.table, args.map)
     if args.all_runs:
         return _every_run(args, table, mapping, output)
-    if output.is_dir():
-        raise ConfigError(f"cannot write {output}: it is a folder")
-    if output.suffix.lower() != ".mcap":
-        raise ConfigError(
-            f"cannot write {output}: a session must end in .mcap; nothing was touched"
-        )
-    if table.resolve() == output.resolve():
-        raise ConfigError(f"the output {output} is the table itself; choose another name")
+    outputs.check(output, ".mcap", _inputs(args, table))
     found = _read(args, table, mapping, args.which)
     _write(output, found, table)
     model = _model(output.with_name(f"{output.stem}.model.toml"), found.recordings)
@@ -84,6 +81,11 @@ def run(args: argparse.Namespace) -> int:
     else:
         sys.stdout.write(_text(output, found, *model))
     return 0
+
+
+def _inputs(args: argparse.Namespace, table: Path) -> list[Path]:
+    """Files that the import reads."""
+    return [table, *(Path(name) for name in (args.map, args.robot) if name)]
 
 
 def _every_run(
@@ -97,8 +99,12 @@ def _every_run(
         raise ConfigError(f"table {table} does not hold several runs; leave --all-runs out")
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"cannot write into {folder}: with --all-runs it must be a folder")
+    if not folder.resolve().parent.is_dir():
+        raise ConfigError(f"cannot write {folder}: its parent folder does not exist; make it first")
     found = {folder / f"{n}.mcap": _read(args, table, mapping, n) for n in _bar("read", names)}
     folder.mkdir(exist_ok=True)
+    for path in found:
+        outputs.check(path, ".mcap", _inputs(args, table))
     for path in _bar("write", list(found)):
         _write(path, found[path], table)
     model = _model(folder / "model.toml", next(iter(found.values())).recordings)
@@ -106,12 +112,16 @@ def _every_run(
         sessions = [_as_dict(path, one, model) for path, one in found.items()]
         text = json.dumps({"schema": "hil.import-all/1", "sessions": sessions})
     else:
-        faults = sum(len(check(r)) for one in found.values() for r in one.recordings)
+        faults = {p: [f for r in one.recordings for f in check(r)] for p, one in found.items()}
+        bad = [p.name for p, some in faults.items() if any(f.severity == "error" for f in some)]
         state = "base model written" if model[1] else "model kept as it was"
         text = (
-            f"{folder}: {len(found)} sessions, {faults} data faults\n{model[0]}: {state}\n"
-            f"next:\n  hil info {next(iter(found))}"
+            f"{folder}: {plural(len(found), 'session')}, "
+            f"{plural(sum(map(len, faults.values())), 'data fault')}\n{model[0]}: {state}\n"
+            f"next:\n  hil info {folder / (bad[0] if bad else next(iter(found)).name)}"
         )
+        if bad:
+            text += f"\n{len(bad)} of them cannot be fitted: {', '.join(bad)}"
     sys.stdout.write(text + "\n")
     return 0
 
@@ -143,17 +153,19 @@ def _source(table: str, mapping: str | None) -> tuple[Path, TableMap | None]:
 
 def _write(output: Path, found: Imported, table: Path) -> None:
     """Write beside the output and move into place, so that a failure leaves the old one."""
+    first = found.recordings[0]
+    source = {"import": {"table": table.name, "run": first.name}}
+    same = dict(source["import"])
     handle, temporary = tempfile.mkstemp(suffix=".mcap", dir=output.parent or ".")
     os.close(handle)
     try:
-        first = found.recordings[0]
-        source = {"import": {"table": table.name, "run": first.name}}
         if shift := first.metadata.get("time_shift_s"):
             source["import"]["time_shift_s"] = shift
         write_recordings(temporary, found.recordings, source, found.extras)
         mask = os.umask(0)
         os.umask(mask)
         Path(temporary).chmod(0o666 & ~mask)
+        outputs.keep_unless(output, "import", same)
         Path(temporary).replace(output)
     except OSError as error:
         raise ConfigError(f"cannot write {output}: {error.strerror}") from error
@@ -181,7 +193,8 @@ def _as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[st
         ],
         "unused": list(found.unused),
         "warnings": [
-            {"code": f.code, "text": f.text} for r in found.recordings for f in check(r)
+            {"code": f.code, "severity": f.severity, "text": f.text}
+            for r in found.recordings for f in check(r)
         ],
     }  # fmt: skip
 
@@ -189,18 +202,28 @@ def _as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[st
 def _text(output: Path, found: Imported, model: Path, written: bool) -> str:
     lines = []
     for r in found.recordings:
-        joints = ", ".join(r.joints)
         lines.append(
-            f"{output}: arm {r.arm}, {r.n} samples at {r.rate:.5g} Hz, {r.d} joints ({joints})"
+            f"{output}: arm {r.arm}, {plural(r.n, 'sample')} at {r.rate:.5g} Hz, "
+            f"{plural(r.d, 'joint')} ({', '.join(r.joints)})"
         )
     if shift := found.recordings[0].metadata.get("time_shift_s"):
         lines.append(f"time begins before 0: shifted by {float(shift):.6g} s")
     if found.unused:
         lines.append(f"not used: {', '.join(found.unused)}")
-    faults = [f for r in found.recordings for f in check(r)]
-    if faults:
-        lines.append(f"{len(faults)} data faults; 'hil info {output}' lists them")
     state = "base model written" if written else "model kept as it was"
     lines.append(f"{model}: {state}")
-    lines += ["next:", f"  hil info {output}", f"  hil diagnose {output} --model {model}"]
-    return "\n".join(lines) + "\n"
+    faults = [f for r in found.recordings for f in check(r)]
+    lines += [f"{f.severity} [{f.code}] {f.text}" for f in faults if f.severity != "error"]
+    return "\n".join([*lines, *_next(output, model, faults)]) + "\n"
+
+
+def _next(output: Path, model: Path, faults: list[Finding]) -> list[str]:
+    """What to do with the session: look at it and diagnose it, or mend it where it is worthless."""
+    errors = [f for f in faults if f.severity == "error"]
+    if not errors:
+        return ["next:", f"  hil info {output}", f"  hil diagnose {output} --model {model}"]
+    return [
+        *(f"error [{f.code}] {f.text}" for f in errors),
+        f"{output} is written but cannot be fitted: {plural(len(errors), 'error')}, see above; "
+        "mend the table and import it again",
+    ]

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.errors import ConfigError
+from hil.commands import outputs
+from hil.errors import ConfigError, plural
 from hil.record.checks import Finding, check, columns, joint_units
 from hil.record.reader import ChannelSummary, SessionSummary, load, summary
 from hil.record.recording import Recording
@@ -46,19 +47,20 @@ def run(args: argparse.Namespace) -> int:
 def _recover(sessions: list[str], target: Path, as_json: bool) -> int:
     if len(sessions) != 1:
         raise ConfigError(f"--recover takes one session, got {len(sessions)}")
-    if not target.parent.is_dir():
-        raise ConfigError(f"cannot write {target}: folder {target.parent} does not exist")
     if target.exists():
         raise ConfigError(f"{target} exists; name a new file for --recover")
-    kept, found = recover(sessions[0], target), summary(sessions[0])
+    outputs.check(target, ".mcap", sessions)
+    with outputs.writing(target):
+        kept, found = recover(sessions[0], target), summary(sessions[0])
     lost = {"unread_bytes": found.unread, "damaged_chunks": found.damaged}
     if as_json:
         entry = {"schema": "hil.info/1", "recovered": str(target), "messages": kept, **lost}
         sys.stdout.write(json.dumps(entry) + "\n")
     else:
         sys.stdout.write(
-            f"{target}: {kept} messages recovered from {sessions[0]}; {found.unread} bytes at its "
-            f"end and {found.damaged} damaged chunks could not be read\n"
+            f"{target}: {plural(kept, 'message')} recovered from {sessions[0]}; "
+            f"{plural(found.unread, 'byte')} at its end and "
+            f"{plural(found.damaged, 'damaged chunk')} could not be read\n"
         )
     return 0
 
@@ -127,7 +129,8 @@ def _text(found: SessionSummary, arms: list[tuple[Recording, list[Finding]]]) ->
     cut = ", cut off" if found.truncated else ""
     lines = [f"{found.path}: {found.bytes / 1e6:.3g} MB{cut}", ""]
     if found.truncated or found.damaged:
-        lost = f"{found.unread} bytes at the end and {found.damaged} damaged chunks"
+        chunks = plural(found.damaged, "damaged chunk")
+        lost = f"{plural(found.unread, 'byte')} at the end and {chunks}"
         lines += [
             f"  {_why(found)}; what follows is what is left ({lost} cannot be read).",
             f"  hil info {found.path} --recover NEW.mcap writes it as a proper session.", "",
@@ -160,7 +163,8 @@ def _arm_text(r: Recording) -> list[str]:
         for n, j, v in columns(r)
     ]
     head = (
-        f"arm {r.arm}: {r.d} joints, {r.n} samples, {r.t[-1] - r.t[0]:.4g} s at {_rate(r):.5g} Hz; "
+        f"arm {r.arm}: {plural(r.d, 'joint')}, {plural(r.n, 'sample')}, "
+        f"{r.t[-1] - r.t[0]:.4g} s at {_rate(r):.5g} Hz; "
         f"robot: {_robot(r)}"
     )
     return [head, *_aligned(rows)]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from itertools import count
 from pathlib import Path
 
 from tqdm import tqdm
 
 from hil import app
+from hil.commands import outputs
 from hil.config import RigConfig, load_rig
 from hil.errors import ConfigError
 
@@ -21,7 +21,10 @@ EXAMPLE = "hil run rigs/teleop.toml --clock lockstep --seconds 10 -o s.mcap"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("rig", metavar="RIG.toml", help="rig file")
-    parser.add_argument("-o", "--output", required=True, metavar="S.mcap", help="session to write")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="S.mcap",
+        help="session to write; a session that is there is kept under another name",
+    )  # fmt: skip
     parser.add_argument("--seconds", type=float, help="length [s]; default: of the rig file")
     parser.add_argument("--seed", type=int, default=0, help="seed of the simulation (default 0)")
     parser.add_argument(
@@ -36,23 +39,14 @@ def run(args: argparse.Namespace) -> int:
     config = load_rig(args.rig)
     if args.seed < 0:
         raise ConfigError(f"--seed {args.seed}: a number from 0 on is needed.")
-    keep_old(Path(args.output))
+    outputs.check(args.output, ".mcap", [args.rig])
+    outputs.keep_old(Path(args.output))
     summary = _with_bar(config, args)
     if args.json:
         sys.stdout.write(json.dumps(summary.as_dict()) + "\n")
     else:
         sys.stdout.write(table(summary) + "\n")
     return 0
-
-
-def keep_old(path: Path) -> None:
-    """Move a session that stands at the output's place aside: no recording is written over."""
-    if not path.exists():
-        return
-    number = next(n for n in count(1) if not path.with_suffix(f".{n}{path.suffix}").exists())
-    aside = path.with_suffix(f".{number}{path.suffix}")
-    path.rename(aside)
-    sys.stderr.write(f"{path} was there already; it is kept as {aside}\n")
 
 
 def _with_bar(config: RigConfig, args: argparse.Namespace) -> app.Summary:

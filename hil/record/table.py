@@ -141,8 +141,11 @@ def _robot(
     file = next((f / name for f in folders if (f / name).is_file()), folders[0] / name)
     try:
         text = file.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise DataError(f"URDF {file}: no such file; give its path with --robot") from error
     except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"URDF {file} cannot be read: {error}") from error
+        why = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise DataError(f"URDF {file} cannot be read: {why}") from error
     joints = urdf_joints(text, f"URDF {file}")
     links = set(re.findall(r"<(?:link|joint)\s[^>]*?name\s*=\s*[\"']([^\"']+)", text))
     if given.tip and given.tip not in links:

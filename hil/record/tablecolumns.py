@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from hil.errors import DataError
+from hil.errors import DataError, plural
 from hil.record.tablefile import Table
 from hil.record.tablemap import Rule
 from hil.record.urdf_joints import UrdfJoint
@@ -43,6 +43,7 @@ def count_joints(
         if match:
             groups.setdefault(match[1], []).append(int(match[2]))
     d = max(groups.get("q", [0]))
+    count = plural(d, "joint")
     if "t" not in rules and not timed:
         raise _no_column(table, ["t"], "the time [s]; or rate_hz = ... in [table] of a map")
     for stem in GROUPS:
@@ -51,9 +52,9 @@ def count_joints(
             continue
         missing = [f"{stem}{k}" for k in range(1, max(d, 1) + 1) if k not in numbers]
         if missing:
-            raise _no_column(table, missing, f"it has {d} joints (q columns)" if d else "")
+            raise _no_column(table, missing, f"it has {count} (q columns)" if d else "")
         if max(numbers) > d:
-            raise DataError(f"table {table.path}: column {stem}{max(numbers)}, but only {d} joints")
+            raise DataError(f"table {table.path}: column {stem}{max(numbers)}, but only {count}")
     force = [n for n in WRENCH if n in rules]
     need = WRENCH if any(n in force for n in WRENCH[3:]) else WRENCH[:3]
     if force and not set(need) <= set(force):
@@ -61,8 +62,8 @@ def count_joints(
     if joints and len(joints) != d:
         names = ", ".join(j.name for j in joints)
         raise DataError(
-            f"the URDF does not match table {table.path}: {len(joints)} moving joints "
-            f"({names}), but {d} position columns"
+            f"the URDF does not match table {table.path}: {plural(len(joints), 'moving joint')} "
+            f"({names}), but {plural(d, 'position column')}"
         )
     return d
 

@@ -1,0 +1,140 @@
+"""Failures: what is the user's is named with its place, what is ours asks for a report."""
+
+import json
+import sys
+from importlib.metadata import EntryPoint
+
+import numpy as np
+import pytest
+
+from hil.cli import main
+from hil.commands import plugins
+from hil.errors import unknown
+from hil.models import catalogue
+from hil.record.export import write_recordings
+from hil.record.recording import Recording
+
+EFFECT = """
+from dataclasses import dataclass
+from hil.models.effect import Effect, Param
+
+@dataclass(frozen=True)
+class Broken(Effect):
+    name, family = "{name}", "friction"
+    equation = "tau = k q"
+    signature = shown_by = source = "none"
+    params = (Param("k", "{{F}}", "stiffness", 0.0),)
+
+    def columns(self, motion, j, shape):
+        {body}
+
+EFFECTS = (Broken(),)
+"""
+MODEL = 'schema = "hil.model/1"\nplugins = ["./mine.py"]\n[robot]\npreset = "single-axis"\n'
+MODEL += "".join(f'[[effects]]\ntype = "{n}"\n' for n in ("rigid-body", "coulomb", "viscous"))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A session of one axis, and the working directory beside it."""
+    rng, t = np.random.default_rng(0), np.arange(3000) / 500
+    q = 0.3 * np.sin(3 * t) + 0.2 * np.sin(7.3 * t + 1)
+    qd, qdd = np.gradient(q, t), np.gradient(np.gradient(q, t), t)
+    tau = 0.05 * qdd + 0.1 * qd + 0.3 * np.tanh(qd / 0.01) + 0.01 * rng.normal(size=t.size)
+    path = tmp_path / "s.mcap"
+    write_recordings(path, [Recording("s", "arm", ("joint1",), t, q[:, None], tau[:, None])])
+    monkeypatch.setattr(catalogue, "_table", dict(catalogue.table()))
+    monkeypatch.chdir(tmp_path)
+    yield tmp_path
+    sys.modules.pop("hil_plugin_mine", None)
+
+
+def own(folder, body, name="broken"):
+    (folder / "mine.py").write_text(EFFECT.format(name=name, body=body))
+    (folder / "m.toml").write_text(MODEL + f'[[effects]]\ntype = "{name}"\n')
+
+
+@pytest.mark.parametrize("body", ["return 1 / 0", "return open('none.csv')", "return motion.nix"])
+def test_a_mistake_in_an_own_effect_is_named_with_its_line(folder, capsys, body):
+    own(folder, body)
+    assert main(["fit", "s.mcap", "--model", "m.toml"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "mine.py, line 13" in said and "Error" in said
+    with pytest.raises((ZeroDivisionError, OSError, AttributeError)):
+        main(["--debug", "fit", "s.mcap", "--model", "m.toml"])
+    with pytest.raises((ZeroDivisionError, OSError, AttributeError)):
+        main(["fit", "s.mcap", "--model", "m.toml", "--debug"])
+
+
+@pytest.mark.parametrize(("text", "line"), [("x = 1\ny = 1 / 0\n", 2), ("x = 1\n\ndef (\n", 3)])
+def test_a_plugin_that_does_not_run_is_named_with_its_line(folder, capsys, text, line):
+    (folder / "mine.py").write_text(text)
+    assert main(["effects", "--plugin", "mine.py"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and f"mine.py, line {line}" in said
+
+
+def test_the_unexpected_is_an_internal_error(folder, capsys, monkeypatch):
+    def broken(*_):
+        raise KeyError("nobody thought of this")
+
+    monkeypatch.setattr("hil.compare.analysis.fit", broken)
+    assert main(["fit", "s.mcap"]) == 1
+    said = capsys.readouterr().err
+    assert said.splitlines()[-1].startswith("hil fit: internal error: KeyError")
+    assert "--debug" in said and "report" in said and "Traceback" not in said
+
+
+def test_a_package_whose_effects_do_not_load_is_left_out(folder, capsys, monkeypatch):
+    (folder / "later_package.py").write_text(
+        EFFECT.format(name="later", body="return motion.q[:, [j]]")
+    )
+    monkeypatch.syspath_prepend(str(folder))
+    points = [
+        EntryPoint("gone", "no_such_package_anywhere", "hil.effects"),
+        EntryPoint("later", "later_package", "hil.effects"),
+    ]
+    monkeypatch.setattr(catalogue, "_table", {})
+    for module in (catalogue, plugins):
+        monkeypatch.setattr(module, "entry_points", lambda group: points)
+    assert main(["effects", "--json"]) == 0
+    said = capsys.readouterr()
+    names = {e["name"] for e in json.loads(said.out)["effects"]}
+    assert {"stribeck", "later"} <= names
+    assert "'gone'" in said.err and said.err.count("\n") == 1
+    sys.modules.pop("later_package")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"), [("", "is empty"), ('schema = "hil.rig/1"\n', "is not a model file"),
+                       ("x = 1\n", "is not a model file")],
+)  # fmt: skip
+def test_a_file_that_is_no_model(folder, capsys, text, says):
+    (folder / "m.toml").write_text(text)
+    assert main(["fit", "s.mcap", "--model", "m.toml"]) == 2
+    said = capsys.readouterr().err
+    assert says in said and 'starts with schema = "hil.model/1"' in said and "None" not in said
+
+
+def test_only_near_names_are_proposed(capsys):
+    assert "Did you mean" not in unknown("effect", "bogus", ["viscous", "coulomb"])
+    assert "Did you mean 'stribeck'" in unknown("effect", "stribek", ["stribeck", "coulomb"])
+    assert main(["effects", "bogus"]) == 2
+    said = capsys.readouterr().err
+    assert "--plugin" in said and "Did you mean" not in said and "viscous" in said
+
+
+def test_a_missing_urdf_is_told_once(folder, capsys):
+    (folder / "t.csv").write_text("t,q1,tau1\n0,0,0\n")
+    assert main(["import", "t.csv", "--robot", "no.urdf", "-o", "x.mcap"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("no.urdf") == 1 and "Errno" not in said
+
+
+def test_an_effect_without_benefit_is_called_that(folder, capsys):
+    assert main(["add", "spring", "--session", "s.mcap"]) == 0
+    said = capsys.readouterr().out
+    assert "no benefit beyond its standard error" in said and "joint1" in said
+    assert main(["add", "spring", "--session", "s.mcap", "--json"]) == 0
+    codes = [w["code"] for w in json.loads(capsys.readouterr().out)["warnings"]]
+    assert "no-benefit" in codes
