@@ -29,8 +29,8 @@ def explain(error: Exception, command: str) -> tuple[str, int]:
     if place:
         return f"an effect of your own failed in {place}: {_what(error)}; mend it there", 2
     if isinstance(error, OSError) and error.strerror:
-        where = f" {error.filename}" if error.filename else ""
-        return f"cannot read or write{where}: {error.strerror}", 2
+        where = error.filename or "a file or the standard output"
+        return f"cannot read or write {where}: {error.strerror}", 2
     return (
         f"internal error: {_what(error)}; run 'hil --debug {command} ...' for the traceback, "
         f"and please report it{_suspects()}"

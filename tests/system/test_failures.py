@@ -1,8 +1,10 @@
 """Failures: what is the user's is named with its place, what is ours asks for a report."""
 
 import json
+import subprocess
 import sys
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -138,3 +140,12 @@ def test_an_effect_without_benefit_is_called_that(folder, capsys):
     assert main(["add", "spring", "--session", "s.mcap", "--json"]) == 0
     codes = [w["code"] for w in json.loads(capsys.readouterr().out)["warnings"]]
     assert "no-benefit" in codes
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_a_full_standard_output_is_one_sentence():
+    with open("/dev/full", "w") as full:
+        words = [sys.executable, "-m", "hil.cli", "effects"]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and "standard output" in done.stderr
