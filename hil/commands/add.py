@@ -50,17 +50,7 @@ def run(args: argparse.Namespace) -> int:
         warnings += [{"code": "multi-step", "text": w} for w in worse]
         common.emit({**data, "warnings": warnings})
         return 0
-    joint_names = rungs[0].step.result.problem.joints
-    rows = [
-        [r.step.label, *(f"{x:.2f}" for x in (*r.step.heldout.relative, *r.multi_step.relative))]
-        for r in rungs
-    ]
-    head = [
-        "held-out error",
-        *(f"{j} %" for j in joint_names),
-        *(f"{j} multi-step %" for j in joint_names),
-    ]
-    common.out(common.table(head, rows))
+    common.out(_table(*rungs))
     for line in idle:
         common.out(f"  {line}")
     for warning in worse:
@@ -73,3 +63,15 @@ def run(args: argparse.Namespace) -> int:
 def _idle(names: list[str], before: Rung, after: Rung) -> list[str]:
     joints = after.step.result.problem.joints
     return useless(before, after, [joints.index(n) for n in names] or list(range(len(joints))))
+
+
+def _table(before: Rung, after: Rung) -> str:
+    """Both errors by joint; a law of contact cannot be simulated and has only the first."""
+    joints = after.step.result.problem.joints
+    head = ["held-out error", *(f"{j} %" for j in joints)]
+    rows = [[r.step.label, *(f"{x:.2f}" for x in r.step.heldout.relative)] for r in (before, after)]
+    if after.step.result.model.explains == "motor":
+        head += [f"{j} multi-step %" for j in joints]
+        for row, r in zip(rows, (before, after), strict=True):
+            row += ["-" if r.multi_step.lost else f"{x:.2f}" for x in r.multi_step.relative]
+    return common.table(head, rows)

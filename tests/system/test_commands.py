@@ -57,6 +57,35 @@ def test_diagnose_json_names_the_drag(session, capsys):
     assert {"candidates", "remaining", "indistinguishable", "warnings"} <= set(out)
 
 
+@pytest.mark.parametrize("name", ["diagnose", "improve"])
+def test_both_errors_of_every_rung_are_shown(session, capsys, name):
+    assert main([name, str(session[0]), "--holdout", str(session[1])]) == 0
+    one, multi = capsys.readouterr().out.split("multi-step error, 0.5 s")
+    for text in (one, multi):
+        assert "base model" in text and "+ quadratic-drag on joint1" in text
+    code, out = run(capsys, name, session[0], "--holdout", session[1], "--json")
+    assert code == 0 and len(out["ladder"]) == 2 and out["ladder"][0]["multi_step"]["windows"]
+
+
+def test_a_law_of_contact_has_no_multi_step_error(tmp_path, capsys):
+    rng, t = np.random.default_rng(0), np.arange(6000) / 500
+    q = 0.05 + 0.03 * np.sin(3 * t) + 0.02 * np.sin(7.3 * t)
+    force = -80 * q + 0.05 * rng.standard_normal(t.size)
+    path, model = tmp_path / "c.mcap", tmp_path / "c.toml"
+    write_recordings(
+        path,
+        [Recording("c", "arm", ("joint1",), t, q[:, None], force[:, None], tau_ext=force[:, None])],
+    )
+    head = 'schema = "hil.model/1"\n[robot]\npreset = "single-axis"\nexplains = "external"\n'
+    names = ("contact-stiffness", "torque-offset")
+    model.write_text(head + "".join(f'[[effects]]\ntype = "{n}"\n' for n in names))
+    assert main(["diagnose", str(path), "--model", str(model)]) == 0
+    words = ["add", "contact-damping", "--model", str(model), "--session", str(path)]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "multi-step" not in said and "inf" not in said
+
+
 def test_improve_writes_a_model_that_is_adequate(session, tmp_path, capsys):
     better = tmp_path / "better.toml"
     code, out = run(capsys, "improve", session[0], "--holdout", session[1], "-o", better, "--json")
