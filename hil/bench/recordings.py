@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.compare.diagnose import Diagnosis, diagnose
+from hil.compare.diagnose import diagnose
+from hil.compare.findings import Diagnosis
 from hil.compare.heldout import Examiner
 from hil.compare.multistep import simulate
 from hil.identify.fit import fit

@@ -37,7 +37,7 @@ def _report(found: Comparison, path: str) -> None:
 
 def text(c: Comparison) -> str:
     """The comparison for a terminal."""
-    floor, result = c.evidence.floor.rms, c.result
+    floor, result = c.noise, c.result
     rows = [
         [
             name, f"{c.heldout.rms[j]:.4g}", f"{c.heldout.relative[j]:.2f}", f"{floor[j]:.4g}",

@@ -11,7 +11,7 @@ from hil.bench import hidden
 from hil.commands import common, outputs, plugins
 from hil.commands.diagnose import text
 from hil.compare import analysis
-from hil.compare.diagnose import Diagnosis
+from hil.compare.findings import Diagnosis
 from hil.compare.report import diagnosis_report
 from hil.compare.tables import diagnosis_json, ladder_json
 from hil.compare.words import Files

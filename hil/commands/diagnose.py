@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+import numpy as np
+
 from hil.commands import common
 from hil.compare import analysis
 from hil.compare.analysis import Rung
-from hil.compare.diagnose import Diagnosis, Finding
+from hil.compare.findings import Diagnosis, Finding
 from hil.compare.tables import diagnosis_json, ladder_json, sets_of
 from hil.compare.warn import rising
 from hil.compare.words import Files
@@ -122,6 +124,8 @@ def ladder_text(d: Diagnosis) -> str:
         [s.label, *(f"{x:.2f}" for x in (*s.heldout.relative, *(s.heldout.rms / d.noise)))]
         for s in d.ladder
     ]
+    floor = 100 * d.noise / d.ladder[-1].heldout.effort_rms
+    rows.append(["noise floor", *(f"{x:.2f}" for x in (*floor, *np.ones(len(joints))))])
     head = ["held-out error", *(f"{j} %" for j in joints), *(f"{j}/floor" for j in joints)]
     return common.table(head, rows)
 

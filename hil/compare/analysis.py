@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.diagnose import Diagnosis, Step, diagnose
+from hil.compare.diagnose import diagnose
 from hil.compare.evidence import Evidence, gather
+from hil.compare.findings import Diagnosis, Step
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep, simulate
@@ -43,6 +44,10 @@ class Comparison:
         Regions in which the model fails, by joint.
     multi_step : MultiStep
         Short-horizon simulation error.
+    faults : list
+        What `hil info` says of the data.
+    heldout_floor : ndarray (d,) or None
+        Noise floor of the held-out runs themselves.
     """
 
     result: FitResult
@@ -51,6 +56,12 @@ class Comparison:
     where: dict[str, list[Region]]
     multi_step: MultiStep
     faults: list[Fault] = field(default_factory=list)
+    heldout_floor: FloatArray | None = None
+
+    @property
+    def noise(self) -> FloatArray:
+        """Noise floor that belongs to the held-out errors (d,), as `Diagnosis.noise`."""
+        return self.evidence.floor.rms if self.heldout_floor is None else self.heldout_floor
 
 
 def faults_of(recordings: list[Recording]) -> list[Fault]:
@@ -93,8 +104,9 @@ def compare(
     evidence = gather(result)
     where = regions(result, evidence.floor)
     return Comparison(
-        result, examine(result), evidence, where, simulate(result, problem), faults_of(recordings)
-    )
+        result, examine(result), evidence, where, simulate(result, problem),
+        faults_of(recordings), examine.floor(result),
+    )  # fmt: skip
 
 
 __all__ = ["add", "compare", "diagnose", "fit", "ladder"]

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.evidence import Candidate, Evidence
+from hil.identify.result import FitResult
 from hil.identify.shapes import Projector
 
 FloatArray = NDArray[np.float64]
@@ -19,10 +20,10 @@ TEMPER = 0.01
 COINCIDE = 0.98
 
 
-def variance_share(c: Candidate, evidence: Evidence, sigma: FloatArray, n: int) -> float:
+def variance_share(c: Candidate, evidence: Evidence, result: FitResult) -> float:
     """Variance that the candidate removes on its joint, in units of the noise floor's."""
     j = c.term.joint
-    removed = c.net * sigma[j] ** 2 / n
+    removed = c.net * result.sigma[j] ** 2 / result.problem.count[j]
     return float(removed / max(evidence.floor.rms[j] ** 2, 1e-300))
 
 
@@ -32,7 +33,7 @@ def physical(c: Candidate) -> bool:
     return len(params) != 1 or params[0].lower <= c.coefficient <= params[0].upper
 
 
-def plausible(evidence: Evidence, sigma: FloatArray, n: int) -> list[Candidate]:
+def plausible(evidence: Evidence, result: FitResult) -> list[Candidate]:
     """Candidates that are detected, matter and pay their price; best first."""
     return [
         c
@@ -41,7 +42,7 @@ def plausible(evidence: Evidence, sigma: FloatArray, n: int) -> list[Candidate]:
         and physical(c)
         and c.score > 0
         and c.absorbed < 0.9999
-        and variance_share(c, evidence, sigma, n) >= MATERIAL
+        and variance_share(c, evidence, result) >= MATERIAL
     ]
 
 

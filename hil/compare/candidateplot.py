@@ -33,7 +33,7 @@ def place(m: Material, c: Candidate) -> str | None:
 def explained(m: Material, c: Candidate) -> float:
     """Share of the joint's squared residual that a candidate takes away beside the first model."""
     result, j = m.before.result, c.term.joint
-    power = c.net * float(result.sigma[j]) ** 2 / m.problem.n
+    power = c.net * float(result.sigma[j]) ** 2 / m.problem.count[j]
     return float(np.clip(power / max(float(result.rms[j]) ** 2, 1e-300), 0.0, 1.0))
 
 

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.attribute import LEVEL, choose, plausible
-from hil.compare.evidence import NOTHING, Candidate, Evidence, gather
+from hil.compare.attribute import choose, plausible
+from hil.compare.evidence import Candidate, Evidence, gather
+from hil.compare.findings import Accepted, Diagnosis, Step, describe
 from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.identifiable import undetermined
+from hil.compare.judge import judge
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.threads import single_threaded
-from hil.identify.timing import fit_aligned, longest_shift
-from hil.models import catalogue
+from hil.identify.timing import fit_aligned, real_delay
 from hil.models.model import RobotModel, Use, Value
 from hil.record.checks import check
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
-#: Below this share of the excess explained, no name is given.
-EXPLAINED = 0.70
-#: Errors within this factor of the floor count as adequate.
-ADEQUATE = 1.10
-CONFIDENT = 0.75
 #: An effect must lower the held-out error of its joint by this much ...
 WORTH = 0.04
 #: ... and remove this share of what is still above the floor.
@@ -35,78 +31,6 @@ SHARE = 0.10
 #: library equations miss real effects by about a percent of their power, which is no new effect.
 FORM = 0.02
 MOST = 4
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One accepted effect.
-
-    Parameters
-    ----------
-    effect : str
-        Name in the catalogue.
-    joint : str or None
-        Joint; None where it is not one joint's.
-    confidence : float
-        Probability that it is this effect and none of the rivals.
-    relative_before, relative_after, se : float
-        Held-out relative error of the joint [%] and the standard error of the latter.
-    excess_explained : float
-        Share of the squared error above the noise floor that this effect removed.
-    parameters : dict of str to Value
-        Its parameters after the joint refit.
-    rivals : list of str
-        Effects that these data cannot tell from it.
-    """
-
-    effect: str
-    joint: str | None
-    confidence: float
-    relative_before: float
-    relative_after: float
-    se: float
-    excess_explained: float
-    parameters: dict[str, Value]
-    rivals: list[str]
-
-
-@dataclass(frozen=True)
-class Step:
-    """One rung of the error ladder."""
-
-    label: str
-    result: FitResult
-    heldout: HeldOut
-
-
-@dataclass
-class Diagnosis:
-    """Verdict, findings and everything they rest on."""
-
-    verdict: str
-    findings: list[Finding] = field(default_factory=list)
-    ladder: list[Step] = field(default_factory=list)
-    first: Evidence = NOTHING
-    last: Evidence = NOTHING
-    floor: FloatArray = field(default_factory=lambda: np.zeros(0))
-    warnings: list[tuple[str, str]] = field(default_factory=list)
-    partial: list[Finding] = field(default_factory=list)
-    heldout_floor: FloatArray | None = None
-
-    @property
-    def noise(self) -> FloatArray:
-        """Noise floor that belongs to the held-out errors (d,)."""
-        return self.floor if self.heldout_floor is None else self.heldout_floor
-
-    @property
-    def result(self) -> FitResult:
-        """Fit of the last rung."""
-        return self.ladder[-1].result
-
-    @property
-    def model(self) -> RobotModel:
-        """The improved model; the first one where nothing is named."""
-        return (self.ladder[-1] if self.findings else self.ladder[0]).result.model
 
 
 @single_threaded
@@ -143,7 +67,7 @@ def diagnose(
     reasons = undetermined(result)
     if reasons:
         return Diagnosis("not-identifiable", [], ladder, first, first, first.floor.rms, reasons)
-    found: list[tuple[Candidate, float, list[Candidate]]] = []
+    found: list[Accepted] = []
     for _ in range(most):
         step = _next(evidence, ladder, examine, problem, found)
         if step is None:
@@ -151,22 +75,22 @@ def diagnose(
         ladder.append(step)
         evidence = gather(step.result, seed)
         _retest(found, ladder, examine, problem)
-    out = _judge(ladder, found, first, evidence)
+    out = judge(ladder, found, first, evidence)
     out.heldout_floor = examine.floor(ladder[-1].result)
     return out
 
 
 def _next(
     evidence: Evidence, ladder: list[Step], examine: Examiner, problem: Problem,
-    found: list[tuple[Candidate, float, list[Candidate]]],
+    found: list[Accepted],
 ) -> Step | None:  # fmt: skip
     """Try the plausible candidates in order; accept the first that also helps held-out."""
     now, projector = ladder[-1], evidence.projector
     if projector is None:
         return None
     candidates = [
-        c for c in plausible(evidence, now.result.sigma, problem.n)
-        if c.name != "delay" or abs(c.coefficient) > longest_shift(problem)
+        c for c in plausible(evidence, now.result)
+        if c.name != "delay" or real_delay(now.result, c.term.joint, c.coefficient)
     ]  # fmt: skip
     for k, c in enumerate(candidates[:3]):
         rest = [c, *[x for x in candidates if x is not c and candidates.index(x) > k]]
@@ -211,21 +135,8 @@ def as_use(c: Candidate, problem: Problem) -> Use:
     return Use(effect.name, joints, options, values)
 
 
-def describe(c: Candidate, problem: Problem) -> str:
-    """E.g. ``stribeck on joint2``."""
-    where = joint_of(c, problem)
-    return f"{c.name} on {where}" if where else c.name
-
-
-def joint_of(c: Candidate, problem: Problem) -> str | None:
-    """Joint's name, None for an effect of the whole robot."""
-    if c.term.effect.whole_robot and not c.term.effect.shape:
-        return None
-    return problem.joints[c.term.joint]
-
-
 def _retest(
-    found: list[tuple[Candidate, float, list[Candidate]]], ladder: list[Step],
+    found: list[Accepted], ladder: list[Step],
     examine: Examiner, problem: Problem,
 ) -> None:  # fmt: skip
     """Take out an accepted effect that later ones have made superfluous."""
@@ -241,84 +152,3 @@ def _retest(
             found.pop(k)
             ladder.append(Step(f"- {describe(candidate, problem)} (superfluous)", result, heldout))
             return
-
-
-def _judge(
-    ladder: list[Step], found: list[tuple[Candidate, float, list[Candidate]]],
-    first: Evidence, last: Evidence,
-) -> Diagnosis:  # fmt: skip
-    problem = ladder[0].result.problem
-    floor = np.minimum(last.floor.rms, ladder[-1].result.rms)
-    findings = _findings(ladder, found, floor)
-    start, end = ladder[0].result.rms, ladder[-1].result.rms
-    excess, left = start**2 - floor**2, np.maximum(end**2 - floor**2, 0.0)
-    open_joints = [
-        j for j in range(problem.d)
-        if end[j] > ADEQUATE * floor[j] and left[j] > (1 - EXPLAINED) * excess[j]
-    ]  # fmt: skip
-    failed = {problem.joints[j] for j in open_joints}
-    partial = [f for f in findings if f.joint in failed or (f.joint is None and failed)]
-    findings = [f for f in findings if f not in partial]
-    if findings:
-        sure = all(f.confidence >= CONFIDENT for f in findings)
-        verdict = "missing-effect" if sure else "ambiguous"
-    else:
-        verdict = "unexplained" if open_joints else "adequate"
-    return Diagnosis(
-        verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial
-    )
-
-
-def _findings(
-    ladder: list[Step], found: list[tuple[Candidate, float, list[Candidate]]], floor: FloatArray
-) -> list[Finding]:
-    problem = ladder[0].result.problem
-    values = ladder[-1].result.values
-    rungs = {s.label: k for k, s in enumerate(ladder)}
-    out = []
-    for c, confidence, rivals in found:
-        k, j = rungs[f"+ {describe(c, problem)}"], c.term.joint
-        before, after = ladder[k - 1], ladder[k]
-        excess = max(ladder[0].result.rms[j] ** 2 - floor[j] ** 2, 1e-300)
-        removed = before.result.rms[j] ** 2 - after.result.rms[j] ** 2
-        head = (f"j{j + 1}.{c.name}.", f"{c.name}.")
-        out.append(
-            Finding(
-                c.name, joint_of(c, problem), round(confidence, 3),
-                float(before.heldout.relative[j]), float(after.heldout.relative[j]),
-                float(after.heldout.standard_error()[j]), float(np.clip(removed / excess, 0, 1)),
-                {n: v for n, v in values.items() if n.startswith(head)},
-                list(dict.fromkeys(r.name for r in rivals)),
-            )
-        )  # fmt: skip
-    return out
-
-
-def _warnings(ladder: list[Step], last: Evidence) -> list[tuple[str, str]]:
-    out = [
-        (f"impossible-{name}", f"{name} cannot be tested: {why}") for name, why in last.impossible
-    ]
-    result = ladder[-1].result
-    for name, v in result.values.items():
-        if v.at_bound:
-            out.append(("at-bound", f"parameter {name} lies on its bound {v.value:g} {v.unit}"))
-    lost = result.not_identifiable()
-    if lost:
-        out.append(
-            (
-                "not-identifiable",
-                f"{len(lost)} parameters are determined only in combination, e.g. "
-                f"{', '.join(lost[:4])}",
-            )
-        )
-    return out
-
-
-def significant(evidence: Evidence) -> bool:
-    """Whether anything at all stands out of the noise."""
-    return any(c.p_value <= LEVEL and c.score > 0 for c in evidence.candidates)
-
-
-def known_effects() -> list[str]:
-    """Names of all effects that can be found."""
-    return sorted(n for n, e in catalogue.table().items() if e.candidate)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.diagnose import Finding
+from hil.compare.findings import Finding
 from hil.compare.learnt import Learnt, learnt
 from hil.compare.material import Material
 from hil.compare.plots import AFTER, BEFORE, CLOUD, MEASURED, dots, embed, grid, line

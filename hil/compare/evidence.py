@@ -199,7 +199,7 @@ def _detect(
     blocks = time_blocks(problem, seconds)
     count = int(blocks.max()) + 1
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, count))
-    ratio = floor.scale / np.maximum(np.sqrt(np.mean(floor.residual**2, axis=1)), 1e-300)
+    ratio = floor.scale / np.maximum(problem.rms(floor.residual), 1e-300)
     noise = (floor.residual * ratio[:, None] / result.sigma[:, None]).reshape(-1)
     rows = np.tile(blocks, problem.d)
     qb = np.zeros((count, projector.q.shape[1]))

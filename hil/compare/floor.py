@@ -57,7 +57,7 @@ class Floor:
 
     def effective(self, problem: Problem) -> FloatArray:
         """Number of independent instants by joint (d,)."""
-        return problem.n / self.inflation
+        return problem.count / self.inflation
 
 
 def smooth_features(problem: Problem, j: int) -> FloatArray:
@@ -83,7 +83,7 @@ def smooth_features(problem: Problem, j: int) -> FloatArray:
         pairs = [(a, b) for a in others for b in others if a < b][:6]
         columns += [(v[:, a] * v[:, b])[:, None] for a, b in pairs]
         parts.append(np.concatenate(columns, axis=1))
-    return problem.filtered(parts)
+    return problem.gated(parts, j)
 
 
 def largest_model(
@@ -111,14 +111,17 @@ def largest_model(
     for j in range(problem.d):
         own = x[j][:, np.any(x[j] != 0, axis=0)]
         more = np.concatenate([*extra[j], smooth_features(problem, j)], axis=1)
-        out[j], rank = _least_squares(np.concatenate([own, more], axis=1), problem.y[j])
+        live = problem.live[j]
+        own, more, y = own[live], more[live], problem.y[j, live]
+        out[j] = 0.0
+        out[j, live], rank = _least_squares(np.concatenate([own, more], axis=1), y)
         factor[j] = inflation(out[j], problem.run)
         # band-limited or coloured rows: one independent value in `factor` instants
         spent = rank * max(factor[j], problem.rate / (2 * problem.rates.effort))
-        now = float(np.sqrt(np.mean(result.residual[j] ** 2)))
-        free = max(problem.n - spent, 0.3 * problem.n)
+        now = float(result.rms[j])
+        free = max(y.size - spent, 0.3 * y.size)
         scale[j] = min(np.sqrt(np.sum(out[j] ** 2) / free), now)
-        predicted[j] = min(_left_out(own, more, problem.y[j]), now)
+        predicted[j] = min(_left_out(own, more, y), now)
     return out, factor, scale, predicted
 
 
@@ -189,15 +192,16 @@ def repeat_floor(result: FitResult) -> FloatArray | None:
     taken out by the model.  None if no run repeats itself at least once.
     """
     problem = result.problem
-    total, count = np.zeros(problem.d), 0
+    total, count = np.zeros((2, problem.d))
     for k in range(len(problem.recordings)):
         lag = period(problem, k)
         if not lag:
             continue
-        r = result.residual[:, problem.run == k]
-        total += np.sum((r[:, lag:] - r[:, :-lag]) ** 2, axis=1) / 2
-        count += r.shape[1] - lag
-    return np.sqrt(total / count) if count else None
+        r, live = result.residual[:, problem.run == k], problem.live[:, problem.run == k]
+        both = live[:, lag:] & live[:, :-lag]
+        total += np.sum(both * (r[:, lag:] - r[:, :-lag]) ** 2, axis=1) / 2
+        count += np.sum(both, axis=1)
+    return np.sqrt(total / count) if np.all(count) else None
 
 
 def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
@@ -205,7 +209,7 @@ def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
     residual, factor, scale, predicted = largest_model(result, extra)
     repeats = repeat_floor(result)
     rms, method = (predicted, "largest-model") if repeats is None else (repeats, "repeats")
-    size = np.sqrt(np.mean(result.problem.effort**2, axis=1))
+    size = result.problem.rms(result.problem.effort)
     accuracy = SENSOR_ACCURACY if result.model.explains == "external" else EFFORT_ACCURACY
     rms = np.hypot(rms, accuracy * size)
     return Floor(rms, method, residual, factor, scale)

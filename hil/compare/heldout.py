@@ -46,7 +46,16 @@ class HeldOut:
     @property
     def rms(self) -> FloatArray:
         """Rms residual (d,)."""
-        out: FloatArray = np.sqrt(np.mean(self.residual**2, axis=1))
+        return self._rms(self.residual)
+
+    @property
+    def effort_rms(self) -> FloatArray:
+        """Rms measured effort at the same instants (d,)."""
+        return self._rms(self.effort)
+
+    def _rms(self, x: FloatArray) -> FloatArray:
+        moving = np.sum(self.effort != 0.0, axis=1)  # zero where the joint stands still
+        out: FloatArray = np.sqrt(np.sum(x**2, axis=1) / np.maximum(moving, 1))
         return out
 
     @property

@@ -131,7 +131,7 @@ def views(result: FitResult, floor: Floor) -> list[View]:
             if edges.size < 3:
                 continue
             where = np.clip(np.digitize(values, edges) - 1, 0, edges.size - 2)
-            inside = (values >= edges[0]) & (values <= edges[-1])
+            inside = (values >= edges[0]) & (values <= edges[-1]) & result.problem.live[j]
             count = np.bincount(where[inside], minlength=edges.size - 1)
             n = np.maximum(count, 1)
             mean = np.bincount(where[inside], r[inside], minlength=edges.size - 1) / n
@@ -149,8 +149,7 @@ def regions(result: FitResult, floor: Floor, most: int = 5) -> dict[str, list[Re
     for view in views(result, floor):
         j = result.problem.joints.index(view.joint)
         excess = max(
-            float(np.sum(result.residual[j] ** 2)) - result.problem.n * float(floor.rms[j]) ** 2,
-            1e-300,
+            result.problem.count[j] * float(result.rms[j] ** 2 - floor.rms[j] ** 2), 1e-300
         )
         for k in range(view.mean.size):
             if view.count[k] < 10:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from hil.compare.ambiguity import Indistinguishable, pairs
 from hil.compare.analysis import Comparison, Rung, ladder
-from hil.compare.diagnose import Diagnosis, Finding, Step
 from hil.compare.evidence import Evidence
+from hil.compare.findings import Diagnosis, Finding, Step
 from hil.compare.multistep import MultiStep
 from hil.compare.tables import sets_of
 from hil.identify.problem import Problem
@@ -83,7 +83,7 @@ class Material:
 
     def relative_floor(self, j: int) -> float:
         """Noise floor of joint j in percent of the held-out effort."""
-        size = float(np.sqrt(np.mean(self.before.heldout.effort[j] ** 2)))
+        size = float(self.before.heldout.effort_rms[j])
         return 100 * float(self.floor[j]) / max(size, 1e-300)
 
     def ratio(self, step: Step) -> FloatArray:
@@ -121,7 +121,7 @@ def from_comparison(c: Comparison) -> Material:
     return Material(
         COMPARED,
         [rung],
-        c.evidence.floor.rms,
+        c.noise,
         c.evidence,
         c.evidence,
         sets=pairs(c.evidence, []),

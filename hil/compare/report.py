@@ -7,9 +7,9 @@ from pathlib import Path
 from hil.compare import words
 from hil.compare.analysis import Comparison, Rung
 from hil.compare.candidateplot import candidates_figure, candidates_table
-from hil.compare.diagnose import Diagnosis
 from hil.compare.effectplot import effect_figure
 from hil.compare.figures import ladder_figure, view_figures
+from hil.compare.findings import Diagnosis
 from hil.compare.localise import Region, regions
 from hil.compare.material import COMPARED, Material, from_comparison, from_diagnosis
 from hil.compare.page import document, escape, items, number, paragraph, section, table, warnings

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from hil.compare.ambiguity import Indistinguishable, pairs
 from hil.compare.analysis import Comparison, Rung
-from hil.compare.diagnose import Diagnosis, Finding
 from hil.compare.evidence import Candidate, Evidence
+from hil.compare.findings import Diagnosis, Finding
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep
 from hil.identify.result import FitResult
@@ -52,7 +50,7 @@ def multi_json(m: MultiStep, result: FitResult) -> dict[str, object]:
 
 def comparison_json(c: Comparison) -> dict[str, object]:
     """`hil compare --json`."""
-    result, floor = c.result, c.evidence.floor.rms
+    result, floor = c.result, c.noise
     joints = []
     for j, name in enumerate(result.problem.joints):
         rms = float(c.heldout.rms[j])
@@ -87,8 +85,8 @@ def candidate_json(c: Candidate, evidence: Evidence, diagnosis: Diagnosis) -> di
     """One candidate beside the first model."""
     base = diagnosis.ladder[0]
     problem, j = base.result.problem, c.term.joint
-    power = base.result.rms[j] ** 2 - c.net * base.result.sigma[j] ** 2 / problem.n
-    size = float(np.sqrt(np.mean(problem.effort[j] ** 2)))
+    power = base.result.rms[j] ** 2 - c.net * base.result.sigma[j] ** 2 / problem.count[j]
+    size = float(problem.rms(problem.effort)[j])
     total = sum(
         math.exp(min(0.0, (x.score - evidence.candidates[0].score) / 2))
         for x in evidence.candidates

@@ -7,8 +7,9 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from hil.compare.diagnose import ADEQUATE, CONFIDENT, EXPLAINED, Finding
+from hil.compare.findings import Finding
 from hil.compare.floor import EFFORT_ACCURACY, SENSOR_ACCURACY
+from hil.compare.judge import ADEQUATE, CONFIDENT, EXPLAINED
 from hil.compare.material import COMPARED, Material
 from hil.compare.page import number
 from hil.errors import ConfigError

@@ -176,7 +176,7 @@ def _scales(
     for _ in range(2):
         theta, _, _, slices, residual = solve(problem, terms, model, sigma)
         floor = 1e-6 * np.std(problem.y, axis=1) + 1e-15
-        sigma = np.maximum(np.sqrt(np.mean(residual**2, axis=1)), floor)
+        sigma = np.maximum(problem.rms(residual), floor)
     update_load(problem, terms, theta, slices)
     parts = zip(terms, slices, strict=True)
     return sigma, {t.key for t, s in parts if not t.effect.shape and not np.any(theta[s])}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError
-from hil.identify import bands
+from hil.identify import bands, standstill
 from hil.models.effect import Effect
 from hil.models.model import Band
 from hil.models.motion import Motion
@@ -78,6 +78,7 @@ class Problem:
         self.span = np.stack([lows, highs], axis=1) if span is None else span
         self.motions: list[Motion] = []
         self._filters: list[bands.Decimator] = []
+        self._still: list[FloatArray] = []
         for r in recordings:
             self._add(r)
         self._assemble()
@@ -93,6 +94,16 @@ class Problem:
     def n(self) -> int:
         """Instants after the filter, all runs together."""
         return int(self.run.size)
+
+    @property
+    def count(self) -> FloatArray:
+        """Instants at which each joint moves (d,)."""
+        return np.asarray(np.sum(self.live, axis=1), dtype=np.float64)
+
+    def rms(self, x: FloatArray) -> FloatArray:
+        """Root mean square over the instants at which each joint moves, (d, n) to (d,)."""
+        out: FloatArray = np.sqrt(np.sum(x**2, axis=1) / self.count)
+        return out
 
     @property
     def rate(self) -> float:
@@ -137,16 +148,14 @@ class Problem:
             contact=np.full((r.d, 2), np.nan), robot=self.robot, average=step,
         )  # fmt: skip
         self.motions.append(motion)
+        still = standstill.standing(r.q, qdd, fs, 0.5 / self.rates.effort, self.rates.position)
+        self._still.append(still[pick])
         self._filters.append(bands.Decimator(t.size, 1 / step, self.rates.effort))
 
     def _resolution(self, r: Recording) -> FloatArray:
         """Speed noise after the position filter, at least 0.2 % of the rms speed."""
         fs, cutoff = r.rate, self.rates.position
-        second = np.diff(r.q, 2, axis=0)
-        # white noise of variance s^2 in q gives 6 s^2 in its second difference; take quiet half
-        sigma_q = np.sqrt(np.median(second**2, axis=0) / 6 / 0.455)
-        quantum = np.array([_quantum(r.q[:, j]) for j in range(r.d)])
-        sigma_q = np.maximum(sigma_q, quantum / np.sqrt(12))
+        sigma_q = standstill.position_noise(r.q)
         # s_v = s_q 2 pi fc sqrt(2 fc / (3 fs)) for white noise up to fc
         sigma_v = sigma_q * 2 * np.pi * cutoff * np.sqrt(2 * cutoff / (3 * fs))
         rms = np.sqrt(np.mean(np.diff(r.q, axis=0) ** 2, axis=0)) * fs
@@ -160,6 +169,8 @@ class Problem:
             m.with_(v0=0.5 * self.speed_noise, resolution=0.5 * self.speed_noise)
             for m in self.motions
         ]
+        #: Instants at which each joint moves (d, n); the others are left out (set to zero).
+        self.live = self._gate()
         self._target()
         self.q = self.filtered([m.q for m in self.motions]).T.copy()
         self.qd = self._sampled("qd").T.copy()
@@ -173,8 +184,28 @@ class Problem:
         motor = self.explains == "motor"
         target = [m.tau + m.tau_ext if motor else m.tau_ext for m in self.motions]
         effort = [m.tau if motor else m.tau_ext for m in self.motions]
-        self.y = self.filtered(target).T.copy()
-        self.effort = self.filtered(effort).T.copy()
+        joints = range(self.d)
+        self.y = np.stack([self.gated([x[:, j] for x in target], j) for j in joints])
+        self.effort = np.stack([self.gated([x[:, j] for x in effort], j) for j in joints])
+
+    def _gate(self) -> NDArray[np.bool_]:
+        """At standstill friction balances any effort: no equation there, for the motor's effort."""
+        if self.explains != "motor":
+            self._still = [np.zeros_like(x) for x in self._still]
+        live = standstill.live(self.filtered(self._still))
+        kept = np.all(live, axis=0)
+        self._still = [np.where(kept, 0.0, x) for x in self._still]
+        return live.T.copy()
+
+    def gated(self, parts: Sequence[FloatArray], j: int) -> FloatArray:
+        """Effort filter of what acts on joint j, standstill taken out before and after it."""
+        if not any(np.any(s[:, j]) for s in self._still):
+            return self.filtered(parts)
+        shape = (-1, *[1] * (parts[0].ndim - 1))
+        moving = [(1.0 - s[:, j]).reshape(shape) for s in self._still]
+        out = self.filtered([x * w for x, w in zip(parts, moving, strict=True)])
+        out *= self.live[j].reshape(shape)
+        return out
 
     def shift_effort(self, seconds: float) -> None:
         """Take the motor effort `seconds` later: tau(t) <- tau(t - s), to first order in s."""
@@ -218,7 +249,11 @@ class Problem:
                     f"effect {effect.name!r}: columns have shape {raw[0].shape}, expected "
                     f"{expected} + (coefficients,)"
                 )
-            out = self.filtered(raw)
+            if effect.whole_robot:
+                joints = range(self.d)
+                out = np.stack([self.gated([x[:, i] for x in raw], i) for i in joints], axis=1)
+            else:
+                out = self.gated(raw, j)
             if per_run:
                 out = self._split(out)
             self._cache[key] = np.moveaxis(out, 0, 1) if effect.whole_robot else out
@@ -229,10 +264,3 @@ class Problem:
         runs = range(len(self.motions))
         mask = self.run.reshape(-1, *[1] * (x.ndim - 1))
         return np.concatenate([np.where(mask == k, x, 0.0) for k in runs], axis=-1)
-
-
-def _quantum(x: FloatArray) -> float:
-    """Smallest step of a quantised signal; 0 where it is not quantised."""
-    steps = np.unique(np.abs(np.diff(x[:20000])))
-    steps = steps[steps > 1e-12]
-    return float(steps[0]) if 0 < steps.size < 200 else 0.0

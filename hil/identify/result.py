@@ -59,8 +59,7 @@ class FitResult:
     @property
     def rms(self) -> FloatArray:
         """Root mean square residual by joint (d,)."""
-        out: FloatArray = np.sqrt(np.mean(self.residual**2, axis=1))
-        return out
+        return self.problem.rms(self.residual)
 
     @property
     def relative(self) -> FloatArray:

@@ -154,7 +154,7 @@ def search_shapes(
         projector = Projector(problem, others, sigma)
         found, gain = best_shape(projector, term)
         if term.effect.name == "coulomb":
-            found = _sharpest(projector, term, gain)
+            found = _sharpest(projector, found, gain)
         out[k] = found
     return out
 
@@ -167,6 +167,8 @@ def _sharpest(projector: Projector, term: Term, best_gain: float) -> Term:
     grid = term.effect.grid(projector.problem.motions[0], term.joint)
     left = projector.rss - best_gain
     for shape in grid:
+        if shape >= term.shape:
+            break
         if projector.rss - projector.gain(term.reshaped(shape)) <= 1.01 * left:
             return term.reshaped(shape)
-    return term.reshaped(grid[-1])
+    return term

@@ -8,14 +8,20 @@ not a physical delay; left in, it imitates small effects at every reversal.
 from __future__ import annotations
 
 import numpy as np
+import scipy.signal
+from numpy.typing import NDArray
 
-from hil.identify.design import Term
+from hil.identify.design import Term, block
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
+from hil.identify.regression import basis
 from hil.identify.result import FitResult
-from hil.identify.shapes import Projector
 from hil.models import catalogue
 from hil.models.model import RobotModel
+
+FloatArray = NDArray[np.float64]
+#: The slow motion: below this fraction of the effort filter's cut-off.
+SLOW = 4
 
 
 def longest_shift(problem: Problem) -> float:
@@ -23,23 +29,58 @@ def longest_shift(problem: Problem) -> float:
     return 1.05 * max(1.0 / r.rate for r in problem.recordings)
 
 
+def slow_delay(result: FitResult, j: int) -> tuple[float, float]:
+    """Delay of joint j's effort [s] and its standard error, from the slow motion alone.
+
+    In a closed loop the controller answers the very disturbances that the model leaves over, so
+    noise looks like a delay of several milliseconds where it is fast.  Below a quarter of the
+    effort filter's cut-off the commanded motion dominates: y and all columns are low-passed
+    once more, and  y = X theta + T dtau/dt  is solved there.
+    """
+    problem = result.problem
+    x = result.x.reshape(problem.d, problem.n, -1)[j]
+    late = block(problem, Term(catalogue.get("delay"), j))
+    rows = np.concatenate([x[:, np.any(x != 0, axis=0)], late, problem.y[j][:, None]], axis=1)
+    rows = np.concatenate([_slow(rows[problem.run == k], problem) for k in np.unique(problem.run)])
+    b = basis(rows[:, :-1])
+    nothing = np.zeros(rows.shape[1] - 1)
+    theta = b.solve(rows[:, -1], nothing, np.zeros(len(rows)))
+    left = rows[:, -1] - rows[:, :-1] @ theta
+    # one independent value in SLOW times the filter's own oversampling
+    scale = np.sqrt(np.mean(left**2) * SLOW)
+    direction = b.v[-1] / (b.s * b.scale[-1])  # row of the pseudo-inverse of R
+    return float(theta[-1]), float(scale * np.linalg.norm(direction))
+
+
+def _slow(x: FloatArray, problem: Problem) -> FloatArray:
+    cutoff = problem.rates.effort / SLOW / (problem.rate / 2)
+    sos = scipy.signal.butter(2, cutoff, output="sos")
+    pad = min(30, len(x) - 1)
+    return np.asarray(scipy.signal.sosfiltfilt(sos, x, axis=0, padlen=pad))
+
+
+def real_delay(result: FitResult, j: int, delay: float) -> bool:
+    """Whether a delay found over the whole band is one of the slow motion, too.
+
+    It must exceed one sample by three standard errors there, and not be a small part of
+    `delay` [s]: a lag that grows with frequency is the answer to noise, or a coarse encoder's.
+    """
+    late, error = slow_delay(result, j)
+    return abs(late) - 3 * error > longest_shift(result.problem) and abs(late) > abs(delay) / 3
+
+
 def sample_shift(result: FitResult) -> float:
     """Delay of the effort against the motion [s], common to all joints; 0 beyond one sample.
 
-    The median over joints of the delays that the residual asks for, so that one joint's real
+    The median over joints of the delays that the slow motion asks for, so that one joint's real
     delay or hysteresis does not shift the others.
     """
     problem = result.problem
     if result.model.explains != "motor":
         return 0.0
     late = {t.joint for t in result.terms if t.effect.name == "delay"}
-    projector = Projector(problem, result.terms, result.sigma)
-    effect = catalogue.get("delay")
-    delays = []
-    for j in set(range(problem.d)) - late:
-        gain, beta, _, _ = projector.score(Term(effect, j))
-        strong = gain > 10 * np.log(problem.n)
-        delays.append(float(beta[0]) if strong and beta.size else 0.0)
+    found = [slow_delay(result, j) for j in sorted(set(range(problem.d)) - late)]
+    delays = [t if abs(t) > 2 * error else 0.0 for t, error in found]
     shift = float(np.median(delays)) if delays else 0.0
     return shift if abs(shift) <= longest_shift(problem) else 0.0
 

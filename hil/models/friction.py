@@ -28,7 +28,6 @@ class Coulomb(Effect):
     params = (Param("fc", "{F}", "Coulomb friction", 0.0),)
     shape = (Param("v0", "{x}/s", "speed over which the sign is resolved", 0.0),)
     candidate = False
-    refine = False
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """tanh(v / v0)."""

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from hil.compare.analysis import Comparison, compare
-from hil.compare.diagnose import Diagnosis, Finding, diagnose
+from hil.compare.diagnose import diagnose
+from hil.compare.findings import Diagnosis, Finding
 from hil.compare.report import comparison_report, diagnosis_report
 from hil.models.model import RobotModel, Use, base_model
 from hil.record.recording import Recording

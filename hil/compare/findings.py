@@ -1,0 +1,103 @@
+"""What a diagnosis consists of: findings, rungs of the error ladder, the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.compare.evidence import NOTHING, Candidate, Evidence
+from hil.compare.heldout import HeldOut
+from hil.identify.problem import Problem
+from hil.identify.result import FitResult
+from hil.models.model import RobotModel, Value
+
+FloatArray = NDArray[np.float64]
+#: A candidate that was accepted, its confidence, and its rivals.
+Accepted = tuple[Candidate, float, list[Candidate]]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One accepted effect.
+
+    Parameters
+    ----------
+    effect : str
+        Name in the catalogue.
+    joint : str or None
+        Joint; None where it is not one joint's.
+    confidence : float
+        Probability that it is this effect and none of the rivals.
+    relative_before, relative_after, se : float
+        Held-out relative error of the joint [%] and the standard error of the latter.
+    excess_explained : float
+        Share of the squared error above the noise floor that this effect removed.
+    parameters : dict of str to Value
+        Its parameters after the joint refit.
+    rivals : list of str
+        Effects that these data cannot tell from it.
+    """
+
+    effect: str
+    joint: str | None
+    confidence: float
+    relative_before: float
+    relative_after: float
+    se: float
+    excess_explained: float
+    parameters: dict[str, Value]
+    rivals: list[str]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the error ladder."""
+
+    label: str
+    result: FitResult
+    heldout: HeldOut
+
+
+@dataclass
+class Diagnosis:
+    """Verdict, findings and everything they rest on."""
+
+    verdict: str
+    findings: list[Finding] = field(default_factory=list)
+    ladder: list[Step] = field(default_factory=list)
+    first: Evidence = NOTHING
+    last: Evidence = NOTHING
+    floor: FloatArray = field(default_factory=lambda: np.zeros(0))
+    warnings: list[tuple[str, str]] = field(default_factory=list)
+    partial: list[Finding] = field(default_factory=list)
+    heldout_floor: FloatArray | None = None
+
+    @property
+    def noise(self) -> FloatArray:
+        """Noise floor that belongs to the held-out errors (d,)."""
+        return self.floor if self.heldout_floor is None else self.heldout_floor
+
+    @property
+    def result(self) -> FitResult:
+        """Fit of the last rung."""
+        return self.ladder[-1].result
+
+    @property
+    def model(self) -> RobotModel:
+        """The improved model; the first one where nothing is named."""
+        return (self.ladder[-1] if self.findings else self.ladder[0]).result.model
+
+
+def describe(c: Candidate, problem: Problem) -> str:
+    """E.g. ``stribeck on joint2``."""
+    where = joint_of(c, problem)
+    return f"{c.name} on {where}" if where else c.name
+
+
+def joint_of(c: Candidate, problem: Problem) -> str | None:
+    """Joint's name, None for an effect of the whole robot."""
+    if c.term.effect.whole_robot and not c.term.effect.shape:
+        return None
+    return problem.joints[c.term.joint]

@@ -1,0 +1,107 @@
+"""The verdict: which findings stand, and what remains to be said."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.compare.evidence import Evidence
+from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
+
+FloatArray = NDArray[np.float64]
+#: Below this share of the excess explained, no name is given.
+EXPLAINED = 0.70
+#: Errors within this factor of the floor count as adequate.
+ADEQUATE = 1.10
+CONFIDENT = 0.75
+#: Share of time at standstill that is worth a note.
+STILL = 0.05
+
+
+def judge(
+    ladder: list[Step], found: list[Accepted],
+    first: Evidence, last: Evidence,
+) -> Diagnosis:  # fmt: skip
+    """Findings that stand, and the verdict over all joints.
+
+    Parameters
+    ----------
+    ladder : list of Step
+        Rungs, the base model first.
+    found : list of Accepted
+        Accepted candidates with confidence and rivals.
+    first, last : Evidence
+        Beside the base model and beside the last rung.
+    """
+    problem = ladder[0].result.problem
+    floor = np.minimum(last.floor.rms, ladder[-1].result.rms)
+    findings = _findings(ladder, found, floor)
+    start, end = ladder[0].result.rms, ladder[-1].result.rms
+    excess, left = start**2 - floor**2, np.maximum(end**2 - floor**2, 0.0)
+    open_joints = [
+        j for j in range(problem.d)
+        if end[j] > ADEQUATE * floor[j] and left[j] > (1 - EXPLAINED) * excess[j]
+    ]  # fmt: skip
+    failed = {problem.joints[j] for j in open_joints}
+    partial = [f for f in findings if f.joint in failed or (f.joint is None and failed)]
+    findings = [f for f in findings if f not in partial]
+    if findings:
+        sure = all(f.confidence >= CONFIDENT for f in findings)
+        verdict = "missing-effect" if sure else "ambiguous"
+    else:
+        verdict = "unexplained" if open_joints else "adequate"
+    return Diagnosis(
+        verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial
+    )
+
+
+def _findings(ladder: list[Step], found: list[Accepted], floor: FloatArray) -> list[Finding]:
+    problem = ladder[0].result.problem
+    values = ladder[-1].result.values
+    rungs = {s.label: k for k, s in enumerate(ladder)}
+    out = []
+    for c, confidence, rivals in found:
+        k, j = rungs[f"+ {describe(c, problem)}"], c.term.joint
+        before, after = ladder[k - 1], ladder[k]
+        excess = max(ladder[0].result.rms[j] ** 2 - floor[j] ** 2, 1e-300)
+        removed = before.result.rms[j] ** 2 - after.result.rms[j] ** 2
+        head = (f"j{j + 1}.{c.name}.", f"{c.name}.")
+        out.append(
+            Finding(
+                c.name, joint_of(c, problem), round(confidence, 3),
+                float(before.heldout.relative[j]), float(after.heldout.relative[j]),
+                float(after.heldout.standard_error()[j]), float(np.clip(removed / excess, 0, 1)),
+                {n: v for n, v in values.items() if n.startswith(head)},
+                list(dict.fromkeys(r.name for r in rivals)),
+            )
+        )  # fmt: skip
+    return out
+
+
+def _warnings(ladder: list[Step], last: Evidence) -> list[tuple[str, str]]:
+    out = [
+        (f"impossible-{name}", f"{name} cannot be tested: {why}") for name, why in last.impossible
+    ]
+    result = ladder[-1].result
+    still = 1.0 - result.problem.count / result.problem.n
+    for j in np.flatnonzero(still > STILL):
+        out.append(
+            (
+                "standstill",
+                f"{result.problem.joints[j]} stands still for {100 * still[j]:.0f} % of the time: "
+                "left out, for static friction balances any effort there",
+            )
+        )
+    for name, v in result.values.items():
+        if v.at_bound:
+            out.append(("at-bound", f"parameter {name} lies on its bound {v.value:g} {v.unit}"))
+    lost = result.not_identifiable()
+    if lost:
+        out.append(
+            (
+                "not-identifiable",
+                f"{len(lost)} parameters are determined only in combination, e.g. "
+                f"{', '.join(lost[:4])}",
+            )
+        )
+    return out

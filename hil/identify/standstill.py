@@ -1,0 +1,87 @@
+"""Standstill: where dry friction balances whatever acts, and no model can say how much.
+
+A joint that sticks transmits any effort between minus and plus its break-away friction; that is
+an inequality, not an equation, and least squares must not read it as one.  Left in, stiction
+imitates a Stribeck peak, a delay or a ripple over position.  What counts as standing is decided
+by the encoder: no displacement beyond its resolution for longer than any smooth reversal takes.
+
+Source: Karnopp, J. Dyn. Syst. Meas. Control 107, 1985 (set-valued friction at zero speed).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+#: Share of the filter's window that may stand before an instant is left out.
+TOLERATED = 0.7
+#: Peak-to-peak noise of an encoder in standard deviations.
+PEAKS = 7.0
+#: Periods of the position filter's cut-off by which each edge of a standstill is widened.
+SMEAR = 0.35
+#: A joint with less than this share of its instants left keeps them all: poses are all there is.
+SCARCE = 0.1
+
+
+def position_noise(q: FloatArray) -> FloatArray:
+    """Standard deviation of white noise in columns of positions (n, d), quantisation included."""
+    second = np.diff(q, 2, axis=0)
+    # white noise of variance s^2 in q gives 6 s^2 in its second difference; take the quiet half
+    sigma = np.sqrt(np.median(second**2, axis=0) / 6 / 0.455)
+    out: FloatArray = np.maximum(sigma, quanta(q) / np.sqrt(12))
+    return out
+
+
+def quanta(q: FloatArray) -> FloatArray:
+    """Smallest step of each quantised column (d,); 0 where it is not quantised."""
+    return np.array([_quantum(q[:, j]) for j in range(q.shape[1])])
+
+
+def _quantum(x: FloatArray) -> float:
+    steps = np.unique(np.abs(np.diff(x[:20000])))
+    steps = steps[steps > 1e-12]
+    return float(steps[0]) if 0 < steps.size < 200 else 0.0
+
+
+def standing(
+    q: FloatArray, qdd: FloatArray, fs: float, longest: float, cutoff: float
+) -> FloatArray:
+    """Where each joint stands still: 1 there, 0 elsewhere, shape (n, d).
+
+    Parameters
+    ----------
+    q : ndarray (n, d)
+        Positions as recorded [rad or m].
+    qdd : ndarray (n, d)
+        Filtered accelerations [rad/s^2 or m/s^2].
+    fs : float
+        Sample rate [Hz].
+    longest : float
+        Longest window asked for [s]; standing for longer always counts.
+    cutoff : float
+        Of the position filter [Hz], which smears the edges of a standstill.
+    """
+    noise, quantum = position_noise(q), quanta(q)
+    out = np.zeros(q.shape)
+    for j in range(q.shape[1]):
+        span = float(np.ptp(q[:, j]))
+        band = max(PEAKS * float(noise[j]) * (quantum[j] == 0), 1.01 * quantum[j], 1e-6 * span)
+        typical = max(float(np.sqrt(np.mean(qdd[:, j] ** 2))), 1e-12)
+        # a reversal with acceleration a stays within the band for sqrt(8 band / a)
+        window = float(np.clip(1.5 * np.sqrt(8 * band / typical), 5 / fs, longest))
+        size = 2 * int(np.ceil(window * fs / 2)) + 1
+        x = q[:, j]
+        high = scipy.ndimage.maximum_filter1d(x, size)
+        still = high - scipy.ndimage.minimum_filter1d(x, size) <= band
+        still = still.astype(np.float64)
+        wider = size + (2 * int(np.ceil(SMEAR / cutoff * fs)) if np.any(still) else 0)
+        out[:, j] = scipy.ndimage.maximum_filter1d(still, wider)
+    return out
+
+
+def live(share: FloatArray) -> NDArray[np.bool_]:
+    """Instants to keep, from the filtered standing share (n, d)."""
+    keep = np.abs(share) <= TOLERATED
+    return np.asarray(keep | (np.mean(keep, axis=0) < SCARCE))

@@ -1,0 +1,55 @@
+"""A drive that sticks at every reversal: standstill must not imitate an effect, nor hide one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil.compare.diagnose import diagnose
+from hil.identify.standstill import standing
+from hil.identify.timing import longest_shift, slow_delay
+from hil.models.model import base_model
+from compare_stiction import COULOMB, INERTIA, VISCOUS, stiction_run
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_sticking_alone_is_no_missing_effect_and_parameters_are_exact(seed: int) -> None:
+    run = stiction_run(seed)
+    out = diagnose([run], base_model(run.robot))
+    assert out.verdict == "adequate", [f.effect for f in out.findings]
+    values = {name: v.value for name, v in out.result.values.items()}
+    assert values["rigid-body.m"] == pytest.approx(INERTIA, rel=0.02)
+    assert values["j1.coulomb.fc"] == pytest.approx(COULOMB, rel=0.01)
+    assert values["j1.viscous.fv"] == pytest.approx(VISCOUS, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [({"drag": 0.15}, "quadratic-drag"), ({"peak": 0.3}, "stribeck"), ({"late": 3}, "delay")],
+)
+def test_effects_beside_stiction_are_named(change: dict[str, float], name: str) -> None:
+    run = stiction_run(4, **change)  # type: ignore[arg-type]
+    out = diagnose([run], base_model(run.robot))
+    assert [f.effect for f in out.findings] == [name]
+    assert out.verdict == "missing-effect"
+
+
+def test_standstill_is_found_and_a_smooth_reversal_is_none() -> None:
+    t = np.arange(0, 4, 1e-3)
+    smooth = np.sin(2 * np.pi * t)
+    held = np.where((t > 1) & (t < 1.3), 0.4, smooth)
+    noise = np.random.default_rng(0).normal(size=(t.size, 2)) * 1e-6
+    q = np.stack([smooth, held], axis=1) + noise
+    qdd = -((2 * np.pi) ** 2) * np.stack([smooth, smooth], axis=1)
+    share = standing(q, qdd, 1000.0, 0.03, 60.0).mean(axis=0)
+    assert share[0] < 0.02
+    assert share[1] == pytest.approx(0.3 / 4, abs=0.02)
+
+
+def test_the_slow_motion_measures_a_delay_in_spite_of_the_loop() -> None:
+    run = stiction_run(5, late=3)
+    out = diagnose([run], base_model(run.robot), most=0)
+    late, error = slow_delay(out.result, 0)
+    # three periods of 2 ms, and half of one for the command that is held
+    assert late == pytest.approx(7e-3, abs=max(1e-3, 3 * error))
+    assert late > longest_shift(out.result.problem)
