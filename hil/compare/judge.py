@@ -46,7 +46,8 @@ def judge(
     partial = [f for f in findings if f.joint in failed or (f.joint is None and failed)]
     findings = [f for f in findings if f not in partial]
     if findings:
-        sure = all(f.confidence >= CONFIDENT for f in findings)
+        # the largest effect decides; what is unsure beside it is listed with its rivals
+        sure = max(findings, key=lambda f: f.excess_explained).confidence >= CONFIDENT
         verdict = "missing-effect" if sure else "ambiguous"
     else:
         verdict = "unexplained" if open_joints else "adequate"
