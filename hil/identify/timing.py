@@ -16,6 +16,7 @@ from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
+from hil.identify.shapes import Projector
 from hil.models import catalogue
 from hil.models.model import RobotModel
 
@@ -72,15 +73,23 @@ def real_delay(result: FitResult, j: int, delay: float) -> bool:
 def sample_shift(result: FitResult) -> float:
     """Delay of the effort against the motion [s], common to all joints; 0 beyond one sample.
 
-    The median over joints of the delays that the slow motion asks for, so that one joint's real
-    delay or hysteresis does not shift the others.
+    The median over joints, so that one joint's real delay or hysteresis does not shift the
+    others.  The whole band measures best; where noise has made its estimate larger than a
+    sample, the slow motion's counts.
     """
     problem = result.problem
     if result.model.explains != "motor":
         return 0.0
     late = {t.joint for t in result.terms if t.effect.name == "delay"}
-    found = [slow_delay(result, j) for j in sorted(set(range(problem.d)) - late)]
-    delays = [t if abs(t) > 2 * error else 0.0 for t, error in found]
+    projector = Projector(problem, result.terms, result.sigma)
+    delays = []
+    for j in sorted(set(range(problem.d)) - late):
+        gain, beta, _, _ = projector.score(Term(catalogue.get("delay"), j))
+        slow, error = slow_delay(result, j)
+        if gain > 10 * np.log(problem.n) and beta.size and abs(beta[0]) <= longest_shift(problem):
+            delays.append(float(beta[0]))
+        else:
+            delays.append(slow if abs(slow) > 2 * error else 0.0)
     shift = float(np.median(delays)) if delays else 0.0
     return shift if abs(shift) <= longest_shift(problem) else 0.0
 
