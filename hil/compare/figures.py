@@ -15,7 +15,7 @@ from hil.compare.plots import AFTER, BAND, BEFORE, FLOOR, TOP, embed, grid, line
 
 FloatArray = NDArray[np.float64]
 #: Views drawn per joint, and bins with fewer instants than this are left out.
-VIEWS, FEWEST = 6, 10
+VIEWS, FEWEST = 9, 10
 ONE_STEP = (
     "How to read: one group of bars a joint, one bar a model. The dashed line at 1 is the measured "
     "noise floor: no model can do better, and a bar at the line leaves nothing to explain."
@@ -25,7 +25,7 @@ MULTI_STEP = (
     "compared with where the robot went; lower is better."
 )
 #: Views over unevenly spaced bins, drawn with bins of equal width.
-UNEVEN = ("speed", "since-reversal", "load")
+UNEVEN = ("speed", "since-reversal", "distance-since-reversal", "load")
 
 
 def ladder_figure(m: Material) -> str:

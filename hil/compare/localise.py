@@ -1,4 +1,4 @@
-"""Where a model fails: the residual against speed, reversal, position, load, others, time.
+"""Where a model fails: the residual against every variable that could carry a missing effect.
 
 Every view has its own noise band: the spread that block-wise sign flips of the residual's own
 noise give.  A region is reported where its error stands above the band.
@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare.features import features
 from hil.compare.floor import Floor
+from hil.compare.spectra import Line, lines
 from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
@@ -26,8 +28,8 @@ class Region:
     joint : str
         Joint.
     feature : str
-        ``speed``, ``since-reversal``, ``position``, ``load``, ``speed of <joint>``, ``time``,
-        ``frequency``.
+        ``speed``, ``since-reversal``, ``distance-since-reversal``, ``position``, ``order``,
+        ``friction-order``, ``load``, ``speed of <joint>``, ``time``, ``frequency``, ``line``.
     low, high : float
         Range of the feature in its unit.
     unit : str
@@ -71,56 +73,6 @@ class View:
     effort: str = ""
 
 
-def since_reversal(v: FloatArray, v0: float, t: FloatArray, run: NDArray[np.int_]) -> FloatArray:
-    """Time since the last change of direction [s], speeds below v0 keep the old direction."""
-    out, last, direction = np.empty(v.size), t[0], 0
-    for k in range(v.size):
-        if k and run[k] != run[k - 1]:
-            last, direction = t[k], 0
-        now = int(np.sign(v[k])) if abs(v[k]) > v0 else direction
-        if now != direction:
-            last, direction = t[k], now
-        out[k] = t[k] - last
-    return out
-
-
-def features(result: FitResult, j: int) -> list[tuple[str, str, FloatArray, FloatArray]]:
-    """Views of joint j: name, unit, values (n,), bin edges."""
-    problem = result.problem
-    unit = problem.robot.units[j]
-    v, q = problem.qd[j], problem.q[j]
-    v0 = float(problem.motions[0].v0[j])
-    fast = max(float(np.quantile(np.abs(v), 0.99)), 2 * v0)
-    speeds = np.geomspace(max(v0, 0.01 * fast), fast, 7)
-    out = [
-        ("speed", f"{unit}/s", v, np.concatenate([-speeds[::-1], [0.0], speeds])),
-        (
-            "since-reversal", "s", since_reversal(v, v0, problem.t, problem.run),
-            np.array([0, 0.03, 0.06, 0.1, 0.2, 0.4, 0.8, 1e3]),
-        ),
-        ("position", unit, q, np.linspace(q.min(), q.max() + 1e-12, 13)),
-        ("time", "s", problem.t, np.linspace(0, problem.t.max() + 1e-9, 7)),
-    ]  # fmt: skip
-    load = problem.filtered([m.load for m in problem.motions])[:, j]
-    if np.ptp(load) > 0:
-        out.append(
-            ("load", "N" if unit == "m" else "N m", load, np.quantile(load, np.linspace(0, 1, 7)))
-        )
-    for k in range(problem.d):
-        if k != j:
-            top = max(float(np.quantile(np.abs(problem.qd[k]), 0.95)), 1e-9)
-            edges = top * np.array([-1.5, -0.5, -0.1, 0, 0.1, 0.5, 1.5])
-            out.append(
-                (
-                    f"speed of {problem.joints[k]}",
-                    f"{problem.robot.units[k]}/s",
-                    problem.qd[k],
-                    edges,
-                )
-            )
-    return out
-
-
 def views(result: FitResult, floor: Floor) -> list[View]:
     """All views of all joints."""
     out = []
@@ -143,7 +95,7 @@ def views(result: FitResult, floor: Floor) -> list[View]:
     return out
 
 
-def regions(result: FitResult, floor: Floor, most: int = 5) -> dict[str, list[Region]]:
+def regions(result: FitResult, floor: Floor, most: int = 6) -> dict[str, list[Region]]:
     """Regions where the model fails, per joint, strongest first (at most `most`)."""
     found: dict[str, list[Region]] = {joint: [] for joint in result.problem.joints}
     for view in views(result, floor):
@@ -158,7 +110,16 @@ def regions(result: FitResult, floor: Floor, most: int = 5) -> dict[str, list[Re
             above = view.count[k] * max(view.rms[k] ** 2 - float(floor.rms[j]) ** 2, 0.0)
             if strength > 1:
                 found[view.joint].append(_region(view, k, strength, min(above / excess, 1.0)))
+    for j, joint in enumerate(result.problem.joints):
+        found[joint] += [_of_line(joint, x) for x in lines(result, floor, j)]
     return {joint: _strongest(items, most) for joint, items in found.items()}
+
+
+def _of_line(joint: str, x: Line) -> Region:
+    return Region(
+        joint, x.feature, x.low, x.high, x.unit, x.amplitude, x.amplitude, x.share, x.strength,
+        x.text,
+    )  # fmt: skip
 
 
 def _strongest(items: list[Region], most: int) -> list[Region]:
@@ -180,6 +141,9 @@ def _region(view: View, k: int, strength: float, share: float) -> Region:
         "since-reversal": f"{low:.2g} to {high:.2g} s after a reversal"
         if high < 100
         else f"more than {low:.2g} s after a reversal",
+        "distance-since-reversal": f"{low:.2g} to {high:.2g} {view.unit} after a reversal"
+        if high < 5 * max(low, 1e-12)
+        else f"more than {low:.2g} {view.unit} after a reversal",
         "position": f"at positions from {low:.3g} to {high:.3g} {view.unit}",
         "load": f"at transmitted loads from {low:.3g} to {high:.3g} {view.unit}",
         "time": f"from {low:.0f} to {high:.0f} s into the run",
@@ -193,18 +157,3 @@ def _region(view: View, k: int, strength: float, share: float) -> Region:
         view.joint, view.feature, low, high, view.unit, float(view.rms[k]), float(view.mean[k]),
         float(share), strength, text,
     )  # fmt: skip
-
-
-def frequency_excess(
-    result: FitResult, floor: Floor
-) -> dict[str, tuple[FloatArray, FloatArray, FloatArray]]:
-    """Spectrum of the residual beside the noise': frequency [Hz] and two amplitude densities."""
-    import scipy.signal
-
-    rate, out = result.problem.rate, {}
-    for j, joint in enumerate(result.problem.joints):
-        n = min(result.problem.n, int(4 * rate))
-        f, power = scipy.signal.welch(result.residual[j], rate, nperseg=n)
-        _, noise = scipy.signal.welch(floor.residual[j], rate, nperseg=n)
-        out[joint] = (f, np.sqrt(power), np.sqrt(noise))
-    return out

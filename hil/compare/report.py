@@ -14,6 +14,7 @@ from hil.compare.localise import Region, regions
 from hil.compare.material import COMPARED, Material, from_comparison, from_diagnosis
 from hil.compare.page import document, escape, items, number, paragraph, section, table, warnings
 from hil.compare.provenance import parameters, provenance
+from hil.compare.spectraplot import spectra_figures
 from hil.compare.traces import trace_figure
 from hil.compare.warn import rising
 from hil.models import catalogue
@@ -143,7 +144,7 @@ def fails(m: Material) -> str:
         nothing = "With the added effects nothing stands above the noise band."
         parts.append(paragraph("Left over with all added effects:" if left else nothing))
         parts.append(items(left))
-    return section("Where the model fails", *parts, *view_figures(m))
+    return section("Where the model fails", *parts, *view_figures(m), *spectra_figures(m))
 
 
 def _strongest(found: dict[str, list[Region]], most: int) -> list[str]:

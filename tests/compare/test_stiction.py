@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from compare_stiction import COULOMB, INERTIA, VISCOUS, stiction_run
 
 from hil.compare.diagnose import diagnose
 from hil.identify.standstill import standing
 from hil.identify.timing import longest_shift, slow_delay
 from hil.models.model import base_model
-from compare_stiction import COULOMB, INERTIA, VISCOUS, stiction_run
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
