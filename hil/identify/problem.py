@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError
 from hil.identify import bands, standstill
+from hil.identify.prepare import prepare
 from hil.models.effect import Effect
 from hil.models.model import Band
 from hil.models.motion import Motion
@@ -16,8 +17,8 @@ from hil.models.robots import Robot, make_robot
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
-#: Shortest run, in periods of the effort filter.
-SHORTEST = 6.0
+#: Raw columns of the motion alone are kept up to this size [bytes], else made again.
+KEPT = 2**27
 #: Band chosen from the data.
 AUTOMATIC = Band()
 
@@ -80,10 +81,14 @@ class Problem:
         self._filters: list[bands.Decimator] = []
         self._still: list[FloatArray] = []
         for r in recordings:
-            self._add(r)
+            motion, still, decimator = prepare(r, self.robot, self.rates, self.span, explains)
+            self.motions.append(motion)
+            self._still.append(still)
+            self._filters.append(decimator)
         self._assemble()
         self.shift = 0.0
         self._cache: dict[tuple[object, ...], FloatArray] = {}
+        self._raw: dict[tuple[object, ...], list[FloatArray]] = {}
 
     @property
     def d(self) -> int:
@@ -109,58 +114,6 @@ class Problem:
     def rate(self) -> float:
         """Rate of the instants [Hz]."""
         return self._filters[0].rate
-
-    def _external(self, r: Recording) -> FloatArray:
-        if r.tau_ext is not None:
-            return r.tau_ext
-        if r.wrench is not None:
-            return np.zeros_like(r.q)
-        if self.explains == "external":
-            raise DataError(
-                f"recording {r.name!r} has no external effort (tauext or fx, fy, fz) to explain"
-            )
-        return np.zeros_like(r.q)
-
-    def _add(self, r: Recording) -> None:
-        fs = r.rate
-        q, qd, qdd = bands.derivatives(r.q, fs, self.rates.position)
-        tau = bands.smooth(r.tau, fs, self.rates.position)
-        ext = bands.smooth(self._external(r), fs, self.rates.position)
-        stride = max(1, int(fs / (5.0 * self.rates.position)))
-        pick = slice(None, None, stride)
-        if r.tau_ext is None and r.wrench is not None:
-            wrench = bands.smooth(r.wrench, fs, self.rates.position)
-            ext = np.empty((0, r.d))
-            external = self.robot.external(q[pick], wrench[pick])
-        else:
-            external = ext[pick]
-        step = stride / fs
-        t = np.arange(q[pick].shape[0], dtype=np.float64) * step
-        if t.size * step * self.rates.effort < SHORTEST:
-            raise DataError(
-                f"run {r.name!r} of {r.n / fs:.3g} s is too short for a filter of "
-                f"{self.rates.effort:.3g} Hz; record {SHORTEST / self.rates.effort:.2g} s or more"
-            )
-        motion = Motion(
-            t=t, q=q[pick], qd=qd[pick], qdd=qdd[pick], tau=tau[pick], tau_ext=external,
-            load=np.zeros_like(q[pick]), static=np.zeros_like(q[pick]), v0=self._resolution(r),
-            resolution=np.zeros(r.d), span=self.span,
-            contact=np.full((r.d, 2), np.nan), robot=self.robot, average=step,
-        )  # fmt: skip
-        self.motions.append(motion)
-        still = standstill.standing(r.q, qdd, fs, 0.5 / self.rates.effort, self.rates.position)
-        self._still.append(still[pick])
-        self._filters.append(bands.Decimator(t.size, 1 / step, self.rates.effort))
-
-    def _resolution(self, r: Recording) -> FloatArray:
-        """Speed noise after the position filter, at least 0.2 % of the rms speed."""
-        fs, cutoff = r.rate, self.rates.position
-        sigma_q = standstill.position_noise(r.q)
-        # s_v = s_q 2 pi fc sqrt(2 fc / (3 fs)) for white noise up to fc
-        sigma_v = sigma_q * 2 * np.pi * cutoff * np.sqrt(2 * cutoff / (3 * fs))
-        rms = np.sqrt(np.mean(np.diff(r.q, axis=0) ** 2, axis=0)) * fs
-        out: FloatArray = np.maximum(np.maximum(sigma_v, 0.002 * rms), 1e-9)
-        return out
 
     def _assemble(self) -> None:
         #: Speed noise by joint (d,): what is slower than this is not motion.
@@ -214,7 +167,7 @@ class Problem:
             m.with_(tau=m.tau - seconds * np.gradient(m.tau, m.dt, axis=0)) for m in self.motions
         ]
         self._target()
-        self._cache.clear()
+        self._forget("load", "context")
 
     def _sampled(self, name: str) -> FloatArray:
         return self.filtered([getattr(m, name) for m in self.motions])
@@ -231,33 +184,54 @@ class Problem:
             still = np.split(changes["static"], sizes)
             parts = zip(self.motions, loads, still, strict=True)
             self.motions = [m.with_(load=x, static=z) for m, x, z in parts]
-            self._cache = {k: v for k, v in self._cache.items() if not k[0]}
+            self._forget("load")
         else:
             self.motions = [m.with_(**changes) for m in self.motions]
-            self._cache.clear()
+            self._forget("load", "context")
+
+    def _forget(self, *uses: str) -> None:
+        self._cache = {k: v for k, v in self._cache.items() if k[0] not in uses}
 
     def columns(
         self, effect: Effect, j: int, shape: Sequence[float], per_run: bool = False
     ) -> FloatArray:
         """Filtered columns of an effect: (n, m) on joint j, or (d, n, m) of the whole robot."""
-        key = (effect.uses_load, effect.name, j, tuple(shape), per_run)
+        uses = "motion" if effect.motion_only else "load" if effect.uses_load else "context"
+        key = (uses, effect.name, j, tuple(shape), per_run)
         if key not in self._cache:
-            raw = [effect.columns(m, j, shape) for m in self.motions]
-            expected = (self.motions[0].n, self.d) if effect.whole_robot else (self.motions[0].n,)
-            if raw[0].shape[:-1] != expected:
-                raise ConfigError(
-                    f"effect {effect.name!r}: columns have shape {raw[0].shape}, expected "
-                    f"{expected} + (coefficients,)"
-                )
-            if effect.whole_robot:
-                joints = range(self.d)
-                out = np.stack([self.gated([x[:, i] for x in raw], i) for i in joints], axis=1)
-            else:
-                out = self.gated(raw, j)
+            out = self.acting(self.raw(effect, j, shape), None if effect.whole_robot else j)
             if per_run:
                 out = self._split(out)
             self._cache[key] = np.moveaxis(out, 0, 1) if effect.whole_robot else out
         return self._cache[key]
+
+    def acting(self, raw: Sequence[FloatArray], j: int | None) -> FloatArray:
+        """What acts on joint j, or with None on all joints along axis 1, as the rows see it."""
+        if j is not None:
+            return self.gated(raw, j)
+        joints = range(self.d)
+        return np.stack([self.gated([x[:, i] for x in raw], i) for i in joints], axis=1)
+
+    def raw(
+        self, effect: Effect, j: int, shape: Sequence[float], rest: bool = False
+    ) -> list[FloatArray]:
+        """Columns of an effect before the filter, one array a run; `rest`: held at each posture.
+
+        Those that depend on nothing but the motion are made once.
+        """
+        key = (effect.name, j, tuple(shape), rest)
+        if effect.motion_only and key in self._raw:
+            return self._raw[key]
+        out = [effect.columns(m.at_rest() if rest else m, j, shape) for m in self.motions]
+        expected = (self.motions[0].n, self.d) if effect.whole_robot else (self.motions[0].n,)
+        if out[0].shape[:-1] != expected:
+            raise ConfigError(
+                f"effect {effect.name!r}: columns have shape {out[0].shape}, expected "
+                f"{expected} + (coefficients,)"
+            )
+        if effect.motion_only and sum(x.nbytes for x in out) <= KEPT:
+            self._raw[key] = out
+        return out
 
     def _split(self, x: FloatArray) -> FloatArray:
         """One set of columns a run."""

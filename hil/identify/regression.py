@@ -81,15 +81,37 @@ def basis(x: FloatArray, noise_to_signal: float = 1e-9) -> Basis:
     live = norm > max(1e-300, ROUNDING * float(norm.max(initial=0.0)))
     scale = np.where(live, norm, 1.0)
     q0, r = scipy.linalg.qr(x * live / scale, mode="economic", check_finite=False)
-    u, s, vt = np.linalg.svd(r)
-    keep = s > max(1e-9, noise_to_signal) * (s[0] if s.size else 1.0)
+    return _determined(q0, r, scale, noise_to_signal)
+
+
+def _determined(q: FloatArray, r: FloatArray, scale: FloatArray, least: float) -> Basis:
+    """Basis of Q R D without the directions whose singular value is below `least`."""
+    u, s, vt = np.linalg.svd(r, full_matrices=False)
+    keep = s > max(1e-9, least) * (s[0] if s.size else 1.0)
     k = int(np.sum(keep))
-    return Basis(q0 @ u[:, :k], s[:k], vt[:k].T, scale)
+    return Basis(q @ u[:, :k], s[:k], vt[:k].T, scale)
 
 
-def cluster_covariance(
-    x: FloatArray, residual: FloatArray, b: Basis, blocks: NDArray[np.int_]
-) -> FloatArray:
+def extended(b: Basis, columns: FloatArray, noise_to_signal: float = 1e-9) -> Basis:
+    """Basis of [X, C] from the basis of X and k more weighted columns C (N, k).
+
+    Zero columns have no part in it.
+    """
+    norm = np.linalg.norm(columns, axis=0)
+    live = norm > max(1e-300, ROUNDING * float(norm.max(initial=0.0)))
+    scale = np.where(live, norm, 1.0)
+    c = columns * live / scale
+    # [X D^-1, C] = [Q, P] [S V', Q'C; 0, T]
+    inner = b.q.T @ c
+    p, t = scipy.linalg.qr(c - b.q @ inner, mode="economic", check_finite=False)
+    top = np.concatenate([b.s[:, None] * b.v.T, inner], axis=1)
+    bottom = np.concatenate([np.zeros((len(t), b.v.shape[0])), t], axis=1)
+    both = np.concatenate([b.scale, scale])
+    q = np.concatenate([b.q, p], axis=1)
+    return _determined(q, np.concatenate([top, bottom]), both, noise_to_signal)
+
+
+def cluster_covariance(residual: FloatArray, b: Basis, blocks: NDArray[np.int_]) -> FloatArray:
     """Covariance of the parameters that respects coloured and heteroscedastic residuals.
 
     Sandwich over blocks of time: (X'X)^-1 (sum_b X_b' r_b r_b' X_b) (X'X)^-1, times
@@ -99,12 +121,10 @@ def cluster_covariance(
 
     Parameters
     ----------
-    x : ndarray (N, p)
-        Weighted regressor.
     residual : ndarray (N,)
         Weighted residual.
     b : Basis
-        Basis of x.
+        Basis of the weighted regressor X.
     blocks : ndarray (N,)
         Block number of each row.
     """

@@ -90,8 +90,12 @@ class Effect(ABC):
     candidate: ClassVar[bool] = True
     #: Whether a local search may refine the shape after the grid.
     refine: ClassVar[bool] = True
+    #: Whether the lower end of the shape's grid is what the data resolve, hence no bound.
+    ends_at_resolution: ClassVar[bool] = False
     #: Whether the columns depend on `Motion.load`, hence on the model's own estimate.
     uses_load: ClassVar[bool] = False
+    #: Whether the columns depend on position, speed, acceleration and robot alone: made once.
+    motion_only: ClassVar[bool] = False
 
     @abstractmethod
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

@@ -27,6 +27,7 @@ class Coulomb(Effect):
     source = _OLSSON
     params = (Param("fc", "{F}", "Coulomb friction", 0.0),)
     shape = (Param("v0", "{x}/s", "speed over which the sign is resolved", 0.0),)
+    ends_at_resolution = True
     candidate = False
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -42,6 +43,7 @@ class Coulomb(Effect):
 class Viscous(Effect):
     """Friction proportional to speed."""
 
+    motion_only = True
     name, family = "viscous", "friction"
     equation = "tau = fv v"
     signature = "residual proportional to speed, odd"

@@ -13,6 +13,7 @@ from hil.models.motion import FloatArray, Motion
 class RigidBody(Effect):
     """The robot's links: inertia, Coriolis and gravity efforts, all parameters free."""
 
+    motion_only = True
     name, family = "rigid-body", "mass"
     equation = "tau = M(q) qdd + C(q, qd) qd + N(q) = Y(q, qd, qdd) pi"
     signature = "residual follows acceleration, gravity direction and products of speeds"
@@ -38,6 +39,7 @@ class RigidBody(Effect):
 class Armature(Effect):
     """Inertia of the motor's rotor, reflected to the joint."""
 
+    motion_only = True
     name, family = "armature", "mass"
     equation = "tau = ia qdd"
     signature = "residual proportional to the joint's own acceleration"
@@ -59,6 +61,7 @@ class Armature(Effect):
 class Payload(Effect):
     """A mass at the tip."""
 
+    motion_only = True
     name, family = "payload", "mass"
     equation = "tau = m J' (p'' + g e_z)"
     signature = "gravity and inertia of all joints change together"

@@ -102,6 +102,10 @@ class Motion:
         out: FloatArray = (2.0 * self.q[:, j] - low - high) / max(high - low, 1e-12)
         return out
 
+    def at_rest(self) -> Motion:
+        """The same postures without speed and acceleration."""
+        return self.with_(qd=np.zeros_like(self.qd), qdd=np.zeros_like(self.qdd))
+
     def with_(self, **changes: FloatArray) -> Motion:
         """Copy with some arrays replaced."""
         return replace(self, **changes)  # type: ignore[arg-type]

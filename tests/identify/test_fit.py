@@ -10,12 +10,9 @@ import scipy.optimize
 from identify_arm import FC, FV, JOINTS, NOISE, record, urdf
 
 from hil.errors import ConfigError, DataError, FitError
-from hil.identify import fit as fitting
 from hil.identify.fit import fit, predict, time_blocks
 from hil.identify.problem import Problem
-from hil.identify.regression import basis
 from hil.identify.result import FitResult
-from hil.models.effect import Param
 from hil.models.model import RobotModel, Use, Value, base_model
 from hil.record.recording import Recording, RobotSource
 
@@ -201,22 +198,6 @@ def test_a_bound_is_held_and_the_others_are_refitted() -> None:
     np.testing.assert_allclose(result.theta, expected, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_bounded_solution_is_optimal_for_correlated_columns(
-    seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Moving what left its bounds onto them is not enough: others must be let go again."""
-    rng, p = np.random.default_rng(seed), 5
-    x = rng.normal(size=(60, p)) @ (np.eye(p) + 0.9 * rng.normal(size=(p, p)))
-    y = x @ rng.normal(size=p) + rng.normal(size=60)
-    b = basis(x)
-    start = b.solve(y, np.zeros(p), np.zeros(60))
-    bound = [("a", Param("a", "1", "not negative", 0.0))] * p
-    monkeypatch.setattr(fitting, "coefficients", lambda *_: bound)
-    got = fitting._bounded([None], None, start, b, np.ones(p))  # type: ignore[list-item,arg-type]
-    np.testing.assert_allclose(got, scipy.optimize.nnls(x, y)[0], atol=1e-9)
-
-
 def test_bounds_of_many_joints_at_once() -> None:
     result = fit(Problem([axis(fv=-0.2, d=7)], AXIS.robot), AXIS)
     for k in range(7):
@@ -297,3 +278,23 @@ def test_time_blocks_keep_runs_apart() -> None:
     assert not set(blocks[problem.run == 0]) & set(blocks[problem.run == 1])
     lengths = np.bincount(blocks) / problem.rate
     assert lengths.max() == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_regressor_is_made_once_for_all_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Moving and at rest, whatever the sign resolution and the load become."""
+    problem, calls = Problem([record(1)], GUESS), []
+    whole = problem.robot.regressor
+
+    def counted(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+        calls.append(bool(np.any(qd)))
+        return whole(q, qd, qdd)
+
+    monkeypatch.setattr(problem.robot, "regressor", counted)
+    first = fit(problem, ARM + Use("load-friction", ("fore",)))
+    problem.shift_effort(1e-4)
+    fit(problem, ARM)
+    assert sorted(calls) == [False, True]
+    load = np.concatenate([m.load for m in problem.motions])
+    y = np.concatenate([whole(m.q, m.qd, m.qdd) for m in problem.motions])
+    body = fit(problem, ARM).theta[first.slices[0]]
+    np.testing.assert_allclose(load, y @ body, rtol=1e-3, atol=1e-3 * np.abs(load).max())

@@ -97,7 +97,7 @@ def test_cluster_covariance_covers_under_coloured_noise() -> None:
     for _ in range(trials):
         y = coloured(rng, n, 0.85)
         theta = b.solve(y, np.zeros(4), np.zeros(n))
-        cov = cluster_covariance(x, y - x @ theta, b, blocks)
+        cov = cluster_covariance(y - x @ theta, b, blocks)
         estimates.append(theta)
         errors.append(np.sqrt(np.diag(cov)))
     spread, stated = np.std(estimates, axis=0), np.sqrt(np.mean(np.square(errors), axis=0))
@@ -112,7 +112,7 @@ def test_covariance_is_symmetric_and_semidefinite() -> None:
     x = regressor()
     x[:, 4] = x[:, 0] / 1e-3
     r = np.random.default_rng(2).normal(size=200)
-    cov = cluster_covariance(x, r, basis(x), np.arange(200) // 10)
+    cov = cluster_covariance(r, basis(x), np.arange(200) // 10)
     scale = np.sqrt(np.outer(np.diag(cov), np.diag(cov)))
     np.testing.assert_allclose(cov, cov.T, rtol=1e-12)
     assert np.linalg.eigvalsh(cov / scale).min() > -1e-9

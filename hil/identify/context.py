@@ -1,0 +1,78 @@
+"""What effects refer to and the fit itself finds: sign resolution, surface, transmitted load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import FitError
+from hil.identify.design import Term, block
+from hil.identify.problem import Problem
+from hil.identify.shapes import search_shapes
+
+FloatArray = NDArray[np.float64]
+
+
+def impossible(term: Term, problem: Problem, reason: str) -> FitError:
+    """Error for an effect that these data cannot be fitted with."""
+    joint = problem.joints[term.joint]
+    return FitError(f"effect {term.effect.name!r} cannot be fitted to {joint}: {reason}")
+
+
+def find_surface(problem: Problem, terms: list[Term], sigma: FloatArray) -> None:
+    """Set the surface that contact laws refer to before any of them is evaluated."""
+    motion = problem.motions[0]
+    ready = [t for t in terms if not t.effect.available(motion, t.joint)]
+    if len(ready) < len(terms):
+        set_context(problem, search_shapes(problem, ready, sigma))
+    for t in terms:
+        reason = t.effect.available(problem.motions[0], t.joint)
+        if reason and not np.all(np.isfinite(block(problem, t))):
+            raise impossible(t, problem, reason)
+
+
+def references(terms: Sequence[Term], v0: FloatArray, contact: FloatArray) -> dict[str, FloatArray]:
+    """Sign resolution (d,) and surface (d, 2) that the terms' shapes set; the others stay."""
+    v0, contact = v0.copy(), contact.copy()
+    for t in terms:
+        if t.effect.name == "coulomb":
+            v0[t.joint] = t.shape[0]
+        if t.effect.name == "contact-stiffness":
+            contact[t.joint] = t.shape
+    return {"v0": v0, "contact": contact}
+
+
+def set_context(problem: Problem, terms: Sequence[Term]) -> None:
+    """Tell the effects the sign resolution and the surface that the fit has found."""
+    old = problem.motions[0]
+    new = references(terms, old.v0, old.contact)
+    same = np.array_equal(new["contact"], old.contact, equal_nan=True)
+    if not same or not np.array_equal(new["v0"], old.v0):
+        problem.set_context(**new)
+
+
+def update_load(
+    problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
+) -> None:
+    """Transmitted load = rigid-body effort minus external effort; its static part at rest."""
+    mass = [
+        (t, theta[where])
+        for t, where in zip(terms, slices, strict=True)
+        if t.effect.family == "mass" and not t.per_run
+    ]
+    moving, still = (_carried(problem, mass, rest) for rest in (False, True))
+    loads = [x - m.tau_ext for x, m in zip(moving, problem.motions, strict=True)]
+    problem.set_context(load=np.concatenate(loads), static=np.concatenate(still))
+
+
+def _carried(problem: Problem, mass: list[tuple[Term, FloatArray]], rest: bool) -> list[FloatArray]:
+    """Rigid-body effort along the motion, or held at each of its postures: (n, d) a run."""
+    out = [np.zeros_like(m.q) for m in problem.motions]
+    for t, theta in mass:
+        raw = problem.raw(t.effect, t.joint, t.shape, rest)
+        where = slice(None) if t.effect.whole_robot else t.joint
+        for total, columns in zip(out, raw, strict=True):
+            total[:, where] += columns @ theta
+    return out

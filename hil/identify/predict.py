@@ -1,0 +1,40 @@
+"""A fitted model on runs that it has not seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.identify.context import update_load
+from hil.identify.design import block, stack
+from hil.identify.problem import Problem
+from hil.identify.result import FitResult
+from hil.identify.solve import slices_of
+
+FloatArray = NDArray[np.float64]
+
+
+def predict(result: FitResult, problem: Problem) -> FloatArray:
+    """Residual (d, n) of a fitted model on another problem (held-out runs).
+
+    The other problem must have been made with the same rates and span.  Coefficients of a
+    single run (per-run offsets) are estimated on the new runs, for they belong to a run.
+    """
+    source = result.problem.motions[0]
+    problem.set_context(v0=source.v0, contact=source.contact)
+    flat = [t for t in result.terms if not t.per_run]
+    keep = {t.key for t in flat}
+    theta = np.concatenate(
+        [result.theta[s] for t, s in zip(result.terms, result.slices, strict=True) if t.key in keep]
+        or [np.empty(0)]
+    )
+    update_load(problem, flat, theta, slices_of(problem, flat))
+    x, _ = stack(problem, flat)
+    residual: FloatArray
+    residual = (problem.y.reshape(-1) - x @ theta).reshape(problem.d, problem.n)
+    for t in result.terms:
+        if t.per_run:
+            columns = block(problem, t)
+            part = np.linalg.lstsq(columns, residual[t.joint], rcond=None)[0]
+            residual[t.joint] = residual[t.joint] - columns @ part
+    return residual

@@ -1,0 +1,122 @@
+"""Standard errors of shapes and coefficients against the scatter over many noise samples."""
+
+import numpy as np
+import pytest
+import scipy.signal
+
+from hil.identify.design import Term
+from hil.identify.fit import fit
+from hil.identify.jacobian import jacobian
+from hil.identify.problem import Problem
+from hil.identify.regression import basis, extended
+from hil.identify.result import FitResult
+from hil.models.model import RobotModel, Use, Value, base_model
+from hil.record.recording import Recording, RobotSource
+
+AXIS = base_model(RobotSource("single-axis"))
+TRUE = {"j1.coulomb.fc": 0.5, "j1.viscous.fv": 0.3, "j1.stribeck.fs": 0.4, "j1.stribeck.vs": 0.15}
+FS = 250.0
+
+
+def axis(seed: int, noise: float = 0.05, rho: float = 0.0, vs: float = 0.15) -> Recording:
+    """One motion with Stribeck friction; white or coloured noise."""
+    n = 10000
+    t, phase = np.arange(n) / FS, np.array([1.0, 3.0, 5.0])
+    w = 2 * np.pi * np.array([0.11, 0.3, 0.7])
+    angle = t[:, None] * w + phase
+    q, v = 0.15 * np.sin(angle).sum(axis=1), 0.15 * (w * np.cos(angle)).sum(axis=1)
+    white = np.random.default_rng(seed).normal(size=n)
+    e = scipy.signal.lfilter([np.sqrt(1 - rho**2)], [1, -rho], white)
+    tau = -0.3 * (w**2 * np.sin(angle)).sum(axis=1) + 0.3 * v
+    tau += (0.5 + 0.4 * np.exp(-((v / vs) ** 2))) * np.sign(v) + noise * e
+    return Recording("axis", "arm", ("joint1",), t, q[:, None], tau[:, None])
+
+
+def fitted(run: Recording, model: RobotModel) -> FitResult:
+    return fit(Problem([run], model.robot), model)
+
+
+@pytest.mark.parametrize(("noise", "rho"), [(0.05, 0.0), (0.2, 0.0), (0.05, 0.95)])
+def test_stated_errors_are_the_scatter(noise: float, rho: float) -> None:
+    results = [fitted(axis(s, noise, rho), AXIS + "stribeck").values for s in range(40)]
+    for name, true in TRUE.items():
+        values = np.array([r[name].value for r in results])
+        stated = np.sqrt(np.mean([r[name].stderr ** 2 for r in results]))
+        assert 1 / 1.5 < stated / np.std(values) < 1.5, name
+        assert abs(np.mean(values) - true) < stated, name
+        assert not any(r[name].at_bound for r in results)
+
+
+def test_an_uncertain_shape_widens_the_coefficients() -> None:
+    free = fitted(axis(0), AXIS + "stribeck").values
+    held = {n: Value(free[n].value) for n in ("j1.stribeck.vs", "j1.stribeck.n")}
+    use = Use("stribeck", options={"fixed_shape": True}, values=held)
+    known = fitted(axis(0), AXIS + use).values
+    assert free["j1.coulomb.fc"].stderr > 1.15 * known["j1.coulomb.fc"].stderr
+    assert free["j1.stribeck.fs"].stderr > 1.15 * known["j1.stribeck.fs"].stderr
+    vs = known["j1.stribeck.vs"]
+    assert np.isnan(vs.stderr) and not vs.at_bound and vs.identifiable
+
+
+def test_a_shape_at_the_end_of_its_range_is_flagged_and_has_no_error() -> None:
+    values = fitted(axis(1, vs=0.5), AXIS + "stribeck").values
+    vs = values["j1.stribeck.vs"]
+    assert vs.at_bound and np.isnan(vs.stderr) and vs.identifiable
+    sharp = values["j1.coulomb.v0"]  # as sharp as the speed resolves: that is no bound
+    assert np.isnan(sharp.stderr) and not sharp.at_bound
+
+
+def test_one_of_a_few_forms_has_no_error() -> None:
+    values = fitted(axis(2), AXIS + "stribeck").values
+    n = values["j1.stribeck.n"]
+    assert n.value == 2.0 and np.isnan(n.stderr) and not n.at_bound and n.identifiable
+
+
+@pytest.mark.parametrize("effect", ["stribeck", "presliding", "position-friction", "cogging"])
+def test_jacobian_is_the_derivative_of_the_columns(effect: str) -> None:
+    result = fitted(axis(3), AXIS + effect)
+    k = next(i for i, t in enumerate(result.terms) if t.effect.name == effect)
+    where = result.slices[k]
+    theta = np.ones_like(result.theta)
+    got = jacobian(result.problem, result.terms, theta, result.slices, k)
+    term, h = result.terms[k], 1e-5 * result.terms[k].shape[0]
+
+    def columns(s: float) -> np.ndarray:
+        new = Term(term.effect, term.joint, (s, *term.shape[1:]))
+        return result.problem.columns(new.effect, 0, new.shape) @ theta[where]
+
+    expected = (columns(term.shape[0] + h) - columns(term.shape[0] - h)) / (2 * h)
+    assert np.linalg.norm(got[0] - expected) < 0.02 * np.linalg.norm(expected)
+
+
+def test_jacobian_of_the_sign_resolution_holds_what_refers_to_it() -> None:
+    result = fitted(axis(4), AXIS + "stribeck")
+    k = next(i for i, t in enumerate(result.terms) if t.effect.name == "coulomb")
+    alone = np.array([float(n == "j1.coulomb.fc") for n in result.names])
+    both = alone + np.array([float(n == "j1.stribeck.fs") for n in result.names])
+    one, two = (
+        jacobian(result.problem, result.terms, theta, result.slices, k) for theta in (alone, both)
+    )
+    np.testing.assert_allclose(two, 2 * one, rtol=0.1, atol=0.02 * np.abs(one).max())
+
+
+def test_an_extended_basis_is_that_of_all_columns() -> None:
+    rng = np.random.default_rng(0)
+    x, more = rng.normal(size=(80, 5)), rng.normal(size=(80, 3))
+    more[:, 1] = 0.0
+    more[:, 2] += x[:, 0]
+    y, zero = rng.normal(size=80), np.zeros(80)
+    got = extended(basis(x), more)
+    want = basis(np.concatenate([x, more], axis=1))
+    np.testing.assert_allclose(
+        got.solve(y, np.zeros(8), zero), want.solve(y, np.zeros(8), zero), atol=1e-10
+    )
+    assert got.identifiable().tolist() == [True] * 6 + [False, True]
+    np.testing.assert_allclose(got.q.T @ got.q, np.eye(7), atol=1e-12)
+
+
+def test_shape_of_an_effect_that_is_zero_is_not_determined() -> None:
+    values = fitted(axis(1, vs=1.5), AXIS + "stribeck").values
+    fs, vs = values["j1.stribeck.fs"], values["j1.stribeck.vs"]
+    assert fs.value == 0.0 and fs.at_bound
+    assert np.isnan(vs.stderr) and not vs.identifiable and not vs.at_bound
