@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
+from hil.models.mimic import followed
 
 FloatArray = NDArray[np.float64]
 _BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -14,6 +15,9 @@ _BODY_UNITS = ("kg", "kg m", "kg m", "kg m") + ("kg m^2",) * 6
 
 class UrdfRobot:
     """Serial or tree robot with one-degree-of-freedom joints.
+
+    Joints that mimic another one are no joints of their own: with q_all = A q + b all bodies
+    count, and efforts come back by virtual work, tau = A' tau_all.
 
     Parameters
     ----------
@@ -25,8 +29,8 @@ class UrdfRobot:
     Raises
     ------
     ConfigError
-        If the URDF does not parse, has a joint with more than one degree of freedom, or
-        lacks the named tip.
+        If the URDF does not parse, has a joint with more than one degree of freedom or one
+        that mimics nothing, or lacks the named tip.
     """
 
     has_armature = True
@@ -45,10 +49,11 @@ class UrdfRobot:
             raise ConfigError(f"URDF joints with several degrees of freedom: {', '.join(bad)}")
         self._data = model.createData()
         moving = list(model.names)[1:]
-        self.joints = tuple(moving)
+        own, self._all, self._shift = followed(urdf, moving)
+        self.joints = tuple(own)
+        kinds = {n: j.shortname() for n, j in zip(model.names, model.joints, strict=True)}
         self.units = tuple(
-            "m" if "P" in j.shortname().removeprefix("JointModel")[:1] else "rad"
-            for j in list(model.joints)[1:]
+            "m" if "P" in kinds[n].removeprefix("JointModel")[:1] else "rad" for n in own
         )
         self.names = tuple(f"{joint}.{name}" for joint in moving for name in _BODY)
         self.param_units = tuple(_BODY_UNITS * len(moving))
@@ -64,7 +69,8 @@ class UrdfRobot:
         return len(frames) - 1 - frames[::-1].index(name)
 
     def _config(self, q: FloatArray) -> FloatArray:
-        """Joint angles as Pinocchio wants them (continuous joints as cosine and sine)."""
+        """All joints' angles as Pinocchio wants them (continuous ones as cosine and sine)."""
+        q = q @ self._all.T + self._shift
         if not any(self._continuous):
             return q
         columns: list[FloatArray] = []
@@ -74,11 +80,20 @@ class UrdfRobot:
 
     def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
         """Joint torque regressor (n, d, 10 bodies), Pinocchio's parameter order."""
-        n, d = q.shape
-        out = np.empty((n, d, 10 * d))
-        pin, model, data = self._pin, self._model, self._data
+        pin, model, data, back = self._pin, self._model, self._data, self._all.T
+        out = np.empty((*q.shape, self.prior.size))
+        rows = zip(self._config(q), qd @ back, qdd @ back, strict=True)
+        for k, row in enumerate(rows):
+            # tau = A' Y(A q + b, A qd, A qdd) pi
+            out[k] = back @ pin.computeJointTorqueRegressor(model, data, *row)
+        return out
+
+    def tip(self, q: FloatArray) -> FloatArray:
+        """Tip position in base axes (n, 3) [m]."""
+        out = np.empty((len(q), 3))
         for k, row in enumerate(self._config(q)):
-            out[k] = pin.computeJointTorqueRegressor(model, data, row, qd[k], qdd[k])
+            self._pin.framesForwardKinematics(self._model, self._data, row)
+            out[k] = self._data.oMf[self._tip].translation
         return out
 
     def jacobian(self, q: FloatArray) -> FloatArray:
@@ -86,7 +101,8 @@ class UrdfRobot:
         pin, frame = self._pin, self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         out = np.empty((len(q), 6, q.shape[1]))
         for k, row in enumerate(self._config(q)):
-            out[k] = pin.computeFrameJacobian(self._model, self._data, row, self._tip, frame)
+            whole = pin.computeFrameJacobian(self._model, self._data, row, self._tip, frame)
+            out[k] = whole @ self._all
         return out
 
     def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -98,8 +114,10 @@ class UrdfRobot:
         """Effort J^T (p'' + g e_z) of one kilogram at the tip, shape (n, d)."""
         pin, frame = self._pin, self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         acceleration = np.empty((len(q), 3))
-        for k, row in enumerate(self._config(q)):
-            pin.forwardKinematics(self._model, self._data, row, qd[k], qdd[k])
+        back = self._all.T
+        rows = zip(self._config(q), qd @ back, qdd @ back, strict=True)
+        for k, row in enumerate(rows):
+            pin.forwardKinematics(self._model, self._data, *row)
             acceleration[k] = pin.getFrameClassicalAcceleration(
                 self._model, self._data, self._tip, frame
             ).linear

@@ -9,6 +9,7 @@ from hil.models.phantom import Omni, Premium
 from hil.models.robots import IndependentAxes, Robot, make_robot
 from hil.models.urdf import UrdfRobot
 from hil.record.recording import Recording, RobotSource
+from hil.record.urdf_joints import urdf_joints
 
 JOINTS = ("joint1", "joint2", "joint3")
 PREMIUM, OMNI = Premium(JOINTS), Omni(JOINTS)
@@ -336,6 +337,65 @@ def test_urdf_with_a_joint_of_several_freedoms_is_refused_by_name(kind: str) -> 
 def test_what_is_no_urdf_is_refused(text: str) -> None:
     with pytest.raises(ConfigError, match="URDF"):
         UrdfRobot(text)
+
+
+def following(joint: str, mimic: str) -> str:
+    """The arm with one of its joints following another one."""
+    start = ARM.index(f'<joint name="{joint}"')
+    end = ARM.index("</joint>", start)
+    return f"{ARM[:end]}{mimic}{ARM[end:]}"
+
+
+MIMIC = following("spin", '<mimic joint="shoulder" multiplier="-0.5" offset="0.2"/>')
+# q_all = A q + b with q = (shoulder, rail)
+FOLLOW, SHIFT = np.array([[1, 0], [0, 1], [-0.5, 0]]), np.array([0, 0, 0.2])
+
+
+def test_a_mimic_joint_follows_and_all_bodies_count() -> None:
+    robot, model = UrdfRobot(MIMIC), pin.buildModelFromXML(ARM)
+    data = model.createData()
+    assert robot.joints == ("shoulder", "rail") and robot.units == ("rad", "m")
+    assert len(robot.names) == robot.prior.size == 30
+    q, qd, qdd = (x[:, :2] for x in states(50))
+    got = robot.regressor(q, qd, qdd) @ robot.prior
+    expected = [
+        FOLLOW.T @ pin.rnea(model, data, pin_state(FOLLOW @ a + SHIFT), FOLLOW @ b, FOLLOW @ c)
+        for a, b, c in zip(q, qd, qdd, strict=True)
+    ]
+    np.testing.assert_allclose(got, expected, rtol=1e-10, atol=1e-11)
+    whole = UrdfRobot(ARM)
+    everything = q @ FOLLOW.T + SHIFT, qd @ FOLLOW.T, qdd @ FOLLOW.T
+    np.testing.assert_allclose(robot.jacobian(q), whole.jacobian(everything[0]) @ FOLLOW)
+    np.testing.assert_allclose(robot.tip_mass(q, qd, qdd), whole.tip_mass(*everything) @ FOLLOW)
+
+
+def test_model_and_importer_see_the_same_joints() -> None:
+    for text in (ARM, MIMIC, following("shoulder", '<mimic joint="rail"/>')):
+        assert UrdfRobot(text).joints == tuple(j.name for j in urdf_joints(text))
+
+
+def test_a_joint_may_follow_one_that_follows() -> None:
+    start = MIMIC.index('<joint name="rail"')
+    end = MIMIC.index("</joint>", start)
+    text = MIMIC[:end] + '<mimic joint="spin" multiplier="2" offset="1"/>' + MIMIC[end:]
+    robot, whole = UrdfRobot(text), UrdfRobot(ARM)
+    assert robot.joints == ("shoulder",)
+    q = np.array([[0.4]])
+    expected = whole.jacobian(np.array([[0.4, 1.0, 0.0]])) @ [[1.0], [-1.0], [-0.5]]
+    np.testing.assert_allclose(robot.jacobian(q), expected, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("mimic", "message"),
+    [
+        ('<mimic joint="spin"/>', "'spin' mimics 'spin', expected another moving joint"),
+        ('<mimic joint="elbow"/>', "mimics 'elbow', expected another moving joint .shoulder, rail"),
+        ('<mimic joint="rail" multiplier="x"/>', "the URDF does not parse"),
+    ],
+)
+def test_mimic_joints_that_follow_nothing_are_refused(mimic: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        UrdfRobot(following("spin", mimic))
 
 
 # --- presets --------------------------------------------------------------------------------
