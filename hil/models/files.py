@@ -1,21 +1,20 @@
-"""Model TOML: reading with clear errors, writing with values, errors and units."""
+"""Model TOML: reading with clear errors (writing: `hil.models.writing`)."""
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import tomllib
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
 from hil.models.model import ALL, Band, RobotModel, Use, Value
+from hil.models.writing import SCHEMA, write_model
 from hil.record.recording import RobotSource
 
-SCHEMA = "hil.model/1"
+__all__ = ["SCHEMA", "read_model", "write_model"]
 _TOP = ("schema", "robot", "effects", "signal", "plugins")
 _ROBOT = ("urdf", "preset", "tip", "arm", "explains")
 _OPTIONS = ("per_run", "fixed", "fixed_shape")
@@ -163,85 +162,3 @@ def _value(name: str, entry: Any) -> Value:
     value = _number(entry["value"], f"{what}: value")
     stderr = _number(entry.get("stderr", math.nan), f"{what}: stderr")
     return Value(value, stderr, lower=low, upper=high, **rest)
-
-
-def write_model(model: RobotModel, path: str | Path) -> None:
-    """Write a model with its values; the URDF is written beside it unless it has a path.
-
-    Raises
-    ------
-    ConfigError
-        If the folder does not exist.
-    """
-    path = Path(path)
-    if not path.parent.is_dir():
-        raise ConfigError(f"cannot write {path}: folder {path.parent} does not exist")
-    robot = _robot_lines(model, path)
-    lines = [f'schema = "{SCHEMA}"']
-    if model.plugins:
-        lines.append(f"plugins = {_toml([_relative(p, path.parent) for p in model.plugins])}")
-    lines += ["", "[robot]", *robot]
-    if model.band != Band():
-        lines += ["", "[signal]", f"position_hz = {model.band.position_hz!r}"]
-        lines += [f"effort_hz = {model.band.effort_hz!r}"]
-    for use in model.effects:
-        lines += ["", *_use_lines(use)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _toml(value: object) -> str:
-    """Text, boolean or list as TOML; JSON writes them alike, but for surrogate pairs."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _relative(file: str, folder: Path) -> str:
-    """Path from the model's folder, so that model and plugin move together."""
-    try:
-        return Path(os.path.relpath(file, folder.resolve())).as_posix()
-    except ValueError:  # another drive
-        return file
-
-
-def _robot_lines(model: RobotModel, path: Path) -> list[str]:
-    lines = []
-    if model.robot.urdf:
-        file = path.with_suffix(".urdf")
-        file.write_text(model.robot.urdf, encoding="utf-8")
-        lines.append(f"urdf = {_toml(file.name)}")
-    elif model.robot.preset:
-        lines.append(f"preset = {_toml(model.robot.preset)}")
-    if model.robot.tip:
-        lines.append(f"tip = {_toml(model.robot.tip)}")
-    if model.arm:
-        lines.append(f"arm = {_toml(model.arm)}")
-    if model.explains != "motor":
-        lines.append(f"explains = {_toml(model.explains)}")
-    return lines
-
-
-def _use_lines(use: Use) -> list[str]:
-    joints = "all" if use.joints == ALL else list(use.joints)
-    lines = ["[[effects]]", f"type = {_toml(use.type)}", f"joints = {_toml(joints)}"]
-    lines += [f"{key} = {_toml(value)}" for key, value in use.options.items()]
-    if use.values:
-        lines.append("[effects.parameters]")
-    for name, v in use.values.items():
-        parts = [f"value = {v.value!r}"]
-        if math.isfinite(v.stderr):
-            parts.append(f"stderr = {v.stderr!r}")
-        parts.append(f"unit = {_toml(v.unit)}")
-        if math.isfinite(v.lower) or math.isfinite(v.upper):
-            parts.append(f"bounds = [{v.lower!r}, {v.upper!r}]")
-        if v.at_bound:
-            parts.append("at_bound = true")
-        if not v.identifiable:
-            parts.append("identifiable = false")
-        if v.source:
-            parts.append(f"source = {_toml(v.source)}")
-        lines.append(f"{_toml(name)} = {{ {', '.join(parts)} }}")
-    return lines
-
-
-def with_values(model: RobotModel, uses: tuple[Use, ...]) -> RobotModel:
-    """The same model with other uses (after a fit)."""
-    return replace(model, effects=uses)

@@ -140,6 +140,30 @@ def test_urdf_is_written_beside_the_model(tmp_path: Path) -> None:
     assert_same(read_model(tmp_path / "arm.toml"), model)
 
 
+def test_the_same_urdf_beside_a_model_is_no_obstacle(tmp_path: Path) -> None:
+    model = base_model(RobotSource("", "<robot name='a'>\n</robot>"))
+    (tmp_path / "arm.urdf").write_bytes(b"<robot name='a'>\r\n</robot>")
+    for _ in range(2):
+        write_model(model, tmp_path / "arm.toml")
+    assert (tmp_path / "arm.urdf").read_bytes() == b"<robot name='a'>\r\n</robot>"
+    assert_same(read_model(tmp_path / "arm.toml"), model)
+
+
+@pytest.mark.parametrize("there", ["<robot name='mine'/>", "", None])
+def test_another_file_at_the_urdf_s_place_stays(tmp_path: Path, there: str | None) -> None:
+    place, model = tmp_path / "arm.urdf", base_model(RobotSource("", "<robot name='a'/>"))
+    if there is None:
+        place.mkdir()
+    else:
+        place.write_text(there)
+    with pytest.raises(ConfigError, match=r"goes into .*arm\.urdf, which holds something else"):
+        write_model(model, tmp_path / "arm.toml")
+    assert not (tmp_path / "arm.toml").exists()
+    assert place.is_dir() if there is None else place.read_text() == there
+    with pytest.raises(ConfigError, match=r"call the model \*\.toml"):
+        write_model(model, tmp_path / "other.urdf")
+
+
 @given(
     text=st.text(st.characters(codec="utf-8"), max_size=20),
     number=st.floats(allow_nan=False),
