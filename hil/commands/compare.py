@@ -35,17 +35,35 @@ def _report(found: Comparison, path: str) -> None:
     comparison_report(found, path)
 
 
+def _replay(c: Comparison, j: int) -> str:
+    loop = c.multi_step.closed_loop
+    return "-" if loop is None or loop.lost else f"{loop.relative[j]:.2f}"
+
+
+def _horizon(c: Comparison) -> str:
+    loop = c.multi_step.closed_loop
+    return "-" if loop is None else f"{loop.horizon:.2g} s"
+
+
 def text(c: Comparison) -> str:
     """The comparison for a terminal."""
     floor, result = c.noise, c.result
     rows = [
         [
             name, f"{c.heldout.rms[j]:.4g}", f"{c.heldout.relative[j]:.2f}", f"{floor[j]:.4g}",
-            f"{c.heldout.rms[j] / floor[j]:.2f}", f"{c.multi_step.relative[j]:.2f}",
+            f"{c.heldout.rms[j] / floor[j]:.2f}", f"{c.multi_step.relative[j]:.2f}", _replay(c, j),
         ]
         for j, name in enumerate(result.problem.joints)
     ]  # fmt: skip
-    head = ["joint", "rms error", "relative %", "noise floor", "error/floor", "multi-step %"]
+    head = [
+        "joint",
+        "rms error",
+        "relative %",
+        "noise floor",
+        "error/floor",
+        "multi-step %",
+        "replay %",
+    ]
     lines = [common.table(head, rows)]
     method = {
         "repeats": "repeated motion",
@@ -56,7 +74,8 @@ def text(c: Comparison) -> str:
     )
     lines.append(
         f"\n  errors on {judged}; noise floor from {method[c.evidence.floor.method]}; "
-        f"multi-step over {c.multi_step.horizon:g} s"
+        f"multi-step: simulated position over {c.multi_step.horizon:g} s, and over "
+        f"{_horizon(c)} under a soft servo to the measured motion (replay)"
     )
     lines.append("\nWhere it fails")
     places = [r for items in c.where.values() for r in items]

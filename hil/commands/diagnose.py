@@ -11,6 +11,7 @@ from hil.commands import common
 from hil.compare import analysis
 from hil.compare.analysis import Rung
 from hil.compare.findings import Diagnosis, Finding
+from hil.compare.multistep import MultiStep
 from hil.compare.tables import diagnosis_json, ladder_json, sets_of
 from hil.compare.warn import rising
 from hil.compare.words import Files
@@ -130,15 +131,20 @@ def ladder_text(d: Diagnosis) -> str:
     return common.table(head, rows)
 
 
+def _cells(m: MultiStep | None) -> list[str]:
+    if m is None:
+        return []
+    return ["-" if m.lost else f"{x:.2f}" for x in m.relative]
+
+
 def multi_text(rungs: list[Rung]) -> str:
     """Multi-step error of the same ladder: the simulated position, by joint."""
     first = rungs[0]
     joints = first.step.result.problem.joints
-    rows = [
-        [r.step.label, *("-" if r.multi_step.lost else f"{x:.2f}" for x in r.multi_step.relative)]
-        for r in rungs
-    ]
+    rows = [[r.step.label, *_cells(r.multi_step), *_cells(r.multi_step.closed_loop)] for r in rungs]
     head = [f"multi-step error, {first.multi_step.horizon:g} s", *(f"{j} %" for j in joints)]
+    if first.multi_step.closed_loop is not None:
+        head += [f"{j} replay %" for j in joints]
     lines = [common.table(head, rows)]
     for r in rungs:
         m = r.multi_step

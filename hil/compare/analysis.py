@@ -12,7 +12,7 @@ from hil.compare.evidence import Evidence, gather
 from hil.compare.findings import Diagnosis, Step
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.localise import Region, regions
-from hil.compare.multistep import MultiStep, simulate
+from hil.compare.multistep import MultiStep, both
 from hil.errors import ConfigError, DataError
 from hil.identify.fit import fit as fit_problem
 from hil.identify.problem import Problem
@@ -104,7 +104,7 @@ def compare(
     evidence = gather(result)
     where = regions(result, evidence.floor)
     return Comparison(
-        result, examine(result), evidence, where, simulate(result, problem),
+        result, examine(result), evidence, where, both(result, problem),
         faults_of(recordings), examine.floor(result),
     )  # fmt: skip
 
@@ -123,7 +123,7 @@ class Rung:
 @single_threaded
 def ladder(diagnosis: Diagnosis) -> list[Rung]:
     """Every accepted step with its multi-step error (motor efforts only)."""
-    return [Rung(s, simulate(s.result, s.result.problem)) for s in diagnosis.ladder]
+    return [Rung(s, both(s.result, s.result.problem)) for s in diagnosis.ladder]
 
 
 @single_threaded
@@ -153,7 +153,7 @@ def add(
     larger = before.model + Use(effect, joints)
     after = fit_problem(problem, larger)
     steps = (Step("before", before, examine(before)), Step(f"+ {effect}", after, examine(after)))
-    rungs = [Rung(s, simulate(s.result, problem)) for s in steps]
+    rungs = [Rung(s, both(s.result, problem)) for s in steps]
     return rungs[0], rungs[1]
 
 

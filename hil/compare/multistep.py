@@ -11,13 +11,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.identify.design import Term
+from hil.compare.forward import forward
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
-from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 WINDOWS = 60
+#: Bandwidth of the servo in a closed-loop replay [Hz].
+SERVO = 1.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class MultiStep:
         Windows whose simulation left the recorded range by more than its span.
     power : ndarray (windows, d)
         Mean squared position error of each window; NaN where it diverged.
+    closed_loop : MultiStep or None
+        The same of the closed-loop replay, where it was made.
     """
 
     horizon: float
@@ -46,6 +49,7 @@ class MultiStep:
     windows: int
     diverged: int
     power: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    closed_loop: MultiStep | None = None
 
     @property
     def lost(self) -> bool:
@@ -69,48 +73,27 @@ class MultiStep:
         return bool(new > factor * old and rise.mean() > chance)
 
 
-class _Forward:
-    """Effort of the model for many states at once; state effects follow the measured motion."""
-
-    def __init__(self, result: FitResult, motion: Motion) -> None:
-        self.result, self.motion = result, motion
-        self.parts = [
-            (t, result.theta[s])
-            for t, s in zip(result.terms, result.slices, strict=True)
-            if not t.per_run
-        ]
-
-    def replayed(self, term: Term) -> bool:
-        """States and derivatives of the measured effort are taken from the measured run."""
-        return term.effect.name in ("presliding", "delay")
-
-    def fixed(self) -> FloatArray:
-        """Effort (n, d) of the replayed terms along the measured motion."""
-        out = np.zeros_like(self.motion.q)
-        for t, theta in self.parts:
-            if self.replayed(t):
-                out[:, t.joint] += t.effect.columns(self.motion, t.joint, t.shape) @ theta
-        return out
-
-    def effort(
-        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray
-    ) -> FloatArray:
-        """Effort (w, d) of the other terms at states (w, d)."""
-        m = replace(self.motion, t=np.arange(len(q), dtype=float), q=q, qd=qd, qdd=qdd, load=load,
-                    tau=np.zeros_like(q), tau_ext=np.zeros_like(q), average=0.0)  # fmt: skip
-        out = np.zeros_like(q)
-        for t, theta in self.parts:
-            if self.replayed(t):
-                continue
-            columns = t.effect.columns(m, t.joint, t.shape)
-            if t.effect.whole_robot:
-                out += columns @ theta
-            else:
-                out[:, t.joint] += columns @ theta
-        return out
+def both(result: FitResult, problem: Problem) -> MultiStep:
+    """Short horizons and, for models of the motor's effort, the closed-loop replay."""
+    short = simulate(result, problem)
+    if result.model.explains != "motor":
+        return short
+    return replace(short, closed_loop=replay(result, problem))
 
 
-def simulate(result: FitResult, problem: Problem, seconds: float = 0.5) -> MultiStep:
+def replay(result: FitResult, problem: Problem) -> MultiStep:
+    """Closed-loop replay: windows of several seconds under a soft servo to the measured motion.
+
+    What the servo of 1 Hz has to make up for is what the model gets wrong; drift that short
+    horizons do not show shows here.  The windows are eighths of a run, at most 2.5 s long.
+    """
+    longest = min(m.n * m.dt for m in problem.motions)
+    return simulate(result, problem, float(np.clip(longest / 8, 0.5, 2.5)), SERVO)
+
+
+def simulate(
+    result: FitResult, problem: Problem, seconds: float = 0.5, servo: float = 0.0
+) -> MultiStep:
     """Simulate a fitted model from measured states with the measured effort.
 
     M(q) qdd = tau + tau_ext - h(q, qd); semi-implicit Euler at the evaluation rate.
@@ -123,6 +106,8 @@ def simulate(result: FitResult, problem: Problem, seconds: float = 0.5) -> Multi
         Runs to simulate (the same or held-out ones).
     seconds : float
         Horizon.
+    servo : float
+        Bandwidth of a servo to the measured motion [Hz]; 0 = none.
     """
     errors: list[FloatArray] = []
     moves: list[FloatArray] = []
@@ -132,9 +117,10 @@ def simulate(result: FitResult, problem: Problem, seconds: float = 0.5) -> Multi
         last = motion.n - horizon - edge
         if last <= edge:
             continue
-        count = min(WINDOWS, max(1, (last - edge) // max(horizon // 2, 1)))
+        overlap = 1 if servo else 2
+        count = min(WINDOWS, max(1, overlap * (last - edge) // max(horizon, 1)))
         starts = np.linspace(edge, last, count).astype(int)
-        error, move = _run(result, motion, starts, horizon)
+        error, move = forward(result, motion, starts, horizon, servo)
         errors.append(error)
         moves.append(move)
     if not errors:
@@ -150,37 +136,3 @@ def simulate(result: FitResult, problem: Problem, seconds: float = 0.5) -> Multi
     power[~bad] = np.mean(error[~bad] ** 2, axis=1)
     relative = 100 * rms / np.maximum(size, 1e-12)
     return MultiStep(seconds, rms, relative, len(error), int(bad.sum()), power)
-
-
-def _run(
-    result: FitResult, motion: Motion, starts: NDArray[np.int_], horizon: int
-) -> tuple[FloatArray, FloatArray]:
-    """Position errors and displacements (windows, horizon, d)."""
-    model, dt, d = _Forward(result, motion), motion.dt, motion.d
-    drive = motion.tau + motion.tau_ext - model.fixed()
-    q, qd = motion.q[starts].copy(), motion.qd[starts].copy()
-    error = np.empty((len(starts), horizon, d))
-    move = np.empty_like(error)
-    unit = np.eye(d)
-    with np.errstate(all="ignore"):
-        for k in range(horizon):
-            load = motion.load[starts + k]
-            rest = model.effort(q, qd, np.zeros_like(q), load)
-            mass = np.stack(
-                [model.effort(q, qd, np.tile(unit[i], (len(q), 1)), load) - rest for i in range(d)],
-                axis=-1,
-            )
-            push = drive[starts + k] - rest
-            qdd = (
-                np.linalg.solve(mass, push[..., None])[..., 0] if _regular(mass) else push * np.nan
-            )
-            qd = qd + dt * qdd
-            q = q + dt * qd
-            q, qd = np.clip(q, -1e6, 1e6), np.clip(qd, -1e6, 1e6)
-            error[:, k] = q - motion.q[starts + k + 1]
-            move[:, k] = motion.q[starts + k + 1] - motion.q[starts]
-    return error, move
-
-
-def _regular(mass: FloatArray) -> bool:
-    return bool(np.all(np.isfinite(mass)) and np.all(np.abs(np.linalg.det(mass)) > 1e-300))

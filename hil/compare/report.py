@@ -101,6 +101,9 @@ def _numbers(m: Material) -> str:
     for r in [] if m.external else m.rungs:
         cells = [f"{number(float(x))} %" for x in r.multi_step.relative]
         rows.append([f"multi-step, {r.step.label}", *cells])
+        if r.multi_step.closed_loop is not None:
+            cells = [f"{number(float(x))} %" for x in r.multi_step.closed_loop.relative]
+            rows.append([f"closed-loop replay, {r.step.label}", *cells])
     if len(m.joints) <= 4:
         return table(rows[0], rows[1:], strong=[len(m.rungs) - 1])
     turned = [list(column) for column in zip(*rows, strict=True)]

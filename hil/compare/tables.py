@@ -41,11 +41,14 @@ def region_json(r: Region) -> dict[str, object]:
 
 
 def multi_json(m: MultiStep, result: FitResult) -> dict[str, object]:
-    """Multi-step error."""
-    return {
+    """Multi-step error: short horizons, and the closed-loop replay below ``closed_loop``."""
+    out: dict[str, object] = {
         "horizon_s": m.horizon, "windows": m.windows, "diverged": m.diverged,
         "rms": by_joint(result, m.rms), "relative": by_joint(result, m.relative),
     }  # fmt: skip
+    if m.closed_loop is not None:
+        out["closed_loop"] = multi_json(m.closed_loop, result)
+    return out
 
 
 def comparison_json(c: Comparison) -> dict[str, object]:

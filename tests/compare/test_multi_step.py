@@ -8,6 +8,7 @@ import pytest
 from hil.compare.multistep import MultiStep
 from hil.compare.warn import rising, useless
 from hil.compare.words import Files, command
+from hil.models.model import base_model
 
 
 def multi(power, diverged=0):
@@ -69,3 +70,21 @@ def test_suggested_commands_name_the_files():
     assert "--model arm.plus1.toml" in second and "-o arm.plus2.toml" in second
     alone = command(found, Files(("a.mcap",), (), "")).splitlines()[0]
     assert alone == "hil add stribeck --joint joint2 --session a.mcap -o a.plus1.toml"
+
+
+def test_both_simulations_of_a_sticking_drive_improve_with_the_missing_effect() -> None:
+    from compare_stiction import stiction_run
+
+    from hil.compare import analysis
+
+    run = stiction_run(4, drag=0.15)
+    model = base_model(run.robot)
+    before, after = analysis.add([run], model, "quadratic-drag")
+    for old, new in (
+        (before.multi_step, after.multi_step),
+        (before.multi_step.closed_loop, after.multi_step.closed_loop),
+    ):
+        assert old is not None and new is not None
+        assert not new.diverged
+        assert new.relative[0] < 0.5 * old.relative[0]
+        assert new.relative[0] < 5.0

@@ -1,0 +1,136 @@
+"""Forward simulation of a fitted model, many windows of a run at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.identify.design import Term
+from hil.identify.result import FitResult
+from hil.models.motion import Motion
+
+FloatArray = NDArray[np.float64]
+
+
+class _Forward:
+    """Effort of the model for many states at once; state effects follow the measured motion."""
+
+    def __init__(self, result: FitResult, motion: Motion) -> None:
+        self.result, self.motion = result, motion
+        self.parts = [
+            (t, result.theta[s] if not t.per_run else self._of_run(result.theta[s]))
+            for t, s in zip(result.terms, result.slices, strict=True)
+        ]
+
+    def _of_run(self, theta: FloatArray) -> FloatArray:
+        """Coefficients of this run; zero for a run that was not fitted."""
+        motions = self.result.problem.motions
+        each = theta.size // len(motions)
+        for k, m in enumerate(motions):
+            if m is self.motion:
+                return theta[k * each : (k + 1) * each]
+        return np.zeros(each)
+
+    def replayed(self, term: Term) -> bool:
+        """States and derivatives of the measured effort are taken from the measured run."""
+        return term.effect.name in ("presliding", "delay")
+
+    def fixed(self) -> FloatArray:
+        """Effort (n, d) of the replayed terms along the measured motion."""
+        out = np.zeros_like(self.motion.q)
+        for t, theta in self.parts:
+            if self.replayed(t):
+                out[:, t.joint] += t.effect.columns(self.motion, t.joint, t.shape) @ theta
+        return out
+
+    def slope(
+        self, q: FloatArray, qd: FloatArray, step: FloatArray, load: FloatArray
+    ) -> FloatArray:
+        """Secant slope (w, d) of each joint's own friction over speeds qd - step to qd + step.
+
+        Across a reversal dry friction rises by its whole size: the secant, unlike the tangent,
+        knows it, and the implicit step below then holds a joint that sticks.
+        """
+        rest = np.zeros_like(q)
+        up, down = (self.effort(q, qd + s * step, rest, load, mass=False) for s in (1.0, -1.0))
+        out: FloatArray = np.maximum((up - down) / (2 * step), 0.0)
+        return out
+
+    def effort(
+        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, mass: bool = True
+    ) -> FloatArray:
+        """Effort (w, d) of the other terms at states (w, d); without the mass' on demand."""
+        m = replace(self.motion, t=np.arange(len(q), dtype=float), q=q, qd=qd, qdd=qdd, load=load,
+                    tau=np.zeros_like(q), tau_ext=np.zeros_like(q), average=0.0)  # fmt: skip
+        out = np.zeros_like(q)
+        for t, theta in self.parts:
+            if self.replayed(t) or (t.effect.whole_robot and not mass):
+                continue
+            columns = t.effect.columns(m, t.joint, t.shape)
+            if t.effect.whole_robot:
+                out += columns @ theta
+            else:
+                out[:, t.joint] += columns @ theta
+        return out
+
+
+def forward(
+    result: FitResult, motion: Motion, starts: NDArray[np.int_], horizon: int, servo: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Position errors and displacements (windows, horizon, d).
+
+    (M(q) + dt D) qdd = tau + tau_ext - h(q, qd),  qdd += w^2 (q_m - q) + 2 w (qd_m - qd)
+
+    with w = 2 pi servo and D the secant slope of friction over the step (linearly implicit Euler at
+    the evaluation rate).
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit.
+    motion : Motion
+        Measured run.
+    starts : ndarray of int (windows,)
+        First instants.
+    horizon : int
+        Instants of each window.
+    servo : float
+        Bandwidth [Hz] of a servo that leads the model back to the measured motion; 0 = none.
+    """
+    model, dt, d = _Forward(result, motion), motion.dt, motion.d
+    drive = motion.tau + motion.tau_ext - model.fixed()
+    q, qd = motion.q[starts].copy(), motion.qd[starts].copy()
+    error = np.empty((len(starts), horizon, d))
+    move = np.empty_like(error)
+    unit, w = np.eye(d), 2 * np.pi * servo
+    with np.errstate(all="ignore"):
+        for k in range(horizon):
+            load = motion.load[starts + k]
+            rest = model.effort(q, qd, np.zeros_like(q), load)
+            mass = np.stack(
+                [model.effort(q, qd, np.tile(unit[i], (len(q), 1)), load) - rest for i in range(d)],
+                axis=-1,
+            )
+            push = drive[starts + k] - rest
+            qdd = _solve(mass, push)
+            slope = model.slope(q, qd, np.abs(dt * qdd) + 1e-9, load)
+            qdd = _solve(mass + dt * slope[..., None] * unit, push)
+            qdd = qdd + w**2 * (motion.q[starts + k] - q) + 2 * w * (motion.qd[starts + k] - qd)
+            qd = qd + dt * qdd
+            q = q + dt * qd
+            q, qd = np.clip(q, -1e6, 1e6), np.clip(qd, -1e6, 1e6)
+            error[:, k] = q - motion.q[starts + k + 1]
+            move[:, k] = motion.q[starts + k + 1] - motion.q[starts]
+    return error, move
+
+
+def _solve(mass: FloatArray, push: FloatArray) -> FloatArray:
+    if not _regular(mass):
+        return push * np.nan
+    return np.asarray(np.linalg.solve(mass, push[..., None])[..., 0])
+
+
+def _regular(mass: FloatArray) -> bool:
+    return bool(np.all(np.isfinite(mass)) and np.all(np.abs(np.linalg.det(mass)) > 1e-300))
