@@ -1,4 +1,4 @@
-"""Joint tracking: PD with gravity compensation to a periodic multisine per joint."""
+"""Joint tracking: PD with gravity compensation to a periodic motion of every joint."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import numpy as np
 
 from controllers import multisine
 from hil.errors import ConfigError
+from hil.excite import files
+from hil.excite.trajectory import grid, sample
 from hil.signals.device import FloatArray
 
 #: Limits of th2 - th3 by the parallelogram [rad] (Cavusoglu et al. 2002), less a margin.
@@ -41,6 +43,9 @@ class JointTrackingConfig:
         joints do not stick where the motion turns round.
     blend : float
         Time over which the motion swells from the starting pose [s].
+    trajectory : str
+        Trajectory file (see `hil excite`) that every arm plays instead of the multisine; `seed`,
+        `period`, `center`, `amplitude` and `speed` are then without meaning.
     """
 
     seed: int = 0
@@ -55,6 +60,7 @@ class JointTrackingConfig:
     inertia: tuple[float, ...] = (0.0035, 0.003, 0.0013)
     friction: tuple[float, ...] = (0.012, 0.011, 0.010)
     blend: float = 1.0
+    trajectory: str = ""
 
 
 @nb.njit(cache=True, nogil=True)
@@ -72,8 +78,9 @@ def motion(t: float, omega: float, c: Any) -> tuple[float, float, float]:
 
 @nb.njit(cache=True, nogil=True)
 def law(
-    t: float, x: Any, u: Any, c: Any, center: Any, gains: Any, times: Any, x_next: Any, y: Any
-) -> None:
+    t: float, x: Any, u: Any, c: Any, table: Any, center: Any, gains: Any, times: Any,
+    x_next: Any, y: Any,
+) -> None:  # fmt: skip
     """Torques of all arms: PD to the reference r, with nominal torques fed forward.
 
     tau = K (r - q) + D (r' - q') + I r'' + Fc tanh(r' / 0.02) + g(q)
@@ -85,10 +92,13 @@ def law(
         of every arm.
     c : ndarray (a, 3, h, 2)
         Fourier coefficients of the motion.
+    table : ndarray (n, 3, 3)
+        Place, speed and acceleration of a trajectory at every tick of one period, instead of
+        `c` and `center`; n = 0 where there is none.
     gains : ndarray (5, 3)
         Rows: stiffness, damping, nominal gravity (0, g2, g3), inertia and Coulomb friction.
-    times : ndarray (3,)
-        Period, blending time [s], share of the velocity filter.
+    times : ndarray (4,)
+        Period, blending time [s], share of the velocity filter, period of the loop [s].
     """
     arms = u.shape[0]
     x_next[0] = 1.0
@@ -98,8 +108,12 @@ def law(
     omega = 2.0 * pi / times[0]
     for a in range(arms):
         for i in range(3):
-            place, speed, push = motion(t, omega, c[a, i])
-            place += center[i]
+            if table.shape[0] > 0:
+                row = round(t / times[3]) % table.shape[0]
+                place, speed, push = table[row, i, 0], table[row, i, 1], table[row, i, 2]
+            else:
+                place, speed, push = motion(t, omega, c[a, i])
+                place += center[i]
             start = x[1 + 3 * a + i] if x[0] > 0.0 else u[a, i]
             # r = q0 + ramp (motion - q0)
             aim = start + ramp * (place - start)
@@ -131,13 +145,16 @@ class JointTracking:
     def __init__(self, config: JointTrackingConfig, arms: tuple[str, ...], period: float) -> None:
         self.config = config
         self._center = np.array(config.center)
-        self._c = np.stack([self._motion(k) for k in range(len(arms))])
+        self._table = _table(config.trajectory, period)
+        none = np.zeros((len(arms), 3, 1, 2))
+        played = bool(self._table.size)
+        self._c = none if played else np.stack([self._motion(k) for k in range(len(arms))])
         self._gains = np.array(
             [config.stiffness, config.damping, (0.0, *config.gravity), config.inertia,
              config.friction]
         )  # fmt: skip
         share = 1.0 - np.exp(-period / config.velocity_filter)
-        self._times = np.array([config.period, config.blend, share])
+        self._times = np.array([config.period, config.blend, share, period])
         names = [f"{arm}.{what}{i}" for what in ("start", "reference", "speed")
                  for arm in arms
                  for i in (1, 2, 3)]  # fmt: skip
@@ -163,7 +180,17 @@ class JointTracking:
         self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray
     ) -> None:
         """One period; see `hil.signals.device.Controller`."""
-        law(t, x, u, self._c, self._center, self._gains, self._times, x_next, y)
+        law(t, x, u, self._c, self._table, self._center, self._gains, self._times, x_next, y)
+
+
+def _table(path: str, period: float) -> FloatArray:
+    """Place, speed and acceleration (n, 3, 3) of a trajectory file at every tick; else empty."""
+    if not path:
+        return np.zeros((0, 3, 3))
+    motion = files.read(path)
+    if motion.d != 3:
+        raise ConfigError(f"trajectory {path} moves {motion.d} joints, the arms have 3.")
+    return np.ascontiguousarray(np.stack(sample(motion, grid(motion, 1.0 / period)), axis=-1))
 
 
 Config = JointTrackingConfig

@@ -25,6 +25,7 @@ COMMANDS: dict[str, str] = {
     "add": "hil.commands.add",
     "improve": "hil.commands.improve",
     "effects": "hil.commands.effects",
+    "excite": "hil.commands.excite",
     "bench": "hil.commands.bench",
 }
 

@@ -44,13 +44,21 @@ class LoopConfig:
 
 @dataclass(frozen=True)
 class ArmConfig:
-    """Table ``[arms.NAME]``: which robot, its joints, and limits [N m], [rad/s]."""
+    """Table ``[arms.NAME]``: which robot, its joints, and limits [N m], [rad/s].
+
+    `position_min`, `position_max` [rad] and `workspace_min`, `workspace_max` (tip, base frame)
+    [m] bound planned motions; empty means those of the robot.
+    """
 
     robot: str = "phantom-premium-1.5"
     tip: str = "tip"
     joints: tuple[str, ...] = ("joint1", "joint2", "joint3")
     torque_limit: tuple[float, ...] = (0.8, 0.8, 0.8)
     speed_limit: tuple[float, ...] = (25.0, 25.0, 25.0)
+    position_min: tuple[float, ...] = ()
+    position_max: tuple[float, ...] = ()
+    workspace_min: tuple[float, ...] = ()
+    workspace_max: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("joints", "torque_limit", "speed_limit"):
@@ -58,6 +66,12 @@ class ArmConfig:
                 raise ConfigError(f"[arms]: {name} needs three entries, one per joint.")
         if min(*self.torque_limit, *self.speed_limit) <= 0:
             raise ConfigError("[arms]: torque_limit and speed_limit must be positive.")
+        for name in ("position", "workspace"):
+            low, high = getattr(self, f"{name}_min"), getattr(self, f"{name}_max")
+            if len(low) not in (0, 3) or len(high) not in (0, 3):
+                raise ConfigError(f"[arms]: {name}_min and {name}_max need three entries or none.")
+            if low and high and not all(a < b for a, b in zip(low, high, strict=True)):
+                raise ConfigError(f"[arms]: {name}_min must be below {name}_max.")
 
 
 @dataclass(frozen=True)
@@ -142,9 +156,19 @@ def load_rig(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Ri
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{path}: not a readable TOML file ({error}).") from error
     try:
-        return parse(RigConfig, merge(table, overrides or {}), "rig")
+        return parse(RigConfig, merge(_beside(table, Path(path)), overrides or {}), "rig")
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
+
+
+def _beside(table: dict[str, Any], path: Path) -> dict[str, Any]:
+    """The table with the path of its controller's trajectory taken from the file's folder."""
+    controller = table.get("controller")
+    parameters = controller.get("parameters") if isinstance(controller, Mapping) else None
+    name = parameters.get("trajectory") if isinstance(parameters, Mapping) else None
+    if not isinstance(name, str) or not name:
+        return table
+    return merge(table, {"controller": {"parameters": {"trajectory": str(path.parent / name)}}})
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

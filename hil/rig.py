@@ -12,6 +12,10 @@ import numpy as np
 from hil import registry
 from hil.config import RigConfig, parse
 from hil.errors import ConfigError, DeviceError
+from hil.excite import files, margins
+from hil.excite.limits import of_arm
+from hil.models.robots import bare_robot
+from hil.record.recording import RobotSource
 from hil.runtime.loop import ArmPort
 from hil.signals.device import Controller, Device, MeasuredCf, MeasuredJs, ServoJf, Tareable, Wire
 
@@ -69,6 +73,7 @@ def open_rig(config: RigConfig, seed: int) -> Rig:
     """Open all devices, tare the force sensors, and build the controller."""
     for name in config.devices:
         require_backend(name, config)
+    check_trajectory(config)
     wires = _wires(config, seed)
     period = config.loop.period_ns * 1e-9
     devices: dict[str, Device] = {}
@@ -80,6 +85,29 @@ def open_rig(config: RigConfig, seed: int) -> Rig:
     rig = Rig(devices, ports, build_controller(config))
     _tare(rig)
     return rig
+
+
+def check_trajectory(config: RigConfig) -> None:
+    """Refuse a trajectory that an arm's limits, joints or the loop's rate do not allow.
+
+    Raises
+    ------
+    ConfigError
+        Before any device is opened.
+    """
+    path = config.controller.parameters.get("trajectory")
+    if not isinstance(path, str) or not path:
+        return
+    motion = files.read(path)
+    for arm in config.controller.arms:
+        table = config.arms[arm]
+        source = RobotSource(table.robot, tip=table.tip)
+        robot = bare_robot(source, table.joints)
+        limits = of_arm(table, source)
+        try:
+            margins.check(motion, limits, robot, config.loop.rate_hz)
+        except ConfigError as error:
+            raise ConfigError(f"{path}, arm {arm!r}: {error}") from error
 
 
 def build_controller(config: RigConfig) -> Controller:

@@ -115,6 +115,9 @@ def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]
 def open_writer(output: Path, config: RigConfig, rig: Rig, seed: int) -> SessionWriter:
     """Session file, open, with its metadata and the rig file already in it."""
     attachments = {"rig.toml": rig_text(config).encode()}
+    played = config.controller.parameters.get("trajectory")
+    if isinstance(played, str) and played:
+        attachments["trajectory.toml"] = Path(played).read_bytes()
     plan = channels(config, rig.controller)
     return SessionWriter(output, plan, describe(config, rig, seed), attachments)
 

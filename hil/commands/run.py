@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
@@ -13,9 +14,12 @@ from hil import app
 from hil.commands import outputs
 from hil.config import RigConfig, load_rig
 from hil.errors import ConfigError
+from hil.excite import files
 
 HELP = "run a session of a rig and record it"
 EXAMPLE = "hil run rigs/teleop.toml --clock lockstep --seconds 10 -o s.mcap"
+#: A short trajectory is repeated to fill about this time [s].
+MEASURED = 30.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +29,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", required=True, metavar="S.mcap",
         help="session to write; a session that is there is kept under another name",
     )  # fmt: skip
-    parser.add_argument("--seconds", type=float, help="length [s]; default: of the rig file")
+    parser.add_argument(
+        "--trajectory", metavar="TRAJ.toml",
+        help="motion to play, from 'hil excite'; the rig's controller must be joint-tracking",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seconds", type=float,
+        help="length [s]; default: of the rig file, or once through the trajectory",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, help="seed of the simulation (default 0)")
     parser.add_argument(
         "--clock", choices=("real", "lockstep"),
@@ -36,10 +47,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the session and print what it turned out to be."""
-    config = load_rig(args.rig)
+    config = load_rig(args.rig, _played(args))
     if args.seed < 0:
         raise ConfigError(f"--seed {args.seed}: a number from 0 on is needed.")
-    outputs.check(args.output, ".mcap", [args.rig])
+    outputs.check(args.output, ".mcap", [args.rig, *([args.trajectory] if args.trajectory else [])])
     outputs.keep_old(Path(args.output))
     summary = _with_bar(config, args)
     if args.json:
@@ -47,6 +58,18 @@ def run(args: argparse.Namespace) -> int:
     else:
         sys.stdout.write(table(summary) + "\n")
     return 0
+
+
+def _played(args: argparse.Namespace) -> dict[str, Any]:
+    """Tables that --trajectory puts over the rig file: the motion, and once through it."""
+    if not args.trajectory:
+        return {}
+    period = files.read(args.trajectory).period
+    return {
+        "controller": {"parameters": {"trajectory": args.trajectory}},
+        # a second before it to go to its start
+        "loop": {"seconds": period * max(1, round(MEASURED / period)) + 1.0},
+    }
 
 
 def _with_bar(config: RigConfig, args: argparse.Namespace) -> app.Summary:

@@ -29,6 +29,12 @@ class _Phantom:
             joints if len(joints) == 3 else ("joint1", "joint2", "joint3")
         )
 
+    def tip(self, q: FloatArray) -> FloatArray:
+        """Tip position p = (r c1, r s1, l1 s2 - l2 c3), r = l1 c2 + l2 s3, shape (n, 3) [m]."""
+        (s1, s2, s3), (c1, c2, c3) = np.sin(q).T, np.cos(q).T
+        r = self.l1 * c2 + self.l2 * s3
+        return np.stack([r * c1, r * s1, self.l1 * s2 - self.l2 * c3], axis=1)
+
     def jacobian(self, q: FloatArray) -> FloatArray:
         """Tip Jacobian of p = (r c1, r s1, l1 s2 - l2 c3), shape (n, 3, 3)."""
         (s1, s2, s3), (c1, c2, c3) = np.sin(q).T, np.cos(q).T

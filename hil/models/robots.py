@@ -131,3 +131,19 @@ def make_robot(source: RobotSource, recording: Recording) -> Robot:
             "reorder the recording's columns"
         )
     return robot
+
+
+def bare_robot(source: RobotSource, joints: tuple[str, ...] = ()) -> Robot:
+    """Build a robot without a recording; `joints` name those of a preset.
+
+    Raises
+    ------
+    ConfigError
+        If the preset is unknown or has another number of joints.
+    """
+    if source.urdf:
+        from hil.models.urdf import UrdfRobot
+
+        return UrdfRobot(source.urdf, source.tip)
+    one = np.zeros((1, len(joints)))
+    return make_robot(source, Recording("none", "arm", joints, one[:, 0], one, one))

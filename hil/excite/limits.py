@@ -1,0 +1,167 @@
+"""Limits of a robot, and how near a motion comes to them."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.config import ArmConfig
+from hil.errors import ConfigError
+from hil.models.robots import Robot
+from hil.record.recording import RobotSource
+from hil.record.urdf_joints import urdf_joints
+
+FloatArray = NDArray[np.float64]
+INF = float("inf")
+
+
+@runtime_checkable
+class HasTip(Protocol):
+    """A robot that knows where its tip is."""
+
+    def tip(self, q: FloatArray) -> FloatArray:
+        """Tip position (n, 3) [m]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a motion of d joints must keep to.
+
+    Parameters
+    ----------
+    low, high : ndarray (d,)
+        Positions [rad or m].
+    speed, torque : ndarray (d,)
+        Largest magnitudes [rad/s or m/s], [N m or N]; infinite where none is known.
+    center : ndarray (d,)
+        A safe posture in the middle.
+    folds : tuple of (int, int, float, float)
+        Joints i, k and the range of q_i - q_k that the mechanism allows.
+    box : ndarray (2, 3) or None
+        Lowest and highest tip coordinates in the base frame [m].
+    source : str
+        Where they come from.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    speed: FloatArray
+    torque: FloatArray
+    center: FloatArray
+    folds: tuple[tuple[int, int, float, float], ...] = ()
+    box: FloatArray | None = None
+    source: str = ""
+
+
+#: Premium 1.5: th1 +-90, th2 -124..119, th3 -29..214, th2 - th3 -55..65 degrees (Cavusoglu et
+#: al. 2002), less 1 degree; the workspace of the data sheet (191 x 381 x 267 mm) about the tip at
+#: the posture (0, 0.4, 0.3); speed that the drives track and torque of the rig's default.
+_PREMIUM = Limits(
+    np.radians([-89.0, -123.0, -28.0]), np.radians([89.0, 118.0, 213.0]),
+    np.full(3, 3.0), np.full(3, 0.8), np.array([0.0, 0.4, 0.3]),
+    ((1, 2, -0.95, 1.13),), np.array([[0.152, -0.190, -0.212], [0.344, 0.190, 0.055]]),
+    "PHANTOM Premium 1.5",
+)  # fmt: skip
+#: Omni: workspace 160 x 120 x 70 mm of the data sheet within 1.8 rad/s, centred likewise.
+_OMNI = Limits(
+    np.radians([-45.0, 0.0, -20.0]), np.radians([45.0, 90.0, 60.0]),
+    np.full(3, 1.8), np.full(3, 0.3), np.array([0.0, 0.6, 0.3]), source="PHANTOM Omni",
+)  # fmt: skip
+PRESETS = {"phantom-premium-1.5": _PREMIUM, "phantom-omni": _OMNI}
+
+
+def of_robot(source: RobotSource) -> Limits | None:
+    """Limits that come with a robot; None where it brings none (independent axes)."""
+    return _of_urdf(source.urdf) if source.urdf else PRESETS.get(source.preset)
+
+
+def _of_urdf(text: str) -> Limits:
+    """Limits of a URDF; a joint without range gets half a turn, without speed 1 rad/s."""
+    joints = urdf_joints(text)
+    elements = {e.get("name"): e.find("limit") for e in ET.fromstring(text).findall("joint")}
+    low = np.array([j.lower if math.isfinite(j.lower) else -np.pi / 2 for j in joints])
+    high = np.array([j.upper if math.isfinite(j.upper) else np.pi / 2 for j in joints])
+    speed = np.array([_number(elements[j.name], "velocity", 1.0) for j in joints])
+    torque = np.array([_number(elements[j.name], "effort", INF) for j in joints])
+    return Limits(low, high, speed, torque, (low + high) / 2, source="the URDF")
+
+
+def _number(limit: ET.Element | None, key: str, default: float) -> float:
+    try:
+        value = float(limit.get(key, "")) if limit is not None else 0.0
+    except ValueError:
+        value = 0.0
+    return value if value > 0 and math.isfinite(value) else default
+
+
+def of_arm(arm: ArmConfig, source: RobotSource, center: tuple[float, ...] = ()) -> Limits:
+    """Limits of an arm of a rig file: the file's, and the robot's where the file has none.
+
+    Raises
+    ------
+    ConfigError
+        If neither bounds the positions, or the middle posture lies outside.
+    """
+    known = of_robot(source)
+    if known is None:
+        if not (arm.position_min and arm.position_max):
+            raise ConfigError(
+                f"robot {arm.robot!r} brings no limits; give position_min and position_max [rad] "
+                "in the arm's table of the rig file"
+            )
+        low, high = np.array(arm.position_min), np.array(arm.position_max)
+        known = Limits(low, high, np.full(3, INF), np.full(3, INF), (low + high) / 2)
+    low = np.array(arm.position_min) if arm.position_min else known.low
+    high = np.array(arm.position_max) if arm.position_max else known.high
+    own = [k for k in ("position", "workspace") if getattr(arm, f"{k}_min")]
+    out = replace(
+        known, low=low, high=high, box=_box(arm, known.box),
+        speed=np.minimum(known.speed, arm.speed_limit),
+        torque=np.minimum(known.torque, arm.torque_limit),
+        center=np.array(center) if center else np.clip(known.center, low, high),
+        source=" and ".join([*(["the rig file"] if own else []), known.source]).strip(),
+    )  # fmt: skip
+    return out
+
+
+def _box(arm: ArmConfig, known: FloatArray | None) -> FloatArray | None:
+    given = (arm.workspace_min, arm.workspace_max)
+    if known is None and not any(given):
+        return None
+    base = np.array([[-INF] * 3, [INF] * 3]) if known is None else known
+    return np.stack([np.array(g) if g else b for g, b in zip(given, base, strict=True)])
+
+
+def of_data(q: FloatArray, qd: FloatArray, tau: FloatArray) -> Limits:
+    """What a recording itself shows to be safe: its range, twice its speed, twice its effort."""
+    low, high = q.min(axis=0), q.max(axis=0)
+    speed, torque = 2 * np.abs(qd).max(axis=0), 2 * np.abs(tau).max(axis=0)
+    return Limits(low, high, speed, torque, (low + high) / 2, source="the recording")
+
+
+def places(limits: Limits, robot: Robot, q: FloatArray) -> dict[str, FloatArray]:
+    """Distance of each posture (n, d) to every position limit: positive inside, (n,) each."""
+    out: dict[str, FloatArray] = {}
+    for j, name in enumerate(robot.joints):
+        out[f"position {name}"] = np.minimum(q[:, j] - limits.low[j], limits.high[j] - q[:, j])
+    for i, k, low, high in limits.folds:
+        fold = q[:, i] - q[:, k]
+        name = f"fold {robot.joints[i]} - {robot.joints[k]}"
+        out[name] = np.minimum(fold - low, high - fold)
+    if limits.box is not None and isinstance(robot, HasTip):
+        p = robot.tip(q)
+        for axis, name in enumerate("xyz"):
+            inside = np.minimum(p[:, axis] - limits.box[0, axis], limits.box[1, axis] - p[:, axis])
+            out[f"workspace {name}"] = inside
+    return out
+
+
+def allowed(limits: Limits, robot: Robot, q: FloatArray) -> NDArray[np.bool_]:
+    """Whether postures (n, d) keep to every position limit."""
+    return np.asarray(np.min(list(places(limits, robot, q).values()), axis=0) >= -1e-9)

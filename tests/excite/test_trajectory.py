@@ -1,0 +1,109 @@
+"""Trajectories: derivatives are right, files come back, mistakes are named."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hil.errors import ConfigError
+from hil.excite import files, menu
+from hil.excite.limits import of_robot
+from hil.excite.margins import check, margins
+from hil.excite.space import explore
+from hil.excite.trajectory import Trajectory, grid, sample
+from hil.models.robots import bare_robot
+from hil.record.recording import RobotSource
+
+PREMIUM = RobotSource("phantom-premium-1.5")
+JOINTS = ("joint1", "joint2", "joint3")
+
+
+def premium():
+    robot = bare_robot(PREMIUM, JOINTS)
+    limits = of_robot(PREMIUM)
+    return robot, limits, explore(limits, robot)
+
+
+def motion(seed: int) -> Trajectory:
+    rng = np.random.default_rng(seed)
+    times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.5, 2.0, 6))])
+    via = rng.uniform(-0.4, 0.4, (7, 2))
+    via[-1] = via[0]
+    return Trajectory(
+        ("a", "b"), ("rad", "m"), float(times[-1]), times, via, np.full(7, 0.5),
+        0.05 * rng.normal(size=(2, 4, 2)),
+    )  # fmt: skip
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10_000))
+def test_speed_and_acceleration_are_the_derivatives(seed):
+    x = motion(seed)
+    t = grid(x, 2000.0)
+    q, qd, qdd = sample(x, t)
+    np.testing.assert_allclose(np.gradient(q, t, axis=0)[2:-2], qd[2:-2], atol=3e-4)
+    np.testing.assert_allclose(np.gradient(qd, t, axis=0)[2:-2], qdd[2:-2], atol=0.05)
+    # it repeats, and any order or spacing of the times gives the same
+    rng = np.random.default_rng(seed)
+    pick = rng.permutation(t.size)[:50]
+    for a, b in zip(sample(x, t[pick] + 3 * x.period), (q, qd, qdd), strict=True):
+        np.testing.assert_allclose(a, b[pick], atol=1e-9)
+
+
+def test_a_file_comes_back(tmp_path):
+    x = motion(1)
+    files.write(x, tmp_path / "x.toml", "a note\nof two lines")
+    y = files.read(tmp_path / "x.toml")
+    assert (y.joints, y.units, y.name) == (x.joints, x.units, x.name)
+    for name in ("times", "via", "blend", "series"):
+        np.testing.assert_allclose(getattr(y, name), getattr(x, name), atol=1e-11)
+    assert files.is_trajectory(tmp_path / "x.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("hil.trajectory/1", "hil.model/1", "no trajectory file"),
+        ("period", "perid", "Did you mean 'period'"),
+        ("[path]", "[path]\nz = 1", "unknown key 'z'"),
+        ("t = [0.0", "t = [0.1", "increase from 0"),
+        ("blend = [0.5", "blend = [9.5", "neighbours"),
+        ("blend = [0.5", "blend = [true", "must be a list"),
+        ("blend = [0.5", "blend = [nan", "not finite"),
+        ("q = [", "q = 3 #[", "not a readable TOML"),
+        ('units = ["rad", "m"]', 'units = ["rad"]', "one entry a joint"),
+        ('joints = ["a", "b"]', 'joints = ["a", "b", "c"]', "one entry a joint"),
+        ("[fourier]", "[furier]", "Did you mean 'fourier'"),
+    ],
+)
+def test_mistakes_in_a_file_are_named(tmp_path, old, new, says):
+    text = files.text(motion(2))
+    assert old in text
+    (tmp_path / "x.toml").write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(ConfigError, match=says.replace("[", r"\[")):
+        files.read(tmp_path / "x.toml")
+
+
+@pytest.mark.parametrize("name", menu.MENU)
+@pytest.mark.parametrize("joint", [0, 1, 2, None])
+def test_the_menu_keeps_to_the_limits(name, joint):
+    robot, limits, space = premium()
+    x = menu.MENU[name](space, joint, 30.0)
+    check(x, limits, robot, 1000.0)
+    assert not [m for m in margins(x, limits, robot, None) if m.broken]
+    _, _, qdd = sample(x, grid(x, 1000.0))
+    assert np.abs(qdd).max() < 60.0
+
+
+def test_what_does_not_fit_the_arm_is_refused():
+    robot, limits, space = premium()
+    x = menu.fast_strokes(space, 0, 20.0)
+    other = Trajectory(
+        ("a", "b", "c"), x.units, x.period, x.times, x.via, x.blend, x.series
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match="moves a, b, c"):
+        check(other, limits, robot, 1000.0)
+    with pytest.raises(ConfigError, match="at 50 Hz"):
+        check(x, limits, robot, 50.0)
+    with pytest.raises(ConfigError, match=r"position joint1|workspace"):
+        check(x.shrunk(2.0, limits.center), limits, robot, 1000.0)
