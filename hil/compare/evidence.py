@@ -11,6 +11,7 @@ from hil.compare.floor import Floor, measure
 from hil.identify.design import Term, coefficients
 from hil.identify.fit import time_blocks
 from hil.identify.result import FitResult
+from hil.identify.screening import screen
 from hil.identify.shapes import Projector, best_shape
 from hil.models import catalogue
 
@@ -223,6 +224,11 @@ def _null(
     best = np.zeros(len(signs))
     motion = projector.problem.motions[0]
     grid = c.term.effect.grid(motion, c.term.joint) or [c.term.shape]
+    waves = screen(projector.problem, c.term, grid)
+    if waves is not None:
+        where = projector.rows(c.term)
+        back = projector.problem.back(noise[where], c.term.joint)
+        return waves.flipped(back, projector.problem.spread(rows[: projector.problem.n]), signs)
     step = max(1, len(grid) // 40)
     for shape in grid[::step]:
         term = c.term.reshaped(shape)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.evidence import gather
+from hil.identify.bounds import bounded, limits
 from hil.identify.fit import fit, predict, time_blocks
 from hil.identify.problem import Problem
 from hil.identify.regression import basis
@@ -143,10 +144,12 @@ def _folds(result: FitResult) -> FloatArray:
     xw, out = result.x * w[:, None], np.empty(y.size)
     # what the other folds do not determine stays where the fit began, not where it ended
     held = result.x @ result.prior
+    low, high = limits(result.terms, problem)
     for k in range(FOLDS):
         train, test = rows != k, rows == k
         b = basis(xw[train], 1.0 / max(float(np.linalg.norm((y * w)[train])), 1.0))
         theta = b.solve((y * w)[train], result.prior, (held * w)[train])
+        theta = bounded(theta, b, low, high)
         fixed = np.concatenate(
             [
                 np.full(s.stop - s.start, t.fixed)

@@ -132,3 +132,13 @@ class Decimator:
         out = scipy.fft.irfft(spectrum, n=self._out, axis=0) * (self._out / self._good)
         result: FloatArray = out[self._slice]
         return result
+
+    def adjoint(self, y: FloatArray) -> FloatArray:
+        """Transpose of the operator but for the padding: x'(F' y) = (F x)' y; (n_out,) to (n,)."""
+        full = np.zeros(self._out)
+        full[self._slice] = y
+        spectrum = np.zeros(self._good // 2 + 1, dtype=np.complex128)
+        spectrum[: self._keep] = scipy.fft.rfft(full)[: self._keep] * self._gain
+        spectrum[self._keep - 1] *= 0.5  # the highest frequency has no mirror image after it
+        out: FloatArray = scipy.fft.irfft(spectrum, n=self._good)[: self._n]
+        return out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,6 +88,8 @@ class Problem:
             self._filters.append(decimator)
         self._assemble()
         self.shift = 0.0
+        #: What others have computed from the motion alone.
+        self.memo: dict[tuple[object, ...], Any] = {}
         self._cache: dict[tuple[object, ...], FloatArray] = {}
         self._raw: dict[tuple[object, ...], list[FloatArray]] = {}
 
@@ -159,6 +162,22 @@ class Problem:
         out = self.filtered([x * w for x, w in zip(parts, moving, strict=True)])
         out *= self.live[j].reshape(shape)
         return out
+
+    def back(self, rows: FloatArray, j: int) -> FloatArray:
+        """Transpose of `gated`: what rows (n,) of joint j weigh at each instant of the motions."""
+        out = []
+        for k, (f, still) in enumerate(zip(self._filters, self._still, strict=True)):
+            part = np.where(self.live[j], rows, 0.0)[self.run == k]
+            out.append(f.adjoint(part) * (1.0 - still[:, j]))
+        return np.concatenate(out)
+
+    def spread(self, labels: NDArray[np.int_]) -> NDArray[np.int_]:
+        """Labels of the rows (n,) at the instants of the motions: those of the nearest row."""
+        out = []
+        for k, m in enumerate(self.motions):
+            t, own = self.t[self.run == k], labels[self.run == k]
+            out.append(own[np.searchsorted((t[1:] + t[:-1]) / 2, m.t)])
+        return np.concatenate(out)
 
     def shift_effort(self, seconds: float) -> None:
         """Take the motor effort `seconds` later: tau(t) <- tau(t - s), to first order in s."""

@@ -17,8 +17,11 @@ from numpy.typing import NDArray
 from hil.identify.design import Term, block, stack
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, basis
+from hil.identify.screening import promising, screen
 
 FloatArray = NDArray[np.float64]
+#: Share of the squared residual below which a shape is not worth refining.
+NEGLIGIBLE = 5e-3
 #: Relative difference of gains that is none: the first of a grid's equals is taken.
 FLAT = 5e-4
 
@@ -95,12 +98,25 @@ def best_shape(projector: Projector, term: Term, refine: bool = True) -> tuple[T
     grid = term.effect.grid(problem.motions[0], term.joint)
     if not grid:
         return term, 0.0
-    gains = [projector.gain(term.reshaped(s)) for s in grid]
-    best = _simplest(grid, gains)
-    found, gain = term.reshaped(grid[best]), gains[best]
-    if refine and term.effect.refine and len(term.effect.shape) and len(grid) > 1:
+    tried = _screened(projector, term, grid)
+    gains = [projector.gain(term.reshaped(s)) for s in tried]
+    first = _simplest(tried, gains)
+    found, gain, best = term.reshaped(tried[first]), gains[first], grid.index(tried[first])
+    worth = gain > NEGLIGIBLE * projector.rss
+    if refine and worth and term.effect.refine and len(term.effect.shape) and len(grid) > 1:
         found, gain = _refine(projector, found, gain, grid, best)
     return found, gain
+
+
+def _screened(
+    projector: Projector, term: Term, grid: list[tuple[float, ...]]
+) -> list[tuple[float, ...]]:
+    """The part of a long grid of orders that deserves an exact fit; other grids as they are."""
+    waves = screen(projector.problem, term, grid)
+    if waves is None:
+        return grid
+    back = projector.problem.back(projector.residual[projector.rows(term)], term.joint)
+    return [grid[k] for k in promising(waves.gains(back))]
 
 
 def _simplest(grid: list[tuple[float, ...]], gains: list[float]) -> int:

@@ -67,6 +67,10 @@ class Cogging(Effect):
         """Two harmonics over position."""
         return harmonics(motion.q[:, j], shape[0])
 
+    def carrier(self, motion: Motion, j: int) -> FloatArray:
+        """1."""
+        return np.ones(motion.n)
+
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Every half order over the span."""
         return position_orders(motion, j)

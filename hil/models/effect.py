@@ -121,6 +121,13 @@ class Effect(ABC):
             raise NotImplementedError(f"effect {self.name!r} has shape parameters but no grid")
         return [()]
 
+    def carrier(self, motion: Motion, j: int) -> FloatArray | None:
+        """Factor w (n,) if the columns are w times two harmonics over position, else None.
+
+        With the order as the only shape; a long grid of orders is then screened at once.
+        """
+        return None
+
     def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
         """Coefficients for joint j of this robot (most effects: always the same)."""
         return self.params

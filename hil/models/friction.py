@@ -155,6 +155,10 @@ class PositionFriction(Effect):
         """sgn(v) times two harmonics over position."""
         return motion.sign(j)[:, None] * harmonics(motion.q[:, j], shape[0])
 
+    def carrier(self, motion: Motion, j: int) -> FloatArray:
+        """Sign of the speed."""
+        return motion.sign(j)
+
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Every half order over the span."""
         return position_orders(motion, j, 25.0)

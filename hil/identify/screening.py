@@ -1,0 +1,111 @@
+"""Which orders over position deserve an exact fit: all of them tried at once, approximately.
+
+For columns c(p) = w [sin 2 pi p q, cos 2 pi p q] that pass a linear filter F, the product with a
+residual r is c' F' r: the filter is applied once, to r, and not to every column.  The columns'
+length follows from the filter's gain g at the frequency p |v| at which they oscillate,
+
+    |F c|^2 = n / 2  mean[w^2 g(p |v|)^2],      gain = |c' F' r|^2 / |F c|^2,
+
+which leaves out only what the other columns take away.  Exact fits follow for the best orders.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.identify.design import Term
+from hil.identify.problem import Problem
+
+FloatArray = NDArray[np.float64]
+#: Instants beyond which the screening uses every second, third, ... one.
+ENOUGH = 8000
+#: Orders that are fitted exactly, and from how many on it pays to choose.
+EXACT, MANY = 10, 24
+
+
+@dataclass(frozen=True)
+class Screen:
+    """Waves of one periodic term over its whole grid.
+
+    Parameters
+    ----------
+    wave : ndarray (orders, n) of complex
+        exp(2 pi i p q), at the evaluation rate.
+    twice : ndarray (orders, n) of complex
+        The same at twice the order.
+    size : ndarray (2, orders)
+        Squared length of each filtered column, of both harmonics.
+    carrier : ndarray (n,)
+        Factor w of the columns, times the stride.
+    stride : int
+        Every how many-th instant is used.
+    """
+
+    wave: NDArray[np.complex64]
+    twice: NDArray[np.complex64]
+    size: FloatArray
+    carrier: FloatArray
+    stride: int
+
+    def gains(self, back: FloatArray) -> FloatArray:
+        """Approximate gains (orders,) of back-projected rows (n,)."""
+        b = (back[:: self.stride] * self.carrier).astype(np.float32)
+        out: FloatArray = (
+            np.abs(self.wave @ b) ** 2 / self.size[0] + np.abs(self.twice @ b) ** 2 / self.size[1]
+        )
+        return out
+
+    def flipped(self, back: FloatArray, blocks: NDArray[np.int_], signs: FloatArray) -> FloatArray:
+        """Largest gain over all orders for each row of block signs (flips,)."""
+        b = (back[:: self.stride] * self.carrier).astype(np.float32)
+        number = blocks[:: self.stride]
+        starts = np.flatnonzero(np.diff(number, prepend=-1))
+        total = np.zeros((len(self.size[0]), len(signs)))
+        for wave, size in ((self.wave, self.size[0]), (self.twice, self.size[1])):
+            parts = np.add.reduceat(wave * b, starts, axis=1)
+            total += np.abs(parts @ signs[:, number[starts]].T) ** 2 / size[:, None]
+        return np.asarray(total.max(axis=0))
+
+
+def screen(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Screen | None:
+    """Screen of a term whose columns are harmonics over position; None for any other."""
+    j, effect = term.joint, term.effect
+    carriers = [effect.carrier(m, j) for m in problem.motions]
+    if len(grid) < MANY or any(c is None for c in carriers):
+        return None
+    w = np.concatenate([c for c in carriers if c is not None])
+    q = np.concatenate([m.q[:, j] for m in problem.motions])
+    v = np.concatenate([m.qd[:, j] for m in problem.motions])
+    orders = np.array([s[0] for s in grid])
+    stride = max(1, q.size // ENOUGH)
+    wave, twice = _waves(problem, j, orders, q[::stride])
+    few = slice(None, None, max(1, q.size // 400))
+    size = np.empty((2, orders.size))
+    for k, p in enumerate((orders, 2 * orders)):
+        gain = 1.0 / (1.0 + (np.abs(p[:, None] * v[few]) / problem.rates.effort) ** 8)
+        size[k] = problem.count[j] / 2 * np.mean((w[few] * gain) ** 2, axis=1)
+    # an order that the filter takes out altogether has no evidence
+    size = np.maximum(size, 1e-3 * size.max())
+    return Screen(wave, twice, size, w[::stride] * stride, stride)
+
+
+def _waves(
+    problem: Problem, j: int, orders: FloatArray, q: FloatArray
+) -> tuple[NDArray[np.complex64], NDArray[np.complex64]]:
+    """exp(2 pi i p q) and its square, (orders, n); made once, for they hold the motion alone."""
+    key = ("waves", j, orders.size, float(orders[-1]))
+    if key not in problem.memo:
+        wave = np.exp(2j * np.pi * orders[:, None] * q).astype(np.complex64)
+        problem.memo[key] = (wave, wave**2)
+    wave, twice = problem.memo[key]
+    return wave, twice
+
+
+def promising(gains: FloatArray, count: int = EXACT) -> list[int]:
+    """Indices of the best orders with their neighbours, in the order of the grid."""
+    best = np.argsort(-gains)[:count]
+    near = {int(k) + step for k in best[:3] for step in (-1, 0, 1)}
+    return sorted({k for k in near | set(map(int, best)) if 0 <= k < gains.size})

@@ -1,0 +1,69 @@
+"""Screening of orders: the adjoint filter is exact, and the best order is among the promising."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil.identify import bands
+from hil.identify.design import Term
+from hil.identify.problem import Problem
+from hil.identify.screening import EXACT, promising, screen
+from hil.identify.shapes import Projector
+from hil.models import catalogue
+from hil.record.recording import Recording
+
+
+def test_adjoint_of_the_decimator() -> None:
+    rng = np.random.default_rng(1)
+    f = bands.Decimator(1024, 200.0, 15.0)
+    x, y = rng.normal(size=1024), rng.normal(size=f.times.size)
+    assert f(x) @ y == pytest.approx(x @ f.adjoint(y), rel=1e-9)
+
+
+def wave(order: float, friction: bool) -> Recording:
+    rng = np.random.default_rng(3)
+    t = np.arange(0, 20, 2e-3)
+    q = 0.7 * np.sin(0.9 * t) + 0.2 * np.sin(4.1 * t + 1)
+    speed = np.gradient(q, t)
+    side = np.sign(speed) if friction else 1.0
+    tau = 0.1 * np.sin(2 * np.pi * order * q + 0.4) * side + 0.02 * rng.normal(size=t.size)
+    return Recording("wave", "arm", ("joint1",), t, q[:, None].copy(), tau[:, None].copy())
+
+
+@pytest.mark.parametrize("name", ["cogging", "position-friction"])
+@pytest.mark.parametrize("order", [1.3, 4.2, 9.7])
+def test_the_best_order_is_promising_and_its_gain_is_close(name: str, order: float) -> None:
+    run = wave(order, name == "position-friction")
+    problem = Problem([run], run.robot)
+    projector = Projector(problem, [], np.ones(1))
+    term = Term(catalogue.get(name), 0)
+    grid = term.effect.grid(problem.motions[0], 0)
+    exact = np.array([projector.gain(term.reshaped(s)) for s in grid])
+    waves = screen(problem, term, grid)
+    assert waves is not None
+    gains = waves.gains(problem.back(projector.residual, 0))
+    best = int(np.argmax(exact))
+    assert best in promising(gains)
+    assert len(promising(gains)) <= EXACT + 9
+    assert gains[best] == pytest.approx(exact[best], rel=0.15)
+
+
+def test_flipped_signs_give_the_noise_that_exact_columns_give() -> None:
+    run = wave(3.0, False)
+    problem = Problem([run], run.robot)
+    term = Term(catalogue.get("cogging"), 0)
+    grid = term.effect.grid(problem.motions[0], 0)
+    noise = np.random.default_rng(5).normal(size=problem.n)
+    blocks = np.arange(problem.n) // 30
+    signs = np.random.default_rng(6).choice([-1.0, 1.0], size=(60, int(blocks.max()) + 1))
+    waves = screen(problem, term, grid)
+    assert waves is not None
+    near = waves.flipped(problem.back(noise, 0), problem.spread(blocks), signs)
+    exact = np.zeros(60)
+    for shape in grid:
+        c = problem.columns(term.effect, 0, shape)
+        q, _ = np.linalg.qr(c)
+        flipped = (signs[:, blocks] * noise) @ q
+        exact = np.maximum(exact, np.sum(flipped**2, axis=1))
+    assert np.quantile(near, 0.95) == pytest.approx(np.quantile(exact, 0.95), rel=0.25)
