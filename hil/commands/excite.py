@@ -12,10 +12,11 @@ from hil.config import RigConfig, load_rig
 from hil.errors import ConfigError, unknown
 from hil.excite import files, fourier, menu
 from hil.excite.ask import question
-from hil.excite.choose import Stage, choose, foreseen
+from hil.excite.choose import decide, survey
 from hil.excite.foresee import BAND
 from hil.excite.limits import Limits, of_arm, of_robot
 from hil.excite.space import explore
+from hil.excite.stage import Stage, foreseen
 from hil.excite.trajectory import Trajectory
 from hil.identify.threads import single_threaded
 from hil.models import catalogue
@@ -157,7 +158,7 @@ def _separate(
         catalogue.get(name)
     joint = _joint(args, stage)
     asked = question(model, names, joint, stage)
-    found = choose(asked, stage, joint)
+    found = decide(survey(asked, stage, joint), asked, ())
     best = next((o for o in found.options if o.motion.name == args.motion), found.best)
     if found.structural:
         raise ConfigError(

@@ -6,22 +6,55 @@ from dataclasses import dataclass
 
 from hil.compare.attribute import overlap
 from hil.compare.evidence import Candidate, Evidence
+from hil.compare.experiment import ABSORBED, MOST, Planner
+from hil.excite import menu
+from hil.excite.choose import Choice
+from hil.identify.result import FitResult
 from hil.models import catalogue
+from hil.record.recording import RobotSource
 
 #: Cosine between projected columns from which two effects count as one.
 SAME = 0.98
+#: Why a set cannot be told apart.
+STRUCTURAL, EXCITATION = "structural", "excitation"
 
 
 @dataclass(frozen=True)
 class Indistinguishable:
-    """A set of effects that the data cannot separate."""
+    """A set of effects that the data cannot separate.
+
+    Parameters
+    ----------
+    effects : tuple of str
+        The set.
+    why, experiment : str
+        Sentences for people.
+    reason : str
+        ``"structural"``: no motion of this robot would; ``"excitation"``: another motion would.
+    motion, command : str
+        Best motion of the menu and the command that makes it; empty where there is none.
+    """
 
     effects: tuple[str, ...]
     why: str
     experiment: str
+    reason: str = STRUCTURAL
+    motion: str = ""
+    command: str = ""
 
 
-def pairs(evidence: Evidence, rivals: list[tuple[str, list[str]]]) -> list[Indistinguishable]:
+@dataclass(frozen=True)
+class _Set:
+    """A set before anything is planned: candidates on one joint, and what is known of it."""
+
+    among: tuple[Candidate, ...]
+    effects: tuple[str, ...]
+    why: str
+
+
+def pairs(
+    evidence: Evidence, rivals: list[tuple[str, list[str]]], result: FitResult | None = None
+) -> list[Indistinguishable]:
     """Indistinguishable sets: structural, absorbed by the base, and by this excitation.
 
     Parameters
@@ -30,41 +63,56 @@ def pairs(evidence: Evidence, rivals: list[tuple[str, list[str]]]) -> list[Indis
         Candidates of one fit.
     rivals : list of (effect, rivals)
         Sets that attribution could not decide.
+    result : FitResult, optional
+        That fit; without it nothing is planned.
     """
     out = [
-        Indistinguishable((name, "every other parameter"), why, _experiment(name))
+        Indistinguishable((name, "every other parameter"), why, catalogue.get(name).shown_by)
         for name, why in evidence.impossible
         if name == "torque-gain"
     ]
-    for c in evidence.candidates:
-        if c.absorbed > 0.9999 and not any(c.name in x.effects for x in out):
-            out.append(_absorbed(c))
+    sets = _absorbed(evidence, {e for x in out for e in x.effects})
     for name, others in rivals:
         if others:
             why = "both explain this residual nearly equally well with this motion"
-            out.append(Indistinguishable((name, *others), why, _experiment(name)))
-    out += _collinear(evidence, out, {n for name, others in rivals for n in (name, *others)})
+            sets.append(_Set(_named(evidence, (name, *others)), (name, *others), why))
+    sets += _collinear(evidence, sets, {n for name, others in rivals for n in (name, *others)})
+    planner = Planner(result, evidence) if sets and result is not None else None
+    return out + [_planned(s, sets, planner) for s in sets]
+
+
+def _named(evidence: Evidence, names: tuple[str, ...]) -> tuple[Candidate, ...]:
+    """Best candidate of each name, on the joint of the first where it is there."""
+    out: list[Candidate] = []
+    for name in names:
+        own = [c for c in evidence.candidates if c.name == name]
+        near = [c for c in own if not out or c.term.joint == out[0].term.joint]
+        out += (near or own)[:1]
+    return tuple(out)
+
+
+def _absorbed(evidence: Evidence, known: set[str]) -> list[_Set]:
+    out: list[_Set] = []
+    for c in evidence.candidates:
+        if c.absorbed > ABSORBED and c.name not in known:
+            known.add(c.name)
+            partners = c.term.effect.confused_with
+            why = (
+                "its columns lie in the span of the parameters that are already free "
+                f"({100 * c.absorbed:.2f} % absorbed): any {c.name} shows up as other parameter "
+                "values"
+            )
+            out.append(_Set((c,), (c.name, partners[0] if partners else "the base model"), why))
     return out
 
 
-def _absorbed(c: Candidate) -> Indistinguishable:
-    partner = c.term.effect.confused_with[0] if c.term.effect.confused_with else "the base model"
-    why = (
-        f"its columns lie in the span of the parameters that are already free "
-        f"({100 * c.absorbed:.2f} % absorbed): any {c.name} shows up as other parameter values"
-    )
-    return Indistinguishable((c.name, partner), why, _experiment(c.name))
-
-
-def _collinear(
-    evidence: Evidence, known: list[Indistinguishable], named: set[str]
-) -> list[Indistinguishable]:
+def _collinear(evidence: Evidence, known: list[_Set], named: set[str]) -> list[_Set]:
     """Pairs on one joint, one of them named, whose projected columns nearly coincide."""
     if evidence.projector is None:
         return []
-    out: list[Indistinguishable] = []
-    top = [c for c in evidence.candidates if c.score > 0 and c.absorbed < 0.9999][:8]
-    seen = {frozenset(x.effects) for x in known}
+    out: list[_Set] = []
+    top = [c for c in evidence.candidates if c.score > 0 and c.absorbed < ABSORBED][:8]
+    seen = {frozenset((a, b)) for x in known for a in x.effects for b in x.effects}
     for a_index, a in enumerate(top):
         for b in top[a_index + 1 :]:
             same = a.name == b.name or frozenset((a.name, b.name)) in seen
@@ -74,9 +122,63 @@ def _collinear(
             if cosine > SAME:
                 seen.add(frozenset((a.name, b.name)))
                 why = f"with this motion their signatures coincide (cosine {cosine:.3f})"
-                out.append(Indistinguishable((a.name, b.name), why, _experiment(a.name)))
+                out.append(_Set((a, b), (a.name, b.name), why))
     return out
 
 
-def _experiment(name: str) -> str:
-    return catalogue.get(name).shown_by
+def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguishable:
+    """The set with its reason and the motion that separates it best."""
+    choice = None
+    if planner is not None and len(s.among):
+        names = tuple(c.name for c in s.among)
+        choice = planner.plan(_group(s, sets), names)
+    shown = "; ".join(dict.fromkeys(catalogue.get(c.name).shown_by for c in s.among))
+    if choice is None or planner is None:
+        reason = STRUCTURAL if len(s.among) == 1 else EXCITATION
+        return Indistinguishable(s.effects, s.why, shown or s.effects[0], reason)
+    if choice.structural:
+        why = (
+            f"{s.why}; structural: of all motions of the menu together, the other would still "
+            f"imitate {100 * (1 - choice.everything.share):.1f} % of it"
+        )
+        return Indistinguishable(s.effects, why, f"no motion of this robot alone; {shown}")
+    return _by_motion(s, choice, planner)
+
+
+def _group(s: _Set, sets: list[_Set]) -> tuple[Candidate, ...]:
+    """All candidates in sets on the same joint, so that the menu is foreseen once for them."""
+    if len(s.among) == 1:
+        return s.among
+    joint = s.among[0].term.joint
+    alike = [x for x in sets if len(x.among) > 1 and x.among[0].term.joint == joint]
+    every = {c.name: c for x in alike for c in x.among}
+    few = len(every) <= MOST
+    return tuple(every.values()) if few else s.among
+
+
+def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
+    best, problem = choice.best, planner.result.problem
+    names = tuple(c.name for c in s.among)
+    joint = problem.joints[s.among[0].term.joint]
+    whole = all(c.term.effect.whole_robot for c in s.among)
+    motion = best.motion.name
+    now = "" if choice.now is None else f", {choice.now.odds:.1f} now"
+    words = ["hil", "excite", _robot(problem.source), "--for", ",".join(names)]
+    words += [] if whole else ["--joint", joint]
+    command = " ".join([*words, "--motion", motion, "-o", "next.toml"])
+    playable = bool(problem.source.urdf or problem.source.preset != "single-axis")
+    where = "" if whole else f" of {joint}"
+    text = (
+        f"{motion}{where}: {menu.describe(motion)} (log odds {best.verdict.odds:.1f} foreseen{now}"
+        + ("" if best.verdict.decided else "; with the values fitted here too little to decide")
+        + ")"
+        + (f": {command}" if playable else "")
+    )
+    why = f"{s.why}; it is this excitation, not the structure"
+    if choice.never:
+        why += f" (but no motion tells {names[0]} from {' or '.join(choice.never)})"
+    return Indistinguishable(s.effects, why, text, EXCITATION, motion, command if playable else "")
+
+
+def _robot(source: RobotSource) -> str:
+    return "ROBOT.urdf" if source.urdf else "RIG.toml"

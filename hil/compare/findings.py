@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare.ambiguity import Indistinguishable
 from hil.compare.evidence import NOTHING, Candidate, Evidence
 from hil.compare.heldout import HeldOut
 from hil.identify.problem import Problem
@@ -73,6 +74,8 @@ class Diagnosis:
     warnings: list[tuple[str, str]] = field(default_factory=list)
     partial: list[Finding] = field(default_factory=list)
     heldout_floor: FloatArray | None = None
+    #: What the data cannot tell apart; made when first asked for (see `tables.sets_of`).
+    sets: list[Indistinguishable] | None = field(default=None, init=False)
 
     @property
     def noise(self) -> FloatArray:

@@ -124,7 +124,7 @@ def from_comparison(c: Comparison) -> Material:
         c.noise,
         c.evidence,
         c.evidence,
-        sets=pairs(c.evidence, []),
+        sets=pairs(c.evidence, [], c.result),
         warnings=faults,
     )
 

@@ -108,7 +108,10 @@ def candidate_json(c: Candidate, evidence: Evidence, diagnosis: Diagnosis) -> di
 
 def sets_of(d: Diagnosis) -> list[Indistinguishable]:
     """Indistinguishable sets of a diagnosis."""
-    return pairs(d.first, [(f.effect, f.rivals) for f in [*d.findings, *d.partial]])
+    if d.sets is None:
+        rivals = [(f.effect, f.rivals) for f in [*d.findings, *d.partial]]
+        d.sets = pairs(d.first, rivals, d.ladder[0].result if d.ladder else None)
+    return d.sets
 
 
 def diagnosis_json(d: Diagnosis) -> dict[str, object]:
@@ -133,7 +136,14 @@ def diagnosis_json(d: Diagnosis) -> dict[str, object]:
             "best_partial": [finding_json(f) for f in d.partial],
         },
         "indistinguishable": [
-            {"effects": list(s.effects), "why": s.why, "experiment": s.experiment}
+            {
+                "effects": list(s.effects),
+                "why": s.why,
+                "experiment": s.experiment,
+                "reason": s.reason,
+                "motion": s.motion,
+                "command": s.command,
+            }
             for s in sets_of(d)
         ],
         "warnings": [{"code": code, "text": text} for code, text in d.warnings],

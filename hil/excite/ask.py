@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError
 from hil.excite import menu
-from hil.excite.choose import Stage
 from hil.excite.foresee import complete, nominal
-from hil.excite.separate import Question, Rival, imitations, sharp
+from hil.excite.question import Question, Rival, sharp
+from hil.excite.separate import imitations
+from hil.excite.stage import Stage
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.models import catalogue
@@ -40,6 +41,7 @@ def question(
     space = stage.space
     motion = menu.speed_ladder(space, joint, stage.seconds)
     problem = stage.foresee(motion)
+    problem.motions = [replace(m, span=space.alone) for m in problem.motions]
     base, theta = nominal(model, problem, space.limits)
     first = problem.motions[0]
     problem.set_context(v0=first.v0, contact=first.contact)
@@ -47,14 +49,18 @@ def question(
     torque = _scale(space.limits.torque, problem)
     j = 0 if joint is None else joint
     rivals = [_unknown(name, j, problem, SIZE * float(torque[j])) for name in effects]
-    gone = {(r.name, r.term.joint) for r in rivals}
-    keep = [t for t in base if t.key not in gone]
-    if len(keep) < len(base):
+    _lacking(base, rivals)
+    return _question(base, theta, _near(rivals, problem), NOISE * torque, problem)
+
+
+def _lacking(base: list[Term], rivals: list[Rival]) -> None:
+    """Refuse an effect that the model has already."""
+    there = {t.key for t in base} & {(r.name, r.term.joint) for r in rivals}
+    if there:
         raise ConfigError(
-            f"{', '.join(sorted(n for n, _ in gone))}: already in the model; name effects that it "
+            f"{', '.join(sorted(n for n, _ in there))}: already in the model; name effects that it "
             "lacks, or none, to identify the model as it is"
         )
-    return _question(base, theta, _near(rivals, problem), NOISE * torque, problem)
 
 
 def _scale(torque: FloatArray, problem: Problem) -> FloatArray:
@@ -100,8 +106,9 @@ def _near(rivals: list[Rival], problem: Problem) -> list[Rival]:
 def measured(
     base: list[Term], theta: FloatArray, rivals: list[Rival], noise: FloatArray, problem: Problem
 ) -> Question:
-    """Question about rivals as a recording shows them."""
-    return _question(base, theta, _near(rivals, problem), noise, problem)
+    """Question about rivals as a recording, in its context, shows them."""
+    first = problem.motions[0]
+    return Question(base, theta, _near(rivals, problem), noise, first.v0, first.contact, first.span)
 
 
 def _question(
@@ -109,4 +116,4 @@ def _question(
 ) -> Question:
     first = problem.motions[0]
     terms, v0 = sharp(base, first.resolution)
-    return Question(terms, theta, rivals, noise, v0, first.contact)
+    return Question(terms, theta, rivals, noise, v0, first.contact, first.span)

@@ -8,15 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.excite import menu
-from hil.excite.foresee import efforts, nominal, problem_of
-from hil.excite.margins import HEADROOM, Margin, margins
-from hil.excite.separate import Question, Verdict, gram, ready, worst
-from hil.excite.space import Space
+from hil.excite.margins import Margin
+from hil.excite.question import Question, Verdict
+from hil.excite.separate import against, gram
+from hil.excite.stage import Stage, fitted
 from hil.excite.trajectory import Trajectory
-from hil.identify.bands import Rates
-from hil.identify.problem import Problem
-from hil.models.model import RobotModel
-from hil.record.recording import RobotSource
 
 FloatArray = NDArray[np.float64]
 
@@ -52,92 +48,51 @@ class Choice:
         Of what is recorded already.
     everything : Verdict
         Of the whole menu together.
+    never : tuple of str
+        Rivals that no motion of the menu, nor all together, could ever separate from the first.
+    structural : bool
+        Whether that is all of them.
     """
 
     options: list[Option]
     now: Verdict | None
     everything: Verdict
+    never: tuple[str, ...]
+    structural: bool
 
     @property
     def best(self) -> Option:
         """The best motion."""
         return self.options[0]
 
-    @property
-    def structural(self) -> bool:
-        """Whether no motion of the menu, nor all together, could ever decide."""
-        return not any(v.possible for v in (self.everything, *(o.verdict for o in self.options)))
-
 
 @dataclass(frozen=True)
-class Stage:
-    """Where a motion is to be played.
+class Survey:
+    """Every motion of the menu with the Gram matrix of what it would record.
 
     Parameters
     ----------
-    space : Space
-        Room and limits.
-    source : RobotSource
-        The robot.
-    rates : Rates
-        Filter band.
-    quantum : ndarray (d,)
-        Resolution of the encoders [rad or m].
-    seconds : float
-        Length of each motion [s].
+    motions : list of (Trajectory, list of Margin)
+        Within all limits.
+    grams : list of ndarray (p, p)
+        Of the question's columns, for the stage's length.
+    known : ndarray (p, p) or None
+        Of what is recorded already.
     """
 
-    space: Space
-    source: RobotSource
-    rates: Rates
-    quantum: FloatArray
-    seconds: float = 30.0
-
-    def foresee(self, motion: Trajectory) -> Problem:
-        """What a motion would record, but for the efforts."""
-        return problem_of(motion, self.source, self.rates, self.quantum)
+    motions: list[tuple[Trajectory, list[Margin]]]
+    grams: list[FloatArray]
+    known: FloatArray | None
 
 
-def fitted(
-    motion: Trajectory, stage: Stage, question: Question
-) -> tuple[Trajectory, Problem, list[Margin]]:
-    """The motion made small enough for every limit, foreseen, with its margins."""
-    limits, robot = stage.space.limits, stage.space.robot
-    for _ in range(30):
-        problem = ready(stage.foresee(motion), question)
-        found = margins(motion, limits, robot, efforts(problem))
-        if not any(_beyond(m) for m in found):
-            break
-        motion = motion.shrunk(0.9, limits.center)
-    return motion, problem, found
-
-
-def foreseen(
-    motion: Trajectory, stage: Stage, model: RobotModel
-) -> tuple[Trajectory, list[Margin]]:
-    """A motion that no question is asked of, made small enough, with its margins."""
-    problem = stage.foresee(motion)
-    base, theta = nominal(model, problem, stage.space.limits)
-    first = problem.motions[0]
-    asked = Question(base, theta, [], np.ones(len(motion.joints)), first.v0, first.contact)
-    out, _, found = fitted(motion, stage, asked)
-    return out, found
-
-
-def _beyond(m: Margin) -> bool:
-    """Whether a planned motion passes a limit, or its share of speed and torque."""
-    planned = m.what.startswith(("speed", "torque"))
-    return m.used > HEADROOM * m.limit * (1 + 1e-6) if planned else m.broken
-
-
-def choose(
+def survey(
     question: Question,
     stage: Stage,
     joint: int | None,
     known: FloatArray | None = None,
     names: tuple[str, ...] = tuple(menu.MENU),
-) -> Choice:
-    """Score every motion of the menu.
+) -> Survey:
+    """Foresee the motions of the menu.
 
     Parameters
     ----------
@@ -152,18 +107,42 @@ def choose(
     names : tuple of str
         Motions to look at.
     """
-    d = stage.space.center.size
-    usable = [n for n in names if d > 1 or n not in ("pairs", "one-at-a-time", "postures")]
-    start = 0.0 if known is None else known
-    options, total = [], np.zeros(()) + start
-    for name in usable:
-        motion = menu.MENU[name](stage.space, joint, stage.seconds)
-        motion, problem, found = fitted(motion, stage, question)
-        own = gram(problem, question)
+    lone = menu.SEVERAL if stage.space.center.size == 1 else ()
+    out = Survey([], [], known)
+    for name in (n for n in names if n not in lone):
+        wanted = menu.MENU[name](stage.space, joint, stage.seconds)
+        motion, problem, found = fitted(wanted, stage, question)
+        out.motions.append((motion, found))
         # as long as the others: information per time counts
-        own = own * (stage.seconds / motion.period)
-        total = total + own
-        options.append(Option(motion, worst(start + own, question), found))
-    options.sort(key=lambda o: -o.verdict.odds)
-    now = None if known is None else worst(known, question)
-    return Choice(options, now, worst(total, question))
+        out.grams.append(gram(problem, question) * (stage.seconds / motion.period))
+    return out
+
+
+def decide(seen: Survey, question: Question, names: tuple[str, ...]) -> Choice:
+    """The motion that separates the first of some rivals from the others best; () means all.
+
+    Rivals that no motion separates from it stay out of the score, unless all are such.
+    """
+
+    def say(g: FloatArray) -> dict[str, Verdict]:
+        return against(g, question, names)
+
+    start = np.zeros_like(seen.grams[0]) if seen.known is None else seen.known
+    single = [say(start + g) for g in seen.grams]
+    union = say(start + np.sum(seen.grams, axis=0))
+    never = tuple(n for n in union if not any(v[n].possible for v in (union, *single)))
+    open_ = [n for n in union if n not in never] or list(union)
+
+    def least(found: dict[str, Verdict]) -> Verdict:
+        return min((found[n] for n in open_), key=lambda v: v.odds)
+
+    pairs = zip(seen.motions, single, strict=True)
+    ranked = [
+        (least(v).odds, sum(v[n].odds for n in open_), Option(x, least(v), found))
+        for (x, found), v in pairs
+    ]
+    # where the worst pair is hopeless everywhere, the others decide
+    ranked.sort(key=lambda r: (-round(r[0], 1), -r[1]))
+    options = [option for _, _, option in ranked]
+    now = None if seen.known is None else least(say(seen.known))
+    return Choice(options, now, least(union), never, len(never) == len(union))

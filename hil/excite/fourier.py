@@ -20,9 +20,9 @@ import scipy.linalg
 import scipy.optimize
 from numpy.typing import NDArray
 
-from hil.excite.choose import Stage
 from hil.excite.foresee import nominal
 from hil.excite.space import Space
+from hil.excite.stage import Stage
 from hil.excite.trajectory import Trajectory, grid, sample
 from hil.identify.design import Term
 from hil.models.model import RobotModel

@@ -181,6 +181,10 @@ MENU: dict[str, Maker] = {
 }  # fmt: skip
 
 
+#: Motions that need more than one joint.
+SEVERAL = ("pairs", "one-at-a-time", "postures")
+
+
 def describe(name: str) -> str:
     """One sentence about a motion of the menu, without its full stop."""
     text = (MENU[name].__doc__ or "").strip().rstrip(".")

@@ -12,129 +12,22 @@ needed, so runs simply add up.  No equation is exactly the truth, so lambda coun
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from hil.excite import foresee
+from hil.excite.question import FORM, Question, Rival, Verdict
 from hil.identify.design import Term, stack
 from hil.identify.problem import Problem
 
 FloatArray = NDArray[np.float64]
-#: Share of a signal's power by which functional forms miss the truth.
-FORM = 0.01
-#: Log odds at which a rival has less than 5 % left.
-DECIDED = float(np.log(19.0))
-#: Sign resolution of a question, in units of what the recording resolves.
-SHARP = 0.02
+#: Share of an effect's power below which another one contains it.
+CONTAINED = 1e-3
 #: Largest number of shapes with which a rival may imitate.
 SHAPES = 6
-
-
-@dataclass(frozen=True)
-class Rival:
-    """One effect under suspicion.
-
-    Parameters
-    ----------
-    term : Term
-        With its shape as fitted, or one of its grid.
-    theta : ndarray (m,)
-        Its coefficients [SI].
-    shapes : tuple of tuple of float
-        Shapes with which it may imitate another effect.
-    """
-
-    term: Term
-    theta: FloatArray
-    shapes: tuple[tuple[float, ...], ...] = ((),)
-
-    @property
-    def name(self) -> str:
-        """Effect's name."""
-        return self.term.effect.name
-
-
-@dataclass(frozen=True)
-class Question:
-    """Base terms with their values, rivals, and the noise.
-
-    Parameters
-    ----------
-    base : list of Term
-        What is refitted together with any rival.
-    theta : ndarray (p,)
-        Its coefficients.
-    rivals : list of Rival
-        One (against the base alone) or more.
-    noise : ndarray (d,)
-        Noise that one instant carries, coloured noise counted up [N m or N].
-    v0, contact : ndarray (d,), (d, 2)
-        Sign resolution and surface as the fit found them.
-    """
-
-    base: list[Term]
-    theta: FloatArray
-    rivals: list[Rival]
-    noise: FloatArray
-    v0: FloatArray
-    contact: FloatArray
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What one set of runs says of a pair.
-
-    Parameters
-    ----------
-    odds : float
-        Log odds with which the better of the two would win.
-    share : float
-        Share of the signal's power that the other one cannot imitate (0 to 1).
-    """
-
-    odds: float
-    share: float
-
-    @property
-    def decided(self) -> bool:
-        """Whether the rival would be out."""
-        return self.odds >= DECIDED
-
-    @property
-    def possible(self) -> bool:
-        """Whether the rival would be out if the effect were large enough."""
-        return self.share / (2 * FORM) >= DECIDED
-
-
-def sharp(base: Sequence[Term], v0: FloatArray) -> tuple[list[Term], FloatArray]:
-    """Base terms and sign resolution in the limit of dry friction.
-
-    How the sign of a speed is smoothed near zero is a convention of the fit; it must not count
-    as a difference between two effects.
-    """
-    tiny = SHARP * v0
-    terms = [t.reshaped((float(tiny[t.joint]),)) if t.effect.name == "coulomb" else t for t in base]
-    return terms, tiny
-
-
-def in_context(problem: Problem, question: Question) -> Problem:
-    """A copy of a problem in the question's context: sharp signs, known surface."""
-    out = copy.copy(problem)
-    out.motions = [replace(m, average=0.0) for m in problem.motions]
-    out.set_context(v0=question.v0, contact=question.contact)
-    return out
-
-
-def ready(problem: Problem, question: Question) -> Problem:
-    """A foreseen problem with the question's context, loads and efforts."""
-    out = in_context(problem, question)
-    foresee.complete(out, question.base, question.theta)
-    return out
 
 
 def gram(problem: Problem, question: Question) -> FloatArray:
@@ -163,16 +56,36 @@ def verdicts(g: FloatArray, question: Question) -> dict[tuple[str, str], Verdict
             whole = float(a.theta @ g[np.ix_(slots[0], slots[0])] @ a.theta)
             out[a.name, "base"] = _verdict(power, whole)
         for b, other in others:
-            least = min(
-                _left(g, np.concatenate([base, s]), slots[0], a.theta)[0] for s in other[1:]
-            )
-            out[a.name, b.name] = _verdict(least, power)
+            tries = [_left(g, np.concatenate([base, s]), slots[0], a.theta) for s in other[1:]]
+            least = min(left for left, _ in tries)
+            fresh = min(float(np.linalg.eigvalsh(schur)[-1]) for _, schur in tries)
+            out[a.name, b.name] = replace(_verdict(least, power), fresh=fresh)
     return out
 
 
-def worst(g: FloatArray, question: Question) -> Verdict:
-    """Verdict on the pair that is hardest to separate."""
-    return min(verdicts(g, question).values(), key=lambda v: v.odds)
+def pair(found: dict[tuple[str, str], Verdict], a: Rival, b: Rival) -> Verdict:
+    """Verdict on two rivals: the smaller of both directions, for either may be true.
+
+    Where the one contains the other (a spring with its rest position, an offset), only the
+    richer one's surplus can show, if not with these coefficients then with others; without
+    surplus the price of its coefficients decides.
+    """
+    ab, ba = found[a.name, b.name], found[b.name, a.name]
+    if a.theta.size != b.theta.size:
+        poor, rich = (ab, ba) if a.theta.size < b.theta.size else (ba, ab)
+        if poor.share < CONTAINED:
+            return rich
+    return replace(min(ab, ba, key=lambda v: v.odds), fresh=0.0)
+
+
+def against(g: FloatArray, question: Question, names: tuple[str, ...]) -> dict[str, Verdict]:
+    """Verdict on the first of some rivals against each other one; of a single one, the base."""
+    found = verdicts(g, question)
+    rivals = {r.name: r for r in question.rivals}
+    if len(rivals) == 1:
+        return {"base": next(iter(found.values()))}
+    first, *others = names or tuple(rivals)
+    return {n: pair(found, rivals[first], rivals[n]) for n in others}
 
 
 def _verdict(left: float, power: float) -> Verdict:
