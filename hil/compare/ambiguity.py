@@ -71,6 +71,11 @@ def pairs(
         for name, why in evidence.impossible
         if name == "torque-gain"
     ]
+    out += [
+        Indistinguishable(("delay", name), why, catalogue.get(name).shown_by)
+        for name, why in evidence.impossible
+        if name == "filter-lag" and any(n == "delay" for n, _ in rivals)
+    ]
     sets = _absorbed(evidence, {e for x in out for e in x.effects})
     for name, others in rivals:
         if others:

@@ -150,7 +150,8 @@ def add(
         reason = kind.available(problem.motions[0], j)
         if reason and not kind.shape:
             raise ConfigError(f"effect {effect!r} cannot be fitted to these data: {reason}")
-    larger = before.model + Use(effect, joints)
+    own: dict[str, object] = {"per_run": True} if kind.per_run and len(recordings) > 1 else {}
+    larger = before.model + Use(effect, joints, own)
     after = fit_problem(problem, larger)
     steps = (Step("before", before, examine(before)), Step(f"+ {effect}", after, examine(after)))
     rungs = [Rung(s, both(s.result, problem)) for s in steps]

@@ -14,6 +14,8 @@ FloatArray = NDArray[np.float64]
 LEVEL = 0.01
 #: An effect must account for at least this share of the noise variance to matter.
 MATERIAL = 0.10
+#: Share of the excess that a line over time must account for by itself.
+ALONE = 0.8
 #: Share of chi2 by which functional forms are allowed to miss the truth (tempers confidence).
 TEMPER = 0.01
 #: Cosine between projected columns from which two effects look the same.
@@ -22,7 +24,7 @@ COINCIDE = 0.98
 
 def variance_share(c: Candidate, evidence: Evidence, result: FitResult) -> float:
     """Variance that the candidate removes on its joint, in units of the noise floor's."""
-    j = c.term.joint
+    j = c.joint
     removed = c.net * result.sigma[j] ** 2 / result.problem.count[j]
     return float(removed / max(evidence.floor.rms[j] ** 2, 1e-300))
 
@@ -31,6 +33,21 @@ def physical(c: Candidate) -> bool:
     """Whether a single coefficient lies within its bounds (a negative Stribeck peak does not)."""
     params = c.term.effect.params
     return len(params) != 1 or params[0].lower <= c.coefficient <= params[0].upper
+
+
+def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
+    """Whether a line over time is most of what stands above the floor on its joint now.
+
+    Any missing effect leaves lines at sums of the motion's frequencies: one among many is its
+    shadow, and only a line that stands by itself is a disturbance.
+    """
+    if not c.term.effect.spectral:
+        return True
+    j = c.term.joint
+    noise = min(evidence.floor.rms[j], evidence.floor.scale[j])
+    excess = float(result.rms[j] ** 2 - noise**2)
+    removed = c.net * result.sigma[j] ** 2 / result.problem.count[j]
+    return bool(removed > ALONE * excess)
 
 
 def plausible(evidence: Evidence, result: FitResult) -> list[Candidate]:
@@ -43,6 +60,7 @@ def plausible(evidence: Evidence, result: FitResult) -> list[Candidate]:
         and c.score > 0
         and c.absorbed < 0.9999
         and variance_share(c, evidence, result) >= MATERIAL
+        and alone(c, evidence, result)
     ]
 
 
@@ -68,6 +86,17 @@ def _projected(c: Candidate, projector: Projector) -> FloatArray:
     return np.asarray(u[:, s > 1e-3], dtype=np.float64)
 
 
+def twins(a: Candidate, b: Candidate, projector: Projector) -> bool:
+    """Whether one effect's columns are the other's on such data, so that neither can be preferred.
+
+    One on all joints is several on single joints; else they must explain as much, to a hundredth.
+    """
+    motion = projector.problem.motions[0]
+    same = b.name in a.term.effect.twins(motion) or a.name in b.term.effect.twins(motion)
+    several = a.term.effect.whole_robot and not b.term.effect.whole_robot
+    return same and (several or min(a.chi2, b.chi2) > 0.99 * max(a.chi2, b.chi2))
+
+
 def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> dict[int, float]:
     """Probability of each of `best` and its rivals, by index (0 = best).
 
@@ -76,10 +105,14 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
     a quarter of that allowance if it explains less all the same, and none if it explains little
     more: then it merely contains the best one.  A rival whose columns coincide with the best
     one's to a cosine of 0.98 gets ten times the allowance: the data hardly see the difference.
+    A twin, with the same columns by its equation, is as likely as the best one.
     """
     logs = [0.0]
     for r in rivals:
         delta = max(best.score - r.score, 0.0)
+        if twins(best, r, projector):
+            logs.append(0.0)
+            continue
         share = TEMPER
         if r.dof > best.dof:
             share = TEMPER / 4 if r.chi2 <= best.chi2 else 0.0

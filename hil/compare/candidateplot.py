@@ -32,7 +32,7 @@ def place(m: Material, c: Candidate) -> str | None:
 
 def explained(m: Material, c: Candidate) -> float:
     """Share of the joint's squared residual that a candidate takes away beside the first model."""
-    result, j = m.before.result, c.term.joint
+    result, j = m.before.result, c.joint
     power = c.net * float(result.sigma[j]) ** 2 / m.problem.count[j]
     return float(np.clip(power / max(float(result.rms[j]) ** 2, 1e-300), 0.0, 1.0))
 
@@ -46,7 +46,7 @@ def candidates_figure(m: Material) -> str:
     fig = grid(1, 1, [""], 25.0 * len(chosen) + 20)
     _share_bars(fig, m, chosen, labels)
     ratio = m.floor / np.maximum(m.before.result.rms, 1e-300)
-    whole = [100 * max(0.0, 1 - float(ratio[c.term.joint]) ** 2) for c in chosen]
+    whole = [100 * max(0.0, 1 - float(ratio[c.joint]) ** 2) for c in chosen]
     mark = {"symbol": "diamond", "size": 9, "color": FLOOR}
     name = "all that is above the noise floor of the joint"
     fig.add_trace(go.Scatter(x=whole, y=labels, mode="markers", marker=mark, name=name))

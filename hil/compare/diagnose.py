@@ -31,6 +31,8 @@ SHARE = 0.10
 #: library equations miss real effects by about a percent of their power, which is no new effect.
 FORM = 0.02
 MOST = 4
+#: Effects that noise in a closed loop imitates; the slow motion must show them, too.
+LATE = ("delay", "filter-lag")
 
 
 @single_threaded
@@ -90,14 +92,14 @@ def _next(
         return None
     candidates = [
         c for c in plausible(evidence, now.result)
-        if c.name != "delay" or real_delay(now.result, c.term.joint, c.coefficient)
+        if c.name not in LATE or real_delay(now.result, c.term.joint, c.coefficient)
     ]  # fmt: skip
     for k, c in enumerate(candidates[:3]):
         rest = [c, *[x for x in candidates if x is not c and candidates.index(x) > k]]
         best, confidence, rivals = choose(rest, projector)
         model = now.result.model + as_use(best, problem)
         step = Step(f"+ {describe(best, problem)}", *_refit(model, problem, examine))
-        if _worth(step, now, ladder[0], best.term.joint, evidence.floor.rms):
+        if _worth(step, now, ladder[0], best.joint, evidence.floor.rms):
             found.append((best, confidence, rivals))
             return step
     return None
@@ -147,7 +149,7 @@ def _retest(
         if len(rest) == len(model.effects):
             continue
         result, heldout = _refit(replace(model, effects=rest), problem, examine)
-        j = candidate.term.joint
+        j = candidate.joint
         if heldout.rms[j] <= 1.002 * ladder[-1].heldout.rms[j]:
             found.pop(k)
             ladder.append(Step(f"- {describe(candidate, problem)} (superfluous)", result, heldout))

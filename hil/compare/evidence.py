@@ -7,16 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare.detect import FLIPS, detect
 from hil.compare.floor import Floor, measure
 from hil.identify.design import Term, coefficients
-from hil.identify.fit import time_blocks
 from hil.identify.result import FitResult
-from hil.identify.screening import screen
 from hil.identify.shapes import Projector, best_shape
 from hil.models import catalogue
 
 FloatArray = NDArray[np.float64]
-FLIPS = 400
 
 
 @dataclass
@@ -43,6 +41,8 @@ class Candidate:
         Family-wise, by sign flips of noise blocks.
     coefficient : float
         First coefficient if it is added.
+    joint : int
+        Its joint; of an effect of the whole robot, the joint where it explains most.
     """
 
     term: Term
@@ -54,6 +54,7 @@ class Candidate:
     absorbed: float = 0.0
     p_value: float = 1.0
     coefficient: float = 0.0
+    joint: int = 0
     null: FloatArray = field(default_factory=lambda: np.zeros(FLIPS), repr=False)
 
     @property
@@ -101,8 +102,8 @@ def possible_terms(
             if reason:
                 impossible.setdefault(effect.name, reason)
             else:
-                offset = effect.name == "torque-offset" and len(problem.recordings) > 1
-                terms.append(Term(effect, j, per_run=offset))
+                own = effect.per_run and len(problem.recordings) > 1
+                terms.append(Term(effect, j, per_run=own))
     tried = {t.effect.name for t in terms}
     return terms, [(n, why) for n, why in impossible.items() if n not in tried]
 
@@ -120,14 +121,16 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
     problem = result.problem
     projector = Projector(problem, result.terms, result.sigma)
     terms, impossible = possible_terms(result)
-    found = [_try(projector, result, t) for t in terms]
+    tried = [_try(projector, result, t) for t in terms]
+    # a shape that was to be read off the residual and is not there: nothing to try
+    found = [c for c in tried if c.term.shape or not c.term.effect.shape]
     extra: list[list[FloatArray]] = [[] for _ in problem.joints]
     for c in found:
         if c.absorbed < 1 - 1e-6:
             _collect(problem.d, c.term, problem, extra)
     floor = measure(result, extra)
     _judge(found, floor, result)
-    _detect(found, projector, floor, result, seed)
+    detect(found, projector, floor, result, seed)
     found.sort(key=lambda c: -c.score)
     return Evidence(found, floor, projector, impossible)
 
@@ -148,7 +151,7 @@ def _collect(d: int, term: Term, problem: object, extra: list[list[FloatArray]])
 def _try(projector: Projector, result: FitResult, term: Term) -> Candidate:
     term, gain = best_shape(projector, term)
     if not term.shape and term.effect.shape:
-        return Candidate(term, 0.0, 0.0, absorbed=1.0)
+        return Candidate(term, 0.0, 0.0, absorbed=1.0, joint=term.joint)
     gain, beta, _, qc = projector.score(term)
     columns = projector.weighted(term)
     size = float(np.sum(columns**2))
@@ -161,7 +164,17 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate:
         dof=dof,
         absorbed=absorbed,
         coefficient=float(beta[0]),
+        joint=_where(projector, term, columns @ beta, qc @ beta),
     )
+
+
+def _where(projector: Projector, term: Term, effort: FloatArray, known: FloatArray) -> int:
+    """Joint whose squared residual the term lowers most; `known`: what the base takes, in Q."""
+    if not term.effect.whole_robot or term.effect.shape:
+        return term.joint
+    new, r = effort - projector.q @ known, projector.residual
+    fall = (r**2 - (r - new) ** 2).reshape(projector.problem.d, -1).sum(axis=1)
+    return int(np.argmax(fall))
 
 
 def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> float:
@@ -179,67 +192,11 @@ def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> fl
 def _judge(found: list[Candidate], floor: Floor, result: FitResult) -> None:
     effective = floor.effective(result.problem)
     for c in found:
-        j = c.term.joint
+        j = c.joint
         noise = (floor.scale[j] / result.sigma[j]) ** 2 * floor.inflation[j]
         replaced = len(c.term.effect.replaces)
         c.chi2 = c.net / max(noise, 1e-300)
         c.price = max(c.dof - replaced, 1) * float(np.log(max(effective[j], 2.0)))
-
-
-def _detect(
-    found: list[Candidate], projector: Projector, floor: Floor, result: FitResult, seed: int
-) -> None:
-    """Family-wise p values: flip the signs of blocks of noise, take the maximum over all.
-
-    The noise is the residual of the largest model; each candidate's gain, maximised over its
-    shapes, is divided by its own 95 % null quantile, so that rich families have no advantage.
-    """
-    problem = result.problem
-    correlation = float(np.max(floor.inflation)) / problem.rate
-    seconds = float(np.clip(4 * correlation, 0.4, 2.0))
-    blocks = time_blocks(problem, seconds)
-    count = int(blocks.max()) + 1
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, count))
-    ratio = floor.scale / np.maximum(problem.rms(floor.residual), 1e-300)
-    noise = (floor.residual * ratio[:, None] / result.sigma[:, None]).reshape(-1)
-    rows = np.tile(blocks, problem.d)
-    qb = np.zeros((count, projector.q.shape[1]))
-    np.add.at(qb, rows, projector.q * noise[:, None])
-    for c in found:
-        c.null = _null(c, projector, noise, rows, signs, qb)
-    quantile = {id(c): max(float(np.quantile(c.null, 0.95)), 1e-300) for c in found}
-    usable = [c for c in found if c.absorbed < 1 - 1e-6]
-    if not usable:
-        return
-    worst = np.max([c.null / quantile[id(c)] for c in usable], axis=0)
-    for c in usable:
-        c.p_value = (1 + int(np.sum(worst >= c.gain / quantile[id(c)]))) / (1 + FLIPS)
-
-
-def _null(
-    c: Candidate, projector: Projector, noise: FloatArray, rows: NDArray[np.int_],
-    signs: FloatArray, qb: FloatArray,
-) -> FloatArray:  # fmt: skip
-    """Gains of a candidate on sign-flipped noise, the best over its grid, shape (FLIPS,)."""
-    best = np.zeros(len(signs))
-    motion = projector.problem.motions[0]
-    grid = c.term.effect.grid(motion, c.term.joint) or [c.term.shape]
-    waves = screen(projector.problem, c.term, grid)
-    if waves is not None:
-        where = projector.rows(c.term)
-        back = projector.problem.back(noise[where], c.term.joint)
-        return waves.flipped(back, projector.problem.spread(rows[: projector.problem.n]), signs)
-    step = max(1, len(grid) // 40)
-    for shape in grid[::step]:
-        term = c.term.reshaped(shape)
-        where = projector.rows(term)
-        columns = projector.weighted(term)
-        _, _, inverse, qc = projector.score(term)
-        part = np.zeros((signs.shape[1], columns.shape[1]))
-        np.add.at(part, rows[where], columns * noise[where, None])
-        flipped = signs @ (part - qb @ qc)
-        best = np.maximum(best, np.einsum("fi,ij,fj->f", flipped, inverse, flipped))
-    return best
 
 
 def labels(c: Candidate, result: FitResult) -> list[str]:

@@ -35,14 +35,15 @@ class _Forward:
 
     def replayed(self, term: Term) -> bool:
         """States and derivatives of the measured effort are taken from the measured run."""
-        return term.effect.name in ("presliding", "delay")
+        return term.effect.replayed
 
     def fixed(self) -> FloatArray:
         """Effort (n, d) of the replayed terms along the measured motion."""
         out = np.zeros_like(self.motion.q)
         for t, theta in self.parts:
             if self.replayed(t):
-                out[:, t.joint] += t.effect.columns(self.motion, t.joint, t.shape) @ theta
+                where = slice(None) if t.effect.whole_robot else t.joint
+                out[:, where] += t.effect.columns(self.motion, t.joint, t.shape) @ theta
         return out
 
     def slope(

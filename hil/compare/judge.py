@@ -62,11 +62,11 @@ def _findings(ladder: list[Step], found: list[Accepted], floor: FloatArray) -> l
     rungs = {s.label: k for k, s in enumerate(ladder)}
     out = []
     for c, confidence, rivals in found:
-        k, j = rungs[f"+ {describe(c, problem)}"], c.term.joint
+        k, j = rungs[f"+ {describe(c, problem)}"], c.joint
         before, after = ladder[k - 1], ladder[k]
         excess = max(ladder[0].result.rms[j] ** 2 - floor[j] ** 2, 1e-300)
         removed = before.result.rms[j] ** 2 - after.result.rms[j] ** 2
-        head = (f"j{j + 1}.{c.name}.", f"{c.name}.")
+        head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
         out.append(
             Finding(
                 c.name, joint_of(c, problem), round(confidence, 3),

@@ -87,7 +87,7 @@ def finding_json(f: Finding) -> dict[str, object]:
 def candidate_json(c: Candidate, evidence: Evidence, diagnosis: Diagnosis) -> dict[str, object]:
     """One candidate beside the first model."""
     base = diagnosis.ladder[0]
-    problem, j = base.result.problem, c.term.joint
+    problem, j = base.result.problem, c.joint
     power = base.result.rms[j] ** 2 - c.net * base.result.sigma[j] ** 2 / problem.count[j]
     size = float(problem.rms(problem.effort)[j])
     total = sum(

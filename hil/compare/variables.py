@@ -202,6 +202,25 @@ def effort_rate(result: FitResult, fit: Learnt) -> Variable:
     return Variable(x, f"rate of the motor effort [{unit}]", dense_at_zero(x, 31))
 
 
+def elapsed(result: FitResult, fit: Learnt) -> Variable:
+    """Time since the start of the run; friction along the motion."""
+    problem, j = result.problem, fit.joint
+    along = fit.term.effect.family == "friction"
+    sign = np.sign(problem.qd[j]) if along else None
+    return Variable(
+        problem.t, "time since the start of the run [s]", _even(problem.t, 40), sign=sign
+    )
+
+
+def turn(result: FitResult, fit: Learnt) -> Variable:
+    """Time within one period of a disturbance, of the longest run."""
+    problem, length = result.problem, 1.0 / max(float(fit.term.shape[0]), 1e-9)
+    run = np.argmax(np.bincount(problem.run))
+    x = np.where(problem.run == run, np.mod(problem.t, length), np.nan)
+    label = f"time within one period of {length:.3g} s [s]"
+    return Variable(x, label, np.linspace(0, length, 25))
+
+
 CHOICE: dict[str, Callable[[FitResult, Learnt], Variable]] = {
     **dict.fromkeys(
         ("coulomb", "viscous", "stribeck", "asymmetric-coulomb", "asymmetric-viscous",
@@ -214,6 +233,10 @@ CHOICE: dict[str, Callable[[FitResult, Learnt], Variable]] = {
     **dict.fromkeys(("contact-damping", "contact-hardening", "contact-hysteresis"), depth),
     **dict.fromkeys(("load-friction", "torque-gain"), load),
     **dict.fromkeys(("coupled-friction", "coupled-transmission"), other_speed),
+    **dict.fromkeys(("friction-drift", "force-drift", "missed-counts"), elapsed),
+    "contact-inclusion": depth,
+    "periodic-disturbance": turn,
     "presliding": displacement,
     "delay": effort_rate,
+    "filter-lag": effort_rate,
 }  # fmt: skip

@@ -43,9 +43,18 @@ def prepare(
         load=np.zeros_like(q[pick]), static=np.zeros_like(q[pick]),
         v0=_resolution(r, rates), resolution=np.zeros(r.d), span=span,
         contact=np.full((r.d, 2), np.nan), robot=robot, average=step,
+        wrench=_slow(None if r.tau_ext is not None else r.wrench, 6, pick, r.rate, rates),
+        temperature=_slow(r.temperature, r.d, pick, r.rate, rates),
     )  # fmt: skip
     still = standstill.standing(r.q, qdd, fs, 0.5 / rates.effort, rates.position)
     return motion, still[pick], bands.Decimator(t.size, 1 / step, rates.effort)
+
+
+def _slow(
+    x: FloatArray | None, width: int, pick: slice, fs: float, rates: bands.Rates
+) -> FloatArray:
+    """A measured channel after the position filter; no rows where it was not recorded."""
+    return np.zeros((0, width)) if x is None else bands.smooth(x, fs, rates.position)[pick]
 
 
 def _external(

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
+from hil.identify import timelines
 from hil.identify.design import Term, block, stack
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, basis
@@ -99,6 +100,8 @@ def best_shape(projector: Projector, term: Term, refine: bool = True) -> tuple[T
     if not grid:
         return term, 0.0
     tried = _screened(projector, term, grid)
+    if not tried:
+        return term, 0.0
     gains = [projector.gain(term.reshaped(s)) for s in tried]
     first = _simplest(tried, gains)
     found, gain, best = term.reshaped(tried[first]), gains[first], grid.index(tried[first])
@@ -112,6 +115,10 @@ def _screened(
     projector: Projector, term: Term, grid: list[tuple[float, ...]]
 ) -> list[tuple[float, ...]]:
     """The part of a long grid of orders that deserves an exact fit; other grids as they are."""
+    if term.effect.spectral:
+        return timelines.promising(
+            projector.problem, term, projector.residual[projector.rows(term)]
+        )
     waves = screen(projector.problem, term, grid)
     if waves is None:
         return grid

@@ -14,6 +14,7 @@ from hil.models.motion import FloatArray, Motion
 class TorqueOffset(Effect):
     """A constant between commanded and real effort."""
 
+    per_run = True
     name, family = "torque-offset", "actuator"
     equation = "tau = t0  (one value a run)"
     signature = "the residual's mean, moving or at rest"
@@ -81,6 +82,7 @@ class Delay(Effect):
 
     name, family = "delay", "actuator"
     equation = "tau(t) = model(t) + T dtau/dt  (first order in T)"
+    replayed = True
     signature = "phase that grows with frequency, loops over acceleration and at reversals"
     confused_with = ("actuator-lag", "presliding", "filter-lag")
     shown_by = "fast motion; chirp"

@@ -20,6 +20,9 @@ MODULES = (
     "hil.models.mass",
     "hil.models.actuator",
     "hil.models.contact",
+    "hil.models.disturbance",
+    "hil.models.sensors",
+    "hil.models.encoders",
 )
 _table: dict[str, Effect] = {}
 

@@ -137,6 +137,32 @@ class ContactHysteresis(_ContactLaw):
         return log_grid(0.01 * span, 0.6 * span, 10)
 
 
+class ContactInclusion(_ContactLaw):
+    """A stiffer layer below the surface: a stone, a bone, the table under the foam."""
+
+    name = "contact-inclusion"
+    equation = "f = -side h max(0, d - d1)"
+    signature = "force over penetration has a kink: it is steeper beyond one depth"
+    confused_with = ("contact-hardening", "contact-stiffness")
+    shown_by = "slow presses well beyond the layer's depth"
+    source = "Naerum thesis 3.3.3 (bolt under gel); Yamamoto et al., IEEE Trans. Haptics 5, 2012"
+    params = (Param("h", "{F}/{x}", "stiffness that the layer adds", 0.0),)
+    shape = (Param("d1", "{x}", "depth of the layer below the surface", 0.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """-side max(0, d - d1)."""
+        depth, side = penetration(motion, j)
+        return (-side * np.maximum(0.0, depth - shape[0]))[:, None]
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """15 to 85 % of the deepest penetration."""
+        q0, side = motion.contact[j]
+        low, high = motion.span[j]
+        deepest = max(float(side * ((high if side > 0 else low) - q0)), 1e-9)
+        return [(float(f * deepest),) for f in np.arange(0.15, 0.86, 0.1)]
+
+
 EFFECTS: tuple[Effect, ...] = (
     ContactStiffness(), ContactDamping(), ContactHardening(), ContactHysteresis(),
+    ContactInclusion(),
 )  # fmt: skip

@@ -58,7 +58,8 @@ class Effect(ABC):
     name : str
         Name in the catalogue.
     family : str
-        ``friction``, ``actuator``, ``mass``, ``stiffness``, ``transmission``, ``contact``.
+        ``friction``, ``actuator``, ``mass``, ``stiffness``, ``transmission``, ``contact``,
+        ``sensor``, ``structure``.
     equation, signature, confused_with, shown_by, source : str
         For people: what it is, how it shows, what it is mistaken for, which motion shows it.
     params : tuple of Param
@@ -96,6 +97,13 @@ class Effect(ABC):
     uses_load: ClassVar[bool] = False
     #: Whether the columns depend on position, speed, acceleration and robot alone: made once.
     motion_only: ClassVar[bool] = False
+    #: Whether the columns hold time, a measured effort or a state: a simulation takes them
+    #: from the measured run.
+    replayed: ClassVar[bool] = False
+    #: Whether every run has its own coefficients where there are several.
+    per_run: ClassVar[bool] = False
+    #: Whether the columns are [sin, cos] of 2 pi f t with f the only shape: screened at once.
+    spectral: ClassVar[bool] = False
 
     @abstractmethod
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -131,6 +139,10 @@ class Effect(ABC):
     def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
         """Coefficients for joint j of this robot (most effects: always the same)."""
         return self.params
+
+    def twins(self, motion: Motion) -> tuple[str, ...]:
+        """Effects with the very same columns on such data: no motion tells them apart."""
+        return ()
 
     def available(self, motion: Motion, j: int) -> str:
         """Say why the effect cannot be tried on these data; empty if it can."""

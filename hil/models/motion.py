@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,10 @@ class Motion:
         Geometry and rigid-body regressor.
     average : float
         Time over which a sign is averaged around each instant [s]; 0 = not at all.
+    wrench : ndarray (n, 6), or (0, 6) where none was recorded
+        Measured force and torque ON the tip, base axes [N, N m].
+    temperature : ndarray (n, d), or (0, d) where none was recorded
+        Motor temperatures [degC].
     """
 
     t: FloatArray
@@ -58,6 +62,8 @@ class Motion:
     contact: FloatArray
     robot: Robot
     average: float = 0.0
+    wrench: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
+    temperature: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def n(self) -> int:
@@ -73,6 +79,12 @@ class Motion:
     def dt(self) -> float:
         """Evaluation period [s]."""
         return float(self.t[1] - self.t[0])
+
+    @property
+    def since(self) -> FloatArray:
+        """Time since the start of the run [s], shape (n,)."""
+        out: FloatArray = self.t - self.t[0]
+        return out
 
     def sign(self, j: int) -> FloatArray:
         """Sign of joint j's velocity, resolved to `v0[j]`: tanh(v / v0), shape (n,)."""

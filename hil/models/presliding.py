@@ -40,6 +40,7 @@ def dahl_state(q: FloatArray, scale: float) -> FloatArray:
 class Presliding(Effect):
     """Friction that needs a displacement to build up after each reversal."""
 
+    replayed = True
     name, family = "presliding", "friction"
     equation = "tau = f1 z(s) + f2 z(3 s) + f3 z(9 s),  dz/dq = (1 - z sgn v) / s"
     signature = "a loop over the displacement since reversal, independent of speed"

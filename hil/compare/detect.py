@@ -1,0 +1,89 @@
+"""Detection: whether any candidate explains more than noise lets the luckiest of them explain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.compare.floor import Floor
+from hil.identify import timelines
+from hil.identify.design import Term
+from hil.identify.fit import time_blocks
+from hil.identify.result import FitResult
+from hil.identify.screening import screen
+from hil.identify.shapes import Projector
+
+FloatArray = NDArray[np.float64]
+FLIPS = 400
+
+
+class Candidate(Protocol):
+    """What detection needs to know of a candidate, and what it finds out."""
+
+    term: Term
+    gain: float
+    absorbed: float
+    p_value: float
+    null: FloatArray
+
+
+def detect(
+    found: Sequence[Candidate], projector: Projector, floor: Floor, result: FitResult, seed: int
+) -> None:
+    """Family-wise p values: flip the signs of blocks of noise, take the maximum over all.
+
+    The noise is the residual of the largest model; each candidate's gain, maximised over its
+    shapes, is divided by its own 95 % null quantile, so that rich families have no advantage.
+    """
+    problem = result.problem
+    correlation = float(np.max(floor.inflation)) / problem.rate
+    seconds = float(np.clip(4 * correlation, 0.4, 2.0))
+    blocks = time_blocks(problem, seconds)
+    count = int(blocks.max()) + 1
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, count))
+    ratio = floor.scale / np.maximum(problem.rms(floor.residual), 1e-300)
+    noise = (floor.residual * ratio[:, None] / result.sigma[:, None]).reshape(-1)
+    rows = np.tile(blocks, problem.d)
+    qb = np.zeros((count, projector.q.shape[1]))
+    np.add.at(qb, rows, projector.q * noise[:, None])
+    for c in found:
+        c.null = _null(c, projector, noise, rows, signs, qb)
+    quantile = {id(c): max(float(np.quantile(c.null, 0.95)), 1e-300) for c in found}
+    usable = [c for c in found if c.absorbed < 1 - 1e-6]
+    if not usable:
+        return
+    worst = np.max([c.null / quantile[id(c)] for c in usable], axis=0)
+    for c in usable:
+        c.p_value = (1 + int(np.sum(worst >= c.gain / quantile[id(c)]))) / (1 + FLIPS)
+
+
+def _null(
+    c: Candidate, projector: Projector, noise: FloatArray, rows: NDArray[np.int_],
+    signs: FloatArray, qb: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Gains of a candidate on sign-flipped noise, the best over its grid, shape (FLIPS,)."""
+    best = np.zeros(len(signs))
+    motion = projector.problem.motions[0]
+    grid = c.term.effect.grid(motion, c.term.joint) or [c.term.shape]
+    if c.term.effect.spectral:
+        own = projector.rows(c.term)
+        return timelines.flipped(projector.problem, c.term, noise[own], rows[own], signs)
+    waves = screen(projector.problem, c.term, grid)
+    if waves is not None:
+        where = projector.rows(c.term)
+        back = projector.problem.back(noise[where], c.term.joint)
+        return waves.flipped(back, projector.problem.spread(rows[: projector.problem.n]), signs)
+    step = max(1, len(grid) // 40)
+    for shape in grid[::step]:
+        term = c.term.reshaped(shape)
+        where = projector.rows(term)
+        columns = projector.weighted(term)
+        _, _, inverse, qc = projector.score(term)
+        part = np.zeros((signs.shape[1], columns.shape[1]))
+        np.add.at(part, rows[where], columns * noise[where, None])
+        flipped = signs @ (part - qb @ qc)
+        best = np.maximum(best, np.einsum("fi,ij,fj->f", flipped, inverse, flipped))
+    return best

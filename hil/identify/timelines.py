@@ -1,0 +1,110 @@
+"""Lines over time: every frequency of a residual tried at once, by one Fourier transform.
+
+A filtered sinusoid keeps its frequency, so the filter's gain cancels: over n moving instants
+
+    gain(f) = |sum_k r_k exp(-2 pi i f t_k)|^2 / (n / 2),
+
+which leaves out only what the other columns take away.  Runs add up, each with its own phase.
+A line at a multiple of the rate at which the motion repeats itself could as well be the
+motion's own: those frequencies are not proposed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.fft
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from hil.identify.design import Term
+from hil.identify.problem import Problem
+from hil.identify.repeats import period
+
+FloatArray = NDArray[np.float64]
+#: Frequencies that are fitted exactly.
+EXACT = 12
+#: Zero padding: how much finer the transform is than the run resolves.
+FINE = 4
+#: Neighbours on either side out of which a line must stand, in grid steps.
+WIDE = 30
+
+
+def frequencies(problem: Problem, term: Term) -> FloatArray:
+    """The term's grid [Hz], less what the effort filter hardly passes."""
+    grid = term.effect.grid(problem.motions[0], term.joint)
+    f = np.array([s[0] for s in grid])
+    return f[f <= problem.rates.effort]
+
+
+def gains(problem: Problem, j: int, rows: FloatArray, f: FloatArray) -> FloatArray:
+    """Approximate gain of a sinusoid at each frequency, shape (..., f) for rows (..., n)."""
+    out = np.zeros((*rows.shape[:-1], f.size))
+    for k in range(len(problem.recordings)):
+        own = rows[..., problem.run == k]
+        moving = max(float(np.sum(problem.live[j, problem.run == k])), 1.0)
+        size = scipy.fft.next_fast_len(FINE * own.shape[-1], real=True)
+        power = np.abs(scipy.fft.rfft(own, size, axis=-1)) ** 2 / (moving / 2)
+        # the nearest of the transform's frequencies, a fraction of the run's resolution away
+        where = np.rint(f * size / problem.rate).astype(int)
+        out += power[..., np.minimum(where, power.shape[-1] - 1)]
+    return out
+
+
+def promising(problem: Problem, term: Term, rows: FloatArray) -> list[tuple[float, ...]]:
+    """Frequencies that deserve an exact fit to the residual rows (n,) of the joint; may be none."""
+    f = frequencies(problem, term)
+    f = f[~locked(problem, f)]
+    if not f.size:
+        return []
+    power = gains(problem, term.joint, rows, f)
+    best = np.argsort(-power)[:EXACT]
+    best = best[power[best] > band(power)[best]]
+    return [(float(x),) for x in np.sort(f[best])]
+
+
+def band(power: FloatArray) -> FloatArray:
+    """What noise reaches with one percent probability, from the median of the neighbourhood.
+
+    The power of noise is exponentially distributed, its median ln 2 of its mean; the largest of
+    N stays below  mean ln(N / 0.01).
+    """
+    near = min(2 * WIDE + 1, 2 * ((power.size - 1) // 2) + 1)
+    mean = scipy.ndimage.median_filter(power, near, mode="nearest") / np.log(2.0)
+    out: FloatArray = mean * np.log(power.size / 0.01)
+    return out
+
+
+def locked(problem: Problem, f: FloatArray) -> NDArray[np.bool_]:
+    """Frequencies within the resolution of a multiple of the motion's own repetition."""
+    out = np.zeros(f.size, dtype=bool)
+    for k in range(len(problem.recordings)):
+        lag = period(problem, k)
+        if lag:
+            turns = f * lag / problem.rate
+            length = float(np.sum(problem.run == k)) / lag
+            out |= np.abs(turns - np.rint(turns)) < 1.0 / length
+    return out
+
+
+def flipped(
+    problem: Problem, term: Term, noise: FloatArray, blocks: NDArray[np.int_], signs: FloatArray
+) -> FloatArray:
+    """Largest gain over all frequencies for each row of block signs, shape (flips,).
+
+    Parameters
+    ----------
+    noise : ndarray (n,)
+        Weighted noise on the joint's rows.
+    blocks : ndarray (n,)
+        Block of each row.
+    signs : ndarray (flips, blocks)
+        Signs of the blocks.
+    """
+    f = frequencies(problem, term)
+    best = np.zeros(len(signs))
+    if not f.size:
+        return best
+    for part in np.array_split(np.arange(len(signs)), max(1, len(signs) * noise.size // 2**21)):
+        rows = noise * signs[part][:, blocks]
+        best[part] = gains(problem, term.joint, rows, f).max(axis=-1)
+    return best

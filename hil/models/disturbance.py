@@ -1,0 +1,92 @@
+"""What changes with time and not with the motion: friction that warms up, a steady hum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.models.effect import Effect, Param, log_grid
+from hil.models.motion import FloatArray, Motion
+
+#: Highest frequency of a disturbance that is looked for [Hz]; the effort filter passes no more.
+FASTEST = 25.0
+#: Fewest periods in a run: what is slower is a drift.
+PERIODS = 4.0
+
+
+class FrictionDrift(Effect):
+    """Friction that changes with time or temperature."""
+
+    name, family = "friction-drift", "friction"
+    equation = (
+        "tau = s (dc tanh(v / v0) + dv v),  s = 1 - exp(-t / T)  (t since the start of the run), "
+        "or s = temperature - its first value"
+    )
+    signature = "friction at the end of the run differs from that at its start, at all speeds"
+    confused_with = ("load-friction", "coulomb", "viscous")
+    shown_by = "the same motion at the start and at the end of a long run"
+    source = "Bittencourt, Axelsson, Jung, Brogardh, IFAC World Congress 2011; Maxon: winding 12 s"
+    replayed = True
+    params = (
+        Param("dc", "{F}", "change of Coulomb friction, per kelvin in the second form"),
+        Param("dv", "{F} s/{x}", "change of viscous friction, per kelvin in the second form"),
+    )
+    shape = (
+        Param("T", "s", "time constant; much longer than the run: a linear drift", 0.0),
+        Param("of", "1", "0: time; 1: measured motor temperature", 0.0, 1.0),
+    )
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """[s tanh(v / v0), s v]."""
+        s = _warmth(motion, j, shape)
+        return np.stack([s * motion.sign(j), s * motion.qd[:, j]], axis=1)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """A tenth of the run to three times its length; temperature where it was recorded."""
+        length = max(float(motion.since[-1]), 1e-9)
+        times = [(x, 0.0) for (x,) in log_grid(0.1 * length, 3 * length, 7)]
+        known = motion.temperature.shape == motion.q.shape and np.ptp(motion.temperature[:, j]) > 0
+        return [*times, (length, 1.0)] if known else list(times)
+
+
+def _warmth(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+    """Progress of the warming-up s (n,)."""
+    if shape[1] and motion.temperature.shape == motion.q.shape:
+        measured: FloatArray = motion.temperature[:, j] - motion.temperature[0, j]
+        return measured
+    # s = 1 - exp(-t / T)
+    s: FloatArray = -np.expm1(-motion.since / max(float(shape[0]), 1e-9))
+    return s
+
+
+class PeriodicDisturbance(Effect):
+    """A sinusoid in time that the motion does not cause: a fan, a hum, a tremor."""
+
+    name, family = "periodic-disturbance", "structure"
+    equation = "tau = a sin(2 pi f t) + b cos(2 pi f t)  (t since the start of the run)"
+    signature = "one line of the residual over time, in moving and resting phases alike"
+    confused_with = ("cogging", "torque-offset")
+    shown_by = "a motion that does not repeat itself, or a rest with the brakes open"
+    source = "Bodson, Douglas, Automatica 33(12), 1997 (periodic disturbances of unknown frequency)"
+    replayed = per_run = spectral = True
+    params = (Param("a", "{F}", "sine's amplitude"), Param("b", "{F}", "cosine's amplitude"))
+    shape = (Param("f", "Hz", "frequency", 0.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """[sin 2 pi f t, cos 2 pi f t]."""
+        angle = 2 * np.pi * float(shape[0]) * motion.since
+        return np.stack([np.sin(angle), np.cos(angle)], axis=1)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Every half period over the run; read off the residual's spectrum, not tried one by one.
+
+        The spacing 1 / (2 duration) is half of what a spectrum resolves.
+        """
+        step = 0.5 / max(float(motion.since[-1]), 1e-9)
+        top = min(FASTEST, 0.4 / motion.dt)
+        first = max(2 * PERIODS * step, step)
+        return [(float(f),) for f in np.arange(first, max(top, first + 1.5 * step), step)]
+
+
+EFFECTS: tuple[Effect, ...] = (FrictionDrift(), PeriodicDisturbance())

@@ -1,0 +1,117 @@
+"""Effects of time and of the force sensor are named from plants of the tests' own; zero is not."""
+
+from dataclasses import replace
+
+import compare_plants as plants
+import numpy as np
+import pytest
+
+import hil
+from hil.compare.tables import sets_of
+
+
+def named(*runs):
+    d = hil.diagnose(list(runs), hil.base_model(runs[0].robot))
+    return d, {(f.effect, f.joint) for f in d.findings}
+
+
+def cooling(t):
+    return 1 - 0.3 * (1 - np.exp(-t / 8))
+
+
+def hum(f, phase=1.0):
+    return lambda t, q, v: 0.08 * np.sin(2 * np.pi * f * t + phase)
+
+
+def sway(t):
+    return 0.5 * np.sin(2 * np.pi * 0.37 * t)
+
+
+@pytest.mark.parametrize("period", [0.0, 5.0])
+def test_friction_that_cools_is_drift(period):
+    d, found = named(plants.axis(1, period=period, warm=cooling))
+    assert found == {("friction-drift", "joint1")}
+    values = d.findings[0].parameters
+    assert values["j1.friction-drift.T"].value == pytest.approx(8.0, rel=0.05)
+    assert values["j1.friction-drift.dc"].value == pytest.approx(-0.3 * plants.FC, rel=0.05)
+    assert values["j1.friction-drift.dv"].value == pytest.approx(-0.3 * plants.FV, rel=0.05)
+
+
+def test_friction_follows_the_measured_temperature():
+    run = plants.axis(1, warm=cooling)
+    run = replace(run, temperature=20 + 10 * (1 - np.exp(-run.t / 8))[:, None])
+    assert named(run)[1] == {("friction-drift", "joint1")}
+
+
+@pytest.mark.parametrize(("period", "f"), [(0.0, 7.3), (5.0, 7.33)])
+def test_hum_is_a_disturbance_whether_or_not_the_motion_repeats(period, f):
+    d, found = named(plants.axis(1, period=period, extra=hum(f)))
+    assert found == {("periodic-disturbance", "joint1")}
+    assert d.findings[0].parameters["j1.periodic-disturbance.f"].value == pytest.approx(f, abs=0.01)
+
+
+def test_hum_has_its_own_phase_in_every_run():
+    runs = plants.axis(1, extra=hum(7.3)), plants.axis(2, extra=hum(7.3, 2.0))
+    assert named(*runs)[1] == {("periodic-disturbance", "joint1")}
+
+
+def test_hum_locked_to_the_motion_is_not_called_a_disturbance():
+    # 3 Hz is a multiple of the motion's 0.2 Hz: it could as well come from the posture
+    assert "periodic-disturbance" not in {
+        n for n, _ in named(plants.axis(1, period=5.0, extra=hum(3.0)))[1]
+    }
+
+
+SENSORS = {
+    "force-drift": (lambda t, w: w + np.array([0.0, 0.02, 0.0]) * t[:, None], "dfy", 0.02),
+    "force-bias": (lambda t, w: w + np.array([0.3, 0.0, 0.0]), "bfx", 0.3),
+    # g and e are shares of the reading
+    "force-gain": (lambda t, w: w * np.array([1.1, 1.0, 1.0]), "gfx", 0.1 / 1.1),
+    "force-crosstalk": (lambda t, w: w + 0.08 * w[:, [1]] * np.array([1, 0, 0]), "efx-fy", 0.08),
+}
+
+
+@pytest.mark.parametrize("effect", SENSORS)
+def test_error_of_the_force_sensor_is_named_with_its_channel(effect):
+    sensor, name, value = SENSORS[effect]
+    d, found = named(plants.arm(1, force=plants.hand, sensor=sensor))
+    assert found == {(effect, None)}
+    assert d.findings[0].parameters[f"{effect}.{name}"].value == pytest.approx(value, rel=0.03)
+
+
+def test_sensors_at_the_joints_cannot_be_told_from_the_motor():
+    run = plants.axis(1, push=sway, sensor=lambda t, w: w + 0.1)
+    d, _ = named(run)
+    assert d.verdict == "ambiguous"
+    assert {"torque-offset", "force-bias"} <= {d.findings[0].effect, *d.findings[0].rivals}
+    run = plants.axis(1, push=lambda t: 2 * sway(t) * (t > 2), sensor=lambda t, w: 1.2 * w)
+    d, _ = named(run)
+    assert {"torque-gain", "force-gain"} <= {d.findings[0].effect, *d.findings[0].rivals}
+    assert d.verdict == "ambiguous"
+
+
+def test_lag_of_the_motion_differs_from_delay_only_beside_a_measured_force():
+    def lagging(seconds):
+        state = [None]
+
+        def seen(t, q):
+            last = q if state[0] is None else state[0]
+            state[0] = last + (q - last) * (1 - np.exp(-1 / plants.RATE / seconds))
+            return state[0]
+
+        return seen
+
+    assert named(plants.axis(1, push=sway, seen=lagging(0.008)))[1] == {("filter-lag", "joint1")}
+    d, found = named(plants.axis(1, seen=lagging(0.008)))
+    assert found == {("delay", "joint1")}
+    assert ("delay", "filter-lag") in [s.effects for s in sets_of(d)]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_nothing_is_named_where_nothing_is_hidden(seed):
+    for run in (
+        plants.axis(seed), plants.axis(seed, period=5.0), plants.axis(seed, push=sway),
+        plants.arm(seed), plants.arm(seed, force=plants.hand),
+    ):  # fmt: skip
+        d, found = named(run)
+        assert not found and d.verdict == "adequate"
