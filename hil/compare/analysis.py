@@ -145,17 +145,28 @@ def add(
     problem = make_problem(recordings, model)
     before = fit_aligned(problem, model)
     examine = Examiner(problem, holdout or [])
-    for name in joints:
-        j = problem.joints.index(name) if name in problem.joints else 0
-        reason = kind.available(problem.motions[0], j)
-        if reason and not kind.shape:
-            raise ConfigError(f"effect {effect!r} cannot be fitted to these data: {reason}")
+    joints = _usable(effect, joints, problem)
     own: dict[str, object] = {"per_run": True} if kind.per_run and len(recordings) > 1 else {}
     larger = before.model + Use(effect, joints, own)
     after = fit_problem(problem, larger)
     steps = (Step("before", before, examine(before)), Step(f"+ {effect}", after, examine(after)))
     rungs = [Rung(s, both(s.result, problem)) for s in steps]
     return rungs[0], rungs[1]
+
+
+def _usable(effect: str, joints: tuple[str, ...], problem: Problem) -> tuple[str, ...]:
+    """Joints among those asked for on which an effect can be fitted to these data."""
+    kind, every = catalogue.get(effect), problem.joints
+    asked = every if joints == ("*",) and not kind.whole_robot else joints
+    reasons = {
+        name: kind.available(problem.motions[0], every.index(name) if name in every else 0)
+        for name in asked
+    }
+    good = tuple(name for name, why in reasons.items() if not why)
+    if not good or (len(good) < len(asked) and joints != ("*",)):
+        why = next(why for why in reasons.values() if why)
+        raise ConfigError(f"effect {effect!r} cannot be fitted to these data: {why}")
+    return joints if len(good) == len(asked) else good
 
 
 def heldout_all(heldout: HeldOut) -> float:

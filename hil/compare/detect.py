@@ -73,8 +73,8 @@ def _null(
         return timelines.flipped(projector.problem, c.term, noise[own], rows[own], signs)
     waves = screen(projector.problem, c.term, grid)
     if waves is not None:
-        where = projector.rows(c.term)
-        back = projector.problem.back(noise[where], c.term.joint)
+        n, j = projector.problem.n, c.term.joint
+        back = projector.problem.back(noise[j * n : (j + 1) * n], j)
         return waves.flipped(back, projector.problem.spread(rows[: projector.problem.n]), signs)
     step = max(1, len(grid) // 40)
     for shape in grid[::step]:

@@ -15,6 +15,8 @@ from hil.identify.shapes import Projector, best_shape
 from hil.models import catalogue
 
 FloatArray = NDArray[np.float64]
+#: Shapes from which on the best of them is a pick, and the share of the residual it then needs.
+MANY, LITTLE = 24, 0.02
 
 
 @dataclass
@@ -126,13 +128,25 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
     found = [c for c in tried if c.term.shape or not c.term.effect.shape]
     extra: list[list[FloatArray]] = [[] for _ in problem.joints]
     for c in found:
-        if c.absorbed < 1 - 1e-6:
+        if c.absorbed < 1 - 1e-6 and not _picked(c, projector):
             _collect(problem.d, c.term, problem, extra)
     floor = measure(result, extra)
     _judge(found, floor, result)
     detect(found, projector, floor, result, seed)
-    found.sort(key=lambda c: -c.score)
+    # scores that agree to four digits keep the order of the catalogue
+    found.sort(key=lambda c: -float(f"{c.score:.4g}"))
     return Evidence(found, floor, projector, impossible)
+
+
+def _picked(c: Candidate, projector: Projector) -> bool:
+    """Whether a candidate is a little of the residual, picked among many shapes.
+
+    What was found on all rows predicts the left-out ones, too: it would lower the floor for
+    nothing.
+    """
+    motion, own = projector.problem.motions[0], projector.rows(c.term)
+    many = len(c.term.effect.grid(motion, c.term.joint)) > MANY
+    return many and c.gain < LITTLE * float(np.sum(projector.residual[own] ** 2))
 
 
 def _collect(d: int, term: Term, problem: object, extra: list[list[FloatArray]]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +11,12 @@ from numpy.typing import NDArray
 from hil.errors import FitError
 from hil.identify.design import Term, block
 from hil.identify.problem import Problem
+from hil.identify.response import Response
 from hil.identify.shapes import search_shapes
 
 FloatArray = NDArray[np.float64]
+#: Families whose effort depends on posture and acceleration alone.
+SOLID = ("mass", "stiffness")
 
 
 def impossible(term: Term, problem: Problem, reason: str) -> FitError:
@@ -65,6 +69,12 @@ def update_load(
     moving, still = (_carried(problem, mass, rest) for rest in (False, True))
     loads = [x - m.tau_ext for x, m in zip(moving, problem.motions, strict=True)]
     problem.set_context(load=np.concatenate(loads), static=np.concatenate(still))
+    solid = [
+        (t, theta[where])
+        for t, where in zip(terms, slices, strict=True)
+        if (t.effect.family in SOLID or t.effect.name == "viscous") and not t.per_run
+    ]
+    problem.motions = [replace(m, response=Response(m, solid)) for m in problem.motions]
 
 
 def _carried(problem: Problem, mass: list[tuple[Term, FloatArray]], rest: bool) -> list[FloatArray]:

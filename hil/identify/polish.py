@@ -20,7 +20,7 @@ from hil.models.model import RobotModel
 FloatArray = NDArray[np.float64]
 #: A fall of the weighted residual sum of squares (in noise units) that is worth another step.
 WORTH = 0.01
-STEPS = 3
+STEPS = 8
 
 
 def polish(problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray) -> list[Term]:
@@ -32,17 +32,21 @@ def polish(problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatA
     if not ranges:
         return terms
     theta, _, b, slices, residual = solve(problem, terms, model, sigma)
-    left = _weighted(residual, sigma)
+    left, part = _weighted(residual, sigma), 1.0
     for _ in range(STEPS):
         joint = with_shapes(problem, terms, theta, slices, b, sigma, list(ranges))
-        new = _stepped(terms, ranges, joint, (residual / sigma[:, None]).reshape(-1))
+        new = _stepped(terms, ranges, joint, (residual / sigma[:, None]).reshape(-1), part)
         set_context(problem, new)
-        theta, _, b, _, residual = solve(problem, new, model, sigma)
-        before, left = left, _weighted(residual, sigma)
-        if left >= before:
+        found = solve(problem, new, model, sigma)
+        after = _weighted(found[-1], sigma)
+        if after >= left:
             set_context(problem, terms)
-            break
-        terms = new
+            part /= 4  # the effort is not linear in the shapes that far
+            continue
+        before, left, terms, part = left, after, new, min(2 * part, 1.0)
+        theta, _, b, _, residual = found
+        # a step that ended at a neighbour on the grid may go on beyond it
+        ranges = {k: around(problem, terms[k]) for k in ranges}
         if before - left < WORTH:
             break
     return terms
@@ -55,13 +59,14 @@ def _movable(problem: Problem, term: Term) -> bool:
 
 
 def _stepped(
-    terms: list[Term], ranges: dict[int, tuple[float, float]], joint: Basis, r: FloatArray
-) -> list[Term]:
-    """Terms after one Gauss-Newton step on the weighted residual r (d n,)."""
+    terms: list[Term], ranges: dict[int, tuple[float, float]], joint: Basis, r: FloatArray,
+    part: float,
+) -> list[Term]:  # fmt: skip
+    """Terms after a part of one Gauss-Newton step on the weighted residual r (d n,)."""
     size, out = joint.scale.size, list(terms)
     steps = joint.solve(r, np.zeros(size), np.zeros(r.size))[size - len(ranges) :]
     for (k, (low, high)), step in zip(ranges.items(), steps, strict=True):
-        first = float(np.clip(terms[k].shape[0] + step, low, high))
+        first = float(np.clip(terms[k].shape[0] + part * step, low, high))
         out[k] = terms[k].reshaped((first, *terms[k].shape[1:]))
     return out
 

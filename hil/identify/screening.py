@@ -70,9 +70,78 @@ class Screen:
         return np.asarray(total.max(axis=0))
 
 
-def screen(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Screen | None:
+@dataclass(frozen=True)
+class Ripples:
+    """Waves over position whose size changes with their order: sum_m k^m w_m exp(i k q).
+
+    Parameters
+    ----------
+    wave : ndarray (orders, n) of complex
+        exp(2 pi i p q).
+    k : ndarray (orders,)
+        Wave numbers 2 pi p.
+    size : ndarray (orders,)
+        Squared length of each filtered column.
+    factors : ndarray (n, m) of complex
+        w_m, times the stride.
+    stride : int
+        Every how many-th instant is used.
+    """
+
+    wave: NDArray[np.complex64]
+    k: FloatArray
+    size: FloatArray
+    factors: NDArray[np.complex128]
+    stride: int
+
+    def _bent(self, b: FloatArray) -> NDArray[np.complex128]:
+        """sum_m k^m (wave w_m b), (orders, n) before the sum over instants."""
+        out = np.zeros(self.wave.shape, dtype=np.complex128)
+        for m in range(self.factors.shape[1]):
+            out += self.k[:, None] ** m * self.wave * (self.factors[:, m] * b)
+        return out
+
+    def gains(self, back: FloatArray) -> FloatArray:
+        """Approximate gains (orders,) of back-projected rows (n,)."""
+        total = self._bent(back[:: self.stride]).sum(axis=1)
+        return np.asarray(np.abs(total) ** 2 / self.size)
+
+    def flipped(self, back: FloatArray, blocks: NDArray[np.int_], signs: FloatArray) -> FloatArray:
+        """Largest gain over all orders for each row of block signs (flips,)."""
+        number = blocks[:: self.stride]
+        starts = np.flatnonzero(np.diff(number, prepend=-1))
+        parts = np.add.reduceat(self._bent(back[:: self.stride]), starts, axis=1)
+        gains = np.abs(parts @ signs[:, number[starts]].T) ** 2 / self.size[:, None]
+        return np.asarray(gains.max(axis=0))
+
+
+def _ripples(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Ripples | None:
+    """Screen of a term with `powers`; None for any other."""
+    j = term.joint
+    powers = [term.effect.powers(m, j) for m in problem.motions]
+    if len(grid) < MANY or any(w is None for w in powers):
+        return None
+    w = np.concatenate([x for x in powers if x is not None])
+    q = np.concatenate([m.q[:, j] for m in problem.motions])
+    v = np.concatenate([m.qd[:, j] for m in problem.motions])
+    orders = np.array([s[0] for s in grid])
+    stride, few = max(1, q.size // ENOUGH), slice(None, None, max(1, q.size // 400))
+    k = 2 * np.pi * orders
+    bent = np.sum(k[:, None, None] ** np.arange(w.shape[1]) * w[few], axis=2)
+    gain = 1.0 / (1.0 + (np.abs(orders[:, None] * v[few]) / problem.rates.effort) ** 8)
+    size = problem.count[j] / 2 * np.mean(np.abs(bent * gain) ** 2, axis=1)
+    size = np.maximum(size, 1e-3 * max(float(size.max()), 1e-300))
+    return Ripples(
+        _waves(problem, j, orders, q[::stride])[0], k, size, w[::stride] * stride, stride
+    )
+
+
+def screen(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Screen | Ripples | None:
     """Screen of a term whose columns are harmonics over position; None for any other."""
     j, effect = term.joint, term.effect
+    ripples = _ripples(problem, term, grid)
+    if ripples is not None:
+        return ripples
     carriers = [effect.carrier(m, j) for m in problem.motions]
     if len(grid) < MANY or any(c is None for c in carriers):
         return None

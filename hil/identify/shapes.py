@@ -122,7 +122,8 @@ def _screened(
     waves = screen(projector.problem, term, grid)
     if waves is None:
         return grid
-    back = projector.problem.back(projector.residual[projector.rows(term)], term.joint)
+    n, j = projector.problem.n, term.joint
+    back = projector.problem.back(projector.residual[j * n : (j + 1) * n], j)
     return [grid[k] for k in promising(waves.gains(back))]
 
 

@@ -155,11 +155,9 @@ class ContactInclusion(_ContactLaw):
         return (-side * np.maximum(0.0, depth - shape[0]))[:, None]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """15 to 85 % of the deepest penetration."""
-        q0, side = motion.contact[j]
-        low, high = motion.span[j]
-        deepest = max(float(side * ((high if side > 0 else low) - q0)), 1e-9)
-        return [(float(f * deepest),) for f in np.arange(0.15, 0.86, 0.1)]
+        """5 to 75 % of the span."""
+        span = float(np.ptp(motion.span[j])) or 1.0
+        return [(float(f * span),) for f in np.arange(0.05, 0.8, 0.07)]
 
 
 EFFECTS: tuple[Effect, ...] = (

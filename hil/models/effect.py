@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.models.motion import FloatArray, Motion
 
@@ -133,6 +134,14 @@ class Effect(ABC):
         """Factor w (n,) if the columns are w times two harmonics over position, else None.
 
         With the order as the only shape; a long grid of orders is then screened at once.
+        """
+        return None
+
+    def powers(self, motion: Motion, j: int) -> NDArray[np.complex128] | None:
+        """Factors w_m (n, m) if the columns are waves whose size changes with their order.
+
+        On the own joint the real and imaginary part of  sum_m k^m w_m exp(i k q), k = 2 pi p,
+        with p the first shape; else None.  For screening, as `carrier`.
         """
         return None
 

@@ -1,13 +1,114 @@
-"""Errors of the measured motion: a lag of its filter."""
+"""Errors of the measured motion: an eccentric disc, lost counts, a lag of the filter.
+
+An error e of joint j's measured position is an error of the model's effort on every joint i, to
+first order  -(M_ij e'' + D_ij e' + G_ij e)  with the model's own inertia M, viscous friction D and
+static stiffness G.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.models.effect import Effect, Param
+from hil.models.friction import position_orders
 from hil.models.motion import FloatArray, Motion
+
+#: Orders of an eccentric disc beyond this many periods over the span are a motor's cogging.
+HIGHEST = 40.0
+_UNFITTED = "needs the fitted model's inertia; fit the model first"
+
+
+class EncoderEccentricity(Effect):
+    """The encoder's disc sits off centre: its error repeats once per turn.
+
+    Cogging repeats over position, too, but has one size at all speeds; this grows with the
+    square of the speed and with the acceleration, for it is inertia that it falsifies.
+    """
+
+    name, family = "encoder-eccentricity", "sensor"
+    equation = "tau = -(M e'' + D e' + G e),  e = es sin kq + ec cos kq,  k = 2 pi p"
+    signature = "a ripple over position that grows with the square of the speed"
+    confused_with = ("cogging", "position-friction")
+    shown_by = "the same stroke at several speeds"
+    source = "Kavanagh, IEEE Trans. Instrumentation and Measurement 50(6), 2001 (encoder errors)"
+    whole_robot = replayed = uses_load = True
+    params = (
+        Param("es", "{x}", "error that goes with the sine"),
+        Param("ec", "{x}", "error that goes with the cosine"),
+    )
+    shape = (Param("p", "1/{x}", "turns of the disc per unit of position", 0.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """-(M e'' + D e' + G e) for e = sin kq and cos kq, shape (n, d, 2)."""
+        if motion.response is None:
+            return np.zeros((motion.n, motion.d, 2))
+        k, q = 2 * np.pi * float(shape[0]), motion.q[:, j]
+        v, a = motion.qd[:, j], motion.qdd[:, j]
+        sin, cos = np.sin(k * q), np.cos(k * q)
+        # (sin kq)'' = k cos kq q'' - k^2 sin kq q'^2
+        bend = np.stack([k * cos * a - k**2 * sin * v**2, -k * sin * a - k**2 * cos * v**2], axis=1)
+        shift = np.stack([sin, cos], axis=1)
+        m, g = motion.response.inertia[:, :, j], motion.response.gradient[:, :, j]
+        out: FloatArray = m[:, :, None] * bend[:, None] + g[:, :, None] * shift[:, None]
+        out[:, j] += motion.response.damping[j] * np.stack([k * cos * v, -k * sin * v], axis=1)
+        return -out
+
+    def powers(self, motion: Motion, j: int) -> NDArray[np.complex128] | None:
+        """-(G, i (M q'' + D q'), -M q'^2) on the own joint: e, e' and e'' of exp(i k q)."""
+        if motion.response is None:
+            return None
+        m, g = motion.response.inertia[:, j, j], motion.response.gradient[:, j, j]
+        v, damping = motion.qd[:, j], motion.response.damping[j]
+        parts = (g, 1j * (m * motion.qdd[:, j] + damping * v), -m * v**2)
+        return -np.stack(parts, axis=1).astype(np.complex128)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Every half order over the span."""
+        return position_orders(motion, j, HIGHEST)
+
+    def available(self, motion: Motion, j: int) -> str:
+        """Needs a fitted model."""
+        return _UNFITTED if motion.response is None else ""
+
+
+class MissedCounts(Effect):
+    """The encoder lost counts at one instant: all positions after it are shifted.
+
+    Only gravity and springs feel a constant shift; without them it cannot be seen in the effort.
+    """
+
+    name, family = "missed-counts", "sensor"
+    equation = "tau = -G s  for t > t0  (s = shift of the measured position, one value a run)"
+    signature = "gravity or a spring fits before one instant and not after it"
+    confused_with = ("force-drift", "torque-offset")
+    shown_by = "a return to a mechanical reference at the end of the run"
+    source = "Naerum thesis, appendix A (counts lost above the decoder's rate are a lasting offset)"
+    whole_robot = replayed = uses_load = per_run = True
+    params = (Param("s", "{x}", "shift of the measured position", -0.5, 0.5),)
+    shape = (Param("t0", "s", "instant, from the start of the run", 0.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """-G after t0, shape (n, d, 1)."""
+        if motion.response is None:
+            return np.zeros((motion.n, motion.d, 1))
+        after = np.clip((motion.since - float(shape[0])) / motion.dt + 0.5, 0.0, 1.0)
+        out: FloatArray = -(motion.response.gradient[:, :, j] * after[:, None])[:, :, None]
+        return out
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Fifteen instants from 5 to 95 % of the run."""
+        return [(float(t),) for t in np.linspace(0.05, 0.95, 15) * motion.since[-1]]
+
+    def available(self, motion: Motion, j: int) -> str:
+        """Needs gravity or a spring."""
+        if motion.response is None:
+            return _UNFITTED
+        if np.any(motion.response.gradient[:, :, j]):
+            return ""
+        return "no gravity or spring of the model depends on the position, so a shift has no effect"
 
 
 class FilterLag(Effect):
@@ -42,4 +143,4 @@ class FilterLag(Effect):
         )
 
 
-EFFECTS: tuple[Effect, ...] = (FilterLag(),)
+EFFECTS: tuple[Effect, ...] = (EncoderEccentricity(), MissedCounts(), FilterLag())

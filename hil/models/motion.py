@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,22 @@ from numpy.typing import NDArray
 from hil.models.robots import Robot
 
 FloatArray = NDArray[np.float64]
+
+
+class Response(Protocol):
+    """How the present model's effort answers small errors of the measured motion."""
+
+    @property
+    def inertia(self) -> FloatArray:
+        """Derivative of tau_i by qdd_j, shape (n, d, d)."""
+
+    @property
+    def gradient(self) -> FloatArray:
+        """Derivative of tau_i by q_j at rest, shape (n, d, d)."""
+
+    @property
+    def damping(self) -> FloatArray:
+        """Viscous coefficient of each joint, shape (d,)."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +63,8 @@ class Motion:
         Measured force and torque ON the tip, base axes [N, N m].
     temperature : ndarray (n, d), or (0, d) where none was recorded
         Motor temperatures [degC].
+    response : Response or None
+        Inertia and stiffness of the present model; None before a first fit.
     """
 
     t: FloatArray
@@ -64,6 +83,7 @@ class Motion:
     average: float = 0.0
     wrench: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
     temperature: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    response: Response | None = None
 
     @property
     def n(self) -> int:

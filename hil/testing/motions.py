@@ -76,8 +76,16 @@ def _motion(
         v0=np.maximum(0.01 * speed, 1e-9), resolution=np.maximum(0.005 * speed, 1e-9),
         span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
         contact=contact, robot=robot, temperature=20.0 + 0.1 * t[:, None] + 0.0 * q,
-        wrench=_wrench(robot, t, push),
+        wrench=_wrench(robot, t, push), response=_Stiff(*q.shape),
     )  # fmt: skip
+
+
+class _Stiff:
+    """A model of one inertia, stiffness and friction for all joints."""
+
+    def __init__(self, n: int, d: int) -> None:
+        unit: FloatArray = np.broadcast_to(np.eye(d), (n, d, d)).copy()
+        self.inertia, self.gradient, self.damping = 0.1 * unit, 0.05 * unit, np.full(d, 0.02)
 
 
 def _wrench(robot: Robot, t: FloatArray, push: FloatArray) -> FloatArray:

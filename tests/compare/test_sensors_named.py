@@ -8,6 +8,9 @@ import pytest
 
 import hil
 from hil.compare.tables import sets_of
+from hil.errors import HilError
+from hil.models.model import RobotModel, Use
+from hil.record.recording import Recording, RobotSource
 
 
 def named(*runs):
@@ -105,6 +108,71 @@ def test_lag_of_the_motion_differs_from_delay_only_beside_a_measured_force():
     d, found = named(plants.axis(1, seen=lagging(0.008)))
     assert found == {("delay", "joint1")}
     assert ("delay", "filter-lag") in [s.effects for s in sets_of(d)]
+
+
+def test_eccentric_encoder_is_not_cogging_and_cogging_is_not_the_encoder():
+    d, found = named(plants.axis(1, seen=lambda t, q: q + 1e-3 * np.sin(30 * q + 0.5)))
+    assert found == {("encoder-eccentricity", "joint1")}
+    e = d.findings[0].parameters
+    size = np.hypot(e["j1.encoder-eccentricity.es"].value, e["j1.encoder-eccentricity.ec"].value)
+    assert size == pytest.approx(1e-3, rel=0.05)
+    found = named(plants.axis(1, extra=lambda t, q, v: 0.08 * np.sin(30 * q + 0.5)))[1]
+    assert found == {("cogging", "joint1")}
+
+
+def test_eccentric_encoder_of_an_arm():
+    def disc(t, q):
+        return 2e-3 * np.sin(11 * q[:, [1]] + 0.5) * np.array([0.0, 1.0, 0.0])
+
+    assert named(plants.arm(1, noise=1e-3, joint_error=disc))[1] == {
+        ("encoder-eccentricity", "joint2")
+    }
+
+
+def lost(start):
+    return lambda t: np.clip((t - start) / 0.4, 0.0, 1.0)
+
+
+def test_lost_counts_show_in_gravity():
+    def shift(t, q):
+        return 0.05 * lost(8.3)(t)[:, None] * np.array([0.0, 0.0, 1.0])
+
+    d, found = named(plants.arm(1, noise=1e-3, joint_error=shift))
+    assert found == {("missed-counts", "joint3")}
+    values = d.findings[0].parameters
+    assert values["j3.missed-counts.s"].value == pytest.approx(0.05, rel=0.1)
+    assert values["j3.missed-counts.t0"].value == pytest.approx(8.5, abs=0.3)
+
+
+def test_lost_counts_show_in_a_spring_and_not_without_one():
+    def seen(t, q):
+        return q + 0.03 * float(lost(7.0)(t))
+
+    run = plants.axis(1, extra=lambda t, q, v: 5 * q, seen=seen)
+    d = hil.diagnose([run], hil.base_model(run.robot) + "spring")
+    assert [f.effect for f in d.findings] == ["missed-counts"]
+    free = plants.axis(1, seen=seen)
+    d = hil.diagnose([free], hil.base_model(free.robot))
+    assert "missed-counts" in [n for n, _ in d.first.impossible]
+    with pytest.raises(HilError, match="a shift has no effect"):
+        hil.add([free], hil.base_model(free.robot), "missed-counts")
+
+
+@pytest.mark.parametrize("stiffer", [0.0, 400.0])
+def test_layer_below_the_surface_is_an_inclusion(stiffer):
+    rng = np.random.default_rng(3)
+    t = np.arange(15000) / 500
+    q = 0.012 * np.abs(np.sin(0.35 * t)) * (0.7 + 0.3 * np.sin(0.13 * t)) - 0.002
+    depth = np.maximum(0.0, q)
+    force = -300 * depth - stiffer * np.maximum(0.0, depth - 0.005)
+    noise = rng.normal(size=(2, t.size))
+    run = Recording(
+        "press", "arm", ("joint1",), t, (q + 1e-6 * noise[0])[:, None], np.zeros((t.size, 1)),
+        tau_ext=(force + 0.02 * noise[1])[:, None], metadata={"unit": "m"},
+    )  # fmt: skip
+    model = RobotModel(RobotSource(), (Use("contact-stiffness"),), explains="external")
+    found = {f.effect for f in hil.diagnose([run], model).findings}
+    assert found == ({"contact-inclusion"} if stiffer else set())
 
 
 @pytest.mark.parametrize("seed", [1, 2])
