@@ -20,6 +20,8 @@ ALONE = 0.8
 TEMPER = 0.01
 #: Cosine between projected columns from which two effects look the same.
 COINCIDE = 0.98
+#: Only effects that the base absorbs by this share can be imitated from another joint.
+MIRROR = 0.9
 
 
 def variance_share(c: Candidate, evidence: Evidence, result: FitResult) -> float:
@@ -118,9 +120,20 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
             share = TEMPER / 4 if r.chi2 <= best.chi2 else 0.0
         elif r.dof == best.dof and overlap(best, r, projector) > COINCIDE:
             share = 10 * TEMPER
+        if _mirrored(best, r):
+            share = 1.0  # which of the two joints it is was decided by the base model's errors
         logs.append(-delta / (2 * (1.0 + share * best.chi2)))
     p = np.exp(np.array(logs))
     return {k: float(x) for k, x in enumerate(p / p.sum())}
+
+
+def _mirrored(a: Candidate, b: Candidate) -> bool:
+    """Whether two candidates are one effect on two joints, both nearly absorbed by the base.
+
+    Of two torque gains, for example, only the ratio is determined: inertias absorb the rest.
+    """
+    same = a.name == b.name and a.term.joint != b.term.joint
+    return same and min(a.absorbed, b.absorbed) > MIRROR
 
 
 def choose(
@@ -130,7 +143,8 @@ def choose(
 
     Rivals on another joint compete for the same residual only through the shared rigid-body
     parameters; they are retested after the best one is in, so only rivals on the same joint
-    (or of the whole robot) count here.
+    (or of the whole robot) count here, and the same effect elsewhere where the shared parameters
+    make the two one (of two torque gains only the ratio is determined).
     """
     best = candidates[0]
     anywhere = best.term.effect.whole_robot
@@ -138,7 +152,8 @@ def choose(
         c
         for c in candidates[1:]
         if anywhere or c.term.joint == best.term.joint or c.term.effect.whole_robot
-    ]
+        or _mirrored(best, c)
+    ]  # fmt: skip
     p = weights(best, same[:12], projector)
     rivals = [c for k, c in enumerate(same[:12], start=1) if p[k] >= 0.05]
     return best, p[0], rivals

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.evidence import Evidence
+from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
+from hil.identify.problem import Problem
 
 FloatArray = NDArray[np.float64]
 #: Below this share of the excess explained, no name is given.
@@ -73,10 +74,15 @@ def _findings(ladder: list[Step], found: list[Accepted], floor: FloatArray) -> l
                 float(before.heldout.relative[j]), float(after.heldout.relative[j]),
                 float(after.heldout.standard_error()[j]), float(np.clip(removed / excess, 0, 1)),
                 {n: v for n, v in values.items() if n.startswith(head)},
-                list(dict.fromkeys(r.name for r in rivals)),
+                list(dict.fromkeys(_rival(r, c, problem) for r in rivals)),
             )
         )  # fmt: skip
     return out
+
+
+def _rival(r: Candidate, c: Candidate, problem: Problem) -> str:
+    """Name of a rival, with its joint where that is what is in doubt."""
+    return describe(r, problem) if r.name == c.name else r.name
 
 
 def _warnings(ladder: list[Step], last: Evidence) -> list[tuple[str, str]]:

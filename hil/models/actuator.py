@@ -47,7 +47,7 @@ class TorqueGain(Effect):
 
     def available(self, motion: Motion, j: int) -> str:
         """Structural: without an external force the gain scales every parameter alike."""
-        if np.any(motion.tau_ext[:, j]):
+        if np.any(motion.tau_ext[:, j]) or motion.d > 1:
             return ""
         return "without a measured external force the gain only scales all other parameters"
 
