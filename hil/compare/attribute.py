@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from hil.compare.evidence import Candidate, Evidence
 from hil.identify.result import FitResult
-from hil.identify.shapes import Projector
+from hil.identify.shapes import Projector, within
+from hil.identify.timing import LATE
 
 FloatArray = NDArray[np.float64]
 #: Family-wise false-alarm level of one step.
@@ -34,7 +35,9 @@ def variance_share(c: Candidate, evidence: Evidence, result: FitResult) -> float
 def physical(c: Candidate) -> bool:
     """Whether a single coefficient lies within its bounds (a negative Stribeck peak does not)."""
     params = c.term.effect.params
-    return len(params) != 1 or params[0].lower <= c.coefficient <= params[0].upper
+    if len(params) != 1 and not c.term.effect.strict:
+        return True
+    return within(c.term.effect, np.array(c.coefficients))
 
 
 def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
@@ -120,6 +123,9 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
             share = TEMPER / 4 if r.chi2 <= best.chi2 else 0.0
         elif r.dof == best.dof and overlap(best, r, projector) > COINCIDE:
             share = 10 * TEMPER
+        if r.name in LATE and best.name in LATE and delta < best.spare:
+            logs.append(0.0)  # both reach the floor; which is simpler counts less than noise
+            continue
         if _mirrored(best, r):
             share = 1.0  # which of the two joints it is was decided by the base model's errors
         logs.append(-delta / (2 * (1.0 + share * best.chi2)))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.attribute import choose, plausible
-from hil.compare.evidence import Candidate, Evidence, gather
+from hil.compare.evidence import Candidate, Evidence, gather, in_time
 from hil.compare.findings import Accepted, Diagnosis, Step, describe
 from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
@@ -17,7 +17,7 @@ from hil.compare.judge import judge
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.threads import single_threaded
-from hil.identify.timing import fit_aligned, real_delay
+from hil.identify.timing import fit_aligned
 from hil.models.model import RobotModel, Use, Value
 from hil.record.checks import check
 from hil.record.recording import Recording
@@ -31,8 +31,6 @@ SHARE = 0.10
 #: library equations miss real effects by about a percent of their power, which is no new effect.
 FORM = 0.02
 MOST = 4
-#: Effects that noise in a closed loop imitates; the slow motion must show them, too.
-LATE = ("delay", "filter-lag")
 
 
 @single_threaded
@@ -90,10 +88,7 @@ def _next(
     now, projector = ladder[-1], evidence.projector
     if projector is None:
         return None
-    candidates = [
-        c for c in plausible(evidence, now.result)
-        if c.name not in LATE or real_delay(now.result, c.term.joint, c.coefficient)
-    ]  # fmt: skip
+    candidates = [c for c in plausible(evidence, now.result) if in_time(c, now.result)]
     for k, c in enumerate(candidates[:3]):
         rest = [c, *[x for x in candidates if x is not c and candidates.index(x) > k]]
         best, confidence, rivals = choose(rest, projector)

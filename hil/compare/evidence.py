@@ -12,6 +12,7 @@ from hil.compare.floor import Floor, measure
 from hil.identify.design import Term, coefficients
 from hil.identify.result import FitResult
 from hil.identify.shapes import Projector, best_shape
+from hil.identify.timing import LATE, real_delay
 from hil.models import catalogue
 
 FloatArray = NDArray[np.float64]
@@ -37,12 +38,14 @@ class Candidate:
         Coefficients and shape values spent.
     price : float
         dof * log(effective instants).
+    spare : float
+        What a rival may lack in chi2 and still leave less than 1.1 times the noise floor.
     absorbed : float
         Share of its columns that the base model imitates (1 = indistinguishable from it).
     p_value : float
         Family-wise, by sign flips of noise blocks.
-    coefficient : float
-        First coefficient if it is added.
+    coefficients : tuple of float
+        Its coefficients if it is added.
     joint : int
         Its joint; of an effect of the whole robot, the joint where it explains most.
     """
@@ -53,11 +56,22 @@ class Candidate:
     chi2: float = 0.0
     dof: int = 1
     price: float = 0.0
+    spare: float = 0.0
     absorbed: float = 0.0
     p_value: float = 1.0
-    coefficient: float = 0.0
+    coefficients: tuple[float, ...] = (0.0,)
     joint: int = 0
     null: FloatArray = field(default_factory=lambda: np.zeros(FLIPS), repr=False)
+
+    @property
+    def late(self) -> float:
+        """How late it says that the effort acts [s], for effects that say so."""
+        return self.coefficient * (self.term.shape[0] if self.term.shape else 1.0)
+
+    @property
+    def coefficient(self) -> float:
+        """First coefficient if it is added."""
+        return self.coefficients[0]
 
     @property
     def name(self) -> str:
@@ -128,7 +142,8 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
     found = [c for c in tried if c.term.shape or not c.term.effect.shape]
     extra: list[list[FloatArray]] = [[] for _ in problem.joints]
     for c in found:
-        if c.absorbed < 1 - 1e-6 and not _picked(c, projector):
+        # what answers noise would take it out of the floor
+        if c.absorbed < 1 - 1e-6 and not _picked(c, projector) and in_time(c, result):
             _collect(problem.d, c.term, problem, extra)
     floor = measure(result, extra)
     _judge(found, floor, result)
@@ -147,6 +162,11 @@ def _picked(c: Candidate, projector: Projector) -> bool:
     motion, own = projector.problem.motions[0], projector.rows(c.term)
     many = len(c.term.effect.grid(motion, c.term.joint)) > MANY
     return many and c.gain < LITTLE * float(np.sum(projector.residual[own] ** 2))
+
+
+def in_time(c: Candidate, result: FitResult) -> bool:
+    """False for a lateness of the effort that the slow motion does not confirm."""
+    return c.name not in LATE or real_delay(result, c.term.joint, c.late)
 
 
 def _collect(d: int, term: Term, problem: object, extra: list[list[FloatArray]]) -> None:
@@ -177,7 +197,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate:
         _net(projector, result, term, gain),
         dof=dof,
         absorbed=absorbed,
-        coefficient=float(beta[0]),
+        coefficients=tuple(map(float, beta)),
         joint=_where(projector, term, columns @ beta, qc @ beta),
     )
 
@@ -210,6 +230,7 @@ def _judge(found: list[Candidate], floor: Floor, result: FitResult) -> None:
         noise = (floor.scale[j] / result.sigma[j]) ** 2 * floor.inflation[j]
         replaced = len(c.term.effect.replaces)
         c.chi2 = c.net / max(noise, 1e-300)
+        c.spare = float(effective[j] * (1.1**2 - 1) * (floor.rms[j] / floor.scale[j]) ** 2)
         c.price = max(c.dof - replaced, 1) * float(np.log(max(effective[j], 2.0)))
 
 

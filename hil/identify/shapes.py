@@ -19,6 +19,7 @@ from hil.identify.design import Term, block, stack
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, basis
 from hil.identify.screening import promising, screen
+from hil.models.effect import Effect
 
 FloatArray = NDArray[np.float64]
 #: Share of the squared residual below which a shape is not worth refining.
@@ -71,7 +72,8 @@ class Projector:
 
     def gain(self, term: Term) -> float:
         """By how much the term lowers the weighted residual sum of squares."""
-        return self.score(term)[0]
+        gain, beta, _, _ = self.score(term)
+        return gain if not term.effect.strict or within(term.effect, beta) else 0.0
 
     def score(self, term: Term) -> tuple[float, FloatArray, FloatArray, FloatArray]:
         """Gain, coefficients (m,), Gram's inverse (m, m), and Q'C (r, m).
@@ -91,6 +93,11 @@ class Projector:
         right = c.T @ self.residual[rows]
         beta = inverse @ right
         return float(right @ beta), beta / norm, inverse / np.outer(norm, norm), qc * norm
+
+
+def within(effect: Effect, beta: FloatArray) -> bool:
+    """Whether all coefficients (m,) lie within their bounds."""
+    return all(p.lower <= b <= p.upper for p, b in zip(effect.params, beta, strict=False))
 
 
 def best_shape(projector: Projector, term: Term, refine: bool = True) -> tuple[Term, float]:

@@ -27,6 +27,8 @@ EXACT = 12
 FINE = 4
 #: Neighbours on either side out of which a line must stand, in grid steps.
 WIDE = 30
+#: A line of the motion exceeds its neighbourhood by this factor.
+PROMINENT = 6.0
 
 
 def frequencies(problem: Problem, term: Term) -> FloatArray:
@@ -53,7 +55,7 @@ def gains(problem: Problem, j: int, rows: FloatArray, f: FloatArray) -> FloatArr
 def promising(problem: Problem, term: Term, rows: FloatArray) -> list[tuple[float, ...]]:
     """Frequencies that deserve an exact fit to the residual rows (n,) of the joint; may be none."""
     f = frequencies(problem, term)
-    f = f[~locked(problem, f)]
+    f = f[~(locked(problem, f) | moved(problem, f))]
     if not f.size:
         return []
     power = gains(problem, term.joint, rows, f)
@@ -83,6 +85,24 @@ def locked(problem: Problem, f: FloatArray) -> NDArray[np.bool_]:
             turns = f * lag / problem.rate
             length = float(np.sum(problem.run == k)) / lag
             out |= np.abs(turns - np.rint(turns)) < 1.0 / length
+    return out
+
+
+def moved(problem: Problem, f: FloatArray) -> NDArray[np.bool_]:
+    """Frequencies at which the motion itself has a line: whatever is missing may show there.
+
+    The speed's amplitude within two steps of the run's resolution, against its neighbourhood's.
+    """
+    out = np.zeros(f.size, dtype=bool)
+    for k in range(len(problem.recordings)):
+        v = problem.qd[:, problem.run == k]
+        window = np.hanning(v.shape[1])
+        size = np.abs(scipy.fft.rfft((v - v.mean(axis=1, keepdims=True)) * window, axis=1))
+        near = scipy.ndimage.maximum_filter1d(size, 5, axis=1)
+        wide = scipy.ndimage.median_filter(size, (1, 2 * WIDE + 1), mode="nearest")
+        lines = np.any(near > PROMINENT * wide, axis=0)
+        where = np.rint(f * v.shape[1] / problem.rate).astype(int)
+        out |= lines[np.minimum(where, lines.size - 1)]
     return out
 
 

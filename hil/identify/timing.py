@@ -23,6 +23,8 @@ from hil.models.model import RobotModel
 FloatArray = NDArray[np.float64]
 #: The slow motion: below this fraction of the effort filter's cut-off.
 SLOW = 4
+#: Effects that noise in a closed loop imitates; the slow motion must show them, too.
+LATE = ("delay", "filter-lag", "actuator-lag")
 
 
 def longest_shift(problem: Problem) -> float:

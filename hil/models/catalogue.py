@@ -23,6 +23,8 @@ MODULES = (
     "hil.models.disturbance",
     "hil.models.sensors",
     "hil.models.encoders",
+    "hil.models.transmission",
+    "hil.models.drive",
 )
 _table: dict[str, Effect] = {}
 

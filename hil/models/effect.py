@@ -103,6 +103,8 @@ class Effect(ABC):
     replayed: ClassVar[bool] = False
     #: Whether every run has its own coefficients where there are several.
     per_run: ClassVar[bool] = False
+    #: Whether all coefficients must lie within their bounds for the effect to be proposed.
+    strict: ClassVar[bool] = False
     #: Whether the columns are [sin, cos] of 2 pi f t with f the only shape: screened at once.
     spectral: ClassVar[bool] = False
 

@@ -1,0 +1,65 @@
+"""Compiled states of dynamic effects, exact for inputs that are straight between samples."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from hil.models.motion import FloatArray
+
+
+@numba.njit(cache=True)
+def resonator(u: FloatArray, dt: float, frequency: float, zeta: float) -> FloatArray:
+    """Second-order low-pass  y'' + 2 zeta w y' + w^2 y = w^2 u,  at rest at the start, (n,).
+
+    With e = y - u and constant input over a step the exact solution is a rotation by
+    w_d dt that shrinks by exp(-zeta w dt); the input is taken at the middle of the step.
+    """
+    w = 2 * np.pi * frequency
+    damped = w * np.sqrt(max(1 - zeta**2, 1e-6))
+    c, s = np.cos(damped * dt), np.sin(damped * dt)
+    shrink = np.exp(-zeta * w * dt)
+    y, v = u[0], 0.0
+    out = np.empty(u.size)
+    out[0] = y
+    for k in range(1, u.size):
+        goal = 0.5 * (u[k] + u[k - 1])
+        e = y - goal
+        a = (v + zeta * w * e) / damped
+        e, v = (
+            shrink * (e * c + a * s),
+            shrink * (v * c - (zeta * w * v + w**2 * e) / damped * s),
+        )
+        y = goal + e
+        out[k] = y
+    return out
+
+
+@numba.njit(cache=True)
+def lag(u: FloatArray, dt: float, time: float) -> FloatArray:
+    """First-order low-pass  T y' + y = u,  exact for straight inputs, (n,)."""
+    decay = np.exp(-dt / time)
+    out = np.empty(u.size)
+    out[0] = u[0]
+    for k in range(1, u.size):
+        slope = (u[k] - u[k - 1]) / dt
+        # particular solution u - T slope, homogeneous part decays
+        e = out[k - 1] - (u[k - 1] - time * slope)
+        out[k] = u[k] - time * slope + e * decay
+    return out
+
+
+@numba.njit(cache=True)
+def gap(q: FloatArray, push: FloatArray, width: float) -> FloatArray:
+    """Whether a play of this width is open (1) or closed (0), (n,).
+
+    The motor's side lies within [0, width] of the other one: z <- clip(z + dq).  It lies on the
+    side to which the load `push` presses it; a change of the push's sign sends it across.
+    """
+    out = np.zeros(q.size)
+    z = width if push[0] > 0 else 0.0
+    for k in range(1, q.size):
+        z = min(max(z + q[k] - q[k - 1], 0.0), width)
+        closed = z >= width if push[k] > 0 else z <= 0.0
+        out[k] = 0.0 if closed else 1.0
+    return out
