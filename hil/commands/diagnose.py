@@ -87,6 +87,9 @@ def text(d: Diagnosis, rungs: list[Rung]) -> str:
     if d.partial:
         names = ", ".join(f"{f.effect} on {f.joint}" for f in d.partial)
         lines.append(f"  best partial explanation: {names} (explains too little to be the cause)")
+    if d.network:
+        lines += ["", "What any function of these variables could explain of what is left"]
+        lines += [f"  - {s.text}" for s in d.network]
     if not d.ladder:
         return "\n".join([*lines, *(f"  {w}" for _, w in d.warnings)])
     lines += ["", ladder_text(d)]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hil.compare.attribute import choose, plausible
 from hil.compare.evidence import Candidate, Evidence, gather, in_time
+from hil.compare.fallback import explainable
 from hil.compare.findings import Accepted, Diagnosis, Step, describe
 from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
@@ -77,6 +78,7 @@ def diagnose(
         _retest(found, ladder, examine, problem)
     out = judge(ladder, found, first, evidence)
     out.heldout_floor = examine.floor(ladder[-1].result)
+    out.network = explainable(ladder[-1].result, evidence.floor)
     return out
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hil.compare.ambiguity import Indistinguishable
 from hil.compare.evidence import NOTHING, Candidate, Evidence
+from hil.compare.fallback import Share
 from hil.compare.heldout import HeldOut
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -74,6 +75,8 @@ class Diagnosis:
     warnings: list[tuple[str, str]] = field(default_factory=list)
     partial: list[Finding] = field(default_factory=list)
     heldout_floor: FloatArray | None = None
+    #: What any function of position, speeds or time could explain of what is left.
+    network: list[Share] = field(default_factory=list)
     #: What the data cannot tell apart; made when first asked for (see `tables.sets_of`).
     sets: list[Indistinguishable] | None = field(default=None, init=False)
 

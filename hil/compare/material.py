@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hil.compare.ambiguity import Indistinguishable, pairs
 from hil.compare.analysis import Comparison, Rung, ladder
 from hil.compare.evidence import Evidence
+from hil.compare.fallback import Share
 from hil.compare.findings import Diagnosis, Finding, Step
 from hil.compare.multistep import MultiStep
 from hil.compare.tables import sets_of
@@ -40,6 +41,8 @@ class Material:
         What the data cannot tell apart.
     warnings : list of (code, str)
         Notes and faults.
+    network : list of Share
+        What any function of position, speeds or time could explain of what is left.
     """
 
     verdict: str
@@ -51,6 +54,7 @@ class Material:
     partial: list[Finding] = field(default_factory=list)
     sets: list[Indistinguishable] = field(default_factory=list)
     warnings: list[tuple[str, str]] = field(default_factory=list)
+    network: list[Share] = field(default_factory=list)
 
     @property
     def before(self) -> Step:
@@ -110,8 +114,9 @@ def from_diagnosis(d: Diagnosis) -> Material:
         else [Rung(s, _none(len(d.noise))) for s in d.ladder]
     )
     return Material(
-        d.verdict, rungs, d.noise, d.first, d.last, d.findings, d.partial, sets_of(d), d.warnings
-    )
+        d.verdict, rungs, d.noise, d.first, d.last, d.findings, d.partial, sets_of(d), d.warnings,
+        d.network,
+    )  # fmt: skip
 
 
 def from_comparison(c: Comparison) -> Material:

@@ -147,7 +147,21 @@ def fails(m: Material) -> str:
         nothing = "With the added effects nothing stands above the noise band."
         parts.append(paragraph("Left over with all added effects:" if left else nothing))
         parts.append(items(left))
-    return section("Where the model fails", *parts, *view_figures(m), *spectra_figures(m))
+    figures = (*view_figures(m), *spectra_figures(m))
+    return section("Where the model fails", *parts, _network(m), *figures)
+
+
+def _network(m: Material) -> str:
+    """What any function of a few variables could explain of what is left."""
+    if not m.network:
+        return ""
+    note = (
+        "What a wavelet network of these variables, fitted beside the last model, explains on "
+        "blocks of time left out of its fit, as a share of the error above the noise floor."
+    )
+    rows = [[s.joint, s.feature.removeprefix("network: "), f"{s.share:.0%}"] for s in m.network]
+    lead = paragraph("Any function of these variables could explain of what is left:")
+    return lead + table(["joint", "variables", "share"], rows) + paragraph(note, "note")
 
 
 def _strongest(found: dict[str, list[Region]], most: int) -> list[str]:

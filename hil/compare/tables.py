@@ -122,6 +122,10 @@ def diagnosis_json(d: Diagnosis) -> dict[str, object]:
         for items in (regions(last.result, d.last.floor, 3) if last else {}).values()
         for r in items
     ]
+    structure += [
+        {"joint": s.joint, "feature": s.feature, "share": number(s.share, 3), "text": s.text}
+        for s in d.network
+    ]
     return {
         "schema": "hil.diagnose/1",
         "verdict": d.verdict,

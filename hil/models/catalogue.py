@@ -25,6 +25,7 @@ MODULES = (
     "hil.models.encoders",
     "hil.models.transmission",
     "hil.models.drive",
+    "hil.models.network",
 )
 _table: dict[str, Effect] = {}
 

@@ -1,0 +1,137 @@
+"""What any function of position and speeds could still explain, where no effect does.
+
+For each set of inputs a wavelet network is fitted to what the model leaves, together with all of
+the model's own columns, with a ridge, and judged on blocks of time that it was not fitted to:
+
+    share = (E0^2 - E^2) / (E0^2 - floor^2),
+
+E the left-out rms error with the network and E0 without it; the floor is the least of the noise
+floor and of all E.  The largest share says which
+variables carry the missing structure; a small one everywhere says that it is none of these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from hil.compare.floor import Floor
+from hil.identify.blocks import time_blocks
+from hil.identify.problem import Problem
+from hil.identify.regression import basis
+from hil.identify.result import FitResult
+from hil.models.network import PLACE, SPEED, dictionary, input_sets
+
+FloatArray = NDArray[np.float64]
+FOLDS, SECONDS, STRENGTHS = 5, 0.5, (1e-4, 1e-3, 1e-2, 1e-1)
+#: Errors within this factor of the floor leave nothing to explain.
+REST = 1.10
+#: Cosines over time; the same blocks as elsewhere are left out in turn, so it interpolates.
+TREND = 6
+
+
+@dataclass(frozen=True)
+class Share:
+    """What one set of inputs could explain on one joint.
+
+    Parameters
+    ----------
+    joint, feature : str
+        Joint, and the inputs, e.g. ``network: q,qd of joint2``.
+    share : float
+        Left-out share of the error above the floor, 0 to 1.
+    text : str
+        One sentence.
+    """
+
+    joint: str
+    feature: str
+    share: float
+    text: str
+
+
+def explainable(result: FitResult, floor: Floor) -> list[Share]:
+    """Shares for every joint that is still above its floor; empty where none is."""
+    out = []
+    for j in range(result.problem.d):
+        if result.rms[j] > REST * floor.rms[j]:
+            out += _of_joint(result, float(floor.rms[j]), j)
+    return out
+
+
+def _of_joint(result: FitResult, floor: float, j: int) -> list[Share]:
+    problem, joint = result.problem, result.problem.joints[j]
+    before = _left_out(result, np.zeros((problem.n, 0)), j)
+    found = [(what, words, _left_out(result, c, j)) for what, words, c in _sets(problem, j)]
+    least = min([floor, *(e for _, _, e in found)])
+    out = []
+    for what, words, after in found:
+        excess = max(before**2 - least**2, 1e-300)
+        share = float(np.clip((before**2 - after**2) / excess, 0.0, 1.0))
+        text = f"{joint}: any function of {words} could explain {100 * share:.0f} % of what is left"
+        out.append(Share(joint, f"network: {what}", share, text))
+    return out
+
+
+def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, FloatArray]]:
+    """Short name, words and filtered columns (n, m) of every set of inputs."""
+    own = problem.joints[j]
+    for shape in input_sets(problem.motions[0], j):
+        columns = problem.gated([dictionary(m, j, shape) for m in problem.motions], j)
+        if shape[0] == SPEED:
+            yield f"qd of {own}", "its own speed", columns
+        elif shape[0] == PLACE:
+            yield f"q,qd of {own}", "its position and speed", columns
+        else:
+            other = problem.joints[int(shape[0]) - 1]
+            yield f"qd of {own} and {other}", f"its speed and that of {other}", columns
+    trend = problem.gated([_trend(m.since, m.sign(j), m.qd[:, j]) for m in problem.motions], j)
+    yield "t", "time (offset, dry and viscous friction that change slowly)", trend
+
+
+def _trend(t: FloatArray, sign: FloatArray, v: FloatArray) -> FloatArray:
+    """cos(pi k t / T) times 1, sgn v and v, shape (n, 3 (TREND + 1))."""
+    waves = np.cos(np.pi * np.arange(TREND + 1) * t[:, None] / max(float(t[-1]), 1e-9))
+    return np.concatenate([waves, waves * sign[:, None], waves * v[:, None]], axis=1)
+
+
+def _free(result: FitResult) -> FloatArray:
+    """Orthonormal weighted columns (d n, r) of the parameters that are not on a bound."""
+    free = np.array([not (n in result.values and result.values[n].at_bound) for n in result.names])
+    if free.all():
+        return result.basis.q
+    w = np.repeat(1.0 / result.sigma, result.problem.n)
+    return basis(result.x[:, free] * w[:, None]).q
+
+
+def _left_out(result: FitResult, more: FloatArray, j: int) -> float:
+    """Rms error of joint j on every fifth block, left out in turn; best of four ridges on `more`.
+
+    The model's own parameters are fitted again each time, on all joints together; those on a
+    bound stay there.
+    """
+    problem, q = result.problem, _free(result)
+    norm = np.linalg.norm(more, axis=0)
+    more = more[:, norm > 1e-12 * max(float(norm.max(initial=0.0)), 1e-300)]
+    wide = np.zeros((problem.d, problem.n, more.shape[1]))
+    wide[j] = more / np.maximum(np.linalg.norm(more, axis=0), 1e-300)
+    x = np.concatenate([q, wide.reshape(problem.d * problem.n, -1 if more.size else 0)], axis=1)
+    y = (result.residual / result.sigma[:, None]).reshape(-1)
+    fold = np.tile(time_blocks(problem, SECONDS) % FOLDS, problem.d)
+    own = np.repeat(np.arange(problem.d) == j, problem.n)
+    parts = [(x[fold == k], y[fold == k], own[fold == k]) for k in range(FOLDS)]
+    grams, rights = [a.T @ a for a, _, _ in parts], [a.T @ b for a, b, _ in parts]
+    penalised = np.arange(x.shape[1]) >= q.shape[1]
+    errors = []
+    for strength in STRENGTHS if more.shape[1] else STRENGTHS[:1]:
+        ridge, total = np.diag(np.where(penalised, strength, 1e-10)), 0.0
+        for k, (a, b, here) in enumerate(parts):
+            gram, right = sum(grams) - grams[k] + ridge, sum(rights) - rights[k]
+            theta = scipy.linalg.solve(gram, right, assume_a="sym")
+            total += float(np.sum((b - a @ theta)[here] ** 2))
+        errors.append(total)
+    return float(result.sigma[j] * np.sqrt(min(errors) / max(float(problem.count[j]), 1.0)))
