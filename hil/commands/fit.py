@@ -48,4 +48,5 @@ def text(result: FitResult) -> str:
         f"{out}\n\n  relative error (fitted data): {relative}\n"
         f"  {result.basis.rank} of {result.x.shape[1]} directions determined, condition number "
         f"{result.basis.condition:.3g}, band up to {result.problem.rates.effort:.3g} Hz"
+        + "".join(f"\n  warning: {text}" for _, text in result.warnings)
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,9 @@ from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.threads import single_threaded
 from hil.identify.timing import fit_aligned
+from hil.identify.validity import outside
 from hil.models import catalogue
-from hil.models.model import RobotModel, Use
+from hil.models.model import Range, RobotModel, Use
 from hil.record.checks import Finding as Fault
 from hil.record.checks import check
 from hil.record.recording import Recording
@@ -57,6 +58,8 @@ class Comparison:
     multi_step: MultiStep
     faults: list[Fault] = field(default_factory=list)
     heldout_floor: FloatArray | None = None
+    #: What the given model had been identified on.
+    valid: tuple[Range, ...] = ()
 
     @property
     def noise(self) -> FloatArray:
@@ -90,7 +93,9 @@ def make_problem(recordings: list[Recording], model: RobotModel) -> Problem:
 @single_threaded
 def fit(recordings: list[Recording], model: RobotModel) -> FitResult:
     """Fit all parameters of a model jointly to some runs."""
-    return fit_problem(make_problem(recordings, model), model)
+    result = fit_problem(make_problem(recordings, model), model)
+    beyond = outside(model.valid, result.problem)
+    return replace(result, warnings=[("outside-range", text) for text in beyond])
 
 
 @single_threaded
@@ -103,9 +108,11 @@ def compare(
     examine = Examiner(problem, holdout or [])
     evidence = gather(result)
     where = regions(result, evidence.floor)
+    beyond = outside(model.valid, problem) + examine.outside(result)
+    faults = [*faults_of(recordings), *(Fault("outside-range", "warning", "", x) for x in beyond)]
     return Comparison(
-        result, examine(result), evidence, where, both(result, problem),
-        faults_of(recordings), examine.floor(result),
+        result, examine(result), evidence, where, both(result, problem), faults,
+        examine.floor(result), model.valid,
     )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.threads import single_threaded
 from hil.identify.timing import fit_aligned
+from hil.identify.validity import outside
 from hil.models.model import RobotModel, Use, Value
 from hil.record.checks import check
 from hil.record.recording import Recording
@@ -78,6 +79,9 @@ def diagnose(
         _retest(found, ladder, examine, problem)
     out = judge(ladder, found, first, evidence)
     out.heldout_floor = examine.floor(ladder[-1].result)
+    out.valid = model.valid
+    beyond = outside(model.valid, problem) + examine.outside(ladder[-1].result)
+    out.warnings += [("outside-range", text) for text in beyond]
     out.network = explainable(ladder[-1].result, evidence.floor)
     return out
 

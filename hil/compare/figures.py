@@ -12,8 +12,11 @@ from hil.compare.localise import View, views
 from hil.compare.material import Material
 from hil.compare.page import escape, number
 from hil.compare.plots import AFTER, BAND, BEFORE, FLOOR, TOP, embed, grid, line, rung_colors
+from hil.identify.validity import QUANTITIES, limits
 
 FloatArray = NDArray[np.float64]
+#: Colour of what lies outside the range that a model was identified on.
+OUTSIDE = "#E69F00"
 #: Views drawn per joint, and bins with fewer instants than this are left out.
 VIEWS, FEWEST = 9, 10
 ONE_STEP = (
@@ -109,6 +112,7 @@ def _views(m: Material, j: int, pairs: list[tuple[View, View | None]]) -> str:
     for k, (old, new) in enumerate(pairs):
         row, column = k // 3 + 1, k % 3 + 1
         _one_view(fig, old, new, row, column, k == 0)
+        _beyond(fig, m, old, row, column)
         fig.update_yaxes(range=[-top, top], row=row, col=column)
         fig.update_yaxes(showticklabels=column == 1, row=row, col=column)
         if column == 1:
@@ -118,8 +122,27 @@ def _views(m: Material, j: int, pairs: list[tuple[View, View | None]]) -> str:
         "would give (three standard errors). A line outside the grey is a systematic error of the "
         "model; positive means that the model predicts too little. Bins over speed, reversal and "
         "load are drawn equally wide, whatever they span."
+        + (" Orange: outside the range that the given model was identified on." if m.valid else "")
     )
     return embed(fig, f"views-{j + 1}", text)
+
+
+def _beyond(fig: Any, m: Material, view: View, row: int, column: int) -> None:
+    """Shade what the given model was not identified on."""
+    known = next((r for r in m.valid if r.joint == view.joint), None)
+    if known is None or view.feature not in QUANTITIES:
+        return
+    low, high = limits(known, view.feature)
+    if view.feature.startswith(UNEVEN):
+        at = np.arange(view.edges.size, dtype=float)
+        low, high = (float(np.interp(x, view.edges, at)) for x in (low, high))
+        ends = (0.0, float(at[-1]))
+    else:
+        ends = (float(view.edges[0]), float(view.edges[-1]))
+    for a, b in ((ends[0], low), (high, ends[1])):
+        if b > a + 1e-9 * (ends[1] - ends[0]):
+            look = {"fillcolor": OUTSIDE, "opacity": 0.15, "line_width": 0, "layer": "below"}
+            fig.add_vrect(x0=a, x1=b, **look, row=row, col=column)
 
 
 def _reach(view: View) -> float:

@@ -13,7 +13,7 @@ from hil.compare.fallback import Share
 from hil.compare.heldout import HeldOut
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
-from hil.models.model import RobotModel, Value
+from hil.models.model import Range, RobotModel, Value
 
 FloatArray = NDArray[np.float64]
 #: A candidate that was accepted, its confidence, and its rivals.
@@ -77,6 +77,8 @@ class Diagnosis:
     heldout_floor: FloatArray | None = None
     #: What any function of position, speeds or time could explain of what is left.
     network: list[Share] = field(default_factory=list)
+    #: What the given model had been identified on.
+    valid: tuple[Range, ...] = ()
     #: What the data cannot tell apart; made when first asked for (see `tables.sets_of`).
     sets: list[Indistinguishable] | None = field(default=None, init=False)
 

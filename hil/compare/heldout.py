@@ -13,6 +13,7 @@ from hil.identify.fit import fit, predict, time_blocks
 from hil.identify.problem import Problem
 from hil.identify.regression import basis
 from hil.identify.result import FitResult, relative
+from hil.identify.validity import outside
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -105,6 +106,13 @@ class Examiner:
             self._other = Problem(
                 holdout, problem.source, problem.explains, rates=problem.rates, span=problem.span
             )
+
+    def outside(self, result: FitResult) -> list[str]:
+        """Where the held-out runs leave the range of the fit; empty without any."""
+        if self._other is None:
+            return []
+        predict(result, self._other)  # the load there is the fit's
+        return outside(result.model.valid, self._other, "held-out session")
 
     def __call__(self, result: FitResult) -> HeldOut:
         """Held-out residuals of a fit."""

@@ -15,6 +15,7 @@ from hil.compare.findings import Diagnosis, Finding, Step
 from hil.compare.multistep import MultiStep
 from hil.compare.tables import sets_of
 from hil.identify.problem import Problem
+from hil.models.model import Range
 
 FloatArray = NDArray[np.float64]
 #: Verdict of a comparison, which judges nothing.
@@ -43,6 +44,8 @@ class Material:
         Notes and faults.
     network : list of Share
         What any function of position, speeds or time could explain of what is left.
+    valid : tuple of Range
+        What the given model had been identified on, before it was fitted to these sessions.
     """
 
     verdict: str
@@ -55,6 +58,7 @@ class Material:
     sets: list[Indistinguishable] = field(default_factory=list)
     warnings: list[tuple[str, str]] = field(default_factory=list)
     network: list[Share] = field(default_factory=list)
+    valid: tuple[Range, ...] = ()
 
     @property
     def before(self) -> Step:
@@ -115,7 +119,7 @@ def from_diagnosis(d: Diagnosis) -> Material:
     )
     return Material(
         d.verdict, rungs, d.noise, d.first, d.last, d.findings, d.partial, sets_of(d), d.warnings,
-        d.network,
+        d.network, d.valid,
     )  # fmt: skip
 
 
@@ -131,6 +135,7 @@ def from_comparison(c: Comparison) -> Material:
         c.evidence,
         sets=pairs(c.evidence, [], c.result),
         warnings=faults,
+        valid=c.valid,
     )
 
 

@@ -13,6 +13,7 @@ from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.solve import prior, solve
 from hil.identify.spread import ShapeError, spread
+from hil.identify.validity import identified
 from hil.models.effect import Param
 from hil.models.model import RobotModel, Use, Value
 
@@ -42,8 +43,8 @@ def assemble(
     )
     names = [n for t in terms for n, _ in coefficients(t, problem)]
     return FitResult(
-        replace(model, effects=effects), problem, terms, theta, names, values,
-        residual, sigma, b, prior(problem, terms, model, names), x, slices,
+        replace(model, effects=effects, valid=identified(problem)), problem, terms, theta, names,
+        values, residual, sigma, b, prior(problem, terms, model, names), x, slices,
     )  # fmt: skip
 
 

@@ -55,6 +55,8 @@ class FitResult:
     prior: FloatArray
     x: FloatArray = field(repr=False, default_factory=lambda: np.empty((0, 0)))
     slices: list[slice] = field(repr=False, default_factory=list)
+    #: Code and sentence of what the user should know, e.g. ``outside-range``.
+    warnings: list[tuple[str, str]] = field(default_factory=list)
 
     @property
     def rms(self) -> FloatArray:
@@ -95,6 +97,7 @@ class FitResult:
                 "position": self.problem.rates.position,
                 "effort": self.problem.rates.effort,
             },
+            "warnings": [{"code": code, "text": text} for code, text in self.warnings],
         }
 
 

@@ -10,12 +10,13 @@ from typing import Any
 
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
-from hil.models.model import ALL, Band, RobotModel, Use, Value
+from hil.models.model import ALL, Band, Range, RobotModel, Use, Value
 from hil.models.writing import SCHEMA, write_model
 from hil.record.recording import RobotSource
 
 __all__ = ["SCHEMA", "read_model", "write_model"]
-_TOP = ("schema", "robot", "effects", "signal", "plugins")
+_TOP = ("schema", "robot", "effects", "signal", "plugins", "valid")
+_RANGES = ("position", "speed", "load")
 _ROBOT = ("urdf", "preset", "tip", "arm", "explains")
 _OPTIONS = ("per_run", "fixed", "fixed_shape")
 _EXPLAINS = ("motor", "external")
@@ -74,6 +75,7 @@ def _model(data: dict[str, Any], path: Path) -> RobotModel:
         band=_band(data.get("signal", {})),
         plugins=plugins,
         urdf_path=str(robot.get("urdf", "")),
+        valid=_valid(data.get("valid", {})),
     )
     for entry in effects:
         model = model + _use(entry)
@@ -103,6 +105,27 @@ def _band(signal: Any) -> Band:
                 f"signal.{key} = {value:g}: expected a frequency in Hz, or 0 = choose"
             )
     return Band(**values)
+
+
+def _valid(table: Any) -> tuple[Range, ...]:
+    """Identified ranges; files without them are as good."""
+    if not isinstance(table, dict) or not all(isinstance(v, dict) for v in table.values()):
+        raise ConfigError("[valid.JOINT] must be a table with position, speed and load")
+    out = []
+    for joint, entry in table.items():
+        _keys(entry, _RANGES, f"[valid.{joint}]")
+        ends = [_ends(entry.get(key), f"valid.{joint}.{key}") for key in _RANGES]
+        out.append(Range(str(joint), *ends))
+    return tuple(out)
+
+
+def _ends(value: Any, what: str) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise ConfigError(f"{what} = {value!r}: expected [lowest, highest]")
+    low, high = (_number(x, what) for x in value)
+    if not low <= high:
+        raise ConfigError(f"{what} = {value!r}: expected [lowest, highest] as finite numbers")
+    return low, high
 
 
 def _source(robot: dict[str, Any], path: Path) -> RobotSource:

@@ -78,6 +78,24 @@ class Band:
 
 
 @dataclass(frozen=True)
+class Range:
+    """What one joint went through when the model was identified: lowest and highest values.
+
+    Parameters
+    ----------
+    joint : str
+        Joint.
+    position, speed, load : (float, float)
+        Ends [rad, rad/s, N m or m, m/s, N].
+    """
+
+    joint: str
+    position: tuple[float, float]
+    speed: tuple[float, float]
+    load: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class RobotModel:
     """Robot plus effects; immutable, `model + "stribeck"` makes a new one.
 
@@ -95,6 +113,8 @@ class RobotModel:
         Filter band.
     plugins : tuple of str
         Files with a user's effects.
+    valid : tuple of Range
+        What it was identified on; empty where nobody knows.
     """
 
     robot: RobotSource
@@ -104,6 +124,7 @@ class RobotModel:
     band: Band = Band()
     plugins: tuple[str, ...] = ()
     urdf_path: str = ""
+    valid: tuple[Range, ...] = ()
 
     def __add__(self, other: Use | str) -> RobotModel:
         """Model with one more effect (what it replaces steps back on the same joints).

@@ -35,6 +35,9 @@ def write_model(model: RobotModel, path: str | Path) -> None:
         lines += [f"effort_hz = {model.band.effort_hz!r}"]
     for use in model.effects:
         lines += ["", *_use_lines(use)]
+    for r in model.valid:
+        lines += ["", f"[valid.{_toml(r.joint)}]", f"position = {list(r.position)!r}"]
+        lines += [f"speed = {list(r.speed)!r}", f"load = {list(r.load)!r}"]
     if urdf and not urdf.exists():
         urdf.write_text(model.robot.urdf, encoding="utf-8", newline="")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
