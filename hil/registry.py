@@ -17,6 +17,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "position-force": "controllers.position_force",
     },
     "hil.sim_devices": {},
+    "hil.sim_sessions": {},
 }
 
 

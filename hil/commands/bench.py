@@ -10,17 +10,28 @@ from pathlib import Path
 from tqdm import tqdm
 
 from hil.bench import hidden, recordings
+from hil.bench.diagnosis import cases, runner, tables
 from hil.commands import common, plugins
+from hil.errors import ConfigError
 from hil.rigs import rig_path
 
 HELP = "the published benchmarks: hidden effects, and the three public recordings"
-EXAMPLE = "hil bench hidden --seeds 3"
+EXAMPLE = "hil bench diagnosis --quick"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     parser.add_argument("name", choices=sorted(BENCHES), help="which benchmark")
-    parser.add_argument("--seeds", type=int, default=3, help="seeds per hidden effect (hidden)")
+    parser.add_argument(
+        "--seeds", type=int, help="seeds per hidden effect (hidden: 3, diagnosis: 10)"
+    )
+    parser.add_argument("--quick", action="store_true", help="a subset in minutes (diagnosis)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (diagnosis)")
+    parser.add_argument(
+        "--resume", metavar="R.jsonl",
+        help="keep every result in this file, and do not do again what it holds (diagnosis)",
+    )  # fmt: skip
+    parser.add_argument("--report", metavar="R.md", help="write the tables too (diagnosis)")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 
@@ -35,9 +46,26 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _diagnosis(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Thousands of hidden effects in the compiled simulator."""
+    kept = Path(args.resume) if args.resume else None
+    if kept and kept.suffix != ".jsonl":
+        raise ConfigError(f"--resume {kept}: a file that ends in .jsonl is needed")
+    if args.report and Path(args.report).suffix != ".md":
+        raise ConfigError(f"--report {args.report}: a file that ends in .md is needed")
+    seeds = args.seeds or cases.SEEDS
+    rows = runner.run(cases.plan(args.quick, seeds), args.jobs, kept)
+    quick = " --quick" if args.quick else f" --seeds {seeds}"
+    text = tables.report(rows, f"hil bench diagnosis{quick}", runner.revision())
+    if args.report:
+        Path(args.report).write_text(text, encoding="utf-8")
+    return text, {"cases": rows}
+
+
 def _hidden(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
-    seeds = range(1, args.seeds + 1)
-    total = (len(hidden.EFFECTS) + 1) * args.seeds
+    count = args.seeds or 3
+    seeds = range(1, count + 1)
+    total = (len(hidden.EFFECTS) + 1) * count
     with tqdm(total=total, unit="session", disable=not sys.stderr.isatty()) as bar:
         cases = hidden.run(Path(rig_path("identify")), list(seeds), report=lambda _: bar.update())
     rows = [
@@ -139,6 +167,7 @@ def _wrist(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
 
 
 BENCHES: dict[str, Callable[[argparse.Namespace], tuple[str, dict[str, object]]]] = {
+    "diagnosis": _diagnosis,
     "hidden": _hidden,
     "emps": _emps,
     "contact": _contact,

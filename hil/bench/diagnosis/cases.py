@@ -1,0 +1,151 @@
+"""The plan: which effect is hidden where, how large, under which noise and motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hil.bench.diagnosis import amplitudes, session
+from hil.models import catalogue
+
+LEVELS = amplitudes.LEVELS
+NOISES = ("white", "coloured")
+EXCITATIONS = ("repeated", "strokes")
+SEEDS, FEWER = 10, 3
+#: Pairs of effects that are hidden together, and whether on one joint.
+PAIRS = (
+    ("stribeck", "cogging"), ("quadratic-drag", "position-friction"), ("end-stop", "stribeck"),
+    ("asymmetric-viscous", "cogging"), ("presliding", "position-torque"),
+    ("coupled-friction", "quadratic-drag"), ("delay", "position-torque"),
+    ("position-friction", "end-stop"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One hidden effect: its name, its joint (0..2) and the excess it leaves [floors]."""
+
+    effect: str
+    joint: int
+    level: float
+
+    @property
+    def label(self) -> str:
+        """Joint as a diagnosis names it; the pair (1, 3) of idlers belongs to its first joint."""
+        last = self.effect == "coupled-transmission" and self.joint == 2
+        return f"joint{1 if last else self.joint + 1}"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One recording session to be diagnosed.
+
+    Parameters
+    ----------
+    kind : str
+        ``"one"``, ``"two"``, ``"none"`` or ``"outside"`` (also: not yet in the catalogue).
+    robot : str
+        ``"arm"`` (three joints) or ``"axis"`` (the turntable alone).
+    hidden : tuple of Hidden
+    noise, excitation : str
+    seed : int
+        Of motion and noise.
+    force : bool
+        Whether a force acts at the tip and is measured.
+    """
+
+    kind: str
+    robot: str
+    hidden: tuple[Hidden, ...]
+    noise: str
+    excitation: str
+    seed: int
+    force: bool = False
+
+    @property
+    def name(self) -> str:
+        """Key of the case in the results."""
+        what = "+".join(f"{h.effect}@{h.joint + 1}x{h.level:g}" for h in self.hidden) or "none"
+        force = "/force" if self.force else ""
+        return f"{what}/{self.robot}/{self.noise}/{self.excitation}/{self.seed}{force}"
+
+
+def known() -> set[str]:
+    """Effects that a diagnosis of motor effort can name at present."""
+    table = catalogue.table().values()
+    return {e.name for e in table if e.candidate and "motor" in e.explains}
+
+
+def plan(quick: bool = False, seeds: int = SEEDS) -> list[Case]:
+    """All cases; a subset that covers every effect and level where `quick`.
+
+    Effects that are not in the catalogue count as outside, with fewer seeds.
+    """
+    if quick:
+        return _quick()
+    there, found = known(), nothing(range(seeds))
+    for effect in session.kinds():
+        for seed in range(seeds if effect in there else min(seeds, FEWER)):
+            for level in LEVELS:
+                for noise in NOISES:
+                    found += [single(effect, level, noise, e, seed) for e in EXCITATIONS]
+    return [c for c in found + two(range(min(seeds, 4)), NOISES, (1.5, 5.0)) if distinct(c)]
+
+
+def _quick() -> list[Case]:
+    found = [c for c in nothing(range(3)) if (c.robot, c.force) == ("arm", False)]
+    for k, effect in enumerate(session.kinds()):
+        for n, level in enumerate(LEVELS):
+            noise, excitation = NOISES[(k + n) % 2], EXCITATIONS[(k // 2 + n) % 2]
+            found.append(single(effect, level, noise, excitation, (k + n) % 3))
+    return [c for c in found + two(range(1), NOISES[1:], (5.0,)) if distinct(c)]
+
+
+def single(effect: str, level: float, noise: str, excitation: str, seed: int) -> Case:
+    """One hidden effect; its joint follows from the seed, every fifth is a single axis."""
+    needs, kind = session.kinds()[effect][0], "one" if effect in known() else "outside"
+    axis = seed % 5 == 4 and not needs
+    hidden = (Hidden(effect, 0 if axis else seed % 3, level),)
+    robot = "axis" if axis else "arm"
+    return Case(kind, robot, hidden, noise, excitation, seed, needs == "force")
+
+
+def distinct(case: Case) -> bool:
+    """Whether no smaller level has the same amplitude, the largest there is."""
+    for h in case.hidden:
+        steps = [
+            amplitudes.amplitude(h.effect, h.joint, case.robot, case.excitation, x)
+            for x in LEVELS[: LEVELS.index(h.level) + 1]
+        ]
+        if len(steps) > 1 and steps[-1] < 1.02 * steps[-2]:
+            return False
+    return True
+
+
+def nothing(seeds: range) -> list[Case]:
+    """Sessions with no hidden effect: arm, single axis, arm with a measured force."""
+    arms = (("arm", False), ("axis", False), ("arm", True))
+    return [
+        Case("none", robot, (), noise, excitation, seed, force)
+        for seed in seeds
+        for noise in NOISES
+        for excitation in EXCITATIONS
+        for robot, force in arms
+        if (robot, force) == ("arm", False) or seed < len(seeds) // 3
+    ]
+
+
+def two(seeds: range, noises: tuple[str, ...], levels: tuple[float, ...]) -> list[Case]:
+    """Two hidden effects, on one joint and on two."""
+    found = []
+    for k, (a, b) in enumerate(PAIRS):
+        if not {a, b} <= known():
+            continue
+        for seed in seeds:
+            for n, level in enumerate(levels):
+                first = (seed + k) % 3
+                for second in (first, (first + 1) % 3):
+                    hidden = (Hidden(a, first, level), Hidden(b, second, level))
+                    noise = noises[(seed + n) % len(noises)]
+                    excitation = EXCITATIONS[(seed + k) % 2]
+                    found.append(Case("two", "arm", hidden, noise, excitation, 100 + seed))
+    return found

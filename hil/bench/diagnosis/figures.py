@@ -1,0 +1,168 @@
+"""Figures of a run: shares with their intervals, power, calibration, classes of failure."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+Row = dict[str, Any]
+#: An effect that leaves less than this [floors] need not be named.
+ENOUGH = 0.5
+#: Edges of the bins of confidence.
+BINS = (0.0, 0.6, 0.75, 0.85, 0.95, 0.99, 1.0)
+OUTCOMES = ("right", "ambiguous", "extra", "wrong", "one", "unexplained", "missed")
+
+
+@dataclass(frozen=True)
+class Share:
+    """k of n, with its 95 % interval."""
+
+    k: int
+    n: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson score interval at 95 % (Wilson 1927)."""
+        if not self.n:
+            return 0.0, 1.0
+        z, p, n = 1.96, self.k / self.n, self.n
+        # (p + z^2/2n +- z sqrt(p (1-p)/n + z^2/4n^2)) / (1 + z^2/n)
+        middle, half = p + z * z / (2 * n), z * sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+        return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+
+    def __str__(self) -> str:
+        """E.g. ``97.1 % (66/68, 90..99)``."""
+        if not self.n:
+            return "-"
+        low, high = self.interval
+        return (
+            f"{100 * self.k / self.n:.1f} % ({self.k}/{self.n}, {100 * low:.0f}..{100 * high:.0f})"
+        )
+
+
+def share(rows: Iterable[Row], hit: Callable[[Row], bool]) -> Share:
+    """Share of `rows` for which `hit` holds."""
+    found = [hit(r) for r in rows]
+    return Share(sum(found), len(found))
+
+
+def of(rows: list[Row], kind: str) -> list[Row]:
+    """Rows of a kind whose session was stable."""
+    return [r for r in rows if r["kind"] == kind and r["outcome"] != "unstable"]
+
+
+def enough(row: Row) -> bool:
+    """Whether the effect leaves at least half a floor in this very session."""
+    return bool(row["excess"] >= ENOUGH)
+
+
+def is_(*outcomes: str) -> Callable[[Row], bool]:
+    """Test of the outcome."""
+    return lambda row: row["outcome"] in outcomes
+
+
+def headline(rows: list[Row]) -> dict[str, Share]:
+    """The shares that the project states."""
+    one, none, outside, two = (of(rows, k) for k in ("one", "none", "outside", "two"))
+    visible = [r for r in one if enough(r)]
+    below = [r for r in one if not enough(r)]
+    true_outside = [r for r in outside if r["hidden"][0][0].startswith("outside-")]
+    return {
+        "right, excess of half a floor or more": share(visible, is_("right")),
+        "... ambiguous with the truth in the set": share(visible, is_("ambiguous")),
+        "... the truth and something else": share(visible, is_("extra")),
+        "... another name": share(visible, is_("wrong")),
+        "... no name": share(visible, is_("missed", "unexplained", "not-identifiable")),
+        "below half a floor: another name": share(below, is_("wrong", "extra")),
+        "false alarm with nothing hidden (a name)": share(none, lambda r: bool(r["named"])),
+        "... 'unexplained' with nothing hidden": share(none, is_("unexplained")),
+        "outside kinds not misnamed": share(true_outside, lambda r: not r["named"]),
+        "... misnamed without doubt": share(true_outside, is_sure),
+        "not in the catalogue yet, not misnamed": share(
+            [r for r in outside if r not in true_outside], lambda r: not r["named"]
+        ),
+        "both of two found": share(two, is_("right", "ambiguous", "extra")),
+        "... exactly both": share(two, is_("right")),
+    }
+
+
+def is_sure(row: Row) -> bool:
+    """Whether a name was given as if there were no doubt."""
+    return bool(row["verdict"] == "missing-effect" and row["named"])
+
+
+def answer(row: Row) -> str:
+    """What was said, in short: the first name, or the verdict."""
+    if not row["named"]:
+        return str(row["verdict"] or row["outcome"])
+    first = str(row["named"][0]["effect"])
+    return f"ambiguous:{first}" if row["verdict"] == "ambiguous" else first
+
+
+def confusion(rows: list[Row]) -> dict[str, Counter[str]]:
+    """Hidden effect -> what was named first, over all levels."""
+    out: dict[str, Counter[str]] = {}
+    for r in rows:
+        if r["kind"] != "two":
+            key = r["hidden"][0][0] if r["hidden"] else "(nothing)"
+            out.setdefault(key, Counter())[answer(r)] += 1
+    return dict(sorted(out.items()))
+
+
+def power(rows: list[Row]) -> dict[str, dict[float, tuple[Share, Share]]]:
+    """Effect -> level -> shares right, and right or ambiguous."""
+    out: dict[str, dict[float, tuple[Share, Share]]] = {}
+    for r in of(rows, "one"):
+        out.setdefault(r["hidden"][0][0], {})
+    for effect in out:
+        mine = [r for r in of(rows, "one") if r["hidden"][0][0] == effect]
+        for level in sorted({r["hidden"][0][2] for r in mine}):
+            at = [r for r in mine if r["hidden"][0][2] == level]
+            out[effect][level] = (share(at, is_("right")), share(at, is_("right", "ambiguous")))
+    return dict(sorted(out.items()))
+
+
+def calibration(rows: list[Row]) -> list[tuple[float, float, float, Share]]:
+    """Bins of confidence: edges, mean confidence, share of findings that are hidden there.
+
+    Every finding counts, of every session; where nothing or nothing of the catalogue is
+    hidden, none is right.
+    """
+    pairs = [
+        (f["confidence"], any(f["effect"] == h[0] and f["joint"] in (None, h[1]) for h in truth(r)))
+        for r in rows
+        for f in r["named"]
+    ]
+    out = []
+    for low, high in pairwise(BINS):
+        inside = [p for p in pairs if low <= p[0] < high or p[0] == high == 1.0]
+        mean = float(np.mean([p[0] for p in inside])) if inside else float("nan")
+        out.append((low, high, mean, Share(sum(p[1] for p in inside), len(inside))))
+    return out
+
+
+def truth(row: Row) -> list[list[Any]]:
+    """What could rightly be named."""
+    return row["hidden"] if row["kind"] in ("one", "two") else []
+
+
+def failures(rows: list[Row]) -> list[tuple[str, str, list[Row]]]:
+    """Classes of failure (hidden, said), most frequent first; what lies below half a floor last."""
+    classes: dict[tuple[str, str], list[Row]] = {}
+    for r in rows:
+        bad = r["outcome"] not in ("right", "unstable")
+        quiet = r["kind"] == "one" and not enough(r) and r["outcome"] in ("missed", "ambiguous")
+        if bad and not quiet:
+            hidden = " + ".join(f"{h[0]}" for h in r["hidden"]) or "(nothing)"
+            said = " + ".join(f["effect"] for f in r["named"]) or r["verdict"]
+            if r["verdict"] == "ambiguous":
+                said = f"ambiguous: {said}"
+            classes.setdefault((hidden, said), []).append(r)
+    found = [(h, s, members) for (h, s), members in classes.items()]
+    return sorted(found, key=lambda x: -len(x[2]))

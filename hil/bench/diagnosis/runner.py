@@ -1,0 +1,92 @@
+"""All cases in several processes; results line by line, so that a run can be resumed."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from hil.bench.diagnosis import amplitudes, cases, judge, session
+from hil.errors import DataError
+
+Row = dict[str, Any]
+
+
+def read(path: Path) -> list[Row]:
+    """Rows of an earlier run; a last line that a killed run left half is passed over."""
+    if not path.is_file():
+        return []
+    lines = path.read_text(encoding="utf-8").splitlines()
+    rows = []
+    for k, line in enumerate(lines):
+        try:
+            rows.append(json.loads(line))
+        except json.JSONDecodeError as error:
+            if k + 1 < len(lines):
+                raise DataError(f"{path}, line {k + 1}: not a result of this benchmark") from error
+    return rows
+
+
+def run(todo: list[cases.Case], jobs: int, path: Path | None) -> list[Row]:
+    """Rows of `todo`, those in `path` not done again; new ones are appended to it."""
+    done = {r["case"]: r for r in (read(path) if path else [])}
+    left = [c for c in todo if c.name not in done]
+    if path and path.is_file() and not path.read_bytes().endswith(b"\n"):
+        path.write_text("".join(json.dumps(r) + "\n" for r in done.values()), encoding="utf-8")
+    for row in spread(judge.judge, left, jobs, "session"):
+        done[row["case"]] = row
+        if path:
+            with path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+    return [done[c.name] for c in todo]
+
+
+def spread(
+    work: Callable[[Any], Any], todo: list[Any], jobs: int, unit: str
+) -> Iterator[Any]:  # fmt: skip
+    """Results of `work` in any order, with a progress bar on a terminal's stderr."""
+    bar = tqdm(total=len(todo), unit=unit, disable=not sys.stderr.isatty())
+    with bar, multiprocessing.get_context("spawn").Pool(max(1, min(jobs, len(todo) or 1))) as pool:
+        for result in pool.imap_unordered(work, todo):
+            bar.update()
+            yield result
+
+
+def revision() -> str:
+    """Revision of the source tree, ``-dirty`` where files differ from it."""
+    words = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, timeout=5, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+    return done.stdout.strip()
+
+
+def _calibrated(key: tuple[str, int, str, str]) -> tuple[str, list[float]]:
+    return amplitudes.name(*key), amplitudes.calibrate(*key)
+
+
+def calibrate(jobs: int) -> dict[str, list[float]]:
+    """Amplitudes of every effect, joint, robot and excitation, for ``amplitudes.json``."""
+    keys = [
+        (effect, joint, robot, excitation)
+        for effect, (needs, *_) in session.kinds().items()
+        for robot, joint in (("arm", 0), ("arm", 1), ("arm", 2), ("axis", 0))
+        for excitation in cases.EXCITATIONS
+        if robot == "arm" or not needs
+    ]
+    return dict(sorted(spread(_calibrated, keys, jobs, "effect")))
+
+
+if __name__ == "__main__":
+    table = calibrate(2)
+    lines = [f"{json.dumps(k)}: {json.dumps(v)}" for k, v in table.items()]
+    Path(amplitudes.__file__).with_name(amplitudes.FILE).write_text(
+        "{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8"
+    )

@@ -1,0 +1,71 @@
+"""Recordings of a case, from the compiled simulator behind the entry point ``phantom``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil import registry
+from hil.bench.diagnosis import excitation
+from hil.record.recording import Recording, RobotSource
+
+FloatArray = NDArray[np.float64]
+JOINTS = ("joint1", "joint2", "joint3")
+#: An effect with its joint and its amplitude (in the simulator's units).
+Row = tuple[str, int, float]
+
+
+def _simulator() -> Any:
+    return registry.load("hil.sim_sessions", "phantom")
+
+
+@cache
+def kinds() -> dict[str, tuple[str, float, float]]:
+    """What can be hidden -> what it needs, its smallest and its largest amplitude.
+
+    Needs: ``"force"`` (measured), ``"arm"`` (more than one joint), ``"runs"`` (a run with and
+    one without), or nothing.
+    """
+    found: dict[str, tuple[str, float, float]] = _simulator().kinds()
+    return found
+
+
+@lru_cache(maxsize=64)
+def _motion(kind: str, seed: int, force: bool) -> tuple[FloatArray, FloatArray | None]:
+    return excitation.reference(kind, seed), excitation.push(seed) if force else None
+
+
+def record(
+    robot: str, rows: Sequence[Row], noise: str, motion: tuple[str, int], seed: int,
+    force: bool = False,
+) -> Recording:  # fmt: skip
+    """One session of 25 s.
+
+    Parameters
+    ----------
+    robot : str
+        ``"arm"`` or ``"axis"``.
+    rows : sequence of (effect, joint, amplitude)
+        What is hidden.
+    noise : str
+        ``"white"`` or ``"coloured"``.
+    motion : (str, int)
+        Kind of the excitation and its seed.
+    seed : int
+        Of the noise.
+    force : bool
+        Whether a force acts at the tip and is measured.
+    """
+    reference, push = _motion(*motion, force)
+    hidden = [{"effect": e, "joint": j, "amplitude": a} for e, j, a in rows]
+    s = _simulator().simulate(reference, push, hidden, noise, seed, robot == "axis")
+    d = 1 if robot == "axis" else 3
+    return Recording(
+        f"run{seed}", "arm", JOINTS[:d], s["t"], s["q"][:, :d], s["tau"][:, :d],
+        qd=s["qd"][:, :d], wrench=s.get("wrench"),
+        robot=RobotSource("single-axis" if robot == "axis" else "phantom-premium-1.5"),
+    )  # fmt: skip
