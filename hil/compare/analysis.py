@@ -64,7 +64,9 @@ class Comparison:
     @property
     def noise(self) -> FloatArray:
         """Noise floor that belongs to the held-out errors (d,), as `Diagnosis.noise`."""
-        return self.evidence.floor.rms if self.heldout_floor is None else self.heldout_floor
+        if self.heldout_floor is not None:
+            return self.heldout_floor
+        return np.minimum(self.evidence.floor.rms, self.result.rms)
 
 
 def faults_of(recordings: list[Recording]) -> list[Fault]:

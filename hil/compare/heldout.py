@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.evidence import gather
+from hil.errors import DataError
 from hil.identify.bounds import bounded, limits
 from hil.identify.fit import fit, predict, time_blocks
 from hil.identify.problem import Problem
@@ -103,6 +104,12 @@ class Examiner:
         self._problem = problem
         self._other: Problem | None = None
         if holdout:
+            other = holdout[0]
+            if other.joints != problem.joints:
+                raise DataError(
+                    f"held-out session {other.name!r} has joints {', '.join(other.joints)}, the "
+                    f"fitted ones {', '.join(problem.joints)}; give sessions of one robot"
+                )
             self._other = Problem(
                 holdout, problem.source, problem.explains, rates=problem.rates, span=problem.span
             )

@@ -12,6 +12,9 @@ DISAGREEMENT = 1.5
 #: Rows with at least this share of the deepest penetration count as contact.
 TOUCHING = 0.02
 
+#: Shortest recording, all runs together, from which effects are named [s].
+SHORTEST = 5.0
+
 
 def undetermined(result: FitResult) -> list[tuple[str, str]]:
     """Reasons (code, sentence) why nothing can be concluded; empty if something can.
@@ -28,6 +31,15 @@ def undetermined(result: FitResult) -> list[tuple[str, str]]:
     if np.all(speed < 4 * problem.speed_noise):
         names = ", ".join(problem.joints)
         return [("no-motion", f"{names}: no motion above what the encoders resolve; record motion")]
+    seconds = problem.n / problem.rate
+    if seconds < SHORTEST:
+        return [
+            (
+                "too-short",
+                f"{seconds:.2g} s of recording are too little to tell an effect from chance; "
+                f"record {SHORTEST:g} s of motion or more",
+            )
+        ]
     return []
 
 

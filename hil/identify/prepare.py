@@ -45,6 +45,7 @@ def prepare(
         contact=np.full((r.d, 2), np.nan), robot=robot, average=step,
         wrench=_slow(None if r.tau_ext is not None else r.wrench, 6, pick, r.rate, rates),
         temperature=_slow(r.temperature, r.d, pick, r.rate, rates),
+        grain=standstill.position_noise(r.q) * np.sqrt(12),
     )  # fmt: skip
     still = standstill.standing(r.q, qdd, fs, 0.5 / rates.effort, rates.position)
     return motion, still[pick], bands.Decimator(t.size, 1 / step, rates.effort)

@@ -243,9 +243,9 @@ class Problem:
             return self._raw[key]
         out = [effect.columns(m.at_rest() if rest else m, j, shape) for m in self.motions]
         expected = (self.motions[0].n, self.d) if effect.whole_robot else (self.motions[0].n,)
-        if out[0].shape[:-1] != expected:
+        if np.shape(out[0])[:-1] != expected or not np.ndim(out[0]):
             raise ConfigError(
-                f"effect {effect.name!r}: columns have shape {out[0].shape}, expected "
+                f"effect {effect.name!r}: columns have shape {np.shape(out[0])}, expected "
                 f"{expected} + (coefficients,)"
             )
         if effect.motion_only and sum(x.nbytes for x in out) <= KEPT:

@@ -61,6 +61,8 @@ class Motion:
         Time over which a sign is averaged around each instant [s]; 0 = not at all.
     wrench : ndarray (n, 6), or (0, 6) where none was recorded
         Measured force and torque ON the tip, base axes [N, N m].
+    grain : ndarray (d,), or (0,) where it is not known
+        Resolution of the encoders: a count, or the noise [rad or m].
     temperature : ndarray (n, d), or (0, d) where none was recorded
         Motor temperatures [degC].
     response : Response or None
@@ -83,6 +85,7 @@ class Motion:
     average: float = 0.0
     wrench: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
     temperature: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    grain: FloatArray = field(default_factory=lambda: np.zeros(0))
     response: Response | None = None
 
     @property

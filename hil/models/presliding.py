@@ -61,9 +61,10 @@ class Presliding(Effect):
         return np.stack([dahl_state(q, k * float(shape[0])) for k in (1.0, 3.0, 9.0)], axis=1)
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """From 1e-4 to 5e-2 of the span."""
+        """From 1e-4 of the span, and from twice what the encoder resolves, to 5e-2 of the span."""
         span = float(np.ptp(motion.span[j])) or 1.0
-        return log_grid(1e-4 * span, 5e-2 * span, 10)
+        grain = float(motion.grain[j]) if motion.grain.size else 0.0
+        return log_grid(min(max(1e-4 * span, 2 * grain), 4e-2 * span), 5e-2 * span, 10)
 
 
 EFFECTS: tuple[Effect, ...] = (Presliding(),)

@@ -85,7 +85,8 @@ class UrdfRobot:
         rows = zip(self._config(q), qd @ back, qdd @ back, strict=True)
         for k, row in enumerate(rows):
             # tau = A' Y(A q + b, A qd, A qdd) pi
-            out[k] = back @ pin.computeJointTorqueRegressor(model, data, *row)
+            whole = pin.computeJointTorqueRegressor(model, data, *row)
+            out[k] = back @ np.reshape(whole, (back.shape[1], -1))
         return out
 
     def tip(self, q: FloatArray) -> FloatArray:
@@ -102,7 +103,8 @@ class UrdfRobot:
         out = np.empty((len(q), 6, q.shape[1]))
         for k, row in enumerate(self._config(q)):
             whole = pin.computeFrameJacobian(self._model, self._data, row, self._tip, frame)
-            out[k] = whole @ self._all
+            # Pinocchio gives (6,) for a robot of one joint
+            out[k] = np.reshape(whole, (6, -1)) @ self._all
         return out
 
     def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:

@@ -7,9 +7,11 @@ import pytest
 from compare_stiction import COULOMB, INERTIA, VISCOUS, stiction_run
 
 from hil.compare.diagnose import diagnose
+from hil.identify.problem import Problem
 from hil.identify.standstill import standing
 from hil.identify.timing import longest_shift, slow_delay
 from hil.models.model import base_model
+from hil.models.presliding import Presliding
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -25,13 +27,21 @@ def test_sticking_alone_is_no_missing_effect_and_parameters_are_exact(seed: int)
 
 @pytest.mark.parametrize(
     ("change", "name"),
-    [({"drag": 0.15}, "quadratic-drag"), ({"peak": 0.3}, "stribeck"), ({"late": 3}, "delay")],
+    [({"drag": 0.15}, "quadratic-drag"), ({"peak": 0.3}, "stribeck")],
 )
 def test_effects_beside_stiction_are_named(change: dict[str, float], name: str) -> None:
     run = stiction_run(4, **change)  # type: ignore[arg-type]
     out = diagnose([run], base_model(run.robot))
     assert [f.effect for f in out.findings] == [name]
     assert out.verdict == "missing-effect"
+
+
+def test_a_delay_beside_stiction_is_a_delay_or_a_lag() -> None:
+    run = stiction_run(4, late=3)
+    out = diagnose([run], base_model(run.robot))
+    assert len(out.findings) == 1
+    assert "delay" in {out.findings[0].effect, *out.findings[0].rivals}
+    assert {out.findings[0].effect, *out.findings[0].rivals} <= {"delay", "actuator-lag"}
 
 
 def test_standstill_is_found_and_a_smooth_reversal_is_none() -> None:
@@ -53,3 +63,21 @@ def test_the_slow_motion_measures_a_delay_in_spite_of_the_loop() -> None:
     # three periods of 2 ms, and half of one for the command that is held
     assert late == pytest.approx(7e-3, abs=max(1e-3, 3 * error))
     assert late > longest_shift(out.result.problem)
+
+
+def test_presliding_below_the_encoders_count_is_not_proposed() -> None:
+    from dataclasses import replace
+
+    run = stiction_run(6)
+    count = 2 * np.pi / 8192
+    coarse = replace(run, q=np.round(run.q / count) * count)
+    problem = Problem([coarse], coarse.robot)
+    smallest = Presliding().grid(problem.motions[0], 0)[0][0]
+    assert smallest == pytest.approx(2 * count, rel=0.01)
+
+
+def test_a_few_seconds_name_nothing() -> None:
+    run = stiction_run(1, seconds=3.0)
+    out = diagnose([run], base_model(run.robot))
+    assert out.verdict == "not-identifiable"
+    assert "too little" in out.warnings[0][1]
