@@ -56,7 +56,7 @@ def _diagnosis(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     seeds = args.seeds or cases.SEEDS
     rows = runner.run(cases.plan(args.quick, seeds), args.jobs, kept)
     quick = " --quick" if args.quick else f" --seeds {seeds}"
-    text = tables.report(rows, f"hil bench diagnosis{quick}", runner.revision())
+    text = tables.report(rows, f"hil bench diagnosis{quick}")
     if args.report:
         Path(args.report).write_text(text, encoding="utf-8")
     return text, {"cases": rows}

@@ -13,7 +13,7 @@ def row(kind, hidden, named, verdict, excess=2.0):
     found = {"case": f"{hidden}{named}{verdict}{excess}", "kind": kind, "robot": "arm",
              "noise": "white", "excitation": "strokes", "seed": 0, "force": False,
              "hidden": hidden, "excess": excess, "verdict": verdict, "before": 3.0, "after": 1.0,
-             "cpu": [0.3, 2.0]}  # fmt: skip
+             "cpu": [0.3, 2.0], "revision": "abc"}  # fmt: skip
     found["named"] = [
         {"effect": e, "joint": j, "confidence": c, "share": 0.9, "rivals": r}
         for e, j, c, r in named
@@ -54,7 +54,7 @@ def test_wilson_interval():
 def test_report_and_resume(tmp_path):
     rows = [row("one", STRIBECK, [("x", "joint2", 0.97, [])], "missing-effect"),
             row("none", [], [], "adequate")]  # fmt: skip
-    text = tables.report(rows, "hil bench diagnosis", "abc")
+    text = tables.report(rows, "hil bench diagnosis")
     assert "| stribeck" in text and "(0/1" in text
     path = tmp_path / "r.jsonl"
     path.write_text("".join(json.dumps(r) + "\n" for r in rows) + '{"half')

@@ -11,6 +11,8 @@ LEVELS = amplitudes.LEVELS
 NOISES = ("white", "coloured")
 EXCITATIONS = ("repeated", "strokes")
 SEEDS, FEWER = 10, 3
+#: Effects of sensors: half the seeds.
+SENSORS = ("force-", "encoder-", "missed-", "filter-")
 #: Pairs of effects that are hidden together, and whether on one joint.
 PAIRS = (
     ("stribeck", "cogging"), ("quadratic-drag", "position-friction"), ("end-stop", "stribeck"),
@@ -78,13 +80,14 @@ def known() -> set[str]:
 def plan(quick: bool = False, seeds: int = SEEDS) -> list[Case]:
     """All cases; a subset that covers every effect and level where `quick`.
 
-    Effects that are not in the catalogue count as outside, with fewer seeds.
+    Effects that are not in the catalogue count as outside, with fewer seeds; sensors have half.
     """
     if quick:
         return _quick()
     there, found = known(), nothing(range(seeds))
     for effect in session.kinds():
-        for seed in range(seeds if effect in there else min(seeds, FEWER)):
+        count = (seeds + 1) // 2 if effect.startswith(SENSORS) else seeds
+        for seed in range(count if effect in there else min(seeds, FEWER)):
             for level in LEVELS:
                 for noise in NOISES:
                     found += [single(effect, level, noise, e, seed) for e in EXCITATIONS]

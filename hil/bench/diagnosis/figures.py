@@ -53,8 +53,8 @@ def share(rows: Iterable[Row], hit: Callable[[Row], bool]) -> Share:
 
 
 def of(rows: list[Row], kind: str) -> list[Row]:
-    """Rows of a kind whose session was stable."""
-    return [r for r in rows if r["kind"] == kind and r["outcome"] != "unstable"]
+    """Rows of a kind whose session was stable and whose diagnosis came to an end."""
+    return [r for r in rows if r["kind"] == kind and r["outcome"] not in ("unstable", "crashed")]
 
 
 def enough(row: Row) -> bool:
@@ -84,6 +84,9 @@ def headline(rows: list[Row]) -> dict[str, Share]:
         "... 'unexplained' with nothing hidden": share(none, is_("unexplained")),
         "outside kinds not misnamed": share(true_outside, lambda r: not r["named"]),
         "... misnamed without doubt": share(true_outside, is_sure),
+        "... 'unexplained', excess of half a floor or more": share(
+            [r for r in true_outside if enough(r)], lambda r: r["verdict"] == "unexplained"
+        ),
         "not in the catalogue yet, not misnamed": share(
             [r for r in outside if r not in true_outside], lambda r: not r["named"]
         ),
@@ -156,7 +159,8 @@ def failures(rows: list[Row]) -> list[tuple[str, str, list[Row]]]:
     """Classes of failure (hidden, said), most frequent first; what lies below half a floor last."""
     classes: dict[tuple[str, str], list[Row]] = {}
     for r in rows:
-        bad = r["outcome"] not in ("right", "unstable")
+        silent = r["kind"] == "outside" and enough(r) and r["verdict"] == "adequate"
+        bad = silent or r["outcome"] not in ("right", "unstable")
         quiet = r["kind"] == "one" and not enough(r) and r["outcome"] in ("missed", "ambiguous")
         if bad and not quiet:
             hidden = " + ".join(f"{h[0]}" for h in r["hidden"]) or "(nothing)"

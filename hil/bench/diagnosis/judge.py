@@ -51,7 +51,10 @@ def judge(case: Case) -> dict[str, Any]:
     motion = (case.excitation, 2 * case.seed)
     row["excess"] = amplitudes.excess(train, case.robot, case.noise, motion, motion[1], case.force)
     started = time.process_time()
-    row |= said(diagnose(train, base_model(train[0].robot), other))
+    try:
+        row |= said(diagnose(train, base_model(train[0].robot), other))
+    except Exception as error:  # a crash of the diagnosis is a result, with its case
+        return row | {"outcome": "crashed", "named": [], "verdict": repr(error)}
     row["cpu"] = [round(simulated - began, 3), round(time.process_time() - started, 3)]
     return row | {"outcome": outcome(case, row)}
 

@@ -39,7 +39,9 @@ def run(todo: list[cases.Case], jobs: int, path: Path | None) -> list[Row]:
     left = [c for c in todo if c.name not in done]
     if path and path.is_file() and not path.read_bytes().endswith(b"\n"):
         path.write_text("".join(json.dumps(r) + "\n" for r in done.values()), encoding="utf-8")
+    made_by = revision()
     for row in spread(judge.judge, left, jobs, "session"):
+        row["revision"] = made_by
         done[row["case"]] = row
         if path:
             with path.open("a", encoding="utf-8") as file:

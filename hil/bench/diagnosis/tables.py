@@ -21,7 +21,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return "\n".join(lines)
 
 
-def report(rows: list[Row], command: str, revision: str) -> str:
+def report(rows: list[Row], command: str) -> str:
     """Everything, as Markdown."""
     sections = {
         "In short": _headline(rows),
@@ -33,13 +33,18 @@ def report(rows: list[Row], command: str, revision: str) -> str:
     }
     head = [
         "# Benchmark: naming hidden effects", "",
-        f"Made by `{command}` at revision {revision}; {len(rows)} sessions. {_cost(rows)}",
+        f"Made by `{command}` at revision {_revisions(rows)}; {len(rows)} sessions. {_cost(rows)}",
         "Excess: what an effect leaves above the residual of the same session without it, in units",
         "of that residual (worst joint). Intervals: Wilson, 95 %.",
     ]  # fmt: skip
     for title, text in sections.items():
         head += ["", f"## {title}", "", text]
     return "\n".join(head) + "\n"
+
+
+def _revisions(rows: list[Row]) -> str:
+    """Revisions of the program that made the rows; several where a run was resumed."""
+    return ", ".join(sorted({r["revision"] for r in rows}))
 
 
 def _cost(rows: list[Row]) -> str:
@@ -54,9 +59,11 @@ def _cost(rows: list[Row]) -> str:
 
 def _headline(rows: list[Row]) -> str:
     lines = [[what, s] for what, s in figures.headline(rows).items()]
-    lost = sum(r["outcome"] == "unstable" for r in rows)
     text = table(["", "share (of, interval %)"], lines)
-    return text + (f"\n\n{lost} sessions were unstable and are not counted." if lost else "")
+    for what in ("unstable", "crashed"):
+        lost = sum(r["outcome"] == what for r in rows)
+        text += f"\n\n{lost} sessions {what}: not counted." if lost else ""
+    return text
 
 
 def _failures(rows: list[Row]) -> str:
@@ -66,7 +73,8 @@ def _failures(rows: list[Row]) -> str:
         lines.append(
             [
                 len(members), hidden, said, _range([r["excess"] for r in members]),
-                _range([r["before"] for r in members]), _range([r["after"] for r in members]),
+                _range([r["before"] for r in members if "before" in r]),
+                _range([r["after"] for r in members if "after" in r]),
                 _range(sure), _where(members),
             ]
         )  # fmt: skip
