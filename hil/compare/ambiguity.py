@@ -10,6 +10,7 @@ from hil.compare.experiment import ABSORBED, MOST, Planner
 from hil.excite import menu
 from hil.excite.choose import Choice
 from hil.identify.result import FitResult
+from hil.identify.timing import LATE
 from hil.models import catalogue
 from hil.record.recording import RobotSource
 
@@ -71,10 +72,11 @@ def pairs(
         for name, why in evidence.impossible
         if name == "torque-gain"
     ]
+    late = [n for n, _ in rivals if n in LATE]
     out += [
-        Indistinguishable(("delay", name), why, catalogue.get(name).shown_by)
+        Indistinguishable((late[0], name), why, catalogue.get(name).shown_by)
         for name, why in evidence.impossible
-        if name == "filter-lag" and any(n == "delay" for n, _ in rivals)
+        if name == "filter-lag" and late
     ]
     sets = _absorbed(evidence, {e for x in out for e in x.effects})
     for name, others in rivals:

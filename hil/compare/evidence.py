@@ -18,6 +18,8 @@ from hil.models import catalogue
 FloatArray = NDArray[np.float64]
 #: Shapes from which on the best of them is a pick, and the share of the residual it then needs.
 MANY, LITTLE = 24, 0.02
+#: The same for a line over time: what is less leaves an error within 1.1 of the floor.
+LINE = 1 - 1 / 1.1**2
 
 
 @dataclass
@@ -161,7 +163,8 @@ def _picked(c: Candidate, projector: Projector) -> bool:
     """
     motion, own = projector.problem.motions[0], projector.rows(c.term)
     many = len(c.term.effect.grid(motion, c.term.joint)) > MANY
-    return many and c.gain < LITTLE * float(np.sum(projector.residual[own] ** 2))
+    least = LINE if c.term.effect.spectral else LITTLE
+    return many and c.gain < least * float(np.sum(projector.residual[own] ** 2))
 
 
 def in_time(c: Candidate, result: FitResult) -> bool:

@@ -123,9 +123,9 @@ def _screened(
 ) -> list[tuple[float, ...]]:
     """The part of a long grid of orders that deserves an exact fit; other grids as they are."""
     if term.effect.spectral:
-        return timelines.promising(
-            projector.problem, term, projector.residual[projector.rows(term)]
-        )
+        rows, j = projector.rows(term), term.joint
+        effort = projector.problem.effort[j] / projector.sigma[j]
+        return timelines.promising(projector.problem, term, projector.residual[rows], effort)
     waves = screen(projector.problem, term, grid)
     if waves is None:
         return grid

@@ -29,6 +29,8 @@ FINE = 4
 WIDE = 30
 #: A line of the motion exceeds its neighbourhood by this factor.
 PROMINENT = 6.0
+#: A servo answers a disturbance with at most this multiple of it, resonance included.
+ANSWER = 3.0
 
 
 def frequencies(problem: Problem, term: Term) -> FloatArray:
@@ -52,10 +54,21 @@ def gains(problem: Problem, j: int, rows: FloatArray, f: FloatArray) -> FloatArr
     return out
 
 
-def promising(problem: Problem, term: Term, rows: FloatArray) -> list[tuple[float, ...]]:
-    """Frequencies that deserve an exact fit to the residual rows (n,) of the joint; may be none."""
+def promising(
+    problem: Problem, term: Term, rows: FloatArray, effort: FloatArray
+) -> list[tuple[float, ...]]:
+    """Frequencies that deserve an exact fit to the residual rows (n,) of the joint; may be none.
+
+    A line of the motion is its own where the effort (n,), in the unit of the rows, does far more
+    there than answer the residual: a disturbance shakes the robot, too, but the servo's answer
+    to it is hardly larger than itself.
+    """
     f = frequencies(problem, term)
-    f = f[~(locked(problem, f) | moved(problem, f))]
+    f = f[~locked(problem, f)]
+    if not f.size:
+        return []
+    answered = ANSWER**2 * gains(problem, term.joint, rows, f)
+    f = f[~(moved(problem, f) & (gains(problem, term.joint, effort, f) > answered))]
     if not f.size:
         return []
     power = gains(problem, term.joint, rows, f)

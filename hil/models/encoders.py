@@ -139,7 +139,7 @@ class FilterLag(Effect):
             return ""
         return (
             "without a measured external force a lag of the measured motion is the same as "
-            "'delay': both let the effort lead the motion"
+            "'delay' (or 'actuator-lag'): both let the effort lead the motion"
         )
 
 

@@ -104,10 +104,11 @@ def test_lag_of_the_motion_differs_from_delay_only_beside_a_measured_force():
 
         return seen
 
-    assert named(plants.axis(1, push=sway, seen=lagging(0.008)))[1] == {("filter-lag", "joint1")}
-    d, found = named(plants.axis(1, seen=lagging(0.008)))
-    assert found == {("delay", "joint1")}
-    assert ("delay", "filter-lag") in [s.effects for s in sets_of(d)]
+    d, _ = named(plants.axis(1, push=sway, seen=lagging(0.008)))
+    assert d.verdict == "missing-effect" and d.findings[0].effect == "filter-lag"
+    d, _ = named(plants.axis(1, seen=lagging(0.008)))
+    assert {"delay", "actuator-lag"} & {d.findings[0].effect, *d.findings[0].rivals}
+    assert (d.findings[0].effect, "filter-lag") in [s.effects for s in sets_of(d)]
 
 
 def test_eccentric_encoder_is_not_cogging_and_cogging_is_not_the_encoder():
