@@ -1,4 +1,4 @@
-"""Memory layout of the compiled session: the plant's records and the further hidden effects."""
+"""Memory layout of the compiled session: the further hidden effects and the plant's records."""
 
 from __future__ import annotations
 
@@ -36,6 +36,8 @@ _MORE_STATE = np.dtype([
     ("lost", _F, _J), ("flip", _F, _J), ("thick", _F, _J),  # [counts], +-1, 0..1
 ])  # fmt: skip
 
-#: Parameters of the arm; all of the second part are zero unless an effect is hidden.
-ARM = np.dtype(PLANT_ARM.descr + _MORE.descr)
-STATE = np.dtype(PLANT_STATE.descr + _MORE_STATE.descr)
+#: Parameters of the arm; all of the first part are zero unless an effect is hidden.
+# The plant's fields come last: Numba takes a record that only continues another one for that
+# other type, with a warning, and a function compiled for the plant would serve both.
+ARM = np.dtype(_MORE.descr + PLANT_ARM.descr)
+STATE = np.dtype(_MORE_STATE.descr + PLANT_STATE.descr)
