@@ -6,12 +6,14 @@ advances by whole ticks when a device is read at a later time, whatever the cloc
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
+from hil.signals.device import Status
 from sim_devices.plants import build, world
 from sim_devices.plants.layout import GEL, NOISES, OPERATOR, SUBSTEPS
 
@@ -51,6 +53,9 @@ class Bench:
         self._rng = np.random.default_rng([seed, 0x5EED])
         self._noise = np.zeros((BLOCK, n, NOISES))
         self._left = 0
+        #: Called with the time [ns] before and after every tick: devices at wire level.
+        self.before: list[Callable[[int], None]] = []
+        self.after: list[Callable[[int], None]] = []
         for i in range(n):
             world.sense(self.parameters[i], self.state[i], 0.0, np.zeros(NOISES), self.counts[i],
                         self.gauges[i])  # fmt: skip
@@ -64,6 +69,8 @@ class Bench:
     def advance(self, t_ns: int) -> None:
         """Run the world up to `t_ns`, in whole ticks."""
         while self.now_ns + self.period_ns <= t_ns:
+            for act in self.before:
+                act(self.now_ns)
             if self._left == 0:
                 self._rng.standard_normal(out=self._noise)
                 self._left = BLOCK
@@ -74,6 +81,8 @@ class Bench:
             )  # fmt: skip
             self._left -= 1
             self.now_ns += self.period_ns
+            for act in self.after:
+                act(self.now_ns)
 
 
 class Wire:
@@ -92,9 +101,10 @@ class Wire:
         self.gauges = bench.gauges[index]
         self._codes = bench.codes[index]
 
-    def receive(self, t_ns: int) -> None:
+    def receive(self, t_ns: int) -> Status:
         """Refresh `counts` and `gauges` for time `t_ns`."""
         self._bench.advance(t_ns)
+        return Status.OK
 
     def send(self, codes: NDArray[np.int64]) -> None:
         """Set the DAC codes (3,) that hold until the next call."""

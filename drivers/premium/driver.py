@@ -60,8 +60,11 @@ class PremiumArm:
         return np.asarray(np.diag(self._to_effort) * self._top)
 
     def measured_js(self, t_ns: int, position: FloatArray, velocity: FloatArray) -> Status:
-        """Write position [rad] and velocity [rad/s] (3,) at `t_ns`."""
-        self._wire.receive(t_ns)
+        """Write position [rad] and velocity [rad/s] (3,) at `t_ns`.
+
+        A wire that is lost takes the arm to FAULT.
+        """
+        status = self._wire.receive(t_ns)
         steps = max(1, (t_ns - self._last_ns + self._period_ns // 2) // self._period_ns)
         self._last_ns = t_ns
         self._head = (self._head + steps) % convert.WINDOW
@@ -69,7 +72,10 @@ class PremiumArm:
             self.counts, self._past, self._head, steps, self._to_joint, self._period, position,
             velocity,
         )  # fmt: skip
-        return Status.OK
+        if status is Status.LOST:
+            self._machine.command(StateCommand.FAULT)
+            return Status.INVALID
+        return status
 
     def servo_jf(self, effort: FloatArray, sent: FloatArray) -> Status:
         """Send `effort` [N m] (3,) as DAC codes; `sent` = what they stand for.

@@ -19,12 +19,17 @@ IntArray = NDArray[np.int64]
 
 
 class Status(IntEnum):
-    """Outcome of a call in the fast path; the larger, the worse."""
+    """Outcome of a call in the fast path; the larger, the worse.
+
+    STALE: the last good value again.  INVALID: not to be used, the device is in FAULT.  LOST: said
+    by wires and gauges to their driver alone, which goes to FAULT and answers INVALID.
+    """
 
     OK = 0
     CLAMPED = 1
     STALE = 2
     INVALID = 3
+    LOST = 4
 
 
 @runtime_checkable
@@ -102,8 +107,8 @@ class Wire(Protocol):
     counts: IntArray
     gauges: IntArray
 
-    def receive(self, t_ns: int) -> None:
-        """Refresh the answer for time `t_ns`."""
+    def receive(self, t_ns: int) -> Status:
+        """Refresh the answer for time `t_ns`; LOST when there will be none."""
         ...
 
     def send(self, codes: IntArray) -> None:

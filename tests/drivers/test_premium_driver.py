@@ -18,7 +18,7 @@ class FakeWire:
         self.sent, self.on, self.closed = np.zeros(3, np.int64), False, False
 
     def receive(self, t_ns):
-        pass
+        return Status.OK
 
     def send(self, codes):
         self.sent[:] = codes
