@@ -6,34 +6,32 @@ import numpy as np
 
 from drivers.ft_sensor import convert
 from drivers.ft_sensor.config import MODELS, FtSensorConfig
+from drivers.ft_sensor.source import GaugeSource, IdealGauges
 from hil.signals.device import FloatArray, Status, Wire
 from hil.signals.state import OperatingState, StateCommand, StateMachine
 
 
-class FtSensor:
-    """One sensor: `MeasuredCf`.
+class ForceSensor:
+    """One sensor, whatever its wire: `MeasuredCf` and `Tareable`.
 
     Parameters
     ----------
     name : str
         Name of the device.
-    wire : Wire
-        Wire to its gauges.
-    config : FtSensorConfig
-        Model and taring.
-    period : float
-        Sample period [s].
+    source : GaugeSource
+        Where its words come from.
+    tare_samples : int
+        Readings that are averaged for the bias.
     """
 
-    def __init__(self, name: str, wire: Wire, config: FtSensorConfig, period: float) -> None:
+    def __init__(self, name: str, source: GaugeSource, tare_samples: int) -> None:
         self.name = name
-        self.config = config
-        self.period = period
-        self._wire = wire
+        self.source = source
+        self._samples = tare_samples
         self._machine = StateMachine(name)
-        self._calibration = config.calibration()
-        self._limit = MODELS[config.model][2]
-        self.gauges = wire.gauges
+        self._calibration = source.calibration
+        self._limit = source.max_force
+        self.gauges = source.gauges
         self.bias = np.zeros(6)
 
     @property
@@ -48,24 +46,38 @@ class FtSensor:
         -------
         int
             Time after the last reading [ns].
+
+        Raises
+        ------
+        DeviceError
+            If the sensor does not answer, or a reading is not usable.
         """
-        total, step = np.zeros(6), round(self.period * 1e9)
-        for _ in range(self.config.tare_samples):
-            t_ns += step
-            self._wire.receive(t_ns)
+        total = np.zeros(6)
+        for _ in range(self._samples):
+            t_ns = self.source.sample(t_ns)
             total += self.gauges
-        self.bias[:] = total / self.config.tare_samples
+        self.bias[:] = total / self._samples
         return t_ns
 
     def measured_cf(self, t_ns: int, position: FloatArray, wrench: FloatArray) -> Status:
-        """Write force [N] and torque [N m] ON the robot (6,), base frame, at `t_ns`."""
-        self._wire.receive(t_ns)
+        """Write force [N] and torque [N m] ON the robot (6,), base frame, at `t_ns`.
+
+        A sample that is late or not usable is replaced by the last good one and said so by
+        the status.  A sensor that is lost goes to FAULT.
+        """
+        status = self.source.receive(t_ns)
         convert.wrench(self.gauges, self.bias, self._calibration, position, wrench)
-        overload = abs(wrench[0]) + abs(wrench[1]) + abs(wrench[2]) > self._limit
-        return Status.CLAMPED if overload else Status.OK
+        if status is Status.OK:
+            overload = abs(wrench[0]) + abs(wrench[1]) + abs(wrench[2]) > self._limit
+            return Status.CLAMPED if overload else Status.OK
+        if status is Status.LOST:
+            self._machine.command(StateCommand.FAULT)
+            return Status.INVALID
+        return status
 
     def enable(self) -> None:
-        """Make ready."""
+        """Make ready; refused with a `DeviceError` while the sensor cannot be used."""
+        self.source.check()
         self._machine.command(StateCommand.ENABLE)
 
     def disable(self) -> None:
@@ -76,4 +88,26 @@ class FtSensor:
     def close(self) -> None:
         """Disable and release the wire."""
         self.disable()
-        self._wire.close()
+        self.source.close()
+
+
+class FtSensor(ForceSensor):
+    """Sensor behind an ideal wire.
+
+    Parameters
+    ----------
+    name : str
+        Name of the device.
+    wire : Wire
+        Wire to its gauges.
+    config : FtSensorConfig
+        Model and taring.
+    period : float
+        Sample period [s].
+    """
+
+    def __init__(self, name: str, wire: Wire, config: FtSensorConfig, period: float) -> None:
+        self.config = config
+        limit = MODELS[config.model][2]
+        source = IdealGauges(wire, config.calibration(), limit, period)
+        super().__init__(name, source, config.tare_samples)

@@ -1,0 +1,160 @@
+"""One python-can bus with several sensors on it; frames go to their mailboxes by identifier.
+
+Time is passed in: `advance` tells a simulated or replayed bus what time it is, and means
+nothing to a bus of copper, on which time passes by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import can
+
+from hil.errors import ConfigError, DeviceError
+
+#: More frames than this do not fit into any wait of a driver: a bus that never falls silent.
+CROWD = 512
+
+#: Takes the identifier and the data of a frame.
+Mailbox = Callable[[int, bytes], None]
+
+
+class CanLink:
+    """Bus, mailboxes, and what went wrong on it.
+
+    Parameters
+    ----------
+    bus : can.BusABC
+        Open bus.
+    advance : callable, optional
+        Called with the time [ns] at every `advance`; for buses whose time is passed in.
+
+    Attributes
+    ----------
+    trouble : str
+        What the bus last refused, until a frame comes again; empty where all is well.
+    errors, strangers : int
+        Error frames, and frames for no mailbox.
+    """
+
+    def __init__(self, bus: can.BusABC, advance: Callable[[int], None] | None = None) -> None:
+        self.bus = bus
+        self.trouble = ""
+        self.errors = 0
+        self.strangers = 0
+        self._advance = advance
+        self._boxes: dict[int, Mailbox] = {}
+
+    def subscribe(self, identifiers: range, mailbox: Mailbox) -> None:
+        """Send the frames of `identifiers` to `mailbox`.
+
+        Raises
+        ------
+        ConfigError
+            If another sensor has one of them already.
+        """
+        taken = [i for i in identifiers if i in self._boxes]
+        if taken:
+            raise ConfigError(
+                f"two sensors on bus {self.bus.channel_info!r} answer with identifier "
+                f"{taken[0]:#05x}; set one board to another base (one board connected at a time)"
+            )
+        self._boxes.update(dict.fromkeys(identifiers, mailbox))
+
+    def advance(self, t_ns: int) -> None:
+        """It is `t_ns` now."""
+        if self._advance is not None:
+            self._advance(t_ns)
+
+    def send(self, identifier: int, data: bytes = b"") -> None:
+        """Put one frame out; a refusal is kept in `trouble`, and the answer will be missed."""
+        message = can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
+        try:
+            self.bus.send(message)
+        except (can.CanError, OSError) as error:
+            self.trouble = str(error) or type(error).__name__
+
+    def poll(self) -> None:
+        """Deliver every frame that has arrived; never waits."""
+        for _ in range(CROWD):
+            if not self._one(0.0):
+                return
+
+    def wait(self, seconds: float, done: Callable[[], bool]) -> bool:
+        """Deliver frames until `done`, until none comes for `seconds`, or an error frame does."""
+        for _ in range(CROWD):
+            errors = self.errors
+            if done() or not self._one(seconds) or self.errors > errors:
+                break
+        return done()
+
+    def _one(self, seconds: float) -> bool:
+        try:
+            message = self.bus.recv(seconds)
+        except (can.CanError, OSError) as error:
+            self.trouble = str(error) or type(error).__name__
+            return False
+        if message is None:
+            return False
+        self._deliver(message)
+        return True
+
+    def _deliver(self, message: can.Message) -> None:
+        if message.is_error_frame:
+            self.errors += 1
+            return
+        self.trouble = ""
+        box = self._boxes.get(message.arbitration_id)
+        if box is None or message.is_extended_id or message.is_remote_frame:
+            self.strangers += 1
+        else:
+            box(message.arbitration_id, bytes(message.data))
+
+    def release(self, identifiers: range) -> None:
+        """These mailboxes are no more; without any the bus is shut down."""
+        for i in identifiers:
+            self._boxes.pop(i, None)
+        if not self._boxes:
+            self.bus.shutdown()
+
+
+def open_bus(interface: str, channel: str, bit_rate: int, **options: Any) -> can.BusABC:
+    """Open a python-can bus.
+
+    Parameters
+    ----------
+    interface : str
+        Name of python-can's interface, e.g. ``socketcan``, ``pcan``, ``udp_multicast``.
+    channel : str
+        E.g. ``can0``.
+    bit_rate : int
+        [bit/s]; SocketCAN takes it from the network device and not from here.
+
+    Raises
+    ------
+    DeviceError
+        With what is missing and what to do.
+    """
+    try:
+        return can.Bus(interface=interface, channel=channel, bitrate=bit_rate, **options)
+    except (can.CanError, OSError, ImportError, ValueError, TypeError) as error:
+        raise DeviceError(_why(interface, channel, bit_rate, error)) from error
+
+
+def _why(interface: str, channel: str, bit_rate: int, error: Exception) -> str:
+    """What is wrong with a bus that does not open, and what to do."""
+    known = ", ".join(sorted(can.VALID_INTERFACES))
+    if interface not in can.VALID_INTERFACES:
+        return f"python-can has no interface {interface!r}; it has {known}."
+    number = getattr(error, "errno", None) or getattr(error, "error_code", None)
+    if interface == "socketcan":
+        step = f"sudo ip link set {channel} up type can bitrate {bit_rate}"
+        return f"CAN bus {channel!r} cannot be opened ({error}); is it there and up? {step}"
+    if interface == "udp_multicast":
+        return (
+            f"multicast group {channel!r} cannot be used ({error}); this machine has no network "
+            "interface with a multicast route, or the package msgpack is missing "
+            "(pip install 'hil-teleop[hardware]')"
+        )
+    return f"CAN bus {interface}:{channel} cannot be opened ({error}; code {number})"

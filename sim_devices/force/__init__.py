@@ -1,0 +1,1 @@
+"""Simulated force/torque sensors: transducer, and the boards that put it on a wire."""

@@ -1,0 +1,214 @@
+"""The firmware of an ATI 9105-NETCANOEM board, from its side of the wire (manual 1030-04).
+
+Written from the manual alone; it shares nothing with the driver.  Assumptions, where the
+manual is silent: an answer starts 60 us after the request, a reset takes 5 ms, a request with a
+wrong length, axis or slot is not answered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim_devices.canbus.frame import Frame
+from sim_devices.canbus.line import Node
+from sim_devices.force.transducer import Certificate, Transducer
+
+LATENCY_NS = 60_000
+RESET_NS = 5_000_000
+DEFAULT_BASE, DEFAULT_BIT_RATE = 0x20, 250_000
+#: Bits of the status word.
+WATCHDOG, BAD_CALIBRATION, CAN_ERROR, ANY_ERROR = 1 << 0, 1 << 6, 1 << 14, 1 << 15
+
+
+@dataclass
+class Faults:
+    """What is wrong with a board; every field may be changed at any time.
+
+    Parameters
+    ----------
+    mute : int
+        Requests that will not be answered at all.
+    lose_second, delay_second : int
+        Answers whose second frame will be lost, or come `delay_ns` late.
+    lose_first : int
+        Answers whose first frame will be lost.
+    short : int
+        Answers whose frames will be one byte too short.
+    delay_ns : int
+        [ns].
+    status : int
+        Bits that are set in the status word.
+    stuck : dict of int to int
+        Gauge -> word that it stands at, e.g. ``{3: 32767}`` for a broken cable.
+    """
+
+    mute: int = 0
+    lose_first: int = 0
+    lose_second: int = 0
+    delay_second: int = 0
+    short: int = 0
+    delay_ns: int = 4_000_000
+    status: int = 0
+    stuck: dict[int, int] = field(default_factory=dict)
+
+    def strikes(self, name: str) -> bool:
+        """Whether the fault that is counted in `name` strikes now; then it is counted down."""
+        left: int = getattr(self, name)
+        if left > 0:
+            setattr(self, name, left - 1)
+        return left > 0
+
+
+class NetCanOemBoard(Node):
+    """One board with its transducer.
+
+    Parameters
+    ----------
+    transducer : Transducer
+        The sensor on it.
+    base, bit_rate : int
+        As stored in its EEPROM.
+    firmware : tuple of 3 int
+        Major, minor, build; before 3.7 it ignores questions for units.
+    slot : int
+        Where the certificate of its transducer is stored; the others are empty.
+    """
+
+    def __init__(
+        self, transducer: Transducer, base: int = DEFAULT_BASE, bit_rate: int = DEFAULT_BIT_RATE,
+        firmware: tuple[int, int, int] = (3, 8, 41), slot: int = 0,
+    ) -> None:  # fmt: skip
+        super().__init__(bit_rate)
+        self.transducer = transducer
+        self.firmware = firmware
+        self.slots: dict[int, Certificate] = {slot: transducer.certificate}
+        self.base, self.stored_base, self.stored_bit_rate = base, base, bit_rate
+        self.switch_defaults = False
+        self.active = 0
+        self.faults = Faults()
+        self._deaf_until_ns = 0
+        #: (operation, length of the request) -> answer; anything else stays unanswered.
+        self._answers: dict[tuple[int, int], Callable[[bytes, int], list[bytes]]] = {
+            (0x0, 0): self._gauges, (0x2, 1): self._row, (0x5, 0): self._serial,
+            (0x6, 1): self._select, (0x7, 0): self._counts, (0x8, 0): self._units,
+            (0x9, 1): self._diagnostic, (0xC, 0): self._reset, (0xD, 1): self._set_base,
+            (0xE, 1): self._set_bit_rate, (0xF, 0): self._version,
+        }  # fmt: skip
+
+    def power_cycle(self, t_ns: int) -> None:
+        """Off and on: stored settings come into force, slot 0 is active again."""
+        default = self.switch_defaults
+        self.base = DEFAULT_BASE if default else self.stored_base
+        self.bit_rate = DEFAULT_BIT_RATE if default else self.stored_bit_rate
+        self.failures = 0
+        self._restart(t_ns)
+
+    def _restart(self, t_ns: int) -> None:
+        self.active = 0
+        self.outbox.clear()
+        self._deaf_until_ns = t_ns + RESET_NS
+
+    def hear(self, frame: Frame, t_ns: int) -> None:
+        """Answer a request that is meant for this board."""
+        if frame.ident >> 4 != self.base or t_ns < self._deaf_until_ns:
+            return
+        if self.faults.strikes("mute"):
+            return
+        code, request = frame.ident & 15, frame.data
+        answer = self._answers.get((code, len(request)))
+        for k, payload in enumerate(answer(request, t_ns) if answer else ()):
+            self._reply(code + k, payload, t_ns + LATENCY_NS)
+
+    def _reply(self, code: int, payload: bytes, ready_ns: int) -> None:
+        if code == 0 and self.faults.strikes("lose_first"):
+            return
+        if code == 1:
+            if self.faults.strikes("lose_second"):
+                return
+            if self.faults.strikes("delay_second"):
+                ready_ns += self.faults.delay_ns
+        if code <= 1 and self.faults.strikes("short"):
+            payload = payload[:-1]
+        self.outbox.append((ready_ns, Frame(self.base << 4 | code, payload)))
+
+    def status(self) -> int:
+        """Status word now."""
+        word = self.faults.status
+        if self.active not in self.slots:
+            word |= BAD_CALIBRATION
+        if self.failures >= 96:
+            word |= CAN_ERROR
+        return word | ANY_ERROR if word & ~ANY_ERROR else word
+
+    def _gauges(self, request: bytes, t_ns: int) -> list[bytes]:
+        g = self.transducer.read(t_ns).tolist()
+        for k, word in self.faults.stuck.items():
+            g[k] = word
+        return [_words(self.status(), g[0], g[2], g[4]), _words(g[1], g[3], g[5])]
+
+    def _row(self, request: bytes, t_ns: int) -> list[bytes]:
+        axis = request[0]
+        if axis > 5:
+            return []
+        held = self.slots.get(self.active)
+        row = held.matrix[axis] if held is not None else [0.0] * 6
+        raw = b"".join(_single(float(x)) for x in row)
+        return [raw[0:8], raw[8:16], raw[16:24]]
+
+    def _serial(self, request: bytes, t_ns: int) -> list[bytes]:
+        held = self.slots.get(self.active)
+        return [(held.serial if held else "").encode("ascii").ljust(8, b"\x00")[:8]]
+
+    def _select(self, request: bytes, t_ns: int) -> list[bytes]:
+        if request[0] > 15:
+            return []
+        self.active = request[0]
+        return [request]
+
+    def _counts(self, request: bytes, t_ns: int) -> list[bytes]:
+        held = self.slots.get(self.active)
+        if self.firmware[:2] < (3, 7):
+            return []
+        pair = (held.force_counts, held.torque_counts) if held else (1_000_000, 1_000_000)
+        return [b"".join(x.to_bytes(4, "big") for x in pair)]
+
+    def _units(self, request: bytes, t_ns: int) -> list[bytes]:
+        held = self.slots.get(self.active)
+        if self.firmware[:2] < (3, 7):
+            return []
+        return [bytes([held.force_unit, held.torque_unit]) if held else bytes([2, 3])]
+
+    def _diagnostic(self, request: bytes, t_ns: int) -> list[bytes]:
+        known = {0: 32768, 2: 14000 + round(40 * self.transducer.warming), 3: 39000, 4: 32768, 5: 0}
+        if self.firmware[:2] < (3, 8) or request[0] not in known:
+            return []
+        return [known[request[0]].to_bytes(2, "big")]
+
+    def _reset(self, request: bytes, t_ns: int) -> list[bytes]:
+        self._restart(t_ns)
+        return []
+
+    def _set_base(self, request: bytes, t_ns: int) -> list[bytes]:
+        self.stored_base = request[0] & 0x7F
+        return [b""]
+
+    def _set_bit_rate(self, request: bytes, t_ns: int) -> list[bytes]:
+        self.stored_bit_rate = 2_000_000 // (request[0] + 1)
+        return [b""]
+
+    def _version(self, request: bytes, t_ns: int) -> list[bytes]:
+        major, minor, build = self.firmware
+        return [bytes([major, minor, build >> 8, build & 255])]
+
+
+def _words(*values: int) -> bytes:
+    """Signed words of 16 bits, high byte first."""
+    return b"".join((v & 0xFFFF).to_bytes(2, "big") for v in values)
+
+
+def _single(value: float) -> bytes:
+    """IEEE 754 single precision, high byte first."""
+    return np.array(value, ">f4").tobytes()

@@ -1,0 +1,177 @@
+"""Golden frames of the NETCANOEM manual hold the driver's codec and the board's to the document."""
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.netcanoem import NetCanOem, NetCanOemConfig, codec
+from hil.errors import DeviceError
+from sim_devices.canbus.frame import Frame
+
+sys.path.insert(0, str(Path(__file__).parent))
+from can_far import Rig, board
+
+WORDS = st.lists(st.integers(-32768, 32767), min_size=6, max_size=6)
+SINGLES = st.floats(width=32, allow_nan=False, allow_infinity=False)
+
+#: What goes over the wire with base 0x20, as the manual's tables say: request, then answers.
+GOLDEN = {
+    "gauges": ((0x200, ""), [(0x200, "8040 0001 FFFE 7FFF"), (0x201, "8000 0064 FFFF")]),
+    "row Fz": (
+        (0x202, "02"),
+        [(0x202, "3F800000 C0200000"), (0x203, "00000000 447A0000"), (0x204, "BF000000 41200000")],
+    ),
+    "serial": ((0x205, ""), [(0x205, "46 54 30 38 35 37 37 00")]),
+    "slot": ((0x206, "03"), [(0x206, "03")]),
+    "counts": ((0x207, ""), [(0x207, "000F4240 000186A0")]),
+    "units": ((0x208, ""), [(0x208, "02 04")]),
+    "base": ((0x20D, "21"), [(0x20D, "")]),
+    "bit rate": ((0x20E, "01"), [(0x20E, "")]),
+    "firmware": ((0x20F, ""), [(0x20F, "03 08 0029")]),
+    "reset": ((0x20C, ""), []),
+}
+
+
+def golden_board():
+    far = board()
+    matrix = far.slots[0].matrix.copy()
+    matrix[2] = [1.0, -2.5, 0.0, 1000.0, -0.5, 10.0]
+    held = dataclasses.replace(far.slots[0], matrix=matrix, torque_counts=100_000)
+    far.slots = {0: held, 3: held}
+    far.faults.status = 1 << 6
+    far.faults.stuck = dict(enumerate([1, -32768, -2, 100, 32767, -1]))
+    return far
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_the_board_answers_by_the_document(name):
+    (ident, request), answers = GOLDEN[name]
+    far = golden_board()
+    far.hear(Frame(ident, bytes.fromhex(request)), 10**9)
+    assert [f for _, f in far.outbox] == [Frame(i, bytes.fromhex(d)) for i, d in answers]
+
+
+def test_the_driver_reads_by_the_document():
+    data = {name: [bytes.fromhex(d) for _, d in answers] for name, (_, answers) in GOLDEN.items()}
+    gauges = np.zeros(6, np.int64)
+    assert codec.first_half(data["gauges"][0], gauges) == 0x8040
+    codec.second_half(data["gauges"][1], gauges)
+    assert gauges.tolist() == [1, -32768, -2, 100, 32767, -1]
+    row = [x for d in data["row Fz"] for x in codec.matrix_pair(d)]
+    assert row == [1.0, -2.5, 0.0, 1000.0, -0.5, 10.0]
+    assert codec.serial_number(data["serial"][0]) == "FT08577"
+    assert codec.counts_per_unit(data["counts"][0]) == (1_000_000, 100_000)
+    assert codec.unit_codes(data["units"][0]) == (2, 4)
+    assert codec.firmware(data["firmware"][0]) == (3, 8, 41)
+    assert codec.bit_rate_code(1_000_000) == 1
+    assert [codec.bit_rate_code(k * 1000) for k in (2000, 500, 250, 125)] == [0, 3, 7, 15]
+
+
+def test_the_driver_asks_by_the_document():
+    rig = Rig(board())
+    heard = []
+    rig.line.nodes[0].hear = lambda frame, t: (
+        heard.append(frame) or type(rig.line.nodes[0]).hear(rig.line.nodes[0], frame, t)
+    )
+    source = NetCanOem("ft", rig.link(), NetCanOemConfig())
+    source.receive(10**9)
+    source.receive(10**9 + 10**6)
+    asked = [(f.ident, f.data.hex()) for f in heard]
+    rows = [(0x202, f"{axis:02x}") for axis in range(6)]
+    start = [(0x20F, ""), (0x206, "00"), (0x205, ""), (0x207, ""), (0x208, "")]
+    assert asked == [*start, *rows, (0x200, "")]
+
+
+@pytest.mark.parametrize(
+    ("ident", "request_"),
+    [(0x200, "00"), (0x202, ""), (0x202, "06"), (0x206, "10"), (0x201, ""), (0x20A, ""),
+     (0x210, ""), (0x1FF, "")],
+)  # fmt: skip
+def test_what_the_document_does_not_define_stays_unanswered(ident, request_):
+    far = board()
+    far.hear(Frame(ident, bytes.fromhex(request_)), 10**9)
+    assert not far.outbox
+
+
+def test_old_firmware_ignores_the_questions_that_came_later():
+    far = board(firmware=(3, 6, 0))
+    for ident, data in ((0x207, b""), (0x208, b""), (0x209, b"\x02")):
+        far.hear(Frame(ident, data), 10**9)
+    assert not far.outbox
+
+
+def test_settings_come_into_force_at_power_up_alone():
+    far = board()
+    for ident, data in ((0x20D, b"\x21"), (0x20E, b"\x03")):
+        far.hear(Frame(ident, data), 10**9)
+    assert (far.base, far.bit_rate) == (0x20, 1_000_000)
+    far.power_cycle(2 * 10**9)
+    assert (far.base, far.bit_rate) == (0x21, 500_000)
+    far.switch_defaults = True
+    far.power_cycle(3 * 10**9)
+    assert (far.base, far.bit_rate) == (0x20, 250_000)
+
+
+@given(WORDS)
+def test_gauge_words_survive_the_way_through_two_codecs(words):
+    far = board()
+    far.faults.stuck = dict(enumerate(words))
+    far.hear(Frame(0x200), 10**9)
+    (_, first), (_, second) = far.outbox
+    out = np.zeros(6, np.int64)
+    codec.first_half(first.data, out)
+    codec.second_half(second.data, out)
+    assert out.tolist() == words
+
+
+@given(st.lists(SINGLES, min_size=6, max_size=6), st.integers(0, 5))
+def test_matrix_rows_survive_the_way_through_two_codecs(row, axis):
+    far = board()
+    matrix = np.zeros((6, 6))
+    matrix[axis] = row
+    far.slots[0] = dataclasses.replace(far.slots[0], matrix=matrix)
+    far.hear(Frame(0x202, bytes([axis])), 10**9)
+    read = [x for _, f in far.outbox for x in codec.matrix_pair(f.data)]
+    assert read == row
+
+
+@given(st.integers(0, 0x7F), st.integers(0, 15))
+def test_identifiers_are_base_and_operation(base, operation):
+    ident = codec.identifier(base, operation)
+    assert ident < 1 << 11
+    assert (ident >> 4, ident & 15) == (base, operation)
+
+
+PARSERS = [
+    codec.matrix_pair, codec.serial_number, codec.counts_per_unit, codec.unit_codes,
+    codec.firmware, codec.diagnostic,
+]  # fmt: skip
+
+
+@given(st.sampled_from(PARSERS), st.binary(max_size=8))
+def test_any_bytes_are_read_or_refused_with_a_device_error(parse, data):
+    try:
+        parse(data)
+    except DeviceError:
+        return
+
+
+@given(st.lists(st.tuples(st.integers(0x200, 0x20F), st.binary(max_size=8)), max_size=8))
+def test_any_frames_while_polling_are_survived(frames):
+    source = _POLLED
+    for ident, data in frames:
+        source._hear(ident, data)
+    source.receive(10**9)
+
+
+_POLLED = NetCanOem("ft", Rig(board()).link(), NetCanOemConfig())
+
+
+@given(st.integers(0, 0xFFFF))
+def test_every_status_word_has_words(word):
+    assert codec.describe_status(word)
