@@ -14,7 +14,10 @@ from typing import Any, TypeVar
 from hil.errors import ConfigError, unknown
 
 SCHEMA = "hil.rig/1"
-BACKENDS = ("sim", "usb", "hid", "can")
+#: sim: ideal wires.  sim-wire: the same drivers as on hardware, on simulated buses.  The others
+#: are the hardware: "hardware" every box on its own bus, or the name of that bus.
+BACKENDS = ("sim", "sim-wire", "hardware", "usb", "hid", "can")
+SIMULATED = ("sim", "sim-wire")
 T = TypeVar("T")
 
 
@@ -76,10 +79,29 @@ class ArmConfig:
 
 @dataclass(frozen=True)
 class DeviceConfig:
-    """Table ``[devices.NAME]``: driver, arm, back end (empty = the rig's), driver's options."""
+    """Table ``[devices.NAME]``: driver, arm, back end (empty = the rig's), driver's options.
+
+    `channels` maps a role to places ``"BOX/CHANNEL"``, with a minus in front where the sign is
+    turned, e.g. ``encoders = ["quad/0", "-quad/1", "quad/2"]``; ideal wires have no use for it.
+    """
 
     driver: str
     arm: str
+    backend: str = ""
+    address: str = ""
+    channels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class BoxConfig:
+    """Table ``[boxes.NAME]``: interface that devices are wired to; not used by ideal wires.
+
+    Driver, back end (empty = of the devices wired to it), address (a serial number; empty = the
+    only one attached), driver's options.
+    """
+
+    driver: str
     backend: str = ""
     address: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -111,6 +133,7 @@ class RigConfig:
     controller: ControllerConfig
     arms: Mapping[str, ArmConfig]
     devices: Mapping[str, DeviceConfig]
+    boxes: Mapping[str, BoxConfig] = field(default_factory=dict)
     schema: str = SCHEMA
     name: str = "rig"
     backend: str = "sim"
@@ -124,7 +147,8 @@ class RigConfig:
             _one_of("arm", device.arm, self.arms)
         for arm in self.controller.arms:
             _one_of("arm of the controller", arm, self.arms)
-        for backend in (self.backend, *(d.backend for d in self.devices.values() if d.backend)):
+        own = [d.backend for d in self.devices.values()] + [b.backend for b in self.boxes.values()]
+        for backend in (self.backend, *filter(None, own)):
             _one_of("backend", backend, BACKENDS)
 
     def backend_of(self, device: str) -> str:

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hil import registry
-from hil.config import RigConfig, parse
+from hil import registry, wiring
+from hil.config import SIMULATED, RigConfig, parse
 from hil.errors import ConfigError, DeviceError
 from hil.excite import files, margins
 from hil.excite.limits import of_arm
@@ -19,8 +19,8 @@ from hil.record.recording import RobotSource
 from hil.runtime.loop import ArmPort
 from hil.signals.device import Controller, Device, MeasuredCf, MeasuredJs, ServoJf, Tareable, Wire
 
-#: What to do where a back end is asked for that does not exist.
-NOT_YET = 'this version drives simulated devices only; set backend = "sim"'
+#: What to do where a device cannot be reached on hardware.
+WAY_OUT = 'without hardware set backend = "sim-wire", or "sim" for ideal wires'
 
 
 @dataclass
@@ -39,6 +39,10 @@ class Rig:
         Device time of tick 0, after taring [ns].
     biases : dict
         Device -> bias of its gauges [words].
+    boxes : dict
+        Name -> open box.
+    stack : ExitStack
+        What closing takes.
     """
 
     devices: dict[str, Device]
@@ -46,6 +50,8 @@ class Rig:
     controller: Controller
     origin_ns: int = 0
     biases: dict[str, list[float]] = field(default_factory=dict)
+    boxes: dict[str, Any] = field(default_factory=dict)
+    stack: ExitStack = field(default_factory=ExitStack)
 
     def enable(self) -> None:
         """Enable every device; the first refusal is raised, and `close` makes the rest safe."""
@@ -53,36 +59,49 @@ class Rig:
             device.enable()
 
     def close(self) -> None:
-        """Make every device safe and release it, even where another one fails to."""
-        with ExitStack() as stack:
-            for device in self.devices.values():
-                stack.callback(device.close)
+        """Make every device safe and release it and its boxes, even where another one fails to."""
+        self.stack.close()
 
 
 def require_backend(name: str, config: RigConfig) -> None:
-    """Refuse a device whose back end does not exist."""
-    backend = config.backend_of(name)
-    if backend != "sim":
-        driver = config.devices[name].driver
+    """Refuse a device on hardware that is wired to no box."""
+    backend, device = config.backend_of(name), config.devices[name]
+    if backend not in SIMULATED and not device.channels:
         raise DeviceError(
-            f"device {name!r}: driver {driver!r} has no {backend!r} back end yet; {NOT_YET}."
+            f"device {name!r}: back end {backend!r} needs the boxes that it is wired to, channels "
+            f'= {{ ROLE = ["BOX/CHANNEL", ...] }}; {WAY_OUT}.'
         )
 
 
 def open_rig(config: RigConfig, seed: int) -> Rig:
-    """Open all devices, tare the force sensors, and build the controller."""
+    """Open all boxes and devices, tare the force sensors, and build the controller."""
     for name in config.devices:
         require_backend(name, config)
     check_trajectory(config)
-    wires = _wires(config, seed)
+    with ExitStack() as stack:
+        rig = _open(config, seed, stack)
+        rig.stack = stack.pop_all()
+    return rig
+
+
+def _open(config: RigConfig, seed: int, stack: ExitStack) -> Rig:
+    """Rig whose devices and boxes `stack` closes."""
+    bench = _bench(config, seed)
+    plan = wiring.plan(config)
+    buses = bench.buses(plan) if bench is not None and plan else {}
+    boxes = wiring.open_boxes(config, buses, stack)
     period = config.loop.period_ns * 1e-9
     devices: dict[str, Device] = {}
     for name, device in config.devices.items():
         driver = registry.load("hil.drivers", device.driver)
         options = parse(driver.Config, device.options, f"devices.{name}.options")
-        devices[name] = driver.open_device(name, wires[device.arm], options, period)
+        wire = _wire(name, config, bench, boxes)
+        devices[name] = opened = driver.open_device(name, wire, options, period)
+        stack.callback(opened.close)
     ports = [_port(arm, config, devices) for arm in config.controller.arms]
     rig = Rig(devices, ports, build_controller(config))
+    rig.boxes = boxes
+    rig.origin_ns = bench.now_ns if bench is not None else 0
     _tare(rig)
     return rig
 
@@ -128,11 +147,23 @@ def force_sensors(config: RigConfig) -> dict[str, str]:
     return models
 
 
-def _wires(config: RigConfig, seed: int) -> Mapping[str, Wire]:
+def _bench(config: RigConfig, seed: int) -> Any:
+    """Simulated bench, or None where everything is hardware."""
+    if all(config.backend_of(d) not in SIMULATED for d in config.devices):
+        return None
     section: dict[str, Any] = dict(config.simulation)
     open_bench = registry.load("hil.sim_devices", str(section.get("bench", "ideal")))
-    bench = open_bench(force_sensors(config), section, config.loop.period_ns, seed)
-    return {arm: bench.wire(arm) for arm in config.arms}
+    return open_bench(force_sensors(config), section, config.loop.period_ns, seed)
+
+
+def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any]) -> Wire:
+    """Wire of a device: through boxes where it has them, ideal otherwise."""
+    if name not in wiring.wired(config):
+        ideal: Wire = bench.wire(config.devices[name].arm)
+        return ideal
+    spots = wiring.places(config, name)
+    rows = {role: [(boxes[p.box], p) for p in row] for role, row in spots.items()}
+    return wiring.BoxWire(name, rows, None if bench is None else bench.advance)
 
 
 def _port(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPort:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
+from hil.signals.bus import Bus
 from hil.signals.device import Status
 from sim_devices.plants import build, world
 from sim_devices.plants.layout import GEL, NOISES, OPERATOR, SUBSTEPS
@@ -66,6 +67,13 @@ class Bench:
             raise ConfigError(unknown("simulated arm", arm, self.names))
         return Wire(self, self.names.index(arm))
 
+    def buses(self, plan: dict[str, dict[str, Any]]) -> dict[str, Bus]:
+        """Simulated buses, by kind, with the boxes of `plan` on them."""
+        from sim_devices.wired import WiredBench  # the libraries of the buses, where needed
+
+        self.wired = WiredBench(self, plan)
+        return self.wired.buses
+
     def advance(self, t_ns: int) -> None:
         """Run the world up to `t_ns`, in whole ticks."""
         while self.now_ns + self.period_ns <= t_ns:
@@ -100,6 +108,9 @@ class Wire:
         self.counts = bench.counts[index]
         self.gauges = bench.gauges[index]
         self._codes = bench.codes[index]
+
+    def home(self, counts: NDArray[np.int64]) -> None:
+        """Nothing to do: an ideal encoder is absolute."""
 
     def receive(self, t_ns: int) -> Status:
         """Refresh `counts` and `gauges` for time `t_ns`."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hil.errors import ConfigError
+
 
 @dataclass(frozen=True)
 class PremiumConfig:
@@ -22,6 +24,9 @@ class PremiumConfig:
         Amplifier [A/V] and its DAC.
     stall_torque : float
         Of the motor [N m].
+    home : tuple of 3 floats
+        Joint angles at which the arm rests when it is opened [rad]; encoders that count from
+        where they were switched on are referred to it.
     """
 
     gear: tuple[tuple[float, ...], ...] = ((13.3, 0.0, 0.0), (0.0, 11.2, 0.0), (0.0, 0.0, 11.2))
@@ -31,3 +36,8 @@ class PremiumConfig:
     dac_volts: float = 10.0
     dac_bits: int = 16
     stall_torque: float = 0.129
+    home: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if len(self.home) != 3:
+            raise ConfigError("home: three joint angles [rad] are needed.")

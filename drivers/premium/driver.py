@@ -46,6 +46,9 @@ class PremiumArm:
         self._last_ns = 0
         self._past = np.zeros((3, convert.WINDOW))
         self._head = 0
+        # counts = floor(gear theta counts_per_turn / 2 pi)
+        at_home = gear @ np.array(config.home) * config.counts_per_turn / (2 * np.pi)
+        wire.home(np.floor(at_home).astype(np.int64))
         self.counts = wire.counts
         self.codes = np.zeros(3, np.int64)
 

@@ -107,6 +107,10 @@ class Wire(Protocol):
     counts: IntArray
     gauges: IntArray
 
+    def home(self, counts: IntArray) -> None:
+        """The arm rests where its encoders should read `counts` (3,); absolute ones know."""
+        ...
+
     def receive(self, t_ns: int) -> Status:
         """Refresh the answer for time `t_ns`; LOST when there will be none."""
         ...

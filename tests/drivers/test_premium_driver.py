@@ -17,6 +17,9 @@ class FakeWire:
         self.counts, self.gauges = np.zeros(3, np.int64), np.zeros(6, np.int64)
         self.sent, self.on, self.closed = np.zeros(3, np.int64), False, False
 
+    def home(self, counts):
+        pass
+
     def receive(self, t_ns):
         return Status.OK
 

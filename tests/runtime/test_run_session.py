@@ -112,7 +112,7 @@ def test_a_real_back_end_is_refused_with_the_way_out(tmp_path, capsys):
     assert main(["run", str(rig), "-o", str(tmp_path / "s.mcap")]) == 3
     said = capsys.readouterr().err
     assert "usb" in said
-    assert 'backend = "sim"' in said
+    assert 'backend = "sim-wire"' in said
     assert not (tmp_path / "s.mcap").exists()
     assert main(["devices", str(rig)]) == 3
     assert main(["devices", str(RIGS / "teleop.toml"), "--json"]) == 0

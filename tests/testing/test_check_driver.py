@@ -49,6 +49,9 @@ class Arm(FarEnd):
     def garble(self):
         self.spoilt = True
 
+    def home(self, counts):
+        pass
+
     def receive(self, t_ns):
         spoilt, self.spoilt = self.spoilt, False
         if not self.here:

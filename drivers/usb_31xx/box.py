@@ -1,0 +1,218 @@
+"""Box of analog outputs: calibrated, updated in the background, zero on every way out.
+
+The outputs hold their last value when the host dies.  While all is well a digital line is turned
+over every few milliseconds; the amplifiers need a watchdog on that line (docs/hardware.md).
+"""
+
+from __future__ import annotations
+
+import atexit
+import threading
+from collections import deque
+
+from drivers.usb_31xx import codec
+from drivers.usb_31xx.config import QUERIES_PER_S, Usb31xxConfig
+from drivers.usb_31xx.link import FRAME_S, Link
+from hil.errors import ConfigError, DeviceError
+from hil.signals.bus import Bus
+from hil.signals.device import Status
+
+_FRAME_NS = round(FRAME_S * 1e9)
+_QUERY_NS = round(1e9 / QUERIES_PER_S)
+_STATUS = bytes([codec.GET_STATUS])
+
+
+class Usb31xx:
+    """Analog outputs of +/- 10 V.
+
+    Parameters
+    ----------
+    name : str
+        Name of the box.
+    bus : Bus
+        HID.
+    serial : str
+        Serial number; empty takes the first box.
+    config : Usb31xxConfig
+        Model, staging, heartbeat.
+    channels : tuple of int
+        Channels that are used.
+
+    Attributes
+    ----------
+    trouble : str
+        Why the box is lost; empty while it is not.
+    heartbeat : bool
+        Whether it shows an amplifier that the host lives.
+
+    Raises
+    ------
+    DeviceError
+        If the box is not there, does not answer, or is not calibrated.
+    """
+
+    def __init__(
+        self, name: str, bus: Bus, serial: str, config: Usb31xxConfig, channels: tuple[int, ...]
+    ) -> None:
+        product, available = codec.MODELS[config.model]
+        if any(c >= available for c in channels):
+            raise ConfigError(
+                f"box {name!r}: {config.model} has the channels 0 to {available - 1}, not "
+                f"{max(channels)}."
+            )
+        self.name, self.config, self.channels = name, config, channels
+        self.heartbeat = config.heartbeat_ms > 0
+        self._bus = bus
+        self._link = Link(name, bus, product, serial)
+        self.serial = self._link.serial
+        self.trouble = ""
+        self._lock = threading.Lock()
+        self._wanted = dict.fromkeys(channels, 0)
+        self._sent: dict[int, int] = {}
+        self._queue: deque[bytes] = deque()
+        self._beating, self._beat = False, 0
+        self._next_ns = self._beat_ns = self._query_ns = self._asked_ns = 0
+        self._stop = _nothing
+        try:
+            self._start()
+        except BaseException:
+            self._link.close()
+            raise
+
+    def _start(self) -> None:
+        """0 V in the right range, calibration, master of the sync line, heartbeat line low."""
+        config, link = self.config, self._link
+        for channel in self.channels:
+            link.say(codec.aout_config(channel))
+        self._cal = {
+            c: codec.calibration(
+                link.query(codec.memory_read(codec.calibration_address(c), 8), codec.FLASH_BYTES),
+                f"box {self.name!r}, channel {c}",
+            )
+            for c in self.channels
+        }
+        link.say(bytes([codec.SET_SYNC, codec.MASTER]))
+        if not link.query(_STATUS, 1)[0] & 1:
+            raise DeviceError(f"box {self.name!r} does not become master of its sync line.")
+        if config.heartbeat_ms:
+            link.say(bytes([codec.DIO_BIT, config.heartbeat_bit, 0]))
+            link.say(bytes([codec.DIO_DIRECTION_BIT, config.heartbeat_bit, 0]))
+        self._zero()
+        self._next_ns = self._query_ns = self._bus.now_ns()
+        atexit.register(self.close)
+        self._stop = self._bus.run(self.name, self._pump)
+
+    def _zero(self) -> None:
+        """0 V now, all channels, past every queue."""
+        self._queue.clear()
+        for channel in self.channels:
+            self._wanted[channel] = 0
+            value = codec.converter(0, *self._cal[channel])
+            self._link.say(codec.aout(channel, value, codec.NOW))
+            self._sent[channel] = value
+
+    # the fast path
+
+    def put(self, channel: int, code: int) -> None:
+        """Code -32768..32767 for a channel; it goes out as soon as the box can."""
+        self._wanted[channel] = code
+
+    def flush(self) -> Status:
+        """Whether codes still go out: LOST when not."""
+        return Status.LOST if self.trouble else Status.OK
+
+    def rest(self) -> None:
+        """Zeros as soon as possible, and no heartbeat any more; does not wait."""
+        for channel in self.channels:
+            self._wanted[channel] = 0
+        self._beating = False
+
+    # the background
+
+    def _pump(self) -> float:
+        """Send the report that is most urgent; time until the next one may go [s]."""
+        now = self._bus.now_ns()
+        if self.trouble:
+            return 1.0
+        if now < self._next_ns:
+            return (self._next_ns - now) * 1e-9
+        if not self._lock.acquire(blocking=False):  # zeros are going out
+            return FRAME_S
+        try:
+            report = self._urgent(now)
+            if report:
+                self._next_ns = max(self._next_ns + _FRAME_NS, now)
+                self._link.write(report)
+            self._listen(now)
+        except DeviceError as error:
+            self.trouble = str(error)
+            return 1.0
+        finally:
+            self._lock.release()
+        return 0.0 if report else FRAME_S / 4
+
+    def _urgent(self, now: int) -> bytes:
+        """Heartbeat, question, next report of an update, or nothing."""
+        config = self.config
+        if self._beating and config.heartbeat_ms and now >= self._beat_ns:
+            self._beat_ns = now + round(config.heartbeat_ms * 1e6)
+            self._beat ^= 1
+            return bytes([codec.DIO_BIT, config.heartbeat_bit, self._beat])
+        if not self._asked_ns and now >= self._query_ns and not self._queue:
+            self._asked_ns, self._query_ns = now, now + _QUERY_NS
+            return _STATUS
+        if not self._queue:
+            self._update()
+        return self._queue.popleft() if self._queue else b""
+
+    def _update(self) -> None:
+        """Queue what has changed: staged and synced, or at once."""
+        values = {c: codec.converter(v, *self._cal[c]) for c, v in self._wanted.items()}
+        changed = [c for c, v in values.items() if v != self._sent[c]]
+        staged = self.config.staged and len(changed) > 1
+        for c in changed:
+            self._sent[c] = values[c]
+            self._queue.append(codec.aout(c, values[c], codec.ON_SYNC if staged else codec.NOW))
+        if staged:
+            self._queue.append(bytes([codec.AOUT_SYNC]))
+
+    def _listen(self, now: int) -> None:
+        """The answer to the question whether the box is alive, and still as it was set up."""
+        reply = self._link.poll()
+        if reply and reply[0] == codec.GET_STATUS and len(reply) > 1:
+            if not reply[1] & 1:
+                raise DeviceError(
+                    f"box {self.name!r} has lost its settings (it was reset); start anew."
+                )
+            self._asked_ns = 0
+        elif self._asked_ns and now - self._asked_ns > 2 * _QUERY_NS:
+            raise DeviceError(f"box {self.name!r} (USB-31xx) does not answer; plug it in again.")
+
+    # the ways in and out
+
+    def power(self, on: bool) -> None:
+        """Heartbeat on; or zeros, at once and waiting for them, and no heartbeat."""
+        if on:
+            self._beating = True
+            return
+        self._beating = False
+        with self._lock:
+            try:
+                self._zero()
+                self._bus.pause(2 * FRAME_S)
+            except DeviceError as error:
+                self.trouble = self.trouble or str(error)
+
+    def close(self) -> None:
+        """Zeros, then release the box, as far as it is still there."""
+        stop, self._stop = self._stop, _nothing
+        if stop is _nothing:
+            return
+        stop()
+        self.power(False)
+        atexit.unregister(self.close)
+        self._link.close()
+
+
+def _nothing() -> None:
+    """What stops a pump that does not run."""

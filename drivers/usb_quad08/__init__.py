@@ -1,0 +1,10 @@
+"""Measurement Computing USB-QUAD08: eight quadrature counters over USB (pyusb)."""
+
+from drivers.usb_quad08.box import Quad08
+from drivers.usb_quad08.config import Quad08Config
+
+Config = Quad08Config
+BUS = "usb"
+open_box = Quad08
+
+__all__ = ["BUS", "Config", "Quad08", "Quad08Config", "open_box"]

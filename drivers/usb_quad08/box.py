@@ -1,0 +1,239 @@
+"""Box of eight encoder counters: opened, scanning, read in the background, counts at any tick."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+
+from drivers.usb_quad08 import codec, startup
+from drivers.usb_quad08.config import WORDS, Quad08Config
+from drivers.usb_quad08.link import Link
+from drivers.usb_quad08.scan import ScanClock
+from hil.errors import DeviceError
+from hil.signals.bus import Bus
+from hil.signals.device import Status
+
+#: Words that the ring holds (a power of two), and scans read before counting begins.
+RING, SETTLING, MOST_PACKETS = 1 << 15, 4, 32
+READ_TIMEOUT_MS, STATUS_EVERY_NS = 20, 100_000_000
+FIRST_DATA_S, STEP_S = 1.0, 0.005
+
+
+class Quad08:
+    """Counts of some channels, streamed.
+
+    Parameters
+    ----------
+    name : str
+        Name of the box.
+    bus : Bus
+        USB.
+    serial : str
+        Serial number; empty takes the first box.
+    config : Quad08Config
+        Rates and modes.
+    channels : tuple of int
+        Channels that are scanned.
+
+    Attributes
+    ----------
+    counts : ndarray (channels,) of int
+        Counts since the box was opened, of the last `receive`; stays the same array.
+    trouble : str
+        Why the box is lost; empty while it is not.
+
+    Raises
+    ------
+    DeviceError
+        If the box is not there, cannot be started, or delivers nothing.
+    """
+
+    def __init__(
+        self, name: str, bus: Bus, serial: str, config: Quad08Config, channels: tuple[int, ...]
+    ) -> None:
+        self.name, self.config, self.channels = name, config, channels
+        self._bus = bus
+        self._words = WORDS[config.bits]
+        self._stride = self._words * len(channels)
+        self.counts = np.zeros(len(channels), np.int64)
+        self._last = np.zeros(len(channels), np.int64)
+        self._ring = np.zeros(RING, np.uint16)
+        self._got = 0  # bytes that arrived; published last
+        self._used = -1  # scan that `counts` stands for
+        self._fresh_ns = self._checked_ns = 0
+        self.trouble = ""
+        self._link = startup.open_link(name, bus.handle, serial, config.images, bus.pause)
+        self.serial = str(self._link.device.serial_number or "")
+        try:
+            self._start()
+        except BaseException:
+            self._link.close()
+            raise
+
+    def _start(self) -> None:
+        """Configure, start the scan, wait for data."""
+        packet = self._link.packet_size()
+        # a thread waits for one packet; in virtual time everything that came in a tick is there
+        length = packet * (MOST_PACKETS if self._bus.simulated else 1)
+        self._buffer = array("B", bytes(length))
+        divisor = codec.pacer_divisor(self.config.rate_hz)
+        period = codec.scan_period_ns(divisor)
+        self._clock = ScanClock(period, packet / (2 * self._stride) * period)
+        self._per_scan = max(2.0, self.config.fastest * period * 1e-9)
+        for channel in self.channels:
+            configure(self._link, channel, self.config, asynchronous=False)
+        arm(self._link, codec.scan_list(self.channels, self._words), divisor)
+        self._checked_ns = self._bus.now_ns()
+        self._stop = self._bus.run(self.name, self._pump)
+        for _ in range(round(FIRST_DATA_S / STEP_S)):
+            if self._scans > SETTLING or self.trouble:
+                break
+            self._bus.pause(STEP_S)
+        if self._scans <= SETTLING:
+            self.close()
+            raise DeviceError(self.trouble or f"box {self.name!r} delivers no counts; plug it in "
+                              "again.")  # fmt: skip
+        self._unwrap(self._scans - 1)
+        # every start of a scan zeroes the counters: what moved until now is unknown anyway
+        self.counts[:] = 0
+
+    @property
+    def _scans(self) -> int:
+        """Whole scans that have arrived."""
+        return self._got // (2 * self._stride)
+
+    def _pump(self) -> float:
+        """Move what has arrived into the ring.  Runs in the background."""
+        if self.trouble:
+            return 1.0
+        try:
+            n = self._link.stream(self._buffer, READ_TIMEOUT_MS)
+            if n:
+                self._store(n)
+            now = self._bus.now_ns()
+            if now - self._checked_ns >= STATUS_EVERY_NS:
+                self._checked_ns = now
+                self._check()
+        except DeviceError as error:
+            self.trouble = str(error)
+        return 0.0
+
+    def _store(self, n: int) -> None:
+        if n % 2:
+            raise DeviceError(f"box {self.name!r}: {n} bytes, half a word; plug it in again.")
+        words = np.frombuffer(self._buffer, np.uint16, n // 2)
+        at = self._got // 2 % RING
+        first = min(RING - at, n // 2)
+        self._ring[at : at + first] = words[:first]
+        self._ring[: n // 2 - first] = words[first:]
+        self._got += n
+
+    def _check(self) -> None:
+        found = codec.faults(self._link.read(codec.ACQUIRE))
+        if found:
+            raise DeviceError(
+                f"box {self.name!r}: {', '.join(found)}; the host did not read fast enough, or "
+                "the box is faulty. Lower rate_hz, and start anew."
+            )
+
+    def receive(self, t_ns: int) -> Status:
+        """Refresh `counts` for time `t_ns`."""
+        if self.trouble:
+            return Status.LOST
+        wanted = self._clock.choose(t_ns, self._scans - 1)
+        if wanted > self._used:
+            self._fresh_ns = t_ns
+            return self._unwrap(wanted)
+        if not self._fresh_ns:
+            self._fresh_ns = t_ns
+        age = (t_ns - self._fresh_ns) * 1e-6
+        if age > self.config.lost_ms:
+            self.trouble = f"box {self.name!r} has not sent counts for {age:.0f} ms."
+            return Status.LOST
+        return Status.STALE if age > self.config.stale_ms else Status.OK
+
+    def _unwrap(self, scan: int) -> Status:
+        """Counts of one scan."""
+        gap, first = scan - self._used, self._used < 0
+        if self._got // 2 - scan * self._stride > RING - self._stride:
+            self.trouble = f"box {self.name!r}: counts were overwritten before they were used."
+            return Status.LOST
+        top = codec.unwrap(self._ring, scan * self._stride, self._words, self._last, self.counts)
+        self._used = scan
+        if not first and top > self._per_scan * (gap + 1):
+            self.trouble = (
+                f"box {self.name!r}: a counter moved by {top} counts in {gap} scans, faster than "
+                f"any encoder here; the stream is out of step, or 'fastest' is too low."
+            )
+            return Status.LOST
+        return Status.OK
+
+    def close(self) -> None:
+        """Stop the scan and release the box, as far as it is still there."""
+        stop, self._stop = self._stop, _nothing
+        stop()
+        if stop is _nothing:
+            return
+        try:
+            self._link.write_all((*codec.DISARM, (codec.ACQUIRE, codec.STOPPED)))
+        except DeviceError as error:
+            self.trouble = self.trouble or str(error)
+        self._link.close()
+
+
+def _nothing() -> None:
+    """What stops a pump that does not run."""
+
+
+def configure(link: Link, channel: int, config: Quad08Config, asynchronous: bool) -> None:
+    """Set a counter's debouncing and mode, which zeroes it; no limit."""
+    byte = codec.debounce_byte(config.debounce_us)
+    mode = codec.mode_word(config.edges, config.index, asynchronous)
+    link.write_all((
+        (codec.BANK, channel), (codec.DEBOUNCE_AB, byte << 8 | byte),
+        (codec.BANK, channel), (codec.DEBOUNCE_INDEX, codec.DEBOUNCE_OFF << 8 | byte),
+        (codec.BANK, channel), (codec.MODE, mode),
+    ))  # fmt: skip
+    for bank, word in codec.NO_LIMIT:
+        link.write_all(((codec.BANK, bank + channel), (codec.MODE, word)))
+
+
+def read_count(link: Link, channel: int) -> int:
+    """Number of a counter in asynchronous mode, 48 bits; the low word first, which latches it."""
+    link.write(codec.BANK, channel)
+    low, middle, high = (link.read(register) for register in codec.COUNT[:3])
+    return low | middle << 16 | high << 32
+
+
+def arm(link: Link, words: list[int], divisor: int) -> None:
+    """Start a scan: scan list (twice over), pacer, endpoint, sequencer, then the pacer runs.
+
+    Raises
+    ------
+    DeviceError
+        If the sequencer does not become ready.
+    """
+    for _ in range(2):
+        link.write(codec.ACQUIRE, codec.RESET_LIST)
+        link.write_all((codec.SCAN_LIST, word) for word in words)
+        link.write_all(codec.BEFORE_LIST_ENDS)
+    link.write_all(codec.DISARM)
+    link.write(codec.ACQUIRE, codec.NORMAL_PACER)
+    link.write_all(zip(codec.PACER, codec.words16(divisor, 3), strict=True))
+    link.write(codec.ACQUIRE, codec.RESET_RESULTS)
+    link.out(codec.ENDPOINT, 1, 2)
+    link.device.clear_halt(codec.STREAM)
+    link.write_all(codec.ARM)
+    for _ in range(100):
+        status = link.read(codec.ACQUIRE)
+        found = codec.faults(status)
+        if found:
+            raise DeviceError(f"box {link.name!r}: {', '.join(found)}; plug it in again.")
+        if status & codec.READY_MASK == codec.READY:
+            link.write(codec.ACQUIRE, codec.RUN)
+            return
+    raise DeviceError(
+        f"box {link.name!r}: its sequencer did not become ready (status 0x{status:04x}); plug it "
+        "in again."
+    )

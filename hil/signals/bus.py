@@ -1,0 +1,65 @@
+"""What a driver needs of a bus: a library's own back end or a simulated one, time, and a pump."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+#: One step of background work; returns how long to wait before the next [s].  Never raises.
+Step = Callable[[], float]
+
+
+def threaded(name: str, step: Step) -> Callable[[], None]:
+    """Call `step` again and again in a thread of its own; returns what stops it."""
+    done = threading.Event()
+
+    def work() -> None:
+        while not done.is_set():
+            delay = step()
+            if delay > 0.0:
+                done.wait(delay)
+
+    thread = threading.Thread(target=work, name=name, daemon=True)
+    thread.start()
+
+    def stop() -> None:
+        done.set()
+        thread.join(2.0)
+
+    return stop
+
+
+@dataclass(frozen=True)
+class Bus:
+    """A bus as a driver sees it; the defaults are the hardware's.
+
+    Parameters
+    ----------
+    kind : str
+        ``"usb"``, ``"hid"`` or ``"can"``.
+    handle : object
+        usb: back end for `usb.core.find`, None for libusb.  hid: what stands for the module
+        ``hid``.  can: keyword arguments of `can.Bus`.
+    run : callable
+        ``run(name, step)`` calls `step` as often as data may come and returns what stops it: a
+        thread, or in virtual time once a tick.
+    pause : callable
+        Wait so many seconds; for opening and closing, never in the fast path.
+    now_ns : callable
+        Time [ns].
+    advance : callable
+        ``advance(t_ns)`` lets a simulated world run to the time of the loop; nothing otherwise.
+    simulated : bool
+        Whether the far end is simulated.
+    """
+
+    kind: str
+    handle: Any = None
+    run: Callable[[str, Step], Callable[[], None]] = threaded
+    pause: Callable[[float], None] = time.sleep
+    now_ns: Callable[[], int] = time.monotonic_ns
+    advance: Callable[[int], None] = lambda t_ns: None
+    simulated: bool = False

@@ -1,0 +1,309 @@
+"""Which channel of which box is which signal of which device; boxes opened, wires made of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from hil import registry
+from hil.config import SIMULATED, BoxConfig, DeviceConfig, RigConfig, parse
+from hil.errors import ConfigError, unknown
+from hil.signals.bus import Bus
+from hil.signals.device import IntArray, Status
+
+_PLACE = re.compile(r"(-?)([^/]+)/(\d+)")
+
+
+@dataclass(frozen=True)
+class Place:
+    """One channel of one box, and whether its sign is turned (-1) or not (1)."""
+
+    box: str
+    channel: int
+    sign: int
+
+
+class CountsBox(Protocol):
+    """A box that counts.
+
+    `channels` lists its open channels, `counts` (channels,) holds the counts of the last
+    `receive` and stays the same array, `trouble` says why it is lost.
+    """
+
+    channels: tuple[int, ...]
+    counts: IntArray
+    trouble: str
+
+    def receive(self, t_ns: int) -> Status:
+        """Refresh `counts` for time `t_ns`; never waits or raises."""
+        ...
+
+
+class CodesBox(Protocol):
+    """A box that gives voltages.
+
+    `trouble` says why it is lost; `heartbeat` whether it shows an amplifier that the host lives.
+    """
+
+    trouble: str
+    heartbeat: bool
+
+    def put(self, channel: int, code: int) -> None:
+        """Code -32768..32767 of a channel, which goes out as soon as the box can."""
+        ...
+
+    def flush(self) -> Status:
+        """Whether codes still go out: LOST when not."""
+        ...
+
+    def rest(self) -> None:
+        """Zeros as soon as possible and no sign of life any more; never waits."""
+        ...
+
+    def power(self, on: bool) -> None:
+        """Start or stop the sign of life; stopping sends zeros first."""
+        ...
+
+
+def wired(config: RigConfig) -> dict[str, DeviceConfig]:
+    """Devices that have boxes instead of an ideal wire."""
+    return {
+        name: d for name, d in config.devices.items()
+        if d.channels and config.backend_of(name) != "sim"
+    }  # fmt: skip
+
+
+def places(config: RigConfig, name: str) -> dict[str, list[Place]]:
+    """Role -> places of a device.
+
+    Raises
+    ------
+    ConfigError
+        If a place is not written as ``BOX/CHANNEL``, or there is no such box.
+    """
+    found: dict[str, list[Place]] = {}
+    for role, texts in config.devices[name].channels.items():
+        for text in texts:
+            match = _PLACE.fullmatch(text)
+            if match is None:
+                raise ConfigError(
+                    f"[devices.{name}.channels] {role}: {text!r} is not a place; write "
+                    "BOX/CHANNEL, e.g. 'encoders/0', or '-encoders/0' for the other sign."
+                )
+            sign, box, channel = match.groups()
+            if box not in config.boxes:
+                raise ConfigError(f"[devices.{name}.channels]: {unknown('box', box, config.boxes)}")
+            found.setdefault(role, []).append(Place(box, int(channel), -1 if sign else 1))
+    return found
+
+
+def backends(config: RigConfig) -> dict[str, str]:
+    """Boxes that are in use -> their back end.
+
+    Raises
+    ------
+    ConfigError
+        If two devices want one box on two back ends, or a channel is used twice.
+    """
+    found: dict[str, str] = {}
+    taken: dict[tuple[str, int, str], str] = {}
+    for name in wired(config):
+        for role, spots in places(config, name).items():
+            for p in spots:
+                own = config.boxes[p.box].backend or config.backend_of(name)
+                if found.setdefault(p.box, own) != own:
+                    raise ConfigError(
+                        f"box {p.box!r} is wanted as {found[p.box]!r} and as {own!r}; set its "
+                        "backend in its own table."
+                    )
+                key = (p.box, p.channel, role)
+                if key in taken:
+                    both = f"{taken[key]!r} and {name!r}"
+                    raise ConfigError(f"channel {p.box}/{p.channel} is used twice, by {both}.")
+                taken[key] = name
+    return found
+
+
+def used_channels(config: RigConfig, box: str) -> tuple[int, ...]:
+    """Channels of a box that devices use."""
+    spots = [p for d in wired(config) for row in places(config, d).values() for p in row]
+    return tuple(sorted({p.channel for p in spots if p.box == box}))
+
+
+def plan(config: RigConfig) -> dict[str, dict[str, Any]]:
+    """What a simulation must know of the boxes that it is to answer for."""
+    found: dict[str, dict[str, Any]] = {}
+    for box, backend in backends(config).items():
+        if backend == "sim-wire":
+            table = config.boxes[box]
+            found[box] = {"driver": table.driver, "address": table.address,
+                          "options": dict(table.options), "cables": []}  # fmt: skip
+    for name, device in wired(config).items():
+        for role, spots in places(config, name).items():
+            for k, p in enumerate(spots):
+                if p.box in found:
+                    found[p.box]["cables"].append((p.channel, role, device.arm, k, p.sign))
+    return found
+
+
+def open_boxes(config: RigConfig, simulated: Mapping[str, Bus], stack: ExitStack) -> dict[str, Any]:
+    """Open every box in use; `stack` closes them.
+
+    Parameters
+    ----------
+    simulated : mapping of str to Bus
+        Kind -> simulated bus.
+
+    Raises
+    ------
+    DeviceError
+        If one is missing or refuses; says what to do.
+    """
+    boxes: dict[str, Any] = {}
+    used = backends(config)
+    _told_apart(config, used)
+    for name, backend in used.items():
+        table = config.boxes[name]
+        driver = registry.load("hil.boxes", table.driver)
+        check_bus(name, table, backend, driver.BUS)
+        bus = simulated[driver.BUS] if backend in SIMULATED else Bus(driver.BUS)
+        options = parse(driver.Config, table.options, f"boxes.{name}.options")
+        box = driver.open_box(name, bus, table.address, options, used_channels(config, name))
+        stack.callback(box.close)
+        boxes[name] = box
+    return boxes
+
+
+def _told_apart(config: RigConfig, used: Iterable[str]) -> None:
+    """Refuse two boxes of one driver that may be the same device."""
+    seen: dict[tuple[str, str], str] = {}
+    rows = [(name, config.boxes[name]) for name in used]
+    for name, table in rows:
+        same = [n for n, t in rows if t.driver == table.driver]
+        other = seen.setdefault((table.driver, table.address), name)
+        if other != name or (not table.address and len(same) > 1):
+            raise ConfigError(
+                f"boxes {', '.join(same)} have one driver; give each an address of its own, the "
+                "serial number that 'hil devices' shows."
+            )
+
+
+def check_bus(name: str, table: BoxConfig, backend: str, kind: str) -> None:
+    """Refuse a box whose own table names a bus that it does not speak."""
+    if table.backend and backend not in (*SIMULATED, "hardware", kind):
+        raise ConfigError(
+            f"[boxes.{name}]: driver {table.driver!r} speaks {kind!r}, not {backend!r}."
+        )
+
+
+class BoxWire:
+    """Wire of one device through boxes: what `Wire` says, counts and codes from anywhere.
+
+    Parameters
+    ----------
+    name : str
+        Device.
+    rows : dict
+        Role -> (box, `Place`) in the order of the motors; roles ``encoders`` and ``motors``.
+    advance : callable, optional
+        Lets a simulated world run to a time [ns].
+
+    Raises
+    ------
+    ConfigError
+        If a role is unknown or does not have three places, or no box gives a heartbeat.
+    """
+
+    def __init__(
+        self, name: str, rows: Mapping[str, list[tuple[Any, Place]]],
+        advance: Callable[[int], None] | None,
+    ) -> None:  # fmt: skip
+        encoders, motors = _roles(name, rows)
+        self.counts = np.zeros(len(encoders), np.int64)
+        self.gauges = np.zeros(6, np.int64)
+        self._offset = np.zeros(len(encoders), np.int64)
+        self._in = [
+            (i, b.counts, b.channels.index(p.channel), p.sign) for i, (b, p) in enumerate(encoders)
+        ]
+        self._out = [(i, b, p.channel, p.sign) for i, (b, p) in enumerate(motors)]
+        self._readers: list[CountsBox] = _distinct(b for b, _ in encoders)
+        self._writers: list[CodesBox] = _distinct(b for b, _ in motors)
+        self._advance = advance
+        self._lost = False
+
+    @property
+    def trouble(self) -> str:
+        """Why the wire is lost; empty while it is not."""
+        texts = [b.trouble for b in self._readers] + [b.trouble for b in self._writers]
+        return " ".join(filter(None, texts))
+
+    def home(self, counts: IntArray) -> None:
+        """The arm rests where its encoders should read `counts` (3,)."""
+        self._offset[:] = 0
+        self._collect()
+        self._offset[:] = counts - self.counts
+        self.counts[:] = counts
+
+    def receive(self, t_ns: int) -> Status:
+        """Counts for time `t_ns`; LOST also when the way out is lost, and then for good."""
+        if self._advance is not None:
+            self._advance(t_ns)
+        status = Status.OK
+        for box in self._readers:
+            status = max(status, box.receive(t_ns))
+        self._collect()
+        for writer in self._writers:
+            status = max(status, writer.flush())
+        if status is Status.LOST and not self._lost:
+            self._lost = True
+            for writer in self._writers:
+                writer.rest()
+        return Status.LOST if self._lost else status
+
+    def _collect(self) -> None:
+        counts, offset = self.counts, self._offset
+        for i, source, at, sign in self._in:
+            counts[i] = sign * source[at] + offset[i]
+
+    def send(self, codes: IntArray) -> None:
+        """DAC codes to their boxes."""
+        for i, box, channel, sign in self._out:
+            box.put(channel, sign * int(codes[i]))
+
+    def power(self, on: bool) -> None:
+        """Sign of life on or off."""
+        for writer in self._writers:
+            writer.power(on and not self._lost)
+
+    def close(self) -> None:
+        """The boxes are the rig's and are closed by it."""
+
+
+#: Roles of a device that is wired to boxes, and places each.
+ROLES = {"encoders": 3, "motors": 3}
+
+
+def _roles(
+    name: str, rows: Mapping[str, list[tuple[Any, Place]]]
+) -> tuple[list[tuple[Any, Place]], list[tuple[Any, Place]]]:
+    for role in rows:
+        if role not in ROLES:
+            raise ConfigError(f"[devices.{name}.channels]: {unknown('role', role, ROLES)}")
+    for role, n in ROLES.items():
+        if len(rows.get(role, ())) != n:
+            raise ConfigError(f"[devices.{name}.channels]: {role} needs {n} places BOX/CHANNEL.")
+    if not any(box.heartbeat for box, _ in rows["motors"]):
+        raise ConfigError(
+            f"device {name!r}: none of its motor boxes gives a heartbeat, and its amplifiers would "
+            "go on when the host dies; set heartbeat_ms in the options of one of them."
+        )
+    return rows["encoders"], rows["motors"]
+
+
+def _distinct(boxes: Any) -> list[Any]:
+    return list({id(b): b for b in boxes}.values())

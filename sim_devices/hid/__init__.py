@@ -1,0 +1,1 @@
+"""Simulated HID devices: an object with the interface of hidapi's module, and firmware."""

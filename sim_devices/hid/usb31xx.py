@@ -1,0 +1,178 @@
+"""Firmware of a simulated USB-31xx: converters, sync, flash, digital lines, one report a frame.
+
+Written from the protocol notes alone; shares no code with the driver.  What the notes leave
+open: an unknown or short report is ignored; outputs are 0 V at power-up; the sync line is a slave
+until told otherwise.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from sim_devices.hid.module import QUEUE
+
+FRAME_NS = 1_000_000
+PRODUCTS = {"usb-3101": (0x009A, 4), "usb-3103": (0x009C, 8), "usb-3105": (0x009E, 16),
+            "usb-3110": (0x00A2, 4), "usb-3112": (0x00A3, 8), "usb-3114": (0x00A4, 16)}  # fmt: skip
+#: Spread of gain [1] and offset [codes] of the converters, which the flash corrects.
+GAIN_SPREAD, OFFSET_SPREAD = 0.004, 40.0
+
+
+class Sim31xx:
+    """One box.
+
+    Parameters
+    ----------
+    model, serial : str
+        Model and serial number.
+    edge : callable, optional
+        ``edge(bit, level, now_ns)`` is called when a digital output changes.
+    seed : int
+        Of its converters.
+
+    Attributes
+    ----------
+    volts : ndarray (channels,)
+        What stands at the terminals [V].
+    executed : int
+        Reports that have taken effect.
+    muted : bool
+        Takes reports, answers none.
+    garbled : int
+        Answers to come that are spoilt.
+    """
+
+    def __init__(
+        self, model: str, serial: str, edge: Callable[[int, int, int], None] | None = None,
+        seed: int = 0,
+    ) -> None:  # fmt: skip
+        product, self.channels = PRODUCTS[model]
+        self.descriptor: dict[str, Any] = {
+            "path": f"sim-{serial}".encode(), "vendor_id": 0x09DB, "product_id": product,
+            "serial_number": serial, "release_number": 0x0102, "manufacturer_string": "MCC",
+            "product_string": model.upper(), "usage_page": 0xFF00, "usage": 1,
+            "interface_number": 0,
+        }  # fmt: skip
+        rng = np.random.default_rng([seed, product, *serial.encode()])
+        # the converter's own errors; the flash holds what corrects them
+        self._gain = 1.0 + GAIN_SPREAD * rng.standard_normal(self.channels)
+        self._offset = OFFSET_SPREAD * rng.standard_normal(self.channels)
+        self._flash = self._calibration()
+        self._edge = edge
+        #: Number -> length of the whole report, action.
+        self._actions: dict[int, tuple[int, Callable[[bytes], None]]] = {
+            0x02: (3, self._direction_bit), 0x06: (3, self._line), 0x14: (5, self._aout),
+            0x15: (1, self._sync), 0x1C: (3, self._config), 0x30: (5, self._memory),
+            0x41: (1, self._reset), 0x43: (2, self._set_sync), 0x44: (1, self._state),
+        }  # fmt: skip
+        self.plugged = self.readable = True
+        self.muted, self.garbled = False, 0
+        self.now_ns = 0
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Forget everything but the flash."""
+        self.inputs: deque[bytes] = deque(maxlen=QUEUE)
+        self.volts = np.zeros(self.channels)
+        self._staged: dict[int, int] = {}
+        self._bipolar = np.zeros(self.channels, bool)
+        self._master = False
+        self._direction, self._lines = 0xFF, 0
+        self._pending: deque[tuple[int, bytes]] = deque()
+        self._free_ns = 0
+        self.executed = 0
+
+    def _calibration(self) -> bytes:
+        flash = bytearray(b"\xff" * 0x400)
+        for c in range(self.channels):
+            # k_terminal = gain k + offset, so that k = (k_ideal - offset) / gain
+            pair = struct.pack("<ff", 1.0 / self._gain[c], -self._offset[c] / self._gain[c])
+            for base in (0x000, 0x008):
+                at = 0x10 * c + base
+                flash[at : at + 8] = pair
+        return bytes(flash)
+
+    def output(self, report: bytes) -> None:
+        """A report is on its way; it takes effect a frame later, one after the other."""
+        self._free_ns = max(self._free_ns, self.now_ns) + FRAME_NS
+        self._pending.append((self._free_ns, report))
+
+    def tick(self, now_ns: int) -> None:
+        """It is `now_ns`: execute what has arrived."""
+        self.now_ns = now_ns
+        while self._pending and self._pending[0][0] <= now_ns:
+            self._execute(self._pending.popleft()[1])
+
+    def _execute(self, report: bytes) -> None:
+        act = self._actions.get(report[0]) if report else None
+        if act is None or len(report) != act[0]:
+            return
+        self.executed += 1
+        act[1](report)
+
+    def _aout(self, report: bytes) -> None:
+        channel, value, on_sync = report[1], report[2] | report[3] << 8, report[4]
+        if channel < self.channels and on_sync in (0, 1):
+            if on_sync:
+                self._staged[channel] = value
+            else:
+                self._staged.pop(channel, None)
+                self._convert(channel, value)
+
+    def _sync(self, report: bytes) -> None:
+        if self._master:
+            for channel, value in self._staged.items():
+                self._convert(channel, value)
+            self._staged.clear()
+
+    def _convert(self, channel: int, value: int) -> None:
+        code = self._gain[channel] * value + self._offset[channel]
+        if self._bipolar[channel]:
+            self.volts[channel] = (code - 32768.0) / 32768.0 * 10.0
+        else:
+            self.volts[channel] = code / 65536.0 * 10.0
+
+    def _config(self, report: bytes) -> None:
+        channel, code = report[1], report[2]
+        if channel < self.channels and code in (0, 1):
+            self._bipolar[channel] = bool(code)
+            self.volts[channel] = 0.0
+
+    def _direction_bit(self, report: bytes) -> None:
+        mask = 1 << (report[1] & 7)
+        self._direction = self._direction | mask if report[2] else self._direction & ~mask
+
+    def _line(self, report: bytes) -> None:
+        bit, level = report[1] & 7, report[2] & 1
+        before = self._lines >> bit & 1
+        self._lines = self._lines & ~(1 << bit) | level << bit
+        if self._edge is not None and level != before and not self._direction >> bit & 1:
+            self._edge(bit, level, self.now_ns)
+
+    def _memory(self, report: bytes) -> None:
+        address, count = report[1] | report[2] << 8, min(report[4], 62)
+        memory = bytes(0x100) + self._flash
+        self._answer(bytes([0x30]) + memory[address : address + count].ljust(62, b"\0"))
+
+    def _state(self, report: bytes) -> None:
+        self._answer(bytes([0x44, 1 if self._master else 0]))
+
+    def _set_sync(self, report: bytes) -> None:
+        self._master = report[1] == 0
+
+    def _reset(self, report: bytes) -> None:
+        self.plugged = False
+        self.power_up()
+
+    def _answer(self, report: bytes) -> None:
+        if self.muted:
+            return
+        if self.garbled:
+            self.garbled -= 1
+            report = bytes([report[0] ^ 0x55]) + report[1:1]
+        self.inputs.append(report)
