@@ -17,6 +17,13 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "joint-tracking": "controllers.joint_tracking",
         "position-force": "controllers.position_force",
     },
+    "hil.velocity": {
+        "first-difference": "hil.signals.velocity.methods:FirstDifference",
+        "filtered-difference": "hil.signals.velocity.methods:FilteredDifference",
+        "foaw-end-fit": "hil.signals.velocity.methods:FoawEndFit",
+        "foaw-best-fit": "hil.signals.velocity.methods:FoawBestFit",
+        "kalman": "hil.signals.velocity.methods:Kalman",
+    },
     "hil.sim_devices": {},
     "hil.sim_sessions": {},
 }

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 from hil.errors import ConfigError
 
@@ -27,6 +29,10 @@ class PremiumConfig:
     home : tuple of 3 floats
         Joint angles at which the arm rests when it is opened [rad]; encoders that count from
         where they were switched on are referred to it.
+    velocity : str
+        Velocity estimator, a name of the registry group ``hil.velocity``.
+    velocity_options : mapping
+        Its options, e.g. ``{ cutoff_hz = 30.0 }``.
     """
 
     gear: tuple[tuple[float, ...], ...] = ((13.3, 0.0, 0.0), (0.0, 11.2, 0.0), (0.0, 0.0, 11.2))
@@ -37,6 +43,8 @@ class PremiumConfig:
     dac_bits: int = 16
     stall_torque: float = 0.129
     home: tuple[float, ...] = (0.0, 0.0, 0.0)
+    velocity: str = "foaw-end-fit"
+    velocity_options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(self.home) != 3:

@@ -8,6 +8,7 @@ from drivers.premium import convert
 from drivers.premium.config import PremiumConfig
 from hil.signals.device import FloatArray, Status, Wire
 from hil.signals.state import OperatingState, StateCommand, StateMachine
+from hil.signals.velocity import estimator
 
 _STATUS = tuple(Status)
 
@@ -44,12 +45,12 @@ class PremiumArm:
         self._top = min(stall, 2 ** (config.dac_bits - 1) - 1)
         self._period_ns = round(period * 1e9)
         self._last_ns = 0
-        self._past = np.zeros((3, convert.WINDOW))
-        self._head = 0
         # counts = floor(gear theta counts_per_turn / 2 pi)
         at_home = gear @ np.array(config.home) * config.counts_per_turn / (2 * np.pi)
         wire.home(np.floor(at_home).astype(np.int64))
         self.counts = wire.counts
+        self._rate = np.zeros(3)
+        self._velocity = estimator(config.velocity, dict(config.velocity_options), 3, period)
         self.codes = np.zeros(3, np.int64)
 
     @property
@@ -70,11 +71,10 @@ class PremiumArm:
         status = self._wire.receive(t_ns)
         steps = max(1, (t_ns - self._last_ns + self._period_ns // 2) // self._period_ns)
         self._last_ns = t_ns
-        self._head = (self._head + steps) % convert.WINDOW
+        self._velocity.update(self.counts, steps, self._rate)
         convert.joint_state(
-            self.counts, self._past, self._head, steps, self._to_joint, self._period, position,
-            velocity,
-        )  # fmt: skip
+            self.counts, self._rate, self._to_joint, self._period, position, velocity
+        )
         if status is Status.LOST:
             self._machine.command(StateCommand.FAULT)
             return Status.INVALID
@@ -97,9 +97,9 @@ class PremiumArm:
         return status
 
     def enable(self) -> None:
-        """Fill the velocity window and switch the amplifiers on."""
+        """Start the velocity at rest and switch the amplifiers on."""
         self._machine.command(StateCommand.ENABLE)
-        self._past[:] = self.counts[:, None]
+        self._velocity.reset(self.counts)
         self._wire.power(True)
 
     def disable(self) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from hil.bench import hidden, recordings
+from hil.bench import hidden, recordings, velocity
 from hil.bench.diagnosis import cases, runner, tables
 from hil.commands import common, plugins
 from hil.errors import ConfigError
@@ -31,7 +31,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--resume", metavar="R.jsonl",
         help="keep every result in this file, and do not do again what it holds (diagnosis)",
     )  # fmt: skip
-    parser.add_argument("--report", metavar="R.md", help="write the tables too (diagnosis)")
+    parser.add_argument(
+        "--report", metavar="R.md", help="write the tables too (diagnosis, velocity)"
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 
@@ -51,8 +53,7 @@ def _diagnosis(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     kept = Path(args.resume) if args.resume else None
     if kept and kept.suffix != ".jsonl":
         raise ConfigError(f"--resume {kept}: a file that ends in .jsonl is needed")
-    if args.report and Path(args.report).suffix != ".md":
-        raise ConfigError(f"--report {args.report}: a file that ends in .md is needed")
+    _markdown(args.report)
     seeds = args.seeds or cases.SEEDS
     rows = runner.run(cases.plan(args.quick, seeds), args.jobs, kept)
     quick = " --quick" if args.quick else f" --seeds {seeds}"
@@ -166,10 +167,31 @@ def _wrist(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     return "\n".join(lines), dict(data)
 
 
+def _velocity(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Velocity estimators: error and delay of each, and what an update costs here."""
+    _markdown(args.report)
+    text = velocity.report()
+    if args.report:
+        Path(args.report).write_text(text, encoding="utf-8")
+    rows = [
+        [label, f"{velocity.cost_ns(name, options):.0f}"] for label, name, options in velocity.CASES
+    ]
+    cost = common.table(["estimator", "ns"], rows)
+    data = {"rows": [vars(r) | {"delay_ms": None if r.delay_ms != r.delay_ms else r.delay_ms}
+                     for r in velocity.compare()]}  # fmt: skip
+    return f"{text}\nOne update of three channels on this machine\n{cost}", dict(data)
+
+
+def _markdown(path: str | None) -> None:
+    if path and Path(path).suffix != ".md":
+        raise ConfigError(f"--report {path}: a file that ends in .md is needed")
+
+
 BENCHES: dict[str, Callable[[argparse.Namespace], tuple[str, dict[str, object]]]] = {
     "diagnosis": _diagnosis,
     "hidden": _hidden,
     "emps": _emps,
     "contact": _contact,
     "wrist": _wrist,
+    "velocity": _velocity,
 }
