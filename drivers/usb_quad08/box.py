@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from math import inf
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from hil.signals.bus import Bus
 from hil.signals.device import Status
 
 #: Words that the ring holds (a power of two), and scans read before counting begins.
-RING, SETTLING, MOST_PACKETS = 1 << 15, 4, 32
+RING, SETTLING, MOST_PACKETS = 1 << 17, 4, 32
 READ_TIMEOUT_MS, STATUS_EVERY_NS = 20, 100_000_000
 FIRST_DATA_S, STEP_S = 1.0, 0.005
 
@@ -80,7 +81,7 @@ class Quad08:
         divisor = codec.pacer_divisor(self.config.rate_hz)
         period = codec.scan_period_ns(divisor)
         self._clock = ScanClock(period, packet / (2 * self._stride) * period)
-        self._per_scan = max(2.0, self.config.fastest * period * 1e-9)
+        self._most = 1.0 + self.config.fastest * period * 1e-9
         for channel in self.channels:
             configure(self._link, channel, self.config, asynchronous=False)
         arm(self._link, codec.scan_list(self.channels, self._words), divisor)
@@ -94,8 +95,10 @@ class Quad08:
             self.close()
             raise DeviceError(self.trouble or f"box {self.name!r} delivers no counts; plug it in "
                               "again.")  # fmt: skip
-        self._unwrap(self._scans - 1)
-        # every start of a scan zeroes the counters: what moved until now is unknown anyway
+        # a start zeroes the counters, and the first scan may do so again: where they stand at
+        # the last one so far is home
+        self._used = self._scans - 2
+        self._unwrap(self._scans - 1, inf)
         self.counts[:] = 0
 
     @property
@@ -144,7 +147,7 @@ class Quad08:
         wanted = self._clock.choose(t_ns, self._scans - 1)
         if wanted > self._used:
             self._fresh_ns = t_ns
-            return self._unwrap(wanted)
+            return self._unwrap(wanted, self._most)
         if not self._fresh_ns:
             self._fresh_ns = t_ns
         age = (t_ns - self._fresh_ns) * 1e-6
@@ -153,18 +156,18 @@ class Quad08:
             return Status.LOST
         return Status.STALE if age > self.config.stale_ms else Status.OK
 
-    def _unwrap(self, scan: int) -> Status:
-        """Counts of one scan."""
-        gap, first = scan - self._used, self._used < 0
-        if self._got // 2 - scan * self._stride > RING - self._stride:
+    def _unwrap(self, scan: int, most: float) -> Status:
+        """Go on through the stream to one scan; between two, a counter moves `most` counts."""
+        if self._got // 2 - (self._used + 1) * self._stride > RING - self._stride:
             self.trouble = f"box {self.name!r}: counts were overwritten before they were used."
             return Status.LOST
-        top = codec.unwrap(self._ring, scan * self._stride, self._words, self._last, self.counts)
+        n, first = scan - self._used, (self._used + 1) * self._stride
+        moved = codec.unwrap(self._ring, first, n, self._words, most, self._last, self.counts)
         self._used = scan
-        if not first and top > self._per_scan * (gap + 1):
+        if moved:
             self.trouble = (
-                f"box {self.name!r}: a counter moved by {top} counts in {gap} scans, faster than "
-                f"any encoder here; the stream is out of step, or 'fastest' is too low."
+                f"box {self.name!r}: a counter moved by {moved} counts between two scans, faster "
+                "than any encoder here; the stream is out of step, or 'fastest' is too low."
             )
             return Status.LOST
         return Status.OK

@@ -168,32 +168,43 @@ def fpga_blocks(image: bytes) -> Iterator[bytes]:
 
 
 @nb.njit(cache=True, nogil=True)
-def unwrap(ring: Any, start: int, words: int, last: Any, counts: Any) -> int:
-    """Add to `counts` what the counters moved since the last scan; the largest move.
+def unwrap(
+    ring: Any, first: int, scans: int, words: int, most: float, last: Any, counts: Any
+) -> int:
+    """Add to `counts` what the counters moved over some scans; the largest move if too large.
 
     Parameters
     ----------
     ring : ndarray of uint16
         Words of the stream, a power of two long.
-    start : int
-        Index of the scan's first word.
+    first, scans : int
+        Index of the first scan's first word, and number of scans.
     words : int
         16-bit words per counter, 1 or 2.
+    most : float
+        Counts that a counter can move between two scans.
     last : ndarray (n,) of int
-        Raw numbers of the last scan; replaced.
+        Raw numbers of the scan before; replaced.
     counts : ndarray (n,) of int
-        Signed totals.
+        Signed totals; left at the last good scan.
+
+    Returns
+    -------
+    int
+        0, or a move that no encoder makes: the stream is out of step.
     """
-    mask, top = ring.size - 1, 0
+    mask, n = ring.size - 1, counts.size
     span = 1 << (16 * words)
-    for i in range(counts.size):
-        at = start + i * words
-        raw = int(ring[at & mask])
-        if words == 2:
-            raw |= int(ring[(at + 1) & mask]) << 16
-        # nearest equivalent: d in -span/2 .. span/2 - 1
-        moved = (raw - last[i] + span // 2) % span - span // 2
-        last[i] = raw
-        counts[i] += moved
-        top = max(top, abs(moved))
-    return top
+    for k in range(scans):
+        at = first + k * n * words
+        for i in range(n):
+            raw = int(ring[(at + i * words) & mask])
+            if words == 2:
+                raw |= int(ring[(at + i * words + 1) & mask]) << 16
+            # nearest equivalent: d in -span/2 .. span/2 - 1
+            moved = (raw - last[i] + span // 2) % span - span // 2
+            if abs(moved) > most:
+                return int(abs(moved))
+            last[i] = raw
+            counts[i] += moved
+    return 0

@@ -102,12 +102,12 @@ class _Bench:
         self.device, self.again, self.far, self.tol = again(), again, far, tolerance
         self.step_ns, self.period = round(period * 1e9), period
         self.settle = max(1, round(settle / period))
-        self.t_ns = 0
+        self.t_ns = far.now_ns
         self.q, self.qd = np.zeros(far.joints), np.zeros(far.joints)
         self.wrench, self.sent = np.zeros(6), np.zeros(far.joints)
         self.effort = np.zeros(far.joints)
         if isinstance(self.device, Tareable):
-            self.t_ns = self.device.tare(0)
+            self.t_ns = self.device.tare(self.t_ns)
 
     def require(self, held: bool, text: str) -> None:
         """Raise with the name of the device where a rule is broken."""
@@ -139,6 +139,11 @@ class _Bench:
     def ticks(self, n: int, effort: FloatArray | None = None) -> Status:
         """Worst status of some ticks."""
         return max(self.tick(effort) for _ in range(n))
+
+    def reopen(self) -> None:
+        """Open the device anew, after which the far end's time holds if it is later."""
+        self.device = self.again()
+        self.t_ns = max(self.t_ns, self.far.now_ns)
 
     def enable(self) -> None:
         """Enable, after some ticks in which the driver may fill its windows."""
@@ -253,7 +258,7 @@ def _zero_on_exit(b: _Bench) -> None:
             b.ticks(b.settle, push)
         b.require(not b.far.effort().any(), f"still gives {b.far.effort()} N m after {leave}()")
         b.device.close()
-        b.device = b.again()
+        b.reopen()
     b.device.close()
 
 
@@ -273,8 +278,7 @@ def _unplug(b: _Bench) -> None:
             b.require(False, "opens while it is unplugged")
     finally:
         b.far.replug()
-    b.device = b.again()
-    b.t_ns += b.step_ns
+    b.reopen()
     b.enable()
     b.require(b.tick() <= Status.CLAMPED, "does not work after it was plugged in again")
     b.device.close()
@@ -290,6 +294,12 @@ def _mute(b: _Bench) -> None:
 
 def _garble(b: _Bench) -> None:
     b.enable()
+    if b.far.can("place"):  # away from zero, where nothing shows
+        goal = b.far.pose.copy()
+        for _ in range(b.settle):
+            goal += 1e-3 * (1 + np.arange(b.far.joints))
+            b.far.place(goal)
+            b.tick()
     b.ticks(b.settle)
     for _ in range(20):
         b.far.garble()

@@ -44,6 +44,11 @@ class FarEnd:
     joints: int = 3
     axes: int = 6
 
+    @property
+    def now_ns(self) -> int:
+        """Time [ns] from which the check goes on after the device was opened."""
+        return 0
+
     def __init__(self) -> None:
         self.pose: FloatArray = np.zeros(self.joints)
 

@@ -45,6 +45,8 @@ class SimQuad08:
         Address -> byte, as loaded.
     muted : bool
         Takes requests, answers none, sends no data.
+    garbled : int
+        Words of the stream to be lost.
     """
 
     vendor = 0x09DB
@@ -56,7 +58,7 @@ class SimQuad08:
     ) -> None:  # fmt: skip
         self.strings = ("MCC", "USB-QUAD08", serial)
         self.plugged = self.readable = True
-        self.muted = False
+        self.muted, self.garbled = False, 0
         self._edges, self._per_turn = edges, per_turn
         self.now_ns = 0
         self.fpga_size = FPGA_BYTES
@@ -268,6 +270,9 @@ class SimQuad08:
             raise failure(errno.EOVERFLOW)
         if self.muted:
             return 0
+        if self.garbled and self._fifo:
+            self.garbled -= 1
+            del self._fifo[:2]
         n = min(len(self._fifo), len(buffer)) // PACKET * PACKET
         if n:
             memoryview(buffer)[:n] = self._fifo[:n]
