@@ -9,6 +9,7 @@ from hil.compare.evidence import Candidate, Evidence
 from hil.identify.result import FitResult
 from hil.identify.shapes import Projector, within
 from hil.identify.timing import LATE
+from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 #: Family-wise false-alarm level of one step.
@@ -32,8 +33,10 @@ def variance_share(c: Candidate, evidence: Evidence, result: FitResult) -> float
     return float(removed / max(evidence.floor.rms[j] ** 2, 1e-300))
 
 
-def physical(c: Candidate) -> bool:
-    """Whether a single coefficient lies within its bounds (a negative Stribeck peak does not)."""
+def physical(c: Candidate, motion: Motion) -> bool:
+    """Whether the coefficients can be: a negative Stribeck peak cannot, nor an unseen bias."""
+    if not c.term.effect.credible(motion, c.term.shape, c.coefficients):
+        return False
     params = c.term.effect.params
     if len(params) != 1 and not c.term.effect.strict:
         return True
@@ -61,7 +64,7 @@ def plausible(evidence: Evidence, result: FitResult) -> list[Candidate]:
         c
         for c in evidence.candidates
         if c.p_value <= LEVEL
-        and physical(c)
+        and physical(c, result.problem.motions[0])
         and c.score > 0
         and c.absorbed < 0.9999
         and variance_share(c, evidence, result) >= MATERIAL
@@ -98,6 +101,9 @@ def twins(a: Candidate, b: Candidate, projector: Projector) -> bool:
     """
     motion = projector.problem.motions[0]
     same = b.name in a.term.effect.twins(motion) or a.name in b.term.effect.twins(motion)
+    if a.term.effect.jointless != b.term.effect.jointless:
+        # a sensor has a coefficient for every channel; one of them may be a joint's effect
+        same |= overlap(a, b, projector) > COINCIDE
     several = a.term.effect.whole_robot and not b.term.effect.whole_robot
     return same and (several or min(a.chi2, b.chi2) > 0.99 * max(a.chi2, b.chi2))
 
@@ -107,7 +113,7 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
 
     exp(-delta / 2T) of the score difference, tempered by T = 1 + 1 % of the best chi2: real
     effects do not follow a library's equation exactly.  A richer rival (more coefficients) gets
-    a quarter of that allowance if it explains less all the same, and none if it explains little
+    an eighth of that allowance if it explains less all the same, and none if it explains little
     more: then it merely contains the best one.  A rival whose columns coincide with the best
     one's to a cosine of 0.98 gets ten times the allowance: the data hardly see the difference.
     A twin, with the same columns by its equation, is as likely as the best one.
@@ -120,12 +126,11 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
             continue
         share = TEMPER
         if r.dof > best.dof:
-            share = TEMPER / 4 if r.chi2 <= best.chi2 else 0.0
+            share = TEMPER / 8 if r.chi2 <= best.chi2 else 0.0
+        elif r.name in LATE and best.name in LATE:
+            share = TEMPER / 4  # their forms are those of real drives
         elif r.dof == best.dof and overlap(best, r, projector) > COINCIDE:
             share = 10 * TEMPER
-        if r.name in LATE and best.name in LATE and delta < best.spare:
-            logs.append(0.0)  # both reach the floor; which is simpler counts less than noise
-            continue
         if _mirrored(best, r):
             share = 1.0  # which of the two joints it is was decided by the base model's errors
         logs.append(-delta / (2 * (1.0 + share * best.chi2)))

@@ -14,7 +14,8 @@ from hil.compare.findings import Accepted, Diagnosis, Step, describe
 from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.identifiable import undetermined
-from hil.compare.judge import judge
+from hil.compare.judge import ADEQUATE, judge
+from hil.identify.design import head
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.threads import single_threaded
@@ -32,6 +33,8 @@ SHARE = 0.10
 #: ... and, after a first effect on the joint, this share of all that was above the floor:
 #: library equations miss real effects by about a percent of their power, which is no new effect.
 FORM = 0.02
+#: Error in units of the largest model's residual that is above the floor in any case.
+APART = 1.2
 MOST = 4
 
 
@@ -95,6 +98,8 @@ def _next(
     if projector is None:
         return None
     candidates = [c for c in plausible(evidence, now.result) if in_time(c, now.result)]
+    if found:
+        candidates = [c for c in candidates if _unsettled(c.joint, now.result, evidence)]
     for k, c in enumerate(candidates[:3]):
         rest = [c, *[x for x in candidates if x is not c and candidates.index(x) > k]]
         best, confidence, rivals = choose(rest, projector)
@@ -104,6 +109,16 @@ def _next(
             found.append((best, confidence, rivals))
             return step
     return None
+
+
+def _unsettled(j: int, result: FitResult, evidence: Evidence) -> bool:
+    """Whether a joint is still above the floor: what is down to it needs no second name.
+
+    The floor of short or very repetitive data holds what the model lacks, too; the residual of
+    the largest model is then far lower.
+    """
+    floor = evidence.floor
+    return bool(result.rms[j] > min(ADEQUATE * floor.rms[j], APART * floor.scale[j]))
 
 
 def _worth(step: Step, now: Step, first: Step, j: int, floor: FloatArray) -> bool:
@@ -127,12 +142,12 @@ def _refit(model: RobotModel, problem: Problem, examine: Examiner) -> tuple[FitR
 def as_use(c: Candidate, problem: Problem) -> Use:
     """A candidate as a part of a model, its shape as the starting value."""
     effect = c.term.effect
-    head = f"j{c.term.joint + 1}.{effect.name}"
+    start = head(effect, c.term.joint)
     values = {
-        f"{head}.{p.name}": Value(v, unit=p.unit)
+        f"{start}.{p.name}": Value(v, unit=p.unit)
         for p, v in zip(effect.shape, c.term.shape, strict=True)
     }
-    whole = effect.whole_robot and not effect.shape
+    whole = effect.of_robot
     options: dict[str, object] = {"per_run": True} if c.term.per_run else {}
     joints = ("*",) if whole else (problem.joints[c.term.joint],)
     return Use(effect.name, joints, options, values)

@@ -68,7 +68,7 @@ class Candidate:
     @property
     def late(self) -> float:
         """How late it says that the effort acts [s], for effects that say so."""
-        return self.coefficient * (self.term.shape[0] if self.term.shape else 1.0)
+        return self.coefficient * float(np.prod(self.term.shape))
 
     @property
     def coefficient(self) -> float:
@@ -113,7 +113,7 @@ def possible_terms(
     for effect in catalogue.table().values():
         if not effect.candidate or explains not in effect.explains:
             continue
-        for j in range(1 if effect.whole_robot and not effect.shape else problem.d):
+        for j in range(1 if effect.of_robot else problem.d):
             if (effect.name, j) in present:
                 continue
             reason = effect.available(motion, j)
@@ -169,7 +169,8 @@ def _picked(c: Candidate, projector: Projector) -> bool:
 
 def in_time(c: Candidate, result: FitResult) -> bool:
     """False for a lateness of the effort that the slow motion does not confirm."""
-    return c.name not in LATE or real_delay(result, c.term.joint, c.late)
+    whole = c.name == "filter-lag"
+    return c.name not in LATE or real_delay(result, c.term.joint, c.late, whole)
 
 
 def _collect(d: int, term: Term, problem: object, extra: list[list[FloatArray]]) -> None:
@@ -193,7 +194,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate:
     columns = projector.weighted(term)
     size = float(np.sum(columns**2))
     absorbed = float(np.sum(qc**2)) / size if size > 0 else 1.0
-    dof = columns.shape[1] + len(term.effect.shape)
+    dof = columns.shape[1] + _free(term, projector)
     return Candidate(
         term,
         gain,
@@ -205,9 +206,15 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate:
     )
 
 
+def _free(term: Term, projector: Projector) -> int:
+    """Shape values that were searched; a choice of two forms is none."""
+    grid = term.effect.grid(projector.problem.motions[0], term.joint)
+    return sum(len(set(values)) > 2 for values in zip(*grid, strict=True))
+
+
 def _where(projector: Projector, term: Term, effort: FloatArray, known: FloatArray) -> int:
     """Joint whose squared residual the term lowers most; `known`: what the base takes, in Q."""
-    if not term.effect.whole_robot or term.effect.shape:
+    if not term.effect.of_robot:
         return term.joint
     new, r = effort - projector.q @ known, projector.residual
     fall = (r**2 - (r - new) ** 2).reshape(projector.problem.d, -1).sum(axis=1)

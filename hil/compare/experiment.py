@@ -58,7 +58,9 @@ class Planner:
 
     def plan(self, among: tuple[Candidate, ...], pair: tuple[str, ...]) -> Choice | None:
         """Choice for a set of rivals among the candidates of one joint; None without a menu."""
-        if self._stage is None or not among:
+        # a planned motion meets no force, so it says nothing of a force sensor
+        among = tuple(c for c in among if not c.term.effect.jointless)
+        if self._stage is None or not among or not set(pair) <= {c.name for c in among}:
             return None
         key = tuple(c.name for c in among)
         if key not in self._seen:

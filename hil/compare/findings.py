@@ -106,6 +106,6 @@ def describe(c: Candidate, problem: Problem) -> str:
 
 def joint_of(c: Candidate, problem: Problem) -> str | None:
     """Joint's name, None for an effect of the whole robot."""
-    if c.term.effect.whole_robot and not c.term.effect.shape:
+    if c.term.effect.of_robot:
         return None
     return problem.joints[c.term.joint]

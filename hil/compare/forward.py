@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.identify.design import Term
+from hil.identify.design import Term, by_run
 from hil.identify.result import FitResult
 from hil.models.motion import Motion
 
@@ -20,18 +20,18 @@ class _Forward:
     def __init__(self, result: FitResult, motion: Motion) -> None:
         self.result, self.motion = result, motion
         self.parts = [
-            (t, result.theta[s] if not t.per_run else self._of_run(result.theta[s]))
+            (t, result.theta[s] if not t.per_run else self._of_run(t, result.theta[s]))
             for t, s in zip(result.terms, result.slices, strict=True)
         ]
 
-    def _of_run(self, theta: FloatArray) -> FloatArray:
+    def _of_run(self, term: Term, theta: FloatArray) -> FloatArray:
         """Coefficients of this run; zero for a run that was not fitted."""
         motions = self.result.problem.motions
-        each = theta.size // len(motions)
+        own = by_run(term, theta, len(motions))
         for k, m in enumerate(motions):
             if m is self.motion:
-                return theta[k * each : (k + 1) * each]
-        return np.zeros(each)
+                return np.asarray(own[k])
+        return np.zeros(own.shape[1])
 
     def replayed(self, term: Term) -> bool:
         """States and derivatives of the measured effort are taken from the measured run."""

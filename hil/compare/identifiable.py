@@ -13,7 +13,7 @@ DISAGREEMENT = 1.5
 TOUCHING = 0.02
 
 #: Shortest recording, all runs together, from which effects are named [s].
-SHORTEST = 5.0
+SHORTEST = 4.0
 
 
 def undetermined(result: FitResult) -> list[tuple[str, str]]:

@@ -15,6 +15,8 @@ EXPLAINED = 0.70
 #: Errors within this factor of the floor count as adequate.
 ADEQUATE = 1.10
 CONFIDENT = 0.75
+#: Shares of a joint's excess that all its names explain: worth nothing, and worth all.
+HALF, WHOLE = 0.45, 0.80
 #: Share of time at standstill that is worth a note.
 STILL = 0.05
 
@@ -62,7 +64,10 @@ def _findings(ladder: list[Step], found: list[Accepted], floor: FloatArray) -> l
     values = ladder[-1].result.values
     rungs = {s.label: k for k, s in enumerate(ladder)}
     out = []
+    first, final = ladder[0].result.rms ** 2, ladder[-1].result.rms ** 2
+    total = (first - final) / np.maximum(first - floor**2, 1e-300)
     for c, confidence, rivals in found:
+        confidence *= _whole(float(total[c.joint]))
         k, j = rungs[f"+ {describe(c, problem)}"], c.joint
         before, after = ladder[k - 1], ladder[k]
         excess = max(ladder[0].result.rms[j] ** 2 - floor[j] ** 2, 1e-300)
@@ -78,6 +83,16 @@ def _findings(ladder: list[Step], found: list[Accepted], floor: FloatArray) -> l
             )
         )  # fmt: skip
     return out
+
+
+def _whole(share: float) -> float:
+    """What a joint's names are worth if together they explain this share of its excess.
+
+    A true name leaves little over; one that leaves a third is often another effect's shadow.
+    1 from WHOLE on, 0 at HALF: in `hil bench diagnosis` right and wrong names part between 0.71
+    and 0.78.
+    """
+    return float(np.clip((share - HALF) / (WHOLE - HALF), 0.0, 1.0))
 
 
 def _rival(r: Candidate, c: Candidate, problem: Problem) -> str:

@@ -96,7 +96,7 @@ def candidate_json(c: Candidate, evidence: Evidence, diagnosis: Diagnosis) -> di
     )
     weight = math.exp(min(0.0, (c.score - evidence.candidates[0].score) / 2)) / total
     detected = c.p_value <= 0.01 and c.score > 0
-    whole = c.term.effect.whole_robot and not c.term.effect.shape
+    whole = c.term.effect.of_robot
     return {
         "effect": c.name, "joint": None if whole else problem.joints[j],
         "relative_after": number(100 * math.sqrt(max(float(power), 0.0)) / max(size, 1e-300)),

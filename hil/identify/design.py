@@ -54,20 +54,31 @@ class Term:
         return replace(self, shape=shape)
 
 
+def head(effect: Effect, j: int) -> str:
+    """Start of the full names of an effect's parameters on joint j."""
+    return effect.name if effect.of_robot else f"j{j + 1}.{effect.name}"
+
+
 def prefix(term: Term, joints: tuple[str, ...]) -> str:
     """Start of the full name of a term's parameters, e.g. ``j2.stribeck``."""
-    shared = term.effect.whole_robot and not term.effect.shape
-    return term.effect.name if shared else f"j{term.joint + 1}.{term.effect.name}"
+    return head(term.effect, term.joint)
 
 
 def coefficients(term: Term, problem: Problem) -> list[tuple[str, Param]]:
     """Full names and declarations of a term's linear coefficients, one a column."""
-    head = prefix(term, problem.joints)
+    start = prefix(term, problem.joints)
     params = term.effect.terms(problem.motions[0], term.joint)
     if not term.per_run:
-        return [(f"{head}.{p.name}", p) for p in params]
-    names = [r.name for r in problem.recordings]
-    return [(f"{head}.{p.name}[{run}]", p) for run in names for p in params]
+        return [(f"{start}.{p.name}", p) for p in params]
+    names = [r.name for r in problem.recordings][1 if term.effect.relative else 0 :]
+    return [(f"{start}.{p.name}[{run}]", p) for run in names for p in params]
+
+
+def by_run(term: Term, theta: FloatArray, runs: int) -> FloatArray:
+    """Coefficients (runs, m) of a term with its own ones in every run."""
+    first = int(term.effect.relative)
+    each = theta.reshape(runs - first, -1) if runs > first else np.zeros((0, theta.size))
+    return np.concatenate([np.zeros((first, each.shape[1])), each])
 
 
 def bind(model: RobotModel, problem: Problem) -> list[Term]:
@@ -106,7 +117,7 @@ def bind(model: RobotModel, problem: Problem) -> list[Term]:
 
 
 def _joints(use: Use, effect: Effect, problem: Problem) -> list[int]:
-    if effect.whole_robot and not effect.shape:
+    if effect.of_robot:
         return [0]
     if use.joints == ("*",):
         return list(range(problem.d))
@@ -118,7 +129,7 @@ def _joints(use: Use, effect: Effect, problem: Problem) -> list[int]:
 
 def stored_shape(use: Use, effect: Effect, j: int, problem: Problem) -> tuple[float, ...]:
     """Shape values that the model file holds for joint j, else an empty tuple (= search)."""
-    names = [f"j{j + 1}.{effect.name}.{p.name}" for p in effect.shape]
+    names = [f"{head(effect, j)}.{p.name}" for p in effect.shape]
     if not names or not all(name in use.values for name in names):
         return ()
     return tuple(use.values[name].value for name in names)

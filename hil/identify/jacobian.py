@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.identify.context import references
-from hil.identify.design import Term
+from hil.identify.design import Term, by_run
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, extended
 from hil.identify.solve import noise_to_signal
@@ -106,7 +106,7 @@ def _acting(
 ) -> FloatArray:
     """Filtered effort (d, n) of one term."""
     runs = len(motions)
-    own = theta.reshape(runs, -1) if term.per_run else np.tile(theta, (runs, 1))
+    own = by_run(term, theta, runs) if term.per_run else np.tile(theta, (runs, 1))
     raw = [
         term.effect.columns(m, term.joint, term.shape) @ c
         for m, c in zip(motions, own, strict=True)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.identify.context import update_load
-from hil.identify.design import block, stack
+from hil.identify.design import Term, stack
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.solve import slices_of
@@ -34,7 +34,18 @@ def predict(result: FitResult, problem: Problem) -> FloatArray:
     residual = (problem.y.reshape(-1) - x @ theta).reshape(problem.d, problem.n)
     for t in result.terms:
         if t.per_run:
-            columns = block(problem, t)
-            part = np.linalg.lstsq(columns, residual[t.joint], rcond=None)[0]
-            residual[t.joint] = residual[t.joint] - columns @ part
+            residual = _without(residual, t, problem, result.sigma)
     return residual
+
+
+def _without(r: FloatArray, term: Term, problem: Problem, sigma: FloatArray) -> FloatArray:
+    """Residual r (d, n) less what a term of every run for itself explains of it."""
+    columns = problem.columns(term.effect, term.joint, term.shape, per_run=True, every=True)
+    at = slice(None) if term.effect.whole_robot else slice(term.joint, term.joint + 1)
+    wide = columns if term.effect.whole_robot else columns[None]
+    scale = sigma[at, None]
+    rows = (wide / scale[..., None]).reshape(-1, wide.shape[-1])
+    part = np.linalg.lstsq(rows, (r[at] / scale).reshape(-1), rcond=None)[0]
+    out = r.copy()
+    out[at] -= wide @ part
+    return out

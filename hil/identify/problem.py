@@ -212,15 +212,21 @@ class Problem:
         self._cache = {k: v for k, v in self._cache.items() if k[0] not in uses}
 
     def columns(
-        self, effect: Effect, j: int, shape: Sequence[float], per_run: bool = False
-    ) -> FloatArray:
-        """Filtered columns of an effect: (n, m) on joint j, or (d, n, m) of the whole robot."""
+        self, effect: Effect, j: int, shape: Sequence[float], per_run: bool = False,
+        every: bool = False,
+    ) -> FloatArray:  # fmt: skip
+        """Filtered columns of an effect: (n, m) on joint j, or (d, n, m) of the whole robot.
+
+        With `per_run` a set a run: all runs but the first one of an effect that only shows in
+        differences between runs, unless `every`.
+        """
         uses = "motion" if effect.motion_only else "load" if effect.uses_load else "context"
-        key = (uses, effect.name, j, tuple(shape), per_run)
+        first = int(effect.relative and not every)
+        key = (uses, effect.name, j, tuple(shape), per_run, first)
         if key not in self._cache:
             out = self.acting(self.raw(effect, j, shape), None if effect.whole_robot else j)
             if per_run:
-                out = self._split(out)
+                out = self._split(out, first)
             self._cache[key] = np.moveaxis(out, 0, 1) if effect.whole_robot else out
         return self._cache[key]
 
@@ -252,8 +258,8 @@ class Problem:
             self._raw[key] = out
         return out
 
-    def _split(self, x: FloatArray) -> FloatArray:
-        """One set of columns a run."""
-        runs = range(len(self.motions))
+    def _split(self, x: FloatArray, first: int) -> FloatArray:
+        """One set of columns a run, from run number `first` on."""
+        runs = range(first, len(self.motions))
         mask = self.run.reshape(-1, *[1] * (x.ndim - 1))
-        return np.concatenate([np.where(mask == k, x, 0.0) for k in runs], axis=-1)
+        return np.concatenate([np.where(mask == k, x, 0.0) for k in runs] or [x[..., :0]], axis=-1)

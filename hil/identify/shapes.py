@@ -92,7 +92,27 @@ class Projector:
         inverse = (vector[:, keep] / value[keep]) @ vector[:, keep].T
         right = c.T @ self.residual[rows]
         beta = inverse @ right
-        return float(right @ beta), beta / norm, inverse / np.outer(norm, norm), qc * norm
+        gain = float(right @ beta)
+        if term.effect.strict and not within(term.effect, beta / norm):
+            beta = _kept(term.effect, beta, vector[:, keep], value[keep], norm)
+            gain = float(2 * right @ beta - beta @ gram @ beta)
+        return gain, beta / norm, inverse / np.outer(norm, norm), qc * norm
+
+
+def _kept(
+    effect: Effect, beta: FloatArray, vector: FloatArray, value: FloatArray, norm: FloatArray
+) -> FloatArray:
+    """Coefficients (m,) within their bounds that fit best, from the free ones."""
+    params = effect.params
+    if beta.size == 1:
+        return np.clip(beta, params[0].lower * norm, params[0].upper * norm)
+    if len(params) != beta.size or any(p.lower != 0 or p.upper < np.inf for p in params):
+        return beta
+    root = np.sqrt(value)[:, None] * vector.T  # |root (x - beta)|^2 is the loss
+    seen = np.sum(root**2, axis=0) > 1e-6  # the rest is the base's
+    out = np.zeros(beta.size)
+    out[seen] = scipy.optimize.nnls(root[:, seen], root @ beta)[0]
+    return out
 
 
 def within(effect: Effect, beta: FloatArray) -> bool:

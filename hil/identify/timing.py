@@ -7,6 +7,8 @@ not a physical delay; left in, it imitates small effects at every reversal.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
@@ -17,8 +19,9 @@ from hil.identify.problem import Problem
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
 from hil.identify.shapes import Projector
-from hil.models import catalogue
+from hil.models.effect import Effect, Param
 from hil.models.model import RobotModel
+from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 #: The slow motion: below this fraction of the effort filter's cut-off.
@@ -27,13 +30,38 @@ SLOW = 4
 LATE = ("delay", "filter-lag", "actuator-lag")
 
 
+class _Rate(Effect):
+    """A short lateness of the effort: its first-order term in T."""
+
+    name, family = "effort-rate", "actuator"
+    equation = "tau(t) = model(t) + T dtau/dt"
+    params = (Param("T", "s", "lateness"),)
+    candidate = False
+    #: Of motor and external effort together.
+    whole = False
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """dtau/dt, of motor and external effort where `whole`."""
+        effort = motion.tau[:, j] + (motion.tau_ext[:, j] if self.whole else 0.0)
+        return np.gradient(effort, motion.dt)[:, None]
+
+
+class _WholeRate(_Rate):
+    """The same of motor and external effort together, as a late measured motion shows it."""
+
+    name = "whole-effort-rate"
+    whole = True
+
+
 def longest_shift(problem: Problem) -> float:
     """What counts as alignment and not as delay: a twentieth more than one sample [s]."""
     return 1.05 * max(1.0 / r.rate for r in problem.recordings)
 
 
-def slow_delay(result: FitResult, j: int) -> tuple[float, float]:
+def slow_delay(result: FitResult, j: int, whole: bool = False) -> tuple[float, float]:
     """Delay of joint j's effort [s] and its standard error, from the slow motion alone.
+
+    `whole`: of motor and external effort together.
 
     In a closed loop the controller answers the very disturbances that the model leaves over, so
     noise looks like a delay of several milliseconds where it is fast.  Below a quarter of the
@@ -42,7 +70,7 @@ def slow_delay(result: FitResult, j: int) -> tuple[float, float]:
     """
     problem = result.problem
     x = result.x.reshape(problem.d, problem.n, -1)[j]
-    late = block(problem, Term(catalogue.get("delay"), j))
+    late = block(problem, Term(_WholeRate() if whole else _Rate(), j))
     rows = np.concatenate([x[:, np.any(x != 0, axis=0)], late, problem.y[j][:, None]], axis=1)
     rows = np.concatenate([_slow(rows[problem.run == k], problem) for k in np.unique(problem.run)])
     b = basis(rows[:, :-1])
@@ -62,13 +90,13 @@ def _slow(x: FloatArray, problem: Problem) -> FloatArray:
     return np.asarray(scipy.signal.sosfiltfilt(sos, x, axis=0, padlen=pad))
 
 
-def real_delay(result: FitResult, j: int, delay: float) -> bool:
+def real_delay(result: FitResult, j: int, delay: float, whole: bool = False) -> bool:
     """Whether a delay found over the whole band is one of the slow motion, too.
 
     It must exceed one sample by three standard errors there, and not be a small part of
     `delay` [s]: a lag that grows with frequency is the answer to noise, or a coarse encoder's.
     """
-    late, error = slow_delay(result, j)
+    late, error = slow_delay(result, j, whole)
     return abs(late) - 3 * error > longest_shift(result.problem) and abs(late) > abs(delay) / 3
 
 
@@ -86,7 +114,7 @@ def sample_shift(result: FitResult) -> float:
     projector = Projector(problem, result.terms, result.sigma)
     delays = []
     for j in sorted(set(range(problem.d)) - late):
-        gain, beta, _, _ = projector.score(Term(catalogue.get("delay"), j))
+        gain, beta, _, _ = projector.score(Term(_Rate(), j))
         slow, error = slow_delay(result, j)
         if gain > 10 * np.log(problem.n) and beta.size and abs(beta[0]) <= longest_shift(problem):
             delays.append(float(beta[0]))

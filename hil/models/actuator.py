@@ -77,23 +77,6 @@ class Cogging(Effect):
         return position_orders(motion, j)
 
 
-class Delay(Effect):
-    """The command acts late."""
-
-    name, family = "delay", "actuator"
-    equation = "tau(t) = model(t) + T dtau/dt  (first order in T)"
-    replayed = True
-    signature = "phase that grows with frequency, loops over acceleration and at reversals"
-    confused_with = ("actuator-lag", "presliding", "filter-lag")
-    shown_by = "fast motion; chirp"
-    source = "Naerum thesis 1.3 (transmission delay); Taylor expansion of u(t - T)"
-    params = (Param("T", "s", "delay", 0.0),)
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """dtau/dt of the measured effort."""
-        return np.gradient(motion.tau[:, j], motion.dt)[:, None]
-
-
 class CoupledTransmission(Effect):
     """The motor of one joint also turns with another (a wrist's differential)."""
 
@@ -136,5 +119,5 @@ class CoupledTransmission(Effect):
 
 
 EFFECTS: tuple[Effect, ...] = (
-    TorqueOffset(), TorqueGain(), Cogging(), Delay(), CoupledTransmission(),
+    TorqueOffset(), TorqueGain(), Cogging(), CoupledTransmission(),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the motor and its amplifier do to a command: lag, and ripple that scales with it."""
+"""What the motor and its amplifier do to a command: delay, lag, and ripple that scales with it."""
 
 from __future__ import annotations
 
@@ -8,31 +8,59 @@ import numpy as np
 
 from hil.models.effect import Effect, Param, log_grid
 from hil.models.friction import harmonics, position_orders
-from hil.models.kernels import lag
+from hil.models.kernels import delayed, lag
 from hil.models.motion import FloatArray, Motion
+
+#: The whole effort is late, not a part of it; the margin is for errors of the form.
+WHOLE = Param("a", "1", "share of the effort that is late: 1 but for errors", 0.9, 1.1)
+
+
+class Delay(Effect):
+    """The command acts late."""
+
+    replayed = strict = True
+    name, family = "delay", "actuator"
+    equation = "tau(t) = model(t) + a (tau(t) - tau(t - T))"
+    signature = "phase that grows with frequency, loops over acceleration and at reversals"
+    confused_with = ("actuator-lag", "presliding", "filter-lag")
+    shown_by = "fast motion; chirp"
+    source = "Naerum thesis 1.3 (transmission delay)"
+    params = (WHOLE,)
+    shape = (Param("T", "s", "delay", 0.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Command less its copy of T ago."""
+        tau = motion.tau[:, j]
+        return (tau - delayed(tau, float(shape[0]) / motion.dt))[:, None]
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """0.5 to 60 ms: a slower motor is no motor."""
+        return log_grid(5e-4, 0.06, 14)
 
 
 class ActuatorLag(Effect):
-    """The effort follows its command as through a first-order low-pass."""
+    """The effort follows its command as through a low-pass of one or two equal poles."""
 
     replayed = strict = True
     name, family = "actuator-lag", "actuator"
-    equation = "tau(t) = model(t) + a (tau - y),  T y' + y = tau"
+    equation = "tau(t) = model(t) + a (tau - y),  (1 + T s)^n y = tau,  n = 1 or 2"
     signature = "the model is late where the effort changes fast, and too large there"
     confused_with = ("delay", "filter-lag", "elastic-transmission")
     shown_by = "fast motion; chirp up to the current loop's bandwidth"
     source = "Naerum thesis, appendix A (amplifier); first-order current loop"
-    params = (Param("a", "1", "share of the effort that lags: 1 but for errors", 0.5, 1.5),)
-    shape = (Param("T", "s", "time constant", 0.0),)
+    params = (WHOLE,)
+    shape = (
+        Param("T", "s", "time constant of a pole", 0.0),
+        Param("n", "1", "number of poles", 1.0, 2.0),
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Command less its lagged copy."""
-        tau = np.ascontiguousarray(motion.tau[:, j])
-        return (tau - lag(tau, motion.dt, float(shape[0])))[:, None]
+        return behind(motion.tau[:, j], motion.dt, shape)
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """1 to 60 ms: a slower motor is no motor."""
-        return log_grid(1e-3, 0.06, 9)
+        """0.5 to 60 ms in all, one pole and two."""
+        return late_grid()
 
 
 class TorqueRipple(Effect):
@@ -61,4 +89,17 @@ class TorqueRipple(Effect):
         return position_orders(motion, j)
 
 
-EFFECTS: tuple[Effect, ...] = (ActuatorLag(), TorqueRipple())
+def behind(u: FloatArray, dt: float, shape: Sequence[float]) -> FloatArray:
+    """A signal (n,) less its copy behind a low-pass of shape (T, number of poles), (n, 1)."""
+    y = np.ascontiguousarray(u)
+    for _ in range(round(shape[1])):
+        y = lag(y, dt, float(shape[0]))
+    return (u - y)[:, None]
+
+
+def late_grid() -> list[tuple[float, ...]]:
+    """Time constants of one pole, then of two, 0.5 to 60 ms late in all."""
+    return [(t / n, n) for n in (1.0, 2.0) for (t,) in log_grid(5e-4, 0.06, 14)]
+
+
+EFFECTS: tuple[Effect, ...] = (Delay(), ActuatorLag(), TorqueRipple())

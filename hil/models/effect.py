@@ -90,6 +90,8 @@ class Effect(ABC):
     explains: ClassVar[tuple[str, ...]] = ("motor",)
     whole_robot: ClassVar[bool] = False
     candidate: ClassVar[bool] = True
+    #: Whether it belongs to no joint though it has a shape (an effect of the force sensor).
+    jointless: ClassVar[bool] = False
     #: Whether a local search may refine the shape after the grid.
     refine: ClassVar[bool] = True
     #: Whether the lower end of the shape's grid is what the data resolve, hence no bound.
@@ -103,10 +105,17 @@ class Effect(ABC):
     replayed: ClassVar[bool] = False
     #: Whether every run has its own coefficients where there are several.
     per_run: ClassVar[bool] = False
+    #: Whether only differences between runs can be seen: the first run's coefficients are zero.
+    relative: ClassVar[bool] = False
     #: Whether all coefficients must lie within their bounds for the effect to be proposed.
     strict: ClassVar[bool] = False
     #: Whether the columns are [sin, cos] of 2 pi f t with f the only shape: screened at once.
     spectral: ClassVar[bool] = False
+
+    @property
+    def of_robot(self) -> bool:
+        """Whether one term stands for the whole robot, so that no joint is named."""
+        return self.whole_robot and (not self.shape or self.jointless)
 
     @abstractmethod
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -154,6 +163,10 @@ class Effect(ABC):
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """Effects with the very same columns on such data: no motion tells them apart."""
         return ()
+
+    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+        """Whether coefficients that fit do not contradict what else was measured."""
+        return True
 
     def available(self, motion: Motion, j: int) -> str:
         """Say why the effect cannot be tried on these data; empty if it can."""

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.models.drive import WHOLE, behind, late_grid
 from hil.models.effect import Effect, Param
 from hil.models.friction import position_orders
 from hil.models.motion import FloatArray, Motion
@@ -120,18 +121,25 @@ class FilterLag(Effect):
     """
 
     name, family = "filter-lag", "sensor"
-    equation = "tau + tau_ext = model(t) + T d(tau + tau_ext)/dt  (first order in T)"
+    equation = "tau + tau_ext = model(t) + a (u - y),  (1 + T s)^n y = u,  u = tau + tau_ext"
     signature = "motor effort and external effort both lead the measured motion"
     confused_with = ("delay", "actuator-lag")
     shown_by = "pushes by hand while the motor moves"
-    source = "Gautier, Vandanjon, Presse, CDC 1994 (filtering in identification); Taylor expansion"
-    replayed = True
-    params = (Param("T", "s", "lag of the measured motion", 0.0),)
+    source = "Gautier, Vandanjon, Presse, CDC 1994 (filtering in identification)"
+    replayed = strict = True
+    params = (WHOLE,)
+    shape = (
+        Param("T", "s", "time constant of a pole", 0.0),
+        Param("n", "1", "number of poles", 1.0, 2.0),
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """d(tau + tau_ext)/dt."""
-        whole = motion.tau[:, j] + motion.tau_ext[:, j]
-        return np.gradient(whole, motion.dt)[:, None]
+        """Motor and external effort less their lagged copy."""
+        return behind(motion.tau[:, j] + motion.tau_ext[:, j], motion.dt, shape)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """0.5 to 60 ms in all, one pole and two."""
+        return late_grid()
 
     def available(self, motion: Motion, j: int) -> str:
         """Structural: without an external effort it is a delay of the command."""

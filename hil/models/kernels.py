@@ -49,6 +49,26 @@ def lag(u: FloatArray, dt: float, time: float) -> FloatArray:
     return out
 
 
+def delayed(u: FloatArray, samples: float) -> FloatArray:
+    """u(t - samples dt) by the cubic through the four instants around it, (n,).
+
+    The first value stands for what was before the recording.
+    """
+    whole = int(np.floor(samples))
+    f = samples - whole
+    # Lagrange's weights at -1, 0, 1, 2 instants back from the whole delay
+    taps = (
+        -f * (f - 1) * (f - 2) / 6,
+        (f + 1) * (f - 1) * (f - 2) / 2,
+        -(f + 1) * f * (f - 2) / 2,
+        (f + 1) * f * (f - 1) / 6,
+    )
+    wide = np.concatenate([np.full(whole + 2, u[0]), u, u[-1:]])
+    at = np.arange(u.size) + 2
+    out = sum(c * wide[at - k] for c, k in zip(taps, (-1, 0, 1, 2), strict=True))
+    return np.asarray(out, dtype=np.float64)
+
+
 @numba.njit(cache=True)
 def gap(q: FloatArray, push: FloatArray, width: float) -> FloatArray:
     """Whether a play of this width is open (1) or closed (0), (n,).

@@ -59,16 +59,20 @@ class Armature(Effect):
 
 
 class Payload(Effect):
-    """A mass at the tip."""
+    """A mass at the tip, in some runs and not in others.
 
-    motion_only = True
+    Within one run the links' own inertias contain it; what is fitted is the difference to the
+    first run, negative where that one carried the mass.
+    """
+
+    motion_only = per_run = relative = True
     name, family = "payload", "mass"
     equation = "tau = m J' (p'' + g e_z)"
     signature = "gravity and inertia of all joints change together"
     confused_with = ("rigid-body", "load-friction")
     shown_by = "one recording with and one without the mass"
     source = "Naerum thesis 3.1.3 (sensor adapter as payload)"
-    params = (Param("m", "kg", "mass at the tip", 0.0),)
+    params = (Param("m", "kg", "mass at the tip, with several runs more than in the first one"),)
     whole_robot = True
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

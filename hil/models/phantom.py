@@ -47,6 +47,13 @@ class _Phantom:
         ]
         return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
 
+    def tip_axes(self, q: FloatArray) -> FloatArray | None:
+        """Axes of the last link: across it in its plane, normal to that plane, along it."""
+        (s1, _, s3), (c1, _, c3) = np.sin(q).T, np.cos(q).T
+        zero = np.zeros_like(s1)
+        rows = [[c1 * c3, -s1, c1 * s3], [s1 * c3, c1, s1 * s3], [s3, zero, -c3]]
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+
     def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """tau_ext = J^T F, shape (n, 3); a pen tip transmits no torque."""
         effort: FloatArray = np.einsum("nkd,nk->nd", self.jacobian(q), wrench[:, :3])

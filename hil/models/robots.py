@@ -38,6 +38,9 @@ class Robot(Protocol):
     def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
         """Effort of one kilogram at the tip, shape (n, d); None without a tip."""
 
+    def tip_axes(self, q: FloatArray) -> FloatArray | None:
+        """Axes of the tip's frame as columns in base axes, (n, 3, 3); None without a tip."""
+
 
 class IndependentAxes:
     """Axes that do not feel each other: one inertia each (preset ``single-axis``).
@@ -70,6 +73,10 @@ class IndependentAxes:
         )
 
     def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
+        """No tip."""
+        return None
+
+    def tip_axes(self, q: FloatArray) -> FloatArray | None:
         """No tip."""
         return None
 

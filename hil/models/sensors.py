@@ -2,12 +2,15 @@
 
 The sensor says w_m where w acts.  What is fitted is  tau + tau_ext,m = model + J' (w_m - w), so
 an error of the sensor is a column J' e on the model's side, e its error for unit coefficient.
+Its channels lie along the axes of the base (a sensor under the object, or one whose reading is
+turned in its own electronics) or of the tip (a sensor on the last link).
 Without a wrench at the tip the sensors are one a joint and J is the unit matrix.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -15,6 +18,8 @@ from hil.models.effect import Effect, Param
 from hil.models.motion import FloatArray, Motion
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+#: Values of the shape parameter `frame`.
+BASE, TIP = 0.0, 1.0
 _SOURCE = "Cao, Laws, Rodriguez y Baena, IEEE Sensors J. 21(18), 2021 (six-axis force sensors)"
 
 
@@ -30,16 +35,33 @@ def channels(motion: Motion) -> list[int]:
     return list(range(6 if np.any(motion.wrench[:, 3:]) else 3))
 
 
-def _measured(motion: Motion) -> FloatArray:
-    """What the sensor says (n, channels)."""
-    return motion.wrench if at_tip(motion) else motion.tau_ext
+def lever(motion: Motion, frame: float) -> FloatArray:
+    """Effort of unit readings (n, d, channels): J' with the channels along the frame's axes."""
+    count = len(channels(motion))
+    if not at_tip(motion):
+        return np.broadcast_to(np.eye(motion.d), (motion.n, motion.d, motion.d))
+    axes = _axes(motion, frame)
+    parts = []
+    for k in range(count):
+        unit = np.zeros((motion.n, 6))
+        unit[:, 3 * (k // 3) : 3 * (k // 3) + 3] = axes[:, :, k % 3]
+        parts.append(motion.robot.external(motion.q, unit))
+    return np.stack(parts, axis=2)
 
 
-def mapped(motion: Motion, error: FloatArray, k: int) -> FloatArray:
-    """Joint effort (n, d) of an error (n,) in channel k:  J' e_k error."""
-    wide = np.zeros((motion.n, 6 if at_tip(motion) else motion.d))
-    wide[:, k] = error
-    return motion.robot.external(motion.q, wide) if at_tip(motion) else wide
+def readings(motion: Motion, frame: float) -> FloatArray:
+    """What the channels say (n, channels)."""
+    if not at_tip(motion):
+        return motion.tau_ext
+    axes, w = _axes(motion, frame), motion.wrench
+    parts = [np.einsum("nij,ni->nj", axes, w[:, k : k + 3]) for k in (0, 3)]
+    return np.concatenate(parts, axis=1)[:, : len(channels(motion))]
+
+
+def _axes(motion: Motion, frame: float) -> FloatArray:
+    """Axes of the channels as columns in base axes (n, 3, 3)."""
+    turned = motion.robot.tip_axes(motion.q) if frame == TIP else None
+    return np.broadcast_to(np.eye(3), (motion.n, 3, 3)) if turned is None else turned
 
 
 class _ForceSensor(Effect):
@@ -47,20 +69,40 @@ class _ForceSensor(Effect):
 
     family = "sensor"
     source = _SOURCE
-    whole_robot = replayed = motion_only = True
+    whole_robot = replayed = motion_only = jointless = True
+    refine = False
     letter = ""
-    unit: dict[bool, str] = {}  # noqa: RUF012  by "the channel is a force or effort"
+    shape: ClassVar[tuple[Param, ...]] = (
+        Param("frame", "1", "axes of the channels: 0 base, 1 tip", BASE, TIP),
+    )
 
-    def error(self, motion: Motion, k: int) -> FloatArray:
-        """Error of channel k for unit coefficient (n,)."""
+    def error(self, motion: Motion, readings: FloatArray) -> FloatArray:
+        """Error of the channels for unit coefficient (n, channels)."""
         raise NotImplementedError
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """J' e of every channel, shape (n, d, channels); nothing without a sensor."""
         if self.available(motion, j):
             return np.zeros((motion.n, motion.d, len(self.terms(motion, j))))
-        parts = [mapped(motion, self.error(motion, k), k) for k in channels(motion)]
-        return np.stack(parts, axis=2)
+        error = self.error(motion, readings(motion, shape[0]))
+        return lever(motion, shape[0]) * error[:, None, :]
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Base axes; those of the tip where there is one that turns."""
+        turned = motion.robot.tip_axes(motion.q[:2]) if at_tip(motion) else None
+        return [(BASE,)] if turned is None else [(BASE,), (TIP,)]
+
+    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+        """What a sensor adds to its reading stands in the reading: no more than twice its size."""
+        shown = readings(motion, shape[-1])
+        if len(beta) != shown.shape[1]:
+            return True
+        added = self.error(motion, shown) * np.array(beta) * self.warmth(motion, shape[0])[:, 0]
+        return float(np.sum(added**2)) <= 4.0 * float(np.sum(shown**2))
+
+    def warmth(self, motion: Motion, time: float) -> FloatArray:
+        """Factor over time of all channels, shape (n, 1, 1)."""
+        return np.ones((motion.n, 1, 1))
 
     def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
         """One coefficient a channel."""
@@ -78,23 +120,24 @@ class _ForceSensor(Effect):
 
     def available(self, motion: Motion, j: int) -> str:
         """Needs a force sensor."""
-        return "" if np.any(_measured(motion)) else "no external force was measured"
+        some = np.any(motion.wrench) if at_tip(motion) else np.any(motion.tau_ext)
+        return "" if some else "no external force was measured"
 
 
 class ForceBias(_ForceSensor):
     """A constant that the force sensor adds: it was not zeroed."""
 
     name, letter = "force-bias", "b"
-    equation = "tau = J' b  (b in the sensor's channels)"
+    equation = "tau = J' b  (b in the sensor's channels, along base or tip axes)"
     signature = "a residual like that of a constant force at the tip, with no contact, too"
     confused_with = ("torque-offset", "rigid-body", "payload")
     shown_by = "rests without contact in several postures"
     explains = ("motor", "external")
     params = (Param("b", "{F}", "bias of a channel"),)
 
-    def error(self, motion: Motion, k: int) -> FloatArray:
+    def error(self, motion: Motion, readings: FloatArray) -> FloatArray:
         """1."""
-        return np.ones(motion.n)
+        return np.ones_like(readings)
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """Measured joint by joint, a sensor's constant is an actuator's."""
@@ -105,16 +148,31 @@ class ForceDrift(_ForceSensor):
     """A reading of the force sensor that wanders with time."""
 
     name, letter = "force-drift", "d"
-    equation = "tau = J' d t  (t since the start of the run)"
+    equation = "tau = J' d T (1 - exp(-t / T))  (t since the start of the run)"
     signature = "a residual that grows with time, whatever the motion"
     confused_with = ("force-bias", "friction-drift", "missed-counts")
     shown_by = "the same rest without contact at the start and at the end"
     explains = ("motor", "external")
-    params = (Param("d", "{F}/s", "drift of a channel"),)
+    params = (Param("d", "{F}/s", "drift of a channel at the start"),)
+    shape = (Param("T", "s", "time constant", 0.0), *_ForceSensor.shape)
+    refine = True
 
-    def error(self, motion: Motion, k: int) -> FloatArray:
-        """Time since the start."""
-        return motion.since
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """J' T (1 - exp(-t / T)) of every channel, shape (n, d, channels)."""
+        return super().columns(motion, j, shape[1:]) * self.warmth(motion, shape[0])
+
+    def warmth(self, motion: Motion, time: float) -> FloatArray:
+        """T (1 - exp(-t / T)), shape (n, 1, 1)."""
+        return (-time * np.expm1(-motion.since / time))[:, None, None]
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Straight (a hundred times the run), and from ten times to a twentieth of it."""
+        times = motion.since[-1] * np.array([100.0, 10.0, 1.0, 0.5, 0.2, 0.1, 0.05])
+        return [(float(t), *frame) for frame in super().grid(motion, j) for t in times]
+
+    def error(self, motion: Motion, readings: FloatArray) -> FloatArray:
+        """1, before the time's part."""
+        return np.ones_like(readings)
 
     def of(self, unit: str) -> str:
         """Per second."""
@@ -131,9 +189,9 @@ class ForceGain(_ForceSensor):
     shown_by = "known weights on the tip, each axis by itself"
     params = (Param("g", "1", "relative error of a channel"),)
 
-    def error(self, motion: Motion, k: int) -> FloatArray:
+    def error(self, motion: Motion, readings: FloatArray) -> FloatArray:
         """The channel's own reading."""
-        return _measured(motion)[:, k]
+        return readings
 
     def of(self, unit: str) -> str:
         """A pure number."""
@@ -157,10 +215,10 @@ class ForceCrosstalk(_ForceSensor):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """J' e_a w_b for every pair of channels (a, b), shape (n, d, pairs)."""
-        w = _measured(motion)
         if self.available(motion, j):
             return np.zeros((motion.n, motion.d, len(self.terms(motion, j))))
-        return np.stack([mapped(motion, w[:, b], a) for a, b in pairs(motion)], axis=2)
+        w, arm = readings(motion, shape[0]), lever(motion, shape[0])
+        return np.stack([arm[:, :, a] * w[:, b : b + 1] for a, b in pairs(motion)], axis=2)
 
     def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
         """One coefficient a pair."""
@@ -170,9 +228,9 @@ class ForceCrosstalk(_ForceSensor):
 
     def available(self, motion: Motion, j: int) -> str:
         """Needs two channels that carry something."""
-        if not np.any(_measured(motion)):
-            return "no external force was measured"
-        return "" if pairs(motion) else "the force sensor has one channel"
+        return super().available(motion, j) or (
+            "" if pairs(motion) else "the force sensor has one channel"
+        )
 
 
 def pairs(motion: Motion) -> list[tuple[int, int]]:

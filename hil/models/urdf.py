@@ -97,6 +97,14 @@ class UrdfRobot:
             out[k] = self._data.oMf[self._tip].translation
         return out
 
+    def tip_axes(self, q: FloatArray) -> FloatArray | None:
+        """Axes of the tip's frame as columns in base axes (n, 3, 3)."""
+        out = np.empty((len(q), 3, 3))
+        for k, row in enumerate(self._config(q)):
+            self._pin.framesForwardKinematics(self._model, self._data, row)
+            out[k] = self._data.oMf[self._tip].rotation
+        return out
+
     def jacobian(self, q: FloatArray) -> FloatArray:
         """Tip Jacobian in base axes (n, 6, d): linear rows first."""
         pin, frame = self._pin, self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

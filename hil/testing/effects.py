@@ -59,7 +59,7 @@ def check_effect(effect: Effect) -> None:
     _declaration(effect)
     tried = 0
     for label, motion in sample_motions():
-        joints = range(1) if effect.whole_robot and not effect.shape else range(motion.d)
+        joints = range(1) if effect.of_robot else range(motion.d)
         tried += sum(_on_joint(effect, motion, j, f"{label}, joint {j + 1}") for j in joints)
     if not tried:
         raise ConformanceError(

@@ -76,7 +76,9 @@ EFFECTS: dict[str, Law] = {
         "tilted sine", {"wobble": 2e-3}, {"wobble_cycles": 13.0}, most=10.0
     ),
     "missed-counts": Law("lost at random, against the motion", {"slips": 4.0}),
-    "filter-lag": Law("two poles on the recorded position", {"lag": 3e-3}, sensor="lag"),
+    "filter-lag": Law(
+        "two poles on the recorded position", {"lag": 3e-3}, sensor="lag", needs="force"
+    ),
     "vibration-mode": Law(
         "attached mass", {"oscillator": 3e-4}, {"oscillator_rate": 22.0}, most=10.0
     ),

@@ -96,7 +96,7 @@ def hysteresis(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
 
 
 def dahl(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
-    out = []
+    out = [tanh(m.qd[i, j] / V0[j])]
     written = re.findall(r"z\((\d*) ?s\)", catalogue.get("presliding").equation)
     for length in (float(ratio or 1) * s[0] for ratio in written):
         z = 0.0
@@ -130,7 +130,7 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
         lambda m, i, j, s: [abs(m.load[i, j]) * tanh(m.qd[i, j] / V0[j])],
     ),
     "coupled-friction": ((2.0, -1.0), relative_speed),
-    "presliding": ((0.3,), dahl),
+    "presliding": ((0.3, 1.0), dahl),
     "armature": ((), lambda m, i, j, s: [m.qdd[i, j]]),
     "spring": (
         (),
@@ -182,13 +182,23 @@ def test_load_friction_of_the_static_load_alone() -> None:
     np.testing.assert_allclose(got, expected, rtol=1e-12)
 
 
-def test_delay_is_the_first_order_of_a_late_command() -> None:
+def test_delay_is_the_late_command() -> None:
     t = np.arange(400) * 0.005
-    motion = motion_of(IndependentAxes(("a",)), n=400).with_(t=t, tau=np.sin(3 * t)[:, None])
-    column = catalogue.get("delay").columns(motion, 0, ())[1:-1, 0]
-    late = 1e-3  # tau(t) - tau(t - T) = T dtau/dt
-    difference = np.sin(3 * t) - np.sin(3 * (t - late))
-    np.testing.assert_allclose(late * column, difference[1:-1], atol=1e-5)
+    motion = motion_of(IndependentAxes(("a",)), n=400).with_(t=t, tau=np.sin(30 * t)[:, None])
+    for late in (1e-3, 5e-3, 1.23e-2):
+        column = catalogue.get("delay").columns(motion, 0, (late,))[:, 0]
+        expected = np.sin(30 * t) - np.sin(30 * (t - late))
+        np.testing.assert_allclose(column[6:-2], expected[6:-2], atol=1e-4)
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+def test_lag_is_the_answer_of_its_poles(poles: int) -> None:
+    t, w, time = np.arange(2000) * 0.002, 20.0, 5e-3
+    motion = motion_of(IndependentAxes(("a",)), n=2000).with_(t=t, tau=np.sin(w * t)[:, None])
+    column = catalogue.get("actuator-lag").columns(motion, 0, (time, poles))[:, 0]
+    answer = 1 / (1 + 1j * w * time) ** poles
+    expected = np.sin(w * t) - np.imag(answer * np.exp(1j * w * t))
+    np.testing.assert_allclose(column[200:], expected[200:], atol=1e-3)
 
 
 def test_coupled_transmission_obeys_virtual_work() -> None:
@@ -217,16 +227,25 @@ def test_presliding_has_dahl_s_slope_after_a_reversal() -> None:
     """Just after a reversal out of sliding the slope is twice the initial one: 2 fc / s."""
     q = np.concatenate([np.linspace(0, 1, 2001), 1 - np.linspace(0, 0.001, 101)[1:]])
     motion = motion_of(IndependentAxes(("a",)), n=q.size).with_(q=q[:, None])
-    z = catalogue.get("presliding").columns(motion, 0, (0.01,))[:, 0]
+    z = catalogue.get("presliding").columns(motion, 0, (0.01, 1.0))[:, 1]
     assert z[2000] == pytest.approx(1.0)
     assert (z[2001] - z[2000]) / (q[2001] - q[2000]) == pytest.approx(2 / 0.01, rel=1e-3)
 
 
-def test_presliding_does_not_depend_on_speed() -> None:
+def test_maxwell_slip_is_a_spring_between_reversals_that_slips_after_its_displacement() -> None:
+    q = np.array([0.0, 0.004, 0.02, 0.016, 0.008, 0.0, -0.01])
+    motion = motion_of(IndependentAxes(("a",)), n=q.size).with_(q=q[:, None])
+    z = catalogue.get("presliding").columns(motion, 0, (0.01, 0.0))[:, 1]
+    np.testing.assert_allclose(z, [0, 0.4, 1.0, 0.6, -0.2, -1.0, -1.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("form", [0.0, 1.0])
+def test_loops_of_presliding_do_not_depend_on_speed(form: float) -> None:
     effect, q = catalogue.get("presliding"), np.sin(np.linspace(0, 9, 400))
     one = motion_of(IndependentAxes(("a",)), n=400).with_(q=q[:, None])
     fast = one.with_(qd=5 * one.qd, qdd=25 * one.qdd, t=one.t / 5)
-    np.testing.assert_array_equal(effect.columns(one, 0, (0.1,)), effect.columns(fast, 0, (0.1,)))
+    here, there = (effect.columns(m, 0, (0.1, form))[:, 1:] for m in (one, fast))
+    np.testing.assert_array_equal(here, there)
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,13 @@ def test_rigid_wall_is_not_identifiable():
     assert {c.verdict for c in found} == {"not-identifiable"}
 
 
+def test_wrist_coupling_is_found_in_the_first_half_and_holds_in_the_second():
+    d = recordings.wrist("halves").diagnosis
+    first = d.findings[0]
+    assert (first.effect, first.joint) == ("coupled-transmission", "joint_5")
+    assert d.ladder[0].heldout.relative[4] > 100 and d.ladder[-1].heldout.relative[4] < 20
+
+
 def test_wrist_coupling_is_found():
     d = recordings.wrist().diagnosis
     first = d.findings[0]

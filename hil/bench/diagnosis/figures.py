@@ -16,6 +16,12 @@ Row = dict[str, Any]
 ENOUGH = 0.5
 #: Edges of the bins of confidence.
 BINS = (0.0, 0.6, 0.75, 0.85, 0.95, 0.99, 1.0)
+#: Pairs whose columns are the same in such sessions: friction that differs by direction is a
+#: constant while it slips, and from the motor's side alone a link on a cable is a mass on a spring.
+ALIKE = (
+    {"torque-offset", "asymmetric-coulomb"},
+    {"vibration-mode", "elastic-transmission"},
+)
 OUTCOMES = ("right", "ambiguous", "extra", "wrong", "one", "unexplained", "missed")
 
 
@@ -75,6 +81,7 @@ def headline(rows: list[Row]) -> dict[str, Share]:
     true_outside = [r for r in outside if r["hidden"][0][0].startswith("outside-")]
     return {
         "right, excess of half a floor or more": share(visible, is_("right")),
+        "... or undecided between two that are alike in such data": share(visible, rightly),
         "... ambiguous with the truth in the set": share(visible, is_("ambiguous")),
         "... the truth and something else": share(visible, is_("extra")),
         "... another name": share(visible, is_("wrong")),
@@ -93,6 +100,14 @@ def headline(rows: list[Row]) -> dict[str, Share]:
         "both of two found": share(two, is_("right", "ambiguous", "extra")),
         "... exactly both": share(two, is_("right")),
     }
+
+
+def rightly(row: Row) -> bool:
+    """Whether it is right, or leaves open what nobody could say (see `ALIKE`)."""
+    if row["outcome"] != "ambiguous":
+        return bool(row["outcome"] == "right")
+    sets = [{f["effect"], *f["rivals"]} for f in row["named"] if f["rivals"]]
+    return any(pair <= said for said in sets for pair in ALIKE)
 
 
 def is_sure(row: Row) -> bool:

@@ -69,6 +69,10 @@ def said(d: Diagnosis) -> dict[str, Any]:
              "share": round(f.excess_explained, 3), "rivals": f.rivals}
             for f in d.findings
         ],
+        # for a calibration without another run: the first candidates, as (effect, joint, chi2, dof)
+        "candidates": [
+            [c.name, c.term.joint + 1, round(c.chi2, 1), c.dof] for c in d.first.candidates[:8]
+        ],
         "partial": [[f.effect, f.joint] for f in d.partial],
         "before": round(steps[0], 3), "after": round(steps[-1], 3),
     }  # fmt: skip
