@@ -12,7 +12,11 @@ from hil.errors import ConfigError, unknown
 #: Entry points of the same groups join in.
 BUILT_IN: dict[str, dict[str, str]] = {
     "hil.drivers": {"premium": "drivers.premium", "ft-sensor": "drivers.ft_sensor"},
-    "hil.boxes": {"usb-quad08": "drivers.usb_quad08", "usb-31xx": "drivers.usb_31xx"},
+    "hil.boxes": {
+        "usb-quad08": "drivers.usb_quad08",
+        "usb-31xx": "drivers.usb_31xx",
+        "netcanoem": "drivers.netcanoem",
+    },
     "hil.controllers": {
         "joint-tracking": "controllers.joint_tracking",
         "position-force": "controllers.position_force",

@@ -162,6 +162,9 @@ def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any]) ->
         ideal: Wire = bench.wire(config.devices[name].arm)
         return ideal
     spots = wiring.places(config, name)
+    if "gauges" in spots:
+        source: Wire = boxes[wiring.only_gauges(name, spots).box]
+        return source
     rows = {role: [(boxes[p.box], p) for p in row] for role, row in spots.items()}
     return wiring.BoxWire(name, rows, None if bench is None else bench.advance)
 

@@ -108,7 +108,8 @@ def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]
             "preset": table.robot, "tip": table.tip, "joints": json.dumps(list(table.joints)),
         }  # fmt: skip
     for name, bias in rig.biases.items():
-        records[f"calibration/{name}"] = {"bias_words": json.dumps(bias)}
+        told: dict[str, str] = getattr(rig.devices[name], "certificate", {})
+        records[f"calibration/{name}"] = {"bias_words": json.dumps(bias), **told}
     return records
 
 

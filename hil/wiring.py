@@ -102,6 +102,22 @@ def places(config: RigConfig, name: str) -> dict[str, list[Place]]:
     return found
 
 
+def only_gauges(name: str, spots: Mapping[str, list[Place]]) -> Place:
+    """Place of a force sensor, which is wired to one box and to nothing else.
+
+    Raises
+    ------
+    ConfigError
+        If it has another role too, or more than one place.
+    """
+    if set(spots) != {"gauges"} or len(spots["gauges"]) != 1:
+        raise ConfigError(
+            f"[devices.{name}.channels]: a force sensor has the role gauges alone, with one "
+            "place, e.g. gauges = ['leader-ft/0']."
+        )
+    return spots["gauges"][0]
+
+
 def backends(config: RigConfig) -> dict[str, str]:
     """Boxes that are in use -> their back end.
 

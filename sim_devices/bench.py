@@ -39,7 +39,7 @@ class Bench:
     def __init__(
         self, arms: dict[str, str], section: dict[str, Any], period_ns: int, seed: int
     ) -> None:
-        self.names = list(arms)
+        self.names, self.sensors, self.seed = list(arms), dict(arms), seed
         self.period_ns = period_ns
         self.now_ns = 0
         plan = build.plan(arms, section, seed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError, unknown
 from hil.signals.bus import Bus, Step
 from sim_devices.bench import Bench
+from sim_devices.force.mount import SimCan
+from sim_devices.force.netcanoem import NetCanOemBoard
 from sim_devices.hid.module import SimHid
 from sim_devices.hid.usb31xx import Sim31xx
 from sim_devices.usb.backend import SimUsb
@@ -44,7 +47,9 @@ class WiredBench:
         self.bench = bench
         self._pumps: dict[str, Step] = {}
         self.usb, self.hid = SimUsb(), SimHid(self._wait)
+        self.can = SimCan(bench)
         self.buses = {"usb": self._bus("usb", self.usb), "hid": self._bus("hid", self.hid)}
+        self.buses["can"] = replace(self._bus("can", self.can.handle), advance=self.can.at)
         self.boxes: dict[str, Any] = {}
         self._alive: dict[int, dict[str, int]] = {}
         for name, row in plan.items():
@@ -139,8 +144,21 @@ def _usb31xx(wired: WiredBench, name: str, row: dict[str, Any]) -> Sim31xx:
     return box
 
 
+def _netcanoem(wired: WiredBench, name: str, row: dict[str, Any]) -> NetCanOemBoard:
+    return wired.can.netcanoem(row["address"], row["options"], arm_of(name, row["cables"]))
+
+
+def arm_of(name: str, cables: list[Cable]) -> str:
+    """The one arm that a force sensor is mounted on."""
+    arms = {arm for _, role, arm, *_ in cables if role == "gauges"}
+    if len(arms) != 1:
+        raise ConfigError(f"box {name!r}: a force sensor is mounted on one arm, not {len(arms)}.")
+    return arms.pop()
+
+
 #: Driver of a box -> what stands at the other end of its cable.
 BUILDERS: dict[str, Callable[[WiredBench, str, dict[str, Any]], Any]] = {
     "usb-quad08": _quad08,
     "usb-31xx": _usb31xx,
+    "netcanoem": _netcanoem,
 }

@@ -22,15 +22,17 @@ class ForceSensor:
         Where its words come from.
     tare_samples : int
         Readings that are averaged for the bias.
+    max_force : float
+        Range of the transducer [N]; beyond it a sample counts as clamped.
     """
 
-    def __init__(self, name: str, source: GaugeSource, tare_samples: int) -> None:
+    def __init__(self, name: str, source: GaugeSource, tare_samples: int, max_force: float) -> None:
         self.name = name
         self.source = source
         self._samples = tare_samples
         self._machine = StateMachine(name)
         self._calibration = source.calibration
-        self._limit = source.max_force
+        self._limit = max_force
         self.gauges = source.gauges
         self.bias = np.zeros(6)
 
@@ -38,6 +40,11 @@ class ForceSensor:
     def state(self) -> OperatingState:
         """Operating state now."""
         return self._machine.state
+
+    @property
+    def certificate(self) -> dict[str, str]:
+        """What the sensor said of its calibration, for recordings."""
+        return self.source.certificate
 
     def tare(self, t_ns: int) -> int:
         """Average readings from `t_ns` on as the bias; nothing may touch the tip.
@@ -108,6 +115,14 @@ class FtSensor(ForceSensor):
 
     def __init__(self, name: str, wire: Wire, config: FtSensorConfig, period: float) -> None:
         self.config = config
-        limit = MODELS[config.model][2]
-        source = IdealGauges(wire, config.calibration(), limit, period)
-        super().__init__(name, source, config.tare_samples)
+        source = IdealGauges(wire, config.calibration(), period)
+        super().__init__(name, source, config.tare_samples, MODELS[config.model][2])
+
+
+def open_device(
+    name: str, wire: Wire | GaugeSource, config: FtSensorConfig, period: float
+) -> ForceSensor:
+    """Open a sensor: on a box that knows its calibration, or behind an ideal wire."""
+    if isinstance(wire, GaugeSource):
+        return ForceSensor(name, wire, config.tare_samples, MODELS[config.model][2])
+    return FtSensor(name, wire, config, period)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from hil.signals.device import FloatArray, IntArray, Status, Wire
 
 
+@runtime_checkable
 class GaugeSource(Protocol):
     """Six words of a sensor, and what they mean.
 
@@ -16,13 +17,13 @@ class GaugeSource(Protocol):
         Words of the last whole sample; stays the same array.
     calibration : ndarray (6, 6)
         Wrench in the sensor frame per word [N, N m].
-    max_force : float
-        Range of the transducer [N].
+    certificate : dict of str to str
+        What the sensor said of itself: serial number, matrix and so on.
     """
 
     gauges: IntArray
     calibration: FloatArray
-    max_force: float
+    certificate: dict[str, str]
 
     def receive(self, t_ns: int) -> Status:
         """Take what has arrived by `t_ns` and ask for the next sample; never waits or raises.
@@ -59,18 +60,15 @@ class IdealGauges:
         Wire to the gauges.
     calibration : ndarray (6, 6)
         Wrench per word [N, N m].
-    max_force : float
-        [N].
     period : float
         Sample period [s].
     """
 
-    def __init__(
-        self, wire: Wire, calibration: FloatArray, max_force: float, period: float
-    ) -> None:
+    def __init__(self, wire: Wire, calibration: FloatArray, period: float) -> None:
         self._wire = wire
         self._period_ns = round(period * 1e9)
-        self.gauges, self.calibration, self.max_force = wire.gauges, calibration, max_force
+        self.gauges, self.calibration = wire.gauges, calibration
+        self.certificate: dict[str, str] = {}
 
     def receive(self, t_ns: int) -> Status:
         """Refresh the words."""

@@ -12,6 +12,7 @@ from typing import Any
 import can
 
 from hil.errors import ConfigError, DeviceError
+from hil.signals.bus import Bus
 
 #: More frames than this do not fit into any wait of a driver: a bus that never falls silent.
 CROWD = 512
@@ -29,6 +30,8 @@ class CanLink:
         Open bus.
     advance : callable, optional
         Called with the time [ns] at every `advance`; for buses whose time is passed in.
+    bit_rate : int
+        As asked for [bit/s].
 
     Attributes
     ----------
@@ -38,8 +41,11 @@ class CanLink:
         Error frames, and frames for no mailbox.
     """
 
-    def __init__(self, bus: can.BusABC, advance: Callable[[int], None] | None = None) -> None:
+    def __init__(
+        self, bus: can.BusABC, advance: Callable[[int], None] | None = None, bit_rate: int = 0
+    ) -> None:
         self.bus = bus
+        self.bit_rate = bit_rate
         self.trouble = ""
         self.errors = 0
         self.strangers = 0
@@ -117,6 +123,64 @@ class CanLink:
             self._boxes.pop(i, None)
         if not self._boxes:
             self.bus.shutdown()
+            for key in [k for k, link in _OPEN.items() if link is self]:
+                del _OPEN[key]
+
+
+#: (interface, channel) -> link that several boxes share.
+_OPEN: dict[tuple[str, str], CanLink] = {}
+
+
+def shared(bus: Bus, interface: str, channel: str, bit_rate: int) -> CanLink:
+    """The link of a channel, opened by the first box on it and closed by the last.
+
+    Parameters
+    ----------
+    bus : Bus
+        Hardware, or the simulated bus, whose handle then names the interface and what stands
+        before the channel.
+    interface, channel : str
+        Of python-can.
+    bit_rate : int
+        [bit/s].
+
+    Raises
+    ------
+    ConfigError
+        If two boxes on one channel want different bit rates.
+    DeviceError
+        If the bus cannot be opened.
+    """
+    if bus.simulated:
+        interface, channel = bus.handle["interface"], bus.handle["prefix"] + channel
+    key = (interface, channel)
+    link = _OPEN.get(key)
+    if link is None:
+        link = CanLink(open_bus(interface, channel, bit_rate), bus.advance, bit_rate)
+        _OPEN[key] = link
+    if link.bit_rate != bit_rate:
+        raise ConfigError(
+            f"CAN bus {channel!r} is wanted at {link.bit_rate} and at {bit_rate} bit/s; all "
+            "boxes on one bus have one bit_rate"
+        )
+    return link
+
+
+def split_address(name: str, address: str, base: int) -> tuple[str, int]:
+    """Channel and base identifier of an address ``CHANNEL`` or ``CHANNEL/BASE``.
+
+    Raises
+    ------
+    ConfigError
+        If the base is not a number.
+    """
+    channel, _, text = (address or "can0").partition("/")
+    try:
+        return channel, int(text, 0) if text else base
+    except ValueError:
+        raise ConfigError(
+            f"box {name!r}: address {address!r} is not CHANNEL/BASE, e.g. 'can0/0x20'."
+        ) from None
 
 
 def open_bus(interface: str, channel: str, bit_rate: int, **options: Any) -> can.BusABC:

@@ -14,8 +14,11 @@ class NetCanOemConfig:
 
     Parameters
     ----------
+    interface : str
+        python-can's interface on hardware, e.g. ``socketcan``, ``pcan``, ``udp_multicast``.
     base : int
-        Base identifier of the board (0..127); two boards on one bus need different ones.
+        Base identifier of the board (0..127) where the box's address does not say it; two
+        boards on one bus need different ones.
     bit_rate : int
         Of the bus [bit/s]; the board's own default is 250000, and 1 kHz needs 1000000.
     calibration : int
@@ -24,23 +27,18 @@ class NetCanOemConfig:
         Serial number that the slot must hold; empty takes any.
     force_unit, torque_unit : str
         Units of the calibration; needed with firmware before 3.7 alone, which cannot tell.
-    max_force : float
-        Range of the transducer [N]; beyond it a sample counts as clamped.
-    tare_samples : int
-        Readings that are averaged for the bias.
     answer_ms, stale_ms, lost_ms : float
         Wait for an answer before it is asked for again; age of a sample from which it is
         STALE; age from which the sensor is lost and the device goes to FAULT [ms].
     """
 
+    interface: str = "socketcan"
     base: int = 0x20
     bit_rate: int = 1_000_000
     calibration: int = 0
     serial: str = ""
     force_unit: str = ""
     torque_unit: str = ""
-    max_force: float = 12.0
-    tare_samples: int = 200
     answer_ms: float = 3.0
     stale_ms: float = 2.5
     lost_ms: float = 50.0
@@ -50,8 +48,6 @@ class NetCanOemConfig:
             raise ConfigError(f"base = {self.base:#x}: 0 to 0x7f is needed.")
         if not 0 <= self.calibration < codec.SLOTS:
             raise ConfigError(f"calibration = {self.calibration}: a slot 0 to 15 is needed.")
-        if self.tare_samples < 1 or self.max_force <= 0:
-            raise ConfigError("tare_samples must be at least 1, max_force positive.")
         if not 0 < self.stale_ms <= self.lost_ms or self.answer_ms <= 0:
             raise ConfigError("0 < stale_ms <= lost_ms and answer_ms > 0 are needed.")
         _known("force_unit", self.force_unit, [n for n, _ in codec.FORCE_UNITS.values()])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +49,16 @@ class Identity:
         # f = G g / (counts per unit), rows 0-2 force, 3-5 torque (manual, "Converting")
         scale = [newton / self.counts[0]] * 3 + [newton_metre / self.counts[1]] * 3
         return np.asarray(self.matrix * np.array(scale)[:, None])
+
+    def record(self) -> dict[str, str]:
+        """All of it as text, for a session's metadata."""
+        return {
+            "transducer": self.serial,
+            "firmware": ".".join(map(str, self.firmware)),
+            "counts_per_unit": json.dumps(self.counts),
+            "units": json.dumps(self.units),
+            "matrix": json.dumps(self.matrix.tolist()),
+        }
 
 
 class Dialogue:

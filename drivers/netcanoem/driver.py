@@ -6,14 +6,16 @@ works while the loop waits for its next tick.  The price is one period of delay.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from drivers.ft_sensor.driver import ForceSensor
-from drivers.links.can import CanLink
+from drivers.links.can import CanLink, shared, split_address
 from drivers.netcanoem import codec
 from drivers.netcanoem.config import NetCanOemConfig
 from drivers.netcanoem.dialogue import Dialogue, Identity
-from hil.errors import DeviceError, DeviceTimeoutError
+from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
+from hil.signals.bus import Bus
 from hil.signals.device import Status
 
 _FIRST, _SECOND = codec.READ_GAUGES, codec.SECOND_HALF
@@ -35,7 +37,7 @@ class NetCanOem:
     Attributes
     ----------
     identity : Identity
-        What the board said of itself.
+        What the board said of itself; `serial` is that of the transducer.
     status : int
         Status word of the last sample.
     unusable : bool
@@ -52,7 +54,6 @@ class NetCanOem:
     def __init__(self, name: str, link: CanLink, config: NetCanOemConfig) -> None:
         self.name, self.config = name, config
         self.gauges = np.zeros(6, np.int64)
-        self.max_force = config.max_force
         self.unusable = False
         self.status = self.timeouts = self.halves = self.malformed = 0
         self._link = link
@@ -70,6 +71,8 @@ class NetCanOem:
         link.subscribe(self._identifiers, self._hear)
         self.identity = self._identify()
         self.calibration = self.identity.calibration()
+        self.serial = self.identity.serial
+        self.certificate = self.identity.record()
 
     def _identify(self) -> Identity:
         dialogue = self._dialogue = Dialogue(self.name, self._link, self.config)
@@ -196,6 +199,20 @@ class NetCanOem:
         self._link.release(self._identifiers)
 
 
-def open_device(name: str, link: CanLink, config: NetCanOemConfig, period: float) -> ForceSensor:
-    """Open a board on an open bus as a force sensor; `period` is not needed by it."""
-    return ForceSensor(name, NetCanOem(name, link, config), config.tare_samples)
+def open_box(
+    name: str, bus: Bus, address: str, config: NetCanOemConfig, channels: tuple[int, ...]
+) -> NetCanOem:
+    """Open a board; `address` is ``CHANNEL`` or ``CHANNEL/BASE``, e.g. ``can0/0x21``.
+
+    Raises
+    ------
+    ConfigError
+        If the address is not written like this, or a channel other than 0 is wanted.
+    DeviceError
+        If the bus or the board is not there.
+    """
+    if any(channels):
+        raise ConfigError(f"box {name!r}: a sensor has the channel 0 alone, not {max(channels)}.")
+    channel, base = split_address(name, address, config.base)
+    link = shared(bus, config.interface, channel, config.bit_rate)
+    return NetCanOem(name, link, replace(config, base=base))

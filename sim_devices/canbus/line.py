@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from weakref import WeakValueDictionary
 
 from sim_devices.canbus.frame import ERROR, PAUSE, Frame, bits
 from sim_devices.simtime import SimTime
@@ -111,13 +112,15 @@ class CanLine:
 
     def _arbitrate(self) -> _Flight | None:
         """Which frame goes next, and when; the lowest identifier of those that wait wins."""
-        ready = [n for n in self.nodes if n.outbox and n.powered and not n.off]
+        ready = [n for n in self.nodes if n.outbox and n.powered and n.failures < OFF]
         if not ready:
             return None
-        start = max(self._idle_ns, min(n.outbox[0][0] for n in ready))
-        rivals = [n for n in ready if n.outbox[0][0] <= start]
-        lowest = min(n.outbox[0][1].ident for n in rivals)
-        winners = [n for n in rivals if n.outbox[0][1].ident == lowest]
+        start = max(self._idle_ns, min([n.outbox[0][0] for n in ready]))
+        winners = ready
+        if len(ready) > 1:
+            rivals = [n for n in ready if n.outbox[0][0] <= start]
+            lowest = min([n.outbox[0][1].ident for n in rivals])
+            winners = [n for n in rivals if n.outbox[0][1].ident == lowest]
         frame = winners[0].outbox[0][1]
         # one identifier, other bits: the bit error comes after the arbitration field
         clash = any(n.outbox[0][1] != frame for n in winners[1:])
@@ -129,10 +132,13 @@ class CanLine:
 
     def _acknowledged(self, senders: list[Node]) -> bool:
         """Somebody else hears it at the same bit rate, and nobody at another destroys it."""
-        others = [n for n in self.nodes if n.powered and not n.off and n not in senders]
-        rate = senders[0].bit_rate
-        same_sender_rate = all(n.bit_rate == rate for n in senders)
-        return bool(others) and same_sender_rate and all(n.bit_rate == rate for n in others)
+        rate, heard = senders[0].bit_rate, False
+        for node in self.nodes:
+            if node.powered and node.failures < OFF:
+                if node.bit_rate != rate:
+                    return False
+                heard |= node not in senders
+        return heard
 
     def _finish(self, flight: _Flight) -> None:
         """Deliver the frame in flight, or count the failure; it is then tried again."""
@@ -153,9 +159,10 @@ class CanLine:
             node.failures = max(0, node.failures - 1)
         self.frames += 1
         for node in self.nodes:
-            if node.powered and not node.off and node not in senders:
+            if node.powered and node.failures < OFF and node not in senders:
                 node.hear(frame, flight.end_ns)
 
 
-#: Channel name -> bus, so that `can.Bus(interface="hil-sim", channel=name)` finds it.
-LINES: dict[str, CanLine] = {}
+#: Channel name -> bus, so that `can.Bus(interface="hil-sim", channel=name)` finds it; who made
+#: the bus keeps it.
+LINES: WeakValueDictionary[str, CanLine] = WeakValueDictionary()

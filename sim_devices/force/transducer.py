@@ -9,6 +9,7 @@ cross-talk), dT the warming, w a random walk, n white noise.
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
@@ -84,19 +85,24 @@ class Transducer:
         Name in `transducers.toml`.
     seed : sequence of int
         Of its imperfections and its noise.
+    press : callable, optional
+        Writes the load of now into an array (6,) before every reading.
 
     Attributes
     ----------
     load : ndarray (6,)
-        Force [N] and torque [N m] ON it now, in its own frame; written by the world.
+        Force [N] and torque [N m] ON it now, in its own frame.
     words : ndarray (6,) of int
         What the converters read.
     warming : float
         Above the temperature of calibration [K].
     """
 
-    def __init__(self, model: str, seed: list[int]) -> None:
+    def __init__(
+        self, model: str, seed: list[int], press: Callable[[Array], None] | None = None
+    ) -> None:
         self.certificate, facts = load(model)
+        self._press = press
         self.max_force = float(facts["range"][0])
         rng = np.random.default_rng([*seed, 0xF7])
         gain = facts["gain_error"] * np.clip(rng.standard_normal(6), -2, 2) / 2
@@ -119,6 +125,8 @@ class Transducer:
 
     def read(self, t_ns: int) -> NDArray[np.int64]:
         """Words (6,) at `t_ns`."""
+        if self._press is not None:
+            self._press(self.load)
         if self._left == 0:
             self._rng.standard_normal(out=self._noise)
             self._left = BLOCK

@@ -4,8 +4,9 @@ import itertools
 
 import numpy as np
 
+from drivers.ft_sensor import ForceSensor
 from drivers.links.can import CanLink, open_bus
-from drivers.netcanoem import NetCanOemConfig, open_device
+from drivers.netcanoem import NetCanOem, NetCanOemConfig
 from hil.testing import FarEnd
 from sim_devices.canbus.line import LINES, CanLine
 from sim_devices.force.netcanoem import NetCanOemBoard
@@ -43,6 +44,10 @@ def board(model="nano17", **options):
     return NetCanOemBoard(quiet(model), **({"bit_rate": FAST} | options))
 
 
+def open_sensor(name, link, config, tare_samples=20, max_force=25.0):
+    return ForceSensor(name, NetCanOem(name, link, config), tare_samples, max_force)
+
+
 class NetCanFar(FarEnd):
     """`check_driver`'s hand on the board: presses it, mutes it, spoils it, cuts its supply."""
 
@@ -50,10 +55,10 @@ class NetCanFar(FarEnd):
         super().__init__()
         self.board = board(**options)
         self.rig = Rig(self.board)
-        self.config = NetCanOemConfig(tare_samples=10, max_force=25.0, lost_ms=30.0)
+        self.config = NetCanOemConfig(lost_ms=30.0)
 
     def open(self):
-        return open_device("ft", self.rig.link(), self.config, 1e-3)
+        return open_sensor("ft", self.rig.link(), self.config, 10)
 
     def press(self, wrench):
         # at pose 0 the forearm hangs: x of the sensor is x, y is -y, z is -z of the base

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.netcanoem import NetCanOem, NetCanOemConfig, open_device
+from drivers.netcanoem import NetCanOem, NetCanOemConfig, open_box
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
+from hil.signals.bus import Bus
 from hil.signals.device import MeasuredCf, Status, Tareable
 from hil.signals.state import OperatingState
 from hil.testing import check_driver
@@ -15,10 +16,10 @@ from sim_devices.force.netcanoem import NetCanOemBoard
 from sim_devices.force.transducer import Transducer
 
 sys.path.insert(0, str(Path(__file__).parent))
-from can_far import NetCanFar, Rig, board
+from can_far import NetCanFar, Rig, board, open_sensor
 
 MS = 1_000_000
-CONFIG = NetCanOemConfig(tare_samples=20, max_force=25.0)
+CONFIG = NetCanOemConfig()
 
 
 def ticks(sensor, t_ns, n, pose=(0.0, 0.0, 0.0)):
@@ -36,7 +37,7 @@ def rig():
 
 @pytest.fixture
 def sensor(rig):
-    device = open_device("ft", rig.link(), CONFIG, 1e-3)
+    device = open_sensor("ft", rig.link(), CONFIG)
     device.t = device.tare(0)
     device.enable()
     return device
@@ -64,7 +65,7 @@ def test_it_reads_what_the_board_holds(rig, sensor):
 def test_a_wrench_comes_out_in_newtons_through_all_imperfections(model):
     rig = Rig(NetCanOemBoard(Transducer(model, [3]), bit_rate=1_000_000))
     transducer = rig.line.nodes[0].transducer
-    sensor = open_device("ft", rig.link(), CONFIG, 1e-3)
+    sensor = open_sensor("ft", rig.link(), CONFIG)
     t = sensor.tare(0)
     full = transducer.max_force
     transducer.load[:] = [0.1 * full, 0.0, -0.05 * full, 0.0, 0.0, 0.0]
@@ -83,7 +84,7 @@ def test_every_tick_at_one_megabit_brings_a_new_sample(sensor):
 def test_two_boards_share_a_bus_at_1_khz_and_keep_their_frames_apart():
     rig = Rig(board(base=0x20), board(base=0x21))
     link = rig.link()
-    pair = [open_device(f"ft{b}", link, NetCanOemConfig(base=b, tare_samples=5), 1e-3)
+    pair = [open_sensor(f"ft{b}", link, NetCanOemConfig(base=b))
             for b in (0x20, 0x21)]  # fmt: skip
     t = max(s.tare(0) for s in pair)
     t = pair[0].tare(t)
@@ -103,9 +104,9 @@ def test_two_boards_share_a_bus_at_1_khz_and_keep_their_frames_apart():
 
 def test_one_identifier_twice_is_refused(rig):
     link = rig.link()
-    open_device("a", link, CONFIG, 1e-3)
+    open_sensor("a", link, CONFIG)
     with pytest.raises(ConfigError, match="another base"):
-        open_device("b", link, CONFIG, 1e-3)
+        open_sensor("b", link, CONFIG)
 
 
 @pytest.mark.parametrize("fault", ["mute", "lose_first", "lose_second", "delay_second", "short"])
@@ -182,7 +183,7 @@ def test_a_note_in_the_status_word_is_kept_and_measured_through(rig, sensor, bit
 def test_the_bias_is_taken_off_and_saturation_shows_in_taring(rig):
     far = rig.line.nodes[0]
     far.transducer._offset[:] = [100.0, -200.0, 300.0, 50.0, -20.0, 10.0]
-    sensor = open_device("ft", rig.link(), CONFIG, 1e-3)
+    sensor = open_sensor("ft", rig.link(), CONFIG)
     t = sensor.tare(0)
     np.testing.assert_array_equal(sensor.bias, [100, -200, 300, 50, -20, 10])
     _, wrench, _ = ticks(sensor, t, 3)
@@ -194,7 +195,7 @@ def test_the_bias_is_taken_off_and_saturation_shows_in_taring(rig):
 
 def test_an_overload_is_said():
     rig = Rig(board())
-    sensor = open_device("ft", rig.link(), NetCanOemConfig(max_force=12.0), 1e-3)
+    sensor = open_sensor("ft", rig.link(), CONFIG, max_force=12.0)
     rig.line.nodes[0].transducer.load[2] = -20.0
     assert ticks(sensor, 0, 5)[2][-1] is Status.CLAMPED
 
@@ -253,7 +254,7 @@ def test_silence_names_what_to_check(far, host, base):
 
 def test_a_board_that_resets_forgets_its_slot_and_the_driver_sees_it():
     rig = Rig(board(slot=2))
-    sensor = open_device("ft", rig.link(), NetCanOemConfig(calibration=2, tare_samples=1), 1e-3)
+    sensor = open_sensor("ft", rig.link(), NetCanOemConfig(calibration=2))
     t = sensor.tare(0)
     sensor.enable()
     ticks(sensor, t, 5)
@@ -268,3 +269,26 @@ def test_options_out_of_range_are_named():
     for bad in ({"base": 128}, {"calibration": 16}, {"lost_ms": 0.1}, {"force_unit": "pound"}):
         with pytest.raises(ConfigError):
             NetCanOemConfig(**bad)
+
+
+def test_boxes_on_one_channel_share_a_link_and_one_bit_rate():
+    rig = Rig(board(base=0x20), board(base=0x21))
+    bus = Bus("can", {"interface": "hil-sim", "prefix": ""}, advance=rig.time.at, simulated=True)
+    a = open_box("a", bus, f"{rig.channel}/0x20", CONFIG, (0,))
+    b = open_box("b", bus, f"{rig.channel}/33", CONFIG, (0,))
+    assert len(rig.line.nodes) == 3
+    with pytest.raises(ConfigError, match="one bit_rate"):
+        open_box("c", bus, f"{rig.channel}/0x22", NetCanOemConfig(bit_rate=500_000), (0,))
+    a.close()
+    assert len(rig.line.nodes) == 3
+    b.close()
+    b.close()
+    assert len(rig.line.nodes) == 2
+    open_box("a", bus, f"{rig.channel}/0x20", CONFIG, (0,)).close()
+
+
+def test_an_interface_that_is_not_there_is_named():
+    with pytest.raises(DeviceError, match="no interface 'sockcan'"):
+        open_box("a", Bus("can"), "can0", NetCanOemConfig(interface="sockcan"), (0,))
+    with pytest.raises(DeviceError, match="ip link set can77 up"):
+        open_box("a", Bus("can"), "can77", CONFIG, (0,))

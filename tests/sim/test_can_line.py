@@ -128,8 +128,9 @@ def test_one_identifier_from_two_with_other_data_is_an_error_for_both():
 @pytest.fixture
 def channel():
     name = f"line{next(_NUMBER)}"
-    LINES[name] = line(Ear())
-    return name
+    LINES[name] = kept = line(Ear())
+    yield name
+    del kept
 
 
 def test_python_can_opens_it_by_name_and_waits_in_its_time(channel):
