@@ -20,6 +20,8 @@ from hil.signals.device import Status
 
 _FIRST, _SECOND = codec.READ_GAUGES, codec.SECOND_HALF
 _LOW, _HIGH = codec.RAILS
+#: What the time moves on by for one sample of a tare [ns].
+PACE_NS = 1_000_000
 
 
 class NetCanOem:
@@ -161,13 +163,14 @@ class NetCanOem:
             self._got = 0
             self._link.send(self._request)
             self._link.wait(self._patience * 1e-9, lambda: self._got == 2)
-            t_ns += self._patience
             if self._got == 2:
+                t_ns += PACE_NS
                 self._got = 0
                 self._fresh_ns = -1
                 if not self._take():
                     raise DeviceError(self._unusable())
                 return t_ns
+            t_ns += self._patience
             self.timeouts += 1
         raise DeviceTimeoutError(
             f"{self.name}: no whole sample within {self.config.answer_ms} ms, three times"

@@ -158,9 +158,14 @@ class Quad08:
 
     def _unwrap(self, scan: int, most: float) -> Status:
         """Go on through the stream to one scan; between two, a counter moves `most` counts."""
+        gap = scan - self._used
         if self._got // 2 - (self._used + 1) * self._stride > RING - self._stride:
-            self.trouble = f"box {self.name!r}: counts were overwritten before they were used."
-            return Status.LOST
+            # nobody asked for longer than the ring holds, e.g. while a force sensor was tared:
+            # one step over the gap, as long as a counter cannot have gone once round in it
+            if most * gap >= 1 << (16 * self._words - 1):
+                self.trouble = f"box {self.name!r}: counts were overwritten before they were used."
+                return Status.LOST
+            self._used, most = scan - 1, most * gap
         n, first = scan - self._used, (self._used + 1) * self._stride
         moved = codec.unwrap(self._ring, first, n, self._words, most, self._last, self.counts)
         self._used = scan
