@@ -26,6 +26,7 @@ COMMANDS: dict[str, str] = {
     "improve": "hil.commands.improve",
     "effects": "hil.commands.effects",
     "excite": "hil.commands.excite",
+    "design": "hil.commands.design",
     "bench": "hil.commands.bench",
 }
 

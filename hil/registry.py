@@ -19,6 +19,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
     },
     "hil.controllers": {
         "joint-tracking": "controllers.joint_tracking",
+        "lawrence": "controllers.lawrence",
         "position-force": "controllers.position_force",
     },
     "hil.velocity": {

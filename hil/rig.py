@@ -78,13 +78,14 @@ def open_rig(config: RigConfig, seed: int) -> Rig:
     for name in config.devices:
         require_backend(name, config)
     check_trajectory(config)
+    controller = build_controller(config)  # a law that refuses does so before any device opens
     with ExitStack() as stack:
-        rig = _open(config, seed, stack)
+        rig = _open(config, seed, stack, controller)
         rig.stack = stack.pop_all()
     return rig
 
 
-def _open(config: RigConfig, seed: int, stack: ExitStack) -> Rig:
+def _open(config: RigConfig, seed: int, stack: ExitStack, controller: Controller) -> Rig:
     """Rig whose devices and boxes `stack` closes."""
     bench = _bench(config, seed)
     plan = wiring.plan(config)
@@ -99,7 +100,7 @@ def _open(config: RigConfig, seed: int, stack: ExitStack) -> Rig:
         devices[name] = opened = driver.open_device(name, wire, options, period)
         stack.callback(opened.close)
     ports = [_port(arm, config, devices) for arm in config.controller.arms]
-    rig = Rig(devices, ports, build_controller(config))
+    rig = Rig(devices, ports, controller)
     rig.boxes = boxes
     rig.origin_ns = bench.now_ns if bench is not None else 0
     _tare(rig)

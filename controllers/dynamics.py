@@ -1,0 +1,84 @@
+"""Rigid-body model of a PHANTOM Premium 1.5 in eight parameters, compiled for the loop.
+
+tau = M(q) q'' + C(q, q') q' + N(q), form of Cavusoglu, Feygin & Tendick 2002 with the sign of C32
+that conserves energy; pi as `hil.models.phantom.Premium` identifies it.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin
+from typing import Any
+
+import numba as nb
+
+#: Smallest |det J| [m^3] that is inverted; below, the arm is treated as this far from singular.
+SINGULAR = 1e-4
+
+
+@nb.njit(cache=True, nogil=True)
+def inverse_dynamics(q: Any, v: Any, a: Any, pi: Any, out: Any) -> None:
+    """Joint torques [N m] into `out` (3,) for q, q', q'' (3,) [rad, ...] and pi (8,)."""
+    s2, c2, s3, c3 = sin(q[1]), cos(q[1]), sin(q[2]), cos(q[2])
+    s23, c23 = sin(q[1] - q[2]), cos(q[1] - q[2])
+    # dM11/dth2 = -2 e2, dM11/dth3 = -2 e3
+    e2 = 2.0 * pi[1] * s2 * c2 + 0.5 * pi[3] * s2 * s3
+    e3 = 2.0 * pi[2] * s3 * c3 - 0.5 * pi[3] * c2 * c3
+    # M11 = pi1 + pi2 cos 2th2 + pi3 cos 2th3 + pi4 cos th2 sin th3
+    m11 = pi[0] + pi[1] * (c2 * c2 - s2 * s2) + pi[2] * (c3 * c3 - s3 * s3) + pi[3] * c2 * s3
+    half = 0.5 * pi[3]
+    out[0] = m11 * a[0] - 2.0 * (e2 * v[1] + e3 * v[2]) * v[0]
+    out[1] = pi[4] * a[1] - half * s23 * a[2] + e2 * v[0] ** 2 + half * c23 * v[2] ** 2 + pi[6] * c2
+    out[2] = pi[5] * a[2] - half * s23 * a[1] + e3 * v[0] ** 2 - half * c23 * v[1] ** 2 + pi[7] * s3
+
+
+@nb.njit(cache=True, nogil=True)
+def drift(q: Any, v: Any, lengths: Any, out: Any) -> None:
+    """J' q' [m/s^2] into `out` (3,): the tip's acceleration without joint accelerations."""
+    s1, c1, s2, c2 = sin(q[0]), cos(q[0]), sin(q[1]), cos(q[1])
+    s3, c3 = sin(q[2]), cos(q[2])
+    l1, l2 = lengths[0], lengths[1]
+    r, dr = l1 * c2 + l2 * s3, -l1 * s2 * v[1] + l2 * c3 * v[2]
+    ddr = -l1 * c2 * v[1] ** 2 - l2 * s3 * v[2] ** 2
+    out[0] = ddr * c1 - 2.0 * dr * s1 * v[0] - r * c1 * v[0] ** 2
+    out[1] = ddr * s1 + 2.0 * dr * c1 * v[0] - r * s1 * v[0] ** 2
+    out[2] = -l1 * s2 * v[1] ** 2 + l2 * c3 * v[2] ** 2
+
+
+@nb.njit(cache=True, nogil=True)
+def solve(j: Any, b: Any, out: Any) -> None:
+    """J x = b by cofactors into `out` (3,); a determinant below `SINGULAR` counts as that."""
+    a0 = j[1, 1] * j[2, 2] - j[1, 2] * j[2, 1]
+    a1 = j[1, 2] * j[2, 0] - j[1, 0] * j[2, 2]
+    a2 = j[1, 0] * j[2, 1] - j[1, 1] * j[2, 0]
+    det = j[0, 0] * a0 + j[0, 1] * a1 + j[0, 2] * a2
+    if abs(det) < SINGULAR:
+        det = SINGULAR if det >= 0.0 else -SINGULAR
+    out[0] = (
+        a0 * b[0] + (j[0, 2] * j[2, 1] - j[0, 1] * j[2, 2]) * b[1]
+        + (j[0, 1] * j[1, 2] - j[0, 2] * j[1, 1]) * b[2]
+    ) / det  # fmt: skip
+    out[1] = (
+        a1 * b[0] + (j[0, 0] * j[2, 2] - j[0, 2] * j[2, 0]) * b[1]
+        + (j[0, 2] * j[1, 0] - j[0, 0] * j[1, 2]) * b[2]
+    ) / det  # fmt: skip
+    out[2] = (
+        a2 * b[0] + (j[0, 1] * j[2, 0] - j[0, 0] * j[2, 1]) * b[1]
+        + (j[0, 0] * j[1, 1] - j[0, 1] * j[1, 0]) * b[2]
+    ) / det  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True)
+def interpolate(v: float, speeds: Any, values: Any) -> float:
+    """Friction torque [N m] at speed v, linear between knots, straight on beyond them."""
+    n = speeds.size
+    if n < 2:
+        return 0.0
+    low, high = 0, n - 1
+    while high - low > 1:
+        mid = (low + high) // 2
+        if speeds[mid] <= v:
+            low = mid
+        else:
+            high = mid
+    share = (v - speeds[low]) / (speeds[low + 1] - speeds[low])
+    return float(values[low] + share * (values[low + 1] - values[low]))

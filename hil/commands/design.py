@@ -1,0 +1,152 @@
+"""`hil design`: a teleoperation controller on paper before it runs, and its rig file."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hil import registry, session
+from hil.commands import common, designtext, outputs, plugins
+from hil.config import RigConfig, load_rig, parse
+from hil.errors import ConfigError, unknown
+from hil.teleop import files, fsf, make, named, refuse
+from hil.teleop.make import Arms
+from hil.teleop.summary import Summary, summarise
+
+HELP = "a teleoperation controller's gains, margins, sensitivity and conditioning, before it runs"
+EXAMPLE = (
+    "hil design rigs/lawrence.toml --design position-force --set stiffness=200 -o own.toml\n"
+    "  hil run own.toml -o s.mcap"
+)
+REPORT = "design"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare options."""
+    parser.add_argument("rig", metavar="RIG.toml", help="rig file")
+    parser.add_argument(
+        "--design", choices=(*named.DESIGNS, "optimised"),
+        help="named design; default: the controller of the rig file",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE",
+        help=f"what the design is made from (repeatable): {', '.join(make.WISHES)}; "
+        f"or of the law: {', '.join(make.REAL)}",
+    )  # fmt: skip
+    parser.add_argument("--fsf", action="store_true", help="transform it to need no force sensor")
+    parser.add_argument(
+        "--model", action="append", default=[], metavar="ARM=FITTED.toml",
+        help="identified model of an arm, for computed torque and friction (repeatable)",
+    )  # fmt: skip
+    parser.add_argument("--report", metavar="D.html", help="write the plots")
+    parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
+    parser.add_argument(
+        "-o", "--output", metavar="RIG.toml",
+        help="write a rig file with this controller for 'hil run'; refused for a bad design",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make, judge, print, write."""
+    outputs.check(args.output, ".toml", [args.rig], _is_rig, "a rig file")
+    outputs.check(args.report, ".html", [args.rig], _is_report, "a design report")
+    plugins.load_installed()
+    config = load_rig(args.rig)
+    settings = make.settings(args.set)
+    parameters = _parameters(args, config, settings)
+    law_type = registry.load("hil.controllers", "lawrence").Config
+    law = parse(law_type, parameters, "controller.parameters")
+    period = config.loop.period_ns * 1e-9
+    loops = files.loops_of(law)
+    found = [summarise(loop, period) for loop in loops]
+    trouble = _trouble(loops, period)
+    if args.report:
+        with outputs.writing(args.report):
+            Path(args.report).write_text(designtext.page(loops, found, trouble), encoding="utf-8")
+    if args.json:
+        common.emit(_json(parameters, found, trouble))
+    else:
+        common.out(designtext.text(loops, found, trouble))
+    if args.output:
+        if trouble:
+            raise ConfigError(f"{args.output} is not written: {trouble}")
+        _write(args.output, config, parameters)
+        if not args.json:
+            common.out(f"\n{args.output}: run it with 'hil run {args.output} -o s.mcap'")
+    return 0
+
+
+def _parameters(
+    args: argparse.Namespace, config: RigConfig, settings: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Parameters of the law: the rig's own, or of a new design."""
+    given: dict[str, Any] = session.plain(config.controller.parameters)
+    if config.controller.name != "lawrence":
+        given = {}
+        if args.design is None:
+            raise ConfigError(
+                f"{args.rig} runs {config.controller.name!r}, which has no c1..c8; choose one with "
+                f"--design: {', '.join((*named.DESIGNS, 'optimised'))}"
+            )
+    given |= make.models(_models(args.model), config)
+    given |= {k: v for k, v in settings.items() if k in make.REAL}
+    wishes = {k: v for k, v in settings.items() if k in make.WISHES}
+    law_type = registry.load("hil.controllers", "lawrence").Config
+    base = parse(law_type, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "controller.parameters")
+    arms = Arms.of(base)
+    if args.design is None:
+        if wishes:
+            raise ConfigError(f"--set {next(iter(wishes))} needs --design NAME")
+        designs = files.designs_of(base)
+    else:
+        designs = make.designs(args.design, wishes, arms, files.realisation(base))
+    if args.fsf:
+        designs = [fsf.transform(d) for d in designs]
+    return given | files.table(designs)
+
+
+def _models(words: list[str]) -> dict[str, str]:
+    out = {}
+    for word in words:
+        arm, _, path = word.partition("=")
+        if arm not in ("leader", "follower") or not path:
+            raise ConfigError(f"--model {word}: " + unknown("arm", arm, ("leader", "follower")))
+        out[arm] = path
+    return out
+
+
+def _trouble(loops: list[refuse.Loop], period: float) -> str:
+    try:
+        refuse.refuse(loops, period)
+    except ConfigError as error:
+        return str(error)
+    return ""
+
+
+def _json(parameters: Mapping[str, Any], found: list[Summary], trouble: str) -> dict[str, Any]:
+    return {
+        "schema": "hil.design/1", "parameters": session.plain(parameters), "refused": trouble,
+        "axes": [designtext.finite(dataclasses.asdict(s)) for s in found],
+    }  # fmt: skip
+
+
+def _write(path: str, config: RigConfig, parameters: Mapping[str, Any]) -> None:
+    arms = config.controller.arms
+    law = dataclasses.replace(config.controller, name="lawrence", parameters=parameters, arms=arms)
+    text = session.to_toml(session.plain(dataclasses.replace(config, controller=law)))
+    with outputs.writing(path):
+        Path(path).write_text(text, encoding="utf-8")
+
+
+def _is_rig(path: Path) -> bool:
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return not text.strip() or 'schema = "hil.rig/' in text
+
+
+def _is_report(path: Path) -> bool:
+    with path.open("rb") as file:
+        head = file.read(4096).decode("utf-8", "replace")
+    return not head.strip() or designtext.TITLE in head

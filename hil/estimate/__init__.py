@@ -1,0 +1,1 @@
+"""Estimators: friction for compensation, external force without a sensor, states and parameters."""

@@ -1,0 +1,207 @@
+"""Without force sensors: the estimation singularity, the FSF transformation, Class II estimates.
+
+The closed loop is Q f + R v = 0 with f = (f_m, f_s), v = (v_m, -v_s).  Estimating the forces
+is solving it, f_hat = -Q^-1 R v, which needs det Q = -D != 0.  Every transparent controller
+has D = 0: perfect transparency and force estimation exclude each other (thesis 4.2.2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.errors import ConfigError
+from hil.teleop.design import IDEAL, Design, Realisation, blocks
+from hil.teleop.hybrid import ComplexArray, FloatArray, jw
+
+#: Condition number of Q up to which the transformed loop is comfortable, and where it is refused:
+#: with a sample of delay and usual filters it is stable for 1/kappa >= 0.18 and unstable at 0.05.
+COMFORTABLE, REFUSED = 3.0, 9.0
+
+
+def q_matrix(design: Design) -> FloatArray:
+    """Q = [[1 + c6, -c2], [c3, -(1 + c5)]], shape (2, 2)."""
+    return np.array([[1 + design.c6, -design.c2], [design.c3, -(1 + design.c5)]])
+
+
+def q_response(design: Design, w: FloatArray, real: Realisation = IDEAL) -> ComplexArray:
+    """Q(jw) with the filters and delays of the force channels, shape (n, 2, 2)."""
+    s = jw(w)
+    e = blocks(design, s, real)
+    parts = [np.broadcast_to(np.asarray(x, complex), s.shape) for x in (e.a, -e.b, e.c, -e.d)]
+    return np.stack([np.stack(parts[:2], -1), np.stack(parts[2:], -1)], -2)
+
+
+def conditioning(design: Design) -> float:
+    """kappa(Q) = s_max / s_min; infinite at the singularity.
+
+    1 / kappa is the relative distance in the 2-norm to the nearest singular Q (Eckart, Young).
+    """
+    values = np.linalg.svd(q_matrix(design), compute_uv=False)
+    return float(values[0] / values[1]) if values[1] > 1e-15 * values[0] else float("inf")
+
+
+def loop_gains(design: Design) -> ComplexArray:
+    """Eigenvalues lambda of [[1 + c6, c2], [c3, 1 + c5]], shape (2,); their product is D.
+
+    1 / lambda are the eigenvalues of M^-1 M_app, the apparent masses of the transformed loop.
+    """
+    a = np.array([[1 + design.c6, design.c2], [design.c3, 1 + design.c5]])
+    return np.linalg.eigvals(a).astype(complex)
+
+
+def require(design: Design, limit: float = REFUSED) -> float:
+    """Return kappa(Q), or refuse a design too close to the singularity.
+
+    Raises
+    ------
+    ConfigError
+        Naming D, kappa, the limit, and the nearest design that is not too close.
+    """
+    kappa = conditioning(design)
+    if kappa <= limit and design.D > 0.0:
+        return kappa
+    near = nearest(design, limit)
+    raise ConfigError(
+        f"design {design.name!r} is too close to the force estimation singularity: D = "
+        f"(1 + c5)(1 + c6) - c2 c3 = {design.D:.3g}, condition of Q {kappa:.3g}, at most "
+        f"{limit:.3g} is possible"
+        + (" and D must be positive" if design.D <= 0.0 else "")
+        + f"; the nearest design that works has c2 = {near.c2:.4g}, c3 = {near.c3:.4g}, "
+        f"c5 = {near.c5:.4g}, c6 = {near.c6:.4g} (condition {conditioning(near):.3g}); with force "
+        "sensors (fsf = false) there is no such limit"
+    )
+
+
+def nearest(design: Design, limit: float = REFUSED) -> Design:
+    """Nearest design (Frobenius norm of Q) with kappa(Q) <= limit and D > 0.
+
+    With the singular values s1 >= s2 of A = [[1 + c6, c2], [c3, 1 + c5]] = U diag(s1, s2) V^T and
+    det U V^T > 0 the nearest diag is the projection of (s1, s2) on s1 = limit s2; a negative D
+    counts as a negative s2.
+    """
+    a = np.array([[1 + design.c6, design.c2], [design.c3, 1 + design.c5]])
+    u, s, vt = np.linalg.svd(a)
+    if np.linalg.det(u) * np.linalg.det(vt) < 0:
+        u[:, 1], s[1] = -u[:, 1], -s[1]
+    if s[1] * limit < s[0]:
+        # foot of the perpendicular on the line (limit, 1)
+        t = (limit * s[0] + s[1]) / (limit**2 + 1)
+        s = np.array([limit, 1.0]) * t * (1 + 1e-12)
+        s[1] *= 1 + 1e-9
+    b = u @ np.diag(s) @ vt
+    return replace(
+        design, c6=float(b[0, 0] - 1), c2=float(b[0, 1]), c3=float(b[1, 0]), c5=float(b[1, 1] - 1)
+    )
+
+
+def transform(design: Design, limit: float = REFUSED) -> Design:
+    """Equivalent controller that measures no force: same H, same closed-loop poles.
+
+    Two controllers are equivalent if [Q' R'] = T [Q R] with T invertible.  Q' = diag(1, -1) gives
+
+        c1' = [c3 (z_cm + c8) + (1 + c6) c1] / D      c4' = [(1 + c5) c4 - c2 (z_cs + c7)] / D
+        c7' = [(1 + c6)(z_cs + c7) - c3 c4] / D - z_cs
+        c8' = [(1 + c5)(z_cm + c8) + c2 c1] / D - z_cm
+
+    whose parts a s are the acceleration gains (thesis 3.2.3; derived in this form).
+
+    Raises
+    ------
+    ConfigError
+        If it is too close to the singularity (`require`).
+    """
+    require(design, limit)
+    zm, zs = design.master.term, design.slave.term
+    a, b, c, d = 1 + design.c6, design.c2, design.c3, 1 + design.c5
+    over = 1.0 / design.D
+    master, slave = zm + design.c8, zs + design.c7
+    return replace(
+        design,
+        c1=(master * c + design.c1 * a) * over,
+        c4=(design.c4 * d + -(slave * b)) * over,
+        c7=(slave * a + -(design.c4 * c)) * over + -zs,
+        c8=(master * d + design.c1 * b) * over + -zm,
+        c2=0.0, c3=0.0, c5=0.0, c6=0.0, name=f"{design.name}-fsf",
+    )  # fmt: skip
+
+
+def master_measured(design: Design) -> Design:
+    """Equivalent controller that estimates the slave's force alone; f_m is measured.
+
+    Raises
+    ------
+    ConfigError
+        If c5 = -1: the slave's force does not show in its own motion.
+    """
+    d = 1 + design.c5
+    if abs(d) < 1.0 / REFUSED:
+        raise ConfigError(
+            f"design {design.name!r}: the slave's force cannot be estimated with c5 = "
+            f"{design.c5:.4g}; |1 + c5| must be at least {1 / REFUSED:.3g}"
+        )
+    slave = design.slave.term + design.c7
+    return replace(
+        design,
+        c1=design.c1 * (1 / d),
+        c3=design.c3 / d,
+        c4=design.c4 + -(slave * (design.c2 / d)),
+        c6=design.c6 - design.c2 * design.c3 / d,
+        c7=(design.c7 + -(design.slave.term * design.c5)) * (1 / d),
+        c8=design.c8 + design.c1 * (design.c2 / d),
+        c2=0.0, c5=0.0, name=f"{design.name}-slave-fsf",
+    )  # fmt: skip
+
+
+def estimate(q: FloatArray, r: FloatArray) -> FloatArray:
+    """Class II estimate f_hat = -Q^-1 R(v) of (f_m, f_s) [N], shape (..., 2).
+
+    Parameters
+    ----------
+    q : ndarray (2, 2)
+        Force gains; `require` them first.
+    r : ndarray (..., 2)
+        R(v): (f_cm0 - d_m, f_cs0 - d_s) with f_c0 the law without its force terms and d the full
+        non-linear robot terms including M q'' [N].  f_s is ON the environment.
+    """
+    return np.asarray(-np.linalg.solve(q, r[..., None])[..., 0], np.float64)
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Whether the acceleration loop of a transformed design survives sampling.
+
+    Parameters
+    ----------
+    smallest : float
+        Smallest real part of the loop gains lambda.
+    bound : float
+        What it must exceed: 1/2 unfiltered, alpha/2 with a first-order filter.
+    """
+
+    smallest: float
+    bound: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether it does."""
+        return self.smallest > self.bound
+
+
+def sampled_condition(design: Design, acceleration_hz: float, period: float) -> Sampled:
+    """Condition under which the transformed loop stays stable with one sample of delay.
+
+    The acceleration of one sample ago, filtered by a_f += alpha (a - a_f) with
+    alpha = 1 - exp(-2 pi f T), feeds back the matrix M_app - M: stable if and only if
+    lambda > alpha/2 (real lambda), Re lambda > 1/2 without a filter.
+
+    Parameters
+    ----------
+    acceleration_hz : float
+        Corner of the acceleration filter; 0 = none.
+    period : float
+        Sample period [s].
+    """
+    alpha = 1.0 - np.exp(-2 * np.pi * acceleration_hz * period) if acceleration_hz else 1.0
+    return Sampled(float(loop_gains(design).real.min()), float(alpha / 2))

@@ -1,0 +1,184 @@
+"""Hybrid matrix, transmitted impedance, sensitivity, characteristic equation, delay margin.
+
+    [f_m; -v_s] = H [v_m; f_s],   H = 1/Dh [[Zm Zs + c1 c4, b Zs - d c4], [-(c Zm + a c1), a d - b c]],
+    Dh = a Zs - c c4.   Transparent: H = [[0, 1], [-1, 0]].
+
+Thesis sections 3.2 and 3.5; the closed form is derived from the two control laws.
+"""  # noqa: E501
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError
+from hil.teleop.design import IDEAL, Blocks, Design, Realisation, blocks
+from hil.teleop.rational import Rational
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+#: Angular frequencies [rad/s] at which designs are judged.
+GRID: FloatArray = np.geomspace(0.1, 2000.0, 400)
+
+
+@dataclass(frozen=True)
+class Impedance:
+    """Operator or environment z(s) = m s + b + k / s.
+
+    Parameters
+    ----------
+    m, b, k : float
+        [kg], [N s/m], [N/m].
+    """
+
+    m: float = 0.0
+    b: float = 0.0
+    k: float = 0.0
+
+    def __call__(self, s: Any) -> Any:
+        """Value at s."""
+        return self.m * s + self.b + self.k / s
+
+
+#: A relaxed hand (mass 0.4 kg, 4 N s/m, 150 N/m) and a soft gel (300 N/m, 1.5 N s/m); assumptions
+#: of the size that the field uses.
+HAND = Impedance(0.4, 4.0, 150.0)
+GEL = Impedance(0.0, 1.5, 300.0)
+FREE = Impedance()
+
+
+def jw(w: Any = GRID) -> ComplexArray:
+    """Points j w on the imaginary axis; w [rad/s]."""
+    out: ComplexArray = 1j * np.asarray(w, float)
+    return out
+
+
+def of_blocks(e: Blocks) -> tuple[Any, Any, Any, Any]:
+    """h11 [N s/m], h12 [1], h21 [1], h22 [m/(N s)] from blocks."""
+    # Dh = a Zs - c c4
+    below = e.a * e.Zs - e.c * e.c4
+    return (
+        (e.Zm * e.Zs + e.c1 * e.c4) / below,
+        (e.b * e.Zs - e.d * e.c4) / below,
+        -(e.c * e.Zm + e.a * e.c1) / below,
+        (e.a * e.d - e.b * e.c) / below,
+    )
+
+
+def hybrid(design: Design, s: Any, real: Realisation = IDEAL) -> ComplexArray:
+    """Hybrid matrix at s (n,), shape (n, 2, 2).
+
+    Raises
+    ------
+    ConfigError
+        Where the ports are not determined by the controller: c1 c2 = c3 c4 everywhere.
+    """
+    s = np.atleast_1d(s)
+    with np.errstate(divide="ignore", invalid="ignore"):  # told below, with its reason
+        parts = [np.broadcast_to(h, s.shape) for h in of_blocks(blocks(design, s, real))]
+    h = np.stack([np.stack(parts[:2], -1), np.stack(parts[2:], -1)], -2)
+    if not np.isfinite(h).all():
+        raise ConfigError(
+            f"design {design.name!r} has no hybrid matrix: (1 + c6)(z_cs + c7) = c3 c4, so the "
+            "port variables are not determined; change c4, c6 or c7"
+        )
+    return h
+
+
+def transmitted(h: ComplexArray, ze: Any) -> ComplexArray:
+    """Impedance that the operator feels, z_t = h11 - h12 h21 z_e / (1 + h22 z_e) [N s/m], (n,)."""
+    ze = np.asarray(ze, complex)
+    out: ComplexArray = h[..., 0, 0] - h[..., 0, 1] * h[..., 1, 0] * ze / (1 + h[..., 1, 1] * ze)
+    return out
+
+
+def sensitivity(h: ComplexArray, ze: Any, other: Any = None) -> ComplexArray:
+    """Slope of z_t over z_e; with `other` the exact secant between two environments, (n,).
+
+    dz_t/dz_e = -h12 h21 / (1 + h22 z_e)^2, and (z_t2 - z_t1)/(z_e2 - z_e1) with the product of
+    both factors below.  Transparent: 1.
+    """
+    near = 1 + h[..., 1, 1] * np.asarray(ze, complex)
+    far = near if other is None else 1 + h[..., 1, 1] * np.asarray(other, complex)
+    out: ComplexArray = -h[..., 0, 1] * h[..., 1, 0] / (near * far)
+    return out
+
+
+def width(h: ComplexArray, w: FloatArray, ze_max: Impedance) -> FloatArray:
+    """Width of transmitted impedance |z_t(z_e max) - z_t(0)| [N s/m], (n,).
+
+    What the operator can feel at all: the difference between free space and the stiffest world.
+    """
+    wide: FloatArray = np.abs(transmitted(h, ze_max(jw(w))) - transmitted(h, 0.0))
+    return wide
+
+
+def characteristic(design: Design, zh: Impedance, ze: Impedance, real: Realisation = IDEAL) -> Any:
+    """Chi = (a z_h + Zm)(d z_e + Zs) - (b z_e + c4)(c z_h - c1), a `Rational` [(N s/m)^2].
+
+    For f_m = -z_h v_m and f_s = z_e v_s; its zeros are the poles of the closed loop.
+    """
+    s = Rational.s()
+    e = blocks(design, s, real)
+    h, n = zh(s), ze(s)
+    return (e.a * h + e.Zm) * (e.d * n + e.Zs) - (e.b * n + e.c4) * (e.c * h - e.c1)
+
+
+def poles(
+    design: Design, zh: Impedance = HAND, ze: Impedance = GEL, real: Realisation = IDEAL
+) -> ComplexArray:
+    """Poles of the closed loop with operator and environment [rad/s]; delays by Pade."""
+    return Rational.zeros(characteristic(design, zh, ze, real))
+
+
+def delay_margin(
+    design: Design, zh: Impedance = HAND, ze: Impedance = GEL, real: Realisation = IDEAL
+) -> float:
+    """Longest additional round-trip delay for which the closed loop stays stable [s].
+
+    Forward and backward channels meet in one loop: chi = P - L exp(-s T) with
+    P = (a z_h + Zm)(d z_e + Zs), L = (b z_e + c4)(c z_h - c1).  A root crosses the axis at w
+    with |L / P| = 1 once w T = arg(L / P) + 2 pi n; the smallest such T > 0 is the margin.
+
+    Returns
+    -------
+    float
+        Infinite where no delay destabilises, 0 where the loop is unstable already.
+    """
+    if poles(design, zh, ze, real)[:1].real.max(initial=-1.0) >= 0.0:
+        return 0.0
+    w = np.geomspace(1e-2, 1e5, 20000)
+    ratio = _round_trip(design, zh, ze, real, w)
+    size = np.log(np.maximum(np.abs(ratio), 1e-300))
+    at = np.flatnonzero(size[:-1] * size[1:] < 0.0)
+    if not at.size:
+        return float("inf")
+    found = [_crossing(design, zh, ze, real, w[k], w[k + 1]) for k in at]
+    return float(min(found))
+
+
+def _round_trip(
+    design: Design, zh: Impedance, ze: Impedance, real: Realisation, w: FloatArray
+) -> ComplexArray:
+    s = jw(w)
+    e = blocks(design, s, real)
+    h, n = zh(s), ze(s)
+    around = (e.b * n + e.c4) * (e.c * h - e.c1)
+    out: ComplexArray = np.broadcast_to(around, s.shape) / ((e.a * h + e.Zm) * (e.d * n + e.Zs))
+    return out
+
+
+def _crossing(
+    design: Design, zh: Impedance, ze: Impedance, real: Realisation, low: float, high: float
+) -> float:
+    """Delay at the frequency between low and high where the round trip has gain 1 [s]."""
+    w = np.array([low, high])
+    for _ in range(60):
+        mid = np.array([np.sqrt(w[0] * w[1])])
+        ends = np.log(np.abs(_round_trip(design, zh, ze, real, np.append(w[:1], mid))))
+        w = np.array([mid[0], w[1]]) if ends[0] * ends[1] > 0 else np.array([w[0], mid[0]])
+    ratio = _round_trip(design, zh, ze, real, w[:1])
+    return float(np.mod(np.angle(ratio[0]), 2 * np.pi) / w[0])

@@ -1,0 +1,149 @@
+"""From words of a command line to the designs of three axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Protocol
+
+from hil.errors import ConfigError, unknown
+from hil.estimate import compensation
+from hil.models.files import read_model
+from hil.models.phantom import Premium
+from hil.teleop import files, named
+from hil.teleop.design import Design, Realisation, Robot
+from hil.teleop.named import Wish
+
+#: What a design is made from, and what of the law can be set beside it.
+WISHES = tuple(f.name for f in fields(Wish) if f.name not in ("master", "slave"))
+REAL = (
+    "shape", "leader_mass", "follower_mass", "velocity_hz", "acceleration_hz", "force_hz",
+    "forward", "backward",
+)  # fmt: skip
+#: Masses of the sensors on the tip [kg] (data sheets), reflected inertia of the rotors [kg m^2].
+SENSORS = {"nano17": 0.009, "nano25": 0.063}
+ROTORS = (1.8e-4, 1.3e-4, 1.3e-4)
+
+
+class Rig(Protocol):
+    """What is read of a rig file."""
+
+    @property
+    def devices(self) -> Mapping[str, Any]:
+        """Devices by name."""
+
+    @property
+    def controller(self) -> Any:
+        """Controller with its arms and parameters."""
+
+
+@dataclass(frozen=True)
+class Arms:
+    """The two arms as the axes see them.
+
+    Parameters
+    ----------
+    master, slave : tuple of 3 floats
+        Mass on each axis [kg]: the natural one, or what computed torque makes of it.
+    """
+
+    master: tuple[float, ...]
+    slave: tuple[float, ...]
+
+    @staticmethod
+    def of(law: Any) -> Arms:
+        """Masses for a law: its own where the arm is shaped, else those of its models."""
+        if law.shape != "natural":
+            m, s = law.masses()
+            return Arms(tuple(map(float, m)), tuple(map(float, s)))
+        tips = [files.tip_mass(p, law.pose) for p in (law.leader_model, law.follower_model)]
+        return Arms(*(tuple(round(float(x), 4) for x in tip) for tip in tips))
+
+
+def settings(words: Sequence[str]) -> dict[str, Any]:
+    """Values of KEY=VALUE words; channels as DELAY[,JITTER[,LOSS]] in seconds.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown key, or a value that is no number.
+    """
+    out: dict[str, Any] = {}
+    for word in words:
+        key, _, text = word.partition("=")
+        if key not in (*WISHES, *REAL):
+            raise ConfigError("--set: " + unknown("key", key, (*WISHES, *REAL)))
+        out[key] = text if key == "shape" else _value(key, text)
+    return out
+
+
+def _value(key: str, text: str) -> Any:
+    try:
+        numbers = [float(x) for x in text.split(",")]
+    except ValueError:
+        raise ConfigError(f"--set {key}={text}: a number is needed") from None
+    if key in ("forward", "backward"):
+        return dict(zip(("delay", "jitter", "loss"), numbers, strict=False))
+    if key.endswith("_mass"):
+        return numbers
+    if len(numbers) != 1:
+        raise ConfigError(f"--set {key}={text}: one number is needed")
+    return numbers[0]
+
+
+def designs(name: str, wishes: Mapping[str, float], arms: Arms, real: Realisation) -> list[Design]:
+    """Designs of the three axes, each for its own masses.
+
+    Parameters
+    ----------
+    name : str
+        Named design, or ``"optimised"``.
+    wishes : mapping
+        Values of `Wish`.
+    arms : Arms
+        Masses.
+    real : Realisation
+        Filters and delays, for the optimisation.
+    """
+    out = []
+    for m, s in zip(arms.master, arms.slave, strict=True):
+        robots = {"master": Robot(m), "slave": Robot(s)}
+        out.append(named.design(name, replace(Wish(**wishes), **robots)))  # type: ignore[arg-type]
+    return out
+
+
+def models(paths: Mapping[str, str], rig: Rig) -> dict[str, Any]:
+    """Rigid-body parameters and friction tables of both arms.
+
+    An arm without a fitted model gets the published parameters with its rotors and the mass of
+    its force sensor, and no friction compensation.
+    """
+    out: dict[str, Any] = {}
+    given = rig.controller.parameters
+    for role, arm in zip(("leader", "follower"), rig.controller.arms, strict=True):
+        if role in paths:
+            model = read_model(paths[role])
+            out[f"{role}_model"] = compensation.rigid_parameters(model).tolist()
+            out[f"{role}_friction"] = compensation.friction_tables(model).reshape(-1).tolist()
+            out["friction_speeds"] = compensation.SPEEDS.tolist()
+        elif f"{role}_model" not in given:
+            out[f"{role}_model"] = nominal(_payload(rig, arm))
+    for role in ("leader", "follower"):
+        if "friction_speeds" in out and f"{role}_friction" not in out:
+            out[f"{role}_friction"] = [0.0] * 3 * len(out["friction_speeds"])
+    return out
+
+
+def nominal(payload: float) -> list[float]:
+    """Published parameters pi with rotors and a mass [kg] at the tip, (8,)."""
+    pi = Premium.prior.copy()
+    pi[[0, 4, 5]] += ROTORS
+    return [float(x) for x in files.payload(pi, payload)]
+
+
+def _payload(rig: Rig, arm: str) -> float:
+    """Mass of an arm's force sensor [kg]."""
+    for device in rig.devices.values():
+        if device.arm == arm and device.driver == "ft-sensor":
+            return SENSORS.get(str(device.options.get("model", "nano17")), 0.0)
+    return 0.0

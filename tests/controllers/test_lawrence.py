@@ -1,0 +1,249 @@
+"""The Lawrence law: channels, computed torque, sampled prediction, refusals; on the rig too."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controllers import channel, dynamics, ela, geometry, lawrence
+from controllers.channel import ChannelConfig
+from controllers.lawrence import Lawrence, LawrenceConfig
+from hil.cli import main
+from hil.config import load_rig
+from hil.errors import ConfigError
+from hil.models.phantom import Premium
+from hil.record.reader import load
+from hil.teleop import files, named, sampled
+from hil.teleop.design import Design, Robot, Term
+
+RIGS = Path(__file__).parents[2] / "rigs"
+ARMS, T = ("leader", "follower"), 1e-3
+LENGTHS = np.array([0.215, 0.170])
+HOME = np.array([0.1, 0.4, 0.3])
+
+
+def config(**changes):
+    design = named.design("position-force", named.Wish(stiffness=200, damping=1.5, share=0.5,
+                          master_damping=0.3))  # fmt: skip
+    return LawrenceConfig(**{**files.table([design]), **changes})
+
+
+def at_home():
+    u = np.zeros((2, 12))
+    u[:, :3] = HOME
+    return u
+
+
+def drive(law, forces=None, steps=30, move=0.0):
+    """Final torques and state; `forces` (2, 3) from the start, the leader moved by `move` rad."""
+    n = len(law.state_names)
+    x, following, y = np.zeros(n), np.zeros(n), np.zeros((2, 3))
+    seen = []
+    for k in range(1, steps + 1):
+        u = at_home()
+        if forces is not None:
+            u[:, 6:9] = forces
+        if k > 1:
+            u[0, 0] += move
+        law.update(k * T, x, u, following, y)
+        x, following = following, x
+        seen.append(y.copy())
+    return np.array(seen), x
+
+
+def test_the_law_is_pure_also_with_a_channel():
+    law = Lawrence(config(forward=ChannelConfig(0.003), backward=ChannelConfig(0.002)), ARMS, T)
+    rng = np.random.default_rng(0)
+    n = len(law.state_names)
+    x, u = rng.uniform(0.1, 1, n), rng.uniform(-0.3, 0.3, (2, 12))
+    kept, answers = (x.copy(), u.copy()), []
+    for _ in range(2):
+        following, y = np.full(n, np.nan), np.full((2, 3), np.nan)
+        law.update(1.234, x, u, following, y)
+        answers.append((following, y))
+    for a, b in zip(*answers, strict=True):
+        assert np.isfinite(a).all()
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(x, kept[0])
+    np.testing.assert_array_equal(u, kept[1])
+
+
+def test_the_two_laws_on_an_axis():
+    d = Design(Term(1, 2, 3), 0.4, 0.5, Term(4, 5, 6), 0.6, 0.7, Term(7, 8, 9), Term(10, 11, 12))
+    g = sampled.gains(d)
+    m, s = np.array([0.1, 0.2, 0.3, 0.4]), np.array([0.5, 0.6, 0.7, 0.8])
+    terms = {n: np.array([getattr(d, n).k, getattr(d, n).b, getattr(d, n).a])
+             for n in ("c1", "c4", "c7", "c8")}  # fmt: skip
+    fcm = 0.7 * 0.4 - 0.4 * 0.8 - terms["c4"] @ s[:3] - terms["c8"] @ m[:3]
+    fcs = terms["c1"] @ m[:3] + 0.5 * 0.4 - 0.6 * 0.8 - terms["c7"] @ s[:3]
+    assert ela.master(g, m, s) == pytest.approx(fcm)
+    assert ela.slave(g, m, s) == pytest.approx(fcs)
+
+
+def test_the_follower_is_pulled_and_the_force_comes_back():
+    law = Lawrence(config(force_hz=0.0), ARMS, T)
+    rest, _ = drive(law)
+    pulled, _ = drive(law, move=0.05)
+    assert pulled[-1, 1, 0] > rest[-1, 1, 0] + 0.02
+    force = np.array([0.3, -0.2, 1.0])
+    pushed, x = drive(law, np.stack([np.zeros(3), force]))
+    jacobian = np.zeros((3, 3))
+    geometry.jacobian(HOME, LENGTHS, jacobian)
+    # the environment pushes the follower by +F, so f_s = -F and the leader gets +c2 F
+    np.testing.assert_allclose(pushed[-1, 0] - rest[-1, 0], 0.5 * jacobian.T @ force, atol=1e-9)
+    assert x.size == len(law.state_names)
+
+
+def test_a_delayed_channel_delivers_late_and_a_lossy_one_holds():
+    law = Lawrence(config(forward=ChannelConfig(0.004)), ARMS, T)
+    moved, _ = drive(law, move=0.05)
+    pull = moved[:, 1, 0] - moved[0, 1, 0]
+    assert np.flatnonzero(np.abs(pull) > 1e-9)[0] == 1 + 4
+    ages = channel.schedule(ChannelConfig(0.005, 0.003, 0.2), T, seed=3)
+    assert ages.min() == 5 and 8 <= ages.max() < 40
+    # the newest packet only ever gets newer
+    assert (np.diff(np.arange(ages.size) - ages) >= 0).all()
+    assert (channel.schedule(ChannelConfig(0.005), T, 0) == 5).all()
+    none = channel.schedule(ChannelConfig(loss=0.3), T, 1)
+    assert np.mean(none > 0) == pytest.approx(0.3, abs=0.02)
+    assert channel.mean_delay(ChannelConfig(0.005), T) == pytest.approx(0.005)
+    with pytest.raises(ConfigError, match="loss"):
+        ChannelConfig(loss=1.0)
+
+
+def test_inverse_dynamics_is_that_of_the_library():
+    rng = np.random.default_rng(1)
+    q, v, a = (rng.uniform(-1, 1, (200, 3)) for _ in range(3))
+    wanted = Premium(()).regressor(q, v, a) @ np.array(lawrence.PREMIUM)
+    out = np.zeros(3)
+    for k in range(200):
+        dynamics.inverse_dynamics(q[k], v[k], a[k], np.array(lawrence.PREMIUM), out)
+        np.testing.assert_allclose(out, wanted[k], atol=1e-15)
+    np.testing.assert_allclose(Premium.prior, lawrence.PREMIUM)
+
+
+def accelerated(q, v, tau, force, pi):
+    """q'' of the model under tau and a tip force."""
+    arm = Premium(())
+    rest = arm.regressor(q[None], v[None], np.zeros((1, 3)))[0] @ pi
+    m = np.stack([arm.regressor(q[None], v[None], e[None])[0] @ pi - rest for e in np.eye(3)], 1)
+    jac = arm.jacobian(q[None])[0]
+    return np.linalg.solve(m, tau + jac.T @ force - rest), jac
+
+
+@pytest.mark.parametrize("shape", ["force", "acceleration"])
+def test_computed_torque_makes_a_point_mass_of_the_arm(shape):
+    """Mw p'' = F_c + F_s to rounding, at any pose, speed and force (ideal signals)."""
+    rng = np.random.default_rng(2)
+    law = config(shape=shape, leader_mass=(0.1, 0.2, 0.3), follower_mass=(0.15,))
+    c = lawrence.constants(law, T)
+    w, pi = np.zeros(1, lawrence._WORK)[0], np.array(lawrence.PREMIUM)
+    arm, out = Premium(()), np.zeros(3)
+    for arm_index in (0, 1):
+        for _ in range(40):
+            q = np.array([rng.uniform(-1, 1), rng.uniform(-0.3, 0.9), 0.0])
+            q[2] = q[1] + rng.uniform(-0.6, 0.6)
+            v, fc, fs = rng.uniform(-3, 3, 3), rng.normal(size=3), rng.normal(size=3)
+            w["jacobian"][arm_index] = arm.jacobian(q[None])[0]
+            sign = 1.0 if arm_index == 0 else -1.0
+            w["signals"][arm_index, :, 3] = sign * fs
+            eps = 1e-6
+            ahead, behind = (arm.jacobian((q + h * v)[None])[0] @ v for h in (eps, -eps))
+            bend = (ahead - behind) / (2 * eps)
+            if shape == "acceleration":
+                # the acceleration that the point mass would have, fed back
+                w["signals"][arm_index, :, 2] = (fc + fs) / c["masses"][arm_index]
+            lawrence.torque(arm_index, q, v, fc, c, w, out)
+            qdd, jac = accelerated(q, v, out, fs, pi)
+            got = jac @ qdd + bend
+            np.testing.assert_allclose(c["masses"][arm_index] * got, fc + fs, atol=1e-6)
+
+
+def test_near_a_singular_pose_torques_stay_finite():
+    law = Lawrence(config(shape="force"), ARMS, T)
+    n = len(law.state_names)
+    u, following, y = np.zeros((2, 12)), np.zeros(n), np.zeros((2, 3))
+    u[:, 1], u[:, 6:9] = np.pi / 2, 1.0
+    law.update(T, np.zeros(n), u, following, y)
+    assert np.isfinite(y).all()
+
+
+BAD = [
+    ({"c7": (-50.0, 1.0, 0.0)}, "c7 .* pushes the slave away"),
+    ({"c8": (0.0, 0.3, 0.05), "acceleration_hz": 0.0}, "improper gain; set acceleration_hz"),
+    ({"c5": (-1.5,)}, "c5 = -1.5 is improper"),
+    ({"c2": (4.0,)}, "unstable, a pole at"),
+    ({"c1": (300.0, 5.0, 0.0), "c7": (300.0, 5.0, 0.0)}, "not when sampled every 1 ms"),
+    ({"backward": ChannelConfig(0.15)}, "round-trip delay of 150 ms is beyond the margin of"),
+    ({"c1": (float("nan"), 0.0, 0.0)}, "not a finite number"),
+]
+
+
+@pytest.mark.parametrize(("changes", "says"), BAD)
+def test_a_bad_design_is_refused_before_anything_moves(changes, says):
+    with pytest.raises(ConfigError, match=says):
+        Lawrence(config(**changes), ARMS, T)
+
+
+def test_the_command_prints_and_writes_what_run_takes(tmp_path, capsys):
+    rig, own = str(RIGS / "lawrence.toml"), str(tmp_path / "own.toml")
+    words = ["design", rig, "--design", "position-error", "--set", "stiffness=150",
+             "--set", "damping=1.2", "--set", "master_stiffness=150", "--set",
+             "master_damping=1.2", "--set", "forward=0.002,0.001,0.05", "--set",
+             "velocity_hz=30"]  # fmt: skip
+    page = tmp_path / "d.html"
+    assert main([*words, "-o", own, "--report", str(page)]) == 0
+    said = capsys.readouterr().out
+    assert "may run" in said and "dz_t/dz_e" in said
+    assert page.read_text().count("<figure>") == 4
+    law = load_rig(own).controller
+    assert law.name == "lawrence"
+    assert law.parameters["c1"][:2] == (150.0, 1.2) or law.parameters["c1"][:2] == [150.0, 1.2]
+    assert main(["run", own, "-o", str(tmp_path / "s.mcap"), "--seconds", "0.3"]) == 0
+
+
+def test_the_command_refuses_to_write_a_bad_design(tmp_path, capsys):
+    rig, own = str(RIGS / "lawrence.toml"), tmp_path / "own.toml"
+    words = ["design", rig, "--design", "four-channel", "-o", str(own)]
+    assert main(words) == 2
+    said = capsys.readouterr()
+    assert "is not written" in said.err and "REFUSED" in said.out
+    assert not own.exists()
+    assert main([*words, "--fsf"]) == 2
+    assert "singularity" in capsys.readouterr().err
+    assert main(["design", rig, "--set", "stifness=3"]) == 2
+    assert "Did you mean 'stiffness'" in capsys.readouterr().err
+    assert main(["design", str(RIGS / "teleop.toml")]) == 2
+    assert "--design" in capsys.readouterr().err
+
+
+def session(tmp_path, over, seconds=3.0):
+    from hil.app import run
+
+    run(load_rig(RIGS / "lawrence.toml", over), seconds, 3, output=tmp_path / "s.mcap")
+    return [load(tmp_path / "s.mcap", arm) for arm in ARMS]
+
+
+def test_the_simulated_rig_tracks_and_the_operator_feels_the_gel(tmp_path):
+    over = {"simulation": {"gel": {"below_home": -0.002}}}
+    leader, follower = session(tmp_path, over)
+    tips = [Premium(()).tip(r.q) for r in (leader, follower)]
+    tips = [p - p[0] for p in tips]
+    assert tips[0].std(0).min() > 5e-3
+    assert np.sqrt(np.mean((tips[0] - tips[1])[:, :2] ** 2)) < 1.5e-3
+    touch = follower.wrench[:, 2] > 0.1
+    assert touch.sum() > 200
+    # the hand holds up against half of the gel's force
+    assert np.corrcoef(leader.wrench[touch, 2], follower.wrench[touch, 2])[0, 1] < -0.3
+
+
+def test_design_masses_and_rig_file_belong_together():
+    law = LawrenceConfig(**{
+        k: tuple(v) if isinstance(v, (list, tuple)) else v
+        for k, v in load_rig(RIGS / "lawrence.toml").controller.parameters.items()
+    })  # fmt: skip
+    for pi, mass in ((law.leader_model, law.leader_mass), (law.follower_model, law.follower_mass)):
+        np.testing.assert_allclose(files.tip_mass(pi, law.pose), mass, atol=1e-4)
+    assert replace(law, shape="force").shape == "force"
+    assert Robot(0.1).m == 0.1

@@ -1,0 +1,28 @@
+"""Designs for the tests of the theory."""
+
+from hypothesis import strategies as st
+
+from hil.teleop.design import Design, Robot, Term
+
+gain = st.floats(-2, 2)
+positive = st.floats(0.05, 3)
+
+
+def terms(stiff=400.0):
+    return st.builds(Term, st.floats(-stiff, stiff), st.floats(-20, 20), st.floats(-0.2, 0.2))
+
+
+def robots():
+    return st.builds(Robot, positive, st.floats(0, 2))
+
+
+def anchor():
+    return Design(
+        c1=Term(210, 14), c2=0.4, c3=0.1, c4=Term(-180, -12), c5=0.1, c7=Term(240, 16),
+        c8=Term(240, 16), master=Robot(0.3), slave=Robot(0.3), name="anchor",
+    )  # fmt: skip
+
+
+def designs():
+    return st.builds(Design, c1=terms(), c2=gain, c3=gain, c4=terms(), c5=gain, c6=gain,
+                     c7=terms(), c8=terms(), master=robots(), slave=robots())  # fmt: skip
