@@ -81,20 +81,21 @@ class SimBus(can.BusABC):
         """
         if self._is_shutdown or msg.is_extended_id or msg.is_remote_frame or msg.is_fd:
             raise can.CanOperationError("bus is shut down, or not a data frame of 11 bits")
-        now = self._line.time.now_ns
-        self._line.run(now)
         if self._host.off:
             raise can.CanOperationError("the controller is bus-off: too many transmit errors")
         if len(self._host.outbox) >= QUEUE:
             raise can.CanOperationError("Failed to transmit: No buffer space available")
-        self._host.outbox.append((now, Frame(msg.arbitration_id, bytes(msg.data))))
+        self._host.outbox.append(
+            (self._line.time.now_ns, Frame(msg.arbitration_id, bytes(msg.data)))
+        )
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Next frame that passes the filters, within `timeout` [s] of the line's time."""
         if self._is_shutdown:
             raise can.CanOperationError("bus is shut down")
         line, inbox = self._line, self._host.inbox
-        line.run(line.time.now_ns)
+        if not inbox:
+            line.run(line.time.now_ns)
         limit = line.time.now_ns + (FOREVER_NS if timeout is None else round(timeout * 1e9))
         while True:
             while inbox:
