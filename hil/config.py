@@ -16,7 +16,7 @@ from hil.errors import ConfigError, unknown
 SCHEMA = "hil.rig/1"
 #: sim: ideal wires.  sim-wire: the same drivers as on hardware, on simulated buses.  The others
 #: are the hardware: "hardware" every box on its own bus, or the name of that bus.
-BACKENDS = ("sim", "sim-wire", "hardware", "usb", "hid", "can")
+BACKENDS = ("sim", "sim-wire", "hardware", "usb", "hid", "can", "udp")
 SIMULATED = ("sim", "sim-wire")
 T = TypeVar("T")
 

@@ -16,6 +16,8 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "usb-quad08": "drivers.usb_quad08",
         "usb-31xx": "drivers.usb_31xx",
         "netcanoem": "drivers.netcanoem",
+        "netft-can": "drivers.netft_can",
+        "netft-rdt": "drivers.netft_rdt",
     },
     "hil.controllers": {
         "joint-tracking": "controllers.joint_tracking",

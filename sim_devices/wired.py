@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError, unknown
 from hil.signals.bus import Bus, Step
 from sim_devices.bench import Bench
-from sim_devices.force.mount import SimCan
-from sim_devices.force.netcanoem import NetCanOemBoard
+from sim_devices.force.mount import SimForce
 from sim_devices.hid.module import SimHid
 from sim_devices.hid.usb31xx import Sim31xx
 from sim_devices.usb.backend import SimUsb
@@ -47,9 +46,10 @@ class WiredBench:
         self.bench = bench
         self._pumps: dict[str, Step] = {}
         self.usb, self.hid = SimUsb(), SimHid(self._wait)
-        self.can = SimCan(bench)
+        self.force = SimForce(bench)
         self.buses = {"usb": self._bus("usb", self.usb), "hid": self._bus("hid", self.hid)}
-        self.buses["can"] = replace(self._bus("can", self.can.handle), advance=self.can.at)
+        for kind, handle in (("can", self.force.handle), ("udp", self.force.socket)):
+            self.buses[kind] = replace(self._bus(kind, handle), advance=self.force.at)
         self.boxes: dict[str, Any] = {}
         self._alive: dict[int, dict[str, int]] = {}
         for name, row in plan.items():
@@ -144,8 +144,15 @@ def _usb31xx(wired: WiredBench, name: str, row: dict[str, Any]) -> Sim31xx:
     return box
 
 
-def _netcanoem(wired: WiredBench, name: str, row: dict[str, Any]) -> NetCanOemBoard:
-    return wired.can.netcanoem(row["address"], row["options"], arm_of(name, row["cables"]))
+def _sensor(kind: str) -> Callable[[WiredBench, str, dict[str, Any]], Any]:
+    """Builder of a force sensor, by its method of `SimForce`."""
+
+    def build(wired: WiredBench, name: str, row: dict[str, Any]) -> Any:
+        return getattr(wired.force, kind)(
+            row["address"], row["options"], arm_of(name, row["cables"])
+        )
+
+    return build
 
 
 def arm_of(name: str, cables: list[Cable]) -> str:
@@ -160,5 +167,7 @@ def arm_of(name: str, cables: list[Cable]) -> str:
 BUILDERS: dict[str, Callable[[WiredBench, str, dict[str, Any]], Any]] = {
     "usb-quad08": _quad08,
     "usb-31xx": _usb31xx,
-    "netcanoem": _netcanoem,
+    "netcanoem": _sensor("netcanoem"),
+    "netft-can": _sensor("netft_can"),
+    "netft-rdt": _sensor("netft_rdt"),
 }

@@ -1,36 +1,28 @@
-"""Driver of the ATI 9105-NETCANOEM: polls gauges, one request at a time, over a CAN link.
-
-The tick collects the answer to the request of the tick before and asks again, so that the bus
-works while the loop waits for its next tick.  The price is one period of delay.
-"""
+"""Driver of the ATI 9105-NETCANOEM: strain gauges in two frames, calibrated by the board."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from drivers.links.can import CanLink, shared, split_address
+from drivers.links.polled import Patience, PolledGauges
 from drivers.netcanoem import codec
 from drivers.netcanoem.config import NetCanOemConfig
 from drivers.netcanoem.dialogue import Dialogue, Identity
-from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
+from hil.errors import ConfigError, DeviceError
 from hil.signals.bus import Bus
-from hil.signals.device import Status
 
 _FIRST, _SECOND = codec.READ_GAUGES, codec.SECOND_HALF
 _LOW, _HIGH = codec.RAILS
-#: What the time moves on by for one sample of a tare [ns].
-PACE_NS = 1_000_000
 
 
-class NetCanOem:
+class NetCanOem(PolledGauges):
     """Words of one board: a `GaugeSource`.
 
     Parameters
     ----------
     name : str
-        Name of the device.
+        Name of the box.
     link : CanLink
         Bus that it hangs on.
     config : NetCanOemConfig
@@ -42,10 +34,6 @@ class NetCanOem:
         What the board said of itself; `serial` is that of the transducer.
     status : int
         Status word of the last sample.
-    unusable : bool
-        The last sample could not be used: critical status, or a saturated gauge.
-    timeouts, halves, malformed : int
-        Requests without a whole answer, second frames without a first, frames of a wrong length.
 
     Raises
     ------
@@ -54,21 +42,12 @@ class NetCanOem:
     """
 
     def __init__(self, name: str, link: CanLink, config: NetCanOemConfig) -> None:
-        self.name, self.config = name, config
-        self.gauges = np.zeros(6, np.int64)
-        self.unusable = False
-        self.status = self.timeouts = self.halves = self.malformed = 0
-        self._link = link
+        times = (round(ms * 1e6) for ms in (config.answer_ms, config.stale_ms, config.lost_ms))
+        request = (codec.identifier(config.base, _FIRST), b"")
+        super().__init__(name, link, request, Patience(*times))
+        self.config = config
+        self.status = self._state = 0
         self._dialogue: Dialogue | None = None
-        self._pending = np.zeros(6, np.int64)
-        self._request = codec.identifier(config.base, _FIRST)
-        self._patience, self._stale, self._lost = (
-            round(ms * 1e6) for ms in (config.answer_ms, config.stale_ms, config.lost_ms)
-        )
-        self._asked_ns: int | None = None
-        #: Time of the last sample; negative = counted from the next tick on.
-        self._fresh_ns = -1
-        self._state = self._got = 0
         self._identifiers = range(config.base << 4, (config.base << 4) + 16)
         link.subscribe(self._identifiers, self._hear)
         self.identity = self._identify()
@@ -103,89 +82,19 @@ class NetCanOem:
         else:
             self.malformed += 1
 
-    def receive(self, t_ns: int) -> Status:
-        """Take the sample that has arrived, ask for the next one; never waits or raises."""
-        link = self._link
-        link.advance(t_ns)
-        link.poll()
-        if self._fresh_ns < 0:
-            self._fresh_ns = t_ns
-        good = self._got == 2 and self._take()
-        if good:
-            self._fresh_ns = t_ns
-        if self._got == 2:
-            self._asked_ns = None
-        elif self._asked_ns is not None and t_ns - self._asked_ns >= self._patience:
-            # what comes late belongs to the old request: one more tick for it to pass
-            self.timeouts += 1
-            self._asked_ns, self._got = None, 0
-            return self._age(t_ns, good)
-        if self._asked_ns is None:
-            self._got = 0
-            link.send(self._request)
-            self._asked_ns = t_ns
-        return self._age(t_ns, good)
-
     def _take(self) -> bool:
         """Keep a whole sample unless it is not usable: critical status, or a gauge at a rail."""
         self.status = self._state
-        self.unusable = bool(self._state & codec.CRITICAL)
+        usable = not self._state & codec.CRITICAL
         for word in self._pending.tolist():
             if word == _LOW or word == _HIGH:
-                self.unusable = True
-        if not self.unusable:
+                usable = False
+        if usable:
             self.gauges[:] = self._pending
-        return not self.unusable
+        return usable
 
-    def _age(self, t_ns: int, good: bool) -> Status:
-        """Status of the last good sample by its age; a sample that is not usable ages it."""
-        age = t_ns - self._fresh_ns
-        if age >= self._lost:
-            return Status.LOST
-        if good or (age < self._stale and not self.unusable):
-            return Status.OK
-        return Status.STALE
-
-    def sample(self, t_ns: int) -> int:
-        """Ask for a sample, wait for it, and keep it.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            If the board does not answer within its patience, three times.
-        DeviceError
-            If the sample is not usable.
-        """
-        self._asked_ns = None
-        for _ in range(3):
-            self._link.advance(t_ns)
-            self._link.poll()
-            self._got = 0
-            self._link.send(self._request)
-            self._link.wait(self._patience * 1e-9, lambda: self._got == 2)
-            if self._got == 2:
-                t_ns += PACE_NS
-                self._got = 0
-                self._fresh_ns = -1
-                if not self._take():
-                    raise DeviceError(self._unusable())
-                return t_ns
-            t_ns += self._patience
-            self.timeouts += 1
-        raise DeviceTimeoutError(
-            f"{self.name}: no whole sample within {self.config.answer_ms} ms, three times"
-            + (f" (the bus failed: {self._link.trouble})" if self._link.trouble else "")
-        )
-
-    def check(self) -> None:
-        """Refuse while the board reports an error that makes its samples unusable."""
-        if self._link.trouble:
-            raise DeviceError(f"{self.name}: the CAN bus failed: {self._link.trouble}")
-        if self.status & codec.CRITICAL:
-            raise DeviceError(self._unusable())
-        self._fresh_ns = -1
-
-    def _unusable(self) -> str:
+    def unusable_text(self) -> str:
+        """Why the last sample could not be used."""
         if self.status & codec.CRITICAL:
             return (
                 f"{self.name}: the board reports: {codec.describe_status(self.status)} "

@@ -15,6 +15,7 @@ from hil.errors import ConfigError
 from sim_devices.bench import Bench
 from sim_devices.canbus.line import LINES, CanLine
 from sim_devices.force.netcanoem import DEFAULT_BASE, NetCanOemBoard
+from sim_devices.force.netft import NetFtCanBox, RdtBox
 from sim_devices.force.transducer import Transducer
 from sim_devices.simtime import VirtualTime
 
@@ -38,18 +39,20 @@ def press(bench: Bench, arm: str) -> Callable[[NDArray[np.float64]], None]:
     return lambda out: tip_load(q, force, out)
 
 
-class SimCan:
-    """CAN lines of a bench, one a channel; the boards on them read the world.
+class SimForce:
+    """CAN lines and network of a bench; the boards and boxes on them read the world.
 
-    What goes over the bus in a tick sees the world of the tick's start: a sample that a board
+    What goes over a bus in a tick sees the world of the tick's start: a sample that a board
     takes 50 us after the request is not of the end of the tick.
 
     Attributes
     ----------
     handle : dict
-        For the driver: python-can's interface, and what stands before the name of a channel.
+        For CAN drivers: python-can's interface, and what stands before the name of a channel.
     lines : dict of str to CanLine
         By channel.
+    hosts : dict of str to RdtBox
+        By address on the network.
     """
 
     def __init__(self, bench: Bench) -> None:
@@ -57,12 +60,18 @@ class SimCan:
         self.time = VirtualTime()
         self.handle = {"interface": "hil-sim", "prefix": f"bench{next(_NUMBER)}:"}
         self.lines: dict[str, CanLine] = {}
+        self.hosts: dict[str, RdtBox] = {}
+        bench.before.append(self._run)
+
+    def socket(self, host: str, port: int) -> RdtBox:
+        """Stand-in for a socket connected to a box."""
+        if f"{host}:{port}" not in self.hosts:
+            raise OSError(113, f"No route to host {host}:{port}")
+        return self.hosts[f"{host}:{port}"].open(host, port)
 
     def line(self, channel: str) -> CanLine:
         """Line of a channel, made when it is first wanted."""
         if channel not in self.lines:
-            if not self.lines:
-                self._bench.before.append(self._run)
             self.lines[channel] = CanLine(self.time)
             LINES[self.handle["prefix"] + channel] = self.lines[channel]
         return self.lines[channel]
@@ -77,22 +86,51 @@ class SimCan:
         self.time.at(now_ns + self._bench.period_ns - 1)
         for line in self.lines.values():
             line.run(self.time.now_ns)
+        for box in self.hosts.values():
+            box.run()
 
     def netcanoem(self, address: str, options: dict[str, Any], arm: str) -> NetCanOemBoard:
         """Board with the sensor of an arm at ``CHANNEL/BASE``, set as the driver expects it."""
-        channel, _, base = (address or "can0").partition("/")
-        try:
-            number = int(base, 0) if base else int(options.get("base", DEFAULT_BASE))
-        except ValueError:
-            raise ConfigError(f"simulated board: {address!r} is not CHANNEL/BASE.") from None
-        bench = self._bench
-        index = bench.names.index(arm)
-        transducer = Transducer(bench.sensors[arm], [bench.seed, index], press(bench, arm))
+        channel, base = place(address, int(options.get("base", DEFAULT_BASE)))
         board = NetCanOemBoard(
-            transducer,
-            number,
-            options.get("bit_rate", 1_000_000),
+            self._transducer(arm), base, options.get("bit_rate", 1_000_000),
             slot=options.get("calibration", 0),
         )  # fmt: skip
         self.line(channel).attach(board)
         return board
+
+    def netft_can(self, address: str, options: dict[str, Any], arm: str) -> NetFtCanBox:
+        """Net F/T box with the sensor of an arm on a CAN line."""
+        channel, base = place(address, int(options.get("base", 0x1B0)))
+        factors = tuple(float(f) for f in options.get("scale_factors", (1.0,) * 6))
+        rate = options.get("bit_rate", 1_000_000)
+        box = NetFtCanBox(self._transducer(arm), base, rate, factors)
+        self.line(channel).attach(box)
+        return box
+
+    def netft_rdt(self, address: str, options: dict[str, Any], arm: str) -> RdtBox:
+        """Net F/T box with the sensor of an arm on the network."""
+        host, _, port = address.partition(":")
+        box = RdtBox(self._transducer(arm), self.time)
+        self.hosts[f"{host}:{port or 49152}"] = box
+        return box
+
+    def _transducer(self, arm: str) -> Transducer:
+        bench = self._bench
+        seed = [bench.seed, bench.names.index(arm)]
+        return Transducer(bench.sensors[arm], seed, press(bench, arm))
+
+
+def place(address: str, base: int) -> tuple[str, int]:
+    """Channel and base of ``CHANNEL/BASE``.
+
+    Raises
+    ------
+    ConfigError
+        If the base is not a number.
+    """
+    channel, _, text = (address or "can0").partition("/")
+    try:
+        return channel, int(text, 0) if text else base
+    except ValueError:
+        raise ConfigError(f"simulated board: {address!r} is not CHANNEL/BASE.") from None

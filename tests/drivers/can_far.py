@@ -4,12 +4,17 @@ import itertools
 
 import numpy as np
 
+from drivers import netft_can, netft_rdt
 from drivers.ft_sensor import ForceSensor
 from drivers.links.can import CanLink, open_bus
 from drivers.netcanoem import NetCanOem, NetCanOemConfig
+from drivers.netft_can import NetFtCanConfig
+from drivers.netft_rdt import NetFtRdtConfig
+from hil.signals.bus import Bus
 from hil.testing import FarEnd
 from sim_devices.canbus.line import LINES, CanLine
 from sim_devices.force.netcanoem import NetCanOemBoard
+from sim_devices.force.netft import NetFtCanBox, RdtBox
 from sim_devices.force.transducer import Transducer
 from sim_devices.simtime import VirtualTime
 
@@ -48,6 +53,10 @@ def open_sensor(name, link, config, tare_samples=20, max_force=25.0):
     return ForceSensor(name, NetCanOem(name, link, config), tare_samples, max_force)
 
 
+#: At pose 0 the forearm hangs: x of the sensor is x, y is -y, z is -z of the base.
+HANGING = np.array([1, -1, -1, 1, -1, -1])
+
+
 class NetCanFar(FarEnd):
     """`check_driver`'s hand on the board: presses it, mutes it, spoils it, cuts its supply."""
 
@@ -61,8 +70,7 @@ class NetCanFar(FarEnd):
         return open_sensor("ft", self.rig.link(), self.config, 10)
 
     def press(self, wrench):
-        # at pose 0 the forearm hangs: x of the sensor is x, y is -y, z is -z of the base
-        self.board.transducer.load[:] = wrench * np.array([1, -1, -1, 1, -1, -1])
+        self.board.transducer.load[:] = wrench * HANGING
 
     def unplug(self):
         self.board.powered = False
@@ -77,3 +85,69 @@ class NetCanFar(FarEnd):
 
     def garble(self):
         self.board.faults.short = 1
+
+
+FACTORS = (1000.0, 1000.0, 1500.0, 10.0, 10.0, 10.0)
+
+
+class NetFtCanFar(NetCanFar):
+    """A Net F/T box on a CAN line."""
+
+    def __init__(self):
+        FarEnd.__init__(self)
+        self.board = NetFtCanBox(quiet(), 0x1B0, FAST, FACTORS)
+        self.board.transducer = self.board.converter.transducer
+        self.rig = Rig(self.board)
+        self.config = NetFtCanConfig(scale_factors=FACTORS, lost_ms=30.0)
+
+    def box(self):
+        bus = Bus("can", {"interface": "hil-sim", "prefix": ""}, advance=self.rig.time.at,
+                  now_ns=lambda: 0, simulated=True)  # fmt: skip
+        return netft_can.open_box("ft", bus, self.rig.channel, self.config, (0,))
+
+    def open(self):
+        return ForceSensor("ft", self.box(), 10, 25.0)
+
+    def replug(self):
+        self.board.powered = True
+        self.board.outbox.clear()
+        self.board.failures = 0
+
+
+class RdtFar(FarEnd):
+    """A Net F/T box on a network."""
+
+    def __init__(self):
+        super().__init__()
+        self.time = VirtualTime()
+        self.box = RdtBox(quiet(), self.time)
+
+    def bus(self):
+        def pause(seconds):
+            self.time.wait(self.time.now_ns + round(seconds * 1e9))
+
+        return Bus("udp", self.box.open, pause=pause, now_ns=lambda: 0, advance=self.time.at,
+                   simulated=True)  # fmt: skip
+
+    def source(self):
+        return netft_rdt.open_box("ft", self.bus(), "box", NetFtRdtConfig(lost_ms=30.0), (0,))
+
+    def open(self):
+        return ForceSensor("ft", self.source(), 10, 25.0)
+
+    def press(self, wrench):
+        self.box.converter.transducer.load[:] = wrench * HANGING
+
+    def unplug(self):
+        self.box.here = False
+
+    def replug(self):
+        self.box.here = True
+        self.box._left = 0
+        self.box.arrived.clear()
+
+    def mute(self, on):
+        self.box.mute = on
+
+    def garble(self):
+        self.box.spoil = 4

@@ -86,3 +86,20 @@ def test_wrong_wiring_of_a_sensor_is_one_sentence(over, text):
 
     with pytest.raises(ConfigError, match=text):
         open_rig(load_rig(RIGS / "teleop.toml", {"backend": "sim-wire", **over}), 0)
+
+
+@pytest.mark.parametrize(
+    "box",
+    [
+        {"driver": "netft-rdt", "address": "192.168.1.1"},
+        {
+            "driver": "netft-can",
+            "address": "can1/0x1b0",
+            "options": {"scale_factors": [1000.0] * 6},
+        },
+    ],
+)
+def test_another_interface_is_a_change_of_the_boxs_table(box, tmp_path):
+    over = {"devices": {"leader-force": {"backend": "sim-wire"}}, "boxes": {"leader-ft": box}}
+    path = record(tmp_path / "s.mcap", over, 0.2, rig="identify.toml")
+    assert "counts_per_force" in summary(path).metadata["calibration/leader-force"]

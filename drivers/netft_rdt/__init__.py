@@ -1,0 +1,8 @@
+"""ATI Net F/T box over UDP, Raw Data Transfer."""
+
+from drivers.netft_rdt.driver import NetFtRdt, NetFtRdtConfig, open_box
+
+BUS = "udp"
+Config = NetFtRdtConfig
+
+__all__ = ["BUS", "Config", "NetFtRdt", "NetFtRdtConfig", "open_box"]

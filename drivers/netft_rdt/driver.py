@@ -1,0 +1,185 @@
+"""Driver of an ATI Net F/T box over UDP: it streams, the tick takes the newest record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.links.udp import UdpLink, split_host
+from drivers.links.units import CountScale
+from drivers.netft_rdt import codec
+from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
+from hil.signals.bus import Bus
+from hil.signals.device import IntArray, Status
+
+#: Records that one tick takes at most; at 7 kHz there are seven.
+CROWD = 256
+#: Sequence numbers are modulo this.
+SPAN = 1 << 32
+#: Wait between two looks for a record, when opening and taring [s]; and how often.
+STEP_S, LOOKS = 1e-3, 50
+
+
+@dataclass(frozen=True)
+class NetFtRdtConfig(CountScale):
+    """Options of the box ``netft-rdt``; the box's page sets the rate of its records.
+
+    Parameters
+    ----------
+    stale_ms, restart_ms, lost_ms : float
+        Age of a record from which it is STALE; from which the box is asked to stream again;
+        from which it is lost [ms].
+    """
+
+    stale_ms: float = 2.5
+    restart_ms: float = 10.0
+    lost_ms: float = 50.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < self.stale_ms <= self.restart_ms <= self.lost_ms:
+            raise ConfigError("0 < stale_ms <= restart_ms <= lost_ms is needed.")
+
+
+class NetFtRdt:
+    """Words of one box: a `GaugeSource`.
+
+    Parameters
+    ----------
+    name : str
+        Name of the box.
+    bus : Bus
+        UDP.
+    host, port : str, int
+        Of the box.
+    config : NetFtRdtConfig
+        Units and patience.
+
+    Attributes
+    ----------
+    status : int
+        Status of the last record; with any but 0 it is not used.
+    missed, old, malformed : int
+        Records that never came (gaps of the sequence), came after a newer one, had a wrong
+        length.
+
+    Raises
+    ------
+    DeviceError
+        If the box does not stream.
+    """
+
+    def __init__(self, name: str, bus: Bus, host: str, port: int, config: NetFtRdtConfig) -> None:
+        self.name, self.config = name, config
+        self.gauges: IntArray = np.zeros(6, np.int64)
+        self.calibration, self.certificate = config.calibration(), config.record()
+        self.serial = f"{host}:{port}"
+        self.status = self.missed = self.old = self.malformed = 0
+        self._bus, self._words = bus, [0] * 6
+        self._stale, self._restart, self._lost = (
+            round(ms * 1e6) for ms in (config.stale_ms, config.restart_ms, config.lost_ms)
+        )
+        self._sequence = -1
+        self._fresh_ns, self._asked_ns = -1, 0
+        self._link = UdpLink(bus, host, port)
+        self._link.send(codec.request(codec.REAL_TIME))
+        try:
+            self.sample(bus.now_ns())
+        except OSError:
+            self.close()
+            raise
+
+    def receive(self, t_ns: int) -> Status:
+        """Take every record that has come and keep the newest; never waits or raises."""
+        self._link.advance(t_ns)
+        if self._fresh_ns < 0:
+            self._fresh_ns = self._asked_ns = t_ns
+        if self._drain():
+            self._fresh_ns = self._asked_ns = t_ns
+            return Status.OK
+        age = t_ns - self._fresh_ns
+        if age >= self._lost:
+            return Status.LOST
+        if t_ns - self._asked_ns >= self._restart:
+            # the stream has stopped, or the box has restarted with new numbers
+            self._link.send(codec.request(codec.REAL_TIME))
+            self._asked_ns, self._sequence = t_ns, -1
+        return Status.STALE if age >= self._stale or self.status else Status.OK
+
+    def _drain(self) -> bool:
+        """Whether a good record newer than the last was among those that came."""
+        good = False
+        for _ in range(CROWD):
+            data = self._link.receive()
+            if data is None:
+                break
+            if len(data) != codec.RECORD_BYTES:
+                self.malformed += 1
+                continue
+            sequence, _, status = codec.record(data, self._words)
+            ahead = (sequence - self._sequence) % SPAN if self._sequence >= 0 else 1
+            if not 0 < ahead < SPAN // 2:
+                self.old += 1
+                continue
+            self.missed += ahead - 1
+            self._sequence, self.status = sequence, status
+            if not status:
+                self.gauges[:] = self._words
+                good = True
+        return good
+
+    def sample(self, t_ns: int) -> int:
+        """Wait for one new good record.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If none comes in 50 ms.
+        DeviceError
+            If the box reports an error.
+        """
+        self._fresh_ns = -1
+        for _ in range(LOOKS):
+            self._link.advance(t_ns)
+            if self._drain():
+                return t_ns + round(STEP_S * 1e9)
+            self._bus.pause(STEP_S)
+            t_ns += round(STEP_S * 1e9)
+        self.check()
+        raise DeviceTimeoutError(
+            f"{self.name}: no record from {self.serial} within 50 ms; is the box on, at this "
+            "address, with RDT enabled on its page?"
+            + (f" (the network says: {self._link.trouble})" if self._link.trouble else "")
+        )
+
+    def check(self) -> None:
+        """Refuse while the box reports an error; the age of its record starts anew."""
+        if self.status:
+            raise DeviceError(
+                f"{self.name}: the Net F/T box reports status 0x{self.status:08x}, not 0; its "
+                "page says what that means"
+            )
+        self._fresh_ns = -1
+
+    def close(self) -> None:
+        """Stop the stream and close the socket."""
+        self._link.send(codec.request(codec.STOP))
+        self._link.close()
+
+
+def open_box(
+    name: str, bus: Bus, address: str, config: NetFtRdtConfig, channels: tuple[int, ...]
+) -> NetFtRdt:
+    """Open a box at ``HOST`` or ``HOST:PORT``.
+
+    Raises
+    ------
+    ConfigError
+        If there is no address, or a channel other than 0 is wanted.
+    DeviceError
+        If the box does not stream.
+    """
+    if any(channels):
+        raise ConfigError(f"box {name!r}: a sensor has the channel 0 alone, not {max(channels)}.")
+    return NetFtRdt(name, bus, *split_host(name, address, codec.PORT), config)
