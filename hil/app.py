@@ -23,6 +23,9 @@ from hil.runtime.slow import SlowSide, SlowThread
 
 CLOCKS: dict[str, Callable[[int], Clock]] = {"lockstep": VirtualClock, "real": MonotonicClock}
 
+#: Why an arm is in FAULT where no box says that it is lost.
+RUNAWAY = "an arm is in FAULT, because an effort was not a number or a joint passed its speed_limit"
+
 #: What the operating system says where no more can be written.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
@@ -109,8 +112,8 @@ def run(
         rig.close()
     if loop.unsafe:
         raise DeviceError(
-            f"session stopped at tick {loop.tick}: an arm is in FAULT, because an effort was not "
-            f"a number or a joint passed its speed_limit; {output} holds what was recorded."
+            f"session stopped at tick {loop.tick}: {rig.trouble() or RUNAWAY}; {output} holds what "
+            "was recorded."
         )
     period = config.loop.period_ns * 1e-9
     return Summary(

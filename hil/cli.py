@@ -17,6 +17,7 @@ COMMANDS: dict[str, str] = {
     "demo": "hil.commands.demo",
     "run": "hil.commands.run",
     "devices": "hil.commands.devices",
+    "selftest": "hil.commands.selftest",
     "import": "hil.commands.import_",
     "info": "hil.commands.info",
     "fit": "hil.commands.fit",

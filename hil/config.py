@@ -151,6 +151,18 @@ class RigConfig:
         for backend in (self.backend, *filter(None, own)):
             _one_of("backend", backend, BACKENDS)
 
+    @property
+    def hardware(self) -> bool:
+        """Whether any device or box is not simulated."""
+        own = [self.boxes[b].backend for b in self.boxes if self.boxes[b].backend]
+        used = {*own, *(self.backend_of(d) for d in self.devices)}
+        return not used <= set(SIMULATED)
+
+    @property
+    def clock(self) -> str:
+        """Clock of a session: hardware knows real time alone."""
+        return "real" if self.hardware else self.loop.clock
+
     def backend_of(self, device: str) -> str:
         """Back end of `device`: its own, or the rig's."""
         return self.devices[device].backend or self.backend

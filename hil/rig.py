@@ -58,6 +58,10 @@ class Rig:
         for device in self.devices.values():
             device.enable()
 
+    def trouble(self) -> str:
+        """Why boxes are lost; empty while none is."""
+        return " ".join(box.trouble for box in self.boxes.values() if box.trouble).rstrip(".")
+
     def close(self) -> None:
         """Make every device safe and release it and its boxes, even where another one fails to."""
         self.stack.close()
@@ -87,7 +91,7 @@ def open_rig(config: RigConfig, seed: int) -> Rig:
 
 def _open(config: RigConfig, seed: int, stack: ExitStack, controller: Controller) -> Rig:
     """Rig whose devices and boxes `stack` closes."""
-    bench = _bench(config, seed)
+    bench = bench_of(config, seed)
     plan = wiring.plan(config)
     buses = bench.buses(plan) if bench is not None and plan else {}
     boxes = wiring.open_boxes(config, buses, stack)
@@ -148,7 +152,7 @@ def force_sensors(config: RigConfig) -> dict[str, str]:
     return models
 
 
-def _bench(config: RigConfig, seed: int) -> Any:
+def bench_of(config: RigConfig, seed: int) -> Any:
     """Simulated bench, or None where everything is hardware."""
     if all(config.backend_of(d) not in SIMULATED for d in config.devices):
         return None

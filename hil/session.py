@@ -17,6 +17,7 @@ from typing import Any
 
 from hil import registry
 from hil.config import RigConfig
+from hil.errors import ConfigError
 from hil.record.schema import Channel
 from hil.record.writer import SessionWriter
 from hil.rig import Rig
@@ -38,8 +39,9 @@ def with_run_options(
     changes: dict[str, Any] = {}
     if seconds is not None:
         changes["seconds"] = float(seconds)
-    if clock is not None:
-        changes["clock"] = clock
+    if clock == "lockstep" and config.hardware:
+        raise ConfigError("--clock lockstep: hardware runs in real time; use --clock real.")
+    changes["clock"] = clock or config.clock
     config = dataclasses.replace(config, loop=dataclasses.replace(config.loop, **changes))
     law = registry.load("hil.controllers", config.controller.name)
     names = {f.name for f in dataclasses.fields(law.Config)}

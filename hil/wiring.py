@@ -180,22 +180,33 @@ def open_boxes(config: RigConfig, simulated: Mapping[str, Bus], stack: ExitStack
     DeviceError
         If one is missing or refuses; says what to do.
     """
-    boxes: dict[str, Any] = {}
     used = backends(config)
-    _told_apart(config, used)
-    for name, backend in used.items():
-        table = config.boxes[name]
-        driver = registry.load("hil.boxes", table.driver)
-        check_bus(name, table, backend, driver.BUS)
-        bus = simulated[driver.BUS] if backend in SIMULATED else Bus(driver.BUS)
-        options = parse(driver.Config, table.options, f"boxes.{name}.options")
-        box = driver.open_box(name, bus, table.address, options, used_channels(config, name))
-        stack.callback(box.close)
-        boxes[name] = box
-    return boxes
+    told_apart(config, used)
+    return {name: open_box(config, name, used[name], simulated, stack) for name in used}
 
 
-def _told_apart(config: RigConfig, used: Iterable[str]) -> None:
+def open_box(
+    config: RigConfig, name: str, backend: str, simulated: Mapping[str, Bus], stack: ExitStack
+) -> Any:
+    """Open one box, see `open_boxes`."""
+    table = config.boxes[name]
+    driver = registry.load("hil.boxes", table.driver)
+    check_bus(name, table, backend, driver.BUS)
+    bus = simulated[driver.BUS] if backend in SIMULATED else Bus(driver.BUS)
+    channels = used_channels(config, name)
+    box = driver.open_box(name, bus, table.address, box_options(config, name), channels)
+    stack.callback(box.close)
+    return box
+
+
+def box_options(config: RigConfig, name: str) -> Any:
+    """Options of a box, checked."""
+    table = config.boxes[name]
+    driver = registry.load("hil.boxes", table.driver)
+    return parse(driver.Config, table.options, f"boxes.{name}.options")
+
+
+def told_apart(config: RigConfig, used: Iterable[str]) -> None:
     """Refuse two boxes of one driver that may be the same device."""
     seen: dict[tuple[str, str], str] = {}
     rows = [(name, config.boxes[name]) for name in used]

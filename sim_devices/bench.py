@@ -74,6 +74,12 @@ class Bench:
         self.wired = WiredBench(self, plan)
         return self.wired.buses
 
+    def park(self, arm: int, still: bool) -> None:
+        """Hold an arm where it is, as its dock does, or let it go."""
+        self.state["parked"][arm] = int(still)
+        if still:
+            self.state["v"][arm] = self.state["vm"][arm] = 0.0
+
     def advance(self, t_ns: int) -> None:
         """Run the world up to `t_ns`, in whole ticks."""
         while self.now_ns + self.period_ns <= t_ns:
@@ -100,7 +106,11 @@ class Wire:
     ----------
     counts, gauges : ndarray (3,), (6,) of int
         Last answer; the arrays stay the same objects.
+    trouble : str
+        Empty: an ideal wire is never lost.
     """
+
+    trouble = ""
 
     def __init__(self, bench: Bench, index: int) -> None:
         self._bench = bench
@@ -123,7 +133,7 @@ class Wire:
 
     def power(self, on: bool) -> None:
         """Switch the amplifiers; without power the arm rests in its dock."""
-        self._bench.state["parked"][self._index] = 0 if on else 1
+        self._bench.park(self._index, not on)
         self._codes[:] = 0
 
     def close(self) -> None:

@@ -124,7 +124,8 @@ class WiredBench:
         """Power where every heartbeat that was ever seen goes on; parked in the dock otherwise."""
         for a, beats in self._alive.items():
             on = all(now_ns - t <= WATCHDOG_NS for t in beats.values())
-            self.bench.state["parked"][a] = 0 if on else 1
+            if bool(self.bench.state["parked"][a]) is on:
+                self.bench.park(a, not on)
 
 
 def _quad08(wired: WiredBench, name: str, row: dict[str, Any]) -> SimQuad08:

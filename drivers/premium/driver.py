@@ -6,6 +6,7 @@ import numpy as np
 
 from drivers.premium import convert
 from drivers.premium.config import PremiumConfig
+from hil.errors import DeviceError
 from hil.signals.device import FloatArray, Status, Wire
 from hil.signals.state import OperatingState, StateCommand, StateMachine
 from hil.signals.velocity import estimator
@@ -94,10 +95,18 @@ class PremiumArm:
             self.codes[:] = 0
             sent[:] = 0.0
         self._wire.send(self.codes)
-        return status
+        return Status.INVALID if self._machine.state is OperatingState.FAULT else status
 
     def enable(self) -> None:
-        """Start the velocity at rest and switch the amplifiers on."""
+        """Start the velocity at rest and switch the amplifiers on.
+
+        Raises
+        ------
+        DeviceError
+            If the wire is lost, or the arm is not DISABLED.
+        """
+        if self._wire.trouble:
+            raise DeviceError(f"{self.name} cannot be enabled: {self._wire.trouble}")
         self._machine.command(StateCommand.ENABLE)
         self._velocity.reset(self.counts)
         self._wire.power(True)

@@ -2,9 +2,10 @@
 
 from drivers.usb_31xx.box import Usb31xx
 from drivers.usb_31xx.config import Usb31xxConfig
+from drivers.usb_31xx.link import attached
 
 Config = Usb31xxConfig
 BUS = "hid"
 open_box = Usb31xx
 
-__all__ = ["BUS", "Config", "Usb31xx", "Usb31xxConfig", "open_box"]
+__all__ = ["BUS", "Config", "Usb31xx", "Usb31xxConfig", "attached", "open_box"]

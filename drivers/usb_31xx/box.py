@@ -111,6 +111,20 @@ class Usb31xx:
             self._link.say(codec.aout(channel, value, codec.NOW))
             self._sent[channel] = value
 
+    def describe(self) -> str:
+        """What the box does, for `hil devices`."""
+        n, beat = len(self.channels), self.config.heartbeat_ms
+        sign = f"heartbeat on DIO{self.config.heartbeat_bit}" if beat else "no heartbeat"
+        return (
+            f"{self.config.model} {self.serial}: {n} of its outputs at {self.rate_hz:.0f} "
+            f"updates/s, {sign}"
+        )
+
+    @property
+    def rate_hz(self) -> float:
+        """Updates per second that every channel gets."""
+        return self.config.rate_hz(len(self.channels))
+
     # the fast path
 
     def put(self, channel: int, code: int) -> None:

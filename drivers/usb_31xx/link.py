@@ -7,7 +7,7 @@ from typing import Any
 
 from drivers.usb_31xx import codec
 from hil.errors import DeviceError, DeviceTimeoutError
-from hil.signals.bus import Bus
+from hil.signals.bus import Attached, Bus
 
 FRAME_S, PATIENCE_MS, TRIES = 0.001, 500, 2
 RULE = 'KERNEL=="hidraw*", ATTRS{idVendor}=="09db", MODE="0666"'
@@ -39,9 +39,35 @@ def module(bus: Bus) -> Any:
     return found
 
 
-def attached(bus: Bus, product: int) -> list[dict[str, Any]]:
+def enumerated(bus: Bus, product: int) -> list[dict[str, Any]]:
     """What hidapi enumerates of one product id."""
     return list(module(bus).enumerate(codec.VENDOR, product))
+
+
+def attached(bus: Bus) -> list[Attached]:
+    """Boxes of the family on the bus, whether they can be opened or not."""
+    found = []
+    for model, (product, channels) in codec.MODELS.items():
+        for row in enumerated(bus, product):
+            what, serial = f"{model}, {channels} outputs", str(row["serial_number"] or "")
+            handle = module(bus).device()
+            try:
+                handle.open_path(row["path"])
+            except OSError as error:
+                found.append(Attached(serial, f"{what}: {refusal(error)}", False))
+            else:
+                handle.close()
+                found.append(Attached(serial, what))
+    return found
+
+
+def refusal(error: OSError) -> str:
+    """Why a box that is attached cannot be opened, and what to do."""
+    return (
+        f"it cannot be opened ({error}): no permission, or another program holds it. Put "
+        f"{USB_RULE!r} and {RULE!r} into {RULE_FILE}, then 'sudo udevadm control --reload' and "
+        "plug it in again"
+    )
 
 
 class Link:
@@ -61,7 +87,7 @@ class Link:
 
     def __init__(self, name: str, bus: Bus, product: int, serial: str) -> None:
         self.name, self._bus = name, bus
-        found = attached(bus, product)
+        found = enumerated(bus, product)
         fits = [d for d in found if not serial or d["serial_number"] == serial]
         if not fits:
             seen = ", ".join(str(d["serial_number"]) for d in found)
@@ -74,11 +100,7 @@ class Link:
         try:
             self._device.open_path(fits[0]["path"])
         except OSError as error:
-            raise DeviceError(
-                f"box {name!r}: it is attached but cannot be opened ({error}): no permission, or "
-                f"another program holds it. Put {USB_RULE!r} and {RULE!r} into {RULE_FILE}, then "
-                "'sudo udevadm control --reload' and plug it in again."
-            ) from error
+            raise DeviceError(f"box {name!r}: {refusal(error)}.") from error
         self._device.set_nonblocking(1)
         while self._device.read(codec.REPLY_MAX):  # what a crashed program left
             pass

@@ -2,9 +2,10 @@
 
 from drivers.usb_quad08.box import Quad08
 from drivers.usb_quad08.config import Quad08Config
+from drivers.usb_quad08.link import attached
 
 Config = Quad08Config
 BUS = "usb"
 open_box = Quad08
 
-__all__ = ["BUS", "Config", "Quad08", "Quad08Config", "open_box"]
+__all__ = ["BUS", "Config", "Quad08", "Quad08Config", "attached", "open_box"]

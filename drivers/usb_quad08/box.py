@@ -16,7 +16,7 @@ from hil.signals.bus import Bus
 from hil.signals.device import Status
 
 #: Words that the ring holds (a power of two), and scans read before counting begins.
-RING, SETTLING, MOST_PACKETS = 1 << 17, 4, 32
+RING, SETTLING, MOST_PACKETS = 1 << 18, 4, 32
 READ_TIMEOUT_MS, STATUS_EVERY_NS = 20, 100_000_000
 FIRST_DATA_S, STEP_S = 1.0, 0.005
 
@@ -80,7 +80,8 @@ class Quad08:
         self._buffer = array("B", bytes(length))
         divisor = codec.pacer_divisor(self.config.rate_hz)
         period = codec.scan_period_ns(divisor)
-        self._clock = ScanClock(period, packet / (2 * self._stride) * period)
+        filling = packet / (2 * self._stride) * period
+        self._clock, self._age_ms = ScanClock(period, filling), 2e-6 * filling
         self._most = 1.0 + self.config.fastest * period * 1e-9
         for channel in self.channels:
             configure(self._link, channel, self.config, asynchronous=False)
@@ -100,6 +101,13 @@ class Quad08:
         self._used = self._scans - 2
         self._unwrap(self._scans - 1, inf)
         self.counts[:] = 0
+
+    def describe(self) -> str:
+        """What the box does, for `hil devices`."""
+        return (
+            f"USB-QUAD08 {self.serial}: {len(self.channels)} encoders at "
+            f"{self.config.rate_hz:g} scans/s, counts at most {self._age_ms:.2g} ms old"
+        )
 
     @property
     def _scans(self) -> int:
@@ -163,7 +171,10 @@ class Quad08:
             # nobody asked for longer than the ring holds, e.g. while a force sensor was tared:
             # one step over the gap, as long as a counter cannot have gone once round in it
             if most * gap >= 1 << (16 * self._words - 1):
-                self.trouble = f"box {self.name!r}: counts were overwritten before they were used."
+                self.trouble = (
+                    f"box {self.name!r}: nobody took its counts for {gap} scans, in which a turn "
+                    "may have been lost; use bits = 32."
+                )
                 return Status.LOST
             self._used, most = scan - 1, most * gap
         n, first = scan - self._used, (self._used + 1) * self._stride

@@ -11,6 +11,7 @@ import usb.util
 
 from drivers.usb_quad08 import codec
 from hil.errors import DeviceError, DeviceTimeoutError
+from hil.signals.bus import Attached, Bus
 
 TIMEOUT_MS = 1000
 RULE = 'SUBSYSTEM=="usb", ATTR{idVendor}=="09db", MODE="0666"'
@@ -52,6 +53,23 @@ def serial_of(device: Any) -> str:
         return str(usb.util.get_string(device, device.iSerialNumber) or "")
     except (usb.core.USBError, ValueError):
         return ""
+
+
+def attached(bus: Bus) -> list[Attached]:
+    """Boxes on the bus, with and without firmware, readable or not."""
+    found = []
+    for device in find(bus.handle, codec.LOADER, ""):
+        what = "USB-QUAD08 without firmware; give images = FOLDER, see docs/hardware.md"
+        found.append(Attached("", f"{what} (bus {device.bus})", False))
+    for device in find(bus.handle, codec.PRODUCT, ""):
+        try:
+            serial = str(device.serial_number)
+        except (usb.core.USBError, ValueError) as error:
+            why = ADVICE.get(getattr(error, "errno", None) or errno.EACCES, str(error))
+            found.append(Attached("", f"USB-QUAD08: {why}", False))
+        else:
+            found.append(Attached(serial, "USB-QUAD08, eight encoder counters"))
+    return found
 
 
 class Link:

@@ -6,12 +6,10 @@ import argparse
 import json
 import sys
 
-from hil import registry
-from hil.config import RigConfig, load_rig
-from hil.errors import HilError
-from hil.rig import open_rig, require_backend
+from hil import reach
+from hil.config import load_rig
 
-HELP = "show the devices of a rig, whether they are reachable, and what is missing"
+HELP = "show what is attached, what of a rig is reachable, and what is missing and why"
 EXAMPLE = "hil devices rigs/teleop.toml"
 
 
@@ -22,53 +20,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print one row per device, or the drivers when no rig is given."""
+    """Print one row per box and device of a rig, or what is attached at all."""
     if args.rig is None:
-        rows = drivers()
+        rows = reach.everything()
     else:
-        rows = check(load_rig(args.rig))
+        rows = reach.check(load_rig(args.rig))
     if args.json:
         sys.stdout.write(json.dumps({"schema": "hil.devices/1", "devices": rows}) + "\n")
     else:
         sys.stdout.write(text(rows) + "\n")
-    return 0 if all(row["reachable"] != "no" for row in rows) else 3
-
-
-def drivers() -> list[dict[str, str]]:
-    """All drivers that are installed, with what can be said without a rig file."""
-    return [
-        {"device": "-", "driver": name, "backend": "sim", "reachable": "yes",
-         "what": "simulated; hardware back ends do not exist yet"}
-        for name in sorted(registry.names("hil.drivers"))
-    ]  # fmt: skip
-
-
-def check(config: RigConfig) -> list[dict[str, str]]:
-    """One row per device of the rig: is it reachable, and if not, why and what to do."""
-    trouble = {}
-    for name in config.devices:
-        try:
-            require_backend(name, config)
-        except HilError as error:
-            trouble[name] = str(error)
-    whole = "" if trouble else _try_to_open(config)
-    rows = []
-    for name, device in config.devices.items():
-        problem = trouble.get(name, whole)
-        rows.append(
-            {"device": name, "driver": device.driver, "backend": config.backend_of(name),
-             "reachable": "no" if problem else "yes", "what": problem or "ready"}
-        )  # fmt: skip
-    return rows
-
-
-def _try_to_open(config: RigConfig) -> str:
-    """Open and close the rig; the error, or nothing."""
-    try:
-        open_rig(config, seed=0).close()
-    except HilError as error:
-        return str(error)
-    return ""
+    return 3 if any(row["reachable"] == "no" for row in rows) else 0
 
 
 def text(rows: list[dict[str, str]]) -> str:

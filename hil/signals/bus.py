@@ -33,6 +33,25 @@ def threaded(name: str, step: Step) -> Callable[[], None]:
 
 
 @dataclass(frozen=True)
+class Attached:
+    """What a driver sees on its bus, before anything is opened.
+
+    Parameters
+    ----------
+    address : str
+        What to write into the rig file; empty where it may not be read.
+    what : str
+        What it is, or why it cannot be used and what to do.
+    usable : bool
+        Whether it can be opened.
+    """
+
+    address: str
+    what: str
+    usable: bool = True
+
+
+@dataclass(frozen=True)
 class Bus:
     """A bus as a driver sees it; the defaults are the hardware's.
 

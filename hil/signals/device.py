@@ -101,11 +101,17 @@ class Tareable(Protocol):
 class Wire(Protocol):
     """Wire to the devices of one arm at signal level.
 
-    `counts` (3,) and `gauges` (6,) hold the last answer and stay the same arrays.
+    `counts` (3,) and `gauges` (6,) hold the last answer and stay the same arrays; `trouble` says
+    why the wire is lost.
     """
 
     counts: IntArray
     gauges: IntArray
+
+    @property
+    def trouble(self) -> str:
+        """Why the wire is lost; empty while it is not."""
+        ...
 
     def home(self, counts: IntArray) -> None:
         """The arm rests where its encoders should read `counts` (3,); absolute ones know."""

@@ -238,7 +238,8 @@ def _effort(b: _Bench) -> None:
     status = b.tick(push)
     b.require(status is Status.INVALID, f"answers {status!r} to an effort that is not a number")
     b.require(b.device.state is OperatingState.FAULT, "is not in FAULT after such an effort")
-    b.ticks(b.settle, np.full(b.far.joints, PUSH))
+    status = b.ticks(b.settle, np.full(b.far.joints, PUSH))
+    b.require(status is Status.INVALID, f"answers {status!r} to an effort in FAULT")
     b.require(not b.far.effort().any(), "gives an effort in FAULT")
 
 

@@ -13,6 +13,8 @@ GEAR = np.array([13.3, 11.2, 11.2])
 
 
 class FakeWire:
+    trouble = ""
+
     def __init__(self):
         self.counts, self.gauges = np.zeros(3, np.int64), np.zeros(6, np.int64)
         self.sent, self.on, self.closed = np.zeros(3, np.int64), False, False

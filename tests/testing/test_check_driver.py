@@ -20,6 +20,8 @@ from bench_far import ArmFar, SensorFar
 class Arm(FarEnd):
     """A far end of three lines a sense: counts, codes and a plug, at once."""
 
+    trouble = ""
+
     def __init__(self):
         super().__init__()
         self.counts, self.gauges = np.zeros(3, np.int64), np.zeros(6, np.int64)

@@ -1,0 +1,57 @@
+"""`hil selftest`: a rig device by device, without motor power and then, if allowed, with it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+
+from hil.commands import common
+from hil.config import RigConfig, load_rig
+from hil.selftest import USUAL, selftest
+
+HELP = "test a rig device by device, first without motor power, then at a small torque"
+EXAMPLE = "hil selftest rigs/teleop.toml --torque 0.1"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("rig", metavar="RIG.toml", help="rig file")
+    parser.add_argument(
+        "--torque", type=float, default=USUAL, help=f"torque of a pulse [N m] (default {USUAL})"
+    )
+    parser.add_argument("--no-motors", action="store_true", help="stop before the motors")
+    parser.add_argument("--json", action="store_true", help="steps as JSON on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the steps; 0 if all of them passed."""
+    config = load_rig(args.rig)
+    steps = []
+    for step in selftest(config, args.torque, lambda: _allowed(config, args)):
+        steps.append(step)
+        if not args.json:
+            mark = "ok  " if step.passed else "FAIL"
+            common.out(f"{mark}  {step.device:<16} {step.what:<10} {step.text}")
+    if args.json:
+        rows = [asdict(step) for step in steps]
+        common.out(json.dumps({"schema": "hil.selftest/1", "steps": rows}))
+    return 0 if all(step.passed for step in steps) else 3
+
+
+def _allowed(config: RigConfig, args: argparse.Namespace) -> bool:
+    """Whether the user has typed the name of the rig."""
+    if args.no_motors:
+        return False
+    sys.stderr.write(
+        f"\nNow every motor of {', '.join(config.controller.arms)} gets pulses of "
+        f"{args.torque:g} N m, one joint at a time.\nRest the arms in their docks, keep clear, one "
+        "hand at the emergency stop.\n"
+        f"Type the name of the rig, {config.name}, to go on; anything else ends here: "
+    )
+    sys.stderr.flush()
+    typed = sys.stdin.readline().strip()
+    if typed != config.name:
+        sys.stderr.write("the motors stay off\n")
+    return typed == config.name

@@ -1,0 +1,139 @@
+"""What is attached and reachable: for a rig, box by box and device by device, or in general."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from types import ModuleType
+
+from hil import registry, wiring
+from hil.config import SIMULATED, RigConfig
+from hil.errors import HilError
+from hil.rig import bench_of, open_rig, require_backend
+from hil.signals.bus import Bus
+
+Row = dict[str, str]
+
+
+def row(name: str, driver: str, backend: str, reachable: str, what: str) -> Row:
+    """One line of the table; `reachable` is yes, no, or none where nothing was asked for."""
+    return {"device": name, "driver": driver, "backend": backend, "reachable": reachable,
+            "what": what}  # fmt: skip
+
+
+def everything() -> list[Row]:
+    """What every driver finds on its bus, and the drivers that simulate."""
+    rows = []
+    for name in sorted(registry.names("hil.boxes")):
+        module: ModuleType = registry.load("hil.boxes", name)
+        rows += list(_on_the_bus(name, module))
+    for name in sorted(registry.names("hil.drivers")):
+        module = registry.load("hil.drivers", name)
+        if hasattr(module, "attached"):
+            rows += list(_on_the_bus(name, module))
+        else:
+            rows.append(row("-", name, "sim", "yes", "simulated, or wired to boxes"))
+    return rows
+
+
+def _on_the_bus(name: str, module: ModuleType) -> Iterator[Row]:
+    try:
+        found = module.attached(Bus(module.BUS))
+    except HilError as error:
+        yield row("-", name, module.BUS, "no", str(error))
+        return
+    for one in found:
+        yield row(one.address or "-", name, module.BUS, "yes" if one.usable else "no", one.what)
+    if not found:
+        yield row("-", name, module.BUS, "none", NOTHING.format(bus=module.BUS))
+
+
+NOTHING = (
+    "none is attached, as far as {bus} shows; plug it in, and if this machine is virtual, hand "
+    "the device through to it"
+)
+
+
+def check(config: RigConfig) -> list[Row]:
+    """One row per box in use, then one per device; why it is not reachable and what to do."""
+    rows, trouble = _boxes(config)
+    whole = ""
+    if not trouble:
+        whole = _whole(config)
+    for name, device in config.devices.items():
+        backend = config.backend_of(name)
+        problem = _refused(name, config)
+        broken = [b for b in _boxes_of(name, config) if b in trouble]
+        if not problem and broken:
+            problem = f"its {_list('box', broken)} cannot be used"
+        problem = problem or whole
+        what = problem or _ready(name, config)
+        rows.append(row(name, device.driver, backend, "no" if problem else "yes", what))
+    return rows
+
+
+def _boxes(config: RigConfig) -> tuple[list[Row], dict[str, str]]:
+    """Rows of the boxes, each opened alone, and what is wrong with them."""
+    rows, trouble = [], {}
+    used = wiring.backends(config)
+    wiring.told_apart(config, used)
+    bench = bench_of(config, 0) if "sim-wire" in used.values() else None
+    buses = bench.buses(wiring.plan(config)) if bench else {}
+    for name, backend in used.items():
+        table = config.boxes[name]
+        try:
+            with ExitStack() as stack:
+                box = wiring.open_box(config, name, backend, buses, stack)
+                what = box.describe()
+        except HilError as error:
+            what = trouble[name] = str(error)
+        answer = "no" if name in trouble else "yes"
+        rows.append(row(name, table.driver, backend, answer, what))
+    return rows, trouble
+
+
+def _boxes_of(name: str, config: RigConfig) -> list[str]:
+    if name not in wiring.wired(config):
+        return []
+    spots = wiring.places(config, name)
+    return list(dict.fromkeys(p.box for places in spots.values() for p in places))
+
+
+def _refused(name: str, config: RigConfig) -> str:
+    try:
+        require_backend(name, config)
+    except HilError as error:
+        return str(error)
+    return ""
+
+
+def _whole(config: RigConfig) -> str:
+    """Open and close the rig; the error, or nothing."""
+    try:
+        for name in config.devices:
+            require_backend(name, config)
+        open_rig(config, seed=0).close()
+    except HilError as error:
+        return str(error)
+    return ""
+
+
+def _ready(name: str, config: RigConfig) -> str:
+    """What a device that works is like: over which boxes, and how often its motors change."""
+    boxes = _boxes_of(name, config)
+    if not boxes:
+        signal = config.backend_of(name) in SIMULATED
+        return "ready, at signal level" if signal else "ready"
+    rates = []
+    for box in boxes:
+        options = wiring.box_options(config, box)
+        if hasattr(options, "rate_hz") and callable(options.rate_hz):
+            rates.append(options.rate_hz(len(wiring.used_channels(config, box))))
+    text = f"ready, over {_list('box', boxes)}"
+    if rates:
+        text += f"; motors change {min(rates):.0f} times/s in a loop of {config.loop.rate_hz:g} Hz"
+    return text
+
+
+def _list(kind: str, names: list[str]) -> str:
+    return f"{kind} {names[0]}" if len(names) == 1 else f"{kind}es {', '.join(names)}"

@@ -1,0 +1,193 @@
+"""Device by device: first without motor power, then every motor at a small torque.
+
+A pulse of torque one way and one the other way: the difference of the two changes of speed is
+the motor's alone, whatever gravity and a supporting hand do to both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.app import CLOCKS
+from hil.config import RigConfig
+from hil.errors import ConfigError, DeviceError
+from hil.rig import Rig, open_rig
+from hil.runtime import safety
+from hil.runtime.clock import Clock
+from hil.runtime.loop import ArmPort
+from hil.signals.device import Device, FloatArray, Status
+
+#: Torques that may be asked for [N m].
+SMALLEST, LARGEST, USUAL = 0.02, 0.2, 0.1
+#: Ticks of a pulse, of the rest before it, and of watching without power.
+PULSE, REST, WATCH = 25, 100, 500
+#: Least change of speed [rad/s]; largest rest of counts and of force [N] without power.
+MOVES, STILL_COUNTS, STILL_FORCE = 0.03, 4, 1.0
+
+
+@dataclass(frozen=True)
+class Step:
+    """Outcome of one step.
+
+    Parameters
+    ----------
+    device, what : str
+        What was tested.
+    passed : bool
+        Whether it is as it should be.
+    text : str
+        What was seen, and what to do if it is not.
+    """
+
+    device: str
+    what: str
+    passed: bool
+    text: str
+
+
+def selftest(config: RigConfig, torque: float, allowed: Callable[[], bool]) -> Iterator[Step]:
+    """Test a rig; nothing but zero goes to a motor before `allowed` has returned True.
+
+    Parameters
+    ----------
+    config : RigConfig
+        The rig.
+    torque : float
+        Of a pulse [N m].
+    allowed : callable
+        Asks the user whether the motors may be driven.
+
+    Yields
+    ------
+    Step
+        One after the other; the motors' only if all before have passed.
+
+    Raises
+    ------
+    ConfigError
+        If the torque is not a small one.
+    DeviceError
+        If the rig cannot be opened, or a box is lost on the way.
+    """
+    if not SMALLEST <= torque <= LARGEST:
+        raise ConfigError(f"--torque {torque:g}: {SMALLEST} to {LARGEST} N m is needed.")
+    # a simulated operator keeps off, as the user is told to
+    config = replace(config, simulation={**config.simulation, "operator": {}})
+    rig = open_rig(config, seed=0)
+    try:
+        bench = _Bench(rig, config)
+        passed = True
+        for name, box in rig.boxes.items():
+            yield Step(name, "box", True, box.describe())
+        for step in bench.without_power():
+            passed &= step.passed
+            yield step
+        if not passed:
+            return
+        if allowed():
+            yield from bench.with_power(torque)
+    finally:
+        rig.close()
+
+
+class _Bench:
+    """An open rig that is stepped without a controller."""
+
+    def __init__(self, rig: Rig, config: RigConfig) -> None:
+        self.rig, self.config = rig, config
+        self.period_ns = config.loop.period_ns
+        self.clock: Clock = CLOCKS[config.clock](self.period_ns)
+        self.clock.start()
+        self.tick = 0
+        self.arms = dict(zip(config.controller.arms, rig.ports, strict=True))
+        n = len(self.arms)
+        self.q, self.qd = np.zeros((n, 3)), np.zeros((n, 3))
+        self.wrench, self.zero, self.sent = np.zeros((n, 6)), np.zeros(3), np.zeros(3)
+
+    def step(self, driven: ArmPort | None = None, effort: FloatArray | None = None) -> Status:
+        """One tick: read everything, drive one arm."""
+        self.tick = self.clock.wait(self.tick + 1)
+        t_ns = self.tick * self.period_ns + self.rig.origin_ns
+        status = Status.OK
+        for i, port in enumerate(self.arms.values()):
+            status = max(status, port.joints.measured_js(t_ns, self.q[i], self.qd[i]))
+            if port.force is not None:
+                status = max(status, port.force.measured_cf(t_ns, self.q[i], self.wrench[i]))
+            wanted = self.zero if port is not driven or effort is None else effort.copy()
+            safe = safety.limit(wanted, self.qd[i], port.torque_limit, port.speed_limit)
+            status = max(status, Status(safe), port.efforts.servo_jf(wanted, self.sent))
+        return status
+
+    def without_power(self) -> Iterator[Step]:
+        """Everything is read for a while; nothing may move or be pressed."""
+        counts, force, worst = [], [], Status.OK
+        for _ in range(WATCH):
+            worst = max(worst, self.step())
+            counts.append(np.stack([p.counts for p in self.arms.values()]))
+            force.append(self.wrench[:, :3].copy())
+        if worst >= Status.STALE:
+            why = self.rig.trouble() or f"the worst status was {worst.name}"
+            yield Step("rig", "reading", False, f"{why}; run 'hil devices RIG.toml'")
+            return
+        moved, noise = np.ptp(counts, axis=0), np.std(force, axis=0)
+        for i, (arm, port) in enumerate(self.arms.items()):
+            most = int(moved[i].max())
+            text = f"counts moved by {most} at rest"
+            if most > STILL_COUNTS:
+                text += "; rest the arm in its dock and keep off it, or look for bad cables"
+            yield Step(arm, "encoders", most <= STILL_COUNTS, text)
+            if port.force is not None:
+                most_n = float(noise[i].max())
+                text = f"force has a noise of {most_n:.2g} N"
+                if most_n > STILL_FORCE:
+                    text += "; keep off the sensor, and look at its cable"
+                yield Step(arm, "force", most_n <= STILL_FORCE, text)
+
+    def with_power(self, torque: float) -> Iterator[Step]:
+        """Every joint of every arm, one at a time, both ways."""
+        for i, (arm, port) in enumerate(self.arms.items()):
+            devices = [
+                d for name, d in self.rig.devices.items() if self.config.devices[name].arm == arm
+            ]
+            for k in range(3):
+                change = np.zeros(3)
+                for sign in (1.0, -1.0):
+                    effort = np.zeros(3)
+                    effort[k] = sign * torque
+                    change += 0.5 * sign * self._pulse(i, port, devices, effort)
+                yield _judge(arm, k, change, torque)
+
+    def _pulse(self, i: int, port: ArmPort, devices: list[Device], effort: FloatArray
+               ) -> FloatArray:  # fmt: skip
+        """Change of speed (3,) [rad/s] by a pulse; no power before and after."""
+        worst = max(self.step() for _ in range(REST))
+        for device in devices:
+            device.enable()
+        before = self.qd[i].copy()
+        for _ in range(PULSE):
+            worst = max(worst, self.step(port, effort))
+        change = self.qd[i] - before
+        for device in devices:
+            device.disable()
+        if worst is Status.INVALID:
+            why = self.rig.trouble() or "an arm was faster than its speed_limit"
+            raise DeviceError(f"the self-test was stopped: {why}")
+        return np.asarray(change)
+
+
+def _judge(arm: str, k: int, change: FloatArray, torque: float) -> Step:
+    """Whether joint k, and it above all, went the way that it was pushed."""
+    name, seen = f"joint {k + 1}", f"{torque:g} N m changed its speed by {change[k]:+.2f} rad/s"
+    largest = int(np.argmax(np.abs(change)))
+    if abs(change[largest]) < MOVES:
+        text = f"{seen}: it does not move; is the amplifier on, and its watchdog fed?"
+    elif largest != k:
+        text = f"{seen}, and that of joint {largest + 1} by more: look at the channel map"
+    elif change[k] < 0:
+        text = f"{seen}: turn the sign of its place in channels.motors or channels.encoders"
+    else:
+        return Step(arm, name, True, seen)
+    return Step(arm, name, False, text)

@@ -1,0 +1,159 @@
+"""`hil devices` and sessions over boxes: what is reachable, at which rate, and what goes wrong."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil import registry, wiring
+from hil.app import run
+from hil.cli import main
+from hil.config import load_rig
+from hil.errors import ConfigError, DeviceError
+from hil.record.reader import load
+from hil.rig import bench_of
+from sim_devices import bench as bench_module
+
+RIGS = Path(__file__).parents[2] / "rigs"
+WIRE = {"backend": "sim-wire"}
+
+
+def rows(capsys, *words):
+    code = main(["devices", *map(str, words), "--json"])
+    table = json.loads(capsys.readouterr().out)["devices"]
+    return code, {r["device"]: r for r in table}
+
+
+def rig_file(tmp_path, backend, *changes):
+    text = (RIGS / "identify.toml").read_text().replace('backend = "sim"', f'backend = "{backend}"')
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    return path
+
+
+def test_rates_follow_the_wiring(tmp_path, capsys):
+    code, found = rows(capsys, rig_file(tmp_path, "sim-wire"))
+    assert code == 0
+    assert "motors change 930 times/s in a loop of 1000 Hz" in found["leader-arm"]["what"]
+    one_box = (
+        '["leader-motor1/0", "leader-motor2/0", "leader-motor3/0"]',
+        '["leader-motor1/0", "leader-motor1/1", "leader-motor1/2"]',
+    )
+    code, found = rows(capsys, rig_file(tmp_path, "sim-wire", one_box))
+    assert "motors change 232 times/s" in found["leader-arm"]["what"]
+    assert "leader-motor2" not in found
+
+
+def test_on_hardware_every_missing_box_says_so(tmp_path, capsys):
+    code, found = rows(capsys, rig_file(tmp_path, "hardware"))
+    assert code == 3
+    assert {r["reachable"] for r in found.values()} == {"no"}
+    assert "plug it in" in found["encoders"]["what"] or "libusb" in found["encoders"]["what"]
+    assert "its boxes encoders" in found["leader-arm"]["what"]
+
+
+def test_without_a_rig_the_real_libraries_are_asked(capsys):
+    code, _ = rows(capsys)
+    assert code in (0, 3)  # 3 where something is attached that may not be opened
+    assert main(["devices"]) == code
+    said = capsys.readouterr().out
+    assert "usb-quad08" in said
+    assert "usb-31xx" in said
+
+
+def test_a_session_over_boxes_is_that_over_ideal_wires(tmp_path):
+    paths = [tmp_path / "ideal.mcap", tmp_path / "wire.mcap"]
+    for path, over in zip(paths, ({}, WIRE), strict=True):
+        run(load_rig(RIGS / "identify.toml", over), 2.0, seed=3, output=path)
+    ideal, wire = (load(path, "leader") for path in paths)
+    # 0.4 ms of age at up to 2.5 rad/s, and a millisecond more to the motors
+    assert np.abs(ideal.q - wire.q).max() < 3e-3
+    assert 0 < np.abs(ideal.q - wire.q).max()
+    assert np.std(wire.tau) == pytest.approx(np.std(ideal.tau), rel=0.05)
+
+
+def test_sessions_over_boxes_repeat_to_the_byte(tmp_path):
+    paths = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    for path in paths:
+        run(load_rig(RIGS / "identify.toml", WIRE), 0.5, seed=3, output=path)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+@pytest.mark.parametrize(("box", "says"), [("encoders", "unplugged"), ("leader-motor2", "gone")])
+def test_a_box_that_is_pulled_out_stops_the_session(tmp_path, monkeypatch, box, says):
+    real = bench_module.Bench.advance
+
+    def advance(self, t_ns):
+        real(self, t_ns)
+        if t_ns > 600_000_000:
+            self.wired.boxes[box].plugged = False
+
+    monkeypatch.setattr(bench_module.Bench, "advance", advance)
+    with pytest.raises(DeviceError, match=f"{box}.*{says}") as caught:
+        run(load_rig(RIGS / "identify.toml", WIRE), 2.0, output=tmp_path / "s.mcap")
+    assert "holds what was recorded" in str(caught.value)
+    assert 100 < load(tmp_path / "s.mcap", "leader").n < 700
+
+
+def test_every_motor_gets_zero_when_a_session_is_broken_off(tmp_path, monkeypatch):
+    seen = []
+    real = registry.load
+
+    def keep(group, name):
+        found = real(group, name)
+        if group != "hil.sim_devices":
+            return found
+
+        def open_bench(*given):
+            seen.append(found(*given))
+            return seen[-1]
+
+        return open_bench
+
+    monkeypatch.setattr(registry, "load", keep)
+
+    def stop(ticks):
+        if seen[-1].now_ns > 900_000_000:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(load_rig(RIGS / "identify.toml", WIRE), 2.0, output=tmp_path / "s.mcap", progress=stop)
+    boxes = seen[-1].wired.boxes
+    volts = [b.volts[0] for name, b in boxes.items() if "motor" in name]
+    assert len(volts) == 6
+    assert np.abs(volts).max() < 1e-3
+    seen[-1].advance(seen[-1].now_ns + 100_000_000)
+    assert seen[-1].state["parked"].all()  # the amplifiers' watchdog
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("encoders/1", "encoder/1"), "Did you mean 'encoders'"),
+        (("encoders/1", "encoders"), "write BOX/CHANNEL"),
+        (("encoders/1", "encoders/0"), "used twice"),
+        (('["encoders/0", "encoders/1", "encoders/2"]', '["encoders/0"]'), "needs 3 places"),
+        (('address = "leader-2"', 'address = "leader-1"'), "an address of its own"),
+        (("channels.motors", "channels.motor"), "Did you mean 'motors'"),
+        (("[boxes.encoders]\n", '[boxes.encoders]\nbackend = "hid"\n'), "speaks 'usb', not 'hid'"),
+        (("[boxes.leader-motor1]\n", "[boxes.leader-motor1]\noptions.heartbeat_ms = 0.0\n"),
+         "none of its motor boxes gives a heartbeat"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_the_wiring_are_named(tmp_path, change, says):
+    config = load_rig(rig_file(tmp_path, "sim-wire", change))
+    with pytest.raises(ConfigError, match=says.replace("(", r"\(")):
+        run(config, 0.1, output=tmp_path / "s.mcap")
+
+
+def test_the_plan_of_the_cables():
+    config = load_rig(RIGS / "identify.toml", WIRE)
+    plan = wiring.plan(config)
+    assert plan["follower-motor3"]["cables"] == [(0, "motors", "follower", 2, 1)]
+    assert [c[0] for c in plan["encoders"]["cables"]] == [0, 1, 2, 3, 4, 5]
+    assert bench_of(config, 0) is not None
+    assert wiring.plan(load_rig(RIGS / "identify.toml")) == {}

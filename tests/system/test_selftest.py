@@ -1,0 +1,116 @@
+"""`hil selftest`: finds turned signs, swapped cables and dead motors; asks before it drives one."""
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+from hil import wiring
+from hil.cli import main
+from hil.config import load_rig
+from hil.errors import ConfigError, DeviceError
+from hil.selftest import selftest
+from sim_devices.hid.usb31xx import Sim31xx
+
+RIGS = Path(__file__).parents[2] / "rigs"
+
+
+def steps(over=None, torque=0.1, allowed=lambda: True):
+    config = load_rig(RIGS / "identify.toml", {"backend": "sim-wire"} | (over or {}))
+    return {(s.device, s.what): s for s in selftest(config, torque, allowed)}
+
+
+def recabled(monkeypatch, change):
+    """Cable the simulated boxes otherwise than the rig file says."""
+    real = wiring.plan
+
+    def plan(config):
+        rows = real(config)
+        change(rows)
+        return rows
+
+    monkeypatch.setattr(wiring, "plan", plan)
+
+
+def failed(found):
+    return {key: step.text for key, step in found.items() if not step.passed}
+
+
+def test_a_good_rig_passes():
+    found = steps()
+    assert not failed(found)
+    assert len([what for _, what in found if what.startswith("joint")]) == 6
+    assert not failed(steps({"backend": "sim"}))
+
+
+def test_a_turned_sign_is_found(monkeypatch):
+    def turn(rows):
+        box = rows["follower-motor2"]
+        box["cables"] = [(c, role, arm, k, -sign) for c, role, arm, k, sign in box["cables"]]
+
+    recabled(monkeypatch, turn)
+    wrong = failed(steps())
+    assert set(wrong) == {("follower", "joint 2")}
+    assert "turn the sign" in wrong["follower", "joint 2"]
+
+
+def test_swapped_cables_are_found(monkeypatch):
+    def swap(rows):
+        a, b = rows["leader-motor1"], rows["leader-motor3"]
+        a["cables"], b["cables"] = b["cables"], a["cables"]
+
+    recabled(monkeypatch, swap)
+    wrong = failed(steps())
+    assert set(wrong) == {("leader", "joint 1"), ("leader", "joint 3")}
+    assert "look at the channel map" in wrong["leader", "joint 1"]
+
+
+def test_a_dead_motor_is_found(monkeypatch):
+    recabled(monkeypatch, lambda rows: rows["leader-motor3"].update(cables=[]))
+    wrong = failed(steps())
+    assert set(wrong) == {("leader", "joint 3")}
+    assert "does not move" in wrong["leader", "joint 3"]
+
+
+def test_no_motor_moves_before_it_is_allowed(monkeypatch):
+    volts = []
+    real = Sim31xx.tick
+    monkeypatch.setattr(Sim31xx, "tick", lambda b, t: (real(b, t), volts.append(abs(b.volts[0]))))
+    found = steps(allowed=lambda: False)
+    assert all(not what.startswith("joint") for _, what in found)
+    assert max(volts) < 1e-3
+
+
+def test_a_rig_that_is_not_still_gets_no_power(monkeypatch):
+    real = wiring.BoxWire.receive
+
+    def receive(self, t_ns):
+        status = real(self, t_ns)
+        self.counts[1] += t_ns // 50_000_000
+        return status
+
+    monkeypatch.setattr(wiring.BoxWire, "receive", receive)
+    wrong = failed(steps(allowed=lambda: pytest.fail("asked for power")))
+    assert "rest the arm in its dock" in wrong["leader", "encoders"]
+
+
+def test_a_torque_that_is_not_small_is_refused():
+    with pytest.raises(ConfigError, match=r"0\.02 to 0\.2 N m"):
+        steps(torque=1.0)
+
+
+def test_an_arm_that_runs_away_is_stopped():
+    with pytest.raises(DeviceError, match="stopped"):
+        steps({"arms": {"leader": {"speed_limit": [0.05, 0.05, 0.05]}}})
+
+
+@pytest.mark.parametrize(("typed", "moved"), [("identify\n", True), ("yes\n", False)])
+def test_the_command_asks_for_the_name_of_the_rig(typed, moved, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO(typed))
+    assert main(["selftest", str(RIGS / "identify.toml"), "--json"]) == 0
+    said = capsys.readouterr()
+    assert "Type the name of the rig, identify" in said.err
+    rows = json.loads(said.out)["steps"]
+    assert any(r["what"] == "joint 1" for r in rows) is moved
+    assert main(["selftest", str(RIGS / "identify.toml"), "--no-motors"]) == 0
