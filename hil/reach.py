@@ -22,21 +22,19 @@ def row(name: str, driver: str, backend: str, reachable: str, what: str) -> Row:
 
 
 def everything() -> list[Row]:
-    """What every driver finds on its bus, and the drivers that simulate."""
+    """What every driver of a box finds on its bus, and the devices that are wired to boxes."""
     rows = []
     for name in sorted(registry.names("hil.boxes")):
-        module: ModuleType = registry.load("hil.boxes", name)
-        rows += list(_on_the_bus(name, module))
+        rows += list(_on_the_bus(name, registry.load("hil.boxes", name)))
     for name in sorted(registry.names("hil.drivers")):
-        module = registry.load("hil.drivers", name)
-        if hasattr(module, "attached"):
-            rows += list(_on_the_bus(name, module))
-        else:
-            rows.append(row("-", name, "sim", "yes", "simulated, or wired to boxes"))
+        rows.append(row("-", name, "sim", "yes", "simulated, or wired to boxes"))
     return rows
 
 
 def _on_the_bus(name: str, module: ModuleType) -> Iterator[Row]:
+    if not hasattr(module, "attached"):
+        yield row("-", name, module.BUS, "none", UNLISTED.format(bus=module.BUS))
+        return
     try:
         found = module.attached(Bus(module.BUS))
     except HilError as error:
@@ -48,6 +46,7 @@ def _on_the_bus(name: str, module: ModuleType) -> Iterator[Row]:
         yield row("-", name, module.BUS, "none", NOTHING.format(bus=module.BUS))
 
 
+UNLISTED = "{bus} does not list what is on it; 'hil devices RIG.toml' asks for those of a rig"
 NOTHING = (
     "none is attached, as far as {bus} shows; plug it in, and if this machine is virtual, hand "
     "the device through to it"
@@ -84,7 +83,7 @@ def _boxes(config: RigConfig) -> tuple[list[Row], dict[str, str]]:
         try:
             with ExitStack() as stack:
                 box = wiring.open_box(config, name, backend, buses, stack)
-                what = box.describe()
+                what = wiring.describe(box)
         except HilError as error:
             what = trouble[name] = str(error)
         answer = "no" if name in trouble else "yes"

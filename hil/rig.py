@@ -60,7 +60,7 @@ class Rig:
 
     def trouble(self) -> str:
         """Why boxes are lost; empty while none is."""
-        return " ".join(box.trouble for box in self.boxes.values() if box.trouble).rstrip(".")
+        return " ".join(filter(None, map(wiring.trouble, self.boxes.values()))).rstrip(".")
 
     def close(self) -> None:
         """Make every device safe and release it and its boxes, even where another one fails to."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hil import wiring
 from hil.app import CLOCKS
 from hil.config import RigConfig
 from hil.errors import ConfigError, DeviceError
@@ -81,7 +82,7 @@ def selftest(config: RigConfig, torque: float, allowed: Callable[[], bool]) -> I
         bench = _Bench(rig, config)
         passed = True
         for name, box in rig.boxes.items():
-            yield Step(name, "box", True, box.describe())
+            yield Step(name, "box", True, wiring.describe(box))
         for step in bench.without_power():
             passed &= step.passed
             yield step

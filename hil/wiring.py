@@ -206,6 +206,18 @@ def box_options(config: RigConfig, name: str) -> Any:
     return parse(driver.Config, table.options, f"boxes.{name}.options")
 
 
+def describe(box: Any) -> str:
+    """What an open box is and does, in its own words where it has some."""
+    if hasattr(box, "describe"):
+        return str(box.describe())
+    return f"{type(box).__name__} {getattr(box, 'serial', '')}".rstrip()
+
+
+def trouble(box: Any) -> str:
+    """Why a box is lost; empty while it is not, or where it does not say."""
+    return str(getattr(box, "trouble", ""))
+
+
 def told_apart(config: RigConfig, used: Iterable[str]) -> None:
     """Refuse two boxes of one driver that may be the same device."""
     seen: dict[tuple[str, str], str] = {}
