@@ -17,6 +17,7 @@ from hil.signals.bus import Bus
 from hil.signals.device import Status
 from sim_devices.plants import build, world
 from sim_devices.plants.layout import GEL, NOISES, OPERATOR, SUBSTEPS
+from sim_devices.quadrature import Quadrature
 
 BLOCK = 256
 
@@ -60,6 +61,33 @@ class Bench:
         for i in range(n):
             world.sense(self.parameters[i], self.state[i], 0.0, np.zeros(NOISES), self.counts[i],
                         self.gauges[i])  # fmt: skip
+        self.encoders = self._bad_encoders(dict(section.get("quadrature", {})))
+        if self.encoders:
+            self.after.append(self._read_encoders)
+
+    def _bad_encoders(self, table: dict[str, Any]) -> dict[int, Quadrature]:
+        """Arm -> encoders as edges, from ``[simulation.quadrature]``; none where it is empty."""
+        if not table:
+            return {}
+        keys = {"arm": "", "lines": 1024, "phase_error": 0.0, "dirty": [], "decoder_hz": 1e7}
+        table = build.with_defaults("simulation.quadrature", table, keys)
+        arm = table.pop("arm")
+        if arm and arm not in self.names:
+            raise ConfigError(f"[simulation.quadrature]: {unknown('arm', arm, self.names)}")
+        found = {i: Quadrature(3, **table) for i, n in enumerate(self.names) if arm in ("", n)}
+        for i, encoder in found.items():
+            encoder.reset(self.place(i))
+        return found
+
+    def place(self, i: int) -> NDArray[np.float64]:
+        """Where the encoders of arm i stand (3,) [quarter lines]."""
+        return np.asarray(self.state["qm"][i] * self.parameters["encoder"][i])
+
+    def _read_encoders(self, now_ns: int) -> None:
+        """What the decoders of encoders that are emulated as edges make of the tick."""
+        for i, encoder in self.encoders.items():
+            encoder.advance(self.place(i), self.period_ns * 1e-9)
+            self.counts[i] = encoder.counts
 
     def wire(self, arm: str) -> Wire:
         """Wire to the devices of one arm."""

@@ -15,7 +15,7 @@ from sim_devices.plants.layout import ARM, GEL, OPERATOR, SINES, STATE
 #: Keys of ``[simulation]`` and of its tables, with their defaults.
 DEFAULTS: dict[str, Any] = {
     "bench": "ideal", "truth": "nominal", "home": [0.0, 0.4, 0.3], "hidden": [],
-    "hidden_seed": None, "operator": {}, "gel": {},
+    "hidden_seed": None, "operator": {}, "gel": {}, "quadrature": {},
 }  # fmt: skip
 OPERATOR_KEYS: dict[str, Any] = {
     "kind": "none", "arm": "leader", "size": [0.03, 0.05, 0.03], "frequency": 0.4,

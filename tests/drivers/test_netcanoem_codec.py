@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.netcanoem import NetCanOem, NetCanOemConfig, codec
@@ -117,6 +117,7 @@ def test_settings_come_into_force_at_power_up_alone():
     assert (far.base, far.bit_rate) == (0x20, 250_000)
 
 
+@settings(deadline=None)
 @given(WORDS)
 def test_gauge_words_survive_the_way_through_two_codecs(words):
     far = board()
@@ -129,6 +130,7 @@ def test_gauge_words_survive_the_way_through_two_codecs(words):
     assert out.tolist() == words
 
 
+@settings(deadline=None)
 @given(st.lists(SINGLES, min_size=6, max_size=6), st.integers(0, 5))
 def test_matrix_rows_survive_the_way_through_two_codecs(row, axis):
     far = board()
@@ -140,6 +142,7 @@ def test_matrix_rows_survive_the_way_through_two_codecs(row, axis):
     assert read == row
 
 
+@settings(deadline=None)
 @given(st.integers(0, 0x7F), st.integers(0, 15))
 def test_identifiers_are_base_and_operation(base, operation):
     ident = codec.identifier(base, operation)
@@ -153,6 +156,7 @@ PARSERS = [
 ]  # fmt: skip
 
 
+@settings(deadline=None)
 @given(st.sampled_from(PARSERS), st.binary(max_size=8))
 def test_any_bytes_are_read_or_refused_with_a_device_error(parse, data):
     try:
@@ -161,6 +165,7 @@ def test_any_bytes_are_read_or_refused_with_a_device_error(parse, data):
         return
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(st.integers(0x200, 0x20F), st.binary(max_size=8)), max_size=8))
 def test_any_frames_while_polling_are_survived(frames):
     source = _POLLED
@@ -172,6 +177,7 @@ def test_any_frames_while_polling_are_survived(frames):
 _POLLED = NetCanOem("ft", Rig(board()).link(), NetCanOemConfig())
 
 
+@settings(deadline=None)
 @given(st.integers(0, 0xFFFF))
 def test_every_status_word_has_words(word):
     assert codec.describe_status(word)

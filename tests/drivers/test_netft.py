@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from drivers.netft_can import NetFtCanConfig
@@ -85,6 +85,7 @@ def test_the_rdt_record_is_that_of_the_document():
         far.box.recv(2048)
 
 
+@settings(deadline=None)
 @given(WORDS16)
 def test_can_words_survive_two_codecs(values):
     far = _CAN
@@ -102,6 +103,7 @@ def test_can_words_survive_two_codecs(values):
 _CAN = NetFtCanFar()
 
 
+@settings(deadline=None)
 @given(WORDS32, st.integers(0, 2**32 - 1))
 def test_rdt_records_survive_two_codecs(values, status):
     far = RdtFar()
@@ -114,6 +116,7 @@ def test_rdt_records_survive_two_codecs(values, status):
     assert words == values
 
 
+@settings(deadline=None)
 @given(st.lists(st.binary(max_size=40), max_size=5))
 @example([bytes.fromhex("00000100" + 32 * "00")])
 def test_any_datagram_is_survived(datagrams):

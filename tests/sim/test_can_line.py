@@ -4,7 +4,7 @@ import itertools
 
 import can
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim_devices.canbus.frame import Frame, bits
@@ -52,6 +52,7 @@ def reference_bits(ident, data):
     return len(stuffed) + 10
 
 
+@settings(deadline=None)
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))
 def test_frame_lengths_are_those_of_the_standard(ident, data):
     n = len(data)
