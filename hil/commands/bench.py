@@ -9,13 +9,13 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from hil.bench import hidden, recordings, velocity
+from hil.bench import hidden, identify, recordings, velocity
 from hil.bench.diagnosis import cases, runner, tables
-from hil.commands import common, plugins
+from hil.commands import common, identifytable, outputs, plugins
 from hil.errors import ConfigError
 from hil.rigs import rig_path
 
-HELP = "the published benchmarks: hidden effects, and the three public recordings"
+HELP = "the published benchmarks: hidden effects, speed, and the three public recordings"
 EXAMPLE = "hil bench diagnosis --quick"
 
 
@@ -32,7 +32,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="keep every result in this file, and do not do again what it holds (diagnosis)",
     )  # fmt: skip
     parser.add_argument(
-        "--report", metavar="R.md", help="write the tables too (diagnosis, velocity)"
+        "--report", metavar="R.md",
+        help="write the tables too (diagnosis, identify, velocity)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--figaroh", metavar="PYTHON", default="",
+        help="interpreter of an environment that has FIGAROH (identify)",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
@@ -187,9 +192,19 @@ def _markdown(path: str | None) -> None:
         raise ConfigError(f"--report {path}: a file that ends in .md is needed")
 
 
+def _identify(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    outputs.check(args.report, ".md", (), identifytable.is_page, "a page of this benchmark")
+    report = identify.run(figaroh=args.figaroh, report=lambda what: common.log(f"measuring {what}"))
+    if args.report:
+        with outputs.writing(args.report):
+            Path(args.report).write_text(identifytable.page(report), encoding="utf-8")
+    return identifytable.text(report), identifytable.data(report)
+
+
 BENCHES: dict[str, Callable[[argparse.Namespace], tuple[str, dict[str, object]]]] = {
     "diagnosis": _diagnosis,
     "hidden": _hidden,
+    "identify": _identify,
     "emps": _emps,
     "contact": _contact,
     "wrist": _wrist,

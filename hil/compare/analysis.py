@@ -114,7 +114,7 @@ def compare(
     faults = [*faults_of(recordings), *(Fault("outside-range", "warning", "", x) for x in beyond)]
     return Comparison(
         result, examine(result), evidence, where, both(result, problem), faults,
-        examine.floor(result), model.valid,
+        examine.floor(result, evidence), model.valid,
     )  # fmt: skip
 
 

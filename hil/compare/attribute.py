@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.evidence import Candidate, Evidence
+from hil.identify.projector import Projector, within
 from hil.identify.result import FitResult
-from hil.identify.shapes import Projector, within
 from hil.identify.timing import LATE
 from hil.models.motion import Motion
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 
 from hil.compare.attribute import LEVEL
 from hil.compare.evidence import Candidate
 from hil.compare.material import Material
 from hil.compare.page import escape, number, table
-from hil.compare.plots import AFTER, FLOOR, embed, grid
+from hil.compare.plots import AFTER, FLOOR, bar, embed, grid, scatter
 
 CANDIDATES = 14
 
@@ -49,8 +48,8 @@ def candidates_figure(m: Material) -> str:
     whole = [100 * max(0.0, 1 - float(ratio[c.joint]) ** 2) for c in chosen]
     mark = {"symbol": "diamond", "size": 9, "color": FLOOR}
     name = "all that is above the noise floor of the joint"
-    fig.add_trace(go.Scatter(x=whole, y=labels, mode="markers", marker=mark, name=name))
-    order = {"categoryorder": "array", "categoryarray": labels[::-1]}
+    fig.add_trace(scatter(x=whole, y=labels, mode="markers", marker=mark, name=name))
+    order: dict[str, Any] = {"categoryorder": "array", "categoryarray": labels[::-1]}
     fig.update_yaxes(**order, tickmode="array", tickvals=labels, showgrid=False)
     fig.update_xaxes(title_text="share of the joint's squared residual [%]", range=[0, 112])
     fig.update_layout(margin={"l": 270}, barmode="overlay", legend_traceorder="normal")
@@ -73,11 +72,11 @@ def _share_bars(fig: Any, m: Material, chosen: list[Candidate], labels: list[str
     for which, name, color in kinds:
         text = [f"{x:.0f} %" if x >= 0.95 else f"{x:.1f} %" for x in share[which]]
         spot = ["inside" if x > 15 else "outside" for x in share[which]]
-        bar = go.Bar(
+        bars = bar(
             x=share[which], y=np.array(labels)[which], orientation="h", name=name,
             marker_color=color, text=text, textposition=spot, cliponaxis=False,
         )  # fmt: skip
-        fig.add_trace(bar)
+        fig.add_trace(bars)
 
 
 def candidates_table(m: Material) -> str:

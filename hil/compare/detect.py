@@ -12,9 +12,9 @@ from hil.compare.floor import Floor
 from hil.identify import timelines
 from hil.identify.design import Term
 from hil.identify.fit import time_blocks
+from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.screening import screen
-from hil.identify.shapes import Projector
 
 FloatArray = NDArray[np.float64]
 FLIPS = 400
@@ -47,8 +47,7 @@ def detect(
     ratio = floor.scale / np.maximum(problem.rms(floor.residual), 1e-300)
     noise = (floor.residual * ratio[:, None] / result.sigma[:, None]).reshape(-1)
     rows = np.tile(blocks, problem.d)
-    qb = np.zeros((count, projector.q.shape[1]))
-    np.add.at(qb, rows, projector.q * noise[:, None])
+    qb = block_sums(projector.q * noise[:, None], rows, count)
     for c in found:
         c.null = _null(c, projector, noise, rows, signs, qb)
     quantile = {id(c): max(float(np.quantile(c.null, 0.95)), 1e-300) for c in found}
@@ -76,14 +75,21 @@ def _null(
         n, j = projector.problem.n, c.term.joint
         back = projector.problem.back(noise[j * n : (j + 1) * n], j)
         return waves.flipped(back, projector.problem.spread(rows[: projector.problem.n]), signs)
-    step = max(1, len(grid) // 40)
-    for shape in grid[::step]:
-        term = c.term.reshaped(shape)
-        where = projector.rows(term)
-        columns = projector.weighted(term)
-        _, _, inverse, qc = projector.score(term)
-        part = np.zeros((signs.shape[1], columns.shape[1]))
-        np.add.at(part, rows[where], columns * noise[where, None])
-        flipped = signs @ (part - qb @ qc)
-        best = np.maximum(best, np.einsum("fi,ij,fj->f", flipped, inverse, flipped))
+    where = projector.rows(c.term)
+    for s in projector.scores(c.term, grid[:: max(1, len(grid) // 40)]):
+        g, m = s.beta.shape
+        weighted = s.columns.reshape(-1, g * m) * noise[where, None]
+        part = block_sums(weighted, rows[where], signs.shape[1])
+        flipped = (signs @ (part - qb @ s.qc.reshape(-1, g * m))).reshape(-1, g, m)
+        # c' G^+ c of each shape
+        each = flipped.transpose(1, 0, 2)
+        best = np.maximum(best, np.sum((each @ s.inverse) * each, axis=2).max(axis=0))
     return best
+
+
+def block_sums(x: FloatArray, labels: NDArray[np.int_], count: int) -> FloatArray:
+    """Sums (count, m) of the rows of x (n, m) by label; labels come in long stretches."""
+    starts = np.flatnonzero(np.diff(labels, prepend=-1))
+    out = np.zeros((count, x.shape[1]))
+    np.add.at(out, labels[starts], np.add.reduceat(x, starts, axis=0))
+    return out

@@ -18,6 +18,7 @@ from hil.compare.judge import ADEQUATE, judge
 from hil.identify.design import head
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.identify.solve import solve
 from hil.identify.threads import single_threaded
 from hil.identify.timing import fit_aligned
 from hil.identify.validity import outside
@@ -36,6 +37,8 @@ FORM = 0.02
 #: Error in units of the largest model's residual that is above the floor in any case.
 APART = 1.2
 MOST = 4
+#: An effect without which its joint's error rises by this factor is not superfluous.
+NEEDED = 1.05
 
 
 @single_threaded
@@ -81,7 +84,7 @@ def diagnose(
         evidence = gather(step.result, seed)
         _retest(found, ladder, examine, problem)
     out = judge(ladder, found, first, evidence)
-    out.heldout_floor = examine.floor(ladder[-1].result)
+    out.heldout_floor = examine.floor(ladder[-1].result, evidence)
     out.valid = model.valid
     beyond = outside(model.valid, problem) + examine.outside(ladder[-1].result)
     out.warnings += [("outside-range", text) for text in beyond]
@@ -104,7 +107,8 @@ def _next(
         rest = [c, *[x for x in candidates if x is not c and candidates.index(x) > k]]
         best, confidence, rivals = choose(rest, projector)
         model = now.result.model + as_use(best, problem)
-        step = Step(f"+ {describe(best, problem)}", *_refit(model, problem, examine))
+        fitted = _refit(model, problem, examine, now.result.sigma)
+        step = Step(f"+ {describe(best, problem)}", *fitted)
         if _worth(step, now, ladder[0], best.joint, evidence.floor.rms):
             found.append((best, confidence, rivals))
             return step
@@ -134,8 +138,10 @@ def _worth(step: Step, now: Step, first: Step, j: int, floor: FloatArray) -> boo
     return bool(better and share > SHARE and step.heldout.gain(now.heldout, j) > 1.0)
 
 
-def _refit(model: RobotModel, problem: Problem, examine: Examiner) -> tuple[FitResult, HeldOut]:
-    result = fit_aligned(problem, model)
+def _refit(
+    model: RobotModel, problem: Problem, examine: Examiner, scale: FloatArray
+) -> tuple[FitResult, HeldOut]:
+    result = fit_aligned(problem, model, scale)
     return result, examine(result)
 
 
@@ -162,11 +168,27 @@ def _retest(
         use = as_use(candidate, problem)
         model = ladder[-1].result.model
         rest = tuple(u for u in model.effects if (u.type, u.joints) != (use.type, use.joints))
-        if len(rest) == len(model.effects):
-            continue
-        result, heldout = _refit(replace(model, effects=rest), problem, examine)
         j = candidate.joint
+        if len(rest) == len(model.effects) or _needed(candidate, found[k + 1 :], ladder[-1]):
+            continue
+        scale = ladder[-1].result.sigma
+        result, heldout = _refit(replace(model, effects=rest), problem, examine, scale)
         if heldout.rms[j] <= 1.002 * ladder[-1].heldout.rms[j]:
             found.pop(k)
             ladder.append(Step(f"- {describe(candidate, problem)} (superfluous)", result, heldout))
             return
+
+
+def _needed(candidate: Candidate, later: list[Accepted], now: Step) -> bool:
+    """Whether an effect is plainly needed, so that no full fit without it has to show it.
+
+    The coefficients alone are fitted without it; shapes may only make up for it where a later
+    effect shares its joint.
+    """
+    j, result = candidate.joint, now.result
+    near = any(c.joint == j or c.term.effect.whole_robot for c, _, _ in later)
+    if near or candidate.term.effect.whole_robot or candidate.term.effect.replaces:
+        return False
+    terms = [t for t in result.terms if t.key != candidate.term.key]
+    *_, residual = solve(result.problem, terms, result.model, result.sigma)
+    return bool(result.problem.rms(residual)[j] > NEEDED * result.rms[j])

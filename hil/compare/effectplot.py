@@ -98,9 +98,9 @@ def _binned(
             "color": MEASURED}  # fmt: skip
     points = dots(x, mean, names[0], MEASURED, size=5.5, opacity=1, showlegend=legend, error_y=wide)
     if which.all() or names[0].endswith(("forward", "pressing")):
-        points.marker.symbol = "circle-open"
+        points["marker"]["symbol"] = "circle-open"
     else:
-        points.marker.symbol = "square-open"
+        points["marker"]["symbol"] = "square-open"
     put(points, row=1, col=column)
     put(line(x, fitted, names[1], color, width=3, showlegend=legend), row=1, col=column)
 

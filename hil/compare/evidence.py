@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from hil.compare.detect import FLIPS, detect
 from hil.compare.floor import Floor, measure
 from hil.identify.design import Term, coefficients
+from hil.identify.projector import Projector
 from hil.identify.result import FitResult
-from hil.identify.shapes import Projector, best_shape
+from hil.identify.shapes import COARSE, best_shape
 from hil.identify.timing import LATE, real_delay
 from hil.models import catalogue
 
@@ -136,23 +137,41 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
     seed : int
         Of the sign flips.
     """
-    problem = result.problem
-    projector = Projector(problem, result.terms, result.sigma)
+    projector = Projector(result.problem, result.terms, result.sigma)
     terms, impossible = possible_terms(result)
-    tried = [_try(projector, result, t) for t in terms]
-    # a shape that was to be read off the residual and is not there: nothing to try
-    found = [c for c in tried if c.term.shape or not c.term.effect.shape]
-    extra: list[list[FloatArray]] = [[] for _ in problem.joints]
-    for c in found:
-        # what answers noise would take it out of the floor
-        if c.absorbed < 1 - 1e-6 and not _picked(c, projector) and in_time(c, result):
-            _collect(problem.d, c.term, problem, extra)
-    floor = measure(result, extra)
+    found = _tried(projector, result, terms)
+    floor = _floor(found, projector, result)
     _judge(found, floor, result)
     detect(found, projector, floor, result, seed)
     # scores that agree to four digits keep the order of the catalogue
     found.sort(key=lambda c: -float(f"{c.score:.4g}"))
     return Evidence(found, floor, projector, impossible)
+
+
+def floor_of(result: FitResult, evidence: Evidence) -> Floor:
+    """Noise floor of another fit of the same model, with the shapes of candidates found before.
+
+    Only lines over time are sought anew: they belong to a run.
+    """
+    projector = Projector(result.problem, result.terms, result.sigma)
+    known = {c.term.key: c.term.shape for c in evidence.candidates if not c.term.effect.spectral}
+    terms = [replace(t, shape=known.get(t.key, ())) for t in possible_terms(result)[0]]
+    return _floor(_tried(projector, result, terms), projector, result)
+
+
+def _tried(projector: Projector, result: FitResult, terms: list[Term]) -> list[Candidate]:
+    """Candidates for terms, without those whose shape was to be read off the residual in vain."""
+    tried = [_try(projector, result, t) for t in terms]
+    return [c for c in tried if c.term.shape or not c.term.effect.shape]
+
+
+def _floor(found: list[Candidate], projector: Projector, result: FitResult) -> Floor:
+    extra: list[list[FloatArray]] = [[] for _ in result.problem.joints]
+    for c in found:
+        # what answers noise would take it out of the floor
+        if c.absorbed < 1 - 1e-6 and not _picked(c, projector) and in_time(c, result):
+            _collect(result.problem.d, c.term, result.problem, extra)
+    return measure(result, extra)
 
 
 def _picked(c: Candidate, projector: Projector) -> bool:
@@ -187,7 +206,8 @@ def _collect(d: int, term: Term, problem: object, extra: list[list[FloatArray]])
 
 
 def _try(projector: Projector, result: FitResult, term: Term) -> Candidate:
-    term, gain = best_shape(projector, term)
+    if not term.shape:
+        term, _ = best_shape(projector, term, accuracy=COARSE)
     if not term.shape and term.effect.shape:
         return Candidate(term, 0.0, 0.0, absorbed=1.0, joint=term.joint)
     gain, beta, _, qc = projector.score(term)

@@ -23,8 +23,8 @@ from hil.excite.stage import Stage
 from hil.identify import standstill
 from hil.identify.design import Term
 from hil.identify.problem import Problem
+from hil.identify.projector import Projector
 from hil.identify.result import FitResult
-from hil.identify.shapes import Projector
 
 FloatArray = NDArray[np.float64]
 #: Share of an effect's columns from which the base model is said to absorb it.

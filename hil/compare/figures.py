@@ -5,13 +5,24 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from hil.compare.localise import View, views
 from hil.compare.material import Material
 from hil.compare.page import escape, number
-from hil.compare.plots import AFTER, BAND, BEFORE, FLOOR, TOP, embed, grid, line, rung_colors
+from hil.compare.plots import (
+    AFTER,
+    BAND,
+    BEFORE,
+    FLOOR,
+    TOP,
+    bar,
+    embed,
+    grid,
+    line,
+    rung_colors,
+    scatter,
+)
 from hil.identify.validity import QUANTITIES, limits
 
 FloatArray = NDArray[np.float64]
@@ -44,7 +55,7 @@ def ladder_figure(m: Material) -> str:
     _floor_line(fig, m)
     # a long legend needs more room above
     more = 22 * max(0, len(labels) - 3)
-    fig.update_layout(margin_t=TOP + more, height=fig.layout.height + more)
+    fig.update_layout(margin_t=TOP + more, height=fig.layout["height"] + more)
     top = 1.18 * max(float(values.max()), 1.2)
     fig.update_yaxes(title_text="held-out rms error / noise floor", range=[0, top], col=1)
     if both:
@@ -53,7 +64,7 @@ def ladder_figure(m: Material) -> str:
         fig.update_yaxes(title_text="rms error / rms displacement [%]", range=[0, top], col=2)
     if len("".join(m.joints)) > 40:
         fig.update_xaxes(tickangle=-35, automargin=True)
-        fig.update_layout(height=fig.layout.height + 60)
+        fig.update_layout(height=fig.layout["height"] + 60)
     return embed(fig, "ladder", ONE_STEP + (MULTI_STEP if both else ""))
 
 
@@ -64,7 +75,7 @@ def _floor_line(fig: Any, m: Material) -> None:
     origin = {"repeats": "repeated motion", "largest-model": "largest model on left-out data"}
     method = m.last.floor.method
     name = f"noise floor (from {escape(origin.get(method, method))})"
-    fig.add_trace(go.Scatter(x=[None], y=[None], mode="lines", line=look, name=name), row=1, col=1)
+    fig.add_trace(scatter(x=[None], y=[None], mode="lines", line=look, name=name), row=1, col=1)
 
 
 def _bars(
@@ -75,7 +86,7 @@ def _bars(
         y = [float(v) if np.isfinite(v) else None for v in values[k]]
         text = [f"{v:.3g}" if few and v is not None else "" for v in y]
         fig.add_trace(
-            go.Bar(
+            bar(
                 x=[escape(j) for j in joints], y=y, name=escape(label), legendgroup=escape(label),
                 marker_color=color, text=text, textposition="outside", cliponaxis=False,
                 showlegend=column == 1,
@@ -164,8 +175,8 @@ def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, lege
     used = old.count >= FEWEST
     band = np.where(used, old.band, 0.0)
     fig.add_trace(
-        go.Bar(
-            x=(edges[1:] + edges[:-1]) / 2, y=2 * band, base=-band, width=np.diff(edges),
+        bar(
+            x=(edges[1:] + edges[:-1]) / 2, y=2 * band, base=(-band).tolist(), width=np.diff(edges),
             marker={"color": BAND, "line_width": 0}, name="noise band", legendgroup="noise band",
             showlegend=legend, hoverinfo="skip",
         ),

@@ -62,7 +62,14 @@ class Floor:
 
 
 def smooth_features(problem: Problem, j: int) -> FloatArray:
-    """Smooth functions of position and speeds for joint j, filtered, shape (n, m)."""
+    """Smooth functions of position and speeds for joint j, filtered, shape (n, m); made once."""
+    if ("smooth", j) not in problem.memo:
+        problem.memo["smooth", j] = _smooth(problem, j)
+    out: FloatArray = problem.memo["smooth", j]
+    return out
+
+
+def _smooth(problem: Problem, j: int) -> FloatArray:
     rms = np.maximum(
         np.sqrt(np.mean(np.concatenate([m.qd for m in problem.motions]) ** 2, axis=0)), 1e-12
     )

@@ -54,10 +54,22 @@ class _Forward:
         Across a reversal dry friction rises by its whole size: the secant, unlike the tangent,
         knows it, and the implicit step below then holds a joint that sticks.
         """
-        rest = np.zeros_like(q)
-        up, down = (self.effort(q, qd + s * step, rest, load, mass=False) for s in (1.0, -1.0))
+        speeds = np.concatenate([qd + step, qd - step])
+        twice, rest = np.tile(q, (2, 1)), np.zeros_like(speeds)
+        up, down = np.split(self.effort(twice, speeds, rest, np.tile(load, (2, 1)), mass=False), 2)
         out: FloatArray = np.maximum((up - down) / (2 * step), 0.0)
         return out
+
+    def balance(
+        self, q: FloatArray, qd: FloatArray, load: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Effort (w, d) without acceleration, and mass matrix (w, d, d), at states (w, d)."""
+        w, d = q.shape
+        # no acceleration, then one of each joint: all states at once
+        unit = np.repeat(np.concatenate([np.zeros((1, d)), np.eye(d)]), w, axis=0)
+        q, qd, load = (np.tile(x, (1 + d, 1)) for x in (q, qd, load))
+        each = self.effort(q, qd, unit, load).reshape(1 + d, w, d)
+        return each[0], np.moveaxis(each[1:] - each[0], 0, -1)
 
     def effort(
         self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, mass: bool = True
@@ -109,11 +121,7 @@ def forward(
     with np.errstate(all="ignore"):
         for k in range(horizon):
             load = motion.load[starts + k]
-            rest = model.effort(q, qd, np.zeros_like(q), load)
-            mass = np.stack(
-                [model.effort(q, qd, np.tile(unit[i], (len(q), 1)), load) - rest for i in range(d)],
-                axis=-1,
-            )
+            rest, mass = model.balance(q, qd, load)
             push = drive[starts + k] - rest
             qdd = _solve(mass, push)
             slope = model.slope(q, qd, np.abs(dt * qdd) + 1e-9, load)

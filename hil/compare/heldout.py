@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.evidence import gather
+from hil.compare.evidence import Evidence, floor_of
 from hil.errors import DataError
 from hil.identify.bounds import bounded, limits
 from hil.identify.fit import fit, predict, time_blocks
@@ -130,12 +130,14 @@ class Examiner:
             return _held(residual, self._other, self.kind)
         return _held(_folds(result), self._problem, self.kind)
 
-    def floor(self, result: FitResult) -> FloatArray | None:
-        """Noise floor of the held-out runs themselves (d,); None without any."""
+    def floor(self, result: FitResult, evidence: Evidence) -> FloatArray | None:
+        """Noise floor of the held-out runs themselves (d,); None without any.
+
+        `evidence` is that beside the fit: its candidates are what might be explained there.
+        """
         if self._other is None:
             return None
-        own = fit(self._other, result.model)
-        return np.asarray(gather(own).floor.rms)
+        return np.asarray(floor_of(fit(self._other, result.model), evidence).rms)
 
 
 def _held(residual: FloatArray, problem: Problem, kind: str) -> HeldOut:

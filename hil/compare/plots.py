@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
-from plotly.io import to_html
-from plotly.subplots import make_subplots
 
 from hil.compare.page import escape
+from hil.compare.panels import Panels, Tree
 
 FloatArray = NDArray[np.float64]
 #: Okabe and Ito's colours, which colour-blind readers tell apart.
@@ -34,7 +32,8 @@ LEGEND = {
     "itemsizing": "constant",
 }
 LAYOUT: dict[str, Any] = {
-    "template": "none", "width": WIDTH, "margin": {"l": LEFT, "r": 20, "t": TOP, "b": BOTTOM},
+    "template": {"data": {"scatter": [{"type": "scatter"}]}}, "width": WIDTH,
+    "margin": {"l": LEFT, "r": 20, "t": TOP, "b": BOTTOM},
     "font": {"family": FONT, "size": 12, "color": "#222"}, "bargap": 0.25,
     "paper_bgcolor": "white", "plot_bgcolor": "white", "hovermode": "closest",
 }  # fmt: skip
@@ -43,7 +42,7 @@ LAYOUT: dict[str, Any] = {
 def grid(
     rows: int, columns: int, titles: Sequence[str], panel: Sequence[float] | float = 190.0,
     gap: float = 84.0, sideways: float = 0.08,
-) -> Any:  # fmt: skip
+) -> Panels:  # fmt: skip
     """Figure of panels whose heights and gaps are given in pixels.
 
     Parameters
@@ -57,11 +56,7 @@ def grid(
     """
     heights = [float(panel)] * rows if isinstance(panel, float | int) else list(panel)
     area = sum(heights) + gap * (rows - 1)
-    fig = make_subplots(
-        rows, columns, subplot_titles=[escape(t) for t in titles], row_heights=heights,
-        vertical_spacing=gap / area if rows > 1 else 0.0, horizontal_spacing=sideways,
-    )  # fmt: skip
-    fig.update_annotations(font_size=13)
+    fig = Panels(heights, columns, gap, sideways, [escape(t) for t in titles])
     # the legend stands above the panels' titles and grows upwards
     legend = {**LEGEND, "y": 1 + 28 / area}
     fig.update_layout(**LAYOUT, height=area + TOP + BOTTOM, legend=legend)
@@ -70,31 +65,41 @@ def grid(
     return fig
 
 
-def line(x: FloatArray, y: FloatArray, name: str, color: str, **more: Any) -> Any:
+def scatter(**more: Any) -> Tree:
+    """Trace of points or lines."""
+    return {"type": "scatter", **more}
+
+
+def bar(**more: Any) -> Tree:
+    """Trace of bars."""
+    return {"type": "bar", **more}
+
+
+def line(x: FloatArray, y: FloatArray, name: str, color: str, **more: Any) -> Tree:
     """Line trace in single precision; names that were seen before belong with ``showlegend``."""
     dash, width = more.pop("dash", "solid"), more.pop("width", 1.8)
-    return go.Scatter(
+    return scatter(
         x=np.asarray(x, dtype=np.float32), y=np.asarray(y, dtype=np.float32), mode="lines",
         name=escape(name), legendgroup=escape(name),
         line={"color": color, "width": width, "dash": dash}, **more,
     )  # fmt: skip
 
 
-def dots(x: FloatArray, y: FloatArray, name: str, color: str, **more: Any) -> Any:
+def dots(x: FloatArray, y: FloatArray, name: str, color: str, **more: Any) -> Tree:
     """Point trace in single precision."""
     marker = {"color": color, "size": more.pop("size", 3), "opacity": more.pop("opacity", 0.35)}
-    return go.Scatter(
+    return scatter(
         x=np.asarray(x, dtype=np.float32), y=np.asarray(y, dtype=np.float32), mode="markers",
         name=escape(name), legendgroup=escape(name), marker=marker, **more,
     )  # fmt: skip
 
 
-def embed(fig: Any, name: str, caption: str) -> str:
+def embed(fig: Panels, name: str, caption: str) -> str:
     """HTML of a figure with its caption; the page holds plotly's script.
 
     Parameters
     ----------
-    fig : Figure
+    fig : Panels
         What to draw.
     name : str
         Unique identifier in the page.
@@ -103,7 +108,7 @@ def embed(fig: Any, name: str, caption: str) -> str:
     """
     config = {"displaylogo": False, "responsive": False, "displayModeBar": "hover",
               "modeBarButtonsToRemove": ["lasso2d", "select2d"]}  # fmt: skip
-    inner = to_html(fig, config=config, include_plotlyjs=False, full_html=False, div_id=name)
+    inner = fig.html(name, config)
     return f"<figure><figcaption>{escape(caption)}</figcaption>{inner}</figure>"
 
 

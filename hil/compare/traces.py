@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from hil.compare.material import Material
-from hil.compare.plots import AFTER, BAND, BEFORE, MEASURED, embed, grid, line
+from hil.compare.plots import AFTER, BAND, BEFORE, MEASURED, embed, grid, line, scatter
 
 FloatArray = NDArray[np.float64]
 SECONDS, POINTS = 5.0, 700
@@ -70,7 +69,7 @@ def _joint(fig: Any, m: Material, j: int, part: slice, time: FloatArray) -> None
     y = old.effort[j, part]
     put(line(time, y, "measured", MEASURED, width=2.4, showlegend=first), row=top, col=1)
     floor = float(m.floor[j])
-    band = go.Scatter(
+    band = scatter(
         x=[0, time[-1], time[-1], 0], y=[floor, floor, -floor, -floor], fill="toself", mode="none",
         fillcolor=BAND, name="noise floor", legendgroup="floor", showlegend=first, hoverinfo="skip",
     )  # fmt: skip

@@ -22,9 +22,13 @@ from hil.models.model import RobotModel
 
 __all__ = ["fit", "predict", "solve", "time_blocks"]
 FloatArray = NDArray[np.float64]
+#: Relative change of the residual scales that asks for another round of the shape search.
+NEAR = 0.1
 
 
-def fit(problem: Problem, model: RobotModel, sweeps: int = 2) -> FitResult:
+def fit(
+    problem: Problem, model: RobotModel, sweeps: int = 2, scale: FloatArray | None = None
+) -> FitResult:
     """Fit every free parameter of a model jointly.
 
     Coefficients are eliminated by weighted least squares; shape values that the model does
@@ -39,6 +43,9 @@ def fit(problem: Problem, model: RobotModel, sweeps: int = 2) -> FitResult:
         Effects; values it holds for shapes are starting points, `fixed` ones stay.
     sweeps : int
         Rounds of shape search.
+    scale : ndarray (d,), optional
+        Residual scale by joint of a fit that may be close; one round of the search then suffices
+        if the scales hardly change.
 
     Raises
     ------
@@ -52,15 +59,17 @@ def fit(problem: Problem, model: RobotModel, sweeps: int = 2) -> FitResult:
         raise FitError(
             f"{problem.n} instants are fewer than the model's coefficients; record longer"
         )
-    sigma = np.maximum(np.std(problem.y, axis=1), 1e-12)
+    sigma = np.maximum(np.std(problem.y, axis=1), 1e-12) if scale is None else scale
     terms = [replace(t, shape=t.shape or _start(t, problem)) for t in terms]
     find_surface(problem, terms, sigma)
     idle: set[tuple[str, int]] = set()
     for sweep in range(sweeps + 1):
+        before = sigma
         terms = search_shapes(problem, terms, sigma, idle)
         set_context(problem, terms)
         sigma, now = _scales(problem, terms, model, sigma)
-        if now == idle and sweep >= sweeps - 1:
+        near = scale is not None and np.max(np.abs(np.log(sigma / before))) < NEAR
+        if now == idle and (near or sweep >= sweeps - 1):
             break
         idle = now
     terms = polish(problem, terms, model, sigma)

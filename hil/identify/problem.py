@@ -20,6 +20,8 @@ from hil.record.recording import Recording, RobotSource
 FloatArray = NDArray[np.float64]
 #: Raw columns of the motion alone are kept up to this size [bytes], else made again.
 KEPT = 2**27
+#: Raw columns that pass the filter at once [bytes].
+BATCH = 2**24
 #: Band chosen from the data.
 AUTOMATIC = Band()
 
@@ -220,15 +222,36 @@ class Problem:
         With `per_run` a set a run: all runs but the first one of an effect that only shows in
         differences between runs, unless `every`.
         """
-        uses = "motion" if effect.motion_only else "load" if effect.uses_load else "context"
         first = int(effect.relative and not every)
-        key = (uses, effect.name, j, tuple(shape), per_run, first)
+        key = (*self._key(effect, j, shape, per_run), *([first] if per_run else []))
         if key not in self._cache:
             out = self.acting(self.raw(effect, j, shape), None if effect.whole_robot else j)
             if per_run:
                 out = self._split(out, first)
             self._cache[key] = np.moveaxis(out, 0, 1) if effect.whole_robot else out
         return self._cache[key]
+
+    def _key(
+        self, effect: Effect, j: int, shape: Sequence[float], per_run: bool
+    ) -> tuple[object, ...]:
+        uses = "motion" if effect.motion_only else "load" if effect.uses_load else "context"
+        return (uses, effect.name, j, tuple(shape), per_run)
+
+    def prepare(self, effect: Effect, j: int, shapes: Sequence[Sequence[float]]) -> None:
+        """Make the columns of several shapes of an effect on joint j, through one filter pass."""
+        missing = [s for s in shapes if self._key(effect, j, s, False) not in self._cache]
+        while missing:
+            raw = [self.raw(effect, j, missing[0])]
+            room = max(1, BATCH // max(sum(x.nbytes for x in raw[0]), 1))
+            now, missing = missing[:room], missing[room:]
+            raw += [self.raw(effect, j, s) for s in now[1:]]
+            wide = [np.concatenate(parts, axis=-1) for parts in zip(*raw, strict=True)]
+            out = self.acting(wide, None if effect.whole_robot else j)
+            edges = np.cumsum([parts[0].shape[-1] for parts in raw])[:-1]
+            for shape, part in zip(now, np.split(out, edges, axis=-1), strict=True):
+                own = np.ascontiguousarray(part)
+                key = self._key(effect, j, shape, False)
+                self._cache[key] = np.moveaxis(own, 0, 1) if effect.whole_robot else own
 
     def acting(self, raw: Sequence[FloatArray], j: int | None) -> FloatArray:
         """What acts on joint j, or with None on all joints along axis 1, as the rows see it."""

@@ -6,6 +6,7 @@ effort stays below one noise unit are left at the prior instead of fitted.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +83,15 @@ def basis(x: FloatArray, noise_to_signal: float = 1e-9) -> Basis:
     scale = np.where(live, norm, 1.0)
     q0, r = scipy.linalg.qr(x * live / scale, mode="economic", check_finite=False)
     return _determined(q0, r, scale, noise_to_signal)
+
+
+def of_factors(q: Sequence[FloatArray], r: Sequence[FloatArray], least: float = 1e-9) -> Basis:
+    """Basis of X = diag(Q_1 .. Q_d) [R_1; ..; R_d], each Q_j orthonormal (n_j, k_j)."""
+    small = np.concatenate(r)
+    b = basis(small, least)
+    edges = np.cumsum([len(x) for x in r])[:-1]
+    parts = [x @ y for x, y in zip(q, np.split(b.q, edges), strict=True)]
+    return Basis(np.concatenate(parts), b.s, b.v, b.scale)
 
 
 def _determined(q: FloatArray, r: FloatArray, scale: FloatArray, least: float) -> Basis:

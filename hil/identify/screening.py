@@ -12,6 +12,7 @@ which leaves out only what the other columns take away.  Exact fits follow for t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,23 +95,24 @@ class Ripples:
     factors: NDArray[np.complex128]
     stride: int
 
-    def _bent(self, b: FloatArray) -> NDArray[np.complex128]:
-        """sum_m k^m (wave w_m b), (orders, n) before the sum over instants."""
-        out = np.zeros(self.wave.shape, dtype=np.complex128)
-        for m in range(self.factors.shape[1]):
-            out += self.k[:, None] ** m * self.wave * (self.factors[:, m] * b)
-        return out
+    def _sums(self, b: FloatArray, starts: NDArray[np.int_]) -> NDArray[np.complex128]:
+        """sum_m k^m wave w_m b over the stretches that begin at `starts`, (orders, stretches)."""
+        own = (self.factors * b[:, None]).astype(np.complex64)
+        edges = [*starts.tolist(), len(b)]
+        parts = [self.wave[:, s:e] @ own[s:e] for s, e in pairwise(edges)]
+        powers = self.k[:, None] ** np.arange(self.factors.shape[1])
+        return np.asarray(np.einsum("om,som->os", powers, np.stack(parts)))
 
     def gains(self, back: FloatArray) -> FloatArray:
         """Approximate gains (orders,) of back-projected rows (n,)."""
-        total = self._bent(back[:: self.stride]).sum(axis=1)
+        total = self._sums(back[:: self.stride], np.zeros(1, dtype=int))[:, 0]
         return np.asarray(np.abs(total) ** 2 / self.size)
 
     def flipped(self, back: FloatArray, blocks: NDArray[np.int_], signs: FloatArray) -> FloatArray:
         """Largest gain over all orders for each row of block signs (flips,)."""
         number = blocks[:: self.stride]
         starts = np.flatnonzero(np.diff(number, prepend=-1))
-        parts = np.add.reduceat(self._bent(back[:: self.stride]), starts, axis=1)
+        parts = self._sums(back[:: self.stride], starts)
         gains = np.abs(parts @ signs[:, number[starts]].T) ** 2 / self.size[:, None]
         return np.asarray(gains.max(axis=0))
 
@@ -167,7 +169,14 @@ def _waves(
     """exp(2 pi i p q) and its square, (orders, n); made once, for they hold the motion alone."""
     key = ("waves", j, orders.size, float(orders[-1]))
     if key not in problem.memo:
-        wave = np.exp(2j * np.pi * orders[:, None] * q).astype(np.complex64)
+        wave = np.empty((orders.size, q.size), dtype=np.complex64)
+        steps = np.diff(orders)
+        # equal steps: exp(i (a + h)) = exp(i a) exp(i h)
+        now, turn = np.exp(2j * np.pi * orders[0] * q), np.exp(2j * np.pi * steps[0] * q)
+        even = bool(np.ptp(steps) < 1e-9 * steps[0])
+        for k in range(orders.size):
+            wave[k] = now if even else np.exp(2j * np.pi * orders[k] * q)
+            now *= turn
         problem.memo[key] = (wave, wave**2)
     wave, twice = problem.memo[key]
     return wave, twice

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from hil.errors import DataError
 from hil.identify.bounds import bounded, limits
 from hil.identify.design import Term, coefficients, known_values, stack
+from hil.identify.factors import factored
 from hil.identify.problem import Problem
-from hil.identify.regression import Basis, basis
+from hil.identify.regression import Basis
 from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -30,10 +31,10 @@ def solve(
         raise DataError("a column of the model is not finite; check the recording (hil info)")
     free = _free(terms, problem)
     held = x @ np.where(free, 0.0, start)
-    xw = x * w[:, None] * free
     target = (y - held) * w
-    b = basis(xw, noise_to_signal(target))
-    theta = b.solve(target, start * free, xw @ (start * free)) + np.where(free, 0.0, start)
+    b = factored(problem, terms, sigma, noise_to_signal(target), free)
+    known = (x @ (start * free)) * w
+    theta = b.solve(target, start * free, known) + np.where(free, 0.0, start)
     theta = bounded(theta, b, *limits(terms, problem))
     residual = (y - x @ theta).reshape(problem.d, problem.n)
     return theta, x, b, slices, residual

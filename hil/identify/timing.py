@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from hil.identify.design import Term, block
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
+from hil.identify.projector import Projector
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
-from hil.identify.shapes import Projector
 from hil.models.effect import Effect, Param
 from hil.models.model import RobotModel
 from hil.models.motion import Motion
@@ -124,11 +124,14 @@ def sample_shift(result: FitResult) -> float:
     return shift if abs(shift) <= longest_shift(problem) else 0.0
 
 
-def fit_aligned(problem: Problem, model: RobotModel) -> FitResult:
-    """Fit, align the effort within one sample, fit again; leaves the problem aligned."""
-    result = fit(problem, model)
+def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = None) -> FitResult:
+    """Fit, align the effort within one sample, fit again; leaves the problem aligned.
+
+    `scale` as in `fit`.
+    """
+    result = fit(problem, model, scale=scale)
     shift = sample_shift(result)
     if not shift:
         return result
     problem.shift_effort(shift)  # tau(t) = model(t) + T tau'(t)
-    return fit(problem, model)
+    return fit(problem, model, scale=scale)

@@ -14,6 +14,7 @@ from hil.models.motion import FloatArray, Motion
 class TorqueOffset(Effect):
     """A constant between commanded and real effort."""
 
+    motion_only = True
     per_run = True
     name, family = "torque-offset", "actuator"
     equation = "tau = t0  (one value a run)"

@@ -167,7 +167,8 @@ class PositionFriction(Effect):
 def harmonics(q: FloatArray, p: float) -> FloatArray:
     """[sin kq, cos kq, sin 2kq, cos 2kq] with k = 2 pi p, shape (n, 4)."""
     phase = 2 * np.pi * p * q
-    return np.stack([np.sin(phase), np.cos(phase), np.sin(2 * phase), np.cos(2 * phase)], axis=1)
+    s, c = np.sin(phase), np.cos(phase)
+    return np.stack([s, c, 2 * s * c, c * c - s * s], axis=1)
 
 
 class LoadFriction(Effect):

@@ -88,6 +88,13 @@ class Motion:
     grain: FloatArray = field(default_factory=lambda: np.zeros(0))
     response: Response | None = None
 
+    def __post_init__(self) -> None:
+        self._remember({})
+
+    def _remember(self, signs: dict[tuple[int, float], FloatArray]) -> None:
+        """Signs that were made already of these speeds."""
+        object.__setattr__(self, "_signs", signs)
+
     @property
     def n(self) -> int:
         """Number of instants."""
@@ -111,7 +118,14 @@ class Motion:
 
     def sign(self, j: int) -> FloatArray:
         """Sign of joint j's velocity, resolved to `v0[j]`: tanh(v / v0), shape (n,)."""
-        return self.sign_of(self.qd[:, j], self.qdd[:, j], float(self.v0[j]))
+        signs: dict[tuple[int, float], FloatArray] = self.__dict__["_signs"]
+        key = (j, float(self.v0[j]))
+        if key not in signs:
+            if len(signs) >= 4 * self.d:
+                signs.clear()
+            signs[key] = self.sign_of(self.qd[:, j], self.qdd[:, j], key[1])
+            signs[key].flags.writeable = False
+        return signs[key]
 
     def sign_of(self, v: FloatArray, a: FloatArray, v0: float) -> FloatArray:
         """tanh(v / v0), averaged over `average` around each instant, shape (n,).
@@ -143,4 +157,7 @@ class Motion:
 
     def with_(self, **changes: FloatArray) -> Motion:
         """Copy with some arrays replaced."""
-        return replace(self, **changes)  # type: ignore[arg-type]
+        out: Motion = replace(self, **changes)  # type: ignore[arg-type]
+        if not {"qd", "qdd", "average"} & set(changes):
+            out._remember(self.__dict__["_signs"])
+        return out

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
+from hil.models import bodies
 from hil.models.mimic import followed
 
 FloatArray = NDArray[np.float64]
@@ -60,6 +63,24 @@ class UrdfRobot:
         self.prior = np.concatenate([i.toDynamicParameters() for i in list(model.inertias)[1:]])
         self._tip = self._frame(tip)
         self._continuous = [j.nq == 2 for j in list(model.joints)[1:]]
+        self._same = self._all.shape[0] == self._all.shape[1]
+        self._tree = self._numbers()
+
+    def _numbers(self) -> tuple[Any, ...]:
+        """Parents, poses, axes and gravity of the tree, for `bodies.regressor`."""
+        pin, model, local = self._pin, self._model, self._pin.ReferenceFrame.LOCAL
+        pin.computeJointJacobians(model, self._data, pin.neutral(model))
+        count = range(1, model.njoints)
+        # each joint moves its own column alone; seen from its own frame that is its axis
+        # (Pinocchio gives (6,) for a robot of one joint)
+        own = [
+            np.reshape(pin.getJointJacobian(model, self._data, k, local), (6, -1)) for k in count
+        ]
+        axis = np.array([own[k - 1][:, model.idx_vs[k]] for k in count])
+        parent = np.array([model.parents[k] - 1 for k in count], dtype=np.int64)
+        turn = np.array([model.jointPlacements[k].rotation for k in count])
+        place = np.array([model.jointPlacements[k].translation for k in count])
+        return parent, turn, place, axis, np.array(model.gravity.linear)
 
     def _frame(self, tip: str) -> int:
         frames = [f.name for f in self._model.frames]
@@ -80,14 +101,11 @@ class UrdfRobot:
 
     def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
         """Joint torque regressor (n, d, 10 bodies), Pinocchio's parameter order."""
-        pin, model, data, back = self._pin, self._model, self._data, self._all.T
-        out = np.empty((*q.shape, self.prior.size))
-        rows = zip(self._config(q), qd @ back, qdd @ back, strict=True)
-        for k, row in enumerate(rows):
-            # tau = A' Y(A q + b, A qd, A qdd) pi
-            whole = pin.computeJointTorqueRegressor(model, data, *row)
-            out[k] = back @ np.reshape(whole, (back.shape[1], -1))
-        return out
+        back = self._all.T
+        # tau = A' Y(A q + b, A qd, A qdd) pi
+        states = (q @ back + self._shift, qd @ back, qdd @ back)
+        every: FloatArray = bodies.regressor(*(*self._tree, *states))
+        return every if self._same else back @ every
 
     def tip(self, q: FloatArray) -> FloatArray:
         """Tip position in base axes (n, 3) [m]."""
@@ -122,15 +140,11 @@ class UrdfRobot:
 
     def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
         """Effort J^T (p'' + g e_z) of one kilogram at the tip, shape (n, d)."""
-        pin, frame = self._pin, self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        acceleration = np.empty((len(q), 3))
-        back = self._all.T
-        rows = zip(self._config(q), qd @ back, qdd @ back, strict=True)
-        for k, row in enumerate(rows):
-            pin.forwardKinematics(self._model, self._data, *row)
-            acceleration[k] = pin.getFrameClassicalAcceleration(
-                self._model, self._data, self._tip, frame
-            ).linear
-        acceleration -= self._model.gravity.linear
-        effort: FloatArray = np.einsum("nkd,nk->nd", self.jacobian(q)[:, :3], acceleration)
+        frame, pin = self._model.frames[self._tip], self._pin
+        mass = np.zeros(self.prior.size)
+        if frame.parentJoint:
+            point = pin.Inertia(1.0, frame.placement.translation, np.zeros((3, 3)))
+            first = 10 * (frame.parentJoint - 1)
+            mass[first : first + 10] = point.toDynamicParameters()
+        effort: FloatArray = self.regressor(q, qd, qdd) @ mass
         return effort

@@ -8,8 +8,8 @@ import pytest
 from hil.identify import bands
 from hil.identify.design import Term
 from hil.identify.problem import Problem
+from hil.identify.projector import Projector
 from hil.identify.screening import EXACT, promising, screen
-from hil.identify.shapes import Projector
 from hil.models import catalogue
 from hil.record.recording import Recording
 

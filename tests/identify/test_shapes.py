@@ -6,7 +6,8 @@ import pytest
 from hil.identify.design import Term, bind, stack
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
-from hil.identify.shapes import Projector, best_shape
+from hil.identify.projector import Projector
+from hil.identify.shapes import best_shape
 from hil.models import catalogue
 from hil.models.model import RobotModel, Use
 from hil.record.recording import Recording, RobotSource

@@ -1,0 +1,63 @@
+"""One diagnosis from file to report in a process of its own: seconds, peak memory, held-out error.
+
+    python -m hil.bench.oneshot REPEATS REPORT TRAIN.mcap [HOLDOUT.mcap]
+
+The result is one line of JSON; with 0 repeats the only run is timed, else the first warms up.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+import time
+from pathlib import Path
+
+from hil.compare.analysis import diagnose
+from hil.compare.findings import Diagnosis
+from hil.compare.localise import regions
+from hil.compare.report import diagnosis_report
+from hil.models.model import base_model
+from hil.record.reader import load
+
+
+def once(report: str, train: str, holdout: list[str]) -> tuple[float, float, Diagnosis]:
+    """Load, fit, rank all candidates, test held out, localise, write the report."""
+    start, clock = time.process_time(), time.perf_counter()
+    run = load(train)
+    model = base_model(run.robot) + "torque-offset"
+    d = diagnose([run], model, [load(path) for path in holdout])
+    regions(d.result, d.last.floor)
+    diagnosis_report(d, report)
+    return time.process_time() - start, time.perf_counter() - clock, d
+
+
+def peak() -> float:
+    """Largest resident memory of this process so far [byte].
+
+    Linux hands the parent's peak on to `getrusage` of a child; /proc does not.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        for line in status.read_text(encoding="ascii").splitlines():
+            if line.startswith("VmHWM:"):
+                return 1024.0 * int(line.split()[1])
+    return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def main(words: list[str]) -> None:
+    """Run and print."""
+    repeats, report, train, *holdout = words
+    runs = [once(report, train, holdout) for _ in range(1 + int(repeats))]
+    seconds, wall, (*_, d) = zip(*runs[-max(int(repeats), 1) :], strict=True)
+    names = [f"{f.effect} on {f.joint}" for f in d.findings]
+    ratio = (d.ladder[-1].heldout.rms / d.noise).tolist()
+    result = {
+        "seconds": seconds, "wall": wall, "peak": peak(), "candidates": len(d.first.candidates),
+        "rungs": len(d.ladder), "verdict": d.verdict, "named": names, "ratio": ratio,
+    }  # fmt: skip
+    sys.stdout.write(json.dumps(result) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

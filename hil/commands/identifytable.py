@@ -1,0 +1,93 @@
+"""The tables of `hil bench identify`, for the terminal and for a page."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hil.bench.identify import Report
+from hil.commands import common
+
+COMMAND = "hil bench identify"
+TITLE = "# Speed of identification and diagnosis"
+
+
+def text(r: Report) -> str:
+    """Both tables with what they were measured on."""
+    rows = [
+        [
+            row.peer, row.data, _number(row.seconds), _number(row.ratio),
+            " ".join(f"{x:.3f}" for x in row.floor) or "-", row.note,
+        ]
+        for row in r.rows
+    ]  # fmt: skip
+    head = ["peer", "data", "seconds", "ratio", "held-out / floor", ""]
+    lines = [
+        f"3 joints, {r.recorded:g} s at 1 kHz, 42 parameters, on a {machine()}",
+        f"processor seconds on one thread, median of {r.repeats} after a warm-up; ratio to the "
+        "reference of the same run",
+        "",
+        common.table(head, rows),
+        "",
+        "held-out / floor: rms error on the second motion, at 1 kHz, over the effort's noise of "
+        "5 mN m;\nof hil diagnose: in its own band, over the floor that it measured itself. The "
+        "reference and\nFIGAROH get the exact motion, hil only positions.",
+    ]
+    if r.lengths:
+        grown = [
+            [
+                f"{x.recorded:g}", f"{x.seconds:.2f}", f"{x.peak_mib:.0f}",
+                f"{1e3 * x.seconds / x.recorded:.0f}", x.verdict,
+            ]
+            for x in r.lengths
+        ]  # fmt: skip
+        names = ["recorded s", "seconds", "peak MiB", "ms per recorded s", "verdict"]
+        lines += ["", "hil diagnose, one cold run each in a process of its own", ""]
+        lines.append(common.table(names, grown))
+    return "\n".join(lines)
+
+
+def _number(x: float) -> str:
+    return "-" if math.isnan(x) else f"{x:.2f}"
+
+
+def data(r: Report) -> dict[str, Any]:
+    """The same as JSON; what did not run is null."""
+    rows: list[dict[str, Any]] = [asdict(row) for row in r.rows]
+    for row in rows:
+        for key in ("seconds", "wall", "ratio"):
+            row[key] = None if math.isnan(row[key]) else row[key]
+    return {
+        "machine": machine(), "recorded_s": r.recorded, "repeats": r.repeats, "rows": rows,
+        "lengths": [asdict(x) for x in r.lengths],
+    }  # fmt: skip
+
+
+def machine() -> str:
+    """Class of this machine, without its name."""
+    info = Path("/proc/cpuinfo")
+    guest = info.exists() and " hypervisor" in info.read_text(encoding="utf-8")
+    return f"{os.cpu_count()}-core {'virtual ' if guest else ''}machine"
+
+
+def page(r: Report) -> str:
+    """Markdown page with the printed result."""
+    return (
+        f"{TITLE}\n\n"
+        f"Printed by `{COMMAND} --figaroh PYTHON --report docs/bench/identify.md`, where\n"
+        "PYTHON is an interpreter that has `figaroh` (the extra `bench`). It measures speed: the\n"
+        "data come from the same rigid-body equations that are fitted.\n\n"
+        f"```\n{text(r)}\n```\n"
+    )
+
+
+def is_page(path: Path) -> bool:
+    """Whether a file is such a page, or empty."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return False
+    return not text.strip() or text.startswith(TITLE)

@@ -1,0 +1,179 @@
+"""One term tried beside all others: what it explains, for several shapes at once.
+
+With an orthonormal basis Q of all other columns and residual r, a term's columns C lower the
+residual sum of squares by  c' G^+ c  with  c = C' r  and  G = C'C - (Q'C)'(Q'C).
+
+Source: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from hil.identify.design import Term, block
+from hil.identify.factors import factored
+from hil.identify.problem import BATCH, Problem
+from hil.models.effect import Effect
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What g shapes of one term explain.
+
+    Parameters
+    ----------
+    gain : ndarray (g,)
+        By how much each lowers the weighted residual sum of squares.
+    beta, inverse : ndarray (g, m), (g, m, m)
+        Coefficients and the inverse of the projected Gram matrix.
+    qc : ndarray (r, g, m)
+        Q'C.
+    columns : ndarray (N, g, m)
+        Weighted columns C on the term's rows.
+    """
+
+    gain: FloatArray
+    beta: FloatArray
+    inverse: FloatArray
+    qc: FloatArray
+    columns: FloatArray
+
+
+def batches(
+    shapes: Sequence[tuple[float, ...]], size: int
+) -> Iterator[Sequence[tuple[float, ...]]]:
+    """Slices of a sequence, `size` long."""
+    return (shapes[k : k + size] for k in range(0, len(shapes), size))
+
+
+class Projector:
+    """Base regressor's basis and residual, against which terms are tried.
+
+    Parameters
+    ----------
+    problem : Problem
+        The runs.
+    terms : list of Term
+        Terms of the base.
+    sigma : ndarray (d,)
+        Effort scale by joint.
+    """
+
+    def __init__(self, problem: Problem, terms: list[Term], sigma: FloatArray) -> None:
+        self.problem, self.sigma = problem, sigma
+        w = np.repeat(1.0 / sigma, problem.n)
+        y = problem.y.reshape(-1) * w
+        if terms:
+            least = 1.0 / max(float(np.linalg.norm(y)), 1.0)
+            self.q = factored(problem, terms, sigma, least).q
+        else:
+            self.q = np.zeros((y.size, 0))
+        self.residual = y - self.q @ (self.q.T @ y)
+        self.rss = float(self.residual @ self.residual)
+
+    def rows(self, term: Term) -> slice:
+        """Rows that a term acts on."""
+        n = self.problem.n
+        if term.effect.whole_robot:
+            return slice(0, n * self.problem.d)
+        return slice(term.joint * n, (term.joint + 1) * n)
+
+    def weighted(self, term: Term) -> FloatArray:
+        """The term's weighted columns on its rows."""
+        columns = block(self.problem, term)
+        if term.effect.whole_robot:
+            flat = columns / self.sigma[:, None, None]
+            return flat.reshape(-1, columns.shape[-1])
+        out: FloatArray = columns / self.sigma[term.joint]
+        return out
+
+    def gain(self, term: Term) -> float:
+        """By how much the term lowers the weighted residual sum of squares."""
+        return float(self.gains(term, [term.shape])[0])
+
+    def gains(self, term: Term, shapes: Sequence[tuple[float, ...]]) -> FloatArray:
+        """The same for several shapes of the term."""
+        return np.concatenate([_counted(term.effect, s) for s in self.scores(term, shapes)])
+
+    def score(self, term: Term) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        """Gain, coefficients (m,), Gram's inverse (m, m), and Q'C (r, m)."""
+        (s,) = self.scores(term, [term.shape])
+        return float(s.gain[0]), s.beta[0], s.inverse[0], s.qc[:, 0]
+
+    def scores(self, term: Term, shapes: Sequence[tuple[float, ...]]) -> Iterator[Scores]:
+        """Scores of a term for several shapes, in batches of columns that fit the memory."""
+        if len(shapes) > 1 and not term.per_run:
+            first = self.weighted(term.reshaped(shapes[0]))
+            for some in batches(shapes, max(1, BATCH // max(first.nbytes, 1))):
+                self.problem.prepare(term.effect, term.joint, some)
+                parts = [self.weighted(term.reshaped(s)) for s in some]
+                if len({p.shape[1] for p in parts}) == 1:
+                    yield self._scores(term, np.stack(parts, axis=1))
+                else:
+                    yield from (self._scores(term, p[:, None]) for p in parts)
+        else:
+            for s in shapes:
+                yield self._scores(term, self.weighted(term.reshaped(s))[:, None])
+
+    def _scores(self, term: Term, c: FloatArray) -> Scores:
+        """Scores from weighted columns (N, shapes, m).
+
+        Directions of the term of which less than a millionth is new are not counted.
+        """
+        rows, (n, g, m) = self.rows(term), c.shape
+        norm = np.sqrt(np.einsum("ngm,ngm->gm", c, c))
+        norm = np.where(norm > 1e-300, norm, 1.0)
+        right = ((self.residual[rows] @ c.reshape(n, -1)).reshape(g, m)) / norm
+        qc = (self.q[rows].T @ c.reshape(n, -1)).reshape(-1, g, m)
+        unit = qc / norm
+        by = c.transpose(1, 2, 0)
+        own = by @ by.transpose(0, 2, 1) / (norm[:, :, None] * norm[:, None, :])
+        across = unit.transpose(1, 2, 0)
+        gram = own - across @ across.transpose(0, 2, 1)
+        value, vector = np.linalg.eigh(gram)
+        share = np.where(value > 1e-6, 1.0 / np.where(value > 1e-6, value, 1.0), 0.0)
+        inverse = (vector * share[:, None, :]) @ vector.transpose(0, 2, 1)
+        beta = (inverse @ right[:, :, None])[:, :, 0]
+        gain = np.sum(right * beta, axis=1)
+        if term.effect.strict:
+            for k in range(g):
+                if not within(term.effect, beta[k] / norm[k]):
+                    beta[k] = _kept(term.effect, beta[k], vector[k], value[k], norm[k])
+                    gain[k] = 2 * right[k] @ beta[k] - beta[k] @ gram[k] @ beta[k]
+        return Scores(gain, beta / norm, inverse / (norm[:, :, None] * norm[:, None, :]), qc, c)
+
+
+def _kept(
+    effect: Effect, beta: FloatArray, vector: FloatArray, value: FloatArray, norm: FloatArray
+) -> FloatArray:
+    """Coefficients (m,) within their bounds that fit best, from the free ones."""
+    params = effect.params
+    if beta.size == 1:
+        return np.clip(beta, params[0].lower * norm, params[0].upper * norm)
+    if len(params) != beta.size or any(p.lower != 0 or p.upper < np.inf for p in params):
+        return beta
+    # |root (x - beta)|^2 is the loss
+    root = np.sqrt(np.where(value > 1e-6, value, 0.0))[:, None] * vector.T
+    seen = np.sum(root**2, axis=0) > 1e-6  # the rest is the base's
+    out = np.zeros(beta.size)
+    out[seen] = scipy.optimize.nnls(root[:, seen], root @ beta)[0]
+    return out
+
+
+def within(effect: Effect, beta: FloatArray) -> bool:
+    """Whether all coefficients (m,) lie within their bounds."""
+    return all(p.lower <= b <= p.upper for p, b in zip(effect.params, beta, strict=False))
+
+
+def _counted(effect: Effect, scores: Scores) -> FloatArray:
+    """Gains (g,); none where a strict effect's coefficients leave their bounds."""
+    if not effect.strict:
+        return scores.gain
+    return np.where([within(effect, b) for b in scores.beta], scores.gain, 0.0)
