@@ -15,10 +15,27 @@ from hil.errors import ConfigError, unknown
 
 SCHEMA = "hil.rig/1"
 #: sim: ideal wires.  sim-wire: the same drivers as on hardware, on simulated buses.  The others
-#: are the hardware: "hardware" every box on its own bus, or the name of that bus.
-BACKENDS = ("sim", "sim-wire", "hardware", "usb", "hid", "can", "udp")
+#: are the hardware: "hardware" every box on its own bus, or the name of that bus; and "replay",
+#: the frames of a session.
+BACKENDS = ("sim", "sim-wire", "hardware", "usb", "hid", "can", "udp", "replay")
 SIMULATED = ("sim", "sim-wire")
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class RecordConfig:
+    """Table ``[record]``: raw wire frames into the session, or a session's frames to the drivers.
+
+    Parameters
+    ----------
+    frames : bool
+        Write every frame of the boxes into the session.
+    replay : str
+        Session whose frames answer for the boxes on back end ``"replay"``.
+    """
+
+    frames: bool = False
+    replay: str = ""
 
 
 @dataclass(frozen=True)
@@ -138,6 +155,7 @@ class RigConfig:
     name: str = "rig"
     backend: str = "sim"
     loop: LoopConfig = field(default_factory=LoopConfig)
+    record: RecordConfig = field(default_factory=RecordConfig)
     simulation: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -156,7 +174,7 @@ class RigConfig:
         """Whether any device or box is not simulated."""
         own = [self.boxes[b].backend for b in self.boxes if self.boxes[b].backend]
         used = {*own, *(self.backend_of(d) for d in self.devices)}
-        return not used <= set(SIMULATED)
+        return not used <= {*SIMULATED, "replay"}
 
     @property
     def clock(self) -> str:

@@ -18,6 +18,7 @@ from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 from hil.runtime.loop import ArmPort
 from hil.signals.device import Controller, Device, MeasuredCf, MeasuredJs, ServoJf, Tareable, Wire
+from hil.tapping import Taps
 
 #: What to do where a device cannot be reached on hardware.
 WAY_OUT = 'without hardware set backend = "sim-wire", or "sim" for ideal wires'
@@ -41,6 +42,8 @@ class Rig:
         Device -> bias of its gauges [words].
     boxes : dict
         Name -> open box.
+    taps : Taps, optional
+        Frames of the boxes, recorded or replayed.
     stack : ExitStack
         What closing takes.
     """
@@ -51,6 +54,7 @@ class Rig:
     origin_ns: int = 0
     biases: dict[str, list[float]] = field(default_factory=dict)
     boxes: dict[str, Any] = field(default_factory=dict)
+    taps: Taps | None = None
     stack: ExitStack = field(default_factory=ExitStack)
 
     def enable(self) -> None:
@@ -94,7 +98,8 @@ def _open(config: RigConfig, seed: int, stack: ExitStack, controller: Controller
     bench = bench_of(config, seed)
     plan = wiring.plan(config)
     buses = bench.buses(plan) if bench is not None and plan else {}
-    boxes = wiring.open_boxes(config, buses, stack)
+    taps = Taps(config)
+    boxes = wiring.open_boxes(config, buses, stack, taps)
     period = config.loop.period_ns * 1e-9
     devices: dict[str, Device] = {}
     for name, device in config.devices.items():
@@ -105,7 +110,7 @@ def _open(config: RigConfig, seed: int, stack: ExitStack, controller: Controller
         stack.callback(opened.close)
     ports = [_port(arm, config, devices) for arm in config.controller.arms]
     rig = Rig(devices, ports, controller)
-    rig.boxes = boxes
+    rig.boxes, rig.taps = boxes, taps
     rig.origin_ns = bench.now_ns if bench is not None else 0
     _tare(rig)
     return rig

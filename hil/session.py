@@ -122,7 +122,10 @@ def open_writer(output: Path, config: RigConfig, rig: Rig, seed: int) -> Session
     if isinstance(played, str) and played:
         attachments["trajectory.toml"] = Path(played).read_bytes()
     plan = channels(config, rig.controller)
-    return SessionWriter(output, plan, describe(config, rig, seed), attachments)
+    writer = SessionWriter(output, plan, describe(config, rig, seed), attachments)
+    if rig.taps is not None:
+        writer.frames(rig.taps.logs, rig.origin_ns)
+    return writer
 
 
 def _git() -> tuple[str, str]:

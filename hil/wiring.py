@@ -15,6 +15,7 @@ from hil.config import SIMULATED, BoxConfig, DeviceConfig, RigConfig, parse
 from hil.errors import ConfigError, unknown
 from hil.signals.bus import Bus
 from hil.signals.device import IntArray, Status
+from hil.tapping import Taps
 
 _PLACE = re.compile(r"(-?)([^/]+)/(\d+)")
 
@@ -167,7 +168,9 @@ def plan(config: RigConfig) -> dict[str, dict[str, Any]]:
     return found
 
 
-def open_boxes(config: RigConfig, simulated: Mapping[str, Bus], stack: ExitStack) -> dict[str, Any]:
+def open_boxes(
+    config: RigConfig, simulated: Mapping[str, Bus], stack: ExitStack, taps: Taps | None = None
+) -> dict[str, Any]:
     """Open every box in use; `stack` closes them.
 
     Parameters
@@ -182,17 +185,24 @@ def open_boxes(config: RigConfig, simulated: Mapping[str, Bus], stack: ExitStack
     """
     used = backends(config)
     told_apart(config, used)
-    return {name: open_box(config, name, used[name], simulated, stack) for name in used}
+    taps = taps or Taps(config)
+    return {name: open_box(config, name, used[name], simulated, stack, taps) for name in used}
 
 
 def open_box(
-    config: RigConfig, name: str, backend: str, simulated: Mapping[str, Bus], stack: ExitStack
-) -> Any:
+    config: RigConfig, name: str, backend: str, simulated: Mapping[str, Bus], stack: ExitStack,
+    taps: Taps | None = None,
+) -> Any:  # fmt: skip
     """Open one box, see `open_boxes`."""
     table = config.boxes[name]
     driver = registry.load("hil.boxes", table.driver)
     check_bus(name, table, backend, driver.BUS)
-    bus = simulated[driver.BUS] if backend in SIMULATED else Bus(driver.BUS)
+    taps = taps or Taps(config)
+    if backend == "replay":
+        bus = taps.replayed(name, driver.BUS)
+    else:
+        plain = simulated[driver.BUS] if backend in SIMULATED else Bus(driver.BUS)
+        bus = taps.recorded(name, plain)
     channels = used_channels(config, name)
     box = driver.open_box(name, bus, table.address, box_options(config, name), channels)
     stack.callback(box.close)
@@ -234,7 +244,7 @@ def told_apart(config: RigConfig, used: Iterable[str]) -> None:
 
 def check_bus(name: str, table: BoxConfig, backend: str, kind: str) -> None:
     """Refuse a box whose own table names a bus that it does not speak."""
-    if table.backend and backend not in (*SIMULATED, "hardware", kind):
+    if table.backend and backend not in (*SIMULATED, "hardware", "replay", kind):
         raise ConfigError(
             f"[boxes.{name}]: driver {table.driver!r} speaks {kind!r}, not {backend!r}."
         )

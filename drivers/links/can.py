@@ -11,6 +11,7 @@ from typing import Any
 
 import can
 
+from drivers.links.can_tap import CanBus, ReplayedBus, TappedBus
 from hil.errors import ConfigError, DeviceError
 from hil.signals.bus import Bus
 
@@ -26,8 +27,8 @@ class CanLink:
 
     Parameters
     ----------
-    bus : can.BusABC
-        Open bus.
+    bus : CanBus
+        Open bus, python-can's or one with a tap.
     advance : callable, optional
         Called with the time [ns] at every `advance`; for buses whose time is passed in.
     bit_rate : int
@@ -42,7 +43,7 @@ class CanLink:
     """
 
     def __init__(
-        self, bus: can.BusABC, advance: Callable[[int], None] | None = None, bit_rate: int = 0
+        self, bus: CanBus, advance: Callable[[int], None] | None = None, bit_rate: int = 0
     ) -> None:
         self.bus = bus
         self.bit_rate = bit_rate
@@ -151,12 +152,21 @@ def shared(bus: Bus, interface: str, channel: str, bit_rate: int) -> CanLink:
     DeviceError
         If the bus cannot be opened.
     """
-    if bus.simulated:
+    if bus.replay is not None:
+        interface = "replay"
+    elif bus.simulated:
         interface, channel = bus.handle["interface"], bus.handle["prefix"] + channel
     key = (interface, channel)
     link = _OPEN.get(key)
     if link is None:
-        link = CanLink(open_bus(interface, channel, bit_rate), bus.advance, bit_rate)
+        opened: CanBus
+        if bus.replay is not None:
+            opened = ReplayedBus(bus.replay, channel)
+        elif bus.log is not None:
+            opened = TappedBus(open_bus(interface, channel, bit_rate), bus.log)
+        else:
+            opened = open_bus(interface, channel, bit_rate)
+        link = CanLink(opened, bus.advance, bit_rate)
         _OPEN[key] = link
     if link.bit_rate != bit_rate:
         raise ConfigError(

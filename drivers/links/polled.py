@@ -48,6 +48,8 @@ class PolledGauges:
         Words of the last good sample.
     unusable : bool
         The last sample could not be used.
+    trouble : str
+        Why the sensor is lost; empty while it is not.
     timeouts, halves, malformed : int
         Requests without a whole answer, second frames without a first, frames of a wrong length.
     """
@@ -57,7 +59,7 @@ class PolledGauges:
     ) -> None:
         self.name = name
         self.gauges: IntArray = np.zeros(6, np.int64)
-        self.unusable = False
+        self.unusable, self.trouble = False, ""
         self.timeouts = self.halves = self.malformed = 0
         self._link, self._request, self._patience = link, request, patience
         self._pending: IntArray = np.zeros(6, np.int64)
@@ -103,10 +105,19 @@ class PolledGauges:
         """Status of the last good sample by its age; a sample that is not usable ages it."""
         age = t_ns - self._fresh_ns
         if age >= self._patience.lost:
+            if not self.trouble:
+                self.trouble = f"box {self.name!r}: {self._why(age)}."
             return Status.LOST
         if good or (age < self._patience.stale and not self.unusable):
             return Status.OK
         return Status.STALE
+
+    def _why(self, age: int) -> str:
+        """Why there has been no good sample for so long."""
+        if self.unusable:
+            return self.unusable_text().removeprefix(f"{self.name}: ")
+        refused = f" (the bus refused: {self._link.trouble})" if self._link.trouble else ""
+        return f"no sample for {age * 1e-6:.0f} ms{refused}"
 
     def sample(self, t_ns: int) -> int:
         """Ask for a sample, wait for it, and keep it.
@@ -118,7 +129,7 @@ class PolledGauges:
         DeviceError
             If the sample is not usable.
         """
-        self._asked_ns, self._fresh_ns = None, -1
+        self._asked_ns, self._fresh_ns, self.trouble = None, -1, ""
         for _ in range(3):
             self._link.advance(t_ns)
             self._link.poll()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from hil.errors import ConfigError, DeviceError
-from hil.signals.bus import Bus
+from hil.signals.bus import Bus, Replay
 
 
 class Datagrams(Protocol):
@@ -52,9 +52,12 @@ class UdpLink:
         self._bus = bus
         opener: Callable[[str, int], Datagrams] = bus.handle or _socket
         try:
-            self._socket = opener(host, port)
+            self._socket: Datagrams = (
+                ReplayedDatagrams(bus.replay) if bus.replay is not None else opener(host, port)
+            )
         except OSError as error:
             raise DeviceError(f"{host}:{port} cannot be reached over UDP ({error})") from error
+        self._log = bus.log
 
     def advance(self, t_ns: int) -> None:
         """It is `t_ns` now."""
@@ -64,6 +67,8 @@ class UdpLink:
         """Send one datagram; a refusal is kept in `trouble`."""
         try:
             self._socket.send(data)
+            if self._log is not None:
+                self._log.add("tx", "", data)
         except OSError as error:
             self.trouble = str(error)
 
@@ -78,11 +83,34 @@ class UdpLink:
             self.trouble = str(error)
             return None
         self.trouble = ""
+        if self._log is not None:
+            self._log.add("rx", "", data)
         return data
 
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+
+class ReplayedDatagrams:
+    """A socket that a recording answers for."""
+
+    def __init__(self, replay: Replay) -> None:
+        self._replay = replay
+
+    def send(self, data: bytes) -> None:
+        """What the driver sends is compared with the recording."""
+        self._replay.put("", data)
+
+    def recv(self, size: int) -> bytes:
+        """Next datagram of the recording that is due."""
+        frame = self._replay.take(False)
+        if frame is None:
+            raise BlockingIOError(11, "nothing is due")
+        return frame.data[:size]
+
+    def close(self) -> None:
+        """Nothing to release."""
 
 
 def _socket(host: str, port: int) -> Datagrams:

@@ -106,6 +106,15 @@ class NetCanOem(PolledGauges):
             "an overload, a broken cable, or a transducer that does not belong to this slot"
         )
 
+    def describe(self) -> str:
+        """What the box is, for `hil devices`."""
+        told, config = self.identity, self.config
+        version = ".".join(map(str, told.firmware))
+        return (
+            f"NETCANOEM {version} at base {config.base:#x}: transducer {told.serial} in slot "
+            f"{config.calibration}, {config.bit_rate / 1e6:g} Mbit/s"
+        )
+
     def close(self) -> None:
         """Leave the bus."""
         self._link.release(self._identifiers)

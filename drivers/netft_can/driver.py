@@ -112,6 +112,10 @@ class NetFtCan(PolledGauges):
             f"{self._pending.tolist()}, number {self.number}"
         )
 
+    def describe(self) -> str:
+        """What the box is, for `hil devices`."""
+        return f"Net F/T box over CAN at base {self.config.base:#x}"
+
     def close(self) -> None:
         """Leave the bus."""
         self._link.release(self._identifiers)

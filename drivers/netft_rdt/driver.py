@@ -58,6 +58,8 @@ class NetFtRdt:
 
     Attributes
     ----------
+    trouble : str
+        Why the box is lost; empty while it is not.
     status : int
         Status of the last record; with any but 0 it is not used.
     missed, old, malformed : int
@@ -76,6 +78,7 @@ class NetFtRdt:
         self.calibration, self.certificate = config.calibration(), config.record()
         self.serial = f"{host}:{port}"
         self.status = self.missed = self.old = self.malformed = 0
+        self.trouble = ""
         self._bus, self._words = bus, [0] * 6
         self._stale, self._restart, self._lost = (
             round(ms * 1e6) for ms in (config.stale_ms, config.restart_ms, config.lost_ms)
@@ -100,6 +103,9 @@ class NetFtRdt:
             return Status.OK
         age = t_ns - self._fresh_ns
         if age >= self._lost:
+            if not self.trouble:
+                said = f"status 0x{self.status:08x}" if self.status else self._link.trouble
+                self.trouble = f"box {self.name!r}: no record for {age * 1e-6:.0f} ms; {said}."
             return Status.LOST
         if t_ns - self._asked_ns >= self._restart:
             # the stream has stopped, or the box has restarted with new numbers
@@ -139,7 +145,7 @@ class NetFtRdt:
         DeviceError
             If the box reports an error.
         """
-        self._fresh_ns = -1
+        self._fresh_ns, self.trouble = -1, ""
         for _ in range(LOOKS):
             self._link.advance(t_ns)
             if self._drain():
@@ -161,6 +167,10 @@ class NetFtRdt:
                 "page says what that means"
             )
         self._fresh_ns = -1
+
+    def describe(self) -> str:
+        """What the box is, for `hil devices`."""
+        return f"Net F/T box streaming from {self.serial}"
 
     def close(self) -> None:
         """Stop the stream and close the socket."""

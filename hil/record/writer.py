@@ -12,6 +12,7 @@ from typing import BinaryIO
 from mcap.writer import CompressionType, IndexType, Writer
 
 from hil.errors import ConfigError, unknown
+from hil.record.frames import SCHEMA, SCHEMA_NAME, TOPIC, FrameLog, encode
 from hil.record.schema import EVENT_SCHEMA, Channel, encoder
 
 LIBRARY = "hil"
@@ -99,6 +100,8 @@ class SessionWriter:
         for channel in channels:
             self._register(channel, encoders[channel.topic])
         self._events = 0
+        self._logs: list[tuple[int, FrameLog]] = []
+        self._origin_ns = self._epoch_ns = 0
         self._chunk_start = 0
         self.messages = 0
         self.flush()
@@ -145,6 +148,8 @@ class SessionWriter:
 
     def event(self, tick: int, t_ns: int, name: str, data: Mapping[str, object]) -> None:
         """Write a rare event as JSON on `/events`."""
+        if tick == 0:
+            self._epoch_ns = t_ns
         if not self._events:
             schema = self._writer.register_schema("hil_event", "jsonschema", EVENT_SCHEMA.encode())
             self._events = self._writer.register_channel("/events", "json", schema)
@@ -152,8 +157,33 @@ class SessionWriter:
         self._writer.add_message(self._events, t_ns, text.encode(), t_ns, tick)
         self._keep_up(t_ns)
 
+    def frames(self, logs: Mapping[str, FrameLog], origin_ns: int) -> None:
+        """Write the frames of these boxes from now on, at every `flush`.
+
+        Parameters
+        ----------
+        logs : mapping of str to FrameLog
+            Box -> its frames.
+        origin_ns : int
+            Loop's time of tick 0 [ns]; its log time is that of an event at tick 0, and earlier
+            frames get it too.
+        """
+        schema = 0
+        for box, log in logs.items():
+            schema = schema or self._writer.register_schema(SCHEMA_NAME, "ros2msg", SCHEMA.encode())
+            number = self._writer.register_channel(TOPIC + box, "cdr", schema)
+            self._logs.append((number, log))
+        self._origin_ns = origin_ns
+
+    def _write_frames(self) -> None:
+        for number, log in self._logs:
+            for frame in log.take():
+                t_ns = max(frame.t_ns - self._origin_ns, 0) + self._epoch_ns
+                self._writer.add_message(number, t_ns, encode(frame, t_ns), t_ns, 0)
+
     def flush(self) -> None:
         """Close the open chunk and hand everything to the operating system."""
+        self._write_frames()
         self._end_chunk()
         self._file.flush()
 
@@ -161,6 +191,7 @@ class SessionWriter:
         """Write the index and close the file."""
         if not self._file.closed:
             try:
+                self._write_frames()
                 self._writer.finish()  # type: ignore[no-untyped-call]
             finally:
                 self._file.close()

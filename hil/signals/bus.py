@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 #: One step of background work; returns how long to wait before the next [s].  Never raises.
 Step = Callable[[], float]
@@ -30,6 +30,40 @@ def threaded(name: str, step: Step) -> Callable[[], None]:
         thread.join(2.0)
 
     return stop
+
+
+class FrameLog(Protocol):
+    """Takes the frames of a bus (`hil.record.frames.FrameLog`)."""
+
+    def add(self, kind: str, key: str, data: bytes) -> None:
+        """A frame went over the bus; `kind` is ``tx`` or ``rx``."""
+        ...
+
+
+class RecordedFrame(Protocol):
+    """A frame of a recording."""
+
+    @property
+    def key(self) -> str:
+        """What tells frames of one bus apart."""
+        ...
+
+    @property
+    def data(self) -> bytes:
+        """Payload."""
+        ...
+
+
+class Replay(Protocol):
+    """Answers for a device (`hil.record.frames.Replay`)."""
+
+    def put(self, key: str, data: bytes) -> None:
+        """The driver sends a frame."""
+        ...
+
+    def take(self, wait: bool) -> RecordedFrame | None:
+        """Next answer that is due; with `wait`, that comes next at all."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -58,10 +92,11 @@ class Bus:
     Parameters
     ----------
     kind : str
-        ``"usb"``, ``"hid"`` or ``"can"``.
+        ``"usb"``, ``"hid"``, ``"can"`` or ``"udp"``.
     handle : object
         usb: back end for `usb.core.find`, None for libusb.  hid: what stands for the module
-        ``hid``.  can: keyword arguments of `can.Bus`.
+        ``hid``.  can: in a simulation, python-can's interface and what stands before the name of
+        a channel.  udp: what opens a socket.
     run : callable
         ``run(name, step)`` calls `step` as often as data may come and returns what stops it: a
         thread, or in virtual time once a tick.
@@ -73,6 +108,10 @@ class Bus:
         ``advance(t_ns)`` lets a simulated world run to the time of the loop; nothing otherwise.
     simulated : bool
         Whether the far end is simulated.
+    log : FrameLog, optional
+        Where the driver's link notes every frame.
+    replay : Replay, optional
+        A recording that answers in place of a device.
     """
 
     kind: str
@@ -82,3 +121,5 @@ class Bus:
     now_ns: Callable[[], int] = time.monotonic_ns
     advance: Callable[[int], None] = lambda t_ns: None
     simulated: bool = False
+    log: FrameLog | None = None
+    replay: Replay | None = None

@@ -1,0 +1,210 @@
+"""Raw wire frames: kept while a session runs, written into it, and played to a driver again.
+
+A frame is what went over a bus at a moment of the loop's time.  `FrameLog` collects them from any
+thread; `Replay` gives a driver the answers of a recording in their order, at their time, and after
+as many questions as they came after then, and notes where the driver now asks something else.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hil.errors import DataError, unknown
+from hil.record.container import read
+
+TOPIC = "/frames/"
+SCHEMA_NAME = "hil_msgs/msg/WireFrame"
+SCHEMA = (
+    "builtin_interfaces/Time stamp\n"
+    "uint64 loop_ns  # time of the loop that the driver was told last [ns]\n"
+    "string kind  # tx to the device, rx from it, start of the loop's time, silence (no answer)\n"
+    "string key  # e.g. the identifier on CAN\n"
+    "uint8[] data\n" + "=" * 80 + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+)
+TX, RX, START, SILENCE = "tx", "rx", "start", "silence"
+#: Frames that wait for the slow side at most; then they are dropped and counted.
+MOST_WAITING = 500_000
+#: Differences that are kept as text.
+MOST_TEXTS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame.
+
+    Parameters
+    ----------
+    t_ns : int
+        Time of the loop that the driver was told last [ns].
+    kind : str
+        ``tx``, ``rx``, ``start``, or ``silence`` where the driver waited and nothing came.
+    key : str
+        What tells frames of one bus apart, e.g. the identifier on CAN.
+    data : bytes
+        Payload.
+    """
+
+    t_ns: int
+    kind: str
+    key: str = ""
+    data: bytes = b""
+
+
+class FrameLog:
+    """Frames of one bus since the last `take`.
+
+    Attributes
+    ----------
+    dropped : int
+        Frames that found the log full.
+    """
+
+    def __init__(self) -> None:
+        self._frames: deque[Frame] = deque()
+        self._now_ns = -1
+        self.dropped = 0
+
+    def advance(self, t_ns: int) -> None:
+        """It is `t_ns` now."""
+        if self._now_ns < 0:
+            self._frames.append(Frame(t_ns, START))
+        self._now_ns = t_ns
+
+    def add(self, kind: str, key: str, data: bytes) -> None:
+        """A frame went over the bus."""
+        if len(self._frames) < MOST_WAITING:
+            self._frames.append(Frame(max(self._now_ns, 0), kind, key, data))
+        else:
+            self.dropped += 1
+
+    def take(self) -> list[Frame]:
+        """All frames that wait, oldest first."""
+        return [self._frames.popleft() for _ in range(len(self._frames))]
+
+
+def encode(frame: Frame, t_ns: int) -> bytes:
+    """CDR of one frame with the session's stamp `t_ns`."""
+    out = bytearray(struct.pack("<4siIQ", b"\x00\x01\x00\x00", t_ns // 10**9, t_ns % 10**9,
+                                frame.t_ns))  # fmt: skip
+    for text in (frame.kind, frame.key):
+        raw = text.encode() + b"\x00"
+        out += bytes(-(len(out) - 4) % 4) + struct.pack("<I", len(raw)) + raw
+    out += bytes(-(len(out) - 4) % 4) + struct.pack("<I", len(frame.data)) + frame.data
+    return bytes(out)
+
+
+def decode(data: bytes) -> Frame:
+    """Frame of a message.
+
+    Raises
+    ------
+    DataError
+        If the bytes are no such message.
+    """
+    try:
+        (t_ns,) = struct.unpack_from("<Q", data, 12)
+        at, parts = 20, []
+        for _ in range(3):
+            at += -(at - 4) % 4
+            (size,) = struct.unpack_from("<I", data, at)
+            parts.append(data[at + 4 : at + 4 + size])
+            at += 4 + size
+        if at > len(data):
+            raise DataError(f"a wire frame says it has {at} bytes, and has {len(data)}")
+        kind, key = (p[:-1].decode() for p in parts[:2])
+    except (struct.error, UnicodeDecodeError) as error:
+        raise DataError(f"not a wire frame: {error}") from error
+    return Frame(t_ns, kind, key, parts[2])
+
+
+def read_frames(path: str | Path, box: str) -> list[Frame]:
+    """Frames of a box in a session.
+
+    Raises
+    ------
+    DataError
+        If the session has none of it.
+    """
+    topics = read(path).topics
+    if TOPIC + box not in topics:
+        there = [t.removeprefix(TOPIC) for t in topics if t.startswith(TOPIC)]
+        hint = "" if there else " It was recorded without [record] frames = true."
+        raise DataError(f"session {path}: {unknown('box with frames', box, there)}{hint}")
+    return [decode(data) for data in topics[TOPIC + box].data]
+
+
+class Replay:
+    """Answers of a recording.
+
+    Parameters
+    ----------
+    box : str
+        Name for messages.
+    frames : sequence of Frame
+        In their order.
+
+    Attributes
+    ----------
+    now_ns : int
+        Time of the recording [ns].
+    asked, other : int
+        Frames that the driver has sent, and those that differ from the recording.
+    differences : list of str
+        The first of them in words.
+    """
+
+    def __init__(self, box: str, frames: Sequence[Frame]) -> None:
+        self.box = box
+        self.now_ns = self.asked = self.other = 0
+        self.differences: list[str] = []
+        self._start = next((f.t_ns for f in frames if f.kind == START), 0)
+        self._offset: int | None = None
+        self._sent = [f for f in frames if f.kind == TX]
+        self._answers: deque[tuple[int, Frame]] = deque()
+        before = 0
+        for frame in frames:
+            before += frame.kind == TX
+            if frame.kind in (RX, SILENCE):
+                self._answers.append((before, frame))
+
+    def advance(self, t_ns: int) -> None:
+        """It is `t_ns` by the loop of now, which starts where that of the recording did."""
+        if self._offset is None:
+            self._offset = self._start - t_ns
+        self.now_ns = max(self.now_ns, t_ns + self._offset)
+
+    def put(self, key: str, data: bytes) -> None:
+        """The driver sends a frame."""
+        if self.asked < len(self._sent):
+            then = self._sent[self.asked]
+            if (then.key, then.data) != (key, data):
+                self._differs(f"frame {self.asked + 1} to {self.box}: {key} {data.hex()} now, "
+                              f"{then.key} {then.data.hex()} in the recording")  # fmt: skip
+        self.asked += 1
+
+    def _differs(self, text: str) -> None:
+        self.other += 1
+        if len(self.differences) < MOST_TEXTS:
+            self.differences.append(text)
+
+    def take(self, wait: bool) -> Frame | None:
+        """Next answer that is due; with `wait`, that comes next at all."""
+        while self._answers:
+            after, frame = self._answers[0]
+            if after > self.asked or (frame.t_ns > self.now_ns and not wait):
+                return None
+            self._answers.popleft()
+            if frame.kind == RX:
+                return frame
+            if wait:
+                return None
+        return None
+
+    @property
+    def over(self) -> bool:
+        """Whether every answer has been given."""
+        return not self._answers
