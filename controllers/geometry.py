@@ -6,10 +6,15 @@ z up, origin on the shoulder axis (Cavusoglu, Feygin & Tendick 2002).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import acos, atan2, cos, hypot, pi, sin
 from typing import Any
 
 import numba as nb
+import numpy as np
+
+#: Nominal l1, l2 [m] (Cavusoglu et al. 2002).
+LENGTHS = (0.215, 0.170)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -44,3 +49,8 @@ def jacobian(q: Any, lengths: Any, out: Any) -> None:
     out[0, 0], out[0, 1], out[0, 2] = -s1 * r, -l1 * c1 * s2, l2 * c1 * c3
     out[1, 0], out[1, 1], out[1, 2] = c1 * r, -l1 * s1 * s2, l2 * s1 * c3
     out[2, 0], out[2, 1], out[2, 2] = 0.0, l1 * c2, l2 * s3
+
+
+def premium() -> tuple[Callable[..., None], Any]:
+    """`forward` and the lengths of the PHANTOM Premium 1.5, for the registry."""
+    return forward, np.array(LENGTHS)

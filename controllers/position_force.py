@@ -51,7 +51,7 @@ class PositionForceConfig:
     force_scale: float = 0.7
     force_filter: float = 0.004
     leader_damping: float = 0.004
-    lengths: tuple[float, float] = (0.215, 0.170)
+    lengths: tuple[float, float] = geometry.LENGTHS
     leader_gravity: tuple[float, ...] = (0.12, 0.03)
     follower_gravity: tuple[float, ...] = (0.0, -0.06)
 

@@ -3,31 +3,58 @@
 from __future__ import annotations
 
 import errno
-import gc
-import sys
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from hil import session
-from hil.config import LoopConfig, RigConfig
+from hil.config import RigConfig
 from hil.errors import ConfigError, DataError, DeviceError
+from hil.exits import unwinding_signals
 from hil.record.reader import summary
 from hil.record.ring import Ring
 from hil.rig import Rig, open_rig
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
+from hil.runtime.conditions import sentence
 from hil.runtime.frame import FrameLayout
 from hil.runtime.loop import Loop
+from hil.runtime.realtime import Arrangement, arranged
 from hil.runtime.slow import SlowSide, SlowThread
+from hil.runtime.statistics import Statistics
+from hil.runtime.watchdog import Watchdog, guarded
+from hil.shop import Shop
 
 CLOCKS: dict[str, Callable[[int], Clock]] = {"lockstep": VirtualClock, "real": MonotonicClock}
-
-#: Why an arm is in FAULT where no box says that it is lost.
-RUNAWAY = "an arm is in FAULT, because an effort was not a number or a joint passed its speed_limit"
-
 #: What the operating system says where no more can be written.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+#: Ticks that a session goes on after a FAULT, with the motors at zero: the record shows it.
+AFTERMATH = 20
+
+
+@dataclass
+class Operator:
+    """Who watches and commands a session.
+
+    Parameters
+    ----------
+    schedule : sequence of (float, str)
+        Commands and their times [s].
+    say : callable
+        Takes sentences.
+    live : callable or None
+        Takes a line of figures a few times a second.
+    lines : callable or None
+        Called with a function that takes the operator's lines, once the loop is ready.
+    wait : bool
+        The session begins DISABLED and waits for ``start``.
+    """
+
+    schedule: Sequence[tuple[float, str]] = ()
+    say: Callable[[str], None] = lambda text: None
+    live: Callable[[str], None] | None = None
+    lines: Callable[[Callable[[str], None]], None] | None = None
+    wait: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,6 +75,14 @@ class Summary:
         Length of the session, and how long it took [s].
     longest_tick_us : float
         Longest time from wake-up to the last command [us]; 0 in virtual time.
+    state, reason : str
+        Operating state before the end, and the conditions that led to it.
+    unwritten : int
+        Rows that the loop gave but the disk did not take.
+    figures : dict
+        `hil.runtime.statistics.Figures`.
+    granted, refused : list of str
+        What the operating system did for the loop, and sentences about what it did not.
     """
 
     path: str
@@ -60,6 +95,12 @@ class Summary:
     seconds: float
     wall_seconds: float
     longest_tick_us: float
+    state: str = "ENABLED"
+    reason: str = ""
+    unwritten: int = 0
+    figures: dict[str, float] = field(default_factory=dict)
+    granted: list[str] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
 
     def as_dict(self) -> dict[str, object]:
         """Plain dictionary for JSON."""
@@ -73,6 +114,9 @@ def run(
     clock: str | None = None,
     output: str | Path = "session.mcap",
     progress: Callable[[int], None] | None = None,
+    operator: Operator | None = None,
+    model: str | Path | None = None,
+    opener: Callable[[RigConfig, int], Rig] = open_rig,
 ) -> Summary:
     """Run a session of a rig and record it.
 
@@ -91,40 +135,178 @@ def run(
         Session file.
     progress : callable, optional
         Called with the number of ticks done since its last call.
+    operator : Operator, optional
+        Who watches and commands.
+    model : str or Path, optional
+        Model file that is attached.
+    opener : callable
+        Opens the rig; the fault bench puts its faults in here.
 
     Raises
     ------
     DeviceError
         An arm went to FAULT; what was recorded until then is kept.
     ConfigError
-        The session could not be written on, e.g. for a full disk; the same holds.
+        The session could not be written on, e.g. for a full disk; the loop ran to its end.
     """
     config = session.with_run_options(config, seconds, seed, clock)
     began = time.perf_counter()
-    rig = open_rig(config, seed)
-    try:
-        loop, timer = _record(rig, config, seed, Path(output), progress)
-    except OSError as error:
-        if error.errno not in FULL:
+    with unwinding_signals(), guarded(config.safety, Path(output)) as watchdog:
+        rig = opener(config, seed)
+        try:
+            made = _Session(rig, config, seed, Path(output), operator or Operator(), model)
+            made.run(progress, watchdog)
+        finally:
+            rig.close()
+    return made.summary(seed, time.perf_counter() - began)
+
+
+class _Session:
+    """Loop, slow side and file over an open rig."""
+
+    def __init__(
+        self, rig: Rig, config: RigConfig, seed: int, output: Path, operator: Operator,
+        model: str | Path | None,
+    ) -> None:  # fmt: skip
+        self.config, self.output, self.operator, self.rig = config, output, operator, rig
+        layout = FrameLayout(len(rig.ports), len(rig.controller.state_names))
+        loop = config.loop
+        ring = Ring(loop.ring_rows, layout.width)
+        self.timer = CLOCKS[loop.clock](loop.period_ns)
+        self.loop = Loop(
+            rig.ports, rig.controller, self.timer, ring, layout, loop.period_ns, rig.origin_ns,
+            config.safety.missed_limit,
+        )  # fmt: skip
+        self.statistics = Statistics(loop.period_ns)
+        self.arrangement = Arrangement()
+        self.ticks = round(loop.seconds * loop.rate_hz)
+        self.writer = session.open_writer(output, config, rig, seed, model)
+        self.slow = SlowSide(
+            self.loop, ring, self.writer, session.topics(config, layout),
+            session.slow_topics(layout), layout, self.statistics, Shop(rig, config),
+            operator.schedule, operator.say,
+        )  # fmt: skip
+        self.left = 0.0
+
+    def run(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
+        """Until the time is up, an arm faults, or the operator stops."""
+        loop, timer = self.loop, self.timer
+        told: dict[str, object] = {}
+        name = "broken off"
+        try:
+            loop.rehearse()
+            if not self.operator.wait:
+                self.rig.enable()
+                loop.begin()
+            timer.start()
+            self.writer.event(0, timer.epoch_ns, "waiting" if self.operator.wait else "enabled", {})
+            if self.operator.lines is not None:
+                self.operator.lines(self.slow.inbox.append)
+            (self._lockstep if self.config.loop.clock == "lockstep" else self._real)(
+                progress, watchdog
+            )
+            name = "fault" if loop.unsafe else "done"
+        except Exception as error:
+            told = {"error": f"{type(error).__name__}: {error}"}
             raise
-        raise ConfigError(_cut_short(Path(output), error)) from error
-    finally:
-        rig.close()
-    if loop.unsafe:
-        raise DeviceError(
-            f"session stopped at tick {loop.tick}: {rig.trouble() or RUNAWAY}; {output} holds what "
-            "was recorded."
-        )
-    period = config.loop.period_ns * 1e-9
-    return Summary(
-        path=str(output), clock=config.loop.clock, seed=seed, ticks=loop.tick - timer.missed,
-        missed=timer.missed, dropped=loop.dropped, limited=loop.clamped,
-        seconds=loop.tick * period, wall_seconds=time.perf_counter() - began,
-        longest_tick_us=loop.longest_ns * 1e-3,
-    )  # fmt: skip
+        finally:
+            self._finish(name, told)
+
+    def over(self) -> bool:
+        """Whether this tick was the last."""
+        loop = self.loop
+        if loop.unsafe:
+            return loop.tick >= min(loop.since + AFTERMATH, self.ticks)
+        return loop.finished or loop.tick >= self.ticks
+
+    def _lockstep(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
+        """Both loops in this thread: the slow side after every tenth tick, say."""
+        config, loop = self.config.loop, self.loop
+        ratio = max(1, round(config.rate_hz / config.slow_hz))
+        while not self.over():
+            done = 0
+            while done < ratio and not self.over():
+                loop.step()
+                done += 1
+            self._slow_duties(loop.tick / config.rate_hz, watchdog)
+            self.slow.step(loop.tick / config.rate_hz)
+            if progress is not None:
+                progress(done)
+
+    def _real(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
+        """Fast loop in this thread, arranged for real time; the slow side in its own."""
+        config, loop = self.config.loop, self.loop
+        thread = SlowThread(
+            self.slow, self.timer, 1.0 / config.slow_hz, 1.0 / config.rate_hz,
+            lambda seconds: self._slow_duties(seconds, watchdog),
+        )  # fmt: skip
+        thread.start()
+        try:
+            with arranged(config.realtime) as self.arrangement:
+                for text in self.arrangement.refused:
+                    self.operator.say(text)
+                self.timer.start()
+                while not self.over():
+                    loop.step()
+        finally:
+            thread.stop()
+        if progress is not None:
+            progress(loop.tick)
+
+    def _slow_duties(self, seconds: float, watchdog: Watchdog | None) -> None:
+        """Live figures and the watchdog's heartbeat, from the slow side."""
+        if watchdog is not None:
+            watchdog.beat(self.loop.tick)
+        if self.operator.live is not None and seconds >= self.left:
+            self.left = seconds + 0.25
+            state = self.loop.machine.state.name
+            self.operator.live(
+                f"{state} {sentence(self.loop.conditions)}; {self.statistics.line()}"
+                if self.loop.conditions
+                else f"{state}; {self.statistics.line()}"
+            )
+
+    def _finish(self, name: str, told: dict[str, object]) -> None:
+        """Close the file with what the session was; it may be that it takes nothing more."""
+        loop, timer = self.loop, self.timer
+        if self.slow.trouble is not None:
+            return
+        end_ns = timer.epoch_ns + loop.tick * self.config.loop.period_ns
+        said = {"missed": timer.missed, "dropped": loop.dropped, **told}
+        try:
+            self.writer.event(loop.tick, end_ns, name, said)
+            session.conclude(self.writer, self.statistics, self.arrangement)
+            self.writer.close()
+        except OSError as error:
+            self.slow.trouble = error
+            self.writer.abandon()
+
+    def summary(self, seed: int, wall: float) -> Summary:
+        """What it was; raises where it ended badly."""
+        loop, config = self.loop, self.config.loop
+        reason = sentence(loop.reason) if loop.reason else ""
+        if self.slow.trouble is not None:
+            raise ConfigError(
+                _cut_short(self.output, self.slow.trouble, self.slow.unwritten)
+            ) from self.slow.trouble
+        if loop.unsafe:
+            told = self.rig.trouble()
+            raise DeviceError(
+                f"session stopped at tick {loop.since}: FAULT, because {reason}"
+                f"{f' ({told})' if told else ''}; the motors got no torque from that tick on, and "
+                f"{self.output} holds what was recorded."
+            )
+        return Summary(
+            path=str(self.output), clock=config.clock, seed=seed,
+            ticks=loop.tick - self.timer.missed, missed=self.timer.missed, dropped=loop.dropped,
+            limited=loop.clamped, seconds=loop.tick * config.period_ns * 1e-9, wall_seconds=wall,
+            longest_tick_us=loop.longest_ns * 1e-3, state=loop.machine.state.name, reason=reason,
+            unwritten=self.slow.unwritten, figures=self.statistics.figures().as_dict(),
+            granted=self.arrangement.granted, refused=self.arrangement.refused,
+        )  # fmt: skip
 
 
-def _cut_short(output: Path, error: OSError) -> str:
+def _cut_short(output: Path, error: OSError, lost: int) -> str:
     """What is left of a session that could not be written on."""
     try:
         longest = max((c.last_s for c in summary(output).channels if c.count), default=0.0)
@@ -136,69 +318,7 @@ def _cut_short(output: Path, error: OSError) -> str:
         if longest
         else "nothing of it was kept; make room and run it again"
     )
-    return f"session {output} was cut short, the arms are released: {error.strerror}; {kept}"
-
-
-def _record(
-    rig: Rig, config: RigConfig, seed: int, output: Path,
-    progress: Callable[[int], None] | None,
-) -> tuple[Loop, Clock]:  # fmt: skip
-    """Loop and slow side over an open rig until the time is up or an arm faults."""
-    layout = FrameLayout(len(rig.ports), len(rig.controller.state_names))
-    ring = Ring(config.loop.ring_rows, layout.width)
-    timer = CLOCKS[config.loop.clock](config.loop.period_ns)
-    loop = Loop(
-        rig.ports, rig.controller, timer, ring, layout, config.loop.period_ns, rig.origin_ns
+    return (
+        f"session {output} was cut short while the loop went on to its end, {lost} rows are lost, "
+        f"the arms are released: {error.strerror or error}; {kept}"
     )
-    ticks = round(config.loop.seconds * config.loop.rate_hz)
-    with session.open_writer(output, config, rig, seed) as writer:
-        slow = SlowSide(ring, writer, session.topics(config, layout))
-        loop.rehearse()
-        rig.enable()
-        timer.start()
-        writer.event(0, timer.epoch_ns, "enabled", {})
-        if config.loop.clock == "lockstep":
-            _lockstep(loop, slow, ticks, config.loop, progress)
-        else:
-            _real(loop, slow, ticks, config.loop, progress)
-        name = "fault" if loop.unsafe else "done"
-        end_ns = timer.epoch_ns + loop.tick * config.loop.period_ns
-        writer.event(loop.tick, end_ns, name, {"missed": timer.missed, "dropped": loop.dropped})
-    return loop, timer
-
-
-def _lockstep(
-    loop: Loop, slow: SlowSide, ticks: int, config: LoopConfig,
-    progress: Callable[[int], None] | None,
-) -> None:  # fmt: skip
-    """Both loops in this thread: the slow side after every tenth tick, say."""
-    ratio = max(1, round(config.rate_hz / config.slow_hz))
-    while loop.tick < ticks and not loop.unsafe:
-        burst = min(ratio, ticks - loop.tick)
-        for _ in range(burst):
-            loop.step()
-        slow.step()
-        if progress is not None:
-            progress(burst)
-
-
-def _real(
-    loop: Loop, slow: SlowSide, ticks: int, config: LoopConfig,
-    progress: Callable[[int], None] | None,
-) -> None:  # fmt: skip
-    """Fast loop in this thread, slow side in its own, garbage collector held back."""
-    thread = SlowThread(slow, 1.0 / config.slow_hz)
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(5e-5)
-    gc.collect()
-    gc.disable()
-    thread.start()
-    try:
-        while loop.tick < ticks and not loop.unsafe:
-            loop.step()
-    finally:
-        gc.enable()
-        sys.setswitchinterval(interval)
-        thread.stop()
-    if progress is not None:
-        progress(ticks)

@@ -18,6 +18,7 @@ COMMANDS: dict[str, str] = {
     "run": "hil.commands.run",
     "devices": "hil.commands.devices",
     "selftest": "hil.commands.selftest",
+    "replay": "hil.commands.replay",
     "import": "hil.commands.import_",
     "info": "hil.commands.info",
     "fit": "hil.commands.fit",

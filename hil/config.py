@@ -40,13 +40,18 @@ class RecordConfig:
 
 @dataclass(frozen=True)
 class LoopConfig:
-    """Table ``[loop]``: rates [Hz], clock, length of a session [s], rows of the ring."""
+    """Table ``[loop]``: rates [Hz], clock, length of a session [s], rows of the ring.
+
+    `realtime` asks the operating system for its real-time class, an own core and locked memory
+    where the clock is real.
+    """
 
     rate_hz: float = 1000.0
     slow_hz: float = 100.0
     clock: str = "lockstep"
     seconds: float = 10.0
     ring_rows: int = 8192
+    realtime: bool = True
 
     def __post_init__(self) -> None:
         if self.clock not in ("lockstep", "real"):
@@ -63,11 +68,92 @@ class LoopConfig:
 
 
 @dataclass(frozen=True)
+class WindingConfig:
+    """Table ``[arms.NAME.winding]``: heat of the motors, by two time constants.
+
+    Parameters
+    ----------
+    effort_per_amp : tuple of 3 floats
+        Joint effort per motor current [N m/A]; default the Premium's reductions 13.3, 11.2, 11.2
+        times 23.4 mN m/A.
+    resistance : float
+        Of the winding at 25 degC [Ohm].
+    winding_to_housing, housing_to_air : float
+        Thermal resistances [K/W].
+    winding_time, housing_time : float
+        Time constants [s].
+    ambient, yellow, red : float
+        Room, and winding temperatures that light the lamps [degC]; the loop pauses at red.
+
+    Notes
+    -----
+    Defaults: Maxon RE25 118743 as used in the Premium (mahilab/Phantom).
+    """
+
+    effort_per_amp: tuple[float, ...] = (0.311, 0.262, 0.262)
+    resistance: float = 2.18
+    winding_to_housing: float = 3.1
+    housing_to_air: float = 14.0
+    winding_time: float = 12.0
+    housing_time: float = 612.0
+    ambient: float = 25.0
+    yellow: float = 80.0
+    red: float = 100.0
+
+    def __post_init__(self) -> None:
+        if len(self.effort_per_amp) != 3:
+            raise ConfigError("[arms.winding]: effort_per_amp needs three entries, one per joint.")
+        positive = (
+            *self.effort_per_amp, self.resistance, self.winding_to_housing, self.housing_to_air,
+            self.winding_time, self.housing_time,
+        )  # fmt: skip
+        if min(positive) <= 0 or not self.ambient < self.yellow < self.red:
+            raise ConfigError(
+                "[arms.winding]: resistances and times must be positive and ambient < yellow < red."
+            )
+
+
+@dataclass(frozen=True)
+class SafetyConfig:
+    """Table ``[safety]``: when the loop lets go.
+
+    Parameters
+    ----------
+    stale_ticks : int
+        Readings in a row that repeat the last good value before the loop pauses.
+    missed_limit : int
+        Periods missed within a second that pause the loop; the first second does not count.
+    stuck_time : float
+        A joint that stands within a count for so long [s] under more than half its torque limit
+        has a stuck encoder; 0 = not checked.
+    watchdog : float
+        Time without a tick [s] after which a process beside this one runs `cut`; 0 = none.
+    cut : tuple of str
+        Program with arguments that takes the power off the motors.
+    """
+
+    stale_ticks: int = 2
+    missed_limit: int = 100
+    stuck_time: float = 0.25
+    watchdog: float = 0.0
+    cut: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.stale_ticks < 1 or self.missed_limit < 1:
+            raise ConfigError("[safety]: stale_ticks and missed_limit must be at least 1.")
+        if self.stuck_time < 0 or self.watchdog < 0:
+            raise ConfigError("[safety]: stuck_time and watchdog must not be negative.")
+
+
+@dataclass(frozen=True)
 class ArmConfig:
     """Table ``[arms.NAME]``: which robot, its joints, and limits [N m], [rad/s].
 
     `position_min`, `position_max` [rad] and `workspace_min`, `workspace_max` (tip, base frame)
-    [m] bound planned motions; empty means those of the robot.
+    [m] bound planned motions; empty means those of the robot.  The loop pauses outside of the
+    positions, and outside of the workspace where the rig file gives one.  `acceleration_limit`
+    [rad/s^2] is what an encoder can show; `force_yellow` and `force_red` [N] light the lamps, 0
+    means 60 and 85 % of the sensor's range.
     """
 
     robot: str = "phantom-premium-1.5"
@@ -79,6 +165,10 @@ class ArmConfig:
     position_max: tuple[float, ...] = ()
     workspace_min: tuple[float, ...] = ()
     workspace_max: tuple[float, ...] = ()
+    acceleration_limit: float = 2500.0
+    force_yellow: float = 0.0
+    force_red: float = 0.0
+    winding: WindingConfig = field(default_factory=WindingConfig)
 
     def __post_init__(self) -> None:
         for name in ("joints", "torque_limit", "speed_limit"):
@@ -86,6 +176,10 @@ class ArmConfig:
                 raise ConfigError(f"[arms]: {name} needs three entries, one per joint.")
         if min(*self.torque_limit, *self.speed_limit) <= 0:
             raise ConfigError("[arms]: torque_limit and speed_limit must be positive.")
+        if self.acceleration_limit <= 0 or not 0 <= self.force_yellow <= self.force_red:
+            raise ConfigError(
+                "[arms]: acceleration_limit must be positive and force_yellow not above force_red."
+            )
         for name in ("position", "workspace"):
             low, high = getattr(self, f"{name}_min"), getattr(self, f"{name}_max")
             if len(low) not in (0, 3) or len(high) not in (0, 3):
@@ -156,6 +250,7 @@ class RigConfig:
     backend: str = "sim"
     loop: LoopConfig = field(default_factory=LoopConfig)
     record: RecordConfig = field(default_factory=RecordConfig)
+    safety: SafetyConfig = field(default_factory=SafetyConfig)
     simulation: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -31,6 +31,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "foaw-best-fit": "hil.signals.velocity.methods:FoawBestFit",
         "kalman": "hil.signals.velocity.methods:Kalman",
     },
+    "hil.kinematics": {"phantom-premium-1.5": "controllers.geometry:premium"},
     "hil.sim_devices": {},
     "hil.sim_sessions": {},
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,8 +16,18 @@ from hil.excite import files, margins
 from hil.excite.limits import of_arm
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
+from hil.runtime import watch
 from hil.runtime.loop import ArmPort
-from hil.signals.device import Controller, Device, MeasuredCf, MeasuredJs, ServoJf, Tareable, Wire
+from hil.signals.device import (
+    Controller,
+    Device,
+    FloatArray,
+    MeasuredCf,
+    MeasuredJs,
+    ServoJf,
+    Tareable,
+    Wire,
+)
 from hil.tapping import Taps
 
 #: What to do where a device cannot be reached on hardware.
@@ -192,12 +202,24 @@ def _port(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPort
         )
     zeros = np.zeros(6, np.int64)
     limits = config.arms[arm]
+    robot = of_arm(limits, RobotSource(limits.robot, tip=limits.tip))
+    boxed = bool(limits.workspace_min or limits.workspace_max)
+    source = getattr(force[0], "source", None) if force else None
+    force_range = float(getattr(source, "max_force", np.inf))
     return ArmPort(
         joints[0], efforts[0], force[0] if force else None,
         getattr(joints[0], "counts", zeros[:3]), getattr(efforts[0], "codes", zeros[:3]),
         getattr(force[0], "gauges", zeros) if force else zeros,
         np.array(limits.torque_limit), np.array(limits.speed_limit),
+        watch.limits(limits, robot, config.safety, force_range),
+        _tip(limits.robot) if boxed else None, robot.box if boxed else None,
     )  # fmt: skip
+
+
+def _tip(robot: str) -> Callable[[FloatArray, FloatArray], None]:
+    """Tip position of a posture, compiled; for the workspace of the loop."""
+    forward, lengths = registry.load("hil.kinematics", robot)()
+    return lambda q, out: forward(q, lengths, out)
 
 
 def _tare(rig: Rig) -> None:

@@ -21,7 +21,9 @@ from hil.errors import ConfigError
 from hil.record.schema import Channel
 from hil.record.writer import SessionWriter
 from hil.rig import Rig
-from hil.runtime.frame import TIMING, FrameLayout
+from hil.runtime.frame import TIMING, TIMING_UNITS, FrameLayout
+from hil.runtime.realtime import Arrangement
+from hil.runtime.statistics import Statistics
 from hil.signals.device import Controller
 
 #: Words of an arm on ``/rig/raw`` and their units.
@@ -60,9 +62,13 @@ def topics(config: RigConfig, layout: FrameLayout) -> list[tuple[str, slice]]:
         found.append((f"/{arm}/setpoint_jf", layout.part("jf", i)))
         found.append((f"/{arm}/measured_cf", layout.part("cf", i)))
     found.append(("/rig/raw", layout.part("words")))
-    found.append(("/controller/state", layout.part("state")))
     found.append(("/loop/timing", layout.part("timing")))
     return found
+
+
+def slow_topics(layout: FrameLayout) -> list[tuple[str, slice]]:
+    """Topics that get the last row of every burst of the slow side; 'hil replay' has the rest."""
+    return [("/controller/state", layout.part("state"))]
 
 
 def channels(config: RigConfig, controller: Controller) -> list[Channel]:
@@ -79,7 +85,7 @@ def channels(config: RigConfig, controller: Controller) -> list[Channel]:
     found.append(_fields("/rig/raw", words, units, "RigRaw"))
     states = tuple(name.replace(".", "_") for name in controller.state_names)
     found.append(_fields("/controller/state", states, ("",) * len(states), "ControllerState"))
-    found.append(_fields("/loop/timing", TIMING, ("ns", "ns", "1", "1", "1"), "LoopTiming"))
+    found.append(_fields("/loop/timing", TIMING, TIMING_UNITS, "LoopTiming"))
     return found
 
 
@@ -90,7 +96,7 @@ def _fields(topic: str, names: tuple[str, ...], units: tuple[str, ...], message:
 def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]]:
     """Metadata records: the session, then every arm."""
     secret = json.dumps(plain(config.simulation), sort_keys=True)
-    revision, dirty = _git()
+    revision, dirty = source_revision()
     records = {
         "session": {
             "rig": config.name,
@@ -115,12 +121,16 @@ def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]
     return records
 
 
-def open_writer(output: Path, config: RigConfig, rig: Rig, seed: int) -> SessionWriter:
+def open_writer(
+    output: Path, config: RigConfig, rig: Rig, seed: int, model: str | Path | None = None
+) -> SessionWriter:
     """Session file, open, with its metadata and the rig file already in it."""
     attachments = {"rig.toml": rig_text(config).encode()}
     played = config.controller.parameters.get("trajectory")
     if isinstance(played, str) and played:
         attachments["trajectory.toml"] = Path(played).read_bytes()
+    if model is not None:
+        attachments["model.toml"] = _attached(Path(model))
     plan = channels(config, rig.controller)
     writer = SessionWriter(output, plan, describe(config, rig, seed), attachments)
     if rig.taps is not None:
@@ -128,7 +138,25 @@ def open_writer(output: Path, config: RigConfig, rig: Rig, seed: int) -> Session
     return writer
 
 
-def _git() -> tuple[str, str]:
+def _attached(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"cannot attach {path}: {error.strerror}") from error
+
+
+def conclude(writer: SessionWriter, statistics: Statistics, arrangement: Arrangement) -> None:
+    """Metadata that only the end knows: figures of the loop, histograms, arrangement."""
+    writer.metadata("loop", {
+        "figures": json.dumps(statistics.figures().as_dict()),
+        "wake_late_us": json.dumps(statistics.late.filled()),
+        "busy_us": json.dumps(statistics.busy.filled()),
+        "granted": "; ".join(arrangement.granted),
+        "refused": "; ".join(arrangement.refused),
+    })  # fmt: skip
+
+
+def source_revision() -> tuple[str, str]:
     """Revision and dirty flag of the source tree; ``unknown`` outside of one."""
     here = Path(__file__).resolve().parent
     words = ["git", "-C", str(here), "describe", "--always", "--abbrev=40", "--dirty",

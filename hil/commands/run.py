@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +17,13 @@ from hil.commands import outputs
 from hil.config import RigConfig, load_rig
 from hil.errors import ConfigError
 from hil.excite import files
+from hil.runtime.commands import COMMANDS, scheduled
 
 HELP = "run a session of a rig and record it"
 EXAMPLE = "hil run rigs/teleop.toml --clock lockstep --seconds 10 -o s.mcap"
 #: A short trajectory is repeated to fill about this time [s].
 MEASURED = 30.0
+_SHARES = (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999"), ("most", "most"))
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +46,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--clock", choices=("real", "lockstep"),
         help="real time, or virtual time as fast as it goes; default: of the rig file",
     )  # fmt: skip
+    parser.add_argument(
+        "--at", action="append", default=[], metavar="'S COMMAND'",
+        help="give a command at a time, e.g. '2.5 pause', '3 set force_scale 0.5'; repeatable",
+    )  # fmt: skip
+    parser.add_argument(
+        "--operator", action="store_true",
+        help=f"take commands from the terminal, a line each: {', '.join(COMMANDS)}",
+    )  # fmt: skip
+    parser.add_argument(
+        "--wait", action="store_true", help="begin without torque and wait for the command start"
+    )
+    parser.add_argument("--model", metavar="M.toml", help="model file to attach to the session")
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
 
 
@@ -76,7 +92,30 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> app.Summary:
     seconds = config.loop.seconds if args.seconds is None else args.seconds
     total = round(seconds * config.loop.rate_hz)
     with tqdm(total=total, unit="tick", disable=None, leave=False, file=sys.stderr) as bar:
-        return app.run(config, args.seconds, args.seed, args.clock, args.output, bar.update)
+        live = bar.set_postfix_str if not bar.disable else None
+        operator = app.Operator(
+            scheduled(args.at), bar_writer(bar), live, _lines if args.operator else None, args.wait
+        )
+        return app.run(
+            config, args.seconds, args.seed, args.clock, args.output, bar.update, operator,
+            args.model,
+        )  # fmt: skip
+
+
+def bar_writer(bar: Any) -> Callable[[str], None]:
+    """Sentences for the operator, above the bar."""
+    return lambda text: bar.write(f"hil run: {text}", file=sys.stderr)
+
+
+def _lines(take: Callable[[str], None]) -> None:
+    """Give every line of the standard input to the slow side, from a thread of its own."""
+
+    def read() -> None:
+        for line in sys.stdin:
+            if line.strip():
+                take(line)
+
+    threading.Thread(target=read, name="operator", daemon=True).start()
 
 
 def table(summary: app.Summary) -> str:
@@ -87,15 +126,31 @@ def table(summary: app.Summary) -> str:
         ("clock", f"{summary.clock}, seed {summary.seed}"),
         ("ticks", f"{summary.ticks} in {summary.seconds:.3f} s"),
         ("wall time", f"{summary.wall_seconds:.2f} s ({speed:.1f} x real time)"),
+        ("state at the end", summary.state + (f": {summary.reason}" if summary.reason else "")),
         ("missed deadlines", str(summary.missed)),
-        ("longest tick", _longest(summary)),
+        *_times(summary),
         ("limited commands", str(summary.limited)),
-        ("rows dropped", str(summary.dropped)),
+        ("hottest winding", f"{summary.figures['winding_most']:.0f} degC"),
+        ("rows dropped", f"{summary.dropped} of the ring, at most {_ring(summary)} waited"),
     ]
     return "\n".join(f"{name:<17} {value}" for name, value in rows)
 
 
-def _longest(summary: app.Summary) -> str:
+def _ring(summary: app.Summary) -> str:
+    return f"{summary.figures['ring_most']:.0f}"
+
+
+def _times(summary: app.Summary) -> list[tuple[str, str]]:
+    """Rows about time, which does not pass within a tick of a virtual clock."""
     if summary.clock == "lockstep":
-        return "no time passes within a tick"
-    return f"{summary.longest_tick_us:.0f} us"
+        return [("longest tick", "no time passes within a tick")]
+    f = summary.figures
+    named = [
+        (label, ", ".join(f"{p} {f[f'{key}_{q}']:.1f}" for p, q in _SHARES) + " us")
+        for label, key in (("wake-up late", "late"), ("tick takes", "busy"))
+    ]
+    return [
+        *named,
+        ("longest gap", f"{f['longest_gap']:.0f} us between two ticks"),
+        ("arranged", ", ".join(summary.granted) or "nothing was granted"),
+    ]

@@ -76,7 +76,9 @@ def _channel(topic: Topic) -> ChannelSummary:
     t = np.array(topic.times, dtype=np.float64) * 1e-9
     rate = float(1 / np.median(np.diff(t))) if t.size > 2 and np.median(np.diff(t)) > 0 else 0.0
     sequence = np.array(topic.sequence, dtype=np.int64)
-    missing = int(np.sum(np.maximum(np.diff(sequence) - 1, 0))) if sequence.size > 1 else 0
+    # in steps of its own: a slow channel has a message every so many ticks
+    steps = np.diff(sequence) if sequence.size > 1 else np.ones(1, np.int64)
+    missing = int(np.sum(np.maximum(steps // max(1, int(np.median(steps))) - 1, 0)))
     first, last = (float(t[0]), float(t[-1])) if t.size else (0.0, 0.0)
     return ChannelSummary(topic.name, topic.schema, t.size, rate, first, last, missing)
 

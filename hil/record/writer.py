@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from io import BufferedWriter
+from io import RawIOBase
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
+from typing import IO, Any, cast
 
 from mcap.writer import CompressionType, IndexType, Writer
 
@@ -17,23 +18,24 @@ from hil.record.schema import EVENT_SCHEMA, Channel, encoder
 
 LIBRARY = "hil"
 CHUNK_BYTES = 64 * 1024
-CHUNK_NS = 100_000_000
+#: With the ring's 10 ms, what a killed process loses stays below 100 ms.
+CHUNK_NS = 80_000_000
 #: Bytes of a message record around its payload.
 _FRAME = 31
 
 
-def mcap_writer(file: BinaryIO, largest: int) -> Writer:
+def mcap_writer(file: SessionFile, largest: int) -> Writer:
     """Started MCAP writer whose chunks stay within 64 KiB.
 
     Parameters
     ----------
-    file : binary file
+    file : SessionFile
         Where to.
     largest : int
         Size of the largest payload [byte]; a chunk is closed after the message that fills it.
     """
     writer = Writer(
-        file, chunk_size=max(CHUNK_BYTES - _FRAME - largest, 0),
+        cast(IO[Any], file), chunk_size=max(CHUNK_BYTES - _FRAME - largest, 0),
         compression=CompressionType.ZSTD, index_types=IndexType.ALL, enable_data_crcs=True,
     )  # fmt: skip
     writer.start(profile="ros2", library=LIBRARY)
@@ -181,11 +183,21 @@ class SessionWriter:
                 t_ns = max(frame.t_ns - self._origin_ns, 0) + self._epoch_ns
                 self._writer.add_message(number, t_ns, encode(frame, t_ns), t_ns, 0)
 
+    def metadata(self, name: str, record: Mapping[str, str]) -> None:
+        """Add a record that was not known at the beginning."""
+        self._end_chunk()
+        self._writer.add_metadata(name, dict(record))
+
     def flush(self) -> None:
         """Close the open chunk and hand everything to the operating system."""
         self._write_frames()
         self._end_chunk()
         self._file.flush()
+
+    def abandon(self) -> None:
+        """Give up after an error: cut the file off behind its last whole chunk, and close it."""
+        self._file.cut()
+        self._file.close()
 
     def close(self) -> None:
         """Write the index and close the file."""
@@ -193,6 +205,7 @@ class SessionWriter:
             try:
                 self._write_frames()
                 self._writer.finish()  # type: ignore[no-untyped-call]
+                self._file.flush()
             finally:
                 self._file.close()
 
@@ -206,7 +219,62 @@ class SessionWriter:
         self.close()
 
 
-def create(path: str | Path, overwrite: bool) -> BufferedWriter:
+class SessionFile:
+    """File that is written only by `flush`, and all of it or nothing.
+
+    Parameters
+    ----------
+    raw : RawIOBase
+        Open for writing.
+    """
+
+    def __init__(self, raw: RawIOBase) -> None:
+        self._raw, self._waiting, self._kept = raw, bytearray(), 0
+
+    def write(self, data: bytes) -> int:
+        """Keep `data` for the next `flush`."""
+        self._waiting += data
+        return len(data)
+
+    def tell(self) -> int:
+        """Bytes so far, waiting ones included."""
+        return self._kept + len(self._waiting)
+
+    def flush(self) -> None:
+        """Hand what waits to the operating system."""
+        if not self._waiting:
+            return
+        data, self._waiting = self._waiting, bytearray()
+        view = memoryview(data)
+        while view:
+            view = view[self._raw.write(view) or 0 :]
+        self._kept += len(data)
+
+    def cut(self) -> None:
+        """Take back what an interrupted `flush` left behind, as far as the disk allows."""
+        self._waiting = bytearray()
+        with contextlib.suppress(OSError):  # then the reader leaves the torn chunk out
+            self._raw.truncate(self._kept)
+
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._raw.closed
+
+    def close(self) -> None:
+        """Close without writing what waits."""
+        self._raw.close()
+
+    def __enter__(self) -> SessionFile:
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if kind is None:
+            self.flush()
+        self.close()
+
+
+def create(path: str | Path, overwrite: bool) -> SessionFile:
     """Open a session file for writing.
 
     Raises
@@ -215,7 +283,7 @@ def create(path: str | Path, overwrite: bool) -> BufferedWriter:
         If it cannot be created, or exists and must not be overwritten.
     """
     try:
-        return Path(path).open("wb" if overwrite else "xb")
+        return SessionFile(Path(path).open("wb" if overwrite else "xb", buffering=0))
     except FileExistsError as error:
         raise ConfigError(f"session {path} exists; name a new file") from error
     except OSError as error:

@@ -11,9 +11,13 @@ from hil.signals.device import FloatArray
 #: Numbers per arm: measured = position, velocity (3 each), wrench (6); words = counts (3),
 #: DAC codes (3), gauges (6).
 MEASURED, SENT, WORDS = 12, 3, 12
-#: The loop's timing: lateness of the wake-up and time until the commands were out [ns], periods
-#: missed and rows dropped so far, worst status of the tick.
-TIMING = ("wake_late", "busy", "missed", "dropped", "status")
+#: The loop itself: lateness of the wake-up and time until the commands were out [ns], periods
+#: missed and rows dropped so far, worst status of the tick, operating state, mask of conditions
+#: (`hil.runtime.conditions`), rows that waited in the ring, hottest winding [degC].
+TIMING = (
+    "wake_late", "busy", "missed", "dropped", "status", "state", "conditions", "ring", "winding",
+)  # fmt: skip
+TIMING_UNITS = ("ns", "ns", "1", "1", "1", "1", "1", "1", "degC")
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,6 @@ class FrameLayout:
         return js[:3], js[3:], frame[self.part("cf", i)], frame[self.part("jf", i)], words
 
     def views(self, frame: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Views of u (arms, 12), controller state (states,) and timing (5,)."""
+        """Views of u (arms, 12), controller state (states,) and timing (9,)."""
         u = frame[: self.arms * MEASURED].reshape(self.arms, MEASURED)
         return u, frame[self.part("state")], frame[self.part("timing")]

@@ -1,19 +1,39 @@
-"""The fast loop: read, update, limit, write, one row into the ring; nothing else.
+"""The fast loop: read, examine, update, limit, write, one row into the ring; nothing else.
 
 No array is allocated, nothing is logged, no lock is taken per tick.
 """
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from hil.record.ring import Ring
-from hil.runtime import safety
+from hil.runtime import safety, watch
 from hil.runtime.clock import Clock
+from hil.runtime.commands import Command
+from hil.runtime.conditions import BITS, FAULTING, PAUSING
 from hil.runtime.frame import FrameLayout
-from hil.signals.device import Controller, FloatArray, IntArray, MeasuredCf, MeasuredJs, ServoJf
+from hil.runtime.overload import Overload
+from hil.signals.device import (
+    Controller,
+    FloatArray,
+    IntArray,
+    MeasuredCf,
+    MeasuredJs,
+    ServoJf,
+    Status,
+)
+from hil.signals.state import OperatingState, StateCommand, StateMachine
+
+_LIMITED, _INVALID = BITS["effort-limited"], BITS["effort-invalid"]
+_REFUSED, _OVERRUN, _OUT = BITS["motor-refused"], BITS["overrun"], BITS["workspace"]
+_OK = Status.OK
+#: These pause when they begin; a command may go on while they last.
+_LASTING = BITS["position"] | BITS["workspace"]
 
 
 @dataclass(frozen=True)
@@ -34,6 +54,12 @@ class ArmPort:
         Words of the force sensor.
     torque_limit, speed_limit : ndarray (3,)
         [N m], [rad/s].
+    limits : ndarray
+        Of `hil.runtime.watch.limits`.
+    tip : callable or None
+        Writes the tip position [m] of a posture into an array (3,), where there is a `box`.
+    box : ndarray (2, 3) or None
+        Workspace of the tip [m].
     """
 
     joints: MeasuredJs
@@ -44,6 +70,9 @@ class ArmPort:
     gauges: IntArray
     torque_limit: FloatArray
     speed_limit: FloatArray
+    limits: FloatArray
+    tip: Callable[[FloatArray, FloatArray], None] | None = None
+    box: FloatArray | None = None
 
 
 class Loop:
@@ -63,78 +92,195 @@ class Loop:
         Where everything stands in a row.
     period_ns, origin_ns : int
         Tick, and device time of tick 0 [ns].
+    missed_limit : int
+        Periods missed within a second that pause the loop.
+
+    Attributes
+    ----------
+    mailbox : deque of Command
+        What the slow side wants done, applied before the next tick.
+    applied : deque of (int, str)
+        Tick and text of every command applied.
     """
 
     def __init__(
         self, ports: list[ArmPort], controller: Controller, clock: Clock, ring: Ring,
-        layout: FrameLayout, period_ns: int, origin_ns: int,
+        layout: FrameLayout, period_ns: int, origin_ns: int, missed_limit: int = 100,
     ) -> None:  # fmt: skip
         self._controller, self._clock, self._ring = controller, clock, ring
         self._period_ns, self._origin_ns = period_ns, origin_ns
         self.frame = layout.zeros()
         self._u, self._state, self._timing = layout.views(self.frame)
         self._y = np.zeros((len(ports), 3))
-        self._arms = [(p, *layout.arm(self.frame, i), self._y[i]) for i, p in enumerate(ports)]
-        self._x = np.zeros(len(controller.state_names))
-        self._x_next = np.zeros(len(controller.state_names))
-        self.tick = 0
+        self._arms = [
+            (p, *layout.arm(self.frame, i), self._y[i], np.zeros(watch.MEMORY), np.zeros(3))
+            for i, p in enumerate(ports)
+        ]
+        self._x = np.zeros(layout.states)
+        self._x_next = np.zeros(layout.states)
+        self._shown = layout.states
+        self._overload = Overload(missed_limit, round(1e9 / period_ns))
+        self._steps = 1
+        self.machine = StateMachine("the loop")
+        self.mailbox: deque[Command] = deque()
+        self.applied: deque[tuple[int, str]] = deque()
+        self.tick = self._zero_ns = 0
+        self.since = self.reason = 0
+        self.conditions = 0
         self.longest_ns = 0
-        self.worst = safety.OK
         self.clamped = 0
+        self.finished = False
 
     def rehearse(self) -> None:
         """Do once all that a tick does, with the devices not enabled and nothing recorded.
 
         Loads compiled code before the first deadline; leaves no trace in the controller.
         """
-        self._read(self._origin_ns)
+        self._read(self._origin_ns, 1)
         self._write()
         self._controller.update(0.0, self._x, self._u, self._x_next, self._y)
         self._y[:] = 0.0
+        for *_, memory, _tip in self._arms:
+            memory[:] = 0.0
 
     def step(self) -> None:
         """One tick."""
-        clock, timing = self._clock, self._timing
-        self.tick = tick = clock.wait(self.tick + 1)
+        clock, last = self._clock, self.tick
+        self.tick = tick = clock.wait(last + 1)
         t_ns = tick * self._period_ns
         woken = clock.since_start()
-        self._read(t_ns + self._origin_ns)
-        self._controller.update(t_ns * 1e-9, self._x, self._u, self._x_next, self._y)
-        self._x, self._x_next = self._x_next, self._x
-        status = self._write()
-        self._state[:] = self._x
+        while self.mailbox:
+            self._obey(self.mailbox.popleft())
+        steps = tick - last
+        mask = self._read(t_ns + self._origin_ns, steps)
+        if self._overload.over(tick, steps - 1):
+            mask |= _OVERRUN
+        # who was outside already may be driven back in
+        acute = mask & ~(self.conditions & _LASTING)
+        if acute & (PAUSING | FAULTING):
+            self._react(acute)
+        if self.machine.state is OperatingState.ENABLED:
+            law_s = (t_ns - self._zero_ns) * 1e-9
+            self._controller.update(law_s, self._x, self._u, self._x_next, self._y)
+            self._x, self._x_next = self._x_next, self._x
+        else:
+            self._y[:] = 0.0
+        mask |= self._write()
+        if mask & FAULTING and self.machine.state is not OperatingState.FAULT:
+            self._react(mask)
         done = clock.since_start()
+        self._leave(tick, t_ns, woken, done, mask)
+
+    def _leave(self, tick: int, t_ns: int, woken: int, done: int, mask: int) -> None:
+        """The row of this tick."""
+        timing = self._timing
+        self._state[: self._shown] = self._x[: self._shown]
         timing[0] = woken - t_ns
         timing[1] = done - woken
-        timing[2] = clock.missed
+        timing[2] = self._clock.missed
         timing[3] = self._ring.dropped
-        timing[4] = status
-        self._ring.push(tick, t_ns + clock.epoch_ns, self.frame)
+        timing[5] = self.machine.state
+        timing[6] = self.conditions = mask
+        timing[7] = len(self._ring)
+        self._ring.push(tick, t_ns + self._clock.epoch_ns, self.frame)
         if done - woken > self.longest_ns:
             self.longest_ns = done - woken
-        if status > safety.OK:
+        if mask & _LIMITED:
             self.clamped += 1
-            self.worst = max(self.worst, status)
 
-    def _read(self, t_ns: int) -> None:
-        """Measured joint states and forces of all arms."""
-        for port, q, qd, wrench, _sent, _words, _y in self._arms:
-            port.joints.measured_js(t_ns, q, qd)
-            if port.force is not None:
-                port.force.measured_cf(t_ns, q, wrench)
+    def _read(self, t_ns: int, steps: int) -> int:
+        """Measured joint states and forces of all arms; the conditions that they show."""
+        mask, worst, hot = 0, _OK, 0.0
+        single = steps == 1 and self._steps == 1
+        dt, self._steps = steps * self._period_ns * 1e-9, steps
+        for port, q, qd, wrench, sent, _words, _y, memory, tip in self._arms:
+            js = port.joints.measured_js(t_ns, q, qd)
+            cf = _OK if port.force is None else port.force.measured_cf(t_ns, q, wrench)
+            mask |= watch.examine(
+                dt, single, int(js), int(cf), q, qd, wrench, sent, memory, port.limits
+            )  # fmt: skip
+            if port.tip is not None:
+                port.tip(q, tip)
+                if watch.outside(tip, port.box):
+                    mask |= _OUT
+            worst = max(worst, js, cf)
+            hot = max(hot, watch.hottest(memory, port.limits))
+        self._timing[4], self._timing[8] = worst, hot
+        return mask
 
     def _write(self) -> int:
-        """Limited efforts to all arms, words into the row; the worst status."""
-        status = safety.OK
-        for port, _q, qd, _wrench, sent, words, y in self._arms:
+        """Limited efforts to all arms, words into the row; the conditions found on the way."""
+        mask, safe_state = 0, OperatingState.ENABLED
+        enabled = self.machine.state is safe_state
+        for port, _q, qd, _wrench, sent, words, y, _memory, _tip in self._arms:
             safe = safety.limit(y, qd, port.torque_limit, port.speed_limit)
             if safe == safety.INVALID:
                 port.efforts.fault()
-            status = max(status, safe, port.efforts.servo_jf(y, sent))
+                mask |= _INVALID if enabled else 0
+            said = port.efforts.servo_jf(y, sent)
+            if safe == safety.CLAMPED or said == safety.CLAMPED:
+                mask |= _LIMITED
+            elif said >= safety.INVALID and safe != safety.INVALID:
+                mask |= _REFUSED
+            if said > self._timing[4] or safe > self._timing[4]:
+                self._timing[4] = max(said, safe)
+            watch.snap(sent, watch.EFFORT_GRID)
             words[0:3] = port.counts
             words[3:6] = port.codes
             words[6:12] = port.gauges
-        return status
+        return mask
+
+    def _react(self, mask: int) -> None:
+        """Let go: FAULT is latched in every arm and sent again, PAUSED needs a command."""
+        state = self.machine.state
+        if mask & FAULTING:
+            if state is not OperatingState.FAULT:
+                self.machine.command(StateCommand.FAULT)
+                self.since, self.reason = self.tick, mask & FAULTING
+            self._y[:] = 0.0
+            for port, _q, _qd, _wrench, sent, words, y, *_ in self._arms:
+                port.efforts.fault()
+                port.efforts.servo_jf(y, sent)
+                words[3:6] = port.codes
+        elif state is OperatingState.ENABLED:
+            self.machine.command(StateCommand.PAUSE)
+            self.since, self.reason = self.tick, mask & PAUSING
+
+    def _obey(self, command: Command) -> None:
+        command.apply(self)
+        self.applied.append((self.tick, command.text))
+
+    def begin(self) -> None:
+        """To ENABLED, from DISABLED or PAUSED; in FAULT nothing happens."""
+        state = self.machine.state
+        if state is OperatingState.DISABLED:
+            self.machine.command(StateCommand.ENABLE)
+            self._zero_ns = max(0, self.tick - 1) * self._period_ns
+        elif state is OperatingState.PAUSED:
+            self.machine.command(StateCommand.RESUME)
+        self.reason = 0
+
+    def pause(self) -> None:
+        """To PAUSED, if ENABLED."""
+        if self.machine.state is OperatingState.ENABLED:
+            self.machine.command(StateCommand.PAUSE)
+            self.since, self.reason = self.tick, 0
+
+    def finish(self) -> None:
+        """End the session after this tick, with the motors at zero."""
+        self.finished = True
+        if self.machine.state in (OperatingState.ENABLED, OperatingState.PAUSED):
+            self.machine.command(StateCommand.DISABLE)
+
+    def follow(self, controller: Controller, restart: bool) -> None:
+        """Take another law; `restart` begins it anew, at the time and the pose of this tick."""
+        self._controller = controller
+        size = len(controller.state_names)
+        if restart or size != len(self._x):
+            self._x, self._x_next = np.zeros(size), np.zeros(size)
+            self._zero_ns = (self.tick - 1) * self._period_ns
+            self._shown = min(size, self._state.size)
+            self._state[:] = 0.0
 
     @property
     def dropped(self) -> int:
@@ -143,5 +289,5 @@ class Loop:
 
     @property
     def unsafe(self) -> bool:
-        """An arm went to FAULT: an effort or a speed was not acceptable."""
-        return self.worst == safety.INVALID
+        """The loop is in FAULT."""
+        return self.machine.state is OperatingState.FAULT

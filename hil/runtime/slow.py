@@ -1,12 +1,32 @@
-"""The slow side: drains the ring into the session, in lockstep or in a thread of its own."""
+"""The slow side: drains the ring into the session, watches the state, takes the operator's word.
+
+In lockstep it is stepped in the same thread; in real time it is a thread locked to the loop's
+grid, a little behind the tick, so that its work falls into the loop's sleep.
+"""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
+import numpy as np
+
+from hil.errors import HilError
 from hil.record.ring import Ring
+from hil.runtime.clock import Clock
+from hil.runtime.commands import Workshop, parse
+from hil.runtime.conditions import named, sentence
+from hil.runtime.frame import FrameLayout
+from hil.runtime.loop import Loop
+from hil.runtime.statistics import Statistics
+from hil.signals.device import FloatArray
+from hil.signals.state import OperatingState
+
+#: Behind the tick, in periods of the loop: after its work, before its next wake-up.
+PHASE = 0.3
 
 
 class RowWriter(Protocol):
@@ -16,41 +36,155 @@ class RowWriter(Protocol):
         """Write one message."""
         ...
 
+    def event(self, tick: int, t_ns: int, name: str, data: Mapping[str, object]) -> None:
+        """Write a rare event."""
+        ...
+
+    def abandon(self) -> None:
+        """Give up, keeping what is whole."""
+        ...
+
 
 class SlowSide:
-    """Drains rows into messages.
+    """Drains rows into messages, and carries commands to the loop.
 
     Parameters
     ----------
+    loop : Loop
+        The fast loop.
     ring : Ring
-        Rows of the fast loop.
+        Its rows.
     writer : RowWriter
         Session file.
-    topics : list of (str, slice)
-        Which columns of a row go to which topic.
+    topics, slow_topics : list of (str, slice)
+        Which columns of every row, and of the last row of a burst, go to which topic.
+    layout : FrameLayout
+        Of the rows.
+    statistics : Statistics
+        Takes the timing.
+    shop : Workshop
+        Makes what commands need.
+    schedule : list of (float, str)
+        Commands and their times [s].
+    say : callable
+        Takes sentences for the operator.
+
+    Attributes
+    ----------
+    inbox : deque of str
+        Lines of the operator.
+    unwritten : int
+        Rows that came from the loop but not into the file.
+    trouble : OSError or None
+        Why nothing is written any more.
     """
 
-    def __init__(self, ring: Ring, writer: RowWriter, topics: list[tuple[str, slice]]) -> None:
-        self._ring, self._writer, self._topics = ring, writer, topics
+    def __init__(
+        self, loop: Loop, ring: Ring, writer: RowWriter, topics: list[tuple[str, slice]],
+        slow_topics: list[tuple[str, slice]], layout: FrameLayout, statistics: Statistics,
+        shop: Workshop, schedule: Sequence[tuple[float, str]] = (),
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:  # fmt: skip
+        self._loop, self._ring, self._writer, self._say = loop, ring, writer, say
+        self._topics, self._slow_topics = topics, slow_topics
+        self._timing = layout.part("timing")
+        self.statistics, self._shop = statistics, shop
+        self._schedule = deque(schedule)
+        self.inbox: deque[str] = deque()
+        self.unwritten = 0
+        self.trouble: OSError | None = None
+        self._state, self._mask = 0, 0
+        self._last = (0, 0)
 
-    def step(self) -> None:
-        """Write all rows that wait."""
+    def step(self, seconds: float) -> None:
+        """Write all rows that wait, then pass on commands that are due at `seconds`."""
         stamps, data = self._ring.take()
+        timing = data[:, self._timing]
+        self.statistics.add(stamps[:, 0], timing)
+        try:
+            self._write(stamps.tolist(), data)
+            self._changes(stamps.tolist(), timing)
+        except OSError as error:
+            self._give_up(error, len(data))
+        while self._schedule and self._schedule[0][0] <= seconds:
+            self.inbox.append(self._schedule.popleft()[1])
+        while self.inbox:
+            self._pass_on(self.inbox.popleft())
+
+    def _write(self, stamps: list[list[int]], data: FloatArray) -> None:
+        if self.trouble is not None:
+            self.unwritten += len(stamps)
+            return
         write, topics = self._writer.write, self._topics
-        for (tick, t_ns), row in zip(stamps.tolist(), data.tolist(), strict=True):
+        row: list[float] = []
+        for (tick, t_ns), row in zip(stamps, data.tolist(), strict=True):
             for topic, columns in topics:
                 write(topic, tick, t_ns, row[columns])
+        for topic, columns in self._slow_topics if row else ():
+            write(topic, tick, t_ns, row[columns])
+        self._last = (stamps[-1][0], stamps[-1][1]) if stamps else self._last
+
+    def _changes(self, stamps: list[list[int]], timing: FloatArray) -> None:
+        """Events for new states and conditions, and for commands that the loop has obeyed."""
+        found: list[tuple[int, int, str, dict[str, object]]] = []
+        for k in np.flatnonzero(np.any(np.diff(timing[:, 5:7], axis=0, prepend=[
+            [self._state, self._mask]]), axis=1)).tolist():  # fmt: skip
+            state, mask = int(timing[k, 5]), int(timing[k, 6])
+            names = [c.name for c in named(mask)]
+            found.append((*stamps[k], "state", {  # type: ignore[arg-type]
+                "state": OperatingState(state).name, "conditions": names,
+            }))  # fmt: skip
+            if state != self._state and state > OperatingState.ENABLED and mask:
+                self._say(f"tick {stamps[k][0]}: {OperatingState(state).name}: {sentence(mask)}")
+            self._state, self._mask = state, mask
+        while self._loop.applied:
+            tick, text = self._loop.applied.popleft()
+            found.append((tick, self._last[1], "command", {"text": text}))
+        for event in found if self.trouble is None else ():
+            self._writer.event(*event)
+
+    def _pass_on(self, text: str) -> None:
+        """One line of the operator: made ready here, applied by the loop between two ticks."""
+        try:
+            self._loop.mailbox.append(parse(text, self._shop))
+        except HilError as error:
+            self._say(str(error))
+
+    def _give_up(self, error: OSError, rows: int) -> None:
+        """The file takes no more: say so, keep what is whole, let the loop go on."""
+        self.trouble = error
+        self.unwritten += rows
+        self._say(
+            f"the session is not recorded any more ({error.strerror or error}); the loop goes on "
+            "and every row lost is counted"
+        )
+        self._writer.abandon()
 
 
 class SlowThread:
-    """Steps a `SlowSide` every `period` seconds until stopped.
+    """Steps a `SlowSide` on the loop's grid until stopped.
 
     An error in the thread ends it and is raised by `stop`; rows then pile up in the ring,
     which counts what it drops.
+
+    Parameters
+    ----------
+    side : SlowSide
+        What it steps.
+    clock : Clock
+        Started; its grid is that of the loop.
+    period, tick : float
+        Of this thread and of the loop [s].
+    duties : callable
+        Called with the time [s] at every step.
     """
 
-    def __init__(self, side: SlowSide, period: float) -> None:
-        self._side, self._period = side, period
+    def __init__(
+        self, side: SlowSide, clock: Clock, period: float, tick: float,
+        duties: Callable[[float], None] = lambda seconds: None,
+    ) -> None:  # fmt: skip
+        self._duties = duties
+        self._side, self._clock, self._period, self._phase = side, clock, period, PHASE * tick
         self._done = threading.Event()
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="slow", daemon=True)
@@ -61,8 +195,11 @@ class SlowThread:
 
     def _run(self) -> None:
         try:
-            while not self._done.wait(self._period):
-                self._side.step()
+            while not self._done.is_set():
+                now = self._clock.since_start() * 1e-9 - self._phase
+                time.sleep(self._period - now % self._period)
+                self._duties(now)
+                self._side.step(now)
         except BaseException as error:
             self._error = error
 
@@ -72,4 +209,4 @@ class SlowThread:
         self._thread.join()
         if self._error is not None:
             raise self._error
-        self._side.step()
+        self._side.step(self._clock.since_start() * 1e-9)

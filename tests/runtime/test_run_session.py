@@ -51,9 +51,10 @@ def test_channels_rates_and_metadata(tmp_path):
     rates = {c.topic: (c.count, c.missing, round(c.rate_hz)) for c in found.channels}
     arms = [f"/{a}/{c}" for a in ("leader", "follower")
             for c in ("measured_js", "setpoint_jf", "measured_cf")]  # fmt: skip
-    for topic in (*arms, "/rig/raw", "/controller/state", "/loop/timing"):
+    for topic in (*arms, "/rig/raw", "/loop/timing"):
         assert rates[topic] == (300, 0, 1000)
-    assert rates["/events"][0] == 2
+    assert rates["/controller/state"] == (30, 0, 100)
+    assert rates["/events"][0] == 3
     assert found.metadata["session"]["seed"] == "7"
     assert found.metadata["robot/leader"]["preset"] == "phantom-premium-1.5"
     assert json.loads(found.metadata["robot/leader"]["joints"]) == ["joint1", "joint2", "joint3"]

@@ -1,0 +1,64 @@
+"""What operator's commands need of a rig, made on the slow side: laws with other parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from hil import registry
+from hil.config import RigConfig
+from hil.errors import ConfigError, unknown
+from hil.excite.limits import of_arm
+from hil.record.recording import RobotSource
+from hil.rig import Rig, build_controller
+from hil.signals.device import Controller
+
+#: Time in which the arms go home [s].
+HOMING = 2.0
+
+
+class Shop:
+    """Workshop of one session.
+
+    Parameters
+    ----------
+    rig : Rig or None
+        Open devices; None where there are none to enable (replay).
+    config : RigConfig
+        Of the session.
+    """
+
+    def __init__(self, rig: Rig | None, config: RigConfig) -> None:
+        self._rig, self._config = rig, config
+        self._parameters: dict[str, Any] = dict(config.controller.parameters)
+
+    def enable(self) -> None:
+        """Enable the devices."""
+        if self._rig is not None:
+            self._rig.enable()
+
+    def law(self, changes: dict[str, float]) -> Controller:
+        """The law of the session with some of its numbers changed; the changes stay."""
+        kind = registry.load("hil.controllers", self._config.controller.name).Config
+        known = {f.name for f in dataclasses.fields(kind)}
+        for name in changes:
+            if name not in known:
+                raise ConfigError(unknown("parameter", name, known))
+        parameters = {**self._parameters, **changes}
+        law = build_controller(self._with(self._config.controller.name, parameters))
+        self._parameters = parameters
+        return law
+
+    def home(self) -> Controller:
+        """Joint tracking to the middle posture of the arms in two seconds, and there it stays."""
+        first = self._config.arms[self._config.controller.arms[0]]
+        center = of_arm(first, RobotSource(first.robot, tip=first.tip)).center
+        # a motion without amplitude has no shape
+        still = {
+            "center": [float(q) for q in center], "amplitude": [1e-9] * 3, "blend": HOMING,
+        }  # fmt: skip
+        return build_controller(self._with("joint-tracking", still))
+
+    def _with(self, name: str, parameters: dict[str, Any]) -> RigConfig:
+        table = dataclasses.replace(self._config.controller, name=name, parameters=parameters)
+        return dataclasses.replace(self._config, controller=table)

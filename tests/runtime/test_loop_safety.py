@@ -1,0 +1,350 @@
+"""Conditions of the loop: what is wrong leads to a defined state, and the motors get zero."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.config import ArmConfig, SafetyConfig, load_rig
+from hil.excite.limits import of_arm
+from hil.record.recording import RobotSource
+from hil.record.ring import Ring
+from hil.runtime import thermal, watch
+from hil.runtime.clock import VirtualClock
+from hil.runtime.commands import Command
+from hil.runtime.conditions import BITS, FAULTING, PAUSING, TABLE, named, sentence
+from hil.runtime.frame import FrameLayout
+from hil.runtime.loop import ArmPort, Loop
+from hil.runtime.overload import Overload
+from hil.signals.device import Status
+from hil.signals.state import OperatingState as State
+
+RIG = Path(__file__).parents[2] / "rigs" / "teleop.toml"
+DT_NS = 1_000_000
+MIDDLE = np.array([0.0, 0.4, 0.3])
+
+
+class Arm:
+    """An arm whose every answer the test chooses."""
+
+    def __init__(self):
+        self.q, self.qd, self.wrench = MIDDLE.copy(), np.zeros(3), np.zeros(6)
+        self.js = self.cf = self.jf = Status.OK
+        self.codes, self.counts, self.gauges = (np.zeros(n, np.int64) for n in (3, 3, 6))
+        self.faults = 0
+        self.out = np.full(3, np.nan)
+
+    def measured_js(self, t_ns, position, velocity):
+        position[:], velocity[:] = self.q, self.qd
+        return self.js
+
+    def measured_cf(self, t_ns, position, wrench):
+        wrench[:] = self.wrench
+        return self.cf
+
+    def servo_jf(self, effort, sent):
+        sent[:] = effort
+        self.out[:] = effort
+        return self.jf
+
+    def fault(self):
+        self.faults += 1
+
+
+class Push:
+    """A law that always pushes the same way."""
+
+    state_names = ("count",)
+
+    def __init__(self, effort=0.1):
+        self.effort = effort
+
+    def update(self, t, x, u, x_next, y):
+        x_next[0] = x[0] + 1
+        y[:] = self.effort
+
+
+@pytest.fixture
+def bench():
+    return Bench()
+
+
+class Bench:
+    def __init__(self, effort=0.1, arm=None, safety=None, tip=None, box=None):
+        self.arm = Arm()
+        config, safety = arm or ArmConfig(), safety or SafetyConfig()
+        robot = of_arm(config, RobotSource(config.robot))
+        port = ArmPort(
+            self.arm, self.arm, self.arm, self.arm.counts, self.arm.codes, self.arm.gauges,
+            np.array(config.torque_limit), np.array(config.speed_limit),
+            watch.limits(config, robot, safety, 12.0), tip, box,
+        )  # fmt: skip
+        self.ring = Ring(5000, FrameLayout(1, 1).width)
+        self.clock = VirtualClock(DT_NS)
+        self.loop = Loop(
+            [port], Push(effort), self.clock, self.ring, FrameLayout(1, 1), DT_NS, 0,
+            safety.missed_limit,
+        )  # fmt: skip
+        self.loop.begin()
+        self.run(10)
+
+    def run(self, n=1):
+        for _ in range(n):
+            self.loop.step()
+        return self.loop.machine.state
+
+    def names(self):
+        return {c.name for c in named(self.loop.conditions)}
+
+
+def js(arm, status):
+    arm.js = status
+
+
+#: How to make a condition, the condition, the state that follows, ticks that it may take.
+CASES = {
+    "encoders repeat": (lambda a: setattr(a, "js", Status.STALE), "joint-stale", State.PAUSED, 2),
+    "force repeats": (lambda a: setattr(a, "cf", Status.STALE), "force-stale", State.PAUSED, 2),
+    "force saturated": (
+        lambda a: setattr(a, "cf", Status.CLAMPED), "force-saturated", State.PAUSED, 1,
+    ),
+    "force above red": (lambda a: a.wrench.__setitem__(2, 11.0), "force-red", State.PAUSED, 1),
+    "encoders lost": (lambda a: setattr(a, "js", Status.INVALID), "joint-lost", State.FAULT, 1),
+    "force lost": (lambda a: setattr(a, "cf", Status.INVALID), "force-lost", State.FAULT, 1),
+    "encoder jumps far": (lambda a: a.q.__iadd__(0.3), "encoder-jump", State.FAULT, 1),
+    "encoder jumps by a little": (lambda a: a.q.__iadd__(0.004), "encoder-jump", State.FAULT, 1),
+    "position not a number": (lambda a: a.q.fill(np.nan), "not-a-number", State.FAULT, 1),
+    "force not a number": (lambda a: a.wrench.fill(np.nan), "not-a-number", State.FAULT, 1),
+    "too fast": (lambda a: a.qd.__setitem__(1, -26.0), "overspeed", State.FAULT, 1),
+    "driver refuses": (lambda a: setattr(a, "jf", Status.INVALID), "motor-refused", State.FAULT, 1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_condition_leads_to_its_state_in_time_with_the_motors_at_zero(bench, case):
+    make, condition, state, ticks = CASES[case]
+    assert bench.run() is State.ENABLED and (bench.arm.out == 0.1).all()
+    make(bench.arm)
+    for _ in range(ticks - 1):
+        assert bench.run() is State.ENABLED
+    assert bench.run() is state
+    assert condition in bench.names()
+    assert (bench.arm.out == 0.0).all()
+    assert bool(bench.arm.faults) == (state is State.FAULT)
+    stamps, rows = bench.ring.take()
+    timing = rows[-1, FrameLayout(1, 1).part("timing")]
+    assert (timing[5], int(timing[6]) & BITS[condition]) == (state, BITS[condition])
+    assert stamps[-1, 0] == bench.loop.tick
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_law_that_is_not_a_number_faults_before_anything_goes_out(bad):
+    bench = Bench(effort=bad)
+    assert bench.loop.machine.state is State.FAULT
+    assert sentence(bench.loop.reason) == "an effort of the law was not a number"
+    assert (bench.arm.out == 0.0).all()
+
+
+def test_one_late_sample_is_only_noted(bench):
+    bench.arm.js = Status.STALE
+    assert bench.run() is State.ENABLED and bench.names() == {"sensor-late"}
+    bench.arm.js = Status.OK
+    # what follows may be the motion of two periods, at any allowed speed
+    bench.arm.q[:] += 0.02
+    bench.arm.qd[:] = 10.0
+    assert bench.run() is State.ENABLED and bench.names() == set()
+
+
+def test_a_fast_motion_is_not_a_jump(bench):
+    # 24 rad/s reached at 600 rad/s^2, in steps of an encoder
+    v = 0.0
+    for _ in range(40):
+        v = min(24.0, v + 0.6)
+        bench.arm.q[0] += np.round(v * 1e-3 * 8670) / 8670 if abs(bench.arm.q[0]) < 1.4 else 0.0
+        bench.arm.qd[0] = v
+        if bench.arm.q[0] > 1.4:
+            break
+        assert bench.run() is State.ENABLED
+
+
+def test_a_stuck_encoder_under_torque_is_found():
+    bench = Bench(effort=0.5)
+    assert bench.run(230) is State.ENABLED
+    assert bench.run(25) is State.FAULT
+    assert sentence(bench.loop.reason) == "an encoder stands still under torque"
+    # the same without torque, or moving by a count, is none
+    still, moving = Bench(effort=0.1), Bench(effort=0.5)
+    assert still.run(400) is State.ENABLED
+    for k in range(400):
+        moving.arm.q[:] = MIDDLE + 1.2e-4 * (k % 2)
+        assert moving.run() is State.ENABLED
+
+
+def test_leaving_the_range_pauses_once_and_the_way_back_is_open(bench):
+    slow = np.linspace(0.4, -2.2, 2000)
+    for q in slow:
+        bench.arm.q[1] = q
+        bench.run()
+    assert bench.loop.machine.state is State.PAUSED and "position" in bench.names()
+    bench.loop.mailbox.append(Command("resume", lambda loop: loop.begin()))
+    assert bench.run(5) is State.ENABLED and "position" in bench.names()
+
+
+def test_the_workspace_is_watched_where_the_rig_file_gives_one():
+    from controllers.geometry import premium
+
+    forward, lengths = premium()
+    box = np.array([[0.1, -0.05, -0.3], [0.4, 0.05, 0.3]])
+    bench = Bench(tip=lambda q, out: forward(q, lengths, out), box=box)
+    for q in np.linspace(0.0, 0.3, 300):
+        bench.arm.q[0] = q
+        bench.run()
+    assert bench.loop.machine.state is State.PAUSED and "workspace" in bench.names()
+
+
+def test_the_lamp_has_hysteresis(bench):
+    for force, lamp in ((7.0, False), (7.3, True), (6.6, True), (6.4, False)):
+        bench.arm.wrench[0] = force
+        bench.run()
+        assert ("force-yellow" in bench.names()) is lamp, force
+
+
+def test_a_fault_is_latched_and_takes_no_command(bench):
+    bench.arm.js = Status.INVALID
+    bench.run()
+    bench.arm.js = Status.OK
+    bench.loop.mailbox.append(Command("start", lambda loop: loop.begin()))
+    assert bench.run(5) is State.FAULT
+    assert (bench.arm.out == 0.0).all()
+
+
+def test_a_hot_winding_pauses_and_a_warm_one_lights_the_lamp():
+    bench = Bench(effort=0.79)
+    seen, state = [], State.ENABLED
+    while state is State.ENABLED and bench.loop.tick < 60_000:
+        bench.arm.q[:] = MIDDLE + 1.2e-4 * (bench.loop.tick % 2)
+        state = bench.run()
+        seen.append(bench.names())
+    assert state is State.PAUSED and "winding-red" in seen[-1]
+    first = next(k for k, s in enumerate(seen) if "winding-yellow" in s)
+    assert 0 < first < len(seen) - 100
+
+
+def test_the_winding_follows_its_two_time_constants():
+    # P = R i^2 at 25 degC and without the copper's rise: R1 P (1 - e^(-t/tau1)) + R2 P (...)
+    constants = np.array([2.18, 3.1, 14.0, 12.0, 612.0, 25.0])
+    heat, i = np.zeros(2), 0.1
+    for _ in range(60_000):
+        found = thermal.warm(i, 1e-3, constants, heat)
+    loss = 2.18 * i * i
+    fast, slow = 1 - np.exp(-60 / 12), 1 - np.exp(-60 / 612)
+    assert found == pytest.approx(25 + loss * (3.1 * fast + 14.0 * slow), rel=1e-3)
+
+
+def test_missed_periods_pause_after_the_first_second():
+    over = Overload(100, 1000)
+    assert not over.over(500, 400)
+    assert not over.over(1500, 60)
+    assert not over.over(1600, 40)
+    assert over.over(1700, 1)
+    assert not over.over(2800, 0)
+    # a clock that jumps is one large miss
+    assert over.over(100_000, 90_000)
+
+
+def test_the_table_of_conditions_is_whole():
+    assert len({c.name for c in TABLE}) == len(TABLE) < 53
+    assert PAUSING & FAULTING == 0
+    assert named(0) == [] and sentence(0) == "nothing is wrong"
+
+
+def test_rounding_is_finer_than_the_devices(bench):
+    bench.arm.q[:] += 1e-5 / 3
+    bench.run()
+    assert np.abs(bench.loop.frame[:3] - bench.arm.q).max() <= watch.POSITION_GRID / 2
+
+
+LIVE = f"""
+import sys
+from hil.app import run
+from hil.config import load_rig
+from hil.rig import open_rig
+
+def opener(config, seed):
+    rig = open_rig(config, seed)
+    for port in rig.ports:
+        wire = port.joints._wire
+        def send(codes, send=wire.send):
+            send(codes)
+            print("codes", *codes, flush=True)
+        def power(on, power=wire.power):
+            power(on)
+            print("power", on, flush=True)
+        wire.send, wire.power = send, power
+    return rig
+
+over = eval(sys.argv[2]) if len(sys.argv) > 2 else {{}}
+config = load_rig({str(RIG)!r}, over)
+run(config, 20.0, 1, "real", sys.argv[1], opener=opener)
+"""
+
+
+def live(tmp_path, over=None):
+    words = [sys.executable, "-c", LIVE, str(tmp_path / "s.mcap"), repr(over or {})]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    torque = 0
+    for line in process.stdout:
+        torque += line.startswith("codes") and set(line.split()[1:]) != {"0"}
+        if torque > 100:
+            return process
+    raise AssertionError(process.stderr.read())
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_signal_takes_the_torque_and_the_power_off(tmp_path, number):
+    process = live(tmp_path)
+    process.send_signal(number)
+    said, _ = process.communicate(timeout=30)
+    lines = said.splitlines()
+    assert process.returncode != 0
+    assert lines[-1] == "power False" and lines.count("power False") == 2
+    assert [s for s in lines if s.startswith("codes")][-1] == "codes 0 0 0"
+    from hil.record.reader import load, summary
+
+    assert not summary(tmp_path / "s.mcap").truncated
+    assert load(tmp_path / "s.mcap", "leader").n > 0
+
+
+def test_the_watchdog_cuts_the_power_of_a_killed_and_of_a_hung_process(tmp_path):
+    for kind in ("killed", "hung"):
+        folder = tmp_path / kind
+        folder.mkdir()
+        mark = folder / "cut"
+        over = {"safety": {"watchdog": 1.0, "cut": ["touch", str(mark)]}}
+        process = live(folder, over)
+        process.send_signal(signal.SIGKILL if kind == "killed" else signal.SIGSTOP)
+        report = folder / "s.mcap.watchdog.json"
+        until = time.monotonic() + 20
+        while not report.exists() and time.monotonic() < until:
+            os.sched_yield()
+        process.kill()
+        process.communicate()
+        told = json.loads(report.read_text())
+        assert mark.exists()
+        assert ("gone" if kind == "killed" else "tick") in told["why"]
+        assert told["silent_s"] < 10.0
+
+
+def test_the_watchdog_keeps_still_where_the_session_ends(tmp_path):
+    from hil.app import run
+
+    over = {"safety": {"watchdog": 1.0, "cut": ["touch", str(tmp_path / "cut")]}}
+    run(load_rig(RIG, over), 0.5, output=tmp_path / "s.mcap", clock="real")
+    assert not (tmp_path / "cut").exists()
+    assert not (tmp_path / "s.mcap.watchdog.json").exists()

@@ -1,0 +1,110 @@
+"""Replay: the recorded inputs give the recorded commands, or the first tick that differs."""
+
+import json
+
+import numpy as np
+import pytest
+from test_run_session import RIGS, record
+
+from hil.app import Operator, run
+from hil.cli import main
+from hil.config import load_rig
+from hil.errors import DataError
+from hil.replay import replay
+
+
+@pytest.mark.parametrize("rig", ["teleop.toml", "identify.toml", "mechanical-operator.toml"])
+def test_lockstep_sessions_are_reproduced_to_the_last_bit(rig, tmp_path):
+    done = replay(record(tmp_path / "s.mcap", rig, seconds=1.0))
+    assert (done.compared, done.differ, done.first) == (1000, 0, None)
+
+
+def test_a_session_in_real_time_is_reproduced_whatever_it_missed(tmp_path):
+    path = record(tmp_path / "s.mcap", seconds=0.5, clock="real")
+    assert replay(path).differ == 0
+
+
+def test_commands_of_the_operator_are_replayed_too(tmp_path):
+    said = []
+    schedule = [
+        (0.1, "pause"), (0.15, "resume"), (0.2, "set force_scale 0.4"), (0.25, "dance"),
+        (0.25, "set colour 3"), (0.26, "set force_scale"), (0.3, "home"), (0.6, "stop"),
+    ]  # fmt: skip
+    path = tmp_path / "s.mcap"
+    done = run(load_rig(RIGS / "teleop.toml"), 1.0, 3, output=path,
+               operator=Operator(schedule, said.append))  # fmt: skip
+    assert done.ticks < 620 and done.state == "DISABLED"
+    assert [text.split(".")[0] for text in said] == [
+        "unknown command 'dance'", "'set colour 3': unknown parameter 'colour'",
+        "'set force_scale': one name and one number are needed; usage: set PARAMETER NUMBER",
+    ]  # fmt: skip
+    found = replay(path)
+    assert found.differ == 0 and found.compared == found.ticks
+
+
+def test_a_session_may_wait_for_its_operator(tmp_path):
+    path = tmp_path / "s.mcap"
+    operator = Operator([(0.2, "start")], wait=True)
+    run(load_rig(RIGS / "teleop.toml"), 0.5, 3, output=path, operator=operator)
+    from hil.record.reader import load
+
+    codes = load(path, "follower").tau
+    assert not codes[:190].any() and codes[220:].any()
+    assert replay(path).differ == 0
+
+
+def test_another_parameter_differs_and_says_where(tmp_path):
+    path = record(tmp_path / "s.mcap", seconds=0.5)
+    found = replay(path, {"force_scale": 0.1})
+    assert found.first is not None and found.first.arm == "leader" and found.first.tick < 10
+    assert max(found.rms["leader"]) > 0 == max(found.rms["follower"])
+
+
+def test_rows_that_the_ring_dropped_are_jumped_over(tmp_path):
+    config = load_rig(RIGS / "teleop.toml", {"loop": {"ring_rows": 8}})
+    path = tmp_path / "s.mcap"
+    run(config, 0.5, 3, output=path, operator=Operator())
+    found = replay(path)
+    assert found.ticks == 400 and found.differ == 0
+    assert 0 < found.compared < 400 and "dropped" in found.notes[0]
+
+
+def test_a_changed_record_is_found(tmp_path, monkeypatch):
+    from hil.record import writer
+
+    plain = writer.SessionWriter.write
+
+    def bent(self, topic, tick, t_ns, values):
+        if topic == "/follower/setpoint_jf" and tick == 200:
+            values = [values[0], np.nextafter(values[1], 1.0), values[2]]
+        plain(self, topic, tick, t_ns, values)
+
+    monkeypatch.setattr(writer.SessionWriter, "write", bent)
+    found = replay(record(tmp_path / "s.mcap"))
+    assert found.differ == 1
+    assert (found.first.tick, found.first.arm, found.first.what) == (200, "follower", "effort2")
+
+
+def test_the_command_tells_it_in_words_and_in_json(tmp_path, capsys):
+    path = str(record(tmp_path / "s.mcap"))
+    assert main(["replay", path]) == 0
+    assert "reproduced exactly" in capsys.readouterr().out
+    assert main(["replay", path, "--set", "force_scale=0.2", "--json"]) == 0
+    (told,) = json.loads(capsys.readouterr().out)["sessions"]
+    assert told["identical"] is False and told["first"]["tick"] > 0
+    assert main(["replay", path, "--set", "force_scale"]) == 2
+    assert main(["replay", path, "--set", "forcescale=1"]) == 2
+
+
+def test_a_table_cannot_be_replayed(tmp_path):
+    from test_loop_safety import MIDDLE
+
+    from hil.record.export import write_recordings
+    from hil.record.recording import Recording
+
+    t = np.arange(100) * 1e-3
+    q = np.tile(MIDDLE, (100, 1))
+    path = tmp_path / "t.mcap"
+    write_recordings(path, [Recording("s", "arm", ("a", "b", "c"), t, q, 0 * q)])
+    with pytest.raises(DataError, match="only sessions of 'hil run' replay"):
+        replay(path)
