@@ -29,6 +29,7 @@ COMMANDS: dict[str, str] = {
     "effects": "hil.commands.effects",
     "excite": "hil.commands.excite",
     "design": "hil.commands.design",
+    "experiment": "hil.commands.experiment",
     "bench": "hil.commands.bench",
 }
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from hil.bench import hidden, identify, recordings, velocity
+from hil.bench import hidden, identify, recordings, ukf, velocity
 from hil.bench.diagnosis import cases, runner, tables
 from hil.commands import common, identifytable, outputs, plugins
 from hil.errors import ConfigError
@@ -201,6 +201,17 @@ def _identify(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     return identifytable.text(report), identifytable.data(report)
 
 
+def _ukf(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Compiled elastic-transmission filter against filterpy."""
+    f = ukf.measure()
+    rows = [["compiled", f"{f.compiled_us:.2f}"], ["filterpy", f"{f.reference_us:.0f}"]]
+    text = common.table(["filter of ten states", "us a step"], rows)
+    text += (
+        f"\n  largest difference over {f.steps} steps: {f.worst:.1e} standard deviations of a state"
+    )
+    return text, dict(vars(f))
+
+
 BENCHES: dict[str, Callable[[argparse.Namespace], tuple[str, dict[str, object]]]] = {
     "diagnosis": _diagnosis,
     "hidden": _hidden,
@@ -209,4 +220,5 @@ BENCHES: dict[str, Callable[[argparse.Namespace], tuple[str, dict[str, object]]]
     "contact": _contact,
     "wrist": _wrist,
     "velocity": _velocity,
+    "ukf": _ukf,
 }

@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE",
         help=f"what the design is made from (repeatable): {', '.join(make.WISHES)}; "
-        f"or of the law: {', '.join(make.REAL)}",
+        f"of the law: {', '.join(make.REAL)}; of the optimised design: {', '.join(make.TASK)}",
     )  # fmt: skip
     parser.add_argument("--fsf", action="store_true", help="transform it to need no force sensor")
     parser.add_argument(
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     plugins.load_installed()
     config = load_rig(args.rig)
     settings = make.settings(args.set)
-    parameters = _parameters(args, config, settings)
+    parameters, notes = _parameters(args, config, settings)
     law_type = registry.load("hil.controllers", "lawrence").Config
     law = parse(law_type, parameters, "controller.parameters")
     period = config.loop.period_ns * 1e-9
@@ -67,9 +67,9 @@ def run(args: argparse.Namespace) -> int:
         with outputs.writing(args.report):
             Path(args.report).write_text(designtext.page(loops, found, trouble), encoding="utf-8")
     if args.json:
-        common.emit(_json(parameters, found, trouble))
+        common.emit(_json(parameters, found, trouble) | {"active": notes})
     else:
-        common.out(designtext.text(loops, found, trouble))
+        common.out(designtext.text(loops, found, trouble) + "".join(f"\n  {n}" for n in notes))
     if args.output:
         if trouble:
             raise ConfigError(f"{args.output} is not written: {trouble}")
@@ -81,8 +81,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _parameters(
     args: argparse.Namespace, config: RigConfig, settings: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Parameters of the law: the rig's own, or of a new design."""
+) -> tuple[dict[str, Any], list[str]]:
+    """Parameters of the law, the rig's own or of a new design; and why it is not better."""
     given: dict[str, Any] = session.plain(config.controller.parameters)
     if config.controller.name != "lawrence":
         given = {}
@@ -97,15 +97,32 @@ def _parameters(
     law_type = registry.load("hil.controllers", "lawrence").Config
     base = parse(law_type, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "controller.parameters")
     arms = Arms.of(base)
+    task = {k: v for k, v in settings.items() if k in make.TASK}
+    _fits(args.design, wishes, task)
+    notes: list[str] = []
     if args.design is None:
-        if wishes:
-            raise ConfigError(f"--set {next(iter(wishes))} needs --design NAME")
         designs = files.designs_of(base)
+    elif args.design == "optimised":
+        found = make.optimised(task, arms, base)
+        designs, notes = [f.design for f in found], designtext.reasons(found)
     else:
-        designs = make.designs(args.design, wishes, arms, files.realisation(base))
+        designs = make.designs(args.design, wishes, arms)
     if args.fsf:
         designs = [fsf.transform(d) for d in designs]
-    return given | files.table(designs)
+    return given | files.table(designs), notes
+
+
+def _fits(name: str | None, wishes: Mapping[str, Any], task: Mapping[str, Any]) -> None:
+    """Refuse settings that the chosen design does not read."""
+    wrong = [] if name == "optimised" else list(task)
+    wrong += list(wishes) if name in (None, "optimised") else []
+    if wrong:
+        raise ConfigError(
+            f"--set {wrong[0]} means nothing for "
+            f"{f'--design {name}' if name else 'the controller of the rig file'}; "
+            f"named designs read {', '.join(make.WISHES)}, --design optimised "
+            f"{', '.join(make.TASK)}"
+        )
 
 
 def _models(words: list[str]) -> dict[str, str]:

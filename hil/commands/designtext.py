@@ -11,6 +11,7 @@ from hil.compare import page as html
 from hil.compare.plots import embed
 from hil.teleop import plots
 from hil.teleop.design import FORCE, MOTION, Design
+from hil.teleop.optimise import Found
 from hil.teleop.sampled import Loop
 from hil.teleop.summary import Summary
 
@@ -80,6 +81,15 @@ def _number(x: float) -> str:
     if x == 0.0 or abs(x) < 1e-9:
         return "0"
     return "unlimited" if math.isinf(x) else f"{x:.5g}" if 0.99 < x < 1.01 else f"{x:.3g}"
+
+
+def reasons(found: Sequence[Found]) -> list[str]:
+    """Why each optimised axis is not more sensitive: its active constraints."""
+    lines = []
+    for axis, f in zip("xyz", found, strict=True):
+        lines.append(f"axis {axis}: sensitivity {f.sensitivity:.3f}, held back by (price)")
+        lines += [f"  {a.text} ({a.price:.2g})" for a in f.active if a.price > 1e-3]
+    return lines
 
 
 def page(loops: Sequence[Loop], found: Sequence[Summary], trouble: str) -> str:

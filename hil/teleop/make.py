@@ -10,8 +10,9 @@ from hil.errors import ConfigError, unknown
 from hil.estimate import compensation
 from hil.models.files import read_model
 from hil.models.phantom import Premium
-from hil.teleop import files, named
-from hil.teleop.design import Design, Realisation, Robot
+from hil.teleop import files, named, optimise
+from hil.teleop.design import Design, Robot
+from hil.teleop.hybrid import Impedance
 from hil.teleop.named import Wish
 
 #: What a design is made from, and what of the law can be set beside it.
@@ -20,6 +21,8 @@ REAL = (
     "shape", "leader_mass", "follower_mass", "velocity_hz", "acceleration_hz", "force_hz",
     "forward", "backward",
 )  # fmt: skip
+#: What an optimised design is made from: bounds and tolerances of `optimise.Problem`.
+TASK = ("max_stiffness", "max_force", "corner", "free", "contact", "kappa")
 #: Masses of the sensors on the tip [kg] (data sheets), reflected inertia of the rotors [kg m^2].
 SENSORS = {"nano17": 0.009, "nano25": 0.063}
 ROTORS = (1.8e-4, 1.3e-4, 1.3e-4)
@@ -71,8 +74,8 @@ def settings(words: Sequence[str]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for word in words:
         key, _, text = word.partition("=")
-        if key not in (*WISHES, *REAL):
-            raise ConfigError("--set: " + unknown("key", key, (*WISHES, *REAL)))
+        if key not in (*WISHES, *REAL, *TASK):
+            raise ConfigError("--set: " + unknown("key", key, (*WISHES, *REAL, *TASK)))
         out[key] = text if key == "shape" else _value(key, text)
     return out
 
@@ -91,19 +94,46 @@ def _value(key: str, text: str) -> Any:
     return numbers[0]
 
 
-def designs(name: str, wishes: Mapping[str, float], arms: Arms, real: Realisation) -> list[Design]:
+def optimised(task: Mapping[str, float], arms: Arms, law: Any) -> list[optimise.Found]:
+    """Sensitivity-optimised designs of the three axes, the later ones warm-started.
+
+    Parameters
+    ----------
+    task : mapping
+        Keys of `TASK`.
+    arms : Arms
+        Masses.
+    law : LawrenceConfig
+        Filters, delays, operator and environment.
+    """
+    names = {"max_stiffness": "stiffness", "max_force": "force"}
+    chosen: dict[str, Any] = _ON_THE_RIG | {names.get(k, k): v for k, v in task.items()}
+    found: list[optimise.Found] = []
+    for m, s in zip(arms.master, arms.slave, strict=True):
+        problem = optimise.Problem(
+            master=Robot(m), slave=Robot(s), environment=Impedance(*law.environment),
+            operator=Impedance(*law.operator), real=files.realisation(law),
+        )  # fmt: skip
+        start = found[0].theta if found else None
+        found.append(optimise.optimise(replace(problem, **chosen), start))
+    return found
+
+
+#: Bounds that suit the arms' cables: k up to 150 N/m with b up to 1.5 N s/m.
+_ON_THE_RIG = {"stiffness": 150.0, "corner": 100.0, "contact": 0.75, "kappa": 1.5}
+
+
+def designs(name: str, wishes: Mapping[str, float], arms: Arms) -> list[Design]:
     """Designs of the three axes, each for its own masses.
 
     Parameters
     ----------
     name : str
-        Named design, or ``"optimised"``.
+        Named design.
     wishes : mapping
         Values of `Wish`.
     arms : Arms
         Masses.
-    real : Realisation
-        Filters and delays, for the optimisation.
     """
     out = []
     for m, s in zip(arms.master, arms.slave, strict=True):

@@ -18,9 +18,6 @@ import numpy as np
 
 from hil.teleop.hybrid import ComplexArray, FloatArray, transmitted
 
-#: Points on each part of a boundary that is sampled.
-POINTS = 181
-
 
 def passive(h: ComplexArray) -> FloatArray:
     """Smallest eigenvalue of H + H*, after scaling both ports alike, (n,).
@@ -74,21 +71,38 @@ def disc(h: ComplexArray, centre: Any, radius: Any) -> FloatArray:
 
 
 def half_disc(h: ComplexArray, largest: Any) -> FloatArray:
-    """Smallest Re z_t [N s/m] over passive environments with |z_e| <= largest (n,), (n,).
+    """Smallest Re z_t [N s/m] over passive environments with |z_e| <= largest, exact, (n,).
 
-    By the maximum principle only the boundary counts: the segment j y and the arc.  It is
-    minus infinity where a pole of z_t lies inside.
+    By the maximum principle only the boundary counts: the segment j y and the arc.  With
+    z_t = h11 - p w, p = h12 h21, u = 1/w = h22 + 1/z_e both are circles in w; on each the point
+    with the largest Re(p w) counts if it lies on the boundary, and so do the corners.  The
+    result is minus infinity where a pole of z_t lies inside.
+
+    Parameters
+    ----------
+    largest : float or ndarray (n,)
+        Size of the half disc [N s/m].
     """
     size = np.broadcast_to(np.asarray(largest, float), (len(h),))
-    line = np.geomspace(1e-6, 1.0, POINTS)
-    segment = 1j * np.concatenate([-line[::-1], [0.0], line])
-    arc = np.exp(0.5j * np.pi * np.linspace(-1.0, 1.0, POINTS))
-    edge = size[:, None] * np.concatenate([segment, arc])[None, :]
-    values = transmitted(h[:, None], edge).real.min(axis=1)
-    with np.errstate(divide="ignore"):  # h22 = 0: the pole lies at infinity
-        pole = -1.0 / h[:, 1, 1]
+    h22, p = h[:, 1, 1], h[:, 0, 1] * h[:, 1, 0]
+    turn = np.where(np.abs(p) > 0, np.conj(p) / np.maximum(np.abs(p), 1e-300), 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):  # points at infinity are left out below
+        # segment: Re u = Re h22, so w = (1 + sgn(a) turn) / (2 a) at the extreme
+        a = h22.real
+        u = 2 * a / (1 + np.where(a < 0, -1.0, 1.0) * turn)
+        y = 1.0 / (h22.imag - u.imag)
+        # arc: |u - h22| = 1/size, so w = (conj(h22) + sgn(e) turn / size) / e at the extreme
+        e = np.abs(h22) ** 2 - size**-2.0
+        u = e / (np.conj(h22) + np.where(e < 0, -1.0, 1.0) * turn / size)
+        z = 1.0 / (u - h22)
+        pole = -1.0 / h22
+    on_segment = np.isfinite(y) & (np.abs(y) <= size)
+    on_arc = np.isfinite(z) & (z.real >= 0)
+    corner = 1j * size
+    points = [np.where(on_segment, 1j * y, 0.0), np.where(on_arc, z, size), corner, -corner]
+    values = np.stack([transmitted(h, x).real for x in points])
     inside = (pole.real >= 0) & (np.abs(pole) <= size)
-    return np.where(inside, -np.inf, values)
+    return np.where(inside, -np.inf, values.min(axis=0))
 
 
 def scattering(h: ComplexArray, b: float) -> ComplexArray:

@@ -14,10 +14,20 @@ ComplexArray = NDArray[np.complex128]
 SAME = 1e-6
 
 
+def _sum(p: FloatArray, q: FloatArray) -> FloatArray:
+    """Sum of two polynomials."""
+    out = np.zeros(max(p.size, q.size))
+    out[out.size - p.size :] += p
+    out[out.size - q.size :] += q
+    return out
+
+
 def _trim(p: FloatArray) -> FloatArray:
     """Polynomial without leading zeros; never empty."""
-    used = np.flatnonzero(p)
-    return p[used[0] :] if used.size else np.zeros(1)
+    at = 0
+    while at < p.size - 1 and p[at] == 0.0:
+        at += 1
+    return p[at:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,17 +59,17 @@ class Rational:
     def __add__(self, other: Any) -> Rational:
         o = _lift(other)
         if self.den.shape == o.den.shape and np.array_equal(self.den, o.den):
-            return Rational.of(np.polyadd(self.num, o.num), self.den)
-        top = np.polyadd(np.polymul(self.num, o.den), np.polymul(o.num, self.den))
-        return Rational.of(top, np.polymul(self.den, o.den))
+            return Rational.of(_sum(self.num, o.num), self.den)
+        top = _sum(np.convolve(self.num, o.den), np.convolve(o.num, self.den))
+        return Rational.of(top, np.convolve(self.den, o.den))
 
     def __mul__(self, other: Any) -> Rational:
         o = _lift(other)
-        return Rational.of(np.polymul(self.num, o.num), np.polymul(self.den, o.den))
+        return Rational.of(np.convolve(self.num, o.num), np.convolve(self.den, o.den))
 
     def __truediv__(self, other: Any) -> Rational:
         o = _lift(other)
-        return Rational.of(np.polymul(self.num, o.den), np.polymul(self.den, o.num))
+        return Rational.of(np.convolve(self.num, o.den), np.convolve(self.den, o.num))
 
     def __neg__(self) -> Rational:
         return Rational(-self.num, self.den)

@@ -36,6 +36,21 @@ def test_an_ideal_force_channel_does_not_break_the_disc():
     np.testing.assert_allclose(passivity.disc(h, 3.0, 1.0), [1.0 + 0.5 * 3 - 0.5])
 
 
+def test_the_half_disc_is_the_smallest_on_its_boundary():
+    h, size = random_hybrids(), RNG.uniform(0.2, 5.0, N)
+    y = np.linspace(-1, 1, 1501)
+    edge = size[:, None] * np.concatenate([1j * y, np.exp(0.5j * np.pi * y)])
+    sampled = hybrid.transmitted(h[:, None], edge).real.min(1)
+    found = passivity.half_disc(h, size)
+    pole = -1 / h[:, 1, 1]
+    np.testing.assert_array_equal(np.isneginf(found), (pole.real >= 0) & (np.abs(pole) <= size))
+    near = np.minimum(np.abs(pole.real), np.abs(np.abs(pole) - size))
+    clear = np.isfinite(found) & (near > 0.1)
+    assert clear.sum() > 2000
+    assert (found[clear] <= sampled[clear] + 1e-9).all()
+    np.testing.assert_allclose(found[clear], sampled[clear], atol=1e-2)
+
+
 def test_llewellyn_is_the_half_disc_without_bound():
     h = random_hybrids()
     margin = passivity.llewellyn(h)

@@ -1,0 +1,1 @@
+"""Studies of the thesis, end to end, each with its table."""

@@ -1,0 +1,22 @@
+"""The studies run end to end and say what the thesis says."""
+
+import json
+
+import pytest
+
+from hil.cli import main
+
+
+def test_elastic_ukf_as_json(capsys):
+    assert main(["experiment", "elastic-ukf", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["schema"] == "hil.experiment.elastic-ukf/1"
+    assert found["parameters"]["k1"] == pytest.approx(1.0, abs=0.05)
+    assert len(found["rows"]) == 16
+
+
+def test_bench_ukf_agrees_with_filterpy(capsys):
+    assert main(["bench", "ukf", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["worst"] < 1e-3
+    assert 0 < found["compiled_us"] < found["reference_us"]
