@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from plotly.io import to_html
+
 from hil.commands import common
 from hil.compare import page as html
-from hil.compare.plots import embed
 from hil.teleop import plots
 from hil.teleop.design import FORCE, MOTION, Design
 from hil.teleop.optimise import Found
@@ -111,6 +112,14 @@ def page(loops: Sequence[Loop], found: Sequence[Summary], trouble: str) -> str:
     body += html.section("Figures of merit", html.table([*head, "goal"], merits(found)))
     body += html.section("Plots", *(embed(f, name, said) for f, name, said in figures))
     return html.document(TITLE, body)
+
+
+def embed(figure: Any, name: str, caption: str) -> str:
+    """HTML of a figure with its caption; the page holds plotly's script."""
+    inner = to_html(
+        figure, config={"displaylogo": False}, include_plotlyjs=False, full_html=False, div_id=name
+    )
+    return f"<figure><figcaption>{html.escape(caption)}</figcaption>{inner}</figure>"
 
 
 def finite(value: Any) -> Any:
