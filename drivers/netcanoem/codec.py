@@ -16,6 +16,15 @@ READ_MATRIX, READ_SERIAL, SET_CALIBRATION = 0x2, 0x5, 0x6
 READ_COUNTS, READ_UNITS, READ_DIAGNOSTIC = 0x7, 0x8, 0x9
 RESET, SET_BASE, SET_BIT_RATE, READ_FIRMWARE = 0xC, 0xD, 0xE, 0xF
 
+#: Operation of an answer -> its bytes.  Interfaces that hand a host its own frames back, or those
+#: of another program on it, deliver requests too: they share the identifier, and not the length
+#: (but for SET_CALIBRATION, whose request looks like its echo).
+ANSWER_BYTES = {
+    READ_GAUGES: 8, SECOND_HALF: 6, READ_MATRIX: 8, 0x3: 8, 0x4: 8, READ_SERIAL: 8,
+    SET_CALIBRATION: 1, READ_COUNTS: 8, READ_UNITS: 2, READ_DIAGNOSTIC: 2, SET_BASE: 0,
+    SET_BIT_RATE: 0, READ_FIRMWARE: 4,
+}  # fmt: skip
+
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 SLOTS = 16
 #: Firmware before this has neither counts per unit nor unit codes ...

@@ -79,8 +79,9 @@ class Dialogue:
         self._heard: list[tuple[int, bytes]] = []
 
     def hear(self, operation: int, data: bytes) -> None:
-        """Mailbox while a question is open."""
-        self._heard.append((operation, data))
+        """Mailbox while a question is open; what cannot be an answer is a request come back."""
+        if len(data) == codec.ANSWER_BYTES.get(operation):
+            self._heard.append((operation, data))
 
     def ask(self, operation: int, request: bytes = b"", frames: int = 1) -> list[bytes]:
         """Data of the `frames` answers, operations `operation`, `operation` + 1, ...

@@ -79,7 +79,8 @@ class NetCanOem(PolledGauges):
                 self._got = 2
             else:
                 self.halves += 1
-        else:
+        elif data or operation != _FIRST:
+            # an empty one is our own request, handed back
             self.malformed += 1
 
     def _take(self) -> bool:
