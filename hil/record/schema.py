@@ -160,6 +160,20 @@ def encoder(channel: Channel) -> Callable[[int, Sequence[float]], bytes]:
     Values are, for a joint state, its parts one after the other; for a wrench force then
     torque; else the fields.
     """
+    return _packer(_layout(channel))
+
+
+def places(channel: Channel) -> list[int]:
+    """Byte of an encoded message at which each value stands."""
+    at, found = 0, []
+    for count, kind in re.findall(r"(\d*)([sxdiI])", _layout(channel).format):
+        n = int(count or 1)
+        found += [at + 8 * k for k in range(n)] if kind == "d" else []
+        at += n * {"d": 8, "i": 4, "I": 4}.get(kind, 1)
+    return found
+
+
+def _layout(channel: Channel) -> _Layout:
     layout = _Layout()
     layout.stamp()
     n = len(channel.names)
@@ -175,7 +189,7 @@ def encoder(channel: Channel) -> Callable[[int, Sequence[float]], bytes]:
             layout.doubles(held)
     else:
         layout.doubles(channel.width)
-    return _packer(layout)
+    return layout
 
 
 def _packer(layout: _Layout) -> Callable[[int, Sequence[float]], bytes]:

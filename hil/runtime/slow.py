@@ -13,6 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
+
 
 from hil.errors import HilError
 from hil.record.ring import Ring
@@ -32,8 +34,11 @@ PHASE = 0.3
 class RowWriter(Protocol):
     """What the slow side needs of a session file."""
 
-    def write(self, topic: str, tick: int, t_ns: int, values: Sequence[float]) -> None:
-        """Write one message."""
+    def write_rows(
+        self, topics: Sequence[tuple[str, slice]], stamps: NDArray[np.int64],
+        data: NDArray[np.float64],
+    ) -> None:  # fmt: skip
+        """Write messages of several topics for many rows: stamps (n, 2), data (n, width)."""
         ...
 
     def event(self, tick: int, t_ns: int, name: str, data: Mapping[str, object]) -> None:
@@ -102,7 +107,7 @@ class SlowSide:
         timing = data[:, self._timing]
         self.statistics.add(stamps[:, 0], timing)
         try:
-            self._write(stamps.tolist(), data)
+            self._write(stamps, data)
             self._changes(stamps.tolist(), timing)
         except OSError as error:
             self._give_up(error, len(data))
@@ -111,18 +116,15 @@ class SlowSide:
         while self.inbox:
             self._pass_on(self.inbox.popleft())
 
-    def _write(self, stamps: list[list[int]], data: FloatArray) -> None:
+    def _write(self, stamps: NDArray[np.int64], data: FloatArray) -> None:
         if self.trouble is not None:
             self.unwritten += len(stamps)
             return
-        write, topics = self._writer.write, self._topics
-        row: list[float] = []
-        for (tick, t_ns), row in zip(stamps, data.tolist(), strict=True):
-            for topic, columns in topics:
-                write(topic, tick, t_ns, row[columns])
-        for topic, columns in self._slow_topics if row else ():
-            write(topic, tick, t_ns, row[columns])
-        self._last = (stamps[-1][0], stamps[-1][1]) if stamps else self._last
+        if not len(stamps):
+            return
+        self._writer.write_rows(self._topics, stamps, data)
+        self._writer.write_rows(self._slow_topics, stamps[-1:], data[-1:])
+        self._last = (int(stamps[-1, 0]), int(stamps[-1, 1]))
 
     def _changes(self, stamps: list[list[int]], timing: FloatArray) -> None:
         """Events for new states and conditions, and for commands that the loop has obeyed."""
