@@ -112,9 +112,9 @@ class WiredBench:
                 for c, role, arm, motor, sign in cables if role == "motors"]  # fmt: skip
 
         def drive(now_ns: int) -> None:
-            box.tick(now_ns)
-            for channel, codes, motor, sign in rows:
-                codes[motor] = round(sign * box.volts[channel] * 3276.8)
+            if box.tick(now_ns):
+                for channel, codes, motor, sign in rows:
+                    codes[motor] = round(sign * float(box.volts[channel]) * 3276.8)
 
         return drive
 

@@ -69,6 +69,7 @@ class Usb31xx:
         self._lock = threading.Lock()
         self._wanted = dict.fromkeys(channels, 0)
         self._sent: dict[int, int] = {}
+        self._changed = False
         self._queue: deque[bytes] = deque()
         self._beating, self._beat = False, 0
         self._next_ns = self._beat_ns = self._query_ns = self._asked_ns = 0
@@ -129,7 +130,9 @@ class Usb31xx:
 
     def put(self, channel: int, code: int) -> None:
         """Code -32768..32767 for a channel; it goes out as soon as the box can."""
-        self._wanted[channel] = code
+        if self._wanted[channel] != code:
+            self._wanted[channel] = code
+            self._changed = True
 
     def flush(self) -> Status:
         """Whether codes still go out: LOST when not."""
@@ -138,7 +141,7 @@ class Usb31xx:
     def rest(self) -> None:
         """Zeros as soon as possible, and no heartbeat any more; does not wait."""
         for channel in self.channels:
-            self._wanted[channel] = 0
+            self.put(channel, 0)
         self._beating = False
 
     # the background
@@ -157,7 +160,8 @@ class Usb31xx:
             if report:
                 self._next_ns = max(self._next_ns + _FRAME_NS, now)
                 self._link.write(report)
-            self._listen(now)
+            if self._asked_ns:
+                self._listen(now)
         except DeviceError as error:
             self.trouble = str(error)
             return 1.0
@@ -175,12 +179,13 @@ class Usb31xx:
         if not self._asked_ns and now >= self._query_ns and not self._queue:
             self._asked_ns, self._query_ns = now, now + _QUERY_NS
             return _STATUS
-        if not self._queue:
+        if not self._queue and self._changed:
             self._update()
         return self._queue.popleft() if self._queue else b""
 
     def _update(self) -> None:
         """Queue what has changed: staged and synced, or at once."""
+        self._changed = False  # before the codes are read: one that comes now is not lost
         values = {c: codec.converter(v, *self._cal[c]) for c, v in self._wanted.items()}
         changed = [c for c, v in values.items() if v != self._sent[c]]
         staged = self.config.staged and len(changed) > 1

@@ -102,11 +102,14 @@ class Sim31xx:
         self._free_ns = max(self._free_ns, self.now_ns) + FRAME_NS
         self._pending.append((self._free_ns, report))
 
-    def tick(self, now_ns: int) -> None:
-        """It is `now_ns`: execute what has arrived."""
+    def tick(self, now_ns: int) -> bool:
+        """It is `now_ns`: execute what has arrived; whether anything had."""
         self.now_ns = now_ns
+        if not self._pending or self._pending[0][0] > now_ns:
+            return False
         while self._pending and self._pending[0][0] <= now_ns:
             self._execute(self._pending.popleft()[1])
+        return True
 
     def _execute(self, report: bytes) -> None:
         act = self._actions.get(report[0]) if report else None

@@ -69,3 +69,21 @@ def scans(
             for w in range(words):
                 out[at] = (count >> (16 * w)) & 0xFFFF
                 at += 1
+
+
+@nb.njit(cache=True, nogil=True)
+def settle(total: Any, modes: Any, now: Any, per_turn: int) -> None:
+    """Take every counter to where its encoder stands; without a mode it does not count.
+
+    Parameters
+    ----------
+    total, modes, now : ndarray (8, 2), (8,), (8,)
+        Counters, mode words, quarter lines.
+    per_turn : int
+        Quarter lines a turn.
+    """
+    for c in range(modes.size):
+        if modes[c] & 7 == 5:
+            step(total[c], int(now[c] // 1), modes[c], per_turn)
+        else:
+            total[c, 0] = int(now[c] // 1)

@@ -77,12 +77,13 @@ class SimQuad08:
         self.totals = np.zeros((8, 2), np.int64)
         self._modulo = np.full((8, 3), 0xFFFF, np.int64)
         self._bank = 0
-        self._place = np.zeros(8)
+        self._place, self._before = np.zeros(8), np.zeros(8)
         self._edges(self._place)
         self.totals[:, 0] = np.floor(self._place)
         self._latched = 0
         self._stop()
         self._list: list[int] = []
+        self._scanned = np.zeros(0, np.int64), 1
         self._pace_ns = 0.0
         self._internal = self._endpoint_reset = False
 
@@ -98,24 +99,20 @@ class SimQuad08:
         """The world is at `now_ns`: boot, count, scan."""
         if 0 <= self._boot_at <= now_ns:
             self._boot_at, self.plugged, self.product = -1, True, 0x00CA
-        before, then = self._place.copy(), self.now_ns
+        before, then = self._before, self.now_ns
+        before[:] = self._place
         self._edges(self._place)
         self.now_ns = now_ns
         if self._running and not self.muted:
             self._scan(before, then, now_ns)
-        for c in range(8):
-            if self.modes[c] & 7 == 5:
-                counters.step(self.totals[c], int(self._place[c] // 1), self.modes[c],
-                              self._per_turn)  # fmt: skip
-            else:
-                self.totals[c, 0] = int(self._place[c] // 1)
+        counters.settle(self.totals, self.modes, self._place, self._per_turn)
 
     def _scan(self, before: NDArray[np.float64], then: int, now: int) -> None:
         """All scans that are due in (then, now]."""
         n = int((now - self._next_ns) // self._pace_ns) + 1 if now >= self._next_ns else 0
         if n <= 0 or now <= then:
             return
-        channels, words = self._entries()
+        channels, words = self._scanned
         out = np.zeros(n * len(channels) * words, np.uint16)
         length = now - then
         counters.scans(
@@ -250,6 +247,7 @@ class SimQuad08:
             self._status |= PIPE_FULL if self._armed else 0
         elif command == 0x0031 and self._armed and self._internal:
             self._running = self._virgin = True
+            self._scanned = self._entries()
             self._next_ns = self.now_ns + self._pace_ns
         elif command == 0x0030:
             self._running = False
