@@ -91,21 +91,35 @@ def require_backend(name: str, config: RigConfig) -> None:
         )
 
 
-def open_rig(config: RigConfig, seed: int) -> Rig:
-    """Open all boxes and devices, tare the force sensors, and build the controller."""
+def open_rig(config: RigConfig, seed: int, bench: Any = None) -> Rig:
+    """Open all boxes and devices, tare the force sensors, and build the controller.
+
+    Parameters
+    ----------
+    config : RigConfig
+        The rig.
+    seed : int
+        Of the simulation.
+    bench : object, optional
+        Simulated bench to use instead of a new one, from `bench_of`.
+
+    Raises
+    ------
+    DeviceError
+        If a box or device is not there or refuses.
+    """
     for name in config.devices:
         require_backend(name, config)
     check_trajectory(config)
     controller = build_controller(config)  # a law that refuses does so before any device opens
     with ExitStack() as stack:
-        rig = _open(config, seed, stack, controller)
+        rig = _open(config, bench or bench_of(config, seed), stack, controller)
         rig.stack = stack.pop_all()
     return rig
 
 
-def _open(config: RigConfig, seed: int, stack: ExitStack, controller: Controller) -> Rig:
+def _open(config: RigConfig, bench: Any, stack: ExitStack, controller: Controller) -> Rig:
     """Rig whose devices and boxes `stack` closes."""
-    bench = bench_of(config, seed)
     plan = wiring.plan(config)
     buses = bench.buses(plan) if bench is not None and plan else {}
     taps = Taps(config)

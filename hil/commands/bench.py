@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from hil.bench import hidden, identify, recordings, ukf, velocity
+from hil.bench import hidden, identify, recordings, ukf, velocity, wire
 from hil.bench.diagnosis import cases, runner, tables
 from hil.commands import common, identifytable, outputs, plugins
 from hil.errors import ConfigError
@@ -187,6 +187,29 @@ def _velocity(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     return f"{text}\nOne update of three channels on this machine\n{cost}", dict(data)
 
 
+def _wire(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Microseconds a tick of every driver on its simulated wire; speed of lockstep sessions."""
+    costs = wire.costs()
+    speeds = [wire.speed(backend) for backend in wire.SPEEDS]
+    rows = [[c.name, f"{c.median:.1f}", f"{c.p99:.1f}"] for c in costs]
+    whole = costs[-1].p99
+    text = common.table(["a tick of rigs/teleop.toml, sim-wire", "median us", "p99 us"], rows)
+    text += f"\n  p99 of the whole tick: {_met(whole <= wire.TICK_US)} ({wire.TICK_US:g} us)\n\n"
+    rows = [
+        [s.backend, f"{s.wall:.1f}", f"{s.cpu:.1f}", f"{wire.SPEEDS[s.backend]:g}",
+         _met(s.wall >= wire.SPEEDS[s.backend])]
+        for s in speeds
+    ]  # fmt: skip
+    head = [f"lockstep, {wire.SECONDS:g} s", "x real time", "x processor time", "wanted", ""]
+    data = {"costs": [vars(c) for c in costs], "speeds": [vars(s) for s in speeds],
+            "tick_us_wanted": wire.TICK_US, "speeds_wanted": wire.SPEEDS}  # fmt: skip
+    return text + common.table(head, rows), data
+
+
+def _met(reached: bool) -> str:
+    return "met" if reached else "NOT met"
+
+
 def _markdown(path: str | None) -> None:
     if path and Path(path).suffix != ".md":
         raise ConfigError(f"--report {path}: a file that ends in .md is needed")
@@ -221,4 +244,5 @@ BENCHES: dict[str, Callable[[argparse.Namespace], tuple[str, dict[str, object]]]
     "wrist": _wrist,
     "velocity": _velocity,
     "ukf": _ukf,
+    "wire": _wire,
 }

@@ -75,7 +75,9 @@ class Block:
     """
 
     def __init__(self, rows: Sequence[tuple[tuple[int, Channel], int]]) -> None:
-        template, starts, ends, at, column = b"", [], [], [], []
+        template, starts, ends = b"", [], []
+        at: list[int] = []
+        column: list[int] = []
         for (number, channel), first in rows:
             body = encoder(channel)(0, [0.0] * channel.width)
             length = _HEAD.size - 9 + len(body)
@@ -99,21 +101,62 @@ class Block:
         return out
 
 
-class _Index(MessageIndex):
-    """Index of a channel's messages in a chunk, packed a block at a time."""
+class _Pieces:
+    """Where the messages of a block stand in the open chunk.
 
-    def __init__(self, channel: int) -> None:
+    A piece ends within a row only where the chunk ends too, so that all rows are whole but,
+    maybe, the first and the last one.
+    """
+
+    def __init__(self, block: Block) -> None:
+        self.block = block
+        self._times: list[NDArray[np.int64]] = []
+        self._places: list[NDArray[np.int64]] = []
+        self._skipped = self._left = 0
+        self._made: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
+
+    def add(self, times: NDArray[np.int64], first: int, stop: int, base: int, width: int) -> None:
+        """Messages `first` to `stop` - 1; row r begins at byte ``base + r * width``."""
+        n = self.block.topics
+        if not self._times:
+            self._skipped = first % n
+        self._left = stop % n
+        rows = slice(first // n, (stop + n - 1) // n)
+        self._times.append(times[rows])
+        self._places.append(np.arange(rows.start, rows.stop) * width + base)
+
+    def __len__(self) -> int:
+        """Pieces."""
+        return len(self._times)
+
+    def pairs(self, k: int) -> bytes:
+        """Times and places of the messages of topic k."""
+        if self._made is None:
+            self._made = np.concatenate(self._times), np.concatenate(self._places)
+        times, places = self._made
+        rows = slice(int(k < self._skipped), len(times) - int(0 < self._left <= k))
+        found = np.empty((len(times[rows]), 2), np.int64)
+        found[:, 0] = times[rows]
+        found[:, 1] = places[rows]
+        found[:, 1] += self.block.starts[k]
+        return found.tobytes()
+
+
+class _Index(MessageIndex):
+    """Index of a channel's messages in a chunk, made when the chunk is closed."""
+
+    def __init__(self, channel: int, topic: int, pieces: _Pieces) -> None:
         super().__init__(channel, [])
-        self.packed = bytearray()
+        self.topic, self.pieces = topic, pieces
 
     def write(self, stream: Any) -> None:
         """Write the record."""
-        for pair in self.records:
-            self.packed += struct.pack("<QQ", *pair)
+        packed = self.pieces.pairs(self.topic)
+        packed += b"".join(struct.pack("<QQ", *pair) for pair in self.records)
         stream.start_record(Opcode.MESSAGE_INDEX)
         stream.write2(self.channel_id)
-        stream.write4(len(self.packed))
-        stream.write(self.packed)
+        stream.write4(len(packed))
+        stream.write(packed)
         stream.finish_record()
 
 
@@ -156,6 +199,7 @@ class _Chunk:
         self, writer: Writer, builder: Any, statistics: Any, close: Callable[[], None], full: int
     ) -> None:
         self._builder, self._statistics, self._close, self._full = builder, statistics, close, full
+        self._pieces: dict[int, _Pieces] = {}
 
     def append(
         self, block: Block, raw: NDArray[np.uint8], times: NDArray[np.int64], first: int,
@@ -165,14 +209,15 @@ class _Chunk:
         width, n = raw.shape[1], block.topics
         row, topic = divmod(first, n)
         begin = row * width + int(block.starts[topic])
-        base = self._builder.record_writer.count - begin
+        base = int(self._builder.record_writer.count) - begin
         # the message that makes the chunk longer than `full`, the first one of a late row, or all
         stop, due = len(raw) * n, False
-        over = self._full - base
+        over: int = self._full - base
         if base + len(raw) * width > self._full:
             r = over // width
-            stop = min(stop, r * n + int(np.searchsorted(block.ends, over - r * width, "right")) + 1)
-        late = np.searchsorted(times, until)
+            fits = int(np.searchsorted(block.ends, over - r * width, "right"))
+            stop = min(stop, r * n + fits + 1)
+        late = int(np.searchsorted(times, until))
         if late < len(times) and max(late * n, first) + 1 <= stop:
             stop, due = max(late * n, first) + 1, True
         last, topic = divmod(stop - 1, n)
@@ -188,9 +233,9 @@ class _Chunk:
         """Index and statistics of messages first to stop - 1."""
         n, builder, statistics = block.topics, self._builder, self._statistics
         t0, t1 = int(times[first // n]), int(times[(stop - 1) // n])
-        builder.message_start_time = min(t0, builder.message_start_time or t0)
         if builder.num_messages == 0:
-            builder.message_start_time = t0
+            builder.message_start_time, self._pieces = t0, {}
+        builder.message_start_time = min(t0, builder.message_start_time)
         builder.message_end_time = max(builder.message_end_time, t1)
         builder.num_messages += stop - first
         if statistics.message_count == 0:
@@ -198,15 +243,18 @@ class _Chunk:
         statistics.message_start_time = min(t0, statistics.message_start_time)
         statistics.message_end_time = max(statistics.message_end_time, t1)
         statistics.message_count += stop - first
-        for k, number in sorted(enumerate(block.numbers), key=lambda p: (p[0] - first) % n):
-            rows = np.arange((first - k + n - 1) // n, (stop - k + n - 1) // n)
-            if not rows.size:
-                continue
-            index = builder.message_indices.get(number)
-            if not isinstance(index, _Index):
-                index = builder.message_indices[number] = _Index(number)
-            pairs = np.empty((rows.size, 2), np.uint64)
-            pairs[:, 0] = times[rows]
-            pairs[:, 1] = base + rows * width + block.starts[k]
-            index.packed += pairs.tobytes()
-            statistics.channel_message_counts[number] += rows.size
+        counts, whole, rest = statistics.channel_message_counts, *divmod(stop - first, n)
+        for k, number in enumerate(block.numbers):
+            counts[number] += whole + ((k - first) % n < rest)
+        known = builder.message_indices
+        pieces = self._pieces.get(id(block))
+        if pieces is None:
+            pieces = self._pieces[id(block)] = _Pieces(block)
+        if len(pieces) < 2:  # every topic has come by then
+            for k in range(first, min(stop, first + n)):
+                number = block.numbers[k % n]
+                before = known.get(number)
+                if not isinstance(before, _Index):
+                    known[number] = _Index(number, k % n, pieces)
+                    known[number].records += before.records if before else []
+        pieces.add(times, first, stop, base, width)

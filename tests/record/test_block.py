@@ -11,7 +11,9 @@ from hil.record.schema import Channel, encoder, places
 from hil.record.writer import SessionWriter
 
 CHANNELS = [
-    Channel("/arm/measured_js", "joint_state", ("joint1", "a_longer_one"), ("position", "velocity")),
+    Channel(
+        "/arm/measured_js", "joint_state", ("joint1", "a_longer_one"), ("position", "velocity")
+    ),
     Channel("/arm/setpoint_jf", "joint_state", ("joint1", "x"), ("effort",)),
     Channel("/arm/measured_cf", "wrench", frame="base"),
     Channel("/loop/timing", "fields", ("a", "b", "c"), units=("ns",) * 3, message="hil_msgs/msg/T"),

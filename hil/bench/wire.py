@@ -1,0 +1,192 @@
+"""What a tick costs on simulated wires, driver by driver, and how fast lockstep runs.
+
+Every call that belongs to a driver, its background work included, is timed without what it calls
+of the others; the world that the simulated boxes stand in is a row of its own.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil import wiring
+from hil.app import run
+from hil.config import RigConfig, load_rig
+from hil.record.ring import Ring
+from hil.rig import Rig, bench_of, open_rig
+from hil.rigs import rig_path
+from hil.runtime.clock import VirtualClock
+from hil.runtime.frame import FrameLayout
+from hil.runtime.loop import Loop
+from hil.signals.bus import Bus, Step
+from hil.signals.device import FloatArray
+
+#: Ticks that are measured, after as many that are not; length of a lockstep session [s].
+TICKS, WARM_UP, SECONDS = 5000, 500, 20.0
+#: Longest tick at the 99th percentile [us], and least speeds [times real time].
+TICK_US = 250.0
+SPEEDS = {"sim": 20.0, "sim-wire": 5.0}
+#: Row of what stands at the far end of the wires.
+WORLD = "simulated world and boxes"
+
+
+class Stopwatch:
+    """Times of named calls, without those of named calls within them.
+
+    Attributes
+    ----------
+    now : dict of str to int
+        Time of this tick [ns].
+    """
+
+    def __init__(self) -> None:
+        self.now: dict[str, int] = {}
+        self._inner = [0]
+
+    def timed(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """`call`, timed under `name`."""
+        self.now[name] = 0
+        clock, inner, now = time.perf_counter_ns, self._inner, self.now
+
+        def measured(*args: Any) -> Any:
+            begin = clock()
+            inner.append(0)
+            try:
+                return call(*args)
+            finally:
+                whole = clock() - begin
+                now[name] += whole - inner.pop()
+                inner[-1] += whole
+
+        return measured
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Cost of one part of a tick.
+
+    Parameters
+    ----------
+    name : str
+        Device, box, or `WORLD`.
+    median, p99 : float
+        [us].
+    """
+
+    name: str
+    median: float
+    p99: float
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Speed of a lockstep session.
+
+    Parameters
+    ----------
+    backend : str
+        ``"sim"`` or ``"sim-wire"``.
+    wall, cpu : float
+        Seconds of the session per second on the clock, and per second of processor time.
+    """
+
+    backend: str
+    wall: float
+    cpu: float
+
+
+def costs(rig_name: str = "teleop", ticks: int = TICKS) -> list[Cost]:
+    """Costs of every driver on its simulated wire; the last row is the whole tick."""
+    config = load_rig(rig_path(rig_name), {"backend": "sim-wire"})
+    watch = Stopwatch()
+    bench = bench_of(config, 0)
+    _time_the_far_end(bench, watch)
+    rig = open_rig(config, 0, bench)
+    try:
+        _time_the_devices(rig, watch)
+        loop = _loop(rig, config)
+        rows = _measure(loop, watch, ticks)
+    finally:
+        rig.close()
+    names = [*watch.now, "whole tick without the world", "whole tick"]
+    middle, most = np.median(rows, axis=0) * 1e-3, np.percentile(rows, 99, axis=0) * 1e-3
+    return [Cost(n, float(m), float(p)) for n, m, p in zip(names, middle, most, strict=True)]
+
+
+def _time_the_far_end(bench: Any, watch: Stopwatch) -> None:
+    """Time the world, and the background work of the boxes that it calls once a tick."""
+    real = bench.buses
+
+    def buses(plan: Any) -> dict[str, Bus]:
+        def timed_run(bus: Bus) -> Callable[[str, Step], Callable[[], None]]:
+            return lambda name, step: bus.run(name, watch.timed(f"box {name}", step))
+
+        return {kind: replace(bus, run=timed_run(bus)) for kind, bus in real(plan).items()}
+
+    bench.advance = watch.timed(WORLD, bench.advance)
+    bench.buses = buses
+
+
+def _time_the_devices(rig: Rig, watch: Stopwatch) -> None:
+    for name, device in rig.devices.items():
+        for call in ("measured_js", "measured_cf", "servo_jf"):
+            if hasattr(device, call):
+                setattr(device, call, watch.timed(f"{name} {call}", getattr(device, call)))
+
+
+def _loop(rig: Rig, config: RigConfig) -> Loop:
+    layout = FrameLayout(len(rig.ports), len(rig.controller.state_names))
+    period = config.loop.period_ns
+    ring = Ring(16 * TICKS, layout.width)
+    loop = Loop(
+        rig.ports, rig.controller, VirtualClock(period), ring, layout, period, rig.origin_ns
+    )
+    loop.rehearse()
+    rig.enable()
+    return loop
+
+
+def _measure(loop: Loop, watch: Stopwatch, ticks: int) -> FloatArray:
+    """Times [ns] of every part, of a tick without the world, and of a tick; (ticks, parts + 2)."""
+    names = list(watch.now)
+    rows = np.zeros((ticks, len(names) + 2))
+    for k in range(-WARM_UP, ticks):
+        for name in names:
+            watch.now[name] = 0
+        begin = time.perf_counter_ns()
+        loop.step()
+        whole = time.perf_counter_ns() - begin
+        if k >= 0:
+            rows[k, :-2] = [watch.now[name] for name in names]
+            rows[k, -2:] = whole - watch.now[WORLD], whole
+    return rows
+
+
+def speed(backend: str, rig_name: str = "teleop", seconds: float = SECONDS) -> Speed:
+    """Speed of a whole session, opening and recording included, compiled code loaded before."""
+    config = load_rig(rig_path(rig_name), {"backend": backend, "loop": {"clock": "lockstep"}})
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "s.mcap"
+        run(config, 0.5, output=path)
+        wall, cpu = time.perf_counter(), time.process_time()
+        run(config, seconds, output=path)
+        return Speed(backend, seconds / (time.perf_counter() - wall),
+                     seconds / (time.process_time() - cpu))  # fmt: skip
+
+
+def rates(rig_name: str = "teleop") -> dict[str, float]:
+    """Updates per second of every motor box of a rig."""
+    config = load_rig(rig_path(rig_name), {"backend": "sim-wire"})
+    found = {}
+    for name in wiring.backends(config):
+        options = wiring.box_options(config, name)
+        rate = getattr(options, "rate_hz", None)
+        if callable(rate):
+            found[name] = float(rate(len(wiring.used_channels(config, name))))
+    return found
