@@ -149,6 +149,7 @@ def _loop(rig: Rig, config: RigConfig) -> Loop:
     )
     loop.rehearse()
     rig.enable()
+    loop.begin()
     return loop
 
 

@@ -15,7 +15,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-
 from hil.errors import HilError
 from hil.record.ring import Ring
 from hil.runtime.clock import Clock

@@ -72,14 +72,17 @@ def test_rows_that_the_ring_dropped_are_jumped_over(tmp_path):
 def test_a_changed_record_is_found(tmp_path, monkeypatch):
     from hil.record import writer
 
-    plain = writer.SessionWriter.write
+    plain = writer.SessionWriter.write_rows
 
-    def bent(self, topic, tick, t_ns, values):
-        if topic == "/follower/setpoint_jf" and tick == 200:
-            values = [values[0], np.nextafter(values[1], 1.0), values[2]]
-        plain(self, topic, tick, t_ns, values)
+    def bent(self, topics, stamps, data):
+        data = data.copy()
+        for topic, columns in topics:
+            if topic == "/follower/setpoint_jf":
+                cell = stamps[:, 0] == 200, columns.start + 1
+                data[cell] = np.nextafter(data[cell], 1.0)
+        plain(self, topics, stamps, data)
 
-    monkeypatch.setattr(writer.SessionWriter, "write", bent)
+    monkeypatch.setattr(writer.SessionWriter, "write_rows", bent)
     found = replay(record(tmp_path / "s.mcap"))
     assert found.differ == 1
     assert (found.first.tick, found.first.arm, found.first.what) == (200, "follower", "effort2")
