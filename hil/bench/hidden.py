@@ -58,6 +58,11 @@ class Case:
         return self.verdict == "missing-effect" and self.named == (f"{self.effect}@{self.joint}",)
 
     @property
+    def undecided(self) -> bool:
+        """The effect first, but with a rival that the data do not refute."""
+        return self.verdict == "ambiguous" and self.named == (f"{self.effect}@{self.joint}",)
+
+    @property
     def false_alarm(self) -> bool:
         """Something was named where nothing is."""
         return not self.effect and self.verdict != "adequate"

@@ -78,7 +78,7 @@ def _hidden(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
         [
             f"{c.effect or 'none'}{'@' + c.joint if c.effect else ''}", str(c.seed), c.verdict,
             ", ".join(c.named) or "-", f"{c.confidence:.2f}", f"{c.before:.2f}", f"{c.after:.2f}",
-            "right" if c.right else "WRONG",
+            "right" if c.right else "undecided" if c.undecided else "WRONG",
         ]
         for c in cases
     ]  # fmt: skip
@@ -88,14 +88,15 @@ def _hidden(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     alarms = sum(c.false_alarm for c in cases)
     summary = (
         f"\n  {right} of {len(present)} hidden effects named right "
-        f"({100 * right / len(present):.0f} %), {alarms} false alarms in "
+        f"({100 * right / len(present):.0f} %), {sum(c.undecided for c in present)} named first of "
+        f"two that the data cannot tell apart, {alarms} false alarms in "
         f"{len(cases) - len(present)} sessions with none\n"
         f"  held-out error over its noise floor, worst joint: median "
         f"{recordings.median([c.before for c in present]):.2f} before, "
         f"{recordings.median([c.after for c in present]):.2f} after, "
         f"worst {max(c.after for c in present):.2f}"
     )
-    data = {"cases": [vars(c) | {"right": c.right} for c in cases]}
+    data = {"cases": [vars(c) | {"right": c.right, "undecided": c.undecided} for c in cases]}
     return common.table(head, rows) + summary, dict(data)
 
 

@@ -26,6 +26,10 @@ COINCIDE = 0.98
 MIRROR = 0.9
 
 
+#: Noise that comes back late through a controller, in units of what 1.1 floors leave.
+ECHO = 2.0
+
+
 def variance_share(c: Candidate, evidence: Evidence, result: FitResult) -> float:
     """Variance that the candidate removes on its joint, in units of the noise floor's."""
     j = c.joint
@@ -58,8 +62,8 @@ def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
     return bool(removed > ALONE * excess)
 
 
-def plausible(evidence: Evidence, result: FitResult) -> list[Candidate]:
-    """Candidates that are detected, matter and pay their price; best first."""
+def possible(evidence: Evidence, result: FitResult) -> list[Candidate]:
+    """Candidates that are detected and pay their price, so that they may be a rival; best first."""
     return [
         c
         for c in evidence.candidates
@@ -67,8 +71,14 @@ def plausible(evidence: Evidence, result: FitResult) -> list[Candidate]:
         and physical(c, result.problem.motions[0])
         and c.score > 0
         and c.absorbed < 0.9999
-        and variance_share(c, evidence, result) >= MATERIAL
         and alone(c, evidence, result)
+    ]
+
+
+def plausible(evidence: Evidence, result: FitResult) -> list[Candidate]:
+    """Those of them that matter, so that they may be named."""
+    return [
+        c for c in possible(evidence, result) if variance_share(c, evidence, result) >= MATERIAL
     ]
 
 
@@ -121,13 +131,16 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
     logs = [0.0]
     for r in rivals:
         delta = max(best.score - r.score, 0.0)
+        if late(best, r):
+            # a controller answers noise late: what lies below the floor does not count
+            delta = max(delta - ECHO * best.spare, 0.0)
         if twins(best, r, projector):
             logs.append(0.0)
             continue
         share = TEMPER
         if r.dof > best.dof:
             share = TEMPER / 8 if r.chi2 <= best.chi2 else 0.0
-        elif r.name in LATE and best.name in LATE:
+        elif late(best, r):
             share = TEMPER / 4  # their forms are those of real drives
         elif r.dof == best.dof and overlap(best, r, projector) > COINCIDE:
             share = 10 * TEMPER
@@ -136,6 +149,24 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
         logs.append(-delta / (2 * (1.0 + share * best.chi2)))
     p = np.exp(np.array(logs))
     return {k: float(x) for k, x in enumerate(p / p.sum())}
+
+
+def late(a: Candidate, b: Candidate) -> bool:
+    """Whether two candidates are two forms of one lateness of a joint's effort."""
+    return a.name in LATE and b.name in LATE and a.term.joint == b.term.joint
+
+
+def simplest_first(candidates: list[Candidate]) -> list[Candidate]:
+    """The same, a delay before the lag that explains no more than noise would make of it."""
+    out = list(candidates)
+    for k, c in enumerate(out):
+        for other in out[k + 1 :]:
+            close = late(c, other) and c.score - other.score < ECHO * c.spare
+            if close and other.name == LATE[0]:
+                out.remove(other)
+                out.insert(k, other)
+                return out
+    return out
 
 
 def _mirrored(a: Candidate, b: Candidate) -> bool:

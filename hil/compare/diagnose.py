@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.attribute import choose, plausible
+from hil.compare.attribute import choose, plausible, possible, simplest_first
 from hil.compare.evidence import Candidate, Evidence, gather, in_time
 from hil.compare.fallback import explainable
 from hil.compare.findings import Accepted, Diagnosis, Step, describe
@@ -34,6 +34,8 @@ SHARE = 0.10
 #: ... and, after a first effect on the joint, this share of all that was above the floor:
 #: library equations miss real effects by about a percent of their power, which is no new effect.
 FORM = 0.02
+#: Held-out standard errors by which a candidate that did not help is out of the question.
+REFUTED = 2.0
 #: Error in units of the largest model's residual that is above the floor in any case.
 APART = 1.2
 MOST = 4
@@ -100,19 +102,27 @@ def _next(
     now, projector = ladder[-1], evidence.projector
     if projector is None:
         return None
-    candidates = [c for c in plausible(evidence, now.result) if in_time(c, now.result)]
+    pool = [c for c in possible(evidence, now.result) if in_time(c, now.result)]
+    candidates = simplest_first([c for c in plausible(evidence, now.result) if c in pool])
     if found:
         candidates = [c for c in candidates if _unsettled(c.joint, now.result, evidence)]
-    for k, c in enumerate(candidates[:3]):
-        rest = [c, *[x for x in candidates if x is not c and candidates.index(x) > k]]
-        best, confidence, rivals = choose(rest, projector)
-        model = now.result.model + as_use(best, problem)
+    failed: list[tuple[Candidate, Step]] = []
+    for c in candidates[:3]:
+        model = now.result.model + as_use(c, problem)
         fitted = _refit(model, problem, examine, now.result.sigma)
-        step = Step(f"+ {describe(best, problem)}", *fitted)
-        if _worth(step, now, ladder[0], best.joint, evidence.floor.rms):
-            found.append((best, confidence, rivals))
+        step = Step(f"+ {describe(c, problem)}", *fitted)
+        if _worth(step, now, ladder[0], c.joint, evidence.floor.rms):
+            worse = [x for x, other in failed if _worse(other, step, c.joint)]
+            rest = [x for x in pool if x is not c and x not in worse]
+            found.append((c, *choose([c, *rest], projector)[1:]))
             return step
+        failed.append((c, step))
     return None
+
+
+def _worse(failed: Step, step: Step, j: int) -> bool:
+    """Whether a candidate that did not help is refuted by the held-out data, not just smaller."""
+    return step.heldout.gain(failed.heldout, j) > REFUTED
 
 
 def _unsettled(j: int, result: FitResult, evidence: Evidence) -> bool:

@@ -17,6 +17,8 @@ from hil.models.effect import Effect, Param
 from hil.models.friction import position_orders
 from hil.models.motion import FloatArray, Motion
 
+#: Share of the motor's effort from which an external one tells a late motion from a late command.
+PUSH = 0.1
 #: Orders of an eccentric disc beyond this many periods over the span are a motor's cogging.
 HIGHEST = 40.0
 _UNFITTED = "needs the fitted model's inertia; fit the model first"
@@ -143,11 +145,11 @@ class FilterLag(Effect):
 
     def available(self, motion: Motion, j: int) -> str:
         """Structural: without an external effort it is a delay of the command."""
-        if np.ptp(motion.tau_ext[:, j]) > 0:
+        if np.std(motion.tau_ext[:, j]) > PUSH * np.std(motion.tau[:, j]):
             return ""
         return (
-            "without a measured external force a lag of the measured motion is the same as "
-            "'delay' (or 'actuator-lag'): both let the effort lead the motion"
+            "without a measured external force of some size a lag of the measured motion is the "
+            "same as 'delay' (or 'actuator-lag'): both let the effort lead the motion"
         )
 
 
