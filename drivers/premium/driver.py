@@ -12,6 +12,9 @@ from hil.signals.state import OperatingState, StateCommand, StateMachine
 from hil.signals.velocity import estimator
 
 _STATUS = tuple(Status)
+#: Looked up once: members of an enumeration are slow to find in the fast path.
+_INVALID, _LOST = Status.INVALID, Status.LOST
+_ENABLED, _FAULT = OperatingState.ENABLED, OperatingState.FAULT
 
 
 class PremiumArm:
@@ -76,9 +79,9 @@ class PremiumArm:
         convert.joint_state(
             self.counts, self._rate, self._to_joint, self._period, position, velocity
         )
-        if status is Status.LOST:
+        if status is _LOST:
             self._machine.command(StateCommand.FAULT)
-            return Status.INVALID
+            return _INVALID
         return status
 
     def servo_jf(self, effort: FloatArray, sent: FloatArray) -> Status:
@@ -89,13 +92,13 @@ class PremiumArm:
         status = _STATUS[
             convert.codes(effort, self._to_code, self._to_effort, self._top, self.codes, sent)
         ]
-        if status is Status.INVALID:
+        if status is _INVALID:
             self._machine.command(StateCommand.FAULT)
-        if self._machine.state is not OperatingState.ENABLED:
+        if self._machine.state is not _ENABLED:
             self.codes[:] = 0
             sent[:] = 0.0
         self._wire.send(self.codes)
-        return Status.INVALID if self._machine.state is OperatingState.FAULT else status
+        return _INVALID if self._machine.state is _FAULT else status
 
     def enable(self) -> None:
         """Start the velocity at rest and switch the amplifiers on.

@@ -31,7 +31,8 @@ from hil.signals.state import OperatingState, StateCommand, StateMachine
 
 _LIMITED, _INVALID = BITS["effort-limited"], BITS["effort-invalid"]
 _REFUSED, _OVERRUN, _OUT = BITS["motor-refused"], BITS["overrun"], BITS["workspace"]
-_OK = Status.OK
+_OK = int(Status.OK)
+_ENABLED, _FAULT = OperatingState.ENABLED, OperatingState.FAULT
 #: These pause when they begin; a command may go on while they last.
 _LASTING = BITS["position"] | BITS["workspace"]
 
@@ -159,14 +160,14 @@ class Loop:
         acute = mask & ~(self.conditions & _LASTING)
         if acute & (PAUSING | FAULTING):
             self._react(acute)
-        if self.machine.state is OperatingState.ENABLED:
+        if self.machine.state is _ENABLED:
             law_s = (t_ns - self._zero_ns) * 1e-9
             self._controller.update(law_s, self._x, self._u, self._x_next, self._y)
             self._x, self._x_next = self._x_next, self._x
         else:
             self._y[:] = 0.0
         mask |= self._write()
-        if mask & FAULTING and self.machine.state is not OperatingState.FAULT:
+        if mask & FAULTING and self.machine.state is not _FAULT:
             self._react(mask)
         done = clock.since_start()
         self._leave(tick, t_ns, woken, done, mask)
@@ -194,10 +195,10 @@ class Loop:
         single = steps == 1 and self._steps == 1
         dt, self._steps = steps * self._period_ns * 1e-9, steps
         for port, q, qd, wrench, sent, _words, _y, memory, tip in self._arms:
-            js = port.joints.measured_js(t_ns, q, qd)
-            cf = _OK if port.force is None else port.force.measured_cf(t_ns, q, wrench)
+            js = int(port.joints.measured_js(t_ns, q, qd))
+            cf = _OK if port.force is None else int(port.force.measured_cf(t_ns, q, wrench))
             mask |= watch.examine(
-                dt, single, int(js), int(cf), q, qd, wrench, sent, memory, port.limits
+                dt, single, js, cf, q, qd, wrench, sent, memory, port.limits
             )  # fmt: skip
             if port.tip is not None:
                 port.tip(q, tip)
@@ -210,24 +211,25 @@ class Loop:
 
     def _write(self) -> int:
         """Limited efforts to all arms, words into the row; the conditions found on the way."""
-        mask, safe_state = 0, OperatingState.ENABLED
-        enabled = self.machine.state is safe_state
+        # plain integers: an enumeration beside a number of numpy costs a microsecond
+        mask, worst = 0, int(self._timing[4])
+        enabled = self.machine.state is _ENABLED
         for port, _q, qd, _wrench, sent, words, y, _memory, _tip in self._arms:
             safe = safety.limit(y, qd, port.torque_limit, port.speed_limit)
             if safe == safety.INVALID:
                 port.efforts.fault()
                 mask |= _INVALID if enabled else 0
-            said = port.efforts.servo_jf(y, sent)
+            said = int(port.efforts.servo_jf(y, sent))
             if safe == safety.CLAMPED or said == safety.CLAMPED:
                 mask |= _LIMITED
             elif said >= safety.INVALID and safe != safety.INVALID:
                 mask |= _REFUSED
-            if said > self._timing[4] or safe > self._timing[4]:
-                self._timing[4] = max(said, safe)
+            worst = max(worst, said, safe)
             watch.snap(sent, watch.EFFORT_GRID)
             words[0:3] = port.counts
             words[3:6] = port.codes
             words[6:12] = port.gauges
+        self._timing[4] = worst
         return mask
 
     def _react(self, mask: int) -> None:

@@ -33,6 +33,10 @@ PHASE = 0.3
 class RowWriter(Protocol):
     """What the slow side needs of a session file."""
 
+    def write(self, topic: str, tick: int, t_ns: int, values: Sequence[float]) -> None:
+        """Write one message."""
+        ...
+
     def write_rows(
         self, topics: Sequence[tuple[str, slice]], stamps: NDArray[np.int64],
         data: NDArray[np.float64],
@@ -122,12 +126,15 @@ class SlowSide:
         if not len(stamps):
             return
         self._writer.write_rows(self._topics, stamps, data)
-        self._writer.write_rows(self._slow_topics, stamps[-1:], data[-1:])
-        self._last = (int(stamps[-1, 0]), int(stamps[-1, 1]))
+        self._last = tick, t_ns = int(stamps[-1, 0]), int(stamps[-1, 1])
+        for topic, columns in self._slow_topics:
+            self._writer.write(topic, tick, t_ns, data[-1, columns].tolist())
 
     def _changes(self, stamps: list[list[int]], timing: FloatArray) -> None:
         """Events for new states and conditions, and for commands that the loop has obeyed."""
         found: list[tuple[int, int, str, dict[str, object]]] = []
+        if not self._loop.applied and np.all(timing[:, 5:7] == (self._state, self._mask)):
+            return
         for k in np.flatnonzero(np.any(np.diff(timing[:, 5:7], axis=0, prepend=[
             [self._state, self._mask]]), axis=1)).tolist():  # fmt: skip
             state, mask = int(timing[k, 5]), int(timing[k, 6])

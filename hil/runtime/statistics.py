@@ -15,6 +15,10 @@ FloatArray = NDArray[np.float64]
 EDGES = np.concatenate([[0.0], np.logspace(2.0, 10.0, 161)])
 
 
+#: Blocks of rows that are taken together.
+BLOCKS = 20
+
+
 class Histogram:
     """Counts of times in logarithmic bins, with the exact extremes."""
 
@@ -97,7 +101,9 @@ class Statistics:
 
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
-        self.late, self.busy = Histogram(), Histogram()
+        self._late, self._busy = Histogram(), Histogram()
+        #: Rows that wait: few large blocks cost less than many small ones.
+        self._waiting: list[tuple[NDArray[np.int64], FloatArray]] = []
         self._last = -1.0
         self._gap = 0.0
         self._missed = self._dropped = self._ring = self.ticks = 0
@@ -105,10 +111,20 @@ class Statistics:
 
     def add(self, ticks: NDArray[np.int64], timing: FloatArray) -> None:
         """Take rows: tick numbers (n,) and timing columns (n, 9) of `hil.runtime.frame.TIMING`."""
+        self._waiting.append((ticks, timing))
+        if len(self._waiting) >= BLOCKS:
+            self._digest()
+
+    def _digest(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        if not waiting:
+            return
+        ticks = np.concatenate([t for t, _ in waiting])
+        timing = np.concatenate([rows for _, rows in waiting])
         if not ticks.size:
             return
-        self.late.add(timing[:, 0])
-        self.busy.add(timing[:, 1])
+        self._late.add(timing[:, 0])
+        self._busy.add(timing[:, 1])
         woken = ticks * float(self._period_ns) + timing[:, 0]
         before = np.concatenate([[woken[0] if self._last < 0 else self._last], woken])
         self._gap = max(self._gap, float(np.diff(before).max()))
@@ -118,8 +134,21 @@ class Statistics:
         self._hot = max(self._hot, float(timing[:, 8].max()))
         self.ticks += ticks.size
 
+    @property
+    def late(self) -> Histogram:
+        """Lateness of the wake-ups [ns]."""
+        self._digest()
+        return self._late
+
+    @property
+    def busy(self) -> Histogram:
+        """Times from the wake-up to the last command [ns]."""
+        self._digest()
+        return self._busy
+
     def figures(self) -> Figures:
         """Figures of what was added so far."""
+        self._digest()
         late, busy = self.late, self.busy
         us = 1e-3
         return Figures(

@@ -55,7 +55,10 @@ def motor_side(p: Any, x: Any, i: int, tension: float) -> float:
     if p.capstan[i] != 0.0:
         # capstan law: T (e^(mu beta) - 1)
         level += fabs(tension) * expm1(p.capstan[i])
-    torque = level * s + (p.viscous_motor[i] + p.asym_viscous[i] * tanh(v / 0.08)) * v
+    viscous = p.viscous_motor[i]
+    if p.asym_viscous[i] != 0.0:
+        viscous += p.asym_viscous[i] * tanh(v / 0.08)
+    torque = level * s + viscous * v
     # one direction rubs harder: vanishes while the elements turn round
     torque += p.asym_coulomb[i] * s * s
     if p.drag[i] != 0.0:

@@ -12,8 +12,10 @@ import numba as nb
 def torque(p: Any, x: Any, i: int, dt: float) -> float:
     """Passive torque [N m] on link i."""
     q, v = x.q[i], x.v[i]
-    # over-centre spring: -k sin(q - q0)
-    total = -p.spring[i] * sin(q - p.spring_rest[i])
+    total = 0.0
+    if p.spring[i] != 0.0:
+        # over-centre spring: -k sin(q - q0)
+        total = -p.spring[i] * sin(q - p.spring_rest[i])
     if p.umbilical[i] != 0.0:
         # a cable that stiffens to one side and has a kink
         d = q - p.umbilical_at[i]
