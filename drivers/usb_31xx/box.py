@@ -69,7 +69,7 @@ class Usb31xx:
         self._lock = threading.Lock()
         self._wanted = dict.fromkeys(channels, 0)
         self._sent: dict[int, int] = {}
-        self._changed = False
+        self._dirty: dict[int, bool] = {}
         self._queue: deque[bytes] = deque()
         self._beating, self._beat = False, 0
         self._next_ns = self._beat_ns = self._query_ns = self._asked_ns = 0
@@ -132,7 +132,7 @@ class Usb31xx:
         """Code -32768..32767 for a channel; it goes out as soon as the box can."""
         if self._wanted[channel] != code:
             self._wanted[channel] = code
-            self._changed = True
+            self._dirty[channel] = True
 
     def flush(self) -> Status:
         """Whether codes still go out: LOST when not."""
@@ -179,19 +179,23 @@ class Usb31xx:
         if not self._asked_ns and now >= self._query_ns and not self._queue:
             self._asked_ns, self._query_ns = now, now + _QUERY_NS
             return _STATUS
-        if not self._queue and self._changed:
+        if not self._queue and self._dirty:
             self._update()
         return self._queue.popleft() if self._queue else b""
 
     def _update(self) -> None:
         """Queue what has changed: staged and synced, or at once."""
-        self._changed = False  # before the codes are read: one that comes now is not lost
-        values = {c: codec.converter(v, *self._cal[c]) for c, v in self._wanted.items()}
-        changed = [c for c, v in values.items() if v != self._sent[c]]
+        dirty, self._dirty = self._dirty, {}  # first: a code that comes now is not lost
+        changed = []
+        for c in dirty:
+            value = codec.converter(self._wanted[c], *self._cal[c])
+            if value != self._sent[c]:
+                self._sent[c] = value
+                changed.append(c)
         staged = self.config.staged and len(changed) > 1
         for c in changed:
-            self._sent[c] = values[c]
-            self._queue.append(codec.aout(c, values[c], codec.ON_SYNC if staged else codec.NOW))
+            when = codec.ON_SYNC if staged else codec.NOW
+            self._queue.append(codec.aout(c, self._sent[c], when))
         if staged:
             self._queue.append(bytes([codec.AOUT_SYNC]))
 

@@ -9,7 +9,7 @@ overload frames, extended identifiers.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 from weakref import WeakValueDictionary
 
 from sim_devices.canbus.frame import ERROR, PAUSE, Frame, bits
@@ -55,8 +55,7 @@ class Node:
         """An error frame has gone over the bus."""
 
 
-@dataclass(frozen=True)
-class _Flight:
+class _Flight(NamedTuple):
     """A frame on the wires, from its start to when the next may follow."""
 
     start_ns: int
@@ -95,6 +94,8 @@ class CanLine:
         """Everything that happens on the bus up to `until_ns`."""
         while True:
             if self._flying is None:
+                if self._idle_ns > until_ns:
+                    return
                 plan = self._arbitrate()
                 if plan is None or plan.start_ns > until_ns:
                     return
@@ -115,15 +116,17 @@ class CanLine:
         ready = [n for n in self.nodes if n.outbox and n.powered and n.failures < OFF]
         if not ready:
             return None
-        start = max(self._idle_ns, min([n.outbox[0][0] for n in ready]))
         winners = ready
-        if len(ready) > 1:
+        if len(ready) == 1:
+            start = max(self._idle_ns, ready[0].outbox[0][0])
+        else:
+            start = max(self._idle_ns, min([n.outbox[0][0] for n in ready]))
             rivals = [n for n in ready if n.outbox[0][0] <= start]
             lowest = min([n.outbox[0][1].ident for n in rivals])
             winners = [n for n in rivals if n.outbox[0][1].ident == lowest]
         frame = winners[0].outbox[0][1]
         # one identifier, other bits: the bit error comes after the arbitration field
-        clash = any(n.outbox[0][1] != frame for n in winners[1:])
+        clash = len(winners) > 1 and any(n.outbox[0][1] != frame for n in winners[1:])
         fails = clash or not self._acknowledged(winners)
         bit_ns = 1e9 / winners[0].bit_rate
         end = start + round((ERROR + 13 if clash else bits(frame.ident, frame.data)) * bit_ns)

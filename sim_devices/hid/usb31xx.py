@@ -134,7 +134,7 @@ class Sim31xx:
             self._staged.clear()
 
     def _convert(self, channel: int, value: int) -> None:
-        code = self._gain[channel] * value + self._offset[channel]
+        code = self._gain.item(channel) * value + self._offset.item(channel)
         if self._bipolar[channel]:
             self.volts[channel] = (code - 32768.0) / 32768.0 * 10.0
         else:

@@ -1,19 +1,27 @@
 """`hil devices` and sessions over boxes: what is reachable, at which rate, and what goes wrong."""
 
 import json
+import sys
+import types
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hil import registry, wiring
+from drivers import usb_31xx, usb_quad08
+from hil import reach, registry, wiring
 from hil.app import run
 from hil.cli import main
 from hil.config import load_rig
 from hil.errors import ConfigError, DeviceError
 from hil.record.reader import load
 from hil.rig import bench_of
+from hil.signals.bus import Bus
 from sim_devices import bench as bench_module
+from sim_devices.hid.module import SimHid
+from sim_devices.hid.usb31xx import Sim31xx
+from sim_devices.usb.backend import SimUsb
+from sim_devices.usb.quad08 import SimQuad08
 
 RIGS = Path(__file__).parents[2] / "rigs"
 WIRE = {"backend": "sim-wire"}
@@ -157,3 +165,37 @@ def test_the_plan_of_the_cables():
     assert [c[0] for c in plan["encoders"]["cables"]] == [0, 1, 2, 3, 4, 5]
     assert bench_of(config, 0) is not None
     assert wiring.plan(load_rig(RIGS / "identify.toml")) == {}
+
+
+def test_boxes_that_may_not_be_opened_say_what_to_do(monkeypatch, capsys):
+    usb, hid = SimUsb(), SimHid()
+    quads = [SimQuad08(f"Q{k}", lambda out: None, cold=k == 2) for k in range(3)]
+    quads[1].readable = False
+    usb.devices += quads
+    hid.devices += [Sim31xx("usb-3101", "A1"), Sim31xx("usb-3114", "A2")]
+    hid.devices[1].readable = False
+    handles = {"usb": usb, "hid": hid}
+    monkeypatch.setattr(reach, "Bus", lambda kind: Bus(kind, handles.get(kind)))
+    seen = {(r["device"], r["reachable"]): r["what"] for r in reach.everything()}
+    assert seen["Q0", "yes"].startswith("USB-QUAD08")
+    assert "eight encoder counters" in seen["Q0", "yes"]
+    assert "usb-3101" in seen["A1", "yes"]
+    assert "09db" in seen["A2", "no"]
+    texts = [one.what for one in usb_quad08.attached(Bus("usb", usb))]
+    assert any("without firmware" in t for t in texts)
+    assert any("udevadm" in t for t in texts)
+    monkeypatch.setattr("usb.backend.libusb1.get_backend", lambda **kwargs: None)
+    monkeypatch.setattr("usb.backend.libusb0.get_backend", lambda **kwargs: None)
+    monkeypatch.setattr("usb.backend.openusb.get_backend", lambda **kwargs: None)
+    with pytest.raises(DeviceError, match="libusb-1"):
+        usb_quad08.attached(Bus("usb"))
+    assert main(["devices"]) == 3
+
+
+def test_the_wrong_hid_package_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "hid", types.ModuleType("hid"))
+    with pytest.raises(DeviceError, match="where 'hidapi' is needed"):
+        usb_31xx.attached(Bus("hid"))
+    monkeypatch.setitem(sys.modules, "hid", None)
+    with pytest.raises(DeviceError, match="pip install hidapi"):
+        usb_31xx.attached(Bus("hid"))
