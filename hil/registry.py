@@ -25,6 +25,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "lawrence": "controllers.lawrence",
         "position-force": "controllers.position_force",
     },
+    "hil.taps": {"usb": "drivers.links.usb_tap", "hid": "drivers.links.hid_tap"},
     "hil.velocity": {
         "first-difference": "hil.signals.velocity.methods:FirstDifference",
         "filtered-difference": "hil.signals.velocity.methods:FilteredDifference",

@@ -129,7 +129,7 @@ def _open(config: RigConfig, bench: Any, stack: ExitStack, controller: Controlle
     for name, device in config.devices.items():
         driver = registry.load("hil.drivers", device.driver)
         options = parse(driver.Config, device.options, f"devices.{name}.options")
-        wire = _wire(name, config, bench, boxes)
+        wire = _wire(name, config, bench, boxes, taps)
         devices[name] = opened = driver.open_device(name, wire, options, period)
         stack.callback(opened.close)
     ports = [_port(arm, config, devices) for arm in config.controller.arms]
@@ -190,7 +190,7 @@ def bench_of(config: RigConfig, seed: int) -> Any:
     return open_bench(force_sensors(config), section, config.loop.period_ns, seed)
 
 
-def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any]) -> Wire:
+def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any], taps: Taps) -> Wire:
     """Wire of a device: through boxes where it has them, ideal otherwise."""
     if name not in wiring.wired(config):
         ideal: Wire = bench.wire(config.devices[name].arm)
@@ -200,7 +200,9 @@ def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any]) ->
         source: Wire = boxes[wiring.only_gauges(name, spots).box]
         return source
     rows = {role: [(boxes[p.box], p) for p in row] for role, row in spots.items()}
-    return wiring.BoxWire(name, rows, None if bench is None else bench.advance)
+    world = None if bench is None else bench.advance
+    names = {p.box for row in spots.values() for p in row}
+    return wiring.BoxWire(name, rows, taps.advance(sorted(names), world))
 
 
 def _port(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPort:

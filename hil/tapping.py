@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+from hil import registry
 from hil.config import RigConfig
 from hil.errors import ConfigError
 from hil.record.frames import FrameLog, Replay, read_frames
 from hil.signals.bus import Bus
 
 #: Kinds of buses whose drivers can be recorded and replayed.
-KINDS = ("can", "udp")
+KINDS = ("can", "udp", "usb", "hid")
+#: Those whose tap is in what the bus hands to the library; the others have it in their link.
+HANDLES = ("usb", "hid")
 
 
 class Taps:
@@ -44,7 +48,27 @@ class Taps:
             log.advance(t_ns)
             bus.advance(t_ns)
 
-        return replace(bus, log=log, advance=advance)
+        tapped = replace(bus, log=log, advance=advance)
+        if bus.kind not in HANDLES:
+            return tapped
+        return replace(tapped, handle=registry.load("hil.taps", bus.kind).recorded(bus, log))
+
+    def advance(
+        self, boxes: Iterable[str], world: Callable[[int], None] | None
+    ) -> Callable[[int], None] | None:
+        """What a wire through these boxes tells the time to, beside a simulated `world`."""
+        told = [self.logs[b].advance for b in boxes if b in self.logs]
+        told += [self.replays[b].advance for b in boxes if b in self.replays]
+        if not told:
+            return world
+        if world is not None:
+            told.append(world)
+
+        def advance(t_ns: int) -> None:
+            for tell in told:
+                tell(t_ns)
+
+        return advance
 
     def replayed(self, name: str, kind: str) -> Bus:
         """Bus of a box that a session answers for.
@@ -66,7 +90,10 @@ class Taps:
                 f"{' and '.join(KINDS)} can; set backend = 'sim' for the devices wired to it."
             )
         found = self.replays[name] = Replay(name, read_frames(self._session, name))
-        return Bus(
-            kind, None, lambda label, step: lambda: None, lambda seconds: None,
-            lambda: found.now_ns, found.advance, simulated=True, replay=found,
+        plain = Bus(
+            kind, None, found.run, found.pause, lambda: found.now_ns, found.advance,
+            simulated=True, replay=found,
         )  # fmt: skip
+        if kind not in HANDLES:
+            return plain
+        return replace(plain, handle=registry.load("hil.taps", kind).replayed(found))

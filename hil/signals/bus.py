@@ -61,8 +61,12 @@ class Replay(Protocol):
         """The driver sends a frame."""
         ...
 
-    def take(self, wait: bool) -> RecordedFrame | None:
-        """Next answer that is due; with `wait`, that comes next at all."""
+    def take(self, wait: bool, name: str = "") -> RecordedFrame | None:
+        """Next answer of a stream that is due; with `wait`, that comes next at all."""
+        ...
+
+    def take_any(self) -> RecordedFrame | None:
+        """Next answer of whatever stream that is due."""
         ...
 
 

@@ -11,11 +11,12 @@ from mcap_ros2.decoder import DecoderFactory
 
 from hil import app
 from hil.config import load_rig
-from hil.errors import ConfigError, DataError
+from hil.errors import ConfigError, DataError, DeviceError
 from hil.record.fields import read_fields
 from hil.record.frames import RX, START, TX, Frame, FrameLog, Replay, decode, encode, read_frames
 from hil.rig import open_rig
 from sim_devices.force.netcanoem import NetCanOemBoard
+from sim_devices.usb.quad08 import SimQuad08
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 #: Arms on ideal wires, the follower's force sensor on its bus.
@@ -139,3 +140,43 @@ def test_what_a_replay_needs_is_asked_for(tmp_path):
     path = run(tmp_path / "s.mcap", "sim-wire", frames=True)
     with pytest.raises(DataError, match="Available: follower-ft"):
         read_frames(path, "leader-ft")
+
+
+def whole(path, backend, seconds=0.5, **record):
+    config = load_rig(RIG, {"backend": backend, "record": record})
+    app.run(config, seconds, seed=3, output=path)
+    return read_fields(path, "/rig/raw")[1]
+
+
+def test_a_whole_rig_comes_again_from_its_frames(tmp_path):
+    field = whole(tmp_path / "field.mcap", "sim-wire", frames=True)
+    desk = whole(tmp_path / "desk.mcap", "replay", replay=str(tmp_path / "field.mcap"))
+    for name, values in field.items():
+        if "gauge" in name:
+            np.testing.assert_array_equal(desk[name], values)
+        elif "count" in name:
+            # which scan of the first milliseconds is taken may differ, nothing after
+            np.testing.assert_array_equal(desk[name][20:], values[20:])
+    assert max(np.ptp(field[f"follower_count{k}"]) for k in (1, 2, 3)) > 50
+
+
+def test_an_encoder_box_that_was_unplugged_is_unplugged_again(tmp_path, monkeypatch):
+    def said(path, backend, **record):
+        with pytest.raises(DeviceError) as error:
+            whole(path, backend, **record)
+        return str(error.value).replace(str(path), "PATH")
+
+    tick, stops = SimQuad08.tick, [0]
+
+    def unplugged(self, now_ns):
+        stops[0] += 1
+        if stops[0] == 700:
+            self.plugged = False
+        tick(self, now_ns)
+
+    monkeypatch.setattr(SimQuad08, "tick", unplugged)
+    field = said(tmp_path / "field.mcap", "sim-wire", frames=True)
+    monkeypatch.undo()
+    desk = said(tmp_path / "desk.mcap", "replay", replay=str(tmp_path / "field.mcap"))
+    assert "unplugged" in field
+    assert desk == field
