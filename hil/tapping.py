@@ -57,7 +57,7 @@ class Taps:
         self, boxes: Iterable[str], world: Callable[[int], None] | None
     ) -> Callable[[int], None] | None:
         """What a wire through these boxes tells the time to, beside a simulated `world`."""
-        told = [self.logs[b].advance for b in boxes if b in self.logs]
+        told: list[Callable[[int], None]] = [self.logs[b].advance for b in boxes if b in self.logs]
         told += [self.replays[b].advance for b in boxes if b in self.replays]
         if not told:
             return world

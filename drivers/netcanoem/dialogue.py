@@ -13,7 +13,8 @@ from drivers.netcanoem.config import NetCanOemConfig
 from hil.errors import DeviceError, DeviceTimeoutError
 from hil.signals.device import FloatArray
 
-#: An answer takes well under a millisecond; a board that resets, tens of them [s].
+#: An answer takes well under a millisecond; a board that resets, tens of them [s].  A rig file
+#: that gives answers more time than this gives it to these questions too.
 PATIENCE_S = 0.05
 TRIES = 3
 
@@ -92,11 +93,12 @@ class Dialogue:
             If the board does not answer, or not in full, after three attempts.
         """
         wanted = list(range(operation, operation + frames))
+        patience = max(PATIENCE_S, self._config.answer_ms * 1e-3)
         for _ in range(TRIES):
             self._link.poll()
             self._heard.clear()
             self._link.send(codec.identifier(self._config.base, operation), request)
-            if self._link.wait(PATIENCE_S, lambda: self._last(frames) == wanted):
+            if self._link.wait(patience, lambda: self._last(frames) == wanted):
                 return [d for _, d in self._heard[-frames:]]
         raise DeviceTimeoutError(self._silence(operation))
 

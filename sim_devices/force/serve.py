@@ -55,6 +55,7 @@ def main(words: list[str] | None = None) -> int:
     board = NetCanOemBoard(Transducer(args.model, [1]), base=args.base)
     try:
         with can.Bus(interface=args.interface, channel=args.channel) as bus:
+            board.transducer.read(0)  # compiled before the first question
             sys.stdout.write("ready\n")
             sys.stdout.flush()
             own: deque[tuple[int, bytes]] = deque(maxlen=16)

@@ -14,7 +14,7 @@ from hil.errors import DeviceError
 from hil.signals.bus import Bus
 
 GROUP = "239.74.163.77"
-CONFIG = NetCanOemConfig(interface="udp_multicast", answer_ms=200.0)
+CONFIG = NetCanOemConfig(interface="udp_multicast", answer_ms=2000.0)
 
 
 def multicast():
@@ -38,7 +38,7 @@ def test_the_driver_meets_a_board_in_another_process():
             open_box("ft", Bus("can"), GROUP, CONFIG, (0,))
         return
     words = [sys.executable, "-m", "sim_devices.force.serve", "udp_multicast", GROUP]
-    with subprocess.Popen([*words, "--idle", "5"], stdout=subprocess.PIPE, text=True) as board:
+    with subprocess.Popen([*words, "--idle", "30"], stdout=subprocess.PIPE, text=True) as board:
         try:
             assert board.stdout.readline() == "ready\n"
             box = open_box("ft", Bus("can"), f"{GROUP}/0x20", CONFIG, (0,))
