@@ -110,6 +110,7 @@ class Examiner:
                     f"held-out session {other.name!r} has joints {', '.join(other.joints)}, the "
                     f"fitted ones {', '.join(problem.joints)}; give sessions of one robot"
                 )
+            _other_than(problem.recordings, holdout)
             self._other = Problem(
                 holdout, problem.source, problem.explains, rates=problem.rates, span=problem.span
             )
@@ -138,6 +139,17 @@ class Examiner:
         if self._other is None:
             return None
         return np.asarray(floor_of(fit(self._other, result.model), evidence).rms)
+
+
+def _other_than(fitted: list[Recording], holdout: list[Recording]) -> None:
+    """Refuse a held-out run that was fitted: nothing is held out then."""
+    for h in holdout:
+        for r in fitted:
+            if np.array_equal(h.q, r.q) and np.array_equal(h.tau, r.tau):
+                raise DataError(
+                    f"held-out session {h.name!r} holds the same data as the fitted session "
+                    f"{r.name!r}; give another one, or none: then contiguous fifths are held out"
+                )
 
 
 def _held(residual: FloatArray, problem: Problem, kind: str) -> HeldOut:

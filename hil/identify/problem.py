@@ -271,12 +271,7 @@ class Problem:
         if effect.motion_only and key in self._raw:
             return self._raw[key]
         out = [effect.columns(m.at_rest() if rest else m, j, shape) for m in self.motions]
-        expected = (self.motions[0].n, self.d) if effect.whole_robot else (self.motions[0].n,)
-        if np.shape(out[0])[:-1] != expected or not np.ndim(out[0]):
-            raise ConfigError(
-                f"effect {effect.name!r}: columns have shape {np.shape(out[0])}, expected "
-                f"{expected} + (coefficients,)"
-            )
+        _sound(effect, j, self.motions[0], out[0])
         if effect.motion_only and sum(x.nbytes for x in out) <= KEPT:
             self._raw[key] = out
         return out
@@ -286,3 +281,21 @@ class Problem:
         runs = range(first, len(self.motions))
         mask = self.run.reshape(-1, *[1] * (x.ndim - 1))
         return np.concatenate([np.where(mask == k, x, 0.0) for k in runs] or [x[..., :0]], axis=-1)
+
+
+def _sound(effect: Effect, j: int, motion: Motion, columns: FloatArray) -> None:
+    """Refuse columns of a shape that was not declared, or with a number that is none."""
+    rows = (motion.n, motion.d) if effect.whole_robot else (motion.n,)
+    expected = (*rows, len(effect.terms(motion, j)))
+    if np.shape(columns) != expected:
+        raise ConfigError(
+            f"effect {effect.name!r}: columns have shape {np.shape(columns)}, expected {expected}: "
+            f"one for each of its {expected[-1]} params"
+        )
+    if not expected[-1]:
+        raise ConfigError(f"effect {effect.name!r} has no params, so there is nothing to fit")
+    if not np.isfinite(columns).all() and not effect.available(motion, j):
+        raise ConfigError(
+            f"effect {effect.name!r}: its columns hold NaN or infinity on joint {j + 1}; "
+            "guard its equation (division by zero, power of a negative number)"
+        )

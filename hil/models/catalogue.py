@@ -86,7 +86,7 @@ def load_plugin(path: Path) -> None:
     sys.modules[spec.name] = module  # dataclasses look their module up by name
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ConfigError(f"plugin {path} does not run: {error!r}") from error
     effects = getattr(module, "EFFECTS", ())
     if not isinstance(effects, tuple | list) or not effects:

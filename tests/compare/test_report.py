@@ -219,7 +219,7 @@ def test_seven_joints(tmp_path: Path) -> None:
 
 def test_held_out_runs_are_named(tmp_path: Path) -> None:
     run = axes("cogging")
-    other = replace(run, name="other day")
+    other = replace(run, name="other day", tau=run.tau[::-1].copy(), q=run.q[::-1].copy())
     page = written(diagnose([run], model(run), [other]), tmp_path)
     assert "other day" in page.text
     assert "sessions that were not fitted" in page.text

@@ -1,6 +1,7 @@
 """The fit recovers what made the data; the data are made by Pinocchio, not by the library."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,9 @@ from hil.errors import ConfigError, DataError, FitError
 from hil.identify.fit import fit, predict, time_blocks
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.models.effect import Effect, Param
 from hil.models.model import RobotModel, Use, Value, base_model
+from hil.models.motion import FloatArray, Motion
 from hil.record.recording import Recording, RobotSource
 
 GUESS = RobotSource("", urdf((2.0, 2.0, 2.0)))
@@ -298,3 +301,30 @@ def test_the_regressor_is_made_once_for_all_fits(monkeypatch: pytest.MonkeyPatch
     y = np.concatenate([whole(m.q, m.qd, m.qdd) for m in problem.motions])
     body = fit(problem, ARM).theta[first.slices[0]]
     np.testing.assert_allclose(load, y @ body, rtol=1e-3, atol=1e-3 * np.abs(load).max())
+
+
+class Broken(Effect):
+    """An effect with a fault in its equation."""
+
+    name, family = "broken", "friction"
+    equation, signature, shown_by, source = "tau = b", "none", "none", "this test"
+    params = (Param("b", "{F}", "coefficient"),)
+
+    def __init__(self, columns: FloatArray) -> None:
+        self._columns = columns
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        return np.resize(self._columns, (motion.n, self._columns.size))
+
+
+@pytest.mark.parametrize(
+    ("columns", "text"),
+    [
+        ([np.nan], "hold NaN or infinity on joint 1"),
+        ([np.inf], "hold NaN or infinity on joint 1"),
+        ([1.0, 2.0], r"expected \(.*, 1\): one for each of its 1 params"),
+    ],
+)
+def test_faulty_columns_of_an_own_effect_are_refused(columns: list[float], text: str) -> None:
+    with pytest.raises(ConfigError, match=text):
+        Problem([axis()], AXIS.robot).columns(Broken(np.array(columns)), 0, ())
