@@ -14,11 +14,21 @@ import numba as nb
 
 
 @nb.njit(cache=True, nogil=True)
+def angles(x: Any) -> Any:
+    """Sines and cosines of the joints: s1, c1, s2, c2, s3, c3."""
+    return sin(x.q[0]), cos(x.q[0]), sin(x.q[1]), cos(x.q[1]), sin(x.q[2]), cos(x.q[2])
+
+
+@nb.njit(cache=True, nogil=True)
 def tip(p: Any, x: Any) -> None:
     """Tip position and velocity of the link side into `x.tip`, `x.tip_v`."""
-    s1, c1 = sin(x.q[0]), cos(x.q[0])
-    s2, c2 = sin(x.q[1]), cos(x.q[1])
-    s3, c3 = sin(x.q[2]), cos(x.q[2])
+    tip_at(p, x, angles(x))
+
+
+@nb.njit(cache=True, nogil=True)
+def tip_at(p: Any, x: Any, trig: Any) -> None:
+    """`tip` with the `angles` of now."""
+    s1, c1, s2, c2, s3, c3 = trig
     # r = l1 cos th2 + l2 sin th3;  z = l1 sin th2 - l2 cos th3
     r = p.l1 * c2 + p.l2 * s3
     dr = -p.l1 * s2 * x.v[1] + p.l2 * c3 * x.v[2]
@@ -33,9 +43,13 @@ def tip(p: Any, x: Any) -> None:
 @nb.njit(cache=True, nogil=True)
 def push_links(p: Any, x: Any, torque: Any, dt: float) -> None:
     """Advance the link velocities by `dt` under joint `torque` (3,) and `x.force` at the tip."""
-    s1, c1 = sin(x.q[0]), cos(x.q[0])
-    s2, c2 = sin(x.q[1]), cos(x.q[1])
-    s3, c3 = sin(x.q[2]), cos(x.q[2])
+    push_at(p, x, torque, dt, angles(x))
+
+
+@nb.njit(cache=True, nogil=True)
+def push_at(p: Any, x: Any, torque: Any, dt: float, trig: Any) -> None:
+    """`push_links` with the `angles` of now."""
+    s1, c1, s2, c2, s3, c3 = trig
     s23, c23 = sin(x.q[1] - x.q[2]), cos(x.q[1] - x.q[2])
     v1, v2, v3 = x.v[0], x.v[1], x.v[2]
     # M11 = a + b cos 2th2 + c cos 2th3 + d cos th2 sin th3

@@ -30,12 +30,24 @@ def command(p: Any, x: Any, codes: Any, random: Any, dt: float) -> None:
 @nb.njit(cache=True, nogil=True)
 def torque(p: Any, x: Any, i: int, elapsed: float, tick: float, dt: float) -> float:
     """Torque [N m] of motor i at `elapsed` seconds into the tick, reflected to the joint."""
+    return float(torque_by(p, x, i, elapsed, tick, share(p, dt)))
+
+
+@nb.njit(cache=True, nogil=True)
+def share(p: Any, dt: float) -> float:
+    """Share of a change of torque that the amplifier has made after `dt` [s]."""
+    return 1.0 - exp(-dt / p.lag)
+
+
+@nb.njit(cache=True, nogil=True)
+def torque_by(p: Any, x: Any, i: int, elapsed: float, tick: float, risen: float) -> float:
+    """`torque` with the `share` of a substep."""
     back = 0
     if p.delay[i] > elapsed:
         back = 1 + int((p.delay[i] - elapsed) / tick)
     wanted = x.history[i, (x.head - back) % HISTORY]
     # lag T' = (u - T) / tau, exact over one substep
-    x.drive[i] += (wanted - x.drive[i]) * (1.0 - exp(-dt / p.lag))
+    x.drive[i] += (wanted - x.drive[i]) * risen
     value = (1.0 + p.gain[i]) * x.drive[i]
     if p.cogging[i] != 0.0:
         phase = p.cogging_cycles[i] * x.qm[i]

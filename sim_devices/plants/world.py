@@ -12,8 +12,22 @@ from sim_devices.plants import arm, contact, drive, friction, operator, passive
 
 
 @nb.njit(cache=True, nogil=True)
-def substep(p: Any, x: Any, elapsed: float, tick: float, dt: float, link: Any) -> None:
-    """Semi-implicit Euler step of motors, cables and links; `link` (3,) is scratch [N m]."""
+def substep(
+    p: Any, x: Any, elapsed: float, tick: float, dt: float, link: Any, risen: float, trig: Any
+) -> None:
+    """Semi-implicit Euler step of motors, cables and links.
+
+    Parameters
+    ----------
+    elapsed, tick, dt : float
+        Time into the tick, lengths of the tick and of the step [s].
+    link : ndarray (3,)
+        Scratch [N m].
+    risen : float
+        `drive.share` of the step.
+    trig : tuple
+        `arm.angles` of now.
+    """
     for i in range(3):
         stretch = x.qm[i] - x.q[i]
         # cable: k (qm - q) + D (vm - v), D not proportional to k
@@ -23,9 +37,9 @@ def substep(p: Any, x: Any, elapsed: float, tick: float, dt: float, link: Any) -
         x.sm[i] = friction.direction(p, x, i, dt)
         link[i] = pull - friction.link_side(p, x, i, dt) + passive.torque(p, x, i, dt)
         x.heat[i] += dt * (fabs(x.vm[i]) - x.heat[i]) / p.warming_time
-        push = drive.torque(p, x, i, elapsed, tick, dt) - pull
+        push = drive.torque_by(p, x, i, elapsed, tick, risen) - pull
         x.vm[i] += dt * (push - friction.motor_side(p, x, i, pull)) / p.rotor[i]
-    arm.push_links(p, x, link, dt)
+    arm.push_at(p, x, link, dt, trig)
     for i in range(3):
         x.qm[i] += dt * x.vm[i]
         x.q[i] += dt * x.v[i]
@@ -74,14 +88,16 @@ def run(
         pa, xa, ha, ga = p[a], x[a], h[a], g[a]
         drive.command(pa, xa, codes[a], random[a], tick)
         operator.aim(ha, t)
+        risen = drive.share(pa, dt)
         for k in range(n):
+            trig = arm.angles(xa)
             if k == 0 or ha.kind > 0 or ga.on > 0:
-                arm.tip(pa, xa)
+                arm.tip_at(pa, xa, trig)
                 xa.force[:] = 0.0
                 if xa.parked == 0:
                     operator.hold(ha, xa, dt)
                     if ga.on > 0:
                         contact.press(ga, xa, dt)
             if xa.parked == 0:
-                substep(pa, xa, k * dt, tick, dt, link)
+                substep(pa, xa, k * dt, tick, dt, link, risen, trig)
         sense(pa, xa, t + tick, random[a], counts[a], gauges[a])
