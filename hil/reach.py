@@ -25,7 +25,12 @@ def everything() -> list[Row]:
     """What every driver of a box finds on its bus, and the devices that are wired to boxes."""
     rows = []
     for name in sorted(registry.names("hil.boxes")):
-        rows += list(_on_the_bus(name, registry.load("hil.boxes", name)))
+        try:
+            module = registry.load("hil.boxes", name)
+        except HilError as error:
+            rows.append(row("-", name, "-", "no", f"{error} {EXTRA}"))
+        else:
+            rows += list(_on_the_bus(name, module))
     for name in sorted(registry.names("hil.drivers")):
         rows.append(row("-", name, "sim", "yes", "simulated, or wired to boxes"))
     return rows
@@ -46,6 +51,8 @@ def _on_the_bus(name: str, module: ModuleType) -> Iterator[Row]:
         yield row("-", name, module.BUS, "none", NOTHING.format(bus=module.BUS))
 
 
+#: What a box whose library is missing needs.
+EXTRA = "pip install 'hil-teleop[hardware]' brings the libraries of the buses"
 UNLISTED = "{bus} does not list what is on it; 'hil devices RIG.toml' asks for those of a rig"
 NOTHING = (
     "none is attached, as far as {bus} shows; plug it in, and if this machine is virtual, hand "

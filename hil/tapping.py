@@ -8,7 +8,8 @@ from dataclasses import replace
 from hil import registry
 from hil.config import RigConfig
 from hil.errors import ConfigError
-from hil.record.frames import FrameLog, Replay, read_frames
+from hil.record.frames import FrameLog, read_frames
+from hil.record.replay import Replay
 from hil.signals.bus import Bus
 
 #: Kinds of buses whose drivers can be recorded and replayed.

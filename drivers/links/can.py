@@ -193,6 +193,13 @@ def split_address(name: str, address: str, base: int) -> tuple[str, int]:
         ) from None
 
 
+def can_channels() -> list[str]:
+    """CAN interfaces of this machine that SocketCAN shows, up or not."""
+    return sorted(
+        {str(c["channel"]) for c in can.detect_available_configs(["socketcan"]) if "channel" in c}
+    )
+
+
 def open_bus(interface: str, channel: str, bit_rate: int, **options: Any) -> can.BusABC:
     """Open a python-can bus.
 

@@ -1,9 +1,9 @@
 """ATI 9105-NETCANOEM: strain gauges over CAN, calibrated by the matrix that the board holds."""
 
 from drivers.netcanoem.config import NetCanOemConfig
-from drivers.netcanoem.driver import NetCanOem, open_box
+from drivers.netcanoem.driver import NetCanOem, attached, open_box
 
 BUS = "can"
 Config = NetCanOemConfig
 
-__all__ = ["BUS", "Config", "NetCanOem", "NetCanOemConfig", "open_box"]
+__all__ = ["BUS", "Config", "NetCanOem", "NetCanOemConfig", "attached", "open_box"]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivers.links.can import CanLink, shared, split_address
+from drivers.links.can import CanLink, can_channels, shared, split_address
 from drivers.links.polled import Patience, PolledGauges
 from drivers.netcanoem import codec
 from drivers.netcanoem.config import NetCanOemConfig
 from drivers.netcanoem.dialogue import Dialogue, Identity
 from hil.errors import ConfigError, DeviceError
-from hil.signals.bus import Bus
+from hil.signals.bus import Attached, Bus
 
 _FIRST, _SECOND = codec.READ_GAUGES, codec.SECOND_HALF
 _LOW, _HIGH = codec.RAILS
@@ -119,6 +119,27 @@ class NetCanOem(PolledGauges):
     def close(self) -> None:
         """Leave the bus."""
         self._link.release(self._identifiers)
+
+
+def attached(bus: Bus) -> list[Attached]:
+    """Boards at the two usual bases on every CAN interface that SocketCAN shows.
+
+    A board at another base or bit rate does not answer; the interface alone is then listed.
+    """
+    rows = []
+    for channel in can_channels():
+        found = []
+        for base in (0x20, 0x21):
+            config = NetCanOemConfig(base=base)
+            try:
+                box = open_box("-", bus, f"{channel}/{base:#x}", config, (0,))
+            except DeviceError as error:
+                found.append(Attached(channel, str(error).removeprefix("-: "), False))
+            else:
+                found.append(Attached(f"{channel}/{base:#x}", box.describe()))
+                box.close()
+        rows += [row for row in found if row.usable] or found[:1]
+    return rows
 
 
 def open_box(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.netcanoem import NetCanOem, NetCanOemConfig, open_box
+from drivers.netcanoem import NetCanOem, NetCanOemConfig, attached, open_box
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
 from hil.signals.device import MeasuredCf, Status, Tareable
@@ -292,3 +292,26 @@ def test_an_interface_that_is_not_there_is_named():
         open_box("a", Bus("can"), "can0", NetCanOemConfig(interface="sockcan"), (0,))
     with pytest.raises(DeviceError, match="ip link set can77 up"):
         open_box("a", Bus("can"), "can77", CONFIG, (0,))
+
+
+def test_hil_devices_lists_boards_interfaces_and_missing_libraries(monkeypatch, capsys):
+    from hil import registry
+    from hil.cli import main
+
+    rig = Rig(board(base=0x21))
+    bus = Bus("can", {"interface": "hil-sim", "prefix": ""}, advance=rig.time.at, simulated=True)
+    monkeypatch.setattr("drivers.netcanoem.driver.can_channels", lambda: [rig.channel])
+    (found,) = attached(bus)
+    assert found.usable
+    assert found.address == f"{rig.channel}/0x21"
+    assert "transducer FT08577" in found.what
+    rig.line.nodes[0].powered = False
+    (found,) = attached(bus)
+    assert not found.usable
+    assert "SW2-1" in found.what
+    monkeypatch.setattr("drivers.netcanoem.driver.can_channels", list)
+    monkeypatch.setitem(registry.BUILT_IN["hil.boxes"], "netft-can", "no_such_library_here")
+    assert main(["devices"]) in (0, 3)
+    said = capsys.readouterr().out
+    assert "no_such_library_here" in said
+    assert "hil-teleop[hardware]" in said

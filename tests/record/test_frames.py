@@ -13,7 +13,8 @@ from hil import app
 from hil.config import load_rig
 from hil.errors import ConfigError, DataError, DeviceError
 from hil.record.fields import read_fields
-from hil.record.frames import RX, START, TX, Frame, FrameLog, Replay, decode, encode, read_frames
+from hil.record.frames import RX, START, TX, Frame, FrameLog, decode, encode, read_frames
+from hil.record.replay import Replay
 from hil.rig import open_rig
 from sim_devices.force.netcanoem import NetCanOemBoard
 from sim_devices.usb.quad08 import SimQuad08
