@@ -134,7 +134,7 @@ def open_writer(
     plan = channels(config, rig.controller)
     writer = SessionWriter(output, plan, describe(config, rig, seed), attachments)
     if rig.taps is not None:
-        writer.frames(rig.taps.logs, rig.origin_ns)
+        writer.frames(rig.taps.logs, rig.origin_ns, config.loop.period_ns)
     return writer
 
 

@@ -109,7 +109,7 @@ class SessionWriter:
         self._append = appender(self._writer, CHUNK_BYTES - _FRAME - largest)
         self._events = 0
         self._logs: list[tuple[int, FrameLog]] = []
-        self._origin_ns = self._epoch_ns = 0
+        self._origin_ns, self._period_ns, self._epoch_ns = 0, 0, -1
         self._chunk_start = 0
         self.messages = 0
         self.flush()
@@ -169,6 +169,8 @@ class SessionWriter:
         ConfigError
             As `write`.
         """
+        if self._epoch_ns < 0 and len(stamps):
+            self._epoch_ns = int(stamps[0, 1] - stamps[0, 0] * self._period_ns)
         key = tuple((topic, s.start, s.stop) for topic, s in topics)
         if key not in self._blocks:
             rows = [(self._channel(t, s.stop - s.start), s.start) for t, s in topics]
@@ -197,8 +199,6 @@ class SessionWriter:
 
     def event(self, tick: int, t_ns: int, name: str, data: Mapping[str, object]) -> None:
         """Write a rare event as JSON on `/events`."""
-        if tick == 0:
-            self._epoch_ns = t_ns
         if not self._events:
             schema = self._writer.register_schema("hil_event", "jsonschema", EVENT_SCHEMA.encode())
             self._events = self._writer.register_channel("/events", "json", schema)
@@ -206,28 +206,31 @@ class SessionWriter:
         self._writer.add_message(self._events, t_ns, text.encode(), t_ns, tick)
         self._keep_up(t_ns)
 
-    def frames(self, logs: Mapping[str, FrameLog], origin_ns: int) -> None:
+    def frames(self, logs: Mapping[str, FrameLog], origin_ns: int, period_ns: int) -> None:
         """Write the frames of these boxes from now on, at every `flush`.
 
         Parameters
         ----------
         logs : mapping of str to FrameLog
             Box -> its frames.
-        origin_ns : int
-            Loop's time of tick 0 [ns]; its log time is that of an event at tick 0, and earlier
-            frames get it too.
+        origin_ns, period_ns : int
+            Loop's time of tick 0, and length of a tick [ns].  The first row tells the log time
+            of tick 0; frames from before tick 0 get that too.
         """
         schema = 0
         for box, log in logs.items():
             schema = schema or self._writer.register_schema(SCHEMA_NAME, "ros2msg", SCHEMA.encode())
             number = self._writer.register_channel(TOPIC + box, "cdr", schema)
             self._logs.append((number, log))
-        self._origin_ns = origin_ns
+        self._origin_ns, self._period_ns = origin_ns, period_ns
 
-    def _write_frames(self) -> None:
+    def _write_frames(self, last: bool = False) -> None:
+        """Frames that wait; before the first row there is no log time for them."""
+        if self._epoch_ns < 0 and not last:
+            return
         for number, log in self._logs:
             for frame in log.take():
-                t_ns = max(frame.t_ns - self._origin_ns, 0) + self._epoch_ns
+                t_ns = max(frame.t_ns - self._origin_ns, 0) + max(self._epoch_ns, 0)
                 self._writer.add_message(number, t_ns, encode(frame, t_ns), t_ns, 0)
 
     def metadata(self, name: str, record: Mapping[str, str]) -> None:
@@ -250,7 +253,7 @@ class SessionWriter:
         """Write the index and close the file."""
         if not self._file.closed:
             try:
-                self._write_frames()
+                self._write_frames(last=True)
                 self._writer.finish()  # type: ignore[no-untyped-call]
                 self._file.flush()
             finally:

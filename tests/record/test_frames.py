@@ -12,6 +12,7 @@ from mcap_ros2.decoder import DecoderFactory
 from hil import app
 from hil.config import load_rig
 from hil.errors import ConfigError, DataError, DeviceError
+from hil.record.container import read
 from hil.record.fields import read_fields
 from hil.record.frames import RX, START, TX, Frame, FrameLog, decode, encode, read_frames
 from hil.record.replay import Replay
@@ -181,3 +182,13 @@ def test_an_encoder_box_that_was_unplugged_is_unplugged_again(tmp_path, monkeypa
     desk = said(tmp_path / "desk.mcap", "replay", replay=str(tmp_path / "field.mcap"))
     assert "unplugged" in field
     assert desk == field
+
+
+def test_frames_have_the_log_time_of_their_tick(tmp_path):
+    over = {"devices": {**ARMS, "follower-force": {"backend": "sim-wire"}},
+            "record": {"frames": True}}  # fmt: skip
+    app.run(load_rig(RIG, over), 0.2, seed=3, clock="real", output=tmp_path / "s.mcap")
+    topics = read(tmp_path / "s.mcap").topics
+    rows, frames = topics["/rig/raw"].times, topics["/frames/follower-ft"].times
+    assert rows[0] - frames[0] in (0, 1_000_000)
+    assert abs(frames[-1] - rows[-1]) <= 1_000_000
