@@ -53,8 +53,13 @@ class Ring:
 
     def take(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """All waiting rows, oldest first: stamps (n, 2) = tick, time [ns]; data (n, width)."""
-        head = self._head
-        index = np.arange(self._tail, head) % self._rows
-        stamps, data = self._stamps[index], self._data[index]
+        head, first = self._head, self._tail % self._rows
+        n = head - self._tail
+        if first + n <= self._rows:
+            stamps = self._stamps[first : first + n].copy()
+            data = self._data[first : first + n].copy()
+        else:
+            index = np.arange(first, first + n) % self._rows
+            stamps, data = self._stamps[index], self._data[index]
         self._tail = head
         return stamps, data

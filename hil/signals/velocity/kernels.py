@@ -46,11 +46,12 @@ def remember(counts: Any, past: Any, head: int, steps: int) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def end_fit(past: Any, head: int, noise: float, out: Any) -> None:
+def end_fit(counts: Any, past: Any, head: int, steps: int, noise: float, out: Any) -> None:
     """Counts per period through the two ends of the longest window that the noise allows.
 
     b_n = (y_k - y_(k-n)) / n; accept n while |y_k - b_n j - y_(k-j)| <= noise, 0 < j < n
     """
+    remember(counts, past, head, steps)
     window = past.shape[1]
     for i in range(past.shape[0]):
         now, best = past[i, head], 0.0
@@ -63,11 +64,12 @@ def end_fit(past: Any, head: int, noise: float, out: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def best_fit(past: Any, head: int, noise: float, out: Any) -> None:
+def best_fit(counts: Any, past: Any, head: int, steps: int, noise: float, out: Any) -> None:
     """Counts per period of the least-squares line of the longest window that the noise allows.
 
     b_n = 6 sum_(i=0..n) (n - 2 i) y_(k-i) / (n (n + 1) (n + 2)); accepted as in `end_fit`
     """
+    remember(counts, past, head, steps)
     window = past.shape[1]
     for i in range(past.shape[0]):
         now, best = past[i, head], 0.0

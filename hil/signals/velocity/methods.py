@@ -184,8 +184,7 @@ class _Windowed:
 
     def update(self, counts: IntArray, steps: int, rate: FloatArray) -> None:
         self._head = (self._head + steps) % self._past.shape[1]
-        kernels.remember(counts, self._past, self._head, steps)
-        self._kernel(self._past, self._head, self._noise, rate)
+        self._kernel(counts, self._past, self._head, steps, self._noise, rate)
 
 
 class _Kalman:
