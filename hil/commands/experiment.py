@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from hil.commands import common
 from hil.commands.designtext import finite
-from hil.experiments import elastic
+from hil.experiments import elastic, transparency, without_sensors
 
 HELP = "a study of the thesis end to end, with its table"
 EXAMPLE = "hil experiment elastic-ukf"
@@ -52,6 +52,40 @@ def _elastic(seed: int) -> tuple[str, dict[str, object]]:
     return "\n".join(lines), dataclasses.asdict(s)
 
 
+def _transparency(seed: int) -> tuple[str, dict[str, object]]:
+    rows = transparency.study(seed, common.log)
+    cells = [
+        [f"{r.design} {r.entry}", f"{r.hz:g}", f"{r.predicted:.4g}", f"{r.measured:.4g}",
+         f"{r.std:.1g}", f"{100 * r.error:.1f}"]
+        for r in rows
+    ]  # fmt: skip
+    head = ["entry", "Hz", "predicted", "measured", "+-", "error %"]
+    text = "Hybrid matrix of sessions against the prediction (vertical axis, encoder side)\n"
+    text += common.table(head, cells)
+    worst = {e: transparency.worst(rows, e) for e in transparency.NAMES}
+    text += "\n  worst: " + ", ".join(f"{e} {100 * x:.1f} %" for e, x in worst.items())
+    return text, {"rows": [dataclasses.asdict(r) for r in rows], "worst": worst}
+
+
+def _fsf(seed: int) -> tuple[str, dict[str, object]]:
+    s = without_sensors.study(seed, common.log)
+    cells = [
+        [f"{r.hz:g}", f"{100 * r.theory:.1f}", f"{100 * r.measured:.1f}",
+         f"{r.master_error:.3f} of {r.master_size:.3f}",
+         f"{r.slave_error:.3f} of {r.slave_size:.3f}"]
+        for r in s.rows
+    ]  # fmt: skip
+    head = ["Hz", "H differs by %, theory", "sessions", "f_m error [N]", "f_s error [N]"]
+    text = (
+        f"With force sensors, and transformed to need none: condition of Q {s.kappa:.3g}, D "
+        f"{s.D:.3g}\n  sampled-data condition: {s.smallest:.3g} > {s.bound:.3g}\n\n"
+        f"{common.table(head, cells)}\n\n  closer to the singularity: {s.refused}"
+    )
+    return text, dataclasses.asdict(s)
+
+
 EXPERIMENTS: dict[str, Callable[[int], tuple[str, dict[str, object]]]] = {
     "elastic-ukf": _elastic,
+    "transparency": _transparency,
+    "fsf": _fsf,
 }

@@ -182,9 +182,10 @@ class Axis:
         out[:n] = self._step @ np.array([*z[:n], out[n], out[n + 1], push])
         return out
 
-    def speeds(self, z: Any) -> tuple[Any, Any]:
-        """Speeds v_m, v_s [m/s] of state z at the tips."""
-        return z[self._tip + 1], z[self.plant // 2 + self._tip + 1]
+    def speeds(self, z: Any, encoders: bool = False) -> tuple[Any, Any]:
+        """Speeds v_m, v_s [m/s] of state z at the tips, or as encoders on the motors see them."""
+        at = 1 if encoders else self._tip + 1
+        return z[at], z[self.plant // 2 + at]
 
     def _lines(self, z: FloatArray, sent: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What arrives of master and slave, and the delay lines moved on."""
@@ -244,11 +245,12 @@ def margin(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> float:
     return low
 
 
-def hybrid_at(loop: Loop, w: FloatArray, period: float) -> ComplexArray:
+def hybrid_at(loop: Loop, w: FloatArray, period: float, encoders: bool = False) -> ComplexArray:
     """Hybrid matrix that the sampled loop shows at w [rad/s], (n, 2, 2).
 
     Two experiments per frequency, free and against a spring, driven by the operator's force:
-    from [f_m; -v_s] of both and [v_m; f_s] of both.
+    from [f_m; -v_s] of both and [v_m; f_s] of both.  With `encoders` the speeds are those that
+    encoders on the motors see, which lack the cables' stretch.
     """
     y, u = [], []
     for ze in (Impedance(0.0, 0.5, 0.0), Impedance(0.0, 2.0, 200.0)):
@@ -259,7 +261,7 @@ def hybrid_at(loop: Loop, w: FloatArray, period: float) -> ComplexArray:
         direct = np.array(axis.ports(np.zeros(n), 1.0))
         z = [np.linalg.solve(np.exp(1j * x * period) * np.eye(n) - a, b) for x in w]
         f = np.stack([ports @ v + direct for v in z])
-        vm, vs = axis.speeds(np.stack(z).T)
+        vm, vs = axis.speeds(np.stack(z).T, encoders)
         y.append(np.stack([f[:, 0], -vs], -1))
         u.append(np.stack([vm, f[:, 1]], -1))
     out: Any = np.stack(y, -1) @ np.linalg.inv(np.stack(u, -1))

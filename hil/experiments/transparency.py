@@ -1,0 +1,181 @@
+"""Transparency on the simulated rig: the hybrid matrix that sessions show against the prediction.
+
+A machine moves the leader up and down on a sine; the follower moves in free space, or in contact
+with gels of two stiffnesses.  Both arms are identified first, and the law computes torques and
+compensates friction with those models.  The prediction is that of the sampled loop with the
+cable (`hil.teleop.sampled.hybrid_at`); nothing of the simulator is read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil import app, registry
+from hil.compare.analysis import fit
+from hil.config import ControllerConfig, RigConfig, load_rig, parse
+from hil.models.model import base_model
+from hil.models.phantom import Premium
+from hil.models.writing import write_model
+from hil.record.reader import load
+from hil.rigs import rig_path
+from hil.teleop import files, make, measure, sampled
+from hil.teleop.hybrid import ComplexArray, FloatArray
+from hil.teleop.make import Arms
+from hil.teleop.measure import Experiment
+
+PERIOD = 1e-3
+#: Frequencies of the leader's motion [Hz]; whole numbers of samples a period.
+HZ = (0.5, 1.0, 2.0, 4.0)
+PERIODS, SETTLE = 5, 2.0
+#: Gel under the tip: none, then two stiffnesses [N/m^1.3], 20 mm above the tip's rest.
+GELS: tuple[float | None, ...] = (None, 250.0, 500.0)
+UP, AXIS = 0.008, 2
+NAMES = ("h11", "h12", "h21", "h22")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One entry of H at one frequency.
+
+    Parameters
+    ----------
+    design, entry : str
+        Which.
+    hz : float
+        Frequency.
+    predicted, measured, std : float
+        Magnitudes and standard error.
+    error : float
+        Complex difference relative to the scale of the entry (see `relative`).
+    """
+
+    design: str
+    entry: str
+    hz: float
+    predicted: float
+    measured: float
+    std: float
+    error: float
+
+
+def identified(folder: Path, seed: int) -> dict[str, str]:
+    """Model files of both arms from one identifying session of the simulated rig."""
+    session = folder / "identify.mcap"
+    app.run(load_rig(rig_path("identify")), 15.0, seed, "lockstep", session)
+    out = {}
+    for arm in ("leader", "follower"):
+        run = load(session, arm)
+        out[arm] = str(folder / f"{arm}.toml")
+        write_model(fit([run], base_model(run.robot, arm)).model, out[arm])
+    return out
+
+
+def arms(models: Mapping[str, str], settings: Mapping[str, Any]) -> tuple[dict[str, Any], Arms]:
+    """Parameters of the law for the identified arms, and the masses of the axes."""
+    given = make.models(models, load_rig(rig_path("lawrence"))) | dict(settings)
+    law_type = registry.load("hil.controllers", "lawrence").Config
+    return given, Arms.of(parse(law_type, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "experiment"))
+
+
+def sessions(law: Mapping[str, Any], hz: float, folder: Path, seed: int) -> list[Experiment]:
+    """Runs in free space and on the gels."""
+    out = []
+    for k, gel in enumerate(GELS):
+        config = _rig(law, hz, gel)
+        path = folder / f"{hz:g}-{k}.mcap"
+        app.run(config, SETTLE + PERIODS / hz, seed + k, "lockstep", path)
+        out.append(cut(path, hz))
+    return out
+
+
+def _rig(law: Mapping[str, Any], hz: float, gel: float | None) -> RigConfig:
+    operator = {"kind": "mechanical", "frequency": hz, "size": [0.0, 0.0, UP], "onset": 1.0}
+    below = 1.0 if gel is None else -0.02
+    simulation = {"operator": operator, "gel": {"below_home": below, "stiffness": gel}}
+    config = load_rig(rig_path("lawrence"), {"simulation": simulation})
+    controller = ControllerConfig("lawrence", config.controller.arms, dict(law))
+    return dataclasses.replace(config, controller=controller)
+
+
+def cut(path: Path, hz: float, axis: int = AXIS) -> Experiment:
+    """Last periods of a session on one axis of the workspace."""
+    n = round(PERIODS / hz / PERIOD)
+    arm, signals = Premium(()), []
+    for name, sign in (("leader", 1.0), ("follower", -1.0)):
+        run = load(path, name)
+        if run.wrench is None or run.qd is None:
+            raise RuntimeError("a session of this rig has forces and speeds")
+        q, force = run.q[-n:], sign * run.wrench[-n:, axis]
+        # speed of the tip from positions: the driver's estimate lags
+        place = arm.tip(run.q)[:, axis]
+        speed = np.gradient(place, PERIOD)[-n:]
+        signals += [speed, force - force.mean()]
+        if len(q) != n:
+            raise RuntimeError("the session is shorter than its periods")
+    vm, fm, vs, fs = signals
+    return Experiment(vm, fm, vs, fs, PERIODS, PERIOD)
+
+
+def predicted(law: Mapping[str, Any], hz: FloatArray) -> ComplexArray:
+    """Hybrid matrix of the sampled loop on the vertical axis, (n, 2, 2)."""
+    config = parse(registry.load("hil.controllers", "lawrence").Config, law, "experiment")
+    loop = files.loops_of(config)[AXIS]
+    return sampled.hybrid_at(loop, 2 * np.pi * hz, PERIOD, encoders=True)
+
+
+def relative(h: ComplexArray, goal: ComplexArray) -> FloatArray:
+    """Entrywise |h - goal| over the larger of |goal| and its natural unit, (n, 2, 2).
+
+    h12 and h21 count against 1; h11 and h22 against their own size or, where that is small,
+    10 N s/m and its inverse: what a soft hand and a gel offer at these frequencies.
+    """
+    unit = np.array([[10.0, 1.0], [1.0, 0.1]])
+    return np.asarray(np.abs(h - goal) / np.maximum(np.abs(goal), unit), np.float64)
+
+
+DESIGNS: dict[str, dict[str, float]] = {
+    "position-error": {"stiffness": 200.0, "damping": 1.0, "master_stiffness": 200.0,
+                       "master_damping": 1.0},
+    "position-force": {"stiffness": 300.0, "damping": 1.2, "share": 0.5, "master_damping": 0.5},
+}  # fmt: skip
+
+
+def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> list[Row]:
+    """All designs at all frequencies."""
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        models = identified(folder, seed)
+        for design, settings in DESIGNS.items():
+            report(design)
+            given, axes = arms(models, {})
+            law = given | files.table(make.designs(design, settings, axes))
+            rows += compare(design, law, HZ, folder, seed)
+    return rows
+
+
+def compare(
+    design: str, law: Mapping[str, Any], hz: tuple[float, ...], folder: Path, seed: int
+) -> list[Row]:
+    """Measured against predicted at some frequencies."""
+    goal, rows = predicted(law, np.array(hz)), []
+    for k, f in enumerate(hz):
+        found = measure.estimate(sessions(law, f, folder, seed))
+        off = relative(found.h, goal[k]).reshape(4)
+        for i, entry in enumerate(NAMES):
+            h, g = found.h.reshape(4)[i], goal[k].reshape(4)[i]
+            std = float(found.std.reshape(4)[i])
+            rows.append(Row(design, entry, f, float(abs(g)), float(abs(h)), std, float(off[i])))
+    return rows
+
+
+def worst(rows: list[Row], entry: str) -> float:
+    """Largest relative error of an entry."""
+    return max(r.error for r in rows if r.entry == entry)

@@ -1,0 +1,141 @@
+"""The force-sensor-free transformation in the loop, with real filters, on the simulated rig.
+
+A controller that uses both forces, and its transform that uses neither (thesis 3.2.3 and 4.2.2):
+the hybrid matrices of both from sessions, and the forces that the second one estimates.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil import registry
+from hil.errors import ConfigError
+from hil.experiments import transparency as rig
+from hil.record.container import read
+from hil.record.decode import decode_numbers
+from hil.teleop import files, fsf, measure
+from hil.teleop.design import Design, Robot, Term
+
+HZ = (0.5, 1.0, 2.0, 4.0)
+#: The acceleration acts on the light motor side of the cables: 5 Hz is what it bears.
+LAW = {"acceleration_hz": 5.0, "velocity_hz": 80.0, "force_hz": 60.0}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One frequency.
+
+    Parameters
+    ----------
+    hz : float
+        [Hz].
+    theory, measured : float
+        Largest relative difference of the two hybrid matrices: predicted with filters, and
+        between the two sets of sessions.
+    master_error, master_size, slave_error, slave_size : float
+        Amplitude at this frequency of the error of the estimated force in the stiffer gel, and
+        of the force itself [N].
+    """
+
+    hz: float
+    theory: float
+    measured: float
+    master_error: float
+    master_size: float
+    slave_error: float
+    slave_size: float
+
+
+@dataclass(frozen=True)
+class Study:
+    """Result of the experiment.
+
+    Parameters
+    ----------
+    kappa, D, smallest, bound : float
+        Conditioning, and the sampled-data condition of the transform.
+    rows : list of Row
+        By frequency.
+    refused : str
+        What is said of the same design closer to the singularity.
+    """
+
+    kappa: float
+    D: float
+    smallest: float
+    bound: float
+    rows: list[Row]
+    refused: str
+
+
+def designs(axes: Any, share: float = 0.3) -> list[Design]:
+    """Design with all four channels on every axis; `share` is c2 = c3."""
+    pull = Term(130.0, 0.8)
+    return [
+        Design(
+            c1=pull, c4=-pull, c7=pull, c8=pull, c2=share, c3=share, c5=0.1, c6=0.1,
+            master=Robot(m), slave=Robot(s), name="with-sensors",
+        )
+        for m, s in zip(axes.master, axes.slave, strict=True)
+    ]  # fmt: skip
+
+
+def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Study:
+    """Both controllers at all frequencies."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        given, axes = rig.arms(rig.identified(folder, seed), LAW)
+        own = designs(axes)
+        laws = [given | files.table(own), given | files.table([fsf.transform(d) for d in own])]
+        rows = []
+        for hz in HZ:
+            report(f"{hz:g} Hz")
+            rows.append(_row(laws, hz, folder, seed))
+    d = own[rig.AXIS]
+    condition = fsf.sampled_condition(d, LAW["acceleration_hz"], rig.PERIOD)
+    return Study(
+        fsf.conditioning(d), d.D, condition.smallest, condition.bound, rows, _refusal(axes)
+    )
+
+
+def _row(laws: Sequence[Mapping[str, Any]], hz: float, folder: Path, seed: int) -> Row:
+    found, goal = [], []
+    for law in laws:
+        found.append(measure.estimate(rig.sessions(law, hz, folder, seed)).h)
+        goal.append(rig.predicted(law, np.array([hz]))[0])
+    errors = _estimates(folder / f"{hz:g}-2.mcap", hz)
+    return Row(
+        hz, float(rig.relative(goal[1], goal[0]).max()),
+        float(rig.relative(found[1], found[0]).max()), *errors,
+    )  # fmt: skip
+
+
+def _estimates(path: Path, hz: float) -> list[float]:
+    """Errors and sizes of f_m and f_s as the law believes them, at the motion's frequency [N]."""
+    run = rig.cut(path, hz)
+    out: list[float] = []
+    topic = read(path).topics["/controller/state"]
+    values = decode_numbers(topic)
+    names = registry.load("hil.controllers", "lawrence").Lawrence.state_names
+    for arm, truth in (("leader", run.fm), ("follower", run.fs)):
+        # the state may be recorded every few ticks only
+        every = round(topic.sequence[-1] - topic.sequence[-2])
+        kept = truth[every - 1 :: every]
+        guess = values[-kept.size :, names.index(f"{arm}_estimate_z")]
+        wave = np.exp(-2j * np.pi * rig.PERIODS * np.arange(kept.size) / kept.size)
+        out += [float(2 * abs(wave @ x) / kept.size) for x in (guess - kept, kept)]
+    return out
+
+
+def _refusal(axes: Any) -> str:
+    try:
+        fsf.transform(designs(axes, share=1.05)[rig.AXIS])
+    except ConfigError as error:
+        return str(error)
+    return ""
