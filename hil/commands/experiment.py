@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from hil.commands import common
 from hil.commands.designtext import finite
-from hil.experiments import elastic, transparency, without_sensors
+from hil.experiments import elastic, friction, transparency, without_sensors
 
 HELP = "a study of the thesis end to end, with its table"
 EXAMPLE = "hil experiment elastic-ukf"
@@ -84,8 +84,21 @@ def _fsf(seed: int) -> tuple[str, dict[str, object]]:
     return text, dataclasses.asdict(s)
 
 
+def _friction(seed: int) -> tuple[str, dict[str, object]]:
+    rows = friction.study(seed)
+    cells = [
+        [r.model, *(f"{100 * x:.1f}" for x in (*r.train, *r.validation)), str(r.nodes)]
+        for r in rows
+    ]
+    head = ["model", *(f"train {j} %" for j in (1, 2, 3)), *(f"valid {j} %" for j in (1, 2, 3)),
+            "nodes"]  # fmt: skip
+    text = "Error of the torque relative to its rms, joints 1 to 3, another motion for validation\n"
+    return text + common.table(head, cells), {"rows": [dataclasses.asdict(r) for r in rows]}
+
+
 EXPERIMENTS: dict[str, Callable[[int], tuple[str, dict[str, object]]]] = {
     "elastic-ukf": _elastic,
     "transparency": _transparency,
     "fsf": _fsf,
+    "friction-network": _friction,
 }

@@ -1,0 +1,173 @@
+"""External joint torque without a force sensor: inverse dynamics and momentum observer.
+
+Both take a fitted model's motor torque: rigid body, friction and whatever else it holds.
+tau_s acts ON the robot: M q'' + C q' + N + tau_f = tau_c + tau_s (thesis sections 3.1 and 3.3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError
+from hil.identify.predict import predict
+from hil.identify.problem import Problem
+from hil.identify.result import FitResult
+from hil.record.recording import Recording
+
+FloatArray = NDArray[np.float64]
+#: Smallest |det J| [m^3] that is inverted; below it, damped least squares.
+SINGULAR, DAMPING = 1e-4, 1e-3
+
+
+def inverse_dynamics(result: FitResult, run: Recording) -> tuple[FloatArray, FloatArray]:
+    """External joint torque of a run, tau_s = model - tau_c, from any fitted model.
+
+    Every effect of the model counts, a user's own too, within the filter band of the fit.  Its
+    errors are those of the model: friction that remains cannot be told from a force.
+
+    Parameters
+    ----------
+    result : FitResult
+        Fitted where nothing touched the robot.
+    run : Recording
+        The run in question.
+
+    Returns
+    -------
+    t : ndarray (n,)
+        Time [s].
+    tau_s : ndarray (n, d)
+        External torque ON the robot [N m]; 0 at standstill, where friction hides it.
+
+    Raises
+    ------
+    ConfigError
+        If the run has other joints than the fit.
+    """
+    fitted = result.problem
+    if run.joints != fitted.joints:
+        raise ConfigError(
+            f"run {run.name!r} has joints {', '.join(run.joints)}, the model was fitted to "
+            f"{', '.join(fitted.joints)}"
+        )
+    bare = replace(run, wrench=None, tau_ext=None)  # what was measured must not help
+    problem = Problem([bare], fitted.source, fitted.explains, rates=fitted.rates, span=fitted.span)
+    if problem.shift != fitted.shift:
+        problem.shift_effort(fitted.shift - problem.shift)
+    residual = predict(result, problem)
+    return problem.t, np.asarray(-residual.T, np.float64)
+
+
+def tip_force(jacobian: FloatArray, torque: FloatArray) -> FloatArray:
+    """Force ON the tip F = J^-T tau_s, (n, 3) [N]; damped where |det J| is below `SINGULAR`.
+
+    Parameters
+    ----------
+    jacobian : ndarray (n, 3, 3)
+        p' = J q'.
+    torque : ndarray (n, 3)
+        External joint torque [N m].
+    """
+    jt = np.swapaxes(jacobian, 1, 2)
+    weak = np.abs(np.linalg.det(jacobian)) < SINGULAR
+    out = np.empty_like(torque)
+    if (~weak).any():
+        out[~weak] = np.linalg.solve(jt[~weak], torque[~weak, :, None])[..., 0]
+    if weak.any():
+        # F = (J J^T + lambda^2 I)^-1 J tau
+        j, a = jacobian[weak], jt[weak]
+        square = j @ a + DAMPING**2 * np.eye(3)
+        out[weak] = np.linalg.solve(square, (j @ torque[weak, :, None]))[..., 0]
+    return out
+
+
+@nb.njit(cache=True, nogil=True)
+def observe(p: Any, push: Any, gain: float, period: float, state: Any, r: Any) -> None:
+    """One period of the momentum observer, in place.
+
+    With p = M q' and p' = tau_c + tau_s + C^T q' - N - tau_f,
+
+        r = K (p - p_0 - int(tau_c + C^T q' - N - tau_f + r) dt)   =>   r' = K (tau_s - r):
+
+    tau_s through a first-order low-pass of corner K [rad/s]; the integral advances implicitly,
+    so that any K is stable.
+
+    Parameters
+    ----------
+    p, push : ndarray (d,)
+        Momentum [N m s], tau_c + C^T q' - N - tau_f [N m].
+    gain, period : float
+        K [rad/s], sample period [s].
+    state : ndarray (1 + d,)
+        Started; integral minus p_0 [N m s].
+    r : ndarray (d,)
+        Written: estimate of tau_s [N m].
+    """
+    for i in range(p.size):
+        if state[0] == 0.0:
+            state[1 + i] = p[i] - period * push[i]
+        # r = K (p - s - T (push + r))
+        known = state[1 + i] + period * push[i]
+        r[i] = gain * (p[i] - known) / (1.0 + gain * period)
+        state[1 + i] = known + period * r[i]
+    state[0] = 1.0
+
+
+def momentum(
+    m: FloatArray, qd: FloatArray, push: FloatArray, gain: float, period: float
+) -> FloatArray:
+    """External torque of a record by the momentum observer, (n, d) [N m].
+
+    Parameters
+    ----------
+    m : ndarray (n, d, d)
+        Mass matrices.
+    qd : ndarray (n, d)
+        Speeds [rad/s].
+    push : ndarray (n, d)
+        tau_c + C^T q' - N - tau_f [N m].
+    gain, period : float
+        K [rad/s], sample period [s].
+
+    Raises
+    ------
+    ConfigError
+        If a gain or period is not positive.
+    """
+    if gain <= 0.0 or period <= 0.0:
+        raise ConfigError("momentum observer: gain and period must be positive")
+    p = np.einsum("nij,nj->ni", m, qd)
+    out, state = np.zeros_like(p), np.zeros(1 + p.shape[1])
+    for k in range(len(p)):
+        observe(p[k], push[k], gain, period, state, out[k])
+    return out
+
+
+def premium_terms(pi: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """M (n, 3, 3) and C^T q' - N (n, 3) of a Premium 1.5, for `momentum`.
+
+    C^T q' = M' q' - C q' (M' = C + C^T), from the regressor of the model.
+    """
+    from hil.models.phantom import Premium
+
+    arm, zero = Premium(()), np.zeros_like(q)
+    rest = arm.regressor(q, zero, zero) @ pi
+    columns = [arm.regressor(q, zero, np.broadcast_to(e, q.shape)) @ pi - rest for e in np.eye(3)]
+    m = np.stack(columns, axis=2)
+    eps = 1e-6
+    ahead, behind = (
+        np.stack([
+            arm.regressor(q + h * qd, zero, np.broadcast_to(e, q.shape)) @ pi
+            - arm.regressor(q + h * qd, zero, zero) @ pi
+            for e in np.eye(3)
+        ], axis=2)
+        for h in (eps, -eps)
+    )  # fmt: skip
+    rate = np.einsum("nij,nj->ni", (ahead - behind) / (2 * eps), qd)
+    coriolis = arm.regressor(q, qd, zero) @ pi - rest
+    return np.asarray(m, np.float64), np.asarray(rate - coriolis - rest, np.float64)

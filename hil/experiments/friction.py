@@ -1,0 +1,96 @@
+"""Wavelet friction networks against Coulomb and viscous friction (thesis paper I).
+
+Three joints with coupled Stribeck friction; each model is trained on one motion and judged on
+another.  The thesis: better in training, not always in validation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.estimate import wavelets
+from hil.estimate.wavelets import FloatArray, Network
+
+#: Noise of the measured torque [N m].
+NOISE = 0.003
+
+
+@dataclass(frozen=True)
+class Row:
+    """One model: relative errors of the three joints in training and validation, nodes."""
+
+    model: str
+    train: tuple[float, ...]
+    validation: tuple[float, ...]
+    nodes: int
+
+
+def motion(seconds: float, seed: int, size: float = 0.5) -> FloatArray:
+    """Joint velocities (n, 3) [rad/s] at 250 Hz: five sines a joint, 0.1 to 1.6 Hz."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, seconds, 4e-3)
+    rate, phase = rng.uniform(0.1, 1.6, (3, 5)), rng.uniform(0, 2 * np.pi, (3, 5))
+    amplitude = size * rng.uniform(0.3, 1.0, (3, 5))
+    waves = amplitude * np.sin(2 * np.pi * rate * t[:, None, None] + phase)
+    out: FloatArray = waves.sum(-1)
+    return out
+
+
+def rub(qd: FloatArray) -> FloatArray:
+    """Coupled friction [N m] of cables that run over other joints' pulleys, (n, 3)."""
+    coulomb, viscous = np.array([0.035, 0.030, 0.028]), np.array([0.008, 0.006, 0.006])
+    bump = np.array([0.012, 0.010, 0.010])
+    out = (coulomb + bump * np.exp(-((qd / 0.15) ** 2))) * np.tanh(qd / 0.03) + viscous * qd
+    out[:, 0] += 0.010 * np.tanh((qd[:, 0] + 0.8 * qd[:, 1]) / 0.05)
+    out[:, 0] += 0.008 * np.tanh((qd[:, 0] + 0.8 * qd[:, 2]) / 0.05)
+    out[:, 1] += 0.010 * np.tanh((qd[:, 1] - qd[:, 2]) / 0.05)
+    out[:, 2] += 0.006 * np.tanh((qd[:, 2] - qd[:, 1]) / 0.05)
+    return np.asarray(out, np.float64)
+
+
+def study(seed: int = 1) -> list[Row]:
+    """Backbone alone, networks alone (batch and on line), network on the backbone."""
+    rng = np.random.default_rng(seed)
+    one, two = motion(60.0, seed), motion(30.0, seed + 100)
+    y, z = (rub(v) + NOISE * rng.normal(size=v.shape) for v in (one, two))
+    rows = []
+    for name, make in _MODELS.items():
+        nets = [make(one, y[:, j], j) for j in range(3)]
+        rows.append(Row(
+            name, tuple(wavelets.relative(n, one, y[:, j]) for j, n in enumerate(nets)),
+            tuple(wavelets.relative(n, two, z[:, j]) for j, n in enumerate(nets)),
+            max(len(n.nodes) for n in nets),
+        ))  # fmt: skip
+    return rows
+
+
+def _backbone(qd: FloatArray, tau: FloatArray, j: int) -> Network:
+    net = wavelets.coarse(qd, j)
+    bare = Network(net.scale, j)
+    return wavelets.solve(bare, qd, tau, 0.0)
+
+
+def _alone(qd: FloatArray, tau: FloatArray, j: int) -> Network:
+    return wavelets.grow(qd, tau, j, backbone=False)
+
+
+def _on_line(qd: FloatArray, tau: FloatArray, j: int) -> Network:
+    net = wavelets.coarse(qd, j, backbone=False, zone=NOISE)
+    for _ in range(3):
+        for _ in range(2):
+            net = wavelets.train(net, qd, tau)
+        net = wavelets.adapt(net, qd, 0.004, 0.0008)
+    return wavelets.train(net, qd, tau)
+
+
+def _both(qd: FloatArray, tau: FloatArray, j: int) -> Network:
+    return wavelets.grow(qd, tau, j, backbone=True)
+
+
+_MODELS = {
+    "Coulomb + viscous": _backbone,
+    "network alone, on line": _on_line,
+    "network alone, batch": _alone,
+    "network on Coulomb + viscous": _both,
+}

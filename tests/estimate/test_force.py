@@ -1,0 +1,99 @@
+"""Force estimators: the observer is a low-pass of the true torque; inverse dynamics exact."""
+
+import numpy as np
+import pytest
+
+from hil.errors import ConfigError
+from hil.estimate import force
+from hil.models.phantom import Premium
+
+PI, T, K = Premium.prior, 1e-4, 60.0
+
+
+def swing(seconds=1.5):
+    """Premium under torque and an external torque step, simulated with small steps."""
+    arm, n = Premium(()), round(seconds / T)
+    q, v = np.array([0.1, 0.4, 0.3]), np.zeros(3)
+    out = []
+    for k in range(n):
+        t = k * T
+        tau = np.array([0.02 * np.sin(7 * t), -0.02 + 0.015 * np.cos(5 * t), -0.03 * np.cos(6 * t)])
+        ext = np.array([0.03, -0.02, 0.01]) * (t > 0.5)
+        rest = arm.regressor(q[None], v[None], np.zeros((1, 3)))[0] @ PI
+        still = arm.regressor(q[None], np.zeros((1, 3)), np.zeros((1, 3)))[0] @ PI
+        m = np.stack([arm.regressor(q[None], np.zeros((1, 3)), e[None])[0] @ PI - still
+                      for e in np.eye(3)], 1)  # fmt: skip
+        a = np.linalg.solve(m, tau + ext - rest)
+        out.append((q, v, a, tau, ext))
+        v = v + T * a
+        q = q + T * v
+    return [np.array(x) for x in zip(*out, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def run():
+    return swing()
+
+
+def test_the_momentum_observer_is_a_low_pass_of_the_external_torque(run):
+    q, v, _, tau, ext = run
+    m, rest = force.premium_terms(PI, q, v)
+    found = force.momentum(m, v, tau + rest, K, T)
+    wanted, r = np.zeros_like(ext), np.zeros(3)
+    for k in range(len(ext)):
+        # r' = K (tau_s - r)
+        r = (r + K * T * ext[k]) / (1 + K * T)
+        wanted[k] = r
+    np.testing.assert_allclose(found, wanted, atol=1e-3)
+    np.testing.assert_allclose(found[-1], ext[-1], atol=1e-3)
+
+
+def test_inverse_dynamics_with_true_accelerations_is_exact(run):
+    q, v, a, tau, ext = run
+    tau_hat = Premium(()).regressor(q, v, a) @ PI - tau
+    np.testing.assert_allclose(tau_hat, ext, atol=1e-12)
+    jac = Premium(()).jacobian(q)
+    f = force.tip_force(jac, tau_hat)
+    well = np.abs(np.linalg.det(jac)) > force.SINGULAR
+    assert well.mean() > 0.9
+    back = np.einsum("nkd,nk->nd", jac, f)
+    np.testing.assert_allclose(back[well], ext[well], atol=1e-12)
+
+
+def test_near_a_singular_pose_forces_stay_bounded():
+    q = np.array([[0.0, np.pi / 2 + 1e-7, 0.0]])
+    f = force.tip_force(Premium(()).jacobian(q), np.full((1, 3), 0.05))
+    assert np.isfinite(f).all() and np.abs(f).max() < 1e3
+
+
+def test_a_bad_gain_is_refused():
+    with pytest.raises(ConfigError, match="positive"):
+        force.momentum(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 3)), 0.0, T)
+
+
+def test_the_model_finds_the_force_of_a_fitted_run():
+    """Any fitted model: the effort it does not explain is the external one."""
+    from hil.compare.analysis import fit
+    from hil.models.model import base_model
+    from hil.record.recording import Recording, RobotSource
+
+    t = np.arange(8000) * 1e-3
+    q = 0.4 * np.sin(2 * np.pi * 0.7 * t) + 0.2 * np.sin(2 * np.pi * 1.9 * t)
+    v, a = np.gradient(q, t), np.gradient(np.gradient(q, t), t)
+    tau = 0.02 * a + 0.05 * v + 0.1 * np.tanh(v / 0.01)
+    ext = 0.2 * (np.sin(2 * np.pi * 0.3 * t) > 0)
+
+    def record(name, effort):
+        return Recording(name, "arm", ("joint1",), t, q[:, None], effort[:, None],
+                         robot=RobotSource("single-axis"))  # fmt: skip
+
+    free = record("free", tau)
+    result = fit([free], base_model(free.robot))
+    times, found = force.inverse_dynamics(result, record("touch", tau - ext))
+    truth = np.interp(times, t, ext)
+    assert np.corrcoef(found[:, 0], truth)[0, 1] > 0.95
+    assert np.median(found[truth > 0.1, 0]) == pytest.approx(0.2, abs=0.02)
+    assert np.median(found[truth < 0.1, 0]) == pytest.approx(0.0, abs=0.02)
+    other = Recording("two", "arm", ("a",), t, q[:, None], tau[:, None])
+    with pytest.raises(ConfigError, match="joints a"):
+        force.inverse_dynamics(result, other)

@@ -1,0 +1,20 @@
+"""The friction experiment says what theory and thesis say."""
+
+from hil.experiments import friction
+
+
+def test_a_network_alone_extrapolates_badly_and_on_a_backbone_well(monkeypatch):
+    monkeypatch.setattr(friction, "motion", _short)
+    rows = {r.model: r for r in friction.study(1)}
+    plain, alone = rows["Coulomb + viscous"], rows["network alone, batch"]
+    both = rows["network on Coulomb + viscous"]
+    assert max(both.train) < 0.75 * min(plain.train)
+    assert min(alone.validation) > max(plain.validation)
+    assert all(b < p for b, p in zip(both.validation, plain.validation, strict=True))
+
+
+_full = friction.motion
+
+
+def _short(seconds, seed, size=0.5):
+    return _full(seconds / 3, seed, size)
