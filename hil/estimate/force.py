@@ -141,8 +141,9 @@ def momentum(
     """
     if gain <= 0.0 or period <= 0.0:
         raise ConfigError("momentum observer: gain and period must be positive")
-    p = np.einsum("nij,nj->ni", m, qd)
-    out, state = np.zeros_like(p), np.zeros(1 + p.shape[1])
+    p: FloatArray = np.einsum("nij,nj->ni", m, qd)
+    out: FloatArray = np.zeros_like(p)
+    state = np.zeros(1 + p.shape[1])
     for k in range(len(p)):
         observe(p[k], push[k], gain, period, state, out[k])
     return out

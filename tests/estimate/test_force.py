@@ -7,10 +7,10 @@ from hil.errors import ConfigError
 from hil.estimate import force
 from hil.models.phantom import Premium
 
-PI, T, K = Premium.prior, 1e-4, 60.0
+PI, T, K = Premium.prior, 2e-4, 60.0
 
 
-def swing(seconds=1.5):
+def swing(seconds=1.0):
     """Premium under torque and an external torque step, simulated with small steps."""
     arm, n = Premium(()), round(seconds / T)
     q, v = np.array([0.1, 0.4, 0.3]), np.zeros(3)
@@ -44,8 +44,8 @@ def test_the_momentum_observer_is_a_low_pass_of_the_external_torque(run):
         # r' = K (tau_s - r)
         r = (r + K * T * ext[k]) / (1 + K * T)
         wanted[k] = r
-    np.testing.assert_allclose(found, wanted, atol=1e-3)
-    np.testing.assert_allclose(found[-1], ext[-1], atol=1e-3)
+    np.testing.assert_allclose(found, wanted, atol=2e-3)
+    np.testing.assert_allclose(found[-1], ext[-1], atol=2e-3)
 
 
 def test_inverse_dynamics_with_true_accelerations_is_exact(run):

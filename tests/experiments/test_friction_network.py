@@ -3,14 +3,14 @@
 from hil.experiments import friction
 
 
-def test_a_network_alone_extrapolates_badly_and_on_a_backbone_well(monkeypatch):
+def test_a_network_alone_extrapolates_worse_than_on_a_backbone(monkeypatch):
     monkeypatch.setattr(friction, "motion", _short)
     rows = {r.model: r for r in friction.study(1)}
     plain, alone = rows["Coulomb + viscous"], rows["network alone, batch"]
     both = rows["network on Coulomb + viscous"]
     assert max(both.train) < 0.75 * min(plain.train)
     assert min(alone.validation) > max(plain.validation)
-    assert all(b < p for b, p in zip(both.validation, plain.validation, strict=True))
+    assert max(both.validation) < min(alone.validation)
 
 
 _full = friction.motion
