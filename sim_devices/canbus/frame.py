@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba as nb
 
@@ -15,8 +14,7 @@ PAUSE = 3
 ERROR = 20
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
+class Frame(NamedTuple):
     """Identifier of 11 bits and up to 8 bytes.
 
     Parameters

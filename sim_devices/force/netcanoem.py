@@ -147,7 +147,10 @@ class NetCanOemBoard(Node):
         g = self.transducer.read(t_ns).tolist()
         for k, word in self.faults.stuck.items():
             g[k] = word
-        return [_words(self.status(), g[0], g[2], g[4]), _words(g[1], g[3], g[5])]
+        return [
+            _words(self.status(), g[0], g[2], g[4]).to_bytes(8, "big"),
+            _words(g[1], g[3], g[5]).to_bytes(6, "big"),
+        ]
 
     def _row(self, request: bytes, t_ns: int) -> list[bytes]:
         axis = request[0]
@@ -204,9 +207,12 @@ class NetCanOemBoard(Node):
         return [bytes([major, minor, build >> 8, build & 255])]
 
 
-def _words(*values: int) -> bytes:
-    """Signed words of 16 bits, high byte first."""
-    return b"".join((v & 0xFFFF).to_bytes(2, "big") for v in values)
+def _words(*values: int) -> int:
+    """Words of 16 bits, two's complement, one behind the other; the first is the highest."""
+    found = 0
+    for value in values:
+        found = found << 16 | (value & 0xFFFF)
+    return found
 
 
 def _single(value: float) -> bytes:
