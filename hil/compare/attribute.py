@@ -24,6 +24,14 @@ TEMPER = 0.01
 COINCIDE = 0.98
 #: Only effects that the base absorbs by this share can be imitated from another joint.
 MIRROR = 0.9
+#: ... and only if on both joints they explain about as much.
+SIMILAR = 0.5
+#: Forms of one physical cause as the motor sees it: beside one of them another is no news.
+KINDRED = (
+    {"elastic-transmission", "hardening-cable", "vibration-mode"},
+    set(LATE),
+    {"torque-offset", "asymmetric-coulomb"},
+)
 
 
 #: Noise that comes back late through a controller, in units of what 1.1 floors leave.
@@ -33,7 +41,7 @@ ECHO = 2.0
 def variance_share(c: Candidate, evidence: Evidence, result: FitResult) -> float:
     """Variance that the candidate removes on its joint, in units of the noise floor's."""
     j = c.joint
-    removed = c.net * result.sigma[j] ** 2 / result.problem.count[j]
+    removed = c.parts[j] * result.sigma[j] ** 2 / result.problem.count[j]
     return float(removed / max(evidence.floor.rms[j] ** 2, 1e-300))
 
 
@@ -58,7 +66,7 @@ def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
     j = c.term.joint
     noise = min(evidence.floor.rms[j], evidence.floor.scale[j])
     excess = float(result.rms[j] ** 2 - noise**2)
-    removed = c.net * result.sigma[j] ** 2 / result.problem.count[j]
+    removed = c.parts[j] * result.sigma[j] ** 2 / result.problem.count[j]
     return bool(removed > ALONE * excess)
 
 
@@ -151,6 +159,11 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
     return {k: float(x) for k, x in enumerate(p / p.sum())}
 
 
+def kindred(a: Candidate, b: Candidate) -> bool:
+    """Whether two candidates are forms of one cause on one joint."""
+    return a.term.joint == b.term.joint and any({a.name, b.name} <= k for k in KINDRED)
+
+
 def late(a: Candidate, b: Candidate) -> bool:
     """Whether two candidates are two forms of one lateness of a joint's effort."""
     return a.name in LATE and b.name in LATE and a.term.joint == b.term.joint
@@ -175,7 +188,8 @@ def _mirrored(a: Candidate, b: Candidate) -> bool:
     Of two torque gains, for example, only the ratio is determined: inertias absorb the rest.
     """
     same = a.name == b.name and a.term.joint != b.term.joint
-    return same and min(a.absorbed, b.absorbed) > MIRROR
+    alike = min(a.chi2, b.chi2) > SIMILAR * max(a.chi2, b.chi2)
+    return same and alike and min(a.absorbed, b.absorbed) > MIRROR
 
 
 def choose(

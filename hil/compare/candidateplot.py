@@ -32,7 +32,7 @@ def place(m: Material, c: Candidate) -> str | None:
 def explained(m: Material, c: Candidate) -> float:
     """Share of the joint's squared residual that a candidate takes away beside the first model."""
     result, j = m.before.result, c.joint
-    power = c.net * float(result.sigma[j]) ** 2 / m.problem.count[j]
+    power = float(c.parts[j]) * float(result.sigma[j]) ** 2 / m.problem.count[j]
     return float(np.clip(power / max(float(result.rms[j]) ** 2, 1e-300), 0.0, 1.0))
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.attribute import choose, plausible, possible, simplest_first
+from hil.compare.attribute import choose, kindred, plausible, possible, simplest_first
 from hil.compare.evidence import Candidate, Evidence, gather, in_time
 from hil.compare.fallback import explainable
 from hil.compare.findings import Accepted, Diagnosis, Step, describe
@@ -33,7 +33,7 @@ WORTH = 0.04
 SHARE = 0.10
 #: ... and, after a first effect on the joint, this share of all that was above the floor:
 #: library equations miss real effects by about a percent of their power, which is no new effect.
-FORM = 0.02
+FORM = 0.0125
 #: Held-out standard errors by which a candidate that did not help is out of the question.
 REFUTED = 2.0
 #: Error in units of the largest model's residual that is above the floor in any case.
@@ -106,6 +106,7 @@ def _next(
     candidates = simplest_first([c for c in plausible(evidence, now.result) if c in pool])
     if found:
         candidates = [c for c in candidates if _unsettled(c.joint, now.result, evidence)]
+        candidates = [c for c in candidates if not any(kindred(c, f) for f, _, _ in found)]
     failed: list[tuple[Candidate, Step]] = []
     for c in candidates[:3]:
         model = now.result.model + as_use(c, problem)

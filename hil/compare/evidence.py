@@ -51,6 +51,8 @@ class Candidate:
         Its coefficients if it is added.
     joint : int
         Its joint; of an effect of the whole robot, the joint where it explains most.
+    parts : ndarray (d,)
+        `net` by joint.
     """
 
     term: Term
@@ -64,6 +66,7 @@ class Candidate:
     p_value: float = 1.0
     coefficients: tuple[float, ...] = (0.0,)
     joint: int = 0
+    parts: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
     null: FloatArray = field(default_factory=lambda: np.zeros(FLIPS), repr=False)
 
     @property
@@ -209,20 +212,24 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate:
     if not term.shape:
         term, _ = best_shape(projector, term, accuracy=COARSE)
     if not term.shape and term.effect.shape:
-        return Candidate(term, 0.0, 0.0, absorbed=1.0, joint=term.joint)
+        nothing = np.zeros(projector.problem.d)
+        return Candidate(term, 0.0, 0.0, absorbed=1.0, joint=term.joint, parts=nothing)
     gain, beta, _, qc = projector.score(term)
     columns = projector.weighted(term)
     size = float(np.sum(columns**2))
     absorbed = float(np.sum(qc**2)) / size if size > 0 else 1.0
     dof = columns.shape[1] + _free(term, projector)
+    net = _net(projector, result, term, gain)
+    parts = _parts(projector, term, net, columns @ beta, qc @ beta)
     return Candidate(
         term,
         gain,
-        _net(projector, result, term, gain),
+        net,
         dof=dof,
         absorbed=absorbed,
         coefficients=tuple(map(float, beta)),
-        joint=_where(projector, term, columns @ beta, qc @ beta),
+        joint=int(np.argmax(parts)) if term.effect.of_robot else term.joint,
+        parts=parts,
     )
 
 
@@ -232,13 +239,18 @@ def _free(term: Term, projector: Projector) -> int:
     return sum(len(set(values)) > 2 for values in zip(*grid, strict=True))
 
 
-def _where(projector: Projector, term: Term, effort: FloatArray, known: FloatArray) -> int:
-    """Joint whose squared residual the term lowers most; `known`: what the base takes, in Q."""
-    if not term.effect.of_robot:
-        return term.joint
+def _parts(
+    projector: Projector, term: Term, net: float, effort: FloatArray, known: FloatArray
+) -> FloatArray:
+    """Fall of every joint's squared residual (d,); `known`: what the base takes, in Q."""
+    d = projector.problem.d
+    if not term.effect.whole_robot:
+        out = np.zeros(d)
+        out[term.joint] = net
+        return out
     new, r = effort - projector.q @ known, projector.residual
-    fall = (r**2 - (r - new) ** 2).reshape(projector.problem.d, -1).sum(axis=1)
-    return int(np.argmax(fall))
+    fall: FloatArray = (r**2 - (r - new) ** 2).reshape(d, -1).sum(axis=1)
+    return fall
 
 
 def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> float:
@@ -255,11 +267,11 @@ def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> fl
 
 def _judge(found: list[Candidate], floor: Floor, result: FitResult) -> None:
     effective = floor.effective(result.problem)
+    noise = np.maximum((floor.scale / result.sigma) ** 2 * floor.inflation, 1e-300)
     for c in found:
         j = c.joint
-        noise = (floor.scale[j] / result.sigma[j]) ** 2 * floor.inflation[j]
         replaced = len(c.term.effect.replaces)
-        c.chi2 = c.net / max(noise, 1e-300)
+        c.chi2 = float(np.sum(c.parts / noise))
         c.spare = float(effective[j] * (1.1**2 - 1) * (floor.rms[j] / floor.scale[j]) ** 2)
         c.price = max(c.dof - replaced, 1) * float(np.log(max(effective[j], 2.0)))
 

@@ -88,7 +88,8 @@ def candidate_json(c: Candidate, evidence: Evidence, diagnosis: Diagnosis) -> di
     """One candidate beside the first model."""
     base = diagnosis.ladder[0]
     problem, j = base.result.problem, c.joint
-    power = base.result.rms[j] ** 2 - c.net * base.result.sigma[j] ** 2 / problem.count[j]
+    fall = c.parts[j] * base.result.sigma[j] ** 2 / problem.count[j]
+    power = base.result.rms[j] ** 2 - fall
     size = float(problem.rms(problem.effort)[j])
     total = sum(
         math.exp(min(0.0, (x.score - evidence.candidates[0].score) / 2))
