@@ -117,6 +117,7 @@ def run(
     operator: Operator | None = None,
     model: str | Path | None = None,
     opener: Callable[[RigConfig, int], Rig] = open_rig,
+    timer: Callable[[int], Clock] | None = None,
 ) -> Summary:
     """Run a session of a rig and record it.
 
@@ -139,8 +140,8 @@ def run(
         Who watches and commands.
     model : str or Path, optional
         Model file that is attached.
-    opener : callable
-        Opens the rig; the fault bench puts its faults in here.
+    opener, timer : callable
+        Open the rig, and make the clock for a period [ns]; the fault bench puts its faults in.
 
     Raises
     ------
@@ -154,7 +155,7 @@ def run(
     with unwinding_signals(), guarded(config.safety, Path(output)) as watchdog:
         rig = opener(config, seed)
         try:
-            made = _Session(rig, config, seed, Path(output), operator or Operator(), model)
+            made = _Session(rig, config, seed, Path(output), operator or Operator(), model, timer)
             made.run(progress, watchdog)
         finally:
             rig.close()
@@ -166,13 +167,13 @@ class _Session:
 
     def __init__(
         self, rig: Rig, config: RigConfig, seed: int, output: Path, operator: Operator,
-        model: str | Path | None,
+        model: str | Path | None, timer: Callable[[int], Clock] | None,
     ) -> None:  # fmt: skip
         self.config, self.output, self.operator, self.rig = config, output, operator, rig
         layout = FrameLayout(len(rig.ports), len(rig.controller.state_names))
         loop = config.loop
         ring = Ring(loop.ring_rows, layout.width)
-        self.timer = CLOCKS[loop.clock](loop.period_ns)
+        self.timer = (timer or CLOCKS[loop.clock])(loop.period_ns)
         self.loop = Loop(
             rig.ports, rig.controller, self.timer, ring, layout, loop.period_ns, rig.origin_ns,
             config.safety.missed_limit,
@@ -190,27 +191,30 @@ class _Session:
 
     def run(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
         """Until the time is up, an arm faults, or the operator stops."""
-        loop, timer = self.loop, self.timer
+        loop = self.loop
+        loop.heart = None if watchdog is None else watchdog.beat
         told: dict[str, object] = {}
         name = "broken off"
         try:
             loop.rehearse()
-            if not self.operator.wait:
-                self.rig.enable()
-                loop.begin()
-            timer.start()
-            self.writer.event(0, timer.epoch_ns, "waiting" if self.operator.wait else "enabled", {})
             if self.operator.lines is not None:
                 self.operator.lines(self.slow.inbox.append)
-            (self._lockstep if self.config.loop.clock == "lockstep" else self._real)(
-                progress, watchdog
-            )
+            (self._lockstep if self.config.loop.clock == "lockstep" else self._real)(progress)
             name = "fault" if loop.unsafe else "done"
         except Exception as error:
             told = {"error": f"{type(error).__name__}: {error}"}
             raise
         finally:
             self._finish(name, told)
+
+    def _enable(self) -> None:
+        """Devices and loop ENABLED, unless the operator is waited for; tick 0 is now."""
+        waits = self.operator.wait
+        if not waits:
+            self.rig.enable()
+            self.loop.begin()
+        self.timer.start()
+        self.writer.event(0, self.timer.epoch_ns, "waiting" if waits else "enabled", {})
 
     def over(self) -> bool:
         """Whether this tick was the last."""
@@ -219,33 +223,35 @@ class _Session:
             return loop.tick >= min(loop.since + AFTERMATH, self.ticks)
         return loop.finished or loop.tick >= self.ticks
 
-    def _lockstep(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
+    def _lockstep(self, progress: Callable[[int], None] | None) -> None:
         """Both loops in this thread: the slow side after every tenth tick, say."""
         config, loop = self.config.loop, self.loop
+        self._enable()
         ratio = max(1, round(config.rate_hz / config.slow_hz))
         while not self.over():
             done = 0
             while done < ratio and not self.over():
                 loop.step()
                 done += 1
-            self._slow_duties(loop.tick / config.rate_hz, watchdog)
+            self._live(loop.tick / config.rate_hz)
             self.slow.step(loop.tick / config.rate_hz)
             if progress is not None:
                 progress(done)
 
-    def _real(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
+    def _real(self, progress: Callable[[int], None] | None) -> None:
         """Fast loop in this thread, arranged for real time; the slow side in its own."""
         config, loop = self.config.loop, self.loop
         thread = SlowThread(
             self.slow, self.timer, 1.0 / config.slow_hz, 1.0 / config.rate_hz,
-            lambda seconds: self._slow_duties(seconds, watchdog),
+            self._live,
         )  # fmt: skip
-        thread.start()
         try:
             with arranged(config.realtime) as self.arrangement:
                 for text in self.arrangement.refused:
                     self.operator.say(text)
-                self.timer.start()
+                # no tick may be missing between the amplifiers' power and the loop
+                self._enable()
+                thread.start()
                 while not self.over():
                     loop.step()
         finally:
@@ -253,10 +259,8 @@ class _Session:
         if progress is not None:
             progress(loop.tick)
 
-    def _slow_duties(self, seconds: float, watchdog: Watchdog | None) -> None:
-        """Live figures and the watchdog's heartbeat, from the slow side."""
-        if watchdog is not None:
-            watchdog.beat(self.loop.tick)
+    def _live(self, seconds: float) -> None:
+        """Live figures, from the slow side."""
         if self.operator.live is not None and seconds >= self.left:
             self.left = seconds + 0.25
             state = self.loop.machine.state.name

@@ -165,7 +165,7 @@ class ArmConfig:
     position_max: tuple[float, ...] = ()
     workspace_min: tuple[float, ...] = ()
     workspace_max: tuple[float, ...] = ()
-    acceleration_limit: float = 2500.0
+    acceleration_limit: float = 5000.0
     force_yellow: float = 0.0
     force_red: float = 0.0
     winding: WindingConfig = field(default_factory=WindingConfig)

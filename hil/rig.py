@@ -56,6 +56,8 @@ class Rig:
         Frames of the boxes, recorded or replayed.
     stack : ExitStack
         What closing takes.
+    bench : object or None
+        The simulator behind the wires, for who pulls its plugs; None on hardware.
     """
 
     devices: dict[str, Device]
@@ -66,6 +68,7 @@ class Rig:
     boxes: dict[str, Any] = field(default_factory=dict)
     taps: Taps | None = None
     stack: ExitStack = field(default_factory=ExitStack)
+    bench: Any = None
 
     def enable(self) -> None:
         """Enable every device; the first refusal is raised, and `close` makes the rest safe."""
@@ -134,7 +137,7 @@ def _open(config: RigConfig, bench: Any, stack: ExitStack, controller: Controlle
         stack.callback(opened.close)
     ports = [_port(arm, config, devices) for arm in config.controller.arms]
     rig = Rig(devices, ports, controller)
-    rig.boxes, rig.taps = boxes, taps
+    rig.boxes, rig.taps, rig.bench = boxes, taps, bench
     rig.origin_ns = bench.now_ns if bench is not None else 0
     _tare(rig)
     return rig
@@ -220,8 +223,7 @@ def _port(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPort
     limits = config.arms[arm]
     robot = of_arm(limits, RobotSource(limits.robot, tip=limits.tip))
     boxed = bool(limits.workspace_min or limits.workspace_max)
-    source = getattr(force[0], "source", None) if force else None
-    force_range = float(getattr(source, "max_force", np.inf))
+    force_range = float(getattr(force[0], "max_force", np.inf)) if force else np.inf
     return ArmPort(
         joints[0], efforts[0], force[0] if force else None,
         getattr(joints[0], "counts", zeros[:3]), getattr(efforts[0], "codes", zeros[:3]),

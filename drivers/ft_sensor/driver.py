@@ -32,7 +32,7 @@ class ForceSensor:
         self._samples = tare_samples
         self._machine = StateMachine(name)
         self._calibration = source.calibration
-        self._limit = max_force
+        self.max_force = self._limit = max_force
         self.gauges = source.gauges
         self.bias = np.zeros(6)
 

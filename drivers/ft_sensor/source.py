@@ -51,6 +51,10 @@ class GaugeSource(Protocol):
         ...
 
 
+#: Largest word of a converter with 16 bits.
+FULL_SCALE = 32767
+
+
 class IdealGauges:
     """Words of the ideal wire: every reading is there, whole and of now.
 
@@ -71,8 +75,10 @@ class IdealGauges:
         self.certificate: dict[str, str] = {}
 
     def receive(self, t_ns: int) -> Status:
-        """Refresh the words."""
-        return self._wire.receive(t_ns)
+        """Refresh the words; CLAMPED where one stands at the end of its converter."""
+        status = self._wire.receive(t_ns)
+        full = self.gauges.max() >= FULL_SCALE or self.gauges.min() < -FULL_SCALE
+        return Status.CLAMPED if full and status is Status.OK else status
 
     def sample(self, t_ns: int) -> int:
         """Words of one period later."""

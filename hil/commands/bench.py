@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from hil.bench import hidden, identify, recordings, ukf, velocity, wire
 from hil.bench.diagnosis import cases, runner, tables
-from hil.commands import common, identifytable, outputs, plugins
+from hil.commands import benchloop, common, identifytable, outputs, plugins
 from hil.errors import ConfigError
 from hil.rigs import rig_path
 
@@ -25,7 +25,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds", type=int, help="seeds per hidden effect (hidden: 3, diagnosis: 10)"
     )
-    parser.add_argument("--quick", action="store_true", help="a subset in minutes (diagnosis)")
+    parser.add_argument(
+        "--quick", action="store_true",
+        help="a subset in minutes (diagnosis); without the faults of the process (faults)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seconds", type=float, default=60.0,
+        help="of every run (loop), of the session (record); default 60",
+    )  # fmt: skip
     parser.add_argument("--jobs", type=int, default=2, help="processes (diagnosis)")
     parser.add_argument(
         "--resume", metavar="R.jsonl",
@@ -33,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--report", metavar="R.md",
-        help="write the tables too (diagnosis, identify, velocity)",
+        help="write the tables too (diagnosis, identify, velocity, faults, loop)",
     )  # fmt: skip
     parser.add_argument(
         "--figaroh", metavar="PYTHON", default="",
@@ -244,6 +251,7 @@ BENCHES: dict[str, Callable[[argparse.Namespace], tuple[str, dict[str, object]]]
     "contact": _contact,
     "wrist": _wrist,
     "velocity": _velocity,
+    **benchloop.BENCHES,
     "ukf": _ukf,
     "wire": _wire,
 }

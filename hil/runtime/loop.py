@@ -102,6 +102,8 @@ class Loop:
         What the slow side wants done, applied before the next tick.
     applied : deque of (int, str)
         Tick and text of every command applied.
+    heart : callable or None
+        Called with every tick that is done: the watchdog's.
     """
 
     def __init__(
@@ -131,6 +133,7 @@ class Loop:
         self.longest_ns = 0
         self.clamped = 0
         self.finished = False
+        self.heart: Callable[[int], None] | None = None
 
     def rehearse(self) -> None:
         """Do once all that a tick does, with the devices not enabled and nothing recorded.
@@ -184,6 +187,8 @@ class Loop:
         timing[6] = self.conditions = mask
         timing[7] = len(self._ring)
         self._ring.push(tick, t_ns + self._clock.epoch_ns, self.frame)
+        if self.heart is not None:
+            self.heart(tick)
         if done - woken > self.longest_ns:
             self.longest_ns = done - woken
         if mask & _LIMITED:
@@ -212,8 +217,8 @@ class Loop:
     def _write(self) -> int:
         """Limited efforts to all arms, words into the row; the conditions found on the way."""
         # plain integers: an enumeration beside a number of numpy costs a microsecond
-        mask, worst = 0, int(self._timing[4])
-        enabled = self.machine.state is _ENABLED
+        mask, worst, state = 0, int(self._timing[4]), self.machine.state
+        enabled, faulted = state is _ENABLED, state is OperatingState.FAULT
         for port, _q, qd, _wrench, sent, words, y, _memory, _tip in self._arms:
             safe = safety.limit(y, qd, port.torque_limit, port.speed_limit)
             if safe == safety.INVALID:
@@ -222,7 +227,7 @@ class Loop:
             said = int(port.efforts.servo_jf(y, sent))
             if safe == safety.CLAMPED or said == safety.CLAMPED:
                 mask |= _LIMITED
-            elif said >= safety.INVALID and safe != safety.INVALID:
+            elif said >= safety.INVALID and safe != safety.INVALID and not faulted:
                 mask |= _REFUSED
             worst = max(worst, said, safe)
             watch.snap(sent, watch.EFFORT_GRID)

@@ -158,6 +158,13 @@ class SlowSide:
         except HilError as error:
             self._say(str(error))
 
+    def died(self, error: BaseException) -> None:
+        """Tell the operator that this side is dead, while the loop goes on."""
+        self._say(
+            f"the slow side died ({type(error).__name__}: {error}); the loop goes on without "
+            "record and without commands, and the ring counts what it drops"
+        )
+
     def _give_up(self, error: OSError, rows: int) -> None:
         """The file takes no more: say so, keep what is whole, let the loop go on."""
         self.trouble = error
@@ -210,11 +217,13 @@ class SlowThread:
                 self._side.step(now)
         except BaseException as error:
             self._error = error
+            self._side.died(error)
 
     def stop(self) -> None:
         """Stop, drain what is left, and raise what went wrong."""
         self._done.set()
-        self._thread.join()
+        if self._thread.ident is not None:
+            self._thread.join()
         if self._error is not None:
             raise self._error
         self._side.step(self._clock.since_start() * 1e-9)

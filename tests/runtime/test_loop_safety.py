@@ -118,7 +118,7 @@ CASES = {
     "encoders lost": (lambda a: setattr(a, "js", Status.INVALID), "joint-lost", State.FAULT, 1),
     "force lost": (lambda a: setattr(a, "cf", Status.INVALID), "force-lost", State.FAULT, 1),
     "encoder jumps far": (lambda a: a.q.__iadd__(0.3), "encoder-jump", State.FAULT, 1),
-    "encoder jumps by a little": (lambda a: a.q.__iadd__(0.004), "encoder-jump", State.FAULT, 1),
+    "encoder jumps by a little": (lambda a: a.q.__iadd__(0.007), "encoder-jump", State.FAULT, 1),
     "position not a number": (lambda a: a.q.fill(np.nan), "not-a-number", State.FAULT, 1),
     "force not a number": (lambda a: a.wrench.fill(np.nan), "not-a-number", State.FAULT, 1),
     "too fast": (lambda a: a.qd.__setitem__(1, -26.0), "overspeed", State.FAULT, 1),

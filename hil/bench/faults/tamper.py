@@ -1,0 +1,168 @@
+"""Where faults get in: the answers of the devices, the law, the clock, the simulated boxes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from hil.config import RigConfig
+from hil.rig import Rig, open_rig
+from hil.runtime.clock import VirtualClock
+from hil.signals.device import Controller, FloatArray, Status
+
+#: When faults strike [tick].
+STRIKE = 400
+
+
+class Tampered:
+    """A session under attack; a fault sets hooks here, or reaches into `rig`.
+
+    Attributes
+    ----------
+    rig : Rig
+        Open.
+    js, cf, jf : callable or None
+        Called with (arrays..., status) of arm 0 after the driver; return the status to give.
+    law : callable or None
+        Called with (y,) after the law.
+    words : callable or None
+        Called with (counts, gauges) (arms, 3), (arms, 6) after every tick of the simulation.
+    skip : int
+        Periods by which the clock jumps before the next tick.
+    """
+
+    def __init__(self, strike: Callable[[Tampered], None], at: int = STRIKE) -> None:
+        self._strike, self.at = strike, at
+        self.rig: Rig
+        self.js: Callable[[FloatArray, FloatArray, Status], Status] | None = None
+        self.cf: Callable[[FloatArray, Status], Status] | None = None
+        self.jf: Callable[[FloatArray, Status], Status] | None = None
+        self.law: Callable[[FloatArray], None] | None = None
+        self.words: Callable[[Any, Any], None] | None = None
+        self.skip = 0
+        self.struck = 0
+        self.tick = 0
+
+    def open(self, config: RigConfig, seed: int) -> Rig:
+        """`hil.rig.open_rig` with the hooks in place."""
+        rig = open_rig(config, seed)
+        rig.controller = _Law(self, rig.controller)
+        port = rig.ports[0]
+        rig.ports[0] = dataclasses.replace(
+            port, joints=_Joints(self, port.joints), efforts=_Efforts(self, port.efforts),
+            force=_Force(self, port.force),
+        )  # fmt: skip
+        if rig.bench is not None:
+            rig.bench.after.append(self._after)
+        self.rig = rig
+        return rig
+
+    def timer(self, period_ns: int) -> VirtualClock:
+        """Virtual clock that tells this of its ticks and jumps when told."""
+        return _Jumping(self, period_ns)
+
+    def begin(self, tick: int) -> None:
+        """A tick begins: strike when it is time."""
+        self.tick = tick
+        if tick >= self.at and not self.struck:
+            self.struck = tick
+            self._strike(self)
+
+    def _after(self, now_ns: int) -> None:
+        if self.words is not None:
+            self.words(self.rig.bench.counts, self.rig.bench.gauges)
+
+
+class _Jumping(VirtualClock):
+    def __init__(self, tampered: Tampered, period_ns: int) -> None:
+        super().__init__(period_ns)
+        self._tampered = tampered
+
+    def wait(self, tick: int) -> int:
+        self._tampered.begin(tick)
+        skipped, self._tampered.skip = self._tampered.skip, 0
+        self.missed += skipped
+        return super().wait(tick + skipped)
+
+
+class _Proxy:
+    """A device with one answer tampered with; the rest is its own."""
+
+    def __init__(self, tampered: Tampered, inner: Any) -> None:
+        self._tampered, self._inner = tampered, inner
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+
+class _Joints(_Proxy):
+    def measured_js(self, t_ns: int, position: FloatArray, velocity: FloatArray) -> Status:
+        status: Status = self._inner.measured_js(t_ns, position, velocity)
+        hook = self._tampered.js
+        return hook(position, velocity, status) if hook else status
+
+
+class _Force(_Proxy):
+    def measured_cf(self, t_ns: int, position: FloatArray, wrench: FloatArray) -> Status:
+        status: Status = self._inner.measured_cf(t_ns, position, wrench)
+        hook = self._tampered.cf
+        return hook(wrench, status) if hook else status
+
+
+class _Efforts(_Proxy):
+    def servo_jf(self, effort: FloatArray, sent: FloatArray) -> Status:
+        status: Status = self._inner.servo_jf(effort, sent)
+        hook = self._tampered.jf
+        return hook(sent, status) if hook else status
+
+    def fault(self) -> None:
+        self._inner.fault()
+
+
+class _Law:
+    def __init__(self, tampered: Tampered, inner: Controller) -> None:
+        self._tampered, self._inner = tampered, inner
+        self.state_names = inner.state_names
+
+    def update(
+        self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray
+    ) -> None:
+        self._inner.update(t, x, u, x_next, y)
+        if self._tampered.law is not None:
+            self._tampered.law(y)
+
+
+def times(n: int, status: Status) -> Callable[..., Status]:
+    """Answer with `status` for `n` calls, then with what the device says."""
+    left = [n]
+
+    def answer(*said: Any) -> Status:
+        left[0] -= 1
+        return status if left[0] >= 0 else said[-1]
+
+    return answer
+
+
+def fill(value: float, status: Status | None = None) -> Callable[..., Any]:
+    """Write `value` over the first array of an answer."""
+
+    def answer(*said: Any) -> Any:
+        said[0][:] = value
+        return status if status is not None else said[-1]
+
+    return answer
+
+
+def frozen(arm: int) -> Callable[[Any, Any], None]:
+    """Counts of an arm stay where they are."""
+    kept: list[Any] = []
+
+    def words(counts: Any, gauges: Any) -> None:
+        if not kept:
+            kept.append(np.array(counts[arm]))
+        counts[arm] = kept[0]
+
+    return words

@@ -1,0 +1,167 @@
+"""The loop beside cyclictest and beside plain `time.sleep`, in turns on the same machine."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil import app
+from hil.config import load_rig
+from hil.rigs import rig_path
+from hil.runtime.statistics import Histogram
+
+PERIOD_NS = 1_000_000
+#: As in cyclictest's histogram: up to 100 ms, a microsecond a bin.
+_BINS = 100_000
+_NONE = float("nan")
+
+
+@dataclass(frozen=True)
+class Run:
+    """Wake-up latencies of one run [us].
+
+    Parameters
+    ----------
+    name : str
+        What ran.
+    ticks, missed : int
+        Periods done, and wake-ups more than a period late (skipped periods of the loop).
+    p50, p99, p999, most : float
+        [us].
+    note : str
+        What the operating system granted, or why there is no figure.
+    """
+
+    name: str
+    ticks: int
+    missed: int
+    p50: float
+    p99: float
+    p999: float
+    most: float
+    note: str = ""
+
+
+def hil_loop(seconds: float, realtime: bool = True) -> Run:
+    """The teleoperation rig in real time, with full recording."""
+    config = load_rig(rig_path("teleop"), {"loop": {"realtime": realtime}})
+    with tempfile.TemporaryDirectory() as folder:
+        done = app.run(config, seconds, 1, "real", Path(folder) / "loop.mcap")
+    f = done.figures
+    return Run(
+        "hil run, full recording" + ("" if realtime else ", no real-time class"), done.ticks,
+        done.missed, f["late_p50"], f["late_p99"], f["late_p999"], f["late_most"],
+        ", ".join(done.granted) or "nothing granted",
+    )  # fmt: skip
+
+
+def plain_sleep(seconds: float) -> Run:
+    """What a user would write: sleep to the next tick, the same arithmetic of one rig's tick."""
+    late, work, missed = [], np.zeros(64), 0
+    zero = time.monotonic_ns()
+    for k in range(1, round(seconds * 1e9 / PERIOD_NS) + 1):
+        due = zero + k * PERIOD_NS
+        time.sleep(max(0, due - time.monotonic_ns()) * 1e-9)
+        now = time.monotonic_ns() - due
+        late.append(now)
+        missed += now > PERIOD_NS
+        for _ in range(20):
+            work += 0.5 * work
+    return _run("plain time.sleep, nothing recorded", np.array(late, float), missed)
+
+
+def _run(name: str, late_ns: NDArray[np.float64], missed: int, note: str = "") -> Run:
+    h = Histogram()
+    h.add(late_ns)
+    p50, p99, p999 = (h.quantile(q) * 1e-3 for q in (0.5, 0.99, 0.999))
+    return Run(name, h.n, missed, p50, p99, p999, h.most * 1e-3, note)
+
+
+def cyclictest(seconds: float) -> Run:
+    """`cyclictest -m -p 80 -a`: what the machine allows any program."""
+    name = "cyclictest -m -p 80 -a"
+    program = shutil.which("cyclictest")
+    if program is None:
+        return Run(name, 0, 0, _NONE, _NONE, _NONE, _NONE, "not installed (package rt-tests)")
+    words = [program, "-m", "-p", "80", "-a", "-t", "1", "-i", "1000", "-q",
+             "-D", f"{max(1, round(seconds))}", "-h", str(_BINS)]  # fmt: skip
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        why = (done.stderr or done.stdout).strip().splitlines()
+        return Run(name, 0, 0, _NONE, _NONE, _NONE, _NONE, why[-1] if why else "failed")
+    rows = re.findall(r"^(\d{6}) (\d+)", done.stdout, re.M)
+    us, counts = (np.array([int(r[k]) for r in rows], np.int64) for k in (0, 1))
+    most = int(re.findall(r"Max Latencies:\s*(\d+)", done.stdout)[0])
+    total = np.cumsum(counts)
+    overflow = sum(int(x) for x in re.findall(r"Histogram Overflows:\s*(\d+)", done.stdout))
+    p50, p99, p999 = (
+        float(us[int(np.searchsorted(total, q * total[-1]))]) for q in (0.5, 0.99, 0.999)
+    )
+    missed = int(counts[us >= PERIOD_NS // 1000].sum()) + overflow
+    return Run(name, int(total[-1]) + overflow, missed, p50, p99, p999, float(most))
+
+
+#: In turns, so that a busy minute of the machine falls on all.
+RUNS: tuple[Callable[[float], Run], ...] = (
+    cyclictest, hil_loop, lambda seconds: hil_loop(seconds, realtime=False), plain_sleep,
+    cyclictest,
+)  # fmt: skip
+
+
+def compare(seconds: float) -> list[Run]:
+    """All runs, one after the other, each for so long [s]."""
+    hil_loop(0.3)  # compiled code into the cache
+    return [run(seconds) for run in RUNS]
+
+
+HEAD = ("run", "ticks", "missed", "p50 [us]", "p99 [us]", "p99.9 [us]", "most [us]", "")
+
+
+def rows(found: list[Run]) -> list[list[str]]:
+    """Cells of the table."""
+    return [
+        [r.name, str(r.ticks), str(r.missed), *(f"{v:.1f}" for v in (r.p50, r.p99, r.p999, r.most)),
+         r.note]
+        for r in found
+    ]  # fmt: skip
+
+
+def verdict(found: list[Run]) -> str:
+    """The loop against the machine's own limit."""
+    tests = [r for r in found if r.name.startswith("cyclictest") and r.ticks]
+    ours = next(r for r in found if r.name.startswith("hil run"))
+    if not tests:
+        return "cyclictest did not run: there is nothing to compare the loop with."
+    p99, missed = max(r.p99 for r in tests), max(r.missed for r in tests)
+    return (
+        f"p99 {ours.p99:.1f} us against {p99:.0f} us of cyclictest (aim: within 1.5 times); "
+        f"{ours.missed} missed deadlines against its {missed} wake-ups later than a period."
+    )
+
+
+def table(found: list[Run]) -> str:
+    """Table for the terminal."""
+    cells = [list(HEAD), *rows(found)]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(HEAD))]
+    lines = [
+        "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cells
+    ]
+    return "\n".join([*lines, "", verdict(found)])
+
+
+def page(found: list[Run], command: str) -> str:
+    """Page for the documentation."""
+    return "\n".join([
+        "# The loop beside cyclictest", "", f"Printed by `{command}`; 1 kHz, runs in turns.", "",
+        "| " + " | ".join(HEAD) + " |", "|" + "---|" * len(HEAD),
+        *("| " + " | ".join(r) + " |" for r in rows(found)), "", verdict(found), "",
+    ])  # fmt: skip

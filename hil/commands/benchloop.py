@@ -1,0 +1,62 @@
+"""`hil bench faults`, `loop` and `record`: the loop under attack, beside cyclictest, its record."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+from tqdm import tqdm
+
+from hil.bench import loop, records
+from hil.bench.faults import cases, process, runner, tables
+from hil.commands import common
+from hil.errors import ConfigError
+
+Found = tuple[str, dict[str, object]]
+
+
+def _page(args: argparse.Namespace, text: str) -> None:
+    """Write the page that --report asks for."""
+    if not args.report:
+        return
+    if Path(args.report).suffix != ".md":
+        raise ConfigError(f"--report {args.report}: a file that ends in .md is needed")
+    Path(args.report).write_text(text, encoding="utf-8")
+
+
+def _faults(args: argparse.Namespace) -> Found:
+    live = [] if args.quick else list(process.CASES)
+    total = len(cases.FAULTS) + len(live)
+    with tempfile.TemporaryDirectory() as folder, tqdm(
+        total=total, unit="fault", disable=not sys.stderr.isatty()
+    ) as bar:  # fmt: skip
+        found = runner.run(cases.FAULTS, Path(folder), lambda _: bar.update() and None)
+        for name in live:
+            found.append(process.one(name, Path(folder)))
+            bar.update()
+    _page(args, tables.report(found, f"hil bench faults{' --quick' if args.quick else ''}"))
+    text = common.table(list(tables.HEAD), [tables.row(o) for o in found])
+    return f"{text}\n\n{tables.verdict(found)}", {"faults": [asdict(o) for o in found]}
+
+
+def _loop(args: argparse.Namespace) -> Found:
+    found = loop.compare(args.seconds)
+    text = loop.table(found)
+    _page(args, loop.page(found, f"hil bench loop --seconds {args.seconds:g}"))
+    return text, {"runs": [asdict(r) for r in found]}
+
+
+def _record(args: argparse.Namespace) -> Found:
+    found = records.measure(args.seconds)
+    return records.table(found), asdict(found)
+
+
+BENCHES: dict[str, Callable[[argparse.Namespace], Found]] = {
+    "faults": _faults,
+    "loop": _loop,
+    "record": _record,
+}
