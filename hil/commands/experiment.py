@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 from collections.abc import Callable
 
 from hil.commands import common
 from hil.commands.designtext import finite
-from hil.experiments import elastic, friction, transparency, without_sensors
+from hil.experiments import elastic, excitation, friction, transparency, without_sensors
 
 HELP = "a study of the thesis end to end, with its table"
 EXAMPLE = "hil experiment elastic-ukf"
@@ -96,9 +97,23 @@ def _friction(seed: int) -> tuple[str, dict[str, object]]:
     return text + common.table(head, cells), {"rows": [dataclasses.asdict(r) for r in rows]}
 
 
+def _excitation(seed: int) -> tuple[str, dict[str, object]]:
+    rows = excitation.study(seed)
+    cells = [
+        [r.name, f"{r.found.rank} of 17", f"{r.found.condition:.3g}",
+         "-" if math.isnan(r.worst) else f"{100 * r.worst:.2f}"]
+        for r in rows
+    ]  # fmt: skip
+    head = ["excitation", "rank", "condition", "worst error of what is determined %"]
+    text = common.table(head, cells)
+    text += "".join(f"\n  {r.name}: {r.found.text}" for r in rows)
+    return text, {"rows": [dataclasses.asdict(r) for r in rows]}
+
+
 EXPERIMENTS: dict[str, Callable[[int], tuple[str, dict[str, object]]]] = {
     "elastic-ukf": _elastic,
     "transparency": _transparency,
     "fsf": _fsf,
     "friction-network": _friction,
+    "manual-excitation": _excitation,
 }

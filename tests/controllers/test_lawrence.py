@@ -247,3 +247,22 @@ def test_design_masses_and_rig_file_belong_together():
         np.testing.assert_allclose(files.tip_mass(pi, law.pose), mass, atol=1e-4)
     assert replace(law, shape="force").shape == "force"
     assert Robot(0.1).m == 0.1
+
+
+def energy(q, v, pi):
+    """Kinetic and potential energy of the model: N = dU/dq."""
+    arm = Premium(())
+    still = arm.regressor(q[None], np.zeros((1, 3)), np.zeros((1, 3)))[0] @ pi
+    m = [arm.regressor(q[None], np.zeros((1, 3)), e[None])[0] @ pi - still for e in np.eye(3)]
+    return 0.5 * v @ np.stack(m, 1) @ v + pi[6] * np.sin(q[1]) - pi[7] * np.cos(q[2])
+
+
+def test_the_torque_of_the_loops_model_conserves_energy():
+    """q'^T tau = dE/dt at any state: M' - 2 C is skew, N is a gradient."""
+    rng, out, pi = np.random.default_rng(5), np.zeros(3), np.array(lawrence.PREMIUM)
+    for _ in range(200):
+        q, v, a = rng.uniform(-1, 1, (3, 3)) * [[1], [4], [30]]
+        dynamics.inverse_dynamics(q, v, a, pi, out)
+        h = 1e-6
+        ahead, behind = (energy(q + s * v, v + s * a, pi) for s in (h, -h))
+        assert v @ out == pytest.approx((ahead - behind) / (2 * h), abs=1e-7)

@@ -20,3 +20,10 @@ def test_bench_ukf_agrees_with_filterpy(capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["worst"] < 1e-3
     assert 0 < found["compiled_us"] < found["reference_us"]
+
+
+def test_manual_excitation_says_what_is_not_identifiable(capsys):
+    assert main(["experiment", "manual-excitation"]) == 0
+    said = capsys.readouterr().out
+    for line in ("16 of 17", "14 of 17", "17 of 17", "only ratios are known", "dither"):
+        assert line in said
