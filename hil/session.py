@@ -135,6 +135,7 @@ def open_writer(
     writer = SessionWriter(output, plan, describe(config, rig, seed), attachments)
     if rig.taps is not None:
         writer.frames(rig.taps.logs, rig.origin_ns, config.loop.period_ns)
+        writer.at_the_end(rig.taps.told)
     return writer
 
 

@@ -71,6 +71,16 @@ class Taps:
 
         return advance
 
+    def told(self) -> dict[str, dict[str, str]]:
+        """What a session should say of its frames at its end: lost ones, and differences."""
+        found = {f"frames/{box}": {"dropped": str(log.dropped)} for box, log in self.logs.items()}
+        for box, replay in self.replays.items():
+            found[f"replay/{box}"] = {
+                "session": self._session, "asked": str(replay.asked), "other": str(replay.other),
+                "first": "; ".join(replay.differences[:3]),
+            }  # fmt: skip
+        return found
+
     def replayed(self, name: str, kind: str) -> Bus:
         """Bus of a box that a session answers for.
 

@@ -17,6 +17,7 @@ from hil.commands import outputs
 from hil.config import RigConfig, load_rig
 from hil.errors import ConfigError
 from hil.excite import files
+from hil.record import reader
 from hil.runtime.commands import COMMANDS, scheduled
 
 HELP = "run a session of a rig and record it"
@@ -69,11 +70,26 @@ def run(args: argparse.Namespace) -> int:
     outputs.check(args.output, ".mcap", [args.rig, *([args.trajectory] if args.trajectory else [])])
     outputs.keep_old(Path(args.output))
     summary = _with_bar(config, args)
+    for line in differences(summary.path):
+        sys.stderr.write(line + "\n")
     if args.json:
         sys.stdout.write(json.dumps(summary.as_dict()) + "\n")
     else:
         sys.stdout.write(table(summary) + "\n")
     return 0
+
+
+def differences(path: str) -> list[str]:
+    """Where the drivers asked something else than in the recording that answered for a box."""
+    lines = []
+    for name, told in reader.summary(path).metadata.items():
+        if name.startswith("replay/") and told["other"] != "0":
+            box = name.removeprefix("replay/")
+            lines.append(
+                f"box {box}: {told['other']} of {told['asked']} frames sent are others than in "
+                f"{told['session']}; first: {told['first']}"
+            )
+    return lines
 
 
 def _played(args: argparse.Namespace) -> dict[str, Any]:

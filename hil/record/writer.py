@@ -109,6 +109,7 @@ class SessionWriter:
         self._append = appender(self._writer, CHUNK_BYTES - _FRAME - largest)
         self._events = 0
         self._logs: list[tuple[int, FrameLog]] = []
+        self._at_the_end: Callable[[], Mapping[str, Mapping[str, str]]] = dict
         self._origin_ns, self._period_ns, self._epoch_ns = 0, 0, -1
         self._chunk_start = 0
         self.messages = 0
@@ -224,6 +225,10 @@ class SessionWriter:
             self._logs.append((number, log))
         self._origin_ns, self._period_ns = origin_ns, period_ns
 
+    def at_the_end(self, told: Callable[[], Mapping[str, Mapping[str, str]]]) -> None:
+        """Metadata records that are asked for when the session is closed."""
+        self._at_the_end = told
+
     def _write_frames(self, last: bool = False) -> None:
         """Frames that wait; before the first row there is no log time for them."""
         if self._epoch_ns < 0 and not last:
@@ -254,6 +259,8 @@ class SessionWriter:
         if not self._file.closed:
             try:
                 self._write_frames(last=True)
+                for name, record in self._at_the_end().items():
+                    self.metadata(name, record)
                 self._writer.finish()  # type: ignore[no-untyped-call]
                 self._file.flush()
             finally:

@@ -10,13 +10,17 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from hil import app
+from hil.cli import main
+from hil.commands.run import differences
 from hil.config import load_rig
 from hil.errors import ConfigError, DataError, DeviceError
 from hil.record.container import read
 from hil.record.fields import read_fields
 from hil.record.frames import RX, START, TX, Frame, FrameLog, decode, encode, read_frames
+from hil.record.reader import summary
 from hil.record.replay import Replay
 from hil.rig import open_rig
+from hil.session import rig_text
 from sim_devices.force.netcanoem import NetCanOemBoard
 from sim_devices.usb.quad08 import SimQuad08
 
@@ -104,6 +108,7 @@ def test_a_driver_that_now_asks_something_else_is_told_apart(tmp_path):
     rig = open_rig(load_rig(RIG, over), 0)
     replay = rig.taps.replays["follower-ft"]
     assert replay.other == 0
+    assert rig.taps.told()["replay/follower-ft"]["other"] == "0"
     replay.put("20f", b"\x01")
     assert "20f 01 now" in replay.differences[0]
     rig.close()
@@ -159,6 +164,12 @@ def test_a_whole_rig_comes_again_from_its_frames(tmp_path):
         elif "count" in name:
             # which scan of the first milliseconds is taken may differ, nothing after
             np.testing.assert_array_equal(desk[name][20:], values[20:])
+    told = summary(tmp_path / "desk.mcap").metadata
+    assert int(told["replay/leader-ft"]["asked"]) > 1000
+    assert told["replay/leader-ft"]["other"] == "0"
+    said = differences(str(tmp_path / "desk.mcap"))
+    assert said and all("-motor" in line and "frames sent are others" in line for line in said)
+    assert summary(tmp_path / "field.mcap").metadata["frames/encoders"] == {"dropped": "0"}
     assert max(np.ptp(field[f"follower_count{k}"]) for k in (1, 2, 3)) > 50
 
 
@@ -192,3 +203,20 @@ def test_frames_have_the_log_time_of_their_tick(tmp_path):
     rows, frames = topics["/rig/raw"].times, topics["/frames/follower-ft"].times
     assert rows[0] - frames[0] in (0, 1_000_000)
     assert abs(frames[-1] - rows[-1]) <= 1_000_000
+
+
+def test_hil_run_says_where_a_driver_asks_something_else(tmp_path, capsys):
+    field = run(tmp_path / "field.mcap", "sim-wire", frames=True)
+    over = {"devices": {**ARMS, "follower-force": {"backend": "replay"}},
+            "record": {"replay": str(field)},
+            "boxes": {"follower-ft": {"options": {"calibration": 3}}}}  # fmt: skip
+    rig = tmp_path / "desk.toml"
+    config = load_rig(RIG, over)
+    rig.write_text(rig_text(config), encoding="utf-8")
+    # slot 3 instead of 0: the recorded echo gives it away
+    assert main(["run", str(rig), "--seconds", "0.1", "-o", str(tmp_path / "x.mcap")]) == 3
+    assert "asked for calibration 3, the board echoes 00" in capsys.readouterr().err
+    rig.write_text(rig_text(load_rig(RIG, {**over, "boxes": {"follower-ft": {"options": {
+        "answer_ms": 1.5}}}})), encoding="utf-8")  # fmt: skip
+    assert main(["run", str(rig), "--seconds", "0.1", "-o", str(tmp_path / "x.mcap")]) == 0
+    assert differences(str(tmp_path / "x.mcap")) == []
