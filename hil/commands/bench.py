@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from hil.bench import hidden, identify, recordings, ukf, velocity, wire
+from hil.bench import hidden, identify, recordings, redesign, ukf, velocity, wire
 from hil.bench.diagnosis import cases, runner, tables
 from hil.commands import benchloop, common, identifytable, outputs, plugins
 from hil.errors import ConfigError
@@ -232,6 +232,18 @@ def _identify(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     return identifytable.text(report), identifytable.data(report)
 
 
+def _redesign(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Sensitivity-optimised designs: what they reach, and how long they take."""
+    rows = redesign.measure()
+    cells = [
+        [r.task, f"{r.sensitivity:.3f}", f"{r.kappa:.2f}", f"{r.agreeing} of {r.starts}",
+         f"{r.cold_s:.2f}", f"{r.warm_s:.2f}"]
+        for r in rows
+    ]  # fmt: skip
+    head = ["task", "sensitivity", "condition of Q", "agree", "from afar s", "re-design s"]
+    return common.table(head, cells), {"rows": [vars(r) for r in rows]}
+
+
 def _ukf(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     """Compiled elastic-transmission filter against filterpy."""
     f = ukf.measure()
@@ -253,5 +265,6 @@ BENCHES: dict[str, Callable[[argparse.Namespace], tuple[str, dict[str, object]]]
     "velocity": _velocity,
     **benchloop.BENCHES,
     "ukf": _ukf,
+    "redesign": _redesign,
     "wire": _wire,
 }

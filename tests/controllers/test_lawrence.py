@@ -10,11 +10,11 @@ from controllers import channel, dynamics, ela, geometry, lawrence
 from controllers.channel import ChannelConfig
 from controllers.lawrence import Lawrence, LawrenceConfig
 from hil.cli import main
-from hil.config import load_rig
-from hil.errors import ConfigError
+from hil.config import load_rig, parse
+from hil.errors import ConfigError, DeviceError
 from hil.models.phantom import Premium
 from hil.record.reader import load
-from hil.teleop import files, named, sampled
+from hil.teleop import files, named, refuse, sampled
 from hil.teleop.design import Design, Robot, Term
 
 RIGS = Path(__file__).parents[2] / "rigs"
@@ -266,3 +266,27 @@ def test_the_torque_of_the_loops_model_conserves_energy():
         h = 1e-6
         ahead, behind = (energy(q + s * v, v + s * a, pi) for s in (h, -h))
         assert v @ out == pytest.approx((ahead - behind) / (2 * h), abs=1e-7)
+
+
+@pytest.mark.parametrize(("stiffness", "damping", "grows"), [(300, 1.0, False), (300, 2.5, True)])
+def test_the_rig_does_what_the_check_with_the_cable_says(
+    stiffness, damping, grows, tmp_path, monkeypatch
+):
+    """A design that a rigid arm would bear is refused, and does grow on the simulated rig."""
+    given = load_rig(RIGS / "lawrence.toml").controller.parameters
+    pull = [float(stiffness), damping, 0.0]
+    back = [-float(stiffness), -damping, 0.0]
+    law = {**given, "c1": pull, "c4": back, "c7": pull, "c8": pull, "c2": [0.0]}
+    over = {"controller": {"parameters": law}}
+    built = parse(LawrenceConfig, law, "test")
+    if grows:
+        with pytest.raises(ConfigError, match="not when sampled"):
+            Lawrence(built, ARMS, T)
+        refuse.refuse(files.loops_of(replace(built, cable=())), T)  # rigid: accepted
+        monkeypatch.setattr(lawrence, "refuse", lambda *_: None)
+    try:
+        leader, _ = session(tmp_path, over, 1.5)
+    except DeviceError:  # a speed or torque limit ended it
+        leader = load(tmp_path / "s.mcap", "leader")
+    ripple = np.abs(np.diff(leader.qd, axis=0)).max()
+    assert (ripple > 1.0) == grows

@@ -1,0 +1,68 @@
+"""Time of a sensitivity-optimised design, from afar and from a neighbouring solution."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+from hil.teleop import optimise
+from hil.teleop.design import Realisation
+from hil.teleop.hybrid import Impedance
+from hil.teleop.optimise import Problem
+
+#: Tasks: name -> what differs from the default problem.
+TASKS: dict[str, Problem] = {
+    "gel 300 N/m": Problem(real=Realisation(32.0, 30.0, 32.0)),
+    "gel 300 N/m, k <= 225": Problem(real=Realisation(32.0, 30.0, 32.0), stiffness=225.0),
+    "gel 600 N/m, k <= 240": Problem(
+        real=Realisation(32.0, 30.0, 32.0), environment=Impedance(0.0, 3.0, 600.0),
+        stiffness=240.0, contact=0.8,
+    ),
+    "condition of Q to 3": Problem(real=Realisation(32.0, 30.0, 32.0), kappa=3.0, force=2.0),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Row:
+    """One task.
+
+    Parameters
+    ----------
+    task : str
+        Name.
+    sensitivity, kappa : float
+        Of the optimum.
+    agreeing, starts : int
+        Searches within 1 % of the best.
+    cold_s, warm_s : float
+        Time of all searches; of one search after the gel has become 10 % stiffer.
+    """
+
+    task: str
+    sensitivity: float
+    kappa: float
+    agreeing: int
+    starts: int
+    cold_s: float
+    warm_s: float
+
+
+def measure() -> list[Row]:
+    """Design every task, then re-design it."""
+    from hil.teleop.fsf import conditioning
+
+    rows = []
+    for name, problem in TASKS.items():
+        start = time.perf_counter()
+        found = optimise.optimise(problem)
+        cold = time.perf_counter() - start
+        ze = problem.environment
+        near = replace(problem, environment=Impedance(ze.m, ze.b, 1.1 * ze.k))
+        start = time.perf_counter()
+        optimise.optimise(near, start=found.theta)
+        warm = time.perf_counter() - start
+        rows.append(Row(
+            name, found.sensitivity, conditioning(found.design), found.agreeing, found.starts,
+            cold, warm,
+        ))  # fmt: skip
+    return rows
