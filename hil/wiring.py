@@ -17,6 +17,8 @@ from hil.signals.bus import Bus
 from hil.signals.device import IntArray, Status
 from hil.tapping import Taps
 
+#: Looked up once: members of an enumeration are slow to find in the fast path.
+_OK, _LOST = Status.OK, Status.LOST
 _PLACE = re.compile(r"(-?)([^/]+)/(\d+)")
 
 
@@ -56,10 +58,6 @@ class CodesBox(Protocol):
 
     def put(self, channel: int, code: int) -> None:
         """Code -32768..32767 of a channel, which goes out as soon as the box can."""
-        ...
-
-    def flush(self) -> Status:
-        """Whether codes still go out: LOST when not."""
         ...
 
     def rest(self) -> None:
@@ -302,27 +300,29 @@ class BoxWire:
         """Counts for time `t_ns`; LOST also when the way out is lost, and then for good."""
         if self._advance is not None:
             self._advance(t_ns)
-        status = Status.OK
+        status = _OK
         for box in self._readers:
-            status = max(status, box.receive(t_ns))
+            said = box.receive(t_ns)
+            status = status if said is _OK else max(status, said)
         self._collect()
         for writer in self._writers:
-            status = max(status, writer.flush())
-        if status is Status.LOST and not self._lost:
+            if writer.trouble:
+                status = _LOST
+        if status is _LOST and not self._lost:
             self._lost = True
             for writer in self._writers:
                 writer.rest()
-        return Status.LOST if self._lost else status
+        return _LOST if self._lost else status
 
     def _collect(self) -> None:
         counts, offset = self.counts, self._offset
         for i, source, at, sign in self._in:
-            counts[i] = sign * source[at] + offset[i]
+            counts[i] = sign * source.item(at) + offset.item(i)
 
     def send(self, codes: IntArray) -> None:
         """DAC codes to their boxes."""
         for i, box, channel, sign in self._out:
-            box.put(channel, sign * int(codes[i]))
+            box.put(channel, sign * codes.item(i))
 
     def power(self, on: bool) -> None:
         """Sign of life on or off."""

@@ -114,7 +114,7 @@ class WiredBench:
         def drive(now_ns: int) -> None:
             if box.tick(now_ns):
                 for channel, codes, motor, sign in rows:
-                    codes[motor] = round(sign * float(box.volts[channel]) * 3276.8)
+                    codes[motor] = round(sign * box.volts.item(channel) * 3276.8)
 
         return drive
 

@@ -15,7 +15,6 @@ from drivers.usb_31xx.config import QUERIES_PER_S, Usb31xxConfig
 from drivers.usb_31xx.link import FRAME_S, Link
 from hil.errors import ConfigError, DeviceError
 from hil.signals.bus import Bus
-from hil.signals.device import Status
 
 _FRAME_NS = round(FRAME_S * 1e9)
 _QUERY_NS = round(1e9 / QUERIES_PER_S)
@@ -133,10 +132,6 @@ class Usb31xx:
         if self._wanted[channel] != code:
             self._wanted[channel] = code
             self._dirty[channel] = True
-
-    def flush(self) -> Status:
-        """Whether codes still go out: LOST when not."""
-        return Status.LOST if self.trouble else Status.OK
 
     def rest(self) -> None:
         """Zeros as soon as possible, and no heartbeat any more; does not wait."""

@@ -6,7 +6,6 @@ which agree on every report used here.  Byte 0 is the report's number; writes ar
 
 from __future__ import annotations
 
-import math
 import struct
 
 from hil.errors import DeviceError
@@ -79,6 +78,10 @@ def converter(code: int, slope: float, offset: float) -> int:
     (32768, 49152, 65535)
     """
     # k' = slope k + offset
-    ideal = min(max(float(code) + ZERO, 0.0), float(TOP))
+    ideal = float(code + ZERO)
+    if not 0.0 <= ideal <= TOP:
+        ideal = 0.0 if ideal < 0.0 else float(TOP)
     real = slope * ideal + offset
-    return math.floor(min(max(real, 0.0), float(TOP)) + 0.5)
+    if not 0.0 <= real <= TOP:
+        return 0 if real < 0.0 else TOP
+    return int(real + 0.5)

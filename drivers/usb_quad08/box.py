@@ -17,7 +17,9 @@ from hil.signals.device import Status
 
 #: Words that the ring holds (a power of two), and scans read before counting begins.
 RING, SETTLING, MOST_PACKETS = 1 << 18, 4, 32
-READ_TIMEOUT_MS, STATUS_EVERY_NS = 20, 100_000_000
+READ_TIMEOUT_MS = 20
+#: Time between questions for the status, while data come and while none do.
+STATUS_EVERY_NS, STATUS_EMPTY_NS = 1_000_000_000, 10_000_000
 FIRST_DATA_S, STEP_S = 1.0, 0.005
 
 
@@ -123,7 +125,7 @@ class Quad08:
             if n:
                 self._store(n)
             now = self._bus.now_ns()
-            if now - self._checked_ns >= STATUS_EVERY_NS:
+            if now - self._checked_ns >= (STATUS_EVERY_NS if n else STATUS_EMPTY_NS):
                 self._checked_ns = now
                 self._check()
         except DeviceError as error:

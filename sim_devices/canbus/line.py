@@ -116,17 +116,20 @@ class CanLine:
         ready = [n for n in self.nodes if n.outbox and n.powered and n.failures < OFF]
         if not ready:
             return None
-        winners = ready
         if len(ready) == 1:
-            start = max(self._idle_ns, ready[0].outbox[0][0])
-        else:
-            start = max(self._idle_ns, min([n.outbox[0][0] for n in ready]))
-            rivals = [n for n in ready if n.outbox[0][0] <= start]
-            lowest = min([n.outbox[0][1].ident for n in rivals])
-            winners = [n for n in rivals if n.outbox[0][1].ident == lowest]
+            at, frame = ready[0].outbox[0]
+            return self._plan(at if at > self._idle_ns else self._idle_ns, frame, ready, False)
+        start = max(self._idle_ns, min([n.outbox[0][0] for n in ready]))
+        rivals = [n for n in ready if n.outbox[0][0] <= start]
+        lowest = min([n.outbox[0][1].ident for n in rivals])
+        winners = [n for n in rivals if n.outbox[0][1].ident == lowest]
         frame = winners[0].outbox[0][1]
         # one identifier, other bits: the bit error comes after the arbitration field
-        clash = len(winners) > 1 and any(n.outbox[0][1] != frame for n in winners[1:])
+        clash = any(n.outbox[0][1] != frame for n in winners[1:])
+        return self._plan(start, frame, winners, clash)
+
+    def _plan(self, start: int, frame: Frame, winners: list[Node], clash: bool) -> _Flight:
+        """A frame that starts at `start` [ns]."""
         fails = clash or not self._acknowledged(winners)
         bit_ns = 1e9 / winners[0].bit_rate
         end = start + round((ERROR + 13 if clash else bits(frame.ident, frame.data)) * bit_ns)
@@ -159,7 +162,8 @@ class CanLine:
         frame = senders[0].outbox[0][1]
         for node in senders:
             node.outbox.popleft()
-            node.failures = max(0, node.failures - 1)
+            if node.failures:
+                node.failures -= 1
         self.frames += 1
         for node in self.nodes:
             if node.powered and node.failures < OFF and node not in senders:

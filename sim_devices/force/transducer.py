@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
+from math import exp
 from typing import Any
 
 import numba as nb
@@ -131,7 +132,7 @@ class Transducer:
             self._rng.standard_normal(out=self._noise)
             self._left = BLOCK
         # dT' = (T_end - dT) / tau, from cold at time 0
-        self.warming = self._warm * (1.0 - np.exp(-t_ns * 1e-9 / self._tau))
+        self.warming = self._warm * (1.0 - exp(-t_ns * 1e-9 / self._tau))
         elapsed = max(0.0, (t_ns - self._last_ns) * 1e-9)
         self._last_ns = t_ns
         _words(

@@ -135,7 +135,7 @@ class Sim31xx:
 
     def _convert(self, channel: int, value: int) -> None:
         code = self._gain.item(channel) * value + self._offset.item(channel)
-        if self._bipolar[channel]:
+        if self._bipolar.item(channel):
             self.volts[channel] = (code - 32768.0) / 32768.0 * 10.0
         else:
             self.volts[channel] = code / 65536.0 * 10.0
