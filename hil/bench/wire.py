@@ -40,20 +40,25 @@ WORLD = "simulated world and boxes"
 class Stopwatch:
     """Times of named calls, without those of named calls within them.
 
+    Parameters
+    ----------
+    clock : callable
+        Time [ns].
+
     Attributes
     ----------
     now : dict of str to int
         Time of this tick [ns].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], int] = time.perf_counter_ns) -> None:
         self.now: dict[str, int] = {}
-        self._inner = [0]
+        self._inner, self._clock = [0], clock
 
     def timed(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         """`call`, timed under `name`."""
         self.now[name] = 0
-        clock, inner, now = time.perf_counter_ns, self._inner, self.now
+        clock, inner, now = self._clock, self._inner, self.now
 
         def measured(*args: Any) -> Any:
             begin = clock()

@@ -1,7 +1,5 @@
 """`hil bench wire`: every driver has its row, and no time is counted twice."""
 
-import time
-
 from hil.bench import wire
 
 
@@ -15,24 +13,21 @@ def test_every_driver_and_box_has_a_row():
     for arm in ("leader", "follower"):
         rows = (f"{arm}-arm measured_js", f"{arm}-arm servo_jf", f"{arm}-force measured_cf")
         assert all(0 < found[r].median <= found[r].p99 for r in rows)
-    whole = found["whole tick"].median
-    parts = sum(c.median for name, c in found.items() if not name.startswith("whole"))
-    assert 0.3 * whole < parts < 1.2 * whole
+    assert list(found)[-1] == "whole tick"
+    assert found[wire.WORLD].median > 0
 
 
 def test_time_within_other_named_calls_is_theirs():
-    watch = wire.Stopwatch()
+    now = [0]
 
-    def spin(ns):
-        until = time.perf_counter_ns() + ns
-        while time.perf_counter_ns() < until:
-            pass
+    def work(ns):
+        now[0] += ns
 
-    inner = watch.timed("inner", lambda: spin(2_000_000))
-    outer = watch.timed("outer", lambda: (spin(1_000_000), inner(), inner()))
+    watch = wire.Stopwatch(lambda: now[0])
+    inner = watch.timed("inner", lambda: work(2))
+    outer = watch.timed("outer", lambda: (work(1), inner(), inner()))
     outer()
-    assert watch.now["inner"] >= 4_000_000
-    assert 1_000_000 <= watch.now["outer"] < 4_000_000
+    assert watch.now == {"inner": 4, "outer": 1}
 
 
 def test_a_speed_is_that_of_a_whole_session():
