@@ -32,6 +32,31 @@ def inverse_dynamics(q: Any, v: Any, a: Any, pi: Any, out: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
+def momentum(q: Any, v: Any, pi: Any, work: Any, out: Any) -> None:
+    """M(q) q' [N m s] into `out` (3,); `work` (2, 3) is scratch."""
+    # N alone, then M a + N with a = q'
+    work[0, :] = 0.0
+    inverse_dynamics(q, work[0], work[0], pi, work[1])
+    inverse_dynamics(q, work[0], v, pi, out)
+    for i in range(3):
+        out[i] -= work[1, i]
+
+
+@nb.njit(cache=True, nogil=True)
+def push(q: Any, v: Any, pi: Any, work: Any, out: Any) -> None:
+    """C^T q' - N [N m] into `out` (3,), with C^T q' = M' q' - C q'; `work` (6, 3) is scratch."""
+    h = 1e-5
+    for side in range(2):
+        for i in range(3):
+            work[2, i] = q[i] + (h if side == 0 else -h) * v[i]
+        momentum(work[2], v, pi, work[:2], work[3 + side])
+    work[0, :] = 0.0
+    inverse_dynamics(q, v, work[0], pi, work[5])
+    for i in range(3):
+        out[i] = (work[3, i] - work[4, i]) / (2.0 * h) - work[5, i]
+
+
+@nb.njit(cache=True, nogil=True)
 def drift(q: Any, v: Any, lengths: Any, out: Any) -> None:
     """J' q' [m/s^2] into `out` (3,): the tip's acceleration without joint accelerations."""
     s1, c1, s2, c2 = sin(q[0]), cos(q[0]), sin(q[1]), cos(q[1])
@@ -65,6 +90,15 @@ def solve(j: Any, b: Any, out: Any) -> None:
         a2 * b[0] + (j[0, 1] * j[2, 0] - j[0, 0] * j[2, 1]) * b[1]
         + (j[0, 0] * j[1, 1] - j[0, 1] * j[1, 0]) * b[2]
     ) / det  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True)
+def solve_transposed(j: Any, b: Any, work: Any, out: Any) -> None:
+    """J^T x = b into `out` (3,); `work` (3, 3) is scratch."""
+    for i in range(3):
+        for k in range(3):
+            work[i, k] = j[k, i]
+    solve(work, b, out)
 
 
 @nb.njit(cache=True, nogil=True)

@@ -26,6 +26,8 @@ PREMIUM = (
     2.8328e-3, 1.1319e-3, -3.9120e-4, 9.1230e-4, 2.4264e-3, 9.3189e-4, -1.6298e-2, -7.3755e-2,
 )  # fmt: skip
 AXES = ("x", "y", "z")
+#: Where the momentum observer's memory starts in the state.
+FIRST_OBSERVED = 43
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,8 @@ class LawrenceConfig:
         ``"force"`` with the measured force, ``"acceleration"`` without a sensor.
     velocity_hz, acceleration_hz, force_hz : float
         Corners of the filters; 0 = none.
+    observer_hz : float
+        Corner of the momentum observer, which is recorded beside the law's own estimates.
     forward, backward : table
         Channels leader -> follower and back: delay, jitter [s], loss.
     seed : int
@@ -86,6 +90,7 @@ class LawrenceConfig:
     force_hz: float = 60.0
     forward: ChannelConfig = field(default_factory=ChannelConfig)
     backward: ChannelConfig = field(default_factory=ChannelConfig)
+    observer_hz: float = 10.0
     seed: int = 0
     leader_model: tuple[float, ...] = PREMIUM
     follower_model: tuple[float, ...] = PREMIUM
@@ -197,6 +202,26 @@ def torque(a: int, q: Any, v: Any, force: Any, c: Any, w: Any, y: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
+def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
+    """Momentum observer of arm `a`: the force ON its tip without a sensor.
+
+    r = K (M q' - int(tau_c + C^T q' - N - tau_f + r) dt), F = J^-T r: the external torque
+    through a first-order low-pass of corner K.  Memory per arm: integral (3,), torque sent (3,),
+    force (3,); the torque of this tick is written by `law`.
+    """
+    at = FIRST_OBSERVED + 9 * a
+    dynamics.momentum(q, v, c.models[a], w.room[:2], w.impulse)
+    dynamics.push(q, v, c.models[a], w.room, w.goal)
+    for i in range(3):
+        flow = x[at + 3 + i] + w.goal[i] - dynamics.interpolate(v[i], c.speeds, c.friction[a, i])
+        known = x[at + i] + c.period * flow if x[0] > 0.0 else w.impulse[i]
+        # implicit in r: stable for any K
+        w.bend[i] = c.observer * (w.impulse[i] - known) / (1.0 + c.observer * c.period)
+        x_next[at + i] = known + c.period * w.bend[i]
+    dynamics.solve_transposed(w.jacobian[a], w.bend, w.square, x_next[at + 6 : at + 9])
+
+
+@nb.njit(cache=True, nogil=True)
 def law(
     tick: int, x: Any, u: Any, c: Any, w: Any, line: Any, ages: Any, x_next: Any, y: Any
 ) -> None:
@@ -231,6 +256,9 @@ def law(
             pull = c.masses[a, i] * w.signals[a, i, 2] - w.force[i]
             x_next[37 + 3 * a + i] = pull if a == 0 else -pull
         torque(a, u[a, :3], u[a, 3:6], w.force, c, w, y[a])
+        observe(a, u[a, :3], u[a, 3:6], x, c, w, x_next)
+        for j in range(3):
+            x_next[FIRST_OBSERVED + 9 * a + 3 + j] = y[a, j]
 
 
 class Lawrence:
@@ -260,6 +288,15 @@ class Lawrence:
             for what in ("origin", "velocity", "raw", "acceleration", "force", "on")
         ),
         *(f"{arm}_estimate_{axis}" for arm in ("leader", "follower") for axis in AXES),
+        *(
+            f"{arm}_{what}"
+            for arm in ("leader", "follower")
+            for what in (
+                *(f"impulse{j}" for j in (1, 2, 3)),
+                *(f"sent{j}" for j in (1, 2, 3)),
+                *(f"observed_{axis}" for axis in AXES),
+            )
+        ),
     )
 
     def __init__(self, config: LawrenceConfig, arms: tuple[str, ...], period: float) -> None:
@@ -291,7 +328,8 @@ _F = np.float64
 _WORK = np.dtype([
     ("tip", _F, (2, 3)), ("jacobian", _F, (2, 3, 3)), ("signals", _F, (2, 3, ela.SIGNALS)),
     ("heard", _F, (3, ela.SIGNALS)), ("force", _F, (3,)), ("push", _F, (3,)),
-    ("goal", _F, (3,)), ("bend", _F, (3,)),
+    ("goal", _F, (3,)), ("bend", _F, (3,)), ("impulse", _F, (3,)), ("room", _F, (6, 3)),
+    ("square", _F, (3, 3)),
 ])  # fmt: skip
 
 
@@ -301,12 +339,14 @@ def constants(config: LawrenceConfig, period: float) -> Any:
     kind = np.dtype([
         ("gains", _F, (3, ela.GAINS)), ("masses", _F, (2, 3)), ("models", _F, (2, 8)),
         ("shares", _F, (3,)), ("lengths", _F, (2,)), ("period", _F), ("shape", np.int64),
+        ("observer", _F),
         ("speeds", _F, (max(n, 1),)), ("friction", _F, (2, 3, max(n, 1))),
     ])  # fmt: skip
     c = np.zeros(1, kind)[0]
     c["gains"], c["masses"] = config.gains(), config.masses()
     c["models"] = np.stack([config.leader_model, config.follower_model])
     c["shares"], c["lengths"], c["period"] = config.shares(period), config.lengths, period
+    c["observer"] = 2 * np.pi * config.observer_hz
     c["shape"] = SHAPES.index(config.shape)
     if n:
         c["speeds"] = config.friction_speeds

@@ -12,7 +12,10 @@ from controllers.lawrence import Lawrence, LawrenceConfig
 from hil.cli import main
 from hil.config import load_rig, parse
 from hil.errors import ConfigError, DeviceError
+from hil.estimate import force
 from hil.models.phantom import Premium
+from hil.record.container import read
+from hil.record.decode import decode_numbers
 from hil.record.reader import load
 from hil.teleop import files, named, refuse, sampled
 from hil.teleop.design import Design, Robot, Term
@@ -290,3 +293,42 @@ def test_the_rig_does_what_the_check_with_the_cable_says(
         leader = load(tmp_path / "s.mcap", "leader")
     ripple = np.abs(np.diff(leader.qd, axis=0)).max()
     assert (ripple > 1.0) == grows
+
+
+def test_the_observer_in_the_loop_sees_the_force_that_the_sensor_sees(tmp_path):
+    machine = {"kind": "mechanical", "frequency": 1.0, "size": [0.0, 0.0, 0.008]}
+    gel = {"below_home": -0.02, "stiffness": 500.0}
+    _, follower = session(tmp_path, {"simulation": {"operator": machine, "gel": gel}}, 3.0)
+    topic = read(tmp_path / "s.mcap").topics["/controller/state"]
+    at = Lawrence.state_names.index("follower_observed_z")
+    seen, kept = decode_numbers(topic)[:, at], np.array(topic.sequence) - 1
+    sensor = follower.wrench[kept, 2]
+    late = kept > 500
+    assert sensor[late].std() > 0.1
+    assert np.corrcoef(seen[late], sensor[late])[0, 1] > 0.95
+    # what is left is the friction, not compensated here
+    assert np.sqrt(np.mean((seen - sensor)[late] ** 2)) < 0.15
+
+
+def test_momentum_terms_of_the_loop_are_those_of_the_library():
+    rng, pi = np.random.default_rng(6), np.array(lawrence.PREMIUM)
+    p, flow, room = np.zeros(3), np.zeros(3), np.zeros((6, 3))
+    q, v = rng.uniform(-1, 1, (50, 3)), rng.uniform(-3, 3, (50, 3))
+    m, rest = force.premium_terms(pi, q, v)
+    for k in range(50):
+        dynamics.momentum(q[k], v[k], pi, room[:2], p)
+        dynamics.push(q[k], v[k], pi, room, flow)
+        np.testing.assert_allclose(p, m[k] @ v[k], atol=1e-12)
+        np.testing.assert_allclose(flow, rest[k], atol=1e-7)
+
+
+@pytest.mark.parametrize("shape", lawrence.SHAPES)
+def test_every_way_to_a_point_mass_runs_on_the_rig(shape, tmp_path):
+    pull, back = [130.0, 0.8, 0.0], [-130.0, -0.8, 0.0]
+    law = {"c1": pull, "c4": back, "c7": pull, "c8": pull, "shape": shape,
+           "leader_mass": [0.12], "follower_mass": [0.08], "acceleration_hz": 5.0}  # fmt: skip
+    leader, follower = session(tmp_path, {"controller": {"parameters": law}}, 1.5)
+    assert leader.n == 1500
+    tips = [Premium(()).tip(r.q) for r in (leader, follower)]
+    assert np.abs((tips[0] - tips[0][0]) - (tips[1] - tips[1][0])).max() < 6e-3
+    assert np.abs(np.diff(leader.qd, axis=0)).max() < 0.2
