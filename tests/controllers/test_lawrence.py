@@ -331,4 +331,4 @@ def test_every_way_to_a_point_mass_runs_on_the_rig(shape, tmp_path):
     assert leader.n == 1500
     tips = [Premium(()).tip(r.q) for r in (leader, follower)]
     assert np.abs((tips[0] - tips[0][0]) - (tips[1] - tips[1][0])).max() < 6e-3
-    assert np.abs(np.diff(leader.qd, axis=0)).max() < 0.2
+    assert np.abs(np.diff(leader.qd[100:], axis=0)).max() < 0.2
