@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hil import registry, wiring
+from hil.boxwire import BoxWire
 from hil.config import SIMULATED, RigConfig, parse
 from hil.errors import ConfigError, DeviceError
 from hil.excite import files, margins
@@ -205,7 +206,7 @@ def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any], ta
     rows = {role: [(boxes[p.box], p) for p in row] for role, row in spots.items()}
     world = None if bench is None else bench.advance
     names = {p.box for row in spots.values() for p in row}
-    return wiring.BoxWire(name, rows, taps.advance(sorted(names), world))
+    return BoxWire(name, rows, taps.advance(sorted(names), world))
 
 
 def _port(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPort:

@@ -9,6 +9,7 @@ from dataclasses import asdict
 
 from hil.commands import common
 from hil.config import RigConfig, load_rig
+from hil.exits import unwinding_signals
 from hil.selftest import USUAL, selftest
 
 HELP = "test a rig device by device, first without motor power, then at a small torque"
@@ -29,11 +30,12 @@ def run(args: argparse.Namespace) -> int:
     """Run the steps; 0 if all of them passed."""
     config = load_rig(args.rig)
     steps = []
-    for step in selftest(config, args.torque, lambda: _allowed(config, args)):
-        steps.append(step)
-        if not args.json:
-            mark = "ok  " if step.passed else "FAIL"
-            common.out(f"{mark}  {step.device:<16} {step.what:<10} {step.text}")
+    with unwinding_signals():
+        for step in selftest(config, args.torque, lambda: _allowed(config, args)):
+            steps.append(step)
+            if not args.json:
+                mark = "ok  " if step.passed else "FAIL"
+                common.out(f"{mark}  {step.device:<16} {step.what:<10} {step.text}")
     if args.json:
         rows = [asdict(step) for step in steps]
         common.out(json.dumps({"schema": "hil.selftest/1", "steps": rows}))

@@ -7,7 +7,8 @@ from bench_far import ArmFar
 from drivers.premium import PremiumArm, PremiumConfig
 from drivers.usb_31xx import Usb31xx, Usb31xxConfig
 from drivers.usb_quad08 import Quad08, Quad08Config
-from hil.wiring import BoxWire, Place
+from hil.boxwire import BoxWire
+from hil.wiring import Place
 from sim_devices.wired import WiredBench
 
 

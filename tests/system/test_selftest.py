@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hil import wiring
+from hil import boxwire, wiring
 from hil.cli import main
 from hil.config import load_rig
 from hil.errors import ConfigError, DeviceError
@@ -83,14 +83,14 @@ def test_no_motor_moves_before_it_is_allowed(monkeypatch):
 
 
 def test_a_rig_that_is_not_still_gets_no_power(monkeypatch):
-    real = wiring.BoxWire.receive
+    real = boxwire.BoxWire.receive
 
     def receive(self, t_ns):
         status = real(self, t_ns)
         self.counts[1] += t_ns // 50_000_000
         return status
 
-    monkeypatch.setattr(wiring.BoxWire, "receive", receive)
+    monkeypatch.setattr(boxwire.BoxWire, "receive", receive)
     wrong = failed(steps(allowed=lambda: pytest.fail("asked for power")))
     assert "rest the arm in its dock" in wrong["leader", "encoders"]
 
