@@ -9,7 +9,7 @@ from pathlib import Path
 
 from hil import app
 from hil.config import load_rig
-from hil.record.reader import arms, load
+from hil.record.reader import load_arms
 from hil.rigs import rig_path
 
 
@@ -45,8 +45,7 @@ def measure(seconds: float) -> Measured:
         done = app.run(config, seconds, 1, "lockstep", path)
         size = path.stat().st_size
         began = time.perf_counter()
-        for arm in arms(path):
-            load(path, arm)
+        load_arms(path)
         reading = time.perf_counter() - began
     return Measured(
         seconds, size, size / seconds * 600e-6, seconds / done.wall_seconds, seconds / reading

@@ -112,8 +112,17 @@ def load(path: str | Path, arm: str | None = None) -> Recording:
     DataError
         If the file is no session, has no such arm or no samples.
     """
+    return _load(read(path), arm)
+
+
+def load_arms(path: str | Path) -> list[Recording]:
+    """Read all arms of a session in one pass, in file order."""
     box = read(path)
-    names = _arms(box)
+    return [_load(box, arm) for arm in _arms(box)]
+
+
+def _load(box: Container, arm: str | None) -> Recording:
+    path, names = box.path, _arms(box)
     if not names:
         has = ", ".join(box.topics) or "none"
         raise DataError(f"session {path} has no /<arm>/measured_js channel. It has: {has}")

@@ -348,3 +348,49 @@ def test_the_watchdog_keeps_still_where_the_session_ends(tmp_path):
     run(load_rig(RIG, over), 0.5, output=tmp_path / "s.mcap", clock="real")
     assert not (tmp_path / "cut").exists()
     assert not (tmp_path / "s.mcap.watchdog.json").exists()
+
+
+def test_a_tick_leaves_nothing_for_the_collector(bench):
+    import gc
+
+    bench.run(50)
+    gc.collect()
+    gc.disable()
+    try:
+        before = gc.get_count()[0]
+        bench.run(2000)
+        assert gc.get_count()[0] - before < 50
+    finally:
+        gc.enable()
+
+
+def test_what_the_operating_system_refuses_is_a_sentence(monkeypatch):
+    from hil.runtime import realtime
+
+    def refused(*_):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refused)
+    with realtime.arranged() as found:
+        assert not sys.getswitchinterval() > 1e-4
+    assert "SCHED_FIFO 80" not in found.granted
+    assert "no SCHED_FIFO 80 (Operation not permitted; needs root" in found.refused[0]
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+def test_statistics_count_what_happened():
+    from hil.runtime.statistics import Statistics
+
+    s = Statistics(DT_NS)
+    timing = np.zeros((1000, 9))
+    timing[:, 0] = 2_000.0
+    timing[-1, :4] = 5_000_000.0, 80_000.0, 4, 1
+    ticks = np.arange(1, 1001)
+    ticks[-1] += 4
+    for part in (slice(0, 500), slice(500, 1000)):
+        s.add(ticks[part], timing[part])
+    f = s.figures()
+    assert (f.ticks, f.missed, f.dropped) == (1000, 4, 1)
+    assert f.late_p50 == pytest.approx(2.0, rel=0.13) and f.late_most == 5000.0
+    assert f.longest_gap == pytest.approx(5000.0 + 5000.0 - 2.0)
+    assert sum(n for _, n in s.late.filled()) == 1000
