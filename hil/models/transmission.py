@@ -37,6 +37,10 @@ def elastic(load: FloatArray, motion: Motion, shape: Sequence[float]) -> FloatAr
     return out
 
 
+#: Share of the load behind a play from which it is one.
+MOST = 0.4
+
+
 class ElasticTransmission(Effect):
     """The cable or gear between motor and link gives."""
 
@@ -119,9 +123,14 @@ class Backlash(Effect):
         return (-load * gap(q, load, float(shape[0])))[:, None]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """From 1e-4 to 5e-2 of the span."""
+        """From 1e-4 of the span, and from four times what the encoder resolves, to 5e-2."""
         span = float(np.ptp(motion.span[j])) or 1.0
-        return log_grid(1e-4 * span, 5e-2 * span, 10)
+        grain = float(motion.grain[j]) if motion.grain.size else 0.0
+        return log_grid(min(max(1e-4 * span, 4 * grain), 2e-2 * span), 5e-2 * span, 10)
+
+    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+        """Most of the load lies behind the play; a small part of it is friction under load."""
+        return beta[0] > MOST
 
 
 class VibrationMode(Effect):
