@@ -86,6 +86,8 @@ def _value(key: str, text: str) -> Any:
     except ValueError:
         raise ConfigError(f"--set {key}={text}: a number is needed") from None
     if key in ("forward", "backward"):
+        if len(numbers) > 3:
+            raise ConfigError(f"--set {key}={text}: DELAY[,JITTER[,LOSS]] is needed")
         return dict(zip(("delay", "jitter", "loss"), numbers, strict=False))
     if key.endswith("_mass"):
         return numbers

@@ -34,9 +34,9 @@ class Wish:
     """
 
     stiffness: float = 200.0
-    damping: float = 6.0
+    damping: float = 1.0
     master_stiffness: float = 200.0
-    master_damping: float = 6.0
+    master_damping: float = 1.0
     share: float = 1.0
     slave_force: float = 0.0
     master_force: float = 0.0

@@ -13,13 +13,15 @@ import numpy as np
 
 from hil.errors import ConfigError
 from hil.teleop import hybrid, sampled
-from hil.teleop.design import MOTION, Design
+from hil.teleop.design import MOTION
 from hil.teleop.hybrid import Impedance
 from hil.teleop.sampled import Loop
 
 __all__ = ["Loop", "Margins", "margins", "proper", "refuse"]
 #: Beyond this per period a mode grows; a free position is a mode of exactly 1.
 GROWTH = 1e-7
+#: From here on a growing mode is put down to the cable [Hz].
+CABLE = 80.0
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def refuse(loops: Iterable[Loop], period: float) -> None:
 
 
 def _stable(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> None:
-    size = sampled.radius(loop, zh, ze, period)
+    size, hz = sampled.mode(loop, zh, ze, period)
     if size <= 1.0 + GROWTH:
         return
     growth, pair = np.log(size) / period, _said(zh, ze)
@@ -140,15 +142,19 @@ def _stable(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> None:
         )
     raise ConfigError(
         f"{where}: stable on paper, but not when sampled every {1e3 * period:.3g} ms with these "
-        f"filters: a mode grows by {growth:.3g} /s (eigenvalue {size:.5f}, at most 1); lower the "
-        f"gains or {_advice(loop.design)}"
+        f"filters: a mode of {hz:.3g} Hz grows by {growth:.3g} /s (eigenvalue {size:.5f}, at most "
+        f"1); {_advice(loop, hz)}"
     )
 
 
-def _advice(design: Design) -> str:
-    if any(getattr(design, c).a for c in MOTION):
-        return "go further from the estimation singularity (smaller c2 c3)"
-    return "raise velocity_hz and force_hz"
+def _advice(loop: Loop, hz: float) -> str:
+    if any(getattr(loop.design, c).a for c in MOTION):
+        return (
+            "lower acceleration_hz, or go further from the estimation singularity (smaller c2 c3)"
+        )
+    if loop.cable and hz > CABLE:
+        return "it is the cable between motor and tip: lower the damping of c7 and c8"
+    return "lower the gains, or raise velocity_hz and force_hz"
 
 
 def _pairs(loop: Loop) -> Iterable[tuple[Impedance, Impedance]]:

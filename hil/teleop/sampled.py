@@ -217,7 +217,14 @@ class Axis:
 
 def radius(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> float:
     """Largest magnitude of the eigenvalues of one period; stable below 1."""
-    return float(np.abs(np.linalg.eigvals(Axis(loop, zh, ze, period).matrix())).max())
+    return mode(loop, zh, ze, period)[0]
+
+
+def mode(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> tuple[float, float]:
+    """Magnitude of the largest eigenvalue of one period, and its frequency [Hz]."""
+    values = np.linalg.eigvals(Axis(loop, zh, ze, period).matrix())
+    top = values[np.abs(values).argmax()]
+    return float(abs(top)), float(abs(np.angle(top)) / (2 * np.pi * period))
 
 
 def margin(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> float:
