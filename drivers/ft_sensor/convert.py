@@ -37,3 +37,12 @@ def wrench(words: Any, bias: Any, calibration: Any, position: Any, out: Any) -> 
         out[3 * half] = c1 * radial - s1 * across
         out[3 * half + 1] = s1 * radial + c1 * across
         out[3 * half + 2] = up
+
+
+@nb.njit(cache=True, nogil=True)
+def at_end(words: Any, full: int) -> bool:
+    """Whether one of the `words` (6,) is at `full` or more, or below -`full`."""
+    for k in range(words.size):
+        if words[k] >= full or words[k] < -full:
+            return True
+    return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
+from drivers.ft_sensor import convert
 from hil.signals.device import FloatArray, IntArray, Status, Wire
 
 
@@ -53,6 +54,7 @@ class GaugeSource(Protocol):
 
 #: Largest word of a converter with 16 bits.
 FULL_SCALE = 32767
+_OK = Status.OK
 
 
 class IdealGauges:
@@ -77,8 +79,9 @@ class IdealGauges:
     def receive(self, t_ns: int) -> Status:
         """Refresh the words; CLAMPED where one stands at the end of its converter."""
         status = self._wire.receive(t_ns)
-        full = self.gauges.max() >= FULL_SCALE or self.gauges.min() < -FULL_SCALE
-        return Status.CLAMPED if full and status is Status.OK else status
+        if status is _OK and convert.at_end(self.gauges, FULL_SCALE):
+            return Status.CLAMPED
+        return status
 
     def sample(self, t_ns: int) -> int:
         """Words of one period later."""
