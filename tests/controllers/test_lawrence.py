@@ -332,3 +332,14 @@ def test_every_way_to_a_point_mass_runs_on_the_rig(shape, tmp_path):
     tips = [Premium(()).tip(r.q) for r in (leader, follower)]
     assert np.abs((tips[0] - tips[0][0]) - (tips[1] - tips[1][0])).max() < 6e-3
     assert np.abs(np.diff(leader.qd[100:], axis=0)).max() < 0.2
+
+
+def test_a_varying_lossy_link_runs_and_tracks_later(tmp_path):
+    errors = []
+    for way in ({}, {"delay": 0.004, "jitter": 0.004, "loss": 0.2}):
+        law = {"velocity_hz": 30.0, "forward": way, "backward": way}
+        runs = session(tmp_path, {"controller": {"parameters": law}}, 1.5)
+        tips = [Premium(()).tip(r.q) for r in runs]
+        errors.append(np.sqrt(np.mean((tips[0] - tips[0][0] - tips[1] + tips[1][0])[:, :2] ** 2)))
+        assert np.abs(np.diff(runs[0].qd[100:], axis=0)).max() < 0.2
+    assert 1.2 * errors[0] < errors[1] < 2e-3
