@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from hil.errors import ConfigError
-from hil.estimate.ukf import ElasticUkf, N, UkfConfig
+from hil.estimate.ukf import ElasticUkf, UkfConfig
+from hil.estimate.ukf_kernels import N
 from hil.experiments.elastic_plant import PERIOD, FloatArray, Plant, record
 
 

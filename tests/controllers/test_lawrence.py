@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers import channel, dynamics, ela, geometry, lawrence
+from controllers import channel, dynamics, ela, geometry, lawrence, lawrence_config
 from controllers.channel import ChannelConfig
 from controllers.lawrence import Lawrence, LawrenceConfig
 from hil.cli import main
@@ -118,12 +118,12 @@ def test_a_delayed_channel_delivers_late_and_a_lossy_one_holds():
 def test_inverse_dynamics_is_that_of_the_library():
     rng = np.random.default_rng(1)
     q, v, a = (rng.uniform(-1, 1, (200, 3)) for _ in range(3))
-    wanted = Premium(()).regressor(q, v, a) @ np.array(lawrence.PREMIUM)
+    wanted = Premium(()).regressor(q, v, a) @ np.array(lawrence_config.PREMIUM)
     out = np.zeros(3)
     for k in range(200):
-        dynamics.inverse_dynamics(q[k], v[k], a[k], np.array(lawrence.PREMIUM), out)
+        dynamics.inverse_dynamics(q[k], v[k], a[k], np.array(lawrence_config.PREMIUM), out)
         np.testing.assert_allclose(out, wanted[k], atol=1e-15)
-    np.testing.assert_allclose(Premium.prior, lawrence.PREMIUM)
+    np.testing.assert_allclose(Premium.prior, lawrence_config.PREMIUM)
 
 
 def accelerated(q, v, tau, force, pi):
@@ -141,7 +141,7 @@ def test_computed_torque_makes_a_point_mass_of_the_arm(shape):
     rng = np.random.default_rng(2)
     law = config(shape=shape, leader_mass=(0.1, 0.2, 0.3), follower_mass=(0.15,))
     c = lawrence.constants(law, T)
-    w, pi = np.zeros(1, lawrence._WORK)[0], np.array(lawrence.PREMIUM)
+    w, pi = np.zeros(1, lawrence._WORK)[0], np.array(lawrence_config.PREMIUM)
     arm, out = Premium(()), np.zeros(3)
     for arm_index in (0, 1):
         for _ in range(40):
@@ -262,7 +262,7 @@ def energy(q, v, pi):
 
 def test_the_torque_of_the_loops_model_conserves_energy():
     """q'^T tau = dE/dt at any state: M' - 2 C is skew, N is a gradient."""
-    rng, out, pi = np.random.default_rng(5), np.zeros(3), np.array(lawrence.PREMIUM)
+    rng, out, pi = np.random.default_rng(5), np.zeros(3), np.array(lawrence_config.PREMIUM)
     for _ in range(200):
         q, v, a = rng.uniform(-1, 1, (3, 3)) * [[1], [4], [30]]
         dynamics.inverse_dynamics(q, v, a, pi, out)
@@ -311,7 +311,7 @@ def test_the_observer_in_the_loop_sees_the_force_that_the_sensor_sees(tmp_path):
 
 
 def test_momentum_terms_of_the_loop_are_those_of_the_library():
-    rng, pi = np.random.default_rng(6), np.array(lawrence.PREMIUM)
+    rng, pi = np.random.default_rng(6), np.array(lawrence_config.PREMIUM)
     p, flow, room = np.zeros(3), np.zeros(3), np.zeros((6, 3))
     q, v = rng.uniform(-1, 1, (50, 3)), rng.uniform(-3, 3, (50, 3))
     m, rest = force.premium_terms(pi, q, v)
