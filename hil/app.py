@@ -19,7 +19,7 @@ from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.runtime.conditions import sentence
 from hil.runtime.frame import FrameLayout
 from hil.runtime.loop import Loop
-from hil.runtime.realtime import Arrangement, arranged
+from hil.runtime.realtime import Arrangement, accompany, arranged
 from hil.runtime.slow import SlowSide, SlowThread
 from hil.runtime.statistics import Statistics
 from hil.runtime.watchdog import Watchdog, guarded
@@ -188,11 +188,13 @@ class _Session:
             operator.schedule, operator.say,
         )  # fmt: skip
         self.left = 0.0
+        self.watchdog: Watchdog | None = None
 
     def run(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
         """Until the time is up, an arm faults, or the operator stops."""
         loop = self.loop
         loop.heart = None if watchdog is None else watchdog.beat
+        self.watchdog = watchdog
         told: dict[str, object] = {}
         name = "broken off"
         try:
@@ -243,7 +245,7 @@ class _Session:
         config, loop = self.config.loop, self.loop
         thread = SlowThread(
             self.slow, self.timer, 1.0 / config.slow_hz, 1.0 / config.rate_hz,
-            self._live,
+            self._live, lambda: accompany(self.arrangement),
         )  # fmt: skip
         try:
             with arranged(config.realtime) as self.arrangement:
@@ -255,9 +257,21 @@ class _Session:
                 while not self.over():
                     loop.step()
         finally:
-            thread.stop()
+            # motors off first: the slow side may need long to drain to a slow disk
+            try:
+                self._release()
+            finally:
+                thread.stop()
         if progress is not None:
             progress(loop.tick)
+
+    def _release(self) -> None:
+        """Torque and power off; the watchdog has nothing to watch any more."""
+        try:
+            self.rig.close()
+        finally:
+            if self.watchdog is not None:
+                self.watchdog.end()
 
     def _live(self, seconds: float) -> None:
         """Live figures, from the slow side."""

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 
 #: Of SCHED_FIFO: above threaded interrupts (50), below the kernel's own watchdogs (99).
 PRIORITY = 80
+#: Of the slow side: another program must not hold it up while it holds the interpreter's lock.
+SLOW_PRIORITY = 40
 #: How soon a thread that waits for the interpreter asks for it [s].
 SWITCH_INTERVAL = 5e-5
 _MCL_CURRENT_AND_FUTURE = 3
@@ -28,10 +30,13 @@ class Arrangement:
         Names of measures that are in force.
     refused : list of str
         Sentences about the others.
+    others : frozenset of int
+        Processors beside the loop's; empty where it has none to itself.
     """
 
     granted: list[str] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
+    others: frozenset[int] = frozenset()
 
     def as_text(self) -> str:
         """One line for metadata."""
@@ -95,6 +100,7 @@ def arranged(wanted: bool = True) -> Iterator[Arrangement]:
     case; `wanted` = False leaves out what concerns the rest of the machine.
     """
     found, undo = Arrangement(), []
+    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
     for name, (apply, needs, else_) in MEASURES.items() if wanted else ():
         try:
             undo.append(apply())
@@ -102,6 +108,8 @@ def arranged(wanted: bool = True) -> Iterator[Arrangement]:
         except (OSError, AttributeError) as error:
             why = getattr(error, "strerror", None) or str(error)
             found.refused.append(f"no {name} ({why}; needs {needs}): {else_}")
+    if "own core" in found.granted:
+        found.others = frozenset(allowed - {max(allowed)})
     interval = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL)
     gc.collect()
@@ -115,3 +123,11 @@ def arranged(wanted: bool = True) -> Iterator[Arrangement]:
         sys.setswitchinterval(interval)
         for step in reversed(undo):
             step()
+
+
+def accompany(found: Arrangement) -> None:
+    """Arrange the calling thread, the slow side: below the loop on its core, else on the others."""
+    if "SCHED_FIFO 80" in found.granted:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(SLOW_PRIORITY))
+    elif found.others:
+        os.sched_setaffinity(0, found.others)

@@ -192,13 +192,16 @@ class SlowThread:
         Of this thread and of the loop [s].
     duties : callable
         Called with the time [s] at every step.
+    prepare : callable
+        Called once in the thread, first.
     """
 
     def __init__(
         self, side: SlowSide, clock: Clock, period: float, tick: float,
         duties: Callable[[float], None] = lambda seconds: None,
+        prepare: Callable[[], None] = lambda: None,
     ) -> None:  # fmt: skip
-        self._duties = duties
+        self._duties, self._prepare = duties, prepare
         self._side, self._clock, self._period, self._phase = side, clock, period, PHASE * tick
         self._done = threading.Event()
         self._error: BaseException | None = None
@@ -210,6 +213,7 @@ class SlowThread:
 
     def _run(self) -> None:
         try:
+            self._prepare()
             while not self._done.is_set():
                 now = self._clock.since_start() * 1e-9 - self._phase
                 time.sleep(self._period - now % self._period)
