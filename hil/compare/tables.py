@@ -7,8 +7,9 @@ from typing import Any
 
 from hil.compare.ambiguity import Indistinguishable, pairs
 from hil.compare.analysis import Comparison, Rung
+from hil.compare.attribute import plausible, weights
 from hil.compare.evidence import Candidate, Evidence
-from hil.compare.findings import Diagnosis, Finding
+from hil.compare.findings import Diagnosis, Finding, joint_of
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep
 from hil.identify.result import FitResult
@@ -91,20 +92,26 @@ def candidate_json(c: Candidate, evidence: Evidence, diagnosis: Diagnosis) -> di
     fall = c.parts[j] * base.result.sigma[j] ** 2 / problem.count[j]
     power = base.result.rms[j] ** 2 - fall
     size = float(problem.rms(problem.effort)[j])
-    total = sum(
-        math.exp(min(0.0, (x.score - evidence.candidates[0].score) / 2))
-        for x in evidence.candidates
-    )
-    weight = math.exp(min(0.0, (c.score - evidence.candidates[0].score) / 2)) / total
-    detected = c.p_value <= 0.01 and c.score > 0
     whole = c.term.effect.of_robot
     return {
         "effect": c.name, "joint": None if whole else problem.joints[j],
         "relative_after": number(100 * math.sqrt(max(float(power), 0.0)) / max(size, 1e-300)),
         "se": number(float(base.heldout.standard_error()[j]), 3),
-        "confidence": number(weight if detected else 0.0, 3),
+        "confidence": number(_confidence(c, evidence, diagnosis), 3),
         "p_value": number(c.p_value, 3), "absorbed": number(c.absorbed, 4),
     }  # fmt: skip
+
+
+def _confidence(c: Candidate, evidence: Evidence, d: Diagnosis) -> float:
+    """That of the finding, if it became one; else its share among what is plausible there."""
+    joint = joint_of(c, d.ladder[0].result.problem)
+    for f in [*d.findings, *d.partial]:
+        if (f.effect, f.joint) == (c.name, joint):
+            return f.confidence
+    near = [x for x in plausible(evidence, d.ladder[0].result) if x.joint == c.joint]
+    if d.verdict == "adequate" or evidence.projector is None or c not in near:
+        return 0.0
+    return weights(near[0], near[1:], evidence.projector).get(near.index(c), 0.0)
 
 
 def sets_of(d: Diagnosis) -> list[Indistinguishable]:
