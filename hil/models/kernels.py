@@ -70,16 +70,26 @@ def delayed(u: FloatArray, samples: float) -> FloatArray:
 
 
 @numba.njit(cache=True)
-def gap(q: FloatArray, push: FloatArray, width: float) -> FloatArray:
-    """Whether a play of this width is open (1) or closed (0), (n,).
+def play(load: FloatArray, inertia: FloatArray, dt: float, width: float) -> FloatArray:
+    """Effort that passes a play of this width instead of `load`, (n,).
 
-    The motor's side lies within [0, width] of the other one: z <- clip(z + dq).  It lies on the
-    side to which the load `push` presses it; a change of the push's sign sends it across.
+    The link lies r in [0, width] ahead of the motor's driving flank. At r = 0 it is pushed
+    (load > 0), at r = width pulled back (load < 0). Between, nothing passes and, as the load is
+    what the link would need to move with the motor,
+
+        r'' = -load / I.
+
+    It meets a flank without bouncing; its momentum I r' passes within that instant.
     """
-    out = np.zeros(q.size)
-    z = width if push[0] > 0 else 0.0
-    for k in range(1, q.size):
-        z = min(max(z + q[k] - q[k - 1], 0.0), width)
-        closed = z >= width if push[k] > 0 else z <= 0.0
-        out[k] = 0.0 if closed else 1.0
+    out = np.zeros(load.size)
+    r, w = (0.0 if load[0] > 0 else width), 0.0
+    for k in range(load.size):
+        if (r <= 0.0 and load[k] >= 0.0) or (r >= width and load[k] <= 0.0):
+            out[k] = load[k]
+            continue
+        w -= load[k] / inertia[k] * dt
+        r += w * dt
+        if r <= 0.0 or r >= width:
+            out[k] = -inertia[k] * w / dt
+            r, w = (0.0 if r <= 0.0 else width), 0.0
     return out

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.models.effect import Effect, Param, log_grid
-from hil.models.kernels import gap, resonator
+from hil.models.kernels import play, resonator
 from hil.models.motion import FloatArray, Motion
 
 _SPONG = "Spong, J. Dyn. Syst. Meas. Control 109, 1987"
@@ -37,8 +37,8 @@ def elastic(load: FloatArray, motion: Motion, shape: Sequence[float]) -> FloatAr
     return out
 
 
-#: Share of the load behind a play from which it is one.
-MOST = 0.4
+#: Share of the load behind a play from which it is one (the rotor is before it).
+MOST = 0.2
 
 
 class ElasticTransmission(Effect):
@@ -108,7 +108,10 @@ class Backlash(Effect):
     uses_load = True
     replayed = strict = True
     name, family = "backlash", "transmission"
-    equation = "tau = -a load  while the play of width b is open after the load has changed sides"
+    equation = (
+        "tau = a (T - load),  T = load on a flank, 0 between them where r'' = -load / I, "
+        "0 < r < b; I r' passes at once when the link meets a flank"
+    )
     signature = "the load is missing over a fixed displacement after it changes its sign"
     confused_with = ("presliding", "elastic-transmission", "coulomb")
     shown_by = "small reversals under a load that changes its sign"
@@ -117,10 +120,9 @@ class Backlash(Effect):
     shape = (Param("b", "{x}", "width of the play", 0.0),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """-load where the play is open."""
+        """What passes the play, less the load."""
         load = np.ascontiguousarray(motion.load[:, j])
-        q = np.ascontiguousarray(motion.q[:, j])
-        return (-load * gap(q, load, float(shape[0])))[:, None]
+        return (play(load, _inertia(motion, j), motion.dt, float(shape[0])) - load)[:, None]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From 1e-4 of the span, and from four times what the encoder resolves, to 5e-2."""
@@ -129,8 +131,18 @@ class Backlash(Effect):
         return log_grid(min(max(1e-4 * span, 4 * grain), 2e-2 * span), 5e-2 * span, 10)
 
     def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
-        """Most of the load lies behind the play; a small part of it is friction under load."""
+        """A good part of the load lies behind the play; a small one is friction under load."""
         return beta[0] > MOST
+
+
+def _inertia(motion: Motion, j: int) -> FloatArray:
+    """Inertia of the link as the joint feels it (n,): of the model, or load by acceleration."""
+    if motion.response is not None:
+        own = motion.response.inertia[:, j, j]
+        if np.min(own) > 0:
+            return np.ascontiguousarray(own)
+    slope = float(np.std(motion.load[:, j]) / max(float(np.std(motion.qdd[:, j])), 1e-12))
+    return np.full(motion.n, max(slope, 1e-12))
 
 
 class VibrationMode(Effect):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from compare_transmission import transmission_run
 
 from hil.compare import analysis
 from hil.compare.diagnose import diagnose
-from hil.models.kernels import gap, lag, resonator
+from hil.models.kernels import lag, play, resonator
 from hil.models.model import base_model
 
 
@@ -66,8 +67,6 @@ def test_effects_that_are_added_by_hand_fit(effect: str) -> None:
 
 
 def test_states_follow_their_equations() -> None:
-    import numpy as np
-
     t = np.arange(0, 2, 1e-3)
     u = np.sin(2 * np.pi * 2 * t)
     s = 2j * np.pi * 2
@@ -78,6 +77,24 @@ def test_states_follow_their_equations() -> None:
     ):
         expected = np.abs(h) * np.sin(2 * np.pi * 2 * t + np.angle(h))
         assert np.max(np.abs(y - expected)[1000:]) < 0.01
-    q = np.array([0.0, 0.1, 0.2, 0.1, 0.0, -0.1])
-    push = np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
-    assert gap(q, push, 0.15).tolist() == [0, 0, 0, 1, 0, 0]
+
+
+def test_a_link_flies_through_its_play_and_hands_its_momentum_over() -> None:
+    """Pushed, then braked with -L: free flight r = L t^2 / 2 I until the other flank."""
+    n, dt, inertia, width = 400, 1e-3, 0.05, 0.01
+    load = np.where(np.arange(n) < 100, 1.0, -2.0)
+    passed = play(load, np.full(n, inertia), dt, width)
+    flight = np.sqrt(2 * width * inertia / 2.0)
+    meets = 100 + round(flight / dt)
+    assert np.all(passed[:100] == 1.0)
+    assert np.all(passed[100 : meets - 2] == 0.0) and np.all(passed[meets + 2 :] == -2.0)
+    # the speed of the link at the flank, L t / I, times its inertia
+    assert passed[meets - 2 : meets + 2].min() * dt == pytest.approx(-2.0 * flight, rel=0.1)
+
+
+@pytest.mark.parametrize("width", [0.01, 0.015])
+def test_backlash_is_named(width: float) -> None:
+    run = transmission_run(3, gravity=0.6, frequency=40.0, zeta=0.3, width=width)
+    d = diagnose([run], base_model(run.robot) + "position-torque")
+    assert d.findings[0].effect == "backlash", [(f.effect, f.confidence) for f in d.findings]
+    assert d.findings[0].parameters["j1.backlash.b"].value == pytest.approx(width, rel=0.4)
