@@ -84,7 +84,8 @@ def plan(quick: bool = False, seeds: int = SEEDS) -> list[Case]:
     """
     if quick:
         return _quick()
-    there, found = known(), nothing(range(seeds))
+    # false alarms are rare: their number is not cut with the seeds
+    there, found = known(), nothing(range(SEEDS))
     for effect in session.kinds():
         count = (seeds + 1) // 2 if effect.startswith(SENSORS) else seeds
         for seed in range(count if effect in there else min(seeds, FEWER)):
