@@ -34,6 +34,8 @@ SHARE = 0.10
 #: ... and, after a first effect on the joint, this share of all that was above the floor:
 #: library equations miss real effects by about a percent of their power, which is no new effect.
 FORM = 0.0125
+#: Shape parameters that are a size.
+SCALES = ("T", "f", "b", "s", "p", "vs")
 #: Held-out standard errors by which a candidate that did not help is out of the question.
 REFUTED = 2.0
 #: Error in units of the largest model's residual that is above the floor in any case.
@@ -104,21 +106,35 @@ def _next(
         return None
     pool = [c for c in possible(evidence, now.result) if in_time(c, now.result)]
     candidates = simplest_first([c for c in plausible(evidence, now.result) if c in pool])
+    # many coefficients on many joints find something in any floor
+    candidates = [
+        c
+        for c in candidates
+        if _unsettled(c.joint, now.result, evidence) or not (found or c.term.effect.jointless)
+    ]
     if found:
-        candidates = [c for c in candidates if _unsettled(c.joint, now.result, evidence)]
         candidates = [c for c in candidates if not any(kindred(c, f) for f, _, _ in found)]
     failed: list[tuple[Candidate, Step]] = []
     for c in candidates[:3]:
         model = now.result.model + as_use(c, problem)
         fitted = _refit(model, problem, examine, now.result.sigma)
         step = Step(f"+ {describe(c, problem)}", *fitted)
-        if _worth(step, now, ladder[0], c.joint, evidence.floor.rms):
+        pays = _worth(step, now, ladder[0], c.joint, evidence.floor.rms)
+        if pays and _determined(step, c):
             worse = [x for x, other in failed if _worse(other, step, c.joint)]
             rest = [x for x in pool if x is not c and x not in worse]
             found.append((c, *choose([c, *rest], projector)[1:]))
             return step
         failed.append((c, step))
     return None
+
+
+def _determined(step: Step, c: Candidate) -> bool:
+    """Whether scales of the new effect (a time, a width, a frequency) exceed their errors."""
+    start = head(c.term.effect, c.term.joint)
+    scales = [f"{start}.{p.name}" for p in c.term.effect.shape if p.name in SCALES]
+    found = [step.result.values[n] for n in scales if n in step.result.values]
+    return not any(v.stderr > abs(v.value) for v in found)
 
 
 def _worse(failed: Step, step: Step, j: int) -> bool:

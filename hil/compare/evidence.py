@@ -163,9 +163,9 @@ def floor_of(result: FitResult, evidence: Evidence) -> Floor:
 
 
 def _tried(projector: Projector, result: FitResult, terms: list[Term]) -> list[Candidate]:
-    """Candidates for terms, without those whose shape was to be read off the residual in vain."""
+    """Candidates for terms, without those that have no shape here, or nothing but zeros."""
     tried = [_try(projector, result, t) for t in terms]
-    return [c for c in tried if c.term.shape or not c.term.effect.shape]
+    return [c for c in tried if c is not None]
 
 
 def _floor(found: list[Candidate], projector: Projector, result: FitResult) -> Floor:
@@ -208,16 +208,17 @@ def _collect(d: int, term: Term, problem: object, extra: list[list[FloatArray]])
             extra[j].append(part)
 
 
-def _try(projector: Projector, result: FitResult, term: Term) -> Candidate:
+def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | None:
     if not term.shape:
         term, _ = best_shape(projector, term, accuracy=COARSE)
     if not term.shape and term.effect.shape:
-        nothing = np.zeros(projector.problem.d)
-        return Candidate(term, 0.0, 0.0, absorbed=1.0, joint=term.joint, parts=nothing)
+        return None
     gain, beta, _, qc = projector.score(term)
     columns = projector.weighted(term)
     size = float(np.sum(columns**2))
-    absorbed = float(np.sum(qc**2)) / size if size > 0 else 1.0
+    if size == 0.0:
+        return None
+    absorbed = float(np.sum(qc**2)) / size
     dof = columns.shape[1] + _free(term, projector)
     net = _net(projector, result, term, gain)
     parts = _parts(projector, term, net, columns @ beta, qc @ beta)

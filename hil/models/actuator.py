@@ -46,6 +46,10 @@ class TorqueGain(Effect):
         """Transmitted load."""
         return motion.load[:, j : j + 1]
 
+    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+        """A command that acts backwards is a wrong sign, not a gain."""
+        return beta[0] > -0.9
+
     def available(self, motion: Motion, j: int) -> str:
         """Structural: without an external force the gain scales every parameter alike."""
         if np.any(motion.tau_ext[:, j]) or motion.d > 1:

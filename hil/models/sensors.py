@@ -20,6 +20,8 @@ from hil.models.motion import FloatArray, Motion
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 #: Values of the shape parameter `frame`.
 BASE, TIP = 0.0, 1.0
+#: Share of the motor's effort from which a force is more than the noise of its sensor.
+PUSH = 0.05
 _SOURCE = "Cao, Laws, Rodriguez y Baena, IEEE Sensors J. 21(18), 2021 (six-axis force sensors)"
 
 
@@ -179,6 +181,12 @@ class ForceDrift(_ForceSensor):
         return f"{unit}/s"
 
 
+def pushed(motion: Motion) -> str:
+    """Why an error that grows with the force cannot be seen; empty where a force of size acts."""
+    size = np.std(motion.tau_ext, axis=0) > PUSH * np.std(motion.tau, axis=0)
+    return "" if np.any(size) else "the measured force is no more than noise beside the effort"
+
+
 class ForceGain(_ForceSensor):
     """Channels of the force sensor that show too much or too little."""
 
@@ -196,6 +204,14 @@ class ForceGain(_ForceSensor):
     def of(self, unit: str) -> str:
         """A pure number."""
         return "1"
+
+    def available(self, motion: Motion, j: int) -> str:
+        """Needs a force that is felt."""
+        return super().available(motion, j) or pushed(motion)
+
+    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+        """A channel that shows half as much again is broken, not out of calibration."""
+        return max(abs(b) for b in beta) < 0.5
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """Joint by joint, too much force is too little motor: all else scales along."""
@@ -228,8 +244,10 @@ class ForceCrosstalk(_ForceSensor):
 
     def available(self, motion: Motion, j: int) -> str:
         """Needs two channels that carry something."""
-        return super().available(motion, j) or (
-            "" if pairs(motion) else "the force sensor has one channel"
+        return (
+            super().available(motion, j)
+            or pushed(motion)
+            or ("" if pairs(motion) else "the force sensor has one channel")
         )
 
 

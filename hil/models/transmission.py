@@ -31,6 +31,11 @@ def frequencies(motion: Motion, count: int = 7) -> list[float]:
     return [float(f) for f in np.geomspace(2.0, max(0.125 / motion.dt, 3.0), count)]
 
 
+def inside(motion: Motion, f: float) -> bool:
+    """Whether a resonance lies within the band; one at its end stands for something else."""
+    return f < 0.95 * frequencies(motion)[-1]
+
+
 def elastic(load: FloatArray, motion: Motion, shape: Sequence[float]) -> FloatArray:
     """(H - 1) load for a resonance f and a damping ratio zeta, shape (n,)."""
     out: FloatArray = resonator(np.ascontiguousarray(load), motion.dt, *map(float, shape)) - load
@@ -65,6 +70,10 @@ class ElasticTransmission(Effect):
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Resonances over the band, two damping ratios."""
         return [(f, z) for z in ZETAS for f in frequencies(motion)]
+
+    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+        """Within the band."""
+        return inside(motion, shape[0])
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """On one axis without gravity or contact the load is inertia alone."""
@@ -166,6 +175,10 @@ class VibrationMode(Effect):
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Resonances over the band, two damping ratios."""
         return [(f, z) for z in ZETAS for f in frequencies(motion)]
+
+    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+        """Within the band."""
+        return inside(motion, shape[0])
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """See the elastic transmission."""
