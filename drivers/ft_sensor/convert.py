@@ -9,7 +9,7 @@ import numba as nb
 
 
 @nb.njit(cache=True, nogil=True)
-def wrench(words: Any, bias: Any, calibration: Any, position: Any, out: Any) -> None:
+def wrench(words: Any, bias: Any, calibration: Any, position: Any, out: Any) -> float:
     """Force [N] and torque [N m] ON the robot in the base frame.
 
     Parameters
@@ -22,6 +22,11 @@ def wrench(words: Any, bias: Any, calibration: Any, position: Any, out: Any) -> 
         Joint angles [rad]; th3 is the forearm's angle from the base.
     out : ndarray (6,)
         Written.
+
+    Returns
+    -------
+    float
+        |Fx| + |Fy| + |Fz| [N].
     """
     s1, c1, s3, c3 = sin(position[0]), cos(position[0]), sin(position[2]), cos(position[2])
     for half in range(2):
@@ -37,6 +42,7 @@ def wrench(words: Any, bias: Any, calibration: Any, position: Any, out: Any) -> 
         out[3 * half] = c1 * radial - s1 * across
         out[3 * half + 1] = s1 * radial + c1 * across
         out[3 * half + 2] = up
+    return float(abs(out[0]) + abs(out[1]) + abs(out[2]))
 
 
 @nb.njit(cache=True, nogil=True)

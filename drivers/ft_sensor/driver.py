@@ -10,6 +10,9 @@ from drivers.ft_sensor.source import GaugeSource, IdealGauges
 from hil.signals.device import FloatArray, Status, Wire
 from hil.signals.state import OperatingState, StateCommand, StateMachine
 
+#: Looked up once: members of an enumeration are slow to find in the fast path.
+_OK, _CLAMPED, _INVALID, _LOST = Status.OK, Status.CLAMPED, Status.INVALID, Status.LOST
+
 
 class ForceSensor:
     """One sensor, whatever its wire: `MeasuredCf` and `Tareable`.
@@ -73,13 +76,12 @@ class ForceSensor:
         the status.  A sensor that is lost goes to FAULT.
         """
         status = self.source.receive(t_ns)
-        convert.wrench(self.gauges, self.bias, self._calibration, position, wrench)
-        if status is Status.OK:
-            overload = abs(wrench[0]) + abs(wrench[1]) + abs(wrench[2]) > self._limit
-            return Status.CLAMPED if overload else Status.OK
-        if status is Status.LOST:
+        size = convert.wrench(self.gauges, self.bias, self._calibration, position, wrench)
+        if status is _OK:
+            return _CLAMPED if size > self._limit else _OK
+        if status is _LOST:
             self._machine.command(StateCommand.FAULT)
-            return Status.INVALID
+            return _INVALID
         return status
 
     def enable(self) -> None:

@@ -124,6 +124,7 @@ class Loop:
         self._shown = layout.states
         self._overload = Overload(missed_limit, round(1e9 / period_ns))
         self._steps = 1
+        self._worst, self._hot = _OK, 0.0
         self.machine = StateMachine("the loop")
         self.mailbox: deque[Command] = deque()
         self.applied: deque[tuple[int, str]] = deque()
@@ -183,9 +184,11 @@ class Loop:
         timing[1] = done - woken
         timing[2] = self._clock.missed
         timing[3] = self._ring.dropped
+        timing[4] = self._worst
         timing[5] = self.machine.state
         timing[6] = self.conditions = mask
         timing[7] = len(self._ring)
+        timing[8] = self._hot
         self._ring.push(tick, t_ns + self._clock.epoch_ns, self.frame)
         if self.heart is not None:
             self.heart(tick)
@@ -201,7 +204,8 @@ class Loop:
         dt, self._steps = steps * self._period_ns * 1e-9, steps
         for port, q, qd, wrench, sent, _words, _y, memory, tip in self._arms:
             js = int(port.joints.measured_js(t_ns, q, qd))
-            cf = _OK if port.force is None else int(port.force.measured_cf(t_ns, q, wrench))
+            force = port.force
+            cf = _OK if force is None else int(force.measured_cf(t_ns, q, wrench))
             mask |= watch.examine(
                 dt, single, js, cf, q, qd, wrench, sent, memory, port.limits
             )  # fmt: skip
@@ -209,15 +213,16 @@ class Loop:
                 port.tip(q, tip)
                 if watch.outside(tip, port.box):
                     mask |= _OUT
-            worst = max(worst, js, cf)
-            hot = max(hot, watch.hottest(memory, port.limits))
-        self._timing[4], self._timing[8] = worst, hot
+            if js > worst or cf > worst:
+                worst = max(js, cf)
+            hot = max(hot, memory.item(watch.HOTTEST))
+        self._worst, self._hot = worst, hot
         return mask
 
     def _write(self) -> int:
         """Limited efforts to all arms, words into the row; the conditions found on the way."""
         # plain integers: an enumeration beside a number of numpy costs a microsecond
-        mask, worst, state = 0, int(self._timing[4]), self.machine.state
+        mask, worst, state = 0, self._worst, self.machine.state
         enabled, faulted = state is _ENABLED, state is OperatingState.FAULT
         for port, _q, qd, _wrench, sent, words, y, _memory, _tip in self._arms:
             safe = safety.limit(y, qd, port.torque_limit, port.speed_limit)
@@ -229,12 +234,10 @@ class Loop:
                 mask |= _LIMITED
             elif said >= safety.INVALID and safe != safety.INVALID and not faulted:
                 mask |= _REFUSED
-            worst = max(worst, said, safe)
-            watch.snap(sent, watch.EFFORT_GRID)
-            words[0:3] = port.counts
-            words[3:6] = port.codes
-            words[6:12] = port.gauges
-        self._timing[4] = worst
+            if said > worst or safe > worst:
+                worst = max(said, safe)
+            watch.leave(sent, port.counts, port.codes, port.gauges, words)
+        self._worst = worst
         return mask
 
     def _react(self, mask: int) -> None:

@@ -28,9 +28,10 @@ FLOOR = 5e-4
 #: A lamp goes back below this share of its threshold.
 HYSTERESIS = 0.9
 #: memory: last position (3), last step (3), time stood still (3), stale joint and force
-#: readings, readings so far, lamp, then heat (3, 2).
+#: readings, readings so far, lamp, then heat (3, 2), hottest winding [degC] to a hundredth.
 _Q, _STEP, _STILL, _STALE_JS, _STALE_CF, _SEEN, _LAMP, _HEAT = 0, 3, 6, 9, 10, 11, 12, 13
-MEMORY = 19
+HOTTEST = 19
+MEMORY = 20
 #: limits: low, high, speed, torque (3 each), acceleration, force yellow and red, stale readings,
 #: stuck time, winding yellow and red, effort per ampere (3), thermal constants (6), number of
 #: folds and four numbers a fold.
@@ -187,6 +188,7 @@ def examine(
     good = snap(q, POSITION_GRID) and snap(qd, VELOCITY_GRID)
     good = snap(wrench[:3], FORCE_GRID) and snap(wrench[3:], TORQUE_GRID) and good
     if not good:
+        memory[HOTTEST] = hottest(memory, lim)
         return mask | _NAN
     # a repeated reading is no motion, and what follows it is no single step
     if js == _STALE:
@@ -194,7 +196,9 @@ def examine(
     else:
         memory[_SEEN] += 1.0
         mask |= moved(q, qd, dt, single, memory, lim)
-    return mask | driven(sent, dt, memory, lim) | pressed(wrench, memory, lim)
+    mask |= driven(sent, dt, memory, lim) | pressed(wrench, memory, lim)
+    memory[HOTTEST] = hottest(memory, lim)
+    return mask
 
 
 @nb.njit(cache=True, nogil=True)
@@ -204,6 +208,17 @@ def hottest(memory: Any, lim: Any) -> float:
     for i in range(3):
         rise = max(rise, memory[_HEAT + 2 * i] + memory[_HEAT + 2 * i + 1])
     return float(floor(100.0 * (lim[_C + 5] + rise) + 0.5) / 100.0)
+
+
+@nb.njit(cache=True, nogil=True)
+def leave(sent: Any, counts: Any, codes: Any, gauges: Any, words: Any) -> None:
+    """What of the exchange goes into the row: `sent` (3,) rounded, `words` (12,) filled."""
+    snap(sent, EFFORT_GRID)
+    for i in range(3):
+        words[i] = counts[i]
+        words[3 + i] = codes[i]
+    for i in range(6):
+        words[6 + i] = gauges[i]
 
 
 @nb.njit(cache=True, nogil=True)

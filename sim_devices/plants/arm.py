@@ -13,19 +13,19 @@ from typing import Any
 import numba as nb
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def angles(x: Any) -> Any:
     """Sines and cosines of the joints: s1, c1, s2, c2, s3, c3."""
     return sin(x.q[0]), cos(x.q[0]), sin(x.q[1]), cos(x.q[1]), sin(x.q[2]), cos(x.q[2])
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def tip(p: Any, x: Any) -> None:
     """Tip position and velocity of the link side into `x.tip`, `x.tip_v`."""
     tip_at(p, x, angles(x))
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def tip_at(p: Any, x: Any, trig: Any) -> None:
     """`tip` with the `angles` of now."""
     s1, c1, s2, c2, s3, c3 = trig
@@ -40,13 +40,13 @@ def tip_at(p: Any, x: Any, trig: Any) -> None:
     x.tip_v[2] = p.l1 * c2 * x.v[1] + p.l2 * s3 * x.v[2]
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def push_links(p: Any, x: Any, torque: Any, dt: float) -> None:
     """Advance the link velocities by `dt` under joint `torque` (3,) and `x.force` at the tip."""
     push_at(p, x, torque, dt, angles(x))
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def push_at(p: Any, x: Any, torque: Any, dt: float, trig: Any) -> None:
     """`push_links` with the `angles` of now."""
     s1, c1, s2, c2, s3, c3 = trig

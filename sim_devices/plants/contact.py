@@ -11,7 +11,7 @@ from typing import Any
 import numba as nb
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def press(gel: Any, x: Any, dt: float) -> None:
     """Add the gel's force [N] on the tip to `x.force`."""
     depth = gel.surface - x.tip[2]

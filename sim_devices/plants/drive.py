@@ -10,7 +10,7 @@ import numba as nb
 from sim_devices.plants.layout import HISTORY
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def command(p: Any, x: Any, codes: Any, random: Any, dt: float) -> None:
     """Take the DAC `codes` (3,) of a tick of length `dt` [s] and draw its disturbances."""
     x.head = (x.head + 1) % HISTORY
@@ -27,19 +27,19 @@ def command(p: Any, x: Any, codes: Any, random: Any, dt: float) -> None:
         x.bang = 1.0 + 0.3 * random[13]
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def torque(p: Any, x: Any, i: int, elapsed: float, tick: float, dt: float) -> float:
     """Torque [N m] of motor i at `elapsed` seconds into the tick, reflected to the joint."""
     return float(torque_by(p, x, i, elapsed, tick, share(p, dt)))
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def share(p: Any, dt: float) -> float:
     """Share of a change of torque that the amplifier has made after `dt` [s]."""
     return 1.0 - exp(-dt / p.lag)
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def torque_by(p: Any, x: Any, i: int, elapsed: float, tick: float, risen: float) -> float:
     """`torque` with the `share` of a substep."""
     back = 0

@@ -14,7 +14,7 @@ import numba as nb
 from sim_devices.plants.layout import ELEMENTS
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def slip(z: Any, limit: Any, weight: Any, v: float, dt: float) -> float:
     """Advance the elements `z` [rad] by v dt; return the friction state in -1..1."""
     total = 0.0
@@ -30,7 +30,7 @@ def slip(z: Any, limit: Any, weight: Any, v: float, dt: float) -> float:
     return total
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def direction(p: Any, x: Any, i: int, dt: float) -> float:
     """Friction state -1..1 of motor i: creeping in grease, or Maxwell slip."""
     if p.creep[i] > 0.0:
@@ -39,7 +39,7 @@ def direction(p: Any, x: Any, i: int, dt: float) -> float:
     return float(slip(x.zm[i], p.slip_motor[i], p.weight, x.vm[i], dt))
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def motor_side(p: Any, x: Any, i: int, tension: float) -> float:
     """Friction torque [N m] on motor i; `tension` is the torque that its cable carries [N m]."""
     v, s = x.vm[i], x.sm[i]
@@ -68,7 +68,7 @@ def motor_side(p: Any, x: Any, i: int, tension: float) -> float:
     return float(torque + x.bang * p.burst[i] * s)
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def link_side(p: Any, x: Any, i: int, dt: float) -> float:
     """Friction torque [N m] in the bearing of link i."""
     s = slip(x.zl[i], p.slip_link[i], p.weight, x.v[i], dt)

@@ -10,9 +10,11 @@ import numba as nb
 from sim_devices.plants.layout import SINES
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def aim(h: Any, t: float) -> None:
     """Where the operator wants the tip at time t [s]: a sum of sines about home."""
+    if h.kind == 0:
+        return
     ramp = min(1.0, t / h.onset)
     ramp = ramp * ramp * (3.0 - 2.0 * ramp)
     for k in range(3):
@@ -25,7 +27,7 @@ def aim(h: Any, t: float) -> None:
         h.aim_v[k] = speed
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def hold(h: Any, x: Any, dt: float) -> None:
     """Add the operator's force [N] on the tip to `x.force`; advances the hand by `dt`."""
     if h.kind == 1:

@@ -8,7 +8,7 @@ from typing import Any
 import numba as nb
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def torque(p: Any, x: Any, i: int, dt: float) -> float:
     """Passive torque [N m] on link i."""
     q, v = x.q[i], x.v[i]
@@ -26,7 +26,7 @@ def torque(p: Any, x: Any, i: int, dt: float) -> float:
     return float(total + outside(p, x, i, dt))
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def outside(p: Any, x: Any, i: int, dt: float) -> float:
     """Effects of no catalogue [N m] on link i: speed product, speed-dependent resonance."""
     a, b = (i + 1) % 3, (i + 2) % 3

@@ -11,7 +11,7 @@ import numpy as np
 from sim_devices.plants import arm, contact, drive, friction, operator, passive
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def substep(
     p: Any, x: Any, elapsed: float, tick: float, dt: float, link: Any, risen: float, trig: Any
 ) -> None:
@@ -45,7 +45,7 @@ def substep(
         x.q[i] += dt * x.v[i]
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def sense(p: Any, x: Any, t: float, random: Any, counts: Any, gauges: Any) -> None:
     """Quadrature counts (3,) of the motor encoders and gauge words (6,) of the sensor."""
     for i in range(3):
@@ -62,7 +62,7 @@ def sense(p: Any, x: Any, t: float, random: Any, counts: Any, gauges: Any) -> No
         gauges[k] = int(min(max(floor(word + 0.5), -32768.0), 32767.0))
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def run(
     p: Any, x: Any, h: Any, g: Any, t: float, tick: float, n: int, codes: Any, random: Any,
     counts: Any, gauges: Any,

@@ -33,67 +33,72 @@ def filtered_difference(counts: Any, state: Any, steps: int, beta: float, out: A
 
 
 @nb.njit(cache=True, nogil=True)
-def remember(counts: Any, past: Any, head: int, steps: int) -> None:
-    """Store `counts` (n,) in the rings `past` (n, window) at `head`.
+def remember(counts: Any, past: Any, steps: int) -> None:
+    """Move `counts` (n,) into `past` (n, window), in which the newest comes first.
 
     What lies between the last call and this one is filled in by a line.
     """
     window = past.shape[1]
     for i in range(counts.size):
-        last = past[i, (head - steps) % window] if steps < window else float(counts[i])
+        row, now = past[i], float(counts[i])
+        last = row[0] if steps < window else now
+        for k in range(window - 1, steps - 1, -1):
+            row[k] = row[k - steps]
         for k in range(min(steps, window)):
-            past[i, (head - k) % window] = counts[i] - (counts[i] - last) * k / steps
+            row[k] = now - (now - last) * k / steps
 
 
 @nb.njit(cache=True, nogil=True)
-def end_fit(counts: Any, past: Any, head: int, steps: int, noise: float, out: Any) -> None:
+def end_fit(counts: Any, past: Any, steps: int, noise: float, out: Any) -> None:
     """Counts per period through the two ends of the longest window that the noise allows.
 
     b_n = (y_k - y_(k-n)) / n; accept n while |y_k - b_n j - y_(k-j)| <= noise, 0 < j < n
     """
-    remember(counts, past, head, steps)
+    remember(counts, past, steps)
     window = past.shape[1]
     for i in range(past.shape[0]):
-        now, best = past[i, head], 0.0
+        row = past[i]
+        now, best = row[0], 0.0
         for n in range(1, window):
-            b = (now - past[i, (head - n) % window]) / n
-            if not _within(past[i], head, n, now, b, noise):
+            b = (now - row[n]) / n
+            if not _within(row, n, now, b, noise):
                 break
             best = b
         out[i] = best
 
 
 @nb.njit(cache=True, nogil=True)
-def best_fit(counts: Any, past: Any, head: int, steps: int, noise: float, out: Any) -> None:
+def best_fit(counts: Any, past: Any, steps: int, noise: float, out: Any) -> None:
     """Counts per period of the least-squares line of the longest window that the noise allows.
 
     b_n = 6 sum_(i=0..n) (n - 2 i) y_(k-i) / (n (n + 1) (n + 2)); accepted as in `end_fit`
     """
-    remember(counts, past, head, steps)
+    remember(counts, past, steps)
     window = past.shape[1]
     for i in range(past.shape[0]):
-        now, best = past[i, head], 0.0
+        row = past[i]
+        now, best = row[0], 0.0
         plain, moment = 0.0, 0.0
         for n in range(1, window):
             # from the newest count on, for the weights sum to zero
-            y = past[i, (head - n) % window] - now
+            y = row[n] - now
             plain += y
             moment += n * y
             # sum (n - 2 i) y = n sum y - 2 sum i y
             b = 6.0 * (n * plain - 2.0 * moment) / (n * (n + 1.0) * (n + 2.0))
-            if not _within(past[i], head, n, now, b, noise):
+            if not _within(row, n, now, b, noise):
                 break
             best = b
         out[i] = best
 
 
 @nb.njit(cache=True, nogil=True)
-def _within(row: Any, head: int, n: int, now: float, b: float, noise: float) -> bool:
+def _within(row: Any, n: int, now: float, b: float, noise: float) -> bool:
     """Whether the line of slope b through the newest count passes all between within noise."""
-    for j in range(1, n):
-        if fabs(now - b * j - row[(head - j) % row.size]) > noise:
-            return False
-    return True
+    outside = 0
+    for j in range(1, n):  # without a way out of the loop, so that it takes several at once
+        outside += int(fabs(now - b * j - row[j]) > noise)
+    return outside == 0
 
 
 @nb.njit(cache=True, nogil=True)

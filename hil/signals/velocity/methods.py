@@ -176,15 +176,14 @@ class _Plain:
 
 class _Windowed:
     def __init__(self, channels: int, window: int, noise: float, kernel: Any) -> None:
-        self._past, self._head = np.zeros((channels, window)), 0
+        self._past = np.zeros((channels, window))
         self._noise, self._kernel = noise, kernel
 
     def reset(self, counts: IntArray) -> None:
         self._past[:] = counts[:, None]
 
     def update(self, counts: IntArray, steps: int, rate: FloatArray) -> None:
-        self._head = (self._head + steps) % self._past.shape[1]
-        self._kernel(counts, self._past, self._head, steps, self._noise, rate)
+        self._kernel(counts, self._past, steps, self._noise, rate)
 
 
 class _Kalman:
