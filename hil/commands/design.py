@@ -70,13 +70,17 @@ def run(args: argparse.Namespace) -> int:
         common.emit(_json(parameters, found, trouble) | {"active": notes})
     else:
         common.out(designtext.text(loops, found, trouble) + "".join(f"\n  {n}" for n in notes))
+    if trouble:
+        raise ConfigError(f"{args.output or 'this design'} is {_not(args.output)}: {trouble}")
     if args.output:
-        if trouble:
-            raise ConfigError(f"{args.output} is not written: {trouble}")
         _write(args.output, config, parameters)
         if not args.json:
             common.out(f"\n{args.output}: run it with 'hil run {args.output} -o s.mcap'")
     return 0
+
+
+def _not(output: str | None) -> str:
+    return "not written" if output else "refused, 'hil run' would not start it"
 
 
 def _parameters(

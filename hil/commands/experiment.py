@@ -57,15 +57,26 @@ def _transparency(seed: int) -> tuple[str, dict[str, object]]:
     rows = transparency.study(seed, common.log)
     cells = [
         [f"{r.design} {r.entry}", f"{r.hz:g}", f"{r.predicted:.4g}", f"{r.measured:.4g}",
-         f"{r.std:.1g}", f"{100 * r.error:.1f}"]
+         f"{r.scale:.3g}", f"{100 * r.error:.1f}", f"{100 * r.bound:.1f}",
+         "yes" if r.inside else "no"]
         for r in rows
     ]  # fmt: skip
-    head = ["entry", "Hz", "predicted", "measured", "+-", "error %"]
+    head = ["entry", "Hz", "|predicted|", "|measured|", "scale", "difference %",
+            "scatter 95 % %", "inside"]  # fmt: skip
     text = "Hybrid matrix of sessions against the prediction (vertical axis, encoder side)\n"
     text += common.table(head, cells)
     worst = {e: transparency.worst(rows, e) for e in transparency.NAMES}
-    text += "\n  worst: " + ", ".join(f"{e} {100 * x:.1f} %" for e, x in worst.items())
-    return text, {"rows": [dataclasses.asdict(r) for r in rows], "worst": worst}
+    inside = sum(r.inside for r in rows)
+    text += (
+        "\n  difference: |measured - predicted| of the complex numbers, in % of 'scale', the larger"
+        "\n  of |predicted| and 10 N s/m (h11), 1 (h12, h21), 0.1 m/(N s) (h22)"
+        "\n  scatter: 95 % bound of what the scatter of the sessions' periods allows, same scale"
+        f"\n  inside: {inside} of {len(rows)} differ by no more than the scatter; what is beyond"
+        "\n  it is the model's error (friction that is left, fitted parameters), not the data's"
+        "\n  worst difference: " + ", ".join(f"{e} {100 * x:.1f} %" for e, x in worst.items())
+    )
+    return text, {"rows": [dataclasses.asdict(r) | {"inside": r.inside} for r in rows],
+                  "worst": worst, "inside": inside}  # fmt: skip
 
 
 def _fsf(seed: int) -> tuple[str, dict[str, object]]:

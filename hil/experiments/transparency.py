@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from hil import app, registry
 from hil.compare.analysis import fit
@@ -38,6 +39,9 @@ PERIODS, SETTLE = 5, 2.0
 GELS: tuple[float | None, ...] = (None, 250.0, 500.0)
 UP, AXIS = 0.008, 2
 NAMES = ("h11", "h12", "h21", "h22")
+#: 95 % bound of a complex error over its standard error estimated from few periods:
+#: |e|^2 / s^2 ~ F(2, 2 (periods - 1)).
+CONFIDENCE = float(np.sqrt(stats.f.ppf(0.95, 2, 2 * (PERIODS - 1))))
 
 
 @dataclass(frozen=True)
@@ -51,9 +55,14 @@ class Row:
     hz : float
         Frequency.
     predicted, measured, std : float
-        Magnitudes and standard error.
+        Magnitudes and standard error, in the unit of the entry: h11 N s/m, h22 m/(N s).
+    scale : float
+        What `error` and `bound` are relative to: |predicted|, or the entry's natural unit where
+        that is larger (see `scales`).
     error : float
-        Complex difference relative to the scale of the entry (see `relative`).
+        |measured - predicted| of the complex numbers, over `scale`.
+    bound : float
+        What the data's scatter allows `error` to be, 95 %, over `scale`; see `CONFIDENCE`.
     """
 
     design: str
@@ -62,7 +71,14 @@ class Row:
     predicted: float
     measured: float
     std: float
+    scale: float
     error: float
+    bound: float
+
+    @property
+    def inside(self) -> bool:
+        """Whether the data's scatter alone explains the difference."""
+        return self.error <= self.bound
 
 
 def identified(folder: Path, seed: int) -> dict[str, str]:
@@ -131,13 +147,18 @@ def predicted(law: Mapping[str, Any], hz: FloatArray) -> ComplexArray:
 
 
 def relative(h: ComplexArray, goal: ComplexArray) -> FloatArray:
-    """Entrywise |h - goal| over the larger of |goal| and its natural unit, (n, 2, 2).
+    """Entrywise |h - goal| over `scales`, (n, 2, 2)."""
+    return np.asarray(np.abs(h - goal) / scales(goal), np.float64)
+
+
+def scales(goal: ComplexArray) -> FloatArray:
+    """The larger of |goal| and the entry's natural unit, (n, 2, 2).
 
     h12 and h21 count against 1; h11 and h22 against their own size or, where that is small,
     10 N s/m and its inverse: what a soft hand and a gel offer at these frequencies.
     """
     unit = np.array([[10.0, 1.0], [1.0, 0.1]])
-    return np.asarray(np.abs(h - goal) / np.maximum(np.abs(goal), unit), np.float64)
+    return np.asarray(np.maximum(np.abs(goal), unit), np.float64)
 
 
 DESIGNS: dict[str, dict[str, float]] = {
@@ -168,11 +189,14 @@ def compare(
     goal, rows = predicted(law, np.array(hz)), []
     for k, f in enumerate(hz):
         found = measure.estimate(sessions(law, f, folder, seed))
-        off = relative(found.h, goal[k]).reshape(4)
+        off = np.abs(found.h - goal[k]).reshape(4)
         for i, entry in enumerate(NAMES):
-            h, g = found.h.reshape(4)[i], goal[k].reshape(4)[i]
+            h, g, unit = (x.reshape(4)[i] for x in (found.h, goal[k], scales(goal[k])))
             std = float(found.std.reshape(4)[i])
-            rows.append(Row(design, entry, f, float(abs(g)), float(abs(h)), std, float(off[i])))
+            rows.append(Row(
+                design, entry, f, float(abs(g)), float(abs(h)), std, float(unit),
+                float(off[i] / unit), CONFIDENCE * std / float(unit),
+            ))  # fmt: skip
     return rows
 
 

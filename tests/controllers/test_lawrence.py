@@ -1,5 +1,6 @@
 """The Lawrence law: channels, computed torque, sampled prediction, refusals; on the rig too."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -213,6 +214,11 @@ def test_the_command_refuses_to_write_a_bad_design(tmp_path, capsys):
     said = capsys.readouterr()
     assert "is not written" in said.err and "REFUSED" in said.out
     assert not own.exists()
+    assert main(words[:-2]) == 2  # nothing to write, refused all the same
+    said = capsys.readouterr()
+    assert "would not start it" in said.err and "REFUSED" in said.out
+    assert main([*words[:-2], "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["refused"]
     assert main([*words, "--fsf"]) == 2
     assert "singularity" in capsys.readouterr().err
     assert main(["design", rig, "--set", "stifness=3"]) == 2
