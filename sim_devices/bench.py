@@ -19,7 +19,8 @@ from sim_devices.plants import build, world
 from sim_devices.plants.layout import GEL, NOISES, OPERATOR, SUBSTEPS
 from sim_devices.quadrature import Quadrature
 
-BLOCK = 256
+#: Ticks whose random numbers are drawn at once: few, so that no tick is much longer than others.
+BLOCK = 16
 
 
 class Bench:

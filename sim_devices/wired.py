@@ -52,6 +52,7 @@ class WiredBench:
             self.buses[kind] = replace(self._bus(kind, handle), advance=self.force.at)
         self.boxes: dict[str, Any] = {}
         self._alive: dict[int, dict[str, int]] = {}
+        self._parked = bench.state["parked"]
         for name, row in plan.items():
             if row["driver"] not in BUILDERS:
                 missing = unknown("simulated box", row["driver"], BUILDERS)
@@ -94,7 +95,7 @@ class WiredBench:
 
         def write(out: NDArray[np.float64]) -> None:
             for channel, angle, motor, scale in rows:
-                out[channel] = angle[motor] * scale
+                out[channel] = angle.item(motor) * scale
 
         def write_counted(out: NDArray[np.float64]) -> None:
             """Encoders that are emulated as edges: what their decoder has counted."""
@@ -111,10 +112,12 @@ class WiredBench:
         rows = [(c, self.bench.codes[self.bench.names.index(arm)], motor, sign)
                 for c, role, arm, motor, sign in cables if role == "motors"]  # fmt: skip
 
+        volts = box.volts
+
         def drive(now_ns: int) -> None:
             if box.tick(now_ns):
                 for channel, codes, motor, sign in rows:
-                    codes[motor] = round(sign * box.volts.item(channel) * 3276.8)
+                    codes[motor] = round(sign * volts.item(channel) * 3276.8)
 
         return drive
 
@@ -130,9 +133,10 @@ class WiredBench:
 
     def amplifiers(self, now_ns: int) -> None:
         """Power where every heartbeat that was ever seen goes on; parked in the dock otherwise."""
+        parked = self._parked
         for a, beats in self._alive.items():
-            on = all(now_ns - t <= WATCHDOG_NS for t in beats.values())
-            if bool(self.bench.state["parked"][a]) is on:
+            on = now_ns - min(beats.values()) <= WATCHDOG_NS
+            if bool(parked.item(a)) is on:
                 self.bench.park(a, not on)
 
 

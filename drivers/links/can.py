@@ -75,8 +75,11 @@ class CanLink:
             self._advance(t_ns)
 
     def send(self, identifier: int, data: bytes = b"") -> None:
+        """Put one frame out, see `post`."""
+        self.post(frame(identifier, data))
+
+    def post(self, message: can.Message) -> None:
         """Put one frame out; a refusal is kept in `trouble`, and the answer will be missed."""
-        message = can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
         try:
             self.bus.send(message)
         except (can.CanError, OSError) as error:
@@ -126,6 +129,11 @@ class CanLink:
             self.bus.shutdown()
             for key in [k for k, link in _OPEN.items() if link is self]:
                 del _OPEN[key]
+
+
+def frame(identifier: int, data: bytes = b"") -> can.Message:
+    """A frame with an identifier of 11 bits; may be sent any number of times."""
+    return can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
 
 
 #: (interface, channel) -> link that several boxes share.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.links.can import CanLink
+from drivers.links.can import CanLink, frame
 from hil.errors import DeviceError, DeviceTimeoutError
 from hil.signals.device import IntArray, Status
 
@@ -61,7 +61,7 @@ class PolledGauges:
         self.gauges: IntArray = np.zeros(6, np.int64)
         self.unusable, self.trouble = False, ""
         self.timeouts = self.halves = self.malformed = 0
-        self._link, self._request, self._patience = link, request, patience
+        self._link, self._request, self._patience = link, frame(*request), patience
         self._pending: IntArray = np.zeros(6, np.int64)
         self._got = 0
         self._asked_ns: int | None = None
@@ -97,7 +97,7 @@ class PolledGauges:
             self._fresh_ns = t_ns
         if self._asked_ns is None:
             self._got = 0
-            link.send(*self._request)
+            link.post(self._request)
             self._asked_ns = t_ns
         return self._age(t_ns, good)
 
@@ -134,7 +134,7 @@ class PolledGauges:
             self._link.advance(t_ns)
             self._link.poll()
             self._got = 0
-            self._link.send(*self._request)
+            self._link.post(self._request)
             if self._link.wait(self._patience.answer * 1e-9, self._whole):
                 self._got = 0
                 self.unusable = not self._take()

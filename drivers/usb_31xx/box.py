@@ -153,7 +153,8 @@ class Usb31xx:
         try:
             report = self._urgent(now)
             if report:
-                self._next_ns = max(self._next_ns + _FRAME_NS, now)
+                due = self._next_ns + _FRAME_NS
+                self._next_ns = due if due > now else now
                 self._link.write(report)
             if self._asked_ns:
                 self._listen(now)
@@ -166,33 +167,35 @@ class Usb31xx:
 
     def _urgent(self, now: int) -> bytes:
         """Heartbeat, question, next report of an update, or nothing."""
-        config = self.config
-        if self._beating and config.heartbeat_ms and now >= self._beat_ns:
-            self._beat_ns = now + round(config.heartbeat_ms * 1e6)
+        queue = self._queue
+        if self._beating and self.heartbeat and now >= self._beat_ns:
+            self._beat_ns = now + round(self.config.heartbeat_ms * 1e6)
             self._beat ^= 1
-            return bytes([codec.DIO_BIT, config.heartbeat_bit, self._beat])
-        if not self._asked_ns and now >= self._query_ns and not self._queue:
-            self._asked_ns, self._query_ns = now, now + _QUERY_NS
-            return _STATUS
-        if not self._queue and self._dirty:
-            self._update()
-        return self._queue.popleft() if self._queue else b""
+            return bytes([codec.DIO_BIT, self.config.heartbeat_bit, self._beat])
+        if not queue:
+            if not self._asked_ns and now >= self._query_ns:
+                self._asked_ns, self._query_ns = now, now + _QUERY_NS
+                return _STATUS
+            if self._dirty:
+                self._update(queue)
+        return queue.popleft() if queue else b""
 
-    def _update(self) -> None:
+    def _update(self, queue: deque[bytes]) -> None:
         """Queue what has changed: staged and synced, or at once."""
         dirty, self._dirty = self._dirty, {}  # first: a code that comes now is not lost
-        changed = []
+        sent, changed = self._sent, []
         for c in dirty:
-            value = codec.converter(self._wanted[c], *self._cal[c])
-            if value != self._sent[c]:
-                self._sent[c] = value
+            slope, offset = self._cal[c]
+            value = codec.converter(self._wanted[c], slope, offset)
+            if value != sent[c]:
+                sent[c] = value
                 changed.append(c)
         staged = self.config.staged and len(changed) > 1
+        when = codec.ON_SYNC if staged else codec.NOW
         for c in changed:
-            when = codec.ON_SYNC if staged else codec.NOW
-            self._queue.append(codec.aout(c, self._sent[c], when))
+            queue.append(codec.aout(c, sent[c], when))
         if staged:
-            self._queue.append(bytes([codec.AOUT_SYNC]))
+            queue.append(bytes([codec.AOUT_SYNC]))
 
     def _listen(self, now: int) -> None:
         """The answer to the question whether the box is alive, and still as it was set up."""

@@ -33,8 +33,10 @@ TICKS, WARM_UP, SECONDS = 5000, 500, 20.0
 #: Longest tick at the 99th percentile [us], and least speeds [times real time].
 TICK_US = 250.0
 SPEEDS = {"sim": 20.0, "sim-wire": 5.0}
-#: Row of what stands at the far end of the wires.
-WORLD = "simulated world and boxes"
+#: Rows of what stands at the far end of the wires, and of processor time.
+WORLD, PROCESSOR = "simulated world and boxes", "whole tick, processor time"
+#: Time that passes, whatever the processor does [ns].
+PASSING = time.perf_counter_ns
 
 
 class Stopwatch:
@@ -51,7 +53,7 @@ class Stopwatch:
         Time of this tick [ns].
     """
 
-    def __init__(self, clock: Callable[[], int] = time.perf_counter_ns) -> None:
+    def __init__(self, clock: Callable[[], int] = PASSING) -> None:
         self.now: dict[str, int] = {}
         self._inner, self._clock = [0], clock
 
@@ -108,26 +110,37 @@ class Speed:
 
 
 def costs(rig_name: str = "teleop", ticks: int = TICKS) -> list[Cost]:
-    """Costs of every driver on its simulated wire; the last row is the whole tick."""
+    """Costs of every driver on its simulated wire; the last row is the whole tick.
+
+    The row before it is the processor time of whole ticks: what other programs on the same
+    processors take is not in it.
+    """
     config = load_rig(rig_path(rig_name), {"backend": "sim-wire"})
-    watch, nobody = Stopwatch(), Stopwatch()
+    watch = Stopwatch()
     bench = bench_of(config, 0)
     _time_the_far_end(bench, watch)
     rig = open_rig(config, 0, bench)
     try:
         _time_the_devices(rig, watch)
-        rows = _measure(_loop(rig, config), watch, ticks)
+        parts = _measure(_loop(rig, config), watch, ticks)[:, :-1]
     finally:
         rig.close()
-    # the whole tick once more, without what timing its parts costs
-    rig = open_rig(config, 0)
-    try:
-        rows[:, -1:] = _measure(_loop(rig, config), nobody, ticks)
-    finally:
-        rig.close()
-    names = [*watch.now, "whole tick"]
+    # whole ticks once more, without what timing their parts costs
+    rows = np.column_stack([
+        parts, _whole(config, ticks, time.thread_time_ns), _whole(config, ticks, PASSING)
+    ])  # fmt: skip
+    names = [*watch.now, PROCESSOR, "whole tick"]
     middle, most = np.median(rows, axis=0) * 1e-3, np.percentile(rows, 99, axis=0) * 1e-3
     return [Cost(n, float(m), float(p)) for n, m, p in zip(names, middle, most, strict=True)]
+
+
+def _whole(config: RigConfig, ticks: int, clock: Callable[[], int]) -> FloatArray:
+    """Times [ns] of whole ticks by a clock; (ticks,)."""
+    rig = open_rig(config, 0)
+    try:
+        return _measure(_loop(rig, config), Stopwatch(), ticks, clock)[:, -1]
+    finally:
+        rig.close()
 
 
 def _time_the_far_end(bench: Any, watch: Stopwatch) -> None:
@@ -164,7 +177,9 @@ def _loop(rig: Rig, config: RigConfig) -> Loop:
     return loop
 
 
-def _measure(loop: Loop, watch: Stopwatch, ticks: int) -> FloatArray:
+def _measure(
+    loop: Loop, watch: Stopwatch, ticks: int, clock: Callable[[], int] = PASSING
+) -> FloatArray:
     """Times [ns] of every part and of the whole tick; (ticks, parts + 1)."""
     names = list(watch.now)
     rows = np.zeros((ticks, len(names) + 1))
@@ -174,9 +189,9 @@ def _measure(loop: Loop, watch: Stopwatch, ticks: int) -> FloatArray:
         for k in range(-WARM_UP, ticks):
             for name in names:
                 watch.now[name] = 0
-            begin = time.perf_counter_ns()
+            begin = clock()
             loop.step()
-            whole = time.perf_counter_ns() - begin
+            whole = clock() - begin
             if k >= 0:
                 rows[k, :-1] = [watch.now[name] for name in names]
                 rows[k, -1] = whole

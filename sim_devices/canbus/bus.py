@@ -96,6 +96,8 @@ class SimBus(can.BusABC):
         line, inbox = self._line, self._host.inbox
         if not inbox:
             line.run(line.time.now_ns)
+            if timeout == 0 and not inbox:
+                return None
         limit = line.time.now_ns + (FOREVER_NS if timeout is None else round(timeout * 1e9))
         while True:
             while inbox:

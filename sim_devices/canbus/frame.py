@@ -60,3 +60,17 @@ def bits(ident: int, data: Any) -> int:
             count += 1
             last, run = 1 - bit, 1
     return count + TAIL
+
+
+#: Lengths of frames without data, by identifier: requests, the same ones all the time.
+_EMPTY: dict[int, int] = {}
+
+
+def length(frame: Frame) -> int:
+    """`bits` of a frame."""
+    if frame.data:
+        return int(bits(frame.ident, frame.data))
+    found = _EMPTY.get(frame.ident)
+    if found is None:
+        found = _EMPTY[frame.ident] = int(bits(frame.ident, frame.data))
+    return found

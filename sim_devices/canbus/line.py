@@ -9,10 +9,9 @@ overload frames, extended identifiers.
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
 from weakref import WeakValueDictionary
 
-from sim_devices.canbus.frame import ERROR, PAUSE, Frame, bits
+from sim_devices.canbus.frame import ERROR, PAUSE, Frame, length
 from sim_devices.simtime import SimTime
 
 #: A transmitter counts 8 per failure, and leaves the bus above 255.
@@ -55,14 +54,9 @@ class Node:
         """An error frame has gone over the bus."""
 
 
-class _Flight(NamedTuple):
-    """A frame on the wires, from its start to when the next may follow."""
-
-    start_ns: int
-    end_ns: int
-    idle_ns: int
-    senders: list[Node]
-    fails: bool
+#: A frame on the wires: start, end and when the next may follow [ns], who sends it, whether it
+#: fails.  A plain tuple: thousands are made in a second.
+_Flight = tuple[int, int, int, list[Node], bool]
 
 
 class CanLine:
@@ -93,15 +87,15 @@ class CanLine:
     def run(self, until_ns: int) -> None:
         """Everything that happens on the bus up to `until_ns`."""
         while True:
-            if self._flying is None:
+            plan = self._flying
+            if plan is None:
                 if self._idle_ns > until_ns:
                     return
                 plan = self._arbitrate()
-                if plan is None or plan.start_ns > until_ns:
+                if plan is None or plan[0] > until_ns:
                     return
-                self._flying, self._idle_ns = plan, plan.idle_ns
-            plan = self._flying
-            if plan.end_ns > until_ns:
+                self._flying, self._idle_ns = plan, plan[2]
+            if plan[1] > until_ns:
                 return
             self._flying = None
             self._finish(plan)
@@ -109,55 +103,54 @@ class CanLine:
     def next_ns(self) -> int | None:
         """When the next frame will be complete, as far as is known now; None if none is."""
         plan = self._flying or self._arbitrate()
-        return None if plan is None else plan.end_ns
+        return None if plan is None else plan[1]
 
     def _arbitrate(self) -> _Flight | None:
         """Which frame goes next, and when; the lowest identifier of those that wait wins."""
-        ready = [n for n in self.nodes if n.outbox and n.powered and n.failures < OFF]
-        if not ready:
+        start = -1
+        for node in self.nodes:
+            if node.outbox and node.powered and node.failures < OFF:
+                at = node.outbox[0][0]
+                if at < start or start < 0:
+                    start = at
+        if start < 0:
             return None
-        if len(ready) == 1:
-            at, frame = ready[0].outbox[0]
-            return self._plan(at if at > self._idle_ns else self._idle_ns, frame, ready, False)
-        start = max(self._idle_ns, min([n.outbox[0][0] for n in ready]))
-        rivals = [n for n in ready if n.outbox[0][0] <= start]
-        lowest = min([n.outbox[0][1].ident for n in rivals])
-        winners = [n for n in rivals if n.outbox[0][1].ident == lowest]
-        frame = winners[0].outbox[0][1]
-        # one identifier, other bits: the bit error comes after the arbitration field
-        clash = any(n.outbox[0][1] != frame for n in winners[1:])
-        return self._plan(start, frame, winners, clash)
+        if start < self._idle_ns:
+            start = self._idle_ns
+        frame, winners, clash = None, [], False
+        for node in self.nodes:
+            if node.outbox and node.powered and node.failures < OFF:
+                at, mine = node.outbox[0]
+                if at > start:
+                    continue
+                if frame is None or mine.ident < frame.ident:
+                    frame, winners, clash = mine, [node], False
+                elif mine.ident == frame.ident:
+                    winners.append(node)
+                    # one identifier, other bits: the bit error comes after the arbitration field
+                    clash = clash or mine != frame
+        return None if frame is None else self._plan(start, frame, winners, clash)
 
     def _plan(self, start: int, frame: Frame, winners: list[Node], clash: bool) -> _Flight:
         """A frame that starts at `start` [ns]."""
-        fails = clash or not self._acknowledged(winners)
-        bit_ns = 1e9 / winners[0].bit_rate
-        end = start + round((ERROR + 13 if clash else bits(frame.ident, frame.data)) * bit_ns)
-        idle = end + round((ERROR if fails else PAUSE) * bit_ns)
-        return _Flight(start, end, idle, winners, fails)
-
-    def _acknowledged(self, senders: list[Node]) -> bool:
-        """Somebody else hears it at the same bit rate, and nobody at another destroys it."""
-        rate, heard = senders[0].bit_rate, False
+        # acknowledged: somebody else hears it at this bit rate, nobody at another destroys it
+        rate, heard, disturbed = winners[0].bit_rate, False, False
         for node in self.nodes:
             if node.powered and node.failures < OFF:
                 if node.bit_rate != rate:
-                    return False
-                heard |= node not in senders
-        return heard
+                    disturbed = True
+                elif not heard:
+                    heard = node not in winners
+        fails = clash or disturbed or not heard
+        bit_ns = 1e9 / rate
+        end = start + round((ERROR + 13 if clash else length(frame)) * bit_ns)
+        return start, end, end + round((ERROR if fails else PAUSE) * bit_ns), winners, fails
 
     def _finish(self, flight: _Flight) -> None:
         """Deliver the frame in flight, or count the failure; it is then tried again."""
-        senders = flight.senders
-        if flight.fails:
-            alone = len([n for n in self.nodes if n.powered]) == len(senders)
-            for node in senders:
-                # nobody else there: the counter stops at error-passive (ISO 11898-1)
-                if not (alone and node.failures >= PASSIVE):
-                    node.failures += FAILURE
-                if node.off:
-                    node.outbox.clear()
-                node.error(flight.end_ns)
+        _, end_ns, _, senders, fails = flight
+        if fails:
+            self._count(senders, end_ns)
             return
         frame = senders[0].outbox[0][1]
         for node in senders:
@@ -167,7 +160,18 @@ class CanLine:
         self.frames += 1
         for node in self.nodes:
             if node.powered and node.failures < OFF and node not in senders:
-                node.hear(frame, flight.end_ns)
+                node.hear(frame, end_ns)
+
+    def _count(self, senders: list[Node], end_ns: int) -> None:
+        """A frame has failed."""
+        alone = len([n for n in self.nodes if n.powered]) == len(senders)
+        for node in senders:
+            # nobody else there: the counter stops at error-passive (ISO 11898-1)
+            if not (alone and node.failures >= PASSIVE):
+                node.failures += FAILURE
+            if node.off:
+                node.outbox.clear()
+            node.error(end_ns)
 
 
 #: Channel name -> bus, so that `can.Bus(interface="hil-sim", channel=name)` finds it; who made

@@ -7,6 +7,7 @@ wrong length, axis or slot is not answered.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -19,6 +20,8 @@ from sim_devices.force.transducer import Certificate, Transducer
 LATENCY_NS = 60_000
 RESET_NS = 5_000_000
 DEFAULT_BASE, DEFAULT_BIT_RATE = 0x20, 250_000
+#: A status word and three gauges, or three gauges; words of 16 bits, the high byte first.
+_FOUR, _THREE = struct.Struct(">Hhhh").pack, struct.Struct(">hhh").pack
 #: Bits of the status word.
 WATCHDOG, BAD_CALIBRATION, CAN_ERROR, ANY_ERROR = 1 << 0, 1 << 6, 1 << 14, 1 << 15
 
@@ -53,6 +56,11 @@ class Faults:
     delay_ns: int = 4_000_000
     status: int = 0
     stuck: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def counted(self) -> int:
+        """Whether any fault of an answer's frames is left."""
+        return self.lose_first or self.lose_second or self.delay_second or self.short
 
     def strikes(self, name: str) -> bool:
         """Whether the fault that is counted in `name` strikes now; then it is counted down."""
@@ -113,24 +121,29 @@ class NetCanOemBoard(Node):
 
     def hear(self, frame: Frame, t_ns: int) -> None:
         """Answer a request that is meant for this board."""
-        if frame.ident >> 4 != self.base or t_ns < self._deaf_until_ns:
+        ident, request = frame
+        if ident >> 4 != self.base or t_ns < self._deaf_until_ns:
             return
-        if self.faults.strikes("mute"):
+        faults = self.faults
+        if faults.mute and faults.strikes("mute"):
             return
-        code, request = frame.ident & 15, frame.data
+        code, ready_ns = ident & 15, t_ns + LATENCY_NS
         answer = self._answers.get((code, len(request)))
-        for k, payload in enumerate(answer(request, t_ns) if answer else ()):
-            self._reply(code + k, payload, t_ns + LATENCY_NS)
+        for payload in answer(request, t_ns) if answer else ():
+            if code <= 1 and faults.counted:
+                self._spoilt(code, payload, ready_ns)
+            else:
+                self.outbox.append((ready_ns, Frame(self.base << 4 | code, payload)))
+            code += 1
 
-    def _reply(self, code: int, payload: bytes, ready_ns: int) -> None:
-        if code == 0 and self.faults.strikes("lose_first"):
+    def _spoilt(self, code: int, payload: bytes, ready_ns: int) -> None:
+        """A frame of a sample on its way out, past the faults."""
+        faults = self.faults
+        if faults.strikes("lose_second" if code else "lose_first"):
             return
-        if code == 1:
-            if self.faults.strikes("lose_second"):
-                return
-            if self.faults.strikes("delay_second"):
-                ready_ns += self.faults.delay_ns
-        if code <= 1 and self.faults.strikes("short"):
+        if code and faults.strikes("delay_second"):
+            ready_ns += faults.delay_ns
+        if faults.strikes("short"):
             payload = payload[:-1]
         self.outbox.append((ready_ns, Frame(self.base << 4 | code, payload)))
 
@@ -147,10 +160,7 @@ class NetCanOemBoard(Node):
         g = self.transducer.read(t_ns).tolist()
         for k, word in self.faults.stuck.items():
             g[k] = word
-        return [
-            _words(self.status(), g[0], g[2], g[4]).to_bytes(8, "big"),
-            _words(g[1], g[3], g[5]).to_bytes(6, "big"),
-        ]
+        return [_FOUR(self.status(), g[0], g[2], g[4]), _THREE(g[1], g[3], g[5])]
 
     def _row(self, request: bytes, t_ns: int) -> list[bytes]:
         axis = request[0]
@@ -205,14 +215,6 @@ class NetCanOemBoard(Node):
     def _version(self, request: bytes, t_ns: int) -> list[bytes]:
         major, minor, build = self.firmware
         return [bytes([major, minor, build >> 8, build & 255])]
-
-
-def _words(*values: int) -> int:
-    """Words of 16 bits, two's complement, one behind the other; the first is the highest."""
-    found = 0
-    for value in values:
-        found = found << 16 | (value & 0xFFFF)
-    return found
 
 
 def _single(value: float) -> bytes:

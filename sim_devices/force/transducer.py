@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError, unknown
 
 Array = NDArray[np.float64]
-BLOCK = 512
+#: Readings whose random numbers are drawn at once: few, so that none takes much longer than others.
+BLOCK = 16
 
 
 @dataclass(frozen=True)

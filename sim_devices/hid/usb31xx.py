@@ -62,6 +62,7 @@ class Sim31xx:
         # the converter's own errors; the flash holds what corrects them
         self._gain = 1.0 + GAIN_SPREAD * rng.standard_normal(self.channels)
         self._offset = OFFSET_SPREAD * rng.standard_normal(self.channels)
+        self.volts = np.zeros(self.channels)
         self._flash = self._calibration()
         self._edge = edge
         #: Number -> length of the whole report, action.
@@ -78,9 +79,9 @@ class Sim31xx:
     def power_up(self) -> None:
         """Forget everything but the flash."""
         self.inputs: deque[bytes] = deque(maxlen=QUEUE)
-        self.volts = np.zeros(self.channels)
+        self.volts[:] = 0.0
         self._staged: dict[int, int] = {}
-        self._bipolar = np.zeros(self.channels, bool)
+        self._bipolar = [False] * self.channels
         self._master = False
         self._direction, self._lines = 0xFF, 0
         self._pending: deque[tuple[int, bytes]] = deque()
@@ -105,10 +106,12 @@ class Sim31xx:
     def tick(self, now_ns: int) -> bool:
         """It is `now_ns`: execute what has arrived; whether anything had."""
         self.now_ns = now_ns
-        if not self._pending or self._pending[0][0] > now_ns:
+        pending = self._pending
+        if not pending or pending[0][0] > now_ns:
             return False
-        while self._pending and self._pending[0][0] <= now_ns:
-            self._execute(self._pending.popleft()[1])
+        while pending and pending[0][0] <= now_ns:
+            self._execute(pending.popleft()[1])
+            pending = self._pending  # a reset empties it
         return True
 
     def _execute(self, report: bytes) -> None:
@@ -135,7 +138,7 @@ class Sim31xx:
 
     def _convert(self, channel: int, value: int) -> None:
         code = self._gain.item(channel) * value + self._offset.item(channel)
-        if self._bipolar.item(channel):
+        if self._bipolar[channel]:
             self.volts[channel] = (code - 32768.0) / 32768.0 * 10.0
         else:
             self.volts[channel] = code / 65536.0 * 10.0
