@@ -82,5 +82,5 @@ def text(c: Comparison) -> str:
     lines += [f"  - {r.text}" for r in sorted(places, key=lambda r: -r.strength)[:8]]
     if not places:
         lines.append("  nowhere above the noise band")
-    lines += [f"  warning: {f.text}" for f in c.faults]
+    lines += [f"  warning: {f.sentence}" for f in c.faults]
     return "\n".join(lines)

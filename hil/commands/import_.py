@@ -213,7 +213,7 @@ def _text(output: Path, found: Imported, model: Path, written: bool) -> str:
     state = "base model written" if written else "model kept as it was"
     lines.append(f"{model}: {state}")
     faults = [f for r in found.recordings for f in check(r)]
-    lines += [f"{f.severity} [{f.code}] {f.text}" for f in faults if f.severity != "error"]
+    lines += [_fault(f) for f in faults if f.severity != "error"]
     return "\n".join([*lines, *_next(output, model, faults)]) + "\n"
 
 
@@ -223,7 +223,11 @@ def _next(output: Path, model: Path, faults: list[Finding]) -> list[str]:
     if not errors:
         return ["next:", f"  hil info {output}", f"  hil diagnose {output} --model {model}"]
     return [
-        *(f"error [{f.code}] {f.text}" for f in errors),
+        *map(_fault, errors),
         f"{output} is written but cannot be fitted: {plural(len(errors), 'error')}, see above; "
         "mend the table and import it again",
     ]
+
+
+def _fault(f: Finding) -> str:
+    return f"{f.severity} [{f.code}] {f.sentence}"

@@ -181,8 +181,7 @@ def _faults_text(faults: list[Finding]) -> list[str]:
         return ["  data faults: none found"]
     lines = [f"  data faults: {len(faults)}"]
     for f in faults:
-        where = f" {f.joint}:" if f.joint else ""
-        lines.append(f"  {f.severity} [{f.code}]{where} {f.text}")
+        lines.append(f"  {f.severity} [{f.code}] {f.sentence}")
     return lines
 
 

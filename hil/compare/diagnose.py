@@ -68,9 +68,10 @@ def diagnose(
     seed : int
         Of the sign flips.
     """
-    errors = [f for r in recordings for f in check(r) if f.severity == "error"]
+    faults = [f for r in recordings for f in check(r)]
+    errors = [(f.code, f.sentence) for f in faults if f.severity == "error"]
     if errors:
-        return Diagnosis("bad-data", warnings=[(f.code, f.text) for f in errors])
+        return Diagnosis("bad-data", warnings=errors)
     problem = Problem(recordings, model.robot, model.explains, model.band)
     result = fit_aligned(problem, model)
     examine = Examiner(problem, holdout or [])
@@ -92,6 +93,7 @@ def diagnose(
     out.valid = model.valid
     beyond = outside(model.valid, problem) + examine.outside(ladder[-1].result)
     out.warnings += [("outside-range", text) for text in beyond]
+    out.warnings += [(f.code, f.sentence) for f in faults]
     out.network = explainable(ladder[-1].result, evidence.floor)
     return out
 

@@ -126,7 +126,7 @@ def from_diagnosis(d: Diagnosis) -> Material:
 def from_comparison(c: Comparison) -> Material:
     """Material of a comparison: a ladder of one rung."""
     rung = _honest(Rung(Step("model", c.result, c.heldout), c.multi_step))
-    faults = [(f.code, f.text) for f in c.faults]
+    faults = [(f.code, f.sentence) for f in c.faults]
     return Material(
         COMPARED,
         [rung],

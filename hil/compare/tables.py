@@ -71,7 +71,7 @@ def comparison_json(c: Comparison) -> dict[str, object]:
         "schema": "hil.compare/1", "joints": joints, "held_out": c.heldout.kind,
         "noise_floor_from": c.evidence.floor.method,
         "multi_step": multi_json(c.multi_step, result),
-        "warnings": [{"code": f.code, "text": f.text} for f in c.faults],
+        "warnings": [{"code": f.code, "text": f.sentence} for f in c.faults],
     }  # fmt: skip
 
 

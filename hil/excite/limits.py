@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -84,20 +83,11 @@ def of_robot(source: RobotSource) -> Limits | None:
 def _of_urdf(text: str) -> Limits:
     """Limits of a URDF; a joint without range gets half a turn, without speed 1 rad/s."""
     joints = urdf_joints(text)
-    elements = {e.get("name"): e.find("limit") for e in ET.fromstring(text).findall("joint")}
     low = np.array([j.lower if math.isfinite(j.lower) else -np.pi / 2 for j in joints])
     high = np.array([j.upper if math.isfinite(j.upper) else np.pi / 2 for j in joints])
-    speed = np.array([_number(elements[j.name], "velocity", 1.0) for j in joints])
-    torque = np.array([_number(elements[j.name], "effort", INF) for j in joints])
+    speed = np.array([j.velocity if math.isfinite(j.velocity) else 1.0 for j in joints])
+    torque = np.array([j.effort for j in joints])
     return Limits(low, high, speed, torque, (low + high) / 2, source="the URDF")
-
-
-def _number(limit: ET.Element | None, key: str, default: float) -> float:
-    try:
-        value = float(limit.get(key, "")) if limit is not None else 0.0
-    except ValueError:
-        value = 0.0
-    return value if value > 0 and math.isfinite(value) else default
 
 
 def of_arm(arm: ArmConfig, source: RobotSource, center: tuple[float, ...] = ()) -> Limits:

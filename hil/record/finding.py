@@ -25,3 +25,8 @@ class Finding:
     severity: str
     joint: str
     text: str
+
+    @property
+    def sentence(self) -> str:
+        """What was found, with the joint in front where there is one."""
+        return f"{self.joint}: {self.text}" if self.joint else self.text

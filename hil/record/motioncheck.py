@@ -9,6 +9,7 @@ import numpy as np
 
 from hil.errors import DataError
 from hil.record import consistency as physics
+from hil.record import limitcheck
 from hil.record.finding import Finding
 from hil.record.recording import Recording
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
@@ -62,19 +63,16 @@ def _units(r: Recording) -> Iterator[Finding]:
     for k, name in enumerate(r.joints):
         joint = listed[k] if described else UrdfJoint(name, unit)
         q = r.q[:, k]
-        limits = f"{q.min():.4g} to {q.max():.4g} {joint.unit}"
         if physics.unit_doubt(q, joint, described):
             what = "degrees" if joint.unit == "rad" else "millimetres"
             yield Finding(
                 "unit", "warning", name,
-                f"q{k + 1} runs from {limits}; is it in {what}? Scale it in a map when importing",
+                f"q{k + 1} runs from {q.min():.4g} to {q.max():.4g} {joint.unit}; is it in {what}? "
+                "Scale it in a map when importing",
             )  # fmt: skip
-        elif max(q.max() - joint.upper, joint.lower - q.min()) > 0.1 * (joint.upper - joint.lower):
-            yield Finding(
-                "limits", "warning", name,
-                f"q{k + 1} runs from {limits}, beyond the limits of the URDF ({joint.lower:.4g} to "
-                f"{joint.upper:.4g}); check sign, unit and zero of this joint",
-            )  # fmt: skip
+        elif described:
+            yield from limitcheck.position(r, k, joint)
+            yield from limitcheck.speed_and_effort(r, k, joint)
 
 
 def _position(r: Recording, k: int, joint: str) -> Iterator[Finding]:

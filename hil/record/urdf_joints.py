@@ -23,12 +23,17 @@ class UrdfJoint:
         ``"rad"`` or ``"m"``.
     lower, upper : float
         Position limits in `unit`; infinite where the URDF has none.
+    velocity, effort : float
+        Largest speed [unit/s] and effort [N m or N]; infinite where the URDF has none, or none
+        above 0, as exporters write where nobody filled them in.
     """
 
     name: str
     unit: str
     lower: float = -math.inf
     upper: float = math.inf
+    velocity: float = math.inf
+    effort: float = math.inf
 
 
 def urdf_joints(text: str, where: str = "the URDF") -> tuple[UrdfJoint, ...]:
@@ -78,7 +83,9 @@ def _walk(
     for joint in children.get(link, ()):
         kind, name = joint.get("type", ""), joint.get("name", "")
         if kind in _KINDS and joint.find("mimic") is None:
-            out.append(UrdfJoint(name, _KINDS[kind], *_limits(joint, kind, where)))
+            ends = _range(joint, kind, where)
+            most = [_most(joint, key, where) for key in ("velocity", "effort")]
+            out.append(UrdfJoint(name, _KINDS[kind], *ends, *most))
         elif kind not in _KINDS and kind != "fixed":
             raise DataError(
                 f"{where}: joint {name!r} is of type {kind!r}; "
@@ -87,12 +94,22 @@ def _walk(
         _walk(_link(joint, "child", where), children, out, where)
 
 
-def _limits(joint: ET.Element, kind: str, where: str) -> tuple[float, float]:
-    limit = joint.find("limit")
-    if limit is None or kind == "continuous":
+def _range(joint: ET.Element, kind: str, where: str) -> tuple[float, float]:
+    if kind == "continuous":
         return -math.inf, math.inf
+    lower, upper = (_limit(joint, key, where) for key in ("lower", "upper"))
+    return (lower, upper) if lower < upper else (-math.inf, math.inf)
+
+
+def _most(joint: ET.Element, key: str, where: str) -> float:
+    value = _limit(joint, key, where)
+    return value if value > 0 else math.inf
+
+
+def _limit(joint: ET.Element, key: str, where: str) -> float:
+    """Attribute of a joint's limit, 0 where it has none."""
+    limit = joint.find("limit")
     try:
-        lower, upper = float(limit.get("lower", "0")), float(limit.get("upper", "0"))
+        return float(limit.get(key, "0")) if limit is not None else 0.0
     except ValueError as error:
         raise DataError(f"{where}: joint {joint.get('name')!r}: limit: {error}") from error
-    return (lower, upper) if lower < upper else (-math.inf, math.inf)

@@ -241,3 +241,38 @@ def test_a_check_never_raises(n, d, kinds, power, seed):
     names = tuple("abc"[:d])
     r = Recording("r", "arm", names, t, q, tau, qd if seed % 2 else None, None, ext)
     assert all(f.severity in ("error", "warning") and f.text for f in check(r))
+
+
+def of_arm(change) -> list:
+    """Faults of two joints of the URDF (limits 2 rad, 9 rad/s, 9 N m), changed."""
+    r = replace(recording(), joints=("shoulder", "elbow"), robot=RobotSource("", URDF), qd=None)
+    return check(replace(r, **change(r)))
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "value", "limit"),
+    [
+        (lambda r: {"tau": r.tau * [1, 30]}, "effort-limit", "tau2 reaches 14.8 N m", "(9)"),
+        (lambda r: {"t": r.t * 0.03}, "velocity-limit", "of q2 reaches 32.13 rad/s", "(9)"),
+        (lambda r: {"q": np.add(r.q, [0, 2])}, "limits", "to 2.315 rad", "(-2 to 2)"),
+    ],
+)
+def test_beyond_a_limit_names_joint_value_and_limit(change, code, value, limit):
+    found = [f for f in of_arm(change) if f.code == code][-1]
+    assert (found.severity, found.joint) == ("warning", "elbow")
+    assert value in found.text
+    assert limit in found.text
+
+
+def test_limits_of_zero_are_no_limits():
+    blank = URDF.replace('effort="9" velocity="9"', 'effort="0" velocity="0"')
+    assert of_arm(lambda r: {"tau": 50 * r.tau, "robot": RobotSource("", blank)}) == []
+
+
+def test_a_single_sample_beyond_a_limit_is_noise():
+    def spike(r):
+        tau = r.tau.copy()
+        tau[700, 0] = 12.0
+        return {"tau": tau}
+
+    assert [f.code for f in of_arm(spike) if "limit" in f.code] == []
