@@ -14,6 +14,7 @@ from hil.errors import ConfigError
 from hil.excite import files
 from hil.excite.trajectory import grid, sample
 from hil.signals.device import FloatArray
+from hil.signals.settable import Range
 
 #: Limits of th2 - th3 by the parallelogram [rad] (Cavusoglu et al. 2002), less a margin.
 FOLD = (-0.95, 1.13)
@@ -61,6 +62,14 @@ class JointTrackingConfig:
     friction: tuple[float, ...] = (0.012, 0.011, 0.010)
     blend: float = 1.0
     trajectory: str = ""
+
+    def settable(self) -> dict[str, Range]:
+        """What an operator may set: nothing of the motion, which would jump."""
+        return {
+            "stiffness": Range(0.0, 20.0, "N m/rad", 3),
+            "damping": Range(0.0, 0.2, "N m s/rad", 3),
+            "velocity_filter": Range(0.0005, 0.02, "s"),
+        }
 
 
 @nb.njit(cache=True, nogil=True)

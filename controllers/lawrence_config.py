@@ -10,6 +10,7 @@ from controllers import ela
 from controllers.channel import ChannelConfig
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
+from hil.signals.settable import Range
 
 #: How the robots become point masses: not at all, with measured forces, with accelerations.
 SHAPES = ("natural", "force", "acceleration")
@@ -18,6 +19,8 @@ PREMIUM = (
     2.8328e-3, 1.1319e-3, -3.9120e-4, 9.1230e-4, 2.4264e-3, 9.3189e-4, -1.6298e-2, -7.3755e-2,
 )  # fmt: skip
 AXES = ("x", "y", "z")
+#: Gains on measured forces.
+FORCES = ("c2", "c3", "c5", "c6")
 
 
 @dataclass(frozen=True)
@@ -112,12 +115,18 @@ class LawrenceConfig:
         if min(self.leader_mass + self.follower_mass) <= 0.0:
             raise ConfigError("lawrence: leader_mass and follower_mass must be positive.")
 
+    def settable(self) -> dict[str, Range]:
+        """What an operator may set: force gains and filters; the rest is 'hil design's."""
+        force = {name: Range(-2.0, 2.0, "", len(getattr(self, name))) for name in FORCES}
+        corners = ("velocity_hz", "acceleration_hz", "force_hz", "observer_hz")
+        return {**force, **dict.fromkeys(corners, Range(1.0, 400.0, "Hz"))}
+
     def gains(self) -> FloatArray:
         """Gains per axis in the order of `ela.GAINS`, shape (3, 16)."""
         g = np.zeros((3, ela.GAINS))
         for at, name in enumerate(("c1", "c4", "c7", "c8")):
             g[:, 3 * at : 3 * at + 3] = np.resize(getattr(self, name), 9).reshape(3, 3)
-        for at, name in enumerate(("c2", "c3", "c5", "c6")):
+        for at, name in enumerate(FORCES):
             g[:, 12 + at] = np.resize(getattr(self, name), 3)
         return g
 

@@ -15,6 +15,7 @@ from hil.exits import unwinding_signals
 from hil.record.reader import summary
 from hil.record.ring import Ring
 from hil.rig import Rig, open_rig
+from hil.runtime import commands
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.runtime.conditions import sentence
 from hil.runtime.frame import FrameLayout
@@ -151,11 +152,13 @@ def run(
         The session could not be written on, e.g. for a full disk; the loop ran to its end.
     """
     config = session.with_run_options(config, seconds, seed, clock)
+    operator = operator or Operator()
+    commands.rehearse(operator.schedule, config.loop.seconds, Shop(None, config))
     began = time.perf_counter()
     with unwinding_signals(), guarded(config.safety, Path(output)) as watchdog:
         rig = opener(config, seed)
         try:
-            made = _Session(rig, config, seed, Path(output), operator or Operator(), model, timer)
+            made = _Session(rig, config, seed, Path(output), operator, model, timer)
             made.run(progress, watchdog)
         finally:
             rig.close()
@@ -201,6 +204,7 @@ class _Session:
             loop.rehearse()
             if self.operator.lines is not None:
                 self.operator.lines(self.slow.inbox.append)
+                self.operator.say(commands.usage(self.slow.shop.settable()))
             (self._lockstep if self.config.loop.clock == "lockstep" else self._real)(progress)
             name = "fault" if loop.unsafe else "done"
         except Exception as error:
@@ -216,7 +220,7 @@ class _Session:
             self.rig.enable()
             self.loop.begin()
         self.timer.start()
-        self.writer.event(0, self.timer.epoch_ns, "waiting" if waits else "enabled", {})
+        self.slow.note(0, self.timer.epoch_ns, "waiting" if waits else "enabled")
 
     def over(self) -> bool:
         """Whether this tick was the last."""
@@ -252,8 +256,9 @@ class _Session:
                 for text in self.arrangement.refused:
                     self.operator.say(text)
                 # no tick may be missing between the amplifiers' power and the loop
-                self._enable()
                 thread.start()
+                self._enable()
+                thread.go()
                 while not self.over():
                     loop.step()
         finally:

@@ -150,8 +150,8 @@ class _Run:
 
     def __init__(self, record: _Record, changes: dict[str, float]) -> None:
         self.record = record
-        self.shop = Shop(None, record.config)
-        self.law: Controller = self.shop.law(changes)
+        self.shop = Shop(None, record.config, bounded=False)
+        self.law: Controller = self.shop.law({k: (v,) for k, v in changes.items()})
         self.x = np.zeros(len(self.law.state_names))
         self.x_next = np.zeros_like(self.x)
         self.period_ns = record.config.loop.period_ns
@@ -160,6 +160,11 @@ class _Run:
         self.drivers = [_driver(record.config, arm) for arm in record.config.controller.arms]
         limits = [record.config.arms[arm] for arm in record.config.controller.arms]
         self.limits = [(np.array(a.torque_limit), np.array(a.speed_limit)) for a in limits]
+
+    @property
+    def powered(self) -> bool:
+        """ENABLED or PAUSED in the tick before."""
+        return self.state in (_ENABLED, int(OperatingState.PAUSED))
 
     def begin(self) -> None:
         """To ENABLED."""

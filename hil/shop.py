@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 from hil import registry
-from hil.config import RigConfig
+from hil.config import RigConfig, parse
 from hil.errors import ConfigError, unknown
 from hil.excite.limits import of_arm
 from hil.record.recording import RobotSource
 from hil.rig import Rig, build_controller
+from hil.signals import settable
 from hil.signals.device import Controller
 
 #: Time in which the arms go home [s].
@@ -26,10 +29,12 @@ class Shop:
         Open devices; None where there are none to enable (replay).
     config : RigConfig
         Of the session.
+    bounded : bool
+        An operator sets what the law declares, within its ranges; a replay anything.
     """
 
-    def __init__(self, rig: Rig | None, config: RigConfig) -> None:
-        self._rig, self._config = rig, config
+    def __init__(self, rig: Rig | None, config: RigConfig, bounded: bool = True) -> None:
+        self._rig, self._config, self._bounded = rig, config, bounded
         self._parameters: dict[str, Any] = dict(config.controller.parameters)
 
     def enable(self) -> None:
@@ -37,14 +42,20 @@ class Shop:
         if self._rig is not None:
             self._rig.enable()
 
-    def law(self, changes: dict[str, float]) -> Controller:
+    def settable(self) -> Mapping[str, settable.Range]:
+        """What an operator may set of the law, and how far."""
+        return settable.ranges(self._in_force())
+
+    def law(self, changes: Mapping[str, Sequence[float]]) -> Controller:
         """The law of the session with some of its numbers changed; the changes stay."""
-        kind = registry.load("hil.controllers", self._config.controller.name).Config
-        known = {f.name for f in dataclasses.fields(kind)}
-        for name in changes:
-            if name not in known:
-                raise ConfigError(unknown("parameter", name, known))
-        parameters = {**self._parameters, **changes}
+        now, parameters = self._in_force(), dict(self._parameters)
+        for name, values in changes.items():
+            if self._bounded:
+                settable.checked(name, values, settable.ranges(now))
+            elif not hasattr(now, name):
+                raise ConfigError(unknown("parameter", name, (f.name for f in fields(now))))
+            listed = isinstance(getattr(now, name), tuple)
+            parameters[name] = list(values) if listed or len(values) > 1 else values[0]
         law = build_controller(self._with(self._config.controller.name, parameters))
         self._parameters = parameters
         return law
@@ -58,6 +69,11 @@ class Shop:
             "center": [float(q) for q in center], "amplitude": [1e-9] * 3, "blend": HOMING,
         }  # fmt: skip
         return build_controller(self._with("joint-tracking", still))
+
+    def _in_force(self) -> Any:
+        """Parameters of the law as they are now."""
+        kind = registry.load("hil.controllers", self._config.controller.name).Config
+        return parse(kind, self._parameters, "controller.parameters")
 
     def _with(self, name: str, parameters: dict[str, Any]) -> RigConfig:
         table = dataclasses.replace(self._config.controller, name=name, parameters=parameters)

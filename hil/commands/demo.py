@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import random
 import time
 from pathlib import Path
@@ -49,7 +50,8 @@ def run(args: argparse.Namespace) -> int:
     _check(folder)
     effect, joint = random.Random(args.seed).choice(hidden.EFFECTS)
     say("1. Recording three sessions of two simulated PHANTOM Premium 1.5 arms at 1 kHz.")
-    say("   An effect that the analysis knows nothing of is hidden in the follower.\n")
+    say("   An effect that the analysis knows nothing of is hidden in the follower.")
+    say(f"   Everything is written into the folder {folder}{os.sep}\n")
     paths = [_record(folder, k, 10 * args.seed + k, effect, joint) for k in range(3)]
     for path in paths:
         say(f"   {path}")

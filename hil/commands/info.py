@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.commands import outputs
+from hil.commands import infoloop, outputs
 from hil.errors import ConfigError, plural
 from hil.record.checks import Finding, check, columns, joint_units
 from hil.record.reader import ChannelSummary, SessionSummary, load, summary
@@ -90,6 +90,8 @@ def _as_dict(
             for c in found.channels
         ],
         "arms": [_arm_dict(r, faults) for r, faults in arms],
+        "start_ns": found.zero_ns,
+        "loop": infoloop.figures(found),
         "metadata": found.metadata,
         "attachments": list(found.attachments),
     }  # fmt: skip
@@ -127,7 +129,7 @@ def _robot(r: Recording) -> str:
 
 def _text(found: SessionSummary, arms: list[tuple[Recording, list[Finding]]]) -> str:
     cut = ", cut off" if found.truncated else ""
-    lines = [f"{found.path}: {found.bytes / 1e6:.3g} MB{cut}", ""]
+    lines = [f"{found.path}: {found.bytes / 1e6:.3g} MB{cut}, {infoloop.when(found)}", ""]
     if found.truncated or found.damaged:
         chunks = plural(found.damaged, "damaged chunk")
         lost = f"{plural(found.unread, 'byte')} at the end and {chunks}"
@@ -143,7 +145,7 @@ def _text(found: SessionSummary, arms: list[tuple[Recording, list[Finding]]]) ->
          f"{c.last_s:.4f}", str(c.missing) if c.missing and _periodic(c) else "-")
         for c in found.channels
     ]  # fmt: skip
-    lines += [*_aligned(rows), ""]
+    lines += [*_aligned(rows), "", *infoloop.lines(found)]
     if not arms:
         lines += ["  no arm: no /<name>/measured_js channel, so there is nothing to fit", ""]
     for r, faults in arms:

@@ -11,7 +11,9 @@ import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import zstandard
+from numpy.typing import NDArray
 
 from hil.errors import DataError
 
@@ -22,6 +24,8 @@ _SCHEMA, _CHANNEL, _MSG, _CHUNK, _ATTACHMENT, _METADATA, _DATA_END = 3, 4, 5, 6,
 _UNREADABLE = (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError)
 #: No writer makes chunks so large [byte]; a damaged length must not claim the memory.
 _LARGEST_CHUNK = 2**31
+#: Times from here on (1973) count from 1970, not from the start of a session [ns].
+EPOCH_NS = 10**17
 
 
 @dataclass
@@ -76,6 +80,19 @@ class Container:
     size: int = 0
     unread: int = 0
     damaged: int = 0
+
+    @property
+    def zero_ns(self) -> int:
+        """What to take off log times [ns]: the first of them where they count from 1970.
+
+        A number of 64 bits has steps of 0.24 us at such times, and of a millionth of that here.
+        """
+        first = min((t.times[0] for t in self.topics.values() if t.times), default=0)
+        return first if first >= EPOCH_NS else 0
+
+    def seconds(self, topic: Topic) -> NDArray[np.float64]:
+        """Log times of a topic [s], from `zero_ns` on, shape (n,)."""
+        return np.asarray((np.array(topic.times, np.int64) - self.zero_ns) * 1e-9, np.float64)
 
 
 def read(path: str | Path, messages: bool = True) -> Container:

@@ -30,7 +30,7 @@ def read_fields(path: str | Path, topic: str) -> tuple[FloatArray, dict[str, Flo
     Returns
     -------
     t : ndarray (n,)
-        Log time [s].
+        Log time [s], from the first stamp of the session on where that counts from 1970.
     fields : dict of str to ndarray (n,)
         By the name in the schema, whose comments give the units; of a joint state
         ``position.<joint>`` and so on, of a wrench fx to tz.
@@ -44,7 +44,7 @@ def read_fields(path: str | Path, topic: str) -> tuple[FloatArray, dict[str, Flo
     if topic not in box.topics:
         raise DataError(f"session {path}: " + unknown("topic", topic, box.topics))
     channel = box.topics[topic]
-    t = np.asarray(np.array(channel.times, np.int64) * 1e-9, np.float64)
+    t = box.seconds(channel)
     if not channel.data:
         raise DataError(f"session {path}: topic {topic} has no messages")
     try:

@@ -36,7 +36,7 @@ class ChannelSummary:
 
 @dataclass(frozen=True)
 class SessionSummary:
-    """What a session holds."""
+    """What a session holds; times of channels count from `zero_ns`, see `Container.zero_ns`."""
 
     path: str
     bytes: int
@@ -47,6 +47,7 @@ class SessionSummary:
     metadata: dict[str, dict[str, str]]
     attachments: tuple[str, ...]
     arms: tuple[str, ...]
+    zero_ns: int = 0
 
 
 def summary(path: str | Path) -> SessionSummary:
@@ -58,7 +59,7 @@ def summary(path: str | Path) -> SessionSummary:
         If the file is not a session.
     """
     box = read(path)
-    channels = tuple(_channel(t) for t in box.topics.values())
+    channels = tuple(_channel(t, box) for t in box.topics.values())
     return SessionSummary(
         str(path),
         box.size,
@@ -69,11 +70,12 @@ def summary(path: str | Path) -> SessionSummary:
         box.metadata,
         tuple(box.attachments),
         _arms(box),
+        box.zero_ns,
     )
 
 
-def _channel(topic: Topic) -> ChannelSummary:
-    t = np.array(topic.times, dtype=np.float64) * 1e-9
+def _channel(topic: Topic, box: Container) -> ChannelSummary:
+    t = box.seconds(topic)
     rate = float(1 / np.median(np.diff(t))) if t.size > 2 and np.median(np.diff(t)) > 0 else 0.0
     sequence = np.array(topic.sequence, dtype=np.int64)
     # in steps of its own: a slow channel has a message every so many ticks
@@ -200,7 +202,7 @@ def _recording(box: Container, arm: str) -> Recording:
     preset = "" if urdf else info.get("preset", "single-axis")
     metadata = {k: v for k, v in info.items() if k == "unit"}
     metadata |= {f"session.{k}": v for k, v in box.metadata.get("session", {}).items()}
-    t = np.asarray(np.array(topics["measured_js"].times, np.int64) * 1e-9, np.float64)
+    t = box.seconds(topics["measured_js"])
     return Recording(
         name=box.path.stem, arm=arm, joints=names, t=t, q=q, tau=tau, qd=columns.get("velocity"),
         wrench=columns.get("measured_cf"), tau_ext=columns.get("external_jf"),

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from hil.errors import ConfigError, unknown
 from hil.signals.device import Controller
+from hil.signals.settable import Range, told
 
 
 class Operated(Protocol):
     """What commands act on: the loop, between two ticks."""
+
+    @property
+    def powered(self) -> bool:
+        """ENABLED or PAUSED."""
+        ...
 
     def begin(self) -> None:
         """To ENABLED."""
@@ -37,7 +43,11 @@ class Workshop(Protocol):
         """Enable the devices."""
         ...
 
-    def law(self, changes: dict[str, float]) -> Controller:
+    def settable(self) -> Mapping[str, Range]:
+        """What may be set of the law, and how far."""
+        ...
+
+    def law(self, changes: Mapping[str, Sequence[float]]) -> Controller:
         """The law with some parameters changed."""
         ...
 
@@ -73,11 +83,13 @@ def parse(text: str, shop: Workshop) -> Command:
     words = text.split()
     if not words or words[0] not in COMMANDS:
         raise ConfigError(unknown("command", words[0] if words else "", COMMANDS))
-    usage, build = COMMANDS[words[0]]
+    form, build = COMMANDS[words[0]]
     try:
         return Command(" ".join(words), build(words[1:], shop))
+    except ConfigError:
+        raise
     except (ValueError, TypeError) as error:
-        raise ConfigError(f"{text!r}: {error}; usage: {usage}") from error
+        raise ConfigError(f"{text!r}: {error}; usage: {form}") from error
 
 
 def _bare(words: Sequence[str]) -> None:
@@ -96,15 +108,20 @@ def _pause(words: Sequence[str], _: Workshop) -> Callable[[Operated], None]:
     return lambda loop: loop.pause()
 
 
-def _resume(words: Sequence[str], shop: Workshop) -> Callable[[Operated], None]:
-    _bare(words)
-    law = shop.law({})
+def _anew(law: Controller) -> Callable[[Operated], None]:
+    """Begin with a law where the arms are; only `start` gives power to what has none."""
 
     def apply(loop: Operated) -> None:
-        loop.follow(law, restart=True)
-        loop.begin()
+        if loop.powered:
+            loop.follow(law, restart=True)
+            loop.begin()
 
     return apply
+
+
+def _resume(words: Sequence[str], shop: Workshop) -> Callable[[Operated], None]:
+    _bare(words)
+    return _anew(shop.law({}))
 
 
 def _stop(words: Sequence[str], _: Workshop) -> Callable[[Operated], None]:
@@ -114,20 +131,14 @@ def _stop(words: Sequence[str], _: Workshop) -> Callable[[Operated], None]:
 
 def _home(words: Sequence[str], shop: Workshop) -> Callable[[Operated], None]:
     _bare(words)
-    law = shop.home()
-
-    def apply(loop: Operated) -> None:
-        loop.follow(law, restart=True)
-        loop.begin()
-
-    return apply
+    return _anew(shop.home())
 
 
 def _set(words: Sequence[str], shop: Workshop) -> Callable[[Operated], None]:
-    if len(words) != 2:
-        raise ValueError("one name and one number are needed")
-    name, value = words
-    law = shop.law({name: float(value)})
+    if len(words) < 2:
+        raise ValueError("a name and a number are needed")
+    name, *values = words
+    law = shop.law({name: [float(v) for v in values]})
     return lambda loop: loop.follow(law, restart=False)
 
 
@@ -135,11 +146,37 @@ def _set(words: Sequence[str], shop: Workshop) -> Callable[[Operated], None]:
 COMMANDS: dict[str, tuple[str, Callable[[Sequence[str], Workshop], Callable[[Operated], None]]]] = {
     "start": ("start", _start),
     "stop": ("stop", _stop),
+    "quit": ("quit", _stop),
     "pause": ("pause", _pause),
     "resume": ("resume", _resume),
     "home": ("home", _home),
-    "set": ("set PARAMETER NUMBER", _set),
+    "set": ("set PARAMETER NUMBER...", _set),
 }
+
+
+def usage(known: Mapping[str, Range]) -> str:
+    """All commands, and what may be set, for the operator."""
+    return f"commands: {', '.join(text for text, _ in COMMANDS.values())}; to set: {told(known)}"
+
+
+def rehearse(schedule: Sequence[tuple[float, str]], seconds: float, shop: Workshop) -> None:
+    """Make every command of a schedule once, before anything moves.
+
+    Raises
+    ------
+    ConfigError
+        For a command that cannot be made, or that would come after the end of the session.
+    """
+    for when, text in schedule:
+        if not 0.0 <= when <= seconds:
+            raise ConfigError(
+                f"--at '{when:g} {text}': the session lasts from 0 to {seconds:g} s; take a time "
+                "within it, or a longer --seconds"
+            )
+        try:
+            parse(text, shop)
+        except ConfigError as error:
+            raise ConfigError(f"--at '{when:g} {text}': {error}") from error
 
 
 def scheduled(texts: Sequence[str]) -> list[tuple[float, str]]:
@@ -158,6 +195,4 @@ def scheduled(texts: Sequence[str]) -> list[tuple[float, str]]:
         except ValueError:
             raise ConfigError(f"--at {text!r}: seconds and a command are needed, e.g. '2.5 pause'."
                               ) from None  # fmt: skip
-        if what.split()[:1] and what.split()[0] not in COMMANDS:
-            raise ConfigError(f"--at {text!r}: {unknown('command', what.split()[0], COMMANDS)}")
     return sorted(found, key=lambda entry: entry[0])

@@ -100,8 +100,8 @@ class Loop:
     ----------
     mailbox : deque of Command
         What the slow side wants done, applied before the next tick.
-    applied : deque of (int, str)
-        Tick and text of every command applied.
+    applied : deque of (int, str, OperatingState, OperatingState)
+        Tick and text of every command applied, state before and after.
     heart : callable or None
         Called with every tick that is done: the watchdog's.
     """
@@ -127,7 +127,7 @@ class Loop:
         self._worst, self._hot = _OK, 0.0
         self.machine = StateMachine("the loop")
         self.mailbox: deque[Command] = deque()
-        self.applied: deque[tuple[int, str]] = deque()
+        self.applied: deque[tuple[int, str, OperatingState, OperatingState]] = deque()
         self.tick = self._zero_ns = 0
         self.since = self.reason = 0
         self.conditions = 0
@@ -257,8 +257,9 @@ class Loop:
             self.since, self.reason = self.tick, mask & PAUSING
 
     def _obey(self, command: Command) -> None:
+        before = self.machine.state
         command.apply(self)
-        self.applied.append((self.tick, command.text))
+        self.applied.append((self.tick, command.text, before, self.machine.state))
 
     def begin(self) -> None:
         """To ENABLED, from DISABLED or PAUSED; in FAULT nothing happens."""
@@ -279,7 +280,7 @@ class Loop:
     def finish(self) -> None:
         """End the session after this tick, with the motors at zero."""
         self.finished = True
-        if self.machine.state in (OperatingState.ENABLED, OperatingState.PAUSED):
+        if self.powered:
             self.machine.command(StateCommand.DISABLE)
 
     def follow(self, controller: Controller, restart: bool) -> None:
@@ -291,6 +292,11 @@ class Loop:
             self._zero_ns = (self.tick - 1) * self._period_ns
             self._shown = min(size, self._state.size)
             self._state[:] = 0.0
+
+    @property
+    def powered(self) -> bool:
+        """ENABLED or PAUSED: the devices are enabled and none has failed."""
+        return self.machine.state in (OperatingState.ENABLED, OperatingState.PAUSED)
 
     @property
     def dropped(self) -> int:

@@ -30,6 +30,14 @@ from hil.signals.state import OperatingState
 PHASE = 0.3
 
 
+def _outcome(text: str, before: OperatingState, now: OperatingState) -> str:
+    """What a command came to, for the operator."""
+    done = text.startswith("set ") or (text == "home" and now is OperatingState.ENABLED)
+    if done or before is not now:
+        return f"done, {now.name}"
+    return f"{now.name}, as before"
+
+
 class RowWriter(Protocol):
     """What the slow side needs of a session file."""
 
@@ -79,6 +87,8 @@ class SlowSide:
 
     Attributes
     ----------
+    shop : Workshop
+        Makes what commands need.
     inbox : deque of str
         Lines of the operator.
     unwritten : int
@@ -96,13 +106,18 @@ class SlowSide:
         self._loop, self._ring, self._writer, self._say = loop, ring, writer, say
         self._topics, self._slow_topics = topics, slow_topics
         self._timing = layout.part("timing")
-        self.statistics, self._shop = statistics, shop
+        self.statistics, self.shop = statistics, shop
         self._schedule = deque(schedule)
         self.inbox: deque[str] = deque()
         self.unwritten = 0
         self.trouble: OSError | None = None
         self._state, self._mask = 0, 0
         self._last = (0, 0)
+        self._noted: deque[tuple[int, int, str]] = deque()
+
+    def note(self, tick: int, t_ns: int, name: str) -> None:
+        """Have an event written ahead of the next rows."""
+        self._noted.append((tick, t_ns, name))
 
     def step(self, seconds: float) -> None:
         """Write all rows that wait, then pass on commands that are due at `seconds`."""
@@ -110,6 +125,8 @@ class SlowSide:
         timing = data[:, self._timing]
         self.statistics.add(stamps[:, 0], timing)
         try:
+            while self._noted and self.trouble is None:
+                self._writer.event(*self._noted.popleft(), {})
             self._write(stamps, data)
             self._changes(stamps.tolist(), timing)
         except OSError as error:
@@ -146,15 +163,16 @@ class SlowSide:
                 self._say(f"tick {stamps[k][0]}: {OperatingState(state).name}: {sentence(mask)}")
             self._state, self._mask = state, mask
         while self._loop.applied:
-            tick, text = self._loop.applied.popleft()
+            tick, text, before, now = self._loop.applied.popleft()
             found.append((tick, self._last[1], "command", {"text": text}))
+            self._say(f"tick {tick}: {text}: {_outcome(text, before, now)}")
         for event in found if self.trouble is None else ():
             self._writer.event(*event)
 
     def _pass_on(self, text: str) -> None:
         """One line of the operator: made ready here, applied by the loop between two ticks."""
         try:
-            self._loop.mailbox.append(parse(text, self._shop))
+            self._loop.mailbox.append(parse(text, self.shop))
         except HilError as error:
             self._say(str(error))
 
@@ -187,7 +205,7 @@ class SlowThread:
     side : SlowSide
         What it steps.
     clock : Clock
-        Started; its grid is that of the loop.
+        Its grid is that of the loop.
     period, tick : float
         Of this thread and of the loop [s].
     duties : callable
@@ -203,17 +221,22 @@ class SlowThread:
     ) -> None:  # fmt: skip
         self._duties, self._prepare = duties, prepare
         self._side, self._clock, self._period, self._phase = side, clock, period, PHASE * tick
-        self._done = threading.Event()
+        self._done, self._going = threading.Event(), threading.Event()
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="slow", daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread, before the clock: it gets ready and waits for `go`."""
         self._thread.start()
+
+    def go(self) -> None:
+        """The clock runs."""
+        self._going.set()
 
     def _run(self) -> None:
         try:
             self._prepare()
+            self._going.wait()
             while not self._done.is_set():
                 now = self._clock.since_start() * 1e-9 - self._phase
                 time.sleep(self._period - now % self._period)
@@ -226,6 +249,7 @@ class SlowThread:
     def stop(self) -> None:
         """Stop, drain what is left, and raise what went wrong."""
         self._done.set()
+        self._going.set()
         if self._thread.ident is not None:
             self._thread.join()
         if self._error is not None:

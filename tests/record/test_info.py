@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,3 +90,29 @@ def test_unreadable(tmp_path, capsys, content):
     (tmp_path / "s.mcap").write_bytes(content)
     assert main(["info", str(tmp_path / "s.mcap")]) == 2
     assert "hil import" in capsys.readouterr().err
+
+
+def test_a_session_in_real_time_has_a_date_and_the_figures_of_its_loop(tmp_path, capsys):
+    path = tmp_path / "s.mcap"
+    rig = str(Path(__file__).parents[2] / "rigs" / "teleop.toml")
+    assert main(["run", rig, "--clock", "real", "--seconds", "0.3", "-o", str(path)]) == 0
+    capsys.readouterr()
+    assert main(["info", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert f"recorded {datetime.now(UTC):%Y-%m-}" in text and " UTC, 0.3 s" in text
+    assert "at 1000 Hz, clock real;" in text and "deadlines missed" in text
+    assert "wake-up late  p50" in text and "longest gap" in text and "arranged" in text
+    assert main(["info", str(path), "--json"]) == 0
+    (session,) = json.loads(capsys.readouterr().out)["sessions"]
+    assert session["loop"]["ticks"] + session["loop"]["missed"] == 300
+    assert abs(session["start_ns"] * 1e-9 - time.time()) < 60
+    assert max(c["last_s"] for c in session["channels"]) < 1
+    # steps of time are exact to the nanosecond, though stamps count from 1970
+    steps = np.diff(load(path, "leader").t) * 1e3
+    assert np.abs(steps - np.round(steps)).max() < 1e-9
+
+
+def test_a_table_says_nothing_of_a_loop(session, capsys):
+    assert main(["info", str(session)]) == 0
+    text = capsys.readouterr().out
+    assert "loop:" not in text and "UTC" not in text

@@ -11,6 +11,7 @@ from hil.cli import main
 from hil.config import load_rig
 from hil.errors import DataError
 from hil.replay import replay
+from hil.shop import Shop
 
 
 @pytest.mark.parametrize("rig", ["teleop.toml", "identify.toml", "mechanical-operator.toml"])
@@ -27,19 +28,73 @@ def test_a_session_in_real_time_is_reproduced_whatever_it_missed(tmp_path):
 def test_commands_of_the_operator_are_replayed_too(tmp_path):
     said = []
     schedule = [
-        (0.1, "pause"), (0.15, "resume"), (0.2, "set force_scale 0.4"), (0.25, "dance"),
-        (0.25, "set colour 3"), (0.26, "set force_scale"), (0.3, "home"), (0.6, "stop"),
+        (0.1, "pause"), (0.15, "resume"), (0.2, "set force_scale 0.4"),
+        (0.25, "set stiffness 9 8 4"), (0.3, "home"), (0.6, "stop"),
     ]  # fmt: skip
     path = tmp_path / "s.mcap"
     done = run(load_rig(RIGS / "teleop.toml"), 1.0, 3, output=path,
                operator=Operator(schedule, said.append))  # fmt: skip
     assert done.ticks < 620 and done.state == "DISABLED"
-    assert [text.split(".")[0] for text in said] == [
-        "unknown command 'dance'", "'set colour 3': unknown parameter 'colour'",
-        "'set force_scale': one name and one number are needed; usage: set PARAMETER NUMBER",
+    assert said == [
+        "tick 101: pause: done, PAUSED", "tick 151: resume: done, ENABLED",
+        "tick 201: set force_scale 0.4: done, ENABLED",
+        "tick 251: set stiffness 9 8 4: done, ENABLED", "tick 301: home: done, ENABLED",
+        "tick 601: stop: done, DISABLED",
     ]  # fmt: skip
     found = replay(path)
     assert found.differ == 0 and found.compared == found.ticks
+
+
+BAD = [
+    ("dance", "unknown command 'dance'"),
+    ("set colour 3", "unknown parameter 'colour'. Available: damping"),
+    ("set force_scale", "a name and a number are needed; usage: set PARAMETER NUMBER"),
+    ("set force_scale much", "could not convert"),
+    ("set force_scale 1e9", "force_scale = 1e+09 is out of range: 0..2"),
+    ("set force_scale nan", "out of range"),
+    ("set stiffness 3", "takes 3 numbers, got 1"),
+    ("set space 1", "unknown parameter 'space'"),
+    ("pause now", "one word too many"),
+]
+
+
+def test_bad_lines_of_the_operator_are_answered_and_change_nothing(tmp_path):
+    said = []
+    operator = Operator((), said.append, lines=lambda take: [take(text) for text, _ in BAD])
+    run(load_rig(RIGS / "teleop.toml"), 0.1, 3, output=tmp_path / "s.mcap", operator=operator)
+    assert "force_scale 0..2" in said[0] and len(said) == len(BAD) + 1
+    for (_, part), answer in zip(BAD, said[1:], strict=True):
+        assert part in answer
+    assert replay(tmp_path / "s.mcap").differ == 0
+
+
+@pytest.mark.parametrize(("text", "part"), [*BAD, ("9 pause", ""), ("nan pause", "")])
+def test_a_bad_schedule_is_refused_before_anything_is_opened(text, part, tmp_path, capsys):
+    at = text if text[0].isdigit() or part == "" else f"0.1 {text}"
+    words = ["run", str(RIGS / "teleop.toml"), "--seconds", "1", "--at", at]
+    assert main([*words, "-o", str(tmp_path / "s.mcap")]) == 2
+    assert part in capsys.readouterr().err and not (tmp_path / "s.mcap").exists()
+
+
+@pytest.mark.parametrize("text", ["home", "resume", "pause"])
+def test_only_start_gives_power_to_a_rig_that_waits(text, tmp_path):
+    said = []
+    operator = Operator([(0.05, text)], said.append, wait=True)
+    done = run(load_rig(RIGS / "teleop.toml"), 0.2, 3, output=tmp_path / "s.mcap",
+               operator=operator)  # fmt: skip
+    assert done.state == "DISABLED" and said == [f"tick 51: {text}: DISABLED, as before"]
+    assert replay(tmp_path / "s.mcap").differ == 0
+
+
+@pytest.mark.parametrize("rig", ["teleop.toml", "identify.toml"])
+@pytest.mark.parametrize("edge", ["low", "high"])
+def test_no_single_parameter_within_its_range_faults_a_session(rig, edge, tmp_path):
+    config = load_rig(RIGS / rig)
+    for name, allowed in Shop(None, config).settable().items():
+        values = " ".join([repr(getattr(allowed, edge))] * allowed.entries)
+        done = run(config, 0.6, 3, output=tmp_path / "s.mcap",
+                   operator=Operator([(0.1, f"set {name} {values}")]))  # fmt: skip
+        assert done.state in ("ENABLED", "PAUSED"), name
 
 
 def test_a_session_may_wait_for_its_operator(tmp_path):
