@@ -11,15 +11,19 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from controllers import channel, dynamics, ela, geometry
+from controllers import channel, compensation, dynamics, ela, geometry
 from controllers.lawrence_config import AXES, SHAPES, LawrenceConfig
 from hil.errors import ConfigError
+from hil.estimate import online
+from hil.models import catalogue
 from hil.signals.device import FloatArray
 from hil.teleop.files import loops_of
 from hil.teleop.refuse import refuse
 
 #: Where the momentum observer's memory starts in the state.
 FIRST_OBSERVED = 43
+#: Where the memory of friction with a state starts.
+FIRST_SLIP = 61
 
 
 @nb.njit(cache=True, nogil=True)
@@ -42,12 +46,35 @@ def measure(a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, x_next:
 
 
 @nb.njit(cache=True, nogil=True)
-def torque(a: int, q: Any, v: Any, force: Any, c: Any, w: Any, y: Any) -> None:
-    """Joint torques (3,) of arm `a` that give the commanded tip force (3,) [N].
+def rub(a: int, q: Any, v: Any, t: float, x: Any, c: Any, tables: Any, w: Any, y: Any,
+        x_next: Any) -> None:  # fmt: skip
+    """Friction of arm `a` by its models into w.rub[a], and its share added to `y` (3,) [N m].
 
-    natural        tau = J^T F_c + C q' + N + tau_f
-    force          tau = M J^-1 (Mw^-1 (F_c + F_s) - J' q') + C q' + N + tau_f - J^T F_s
-    acceleration   tau = M q'' + C q' + N + tau_f - J^T (Mw p'' - F_c)
+    `y` holds the torque before, which is the load that a joint transmits.
+    """
+    w.goal[:] = 0.0
+    dynamics.inverse_dynamics(q, w.goal, w.goal, c.models[a], w.bend)
+    for j in range(3):
+        w.known[j], w.known[3 + j], w.known[6 + j], w.known[9 + j] = q[j], v[j], y[j], w.bend[j]
+        w.rub[a, j] = dynamics.interpolate(v[j], c.speeds, c.friction[a, j])
+    w.known[12] = t
+    at = FIRST_SLIP + compensation.MEMORY * a
+    terms, slips, values = tables[a]
+    compensation.friction(
+        x[0] > 0.0, w.known, terms, slips, values, x[at : at + compensation.MEMORY],
+        x_next[at : at + compensation.MEMORY], w.rub[a],
+    )  # fmt: skip
+    for j in range(3):
+        y[j] += c.share * w.rub[a, j]
+
+
+@nb.njit(cache=True, nogil=True)
+def torque(a: int, q: Any, v: Any, force: Any, c: Any, w: Any, y: Any) -> None:
+    """Joint torques (3,) of arm `a` that give the commanded tip force (3,) [N]; friction apart.
+
+    natural        tau = J^T F_c + C q' + N
+    force          tau = M J^-1 (Mw^-1 (F_c + F_s) - J' q') + C q' + N - J^T F_s
+    acceleration   tau = M q'' + C q' + N - J^T (Mw p'' - F_c)
     """
     sign = 1.0 if a == 0 else -1.0
     for i in range(3):
@@ -71,7 +98,6 @@ def torque(a: int, q: Any, v: Any, force: Any, c: Any, w: Any, y: Any) -> None:
     for j in range(3):
         for i in range(3):
             y[j] += w.jacobian[a, i, j] * w.push[i]
-        y[j] += dynamics.interpolate(v[j], c.speeds, c.friction[a, j])
 
 
 @nb.njit(cache=True, nogil=True)
@@ -86,7 +112,7 @@ def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None
     dynamics.momentum(q, v, c.models[a], w.room[:2], w.impulse)
     dynamics.push(q, v, c.models[a], w.room, w.goal)
     for i in range(3):
-        flow = x[at + 3 + i] + w.goal[i] - dynamics.interpolate(v[i], c.speeds, c.friction[a, i])
+        flow = x[at + 3 + i] + w.goal[i] - w.rub[a, i]
         known = x[at + i] + c.period * flow if x[0] > 0.0 else w.impulse[i]
         # implicit in r: stable for any K
         w.bend[i] = c.observer * (w.impulse[i] - known) / (1.0 + c.observer * c.period)
@@ -96,14 +122,17 @@ def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None
 
 @nb.njit(cache=True, nogil=True)
 def law(
-    tick: int, x: Any, u: Any, c: Any, w: Any, line: Any, ages: Any, x_next: Any, y: Any
-) -> None:
+    tick: int, x: Any, u: Any, c: Any, tables: Any, w: Any, line: Any, ages: Any, x_next: Any,
+    y: Any,
+) -> None:  # fmt: skip
     """One period; see `Lawrence`.
 
     Parameters
     ----------
     tick : int
         Number of the tick, from 1.
+    tables : tuple of (terms, slips, values)
+        Friction of leader, follower; see `controllers.compensation`.
     line : ndarray (2, length, 3, 4)
         What each arm has sent; slot tick % length.
     ages : ndarray (2, CYCLE)
@@ -129,6 +158,7 @@ def law(
             pull = c.masses[a, i] * w.signals[a, i, 2] - w.force[i]
             x_next[37 + 3 * a + i] = pull if a == 0 else -pull
         torque(a, u[a, :3], u[a, 3:6], w.force, c, w, y[a])
+        rub(a, u[a, :3], u[a, 3:6], tick * c.period, x, c, tables, w, y[a], x_next)
         observe(a, u[a, :3], u[a, 3:6], x, c, w, x_next)
         for j in range(3):
             x_next[FIRST_OBSERVED + 9 * a + 3 + j] = y[a, j]
@@ -170,6 +200,14 @@ class Lawrence:
                 *(f"observed_{axis}" for axis in AXES),
             )
         ),
+        *(
+            f"{arm}_{what}"
+            for arm in ("leader", "follower")
+            for what in (
+                *(f"last{j}" for j in (1, 2, 3)),
+                *(f"slip{j}_{e}" for j in (1, 2, 3) for e in (1, 2, 3)),
+            )
+        ),
     )
 
     def __init__(self, config: LawrenceConfig, arms: tuple[str, ...], period: float) -> None:
@@ -184,6 +222,7 @@ class Lawrence:
         ])  # fmt: skip
         self._line = np.zeros((2, int(self._ages.max()) + 2, 3, ela.SIGNALS))
         self._c = constants(config, period)
+        self._tables = friction_of(config)
         self._w = np.zeros(1, _WORK)[0]
 
     def update(
@@ -194,7 +233,7 @@ class Lawrence:
         The channel's memory is filled by tick number: the same call gives the same answer.
         """
         tick = round(t / self.period)
-        law(tick, x, u, self._c, self._w, self._line, self._ages, x_next, y)
+        law(tick, x, u, self._c, self._tables, self._w, self._line, self._ages, x_next, y)
 
 
 _F = np.float64
@@ -202,7 +241,8 @@ _WORK = np.dtype([
     ("tip", _F, (2, 3)), ("jacobian", _F, (2, 3, 3)), ("signals", _F, (2, 3, ela.SIGNALS)),
     ("heard", _F, (3, ela.SIGNALS)), ("force", _F, (3,)), ("push", _F, (3,)),
     ("goal", _F, (3,)), ("bend", _F, (3,)), ("impulse", _F, (3,)), ("room", _F, (6, 3)),
-    ("square", _F, (3, 3)),
+    ("square", _F, (3, 3)), ("rub", _F, (2, 3)),
+    ("known", _F, (len(compensation.VARIABLES),)),
 ])  # fmt: skip
 
 
@@ -212,7 +252,7 @@ def constants(config: LawrenceConfig, period: float) -> Any:
     kind = np.dtype([
         ("gains", _F, (3, ela.GAINS)), ("masses", _F, (2, 3)), ("models", _F, (2, 8)),
         ("shares", _F, (3,)), ("lengths", _F, (2,)), ("period", _F), ("shape", np.int64),
-        ("observer", _F),
+        ("observer", _F), ("share", _F),
         ("speeds", _F, (max(n, 1),)), ("friction", _F, (2, 3, max(n, 1))),
     ])  # fmt: skip
     c = np.zeros(1, kind)[0]
@@ -220,12 +260,23 @@ def constants(config: LawrenceConfig, period: float) -> Any:
     c["models"] = np.stack([config.leader_model, config.follower_model])
     c["shares"], c["lengths"], c["period"] = config.shares(period), config.lengths, period
     c["observer"] = 2 * np.pi * config.observer_hz
+    c["share"] = config.friction_share
     c["shape"] = SHAPES.index(config.shape)
     if n:
         c["speeds"] = config.friction_speeds
         c["friction"][0] = np.reshape(config.leader_friction, (3, n))
         c["friction"][1] = np.reshape(config.follower_friction, (3, n))
     return c
+
+
+def friction_of(config: LawrenceConfig) -> tuple[tuple[Any, Any, Any], ...]:
+    """Terms, presliding and table values of leader and follower, for the kernels."""
+    catalogue.load_files(config.plugins)
+    both = (
+        online.tables(config.leader_effects, config.leader_span),
+        online.tables(config.follower_effects, config.follower_span),
+    )
+    return tuple((t.terms, t.slips, t.values) for t in both)
 
 
 Config = LawrenceConfig

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,6 +53,15 @@ class LawrenceConfig:
         Knots of the friction tables [rad/s]; empty = no compensation.
     leader_friction, follower_friction : tuple of floats
         Friction of joint 1, 2, 3 at the knots [N m].
+    leader_effects, follower_effects : mapping
+        Further effects that are compensated, as a model file gives their values: full name, as
+        ``j2.position-friction.p``, to value.  What can be is decided by `hil.estimate.online`.
+    leader_span, follower_span : tuple of 6 floats, or empty
+        Lowest and highest position of each joint on which these were identified [rad].
+    plugins : tuple of str
+        Files with a user's own effects.
+    friction_share : float
+        Share of all this friction that is compensated.
     lengths : tuple of 2 floats
         l1, l2 [m].
     operator, environment, free : tuple of 3 floats
@@ -90,6 +100,12 @@ class LawrenceConfig:
     friction_speeds: tuple[float, ...] = ()
     leader_friction: tuple[float, ...] = ()
     follower_friction: tuple[float, ...] = ()
+    leader_effects: Mapping[str, float] = field(default_factory=dict)
+    follower_effects: Mapping[str, float] = field(default_factory=dict)
+    leader_span: tuple[float, ...] = ()
+    follower_span: tuple[float, ...] = ()
+    plugins: tuple[str, ...] = ()
+    friction_share: float = 1.0
     lengths: tuple[float, float] = (0.215, 0.170)
     operator: tuple[float, float, float] = (0.4, 4.0, 150.0)
     free: tuple[float, float, float] = (0.0, 1.0, 0.0)
@@ -112,6 +128,8 @@ class LawrenceConfig:
                 raise ConfigError(f"lawrence: {name} needs 3 x {n} numbers, one a joint and knot.")
         if n == 1 or any(np.diff(self.friction_speeds) <= 0):
             raise ConfigError("lawrence: friction_speeds must rise, two knots at least.")
+        if not 0.0 <= self.friction_share <= 1.0:
+            raise ConfigError("lawrence: friction_share must lie within 0 and 1.")
         if min(self.leader_mass + self.follower_mass) <= 0.0:
             raise ConfigError("lawrence: leader_mass and follower_mass must be positive.")
 
@@ -145,4 +163,5 @@ _SIZES = {
     **dict.fromkeys(("c2", "c3", "c5", "c6", "leader_mass", "follower_mass"), (1, 3)),
     **dict.fromkeys(("leader_model", "follower_model"), (8,)),
     "cable": (0, 3),
+    **dict.fromkeys(("leader_span", "follower_span"), (0, 6)),
 }

@@ -92,3 +92,9 @@ def load_plugin(path: Path) -> None:
     if not isinstance(effects, tuple | list) or not effects:
         raise ConfigError(f"plugin {path} has no EFFECTS = (MyEffect(),) at its end")
     _add(module, str(path))
+
+
+def load_files(paths: Iterable[str]) -> None:
+    """Load a user's effects from several Python files; see `load_plugin`."""
+    for path in paths:
+        load_plugin(Path(path))

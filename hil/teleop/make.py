@@ -145,7 +145,7 @@ def designs(name: str, wishes: Mapping[str, float], arms: Arms) -> list[Design]:
 
 
 def models(paths: Mapping[str, str], rig: Rig) -> dict[str, Any]:
-    """Rigid-body parameters and friction tables of both arms.
+    """Rigid-body parameters and effects to compensate of both arms.
 
     An arm without a fitted model gets the published parameters with its rotors and the mass of
     its force sensor, and no friction compensation.
@@ -156,13 +156,13 @@ def models(paths: Mapping[str, str], rig: Rig) -> dict[str, Any]:
         if role in paths:
             model = read_model(paths[role])
             out[f"{role}_model"] = compensation.rigid_parameters(model).tolist()
-            out[f"{role}_friction"] = compensation.friction_tables(model).reshape(-1).tolist()
-            out["friction_speeds"] = compensation.SPEEDS.tolist()
+            out[f"{role}_effects"] = compensation.effects(model)
+            out[f"{role}_span"] = compensation.span(model)
+            out["plugins"] = [*out.get("plugins", given.get("plugins", [])), *model.plugins]
+            if given.get("friction_speeds"):
+                out[f"{role}_friction"] = [0.0] * 3 * len(given["friction_speeds"])
         elif f"{role}_model" not in given:
             out[f"{role}_model"] = nominal(_payload(rig, arm))
-    for role in ("leader", "follower"):
-        if "friction_speeds" in out and f"{role}_friction" not in out:
-            out[f"{role}_friction"] = [0.0] * 3 * len(out["friction_speeds"])
     return out
 
 
