@@ -177,8 +177,9 @@ def _separate(
         return 0
     common.out(
         f"{args.output}: {motion.name}, {motion.period:.3g} s: {menu.describe(motion.name)}\n"
-        f"  for {_versus(names)}\n\n{excitetext.menu(found)}\n\n"
-        f"{excitetext.limits(best.margins)}\n\n{excitetext.play(args)}"
+        f"  for {_versus(names)}\n{excitetext.assumed(asked, tuple(stage.space.robot.units))}\n\n"
+        f"{excitetext.menu(found)}\n\n"
+        f"{excitetext.limits(best.margins)}\n\n{excitetext.play(args)}{excitetext.beside(args)}"
     )
     return 0
 

@@ -7,8 +7,10 @@ import math
 from typing import Any
 
 from hil.commands import common
+from hil.excite.ask import NOISE, SIZE
 from hil.excite.choose import Choice
 from hil.excite.margins import Margin
+from hil.excite.question import Question, Rival
 from hil.excite.trajectory import Trajectory
 
 
@@ -37,6 +39,25 @@ def menu(found: Choice) -> str:
     return common.table(["menu", "log odds", "cannot be imitated"], rows)
 
 
+def assumed(question: Question, units: tuple[str, ...]) -> str:
+    """What the menu takes for granted, as nothing has been measured; units of the joints."""
+    shapes = "; ".join(filter(None, (_shape(r, units) for r in question.rivals)))
+    return (
+        f"  assumed: an effect of {100 * SIZE:g} % of the torque limit, a noise of "
+        f"{100 * NOISE:g} %{f'; {shapes}' if shapes else ''}"
+    )
+
+
+def _shape(rival: Rival, units: tuple[str, ...]) -> str:
+    """Shape values of a rival, e.g. ``stribeck with vs = 0.2 rad/s``."""
+    effect, unit = rival.term.effect, units[rival.term.joint]
+    values = [
+        f"{p.name} = {value:.3g} {p.unit.replace('{x}', unit)}".removesuffix(" 1")
+        for p, value in zip(effect.shape, rival.term.shape, strict=True)
+    ]
+    return f"{effect.name} with {', '.join(values)}" if values else ""
+
+
 def limits(margins: list[Margin]) -> str:
     """Distance to each limit."""
     rows = []
@@ -54,3 +75,13 @@ def play(args: argparse.Namespace) -> str:
     if args.rig.lower().endswith(".urdf"):
         return "The file holds the motion as via points and a Fourier series, in SI units."
     return f"Play it: hil run {args.rig} --trajectory {args.output} -o SESSION.mcap"
+
+
+def beside(args: argparse.Namespace) -> str:
+    """What to do with the session of a motion of one joint."""
+    if not args.joint:
+        return ""
+    return (
+        "\nJoints that only hold their place say little: diagnose it together with a session in "
+        "which all of them move,\n  hil diagnose FIRST.mcap SESSION.mcap --model M.toml"
+    )

@@ -23,6 +23,9 @@ FloatArray = NDArray[np.float64]
 NOISE = 1e-3
 #: Size of an effect of which nothing is known, as a share of the torque limit.
 SIZE = 5e-3
+#: Share of the noise power that an effect must exceed to be noticed: the 4 % of the error that
+#: `hil diagnose` asks of every effect (1 - 0.96^2).
+NOTICED = 0.08
 
 
 def question(
@@ -50,7 +53,9 @@ def question(
     j = 0 if joint is None else joint
     rivals = [_unknown(name, j, problem, SIZE * float(torque[j])) for name in effects]
     _lacking(base, rivals)
-    return _question(base, theta, _near(rivals, problem), NOISE * torque, problem)
+    asked = _question(base, theta, _near(rivals, problem), NOISE * torque, problem)
+    instants = problem.n * stage.seconds / motion.period
+    return replace(asked, floor=NOTICED * instants)
 
 
 def _lacking(base: list[Term], rivals: list[Rival]) -> None:

@@ -62,6 +62,9 @@ class Question:
         Noise that one instant carries, coloured noise counted up [N m or N].
     v0, contact, span : ndarray (d,), (d, 2), (d, 2)
         Sign resolution, surface, and the range of positions that all columns refer to.
+    floor : float
+        Power, in units of the noise that one instant carries, that an effect must show before
+        it counts; 0 where it is known already that it does.
     """
 
     base: list[Term]
@@ -71,6 +74,7 @@ class Question:
     v0: FloatArray
     contact: FloatArray
     span: FloatArray
+    floor: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ the noncentrality of a against b is
 
 largest lambda = T-optimal (Atkinson and Fedorov, Biometrika 62, 1975).  Only Gram matrices are
 needed, so runs simply add up.  No equation is exactly the truth, so lambda counts against
-1 + 1 % of the signal's own power, as in the attribution of `hil.compare`.
+1 + 1 % of the signal's own power, as in the attribution of `hil.compare`; and where nothing has
+been recorded yet, against the share of the noise that an effect must exceed to be noticed.
 """
 
 from __future__ import annotations
@@ -54,12 +55,12 @@ def verdicts(g: FloatArray, question: Question) -> dict[tuple[str, str], Verdict
         others = [(b, s) for b, s in zip(question.rivals, where, strict=True) if b is not a]
         if not others:
             whole = float(a.theta @ g[np.ix_(slots[0], slots[0])] @ a.theta)
-            out[a.name, "base"] = _verdict(power, whole)
+            out[a.name, "base"] = _verdict(power, whole, question.floor)
         for b, other in others:
             tries = [_left(g, np.concatenate([base, s]), slots[0], a.theta) for s in other[1:]]
             least = min(left for left, _ in tries)
             fresh = min(float(np.linalg.eigvalsh(schur)[-1]) for _, schur in tries)
-            out[a.name, b.name] = replace(_verdict(least, power), fresh=fresh)
+            out[a.name, b.name] = replace(_verdict(least, power, question.floor), fresh=fresh)
     return out
 
 
@@ -88,9 +89,9 @@ def against(g: FloatArray, question: Question, names: tuple[str, ...]) -> dict[s
     return {n: pair(found, rivals[first], rivals[n]) for n in others}
 
 
-def _verdict(left: float, power: float) -> Verdict:
-    # log odds = lambda / 2 (1 + f power)
-    return Verdict(left / (2 * (1 + FORM * power)), left / max(power, 1e-300))
+def _verdict(left: float, power: float, floor: float) -> Verdict:
+    # log odds = lambda / 2 (1 + f power + floor)
+    return Verdict(left / (2 * (1 + FORM * power + floor)), left / max(power, 1e-300))
 
 
 def _slots(question: Question) -> tuple[list[list[NDArray[np.int_]]], NDArray[np.int_]]:
