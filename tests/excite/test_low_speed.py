@@ -1,4 +1,4 @@
-"""An effect of low speeds asks for a motion that dwells there: named after it, hidden after others."""
+"""An effect of low speeds asks for a motion that dwells there, after which it is named."""
 
 import json
 
