@@ -119,6 +119,7 @@ def run(
     model: str | Path | None = None,
     opener: Callable[[RigConfig, int], Rig] = open_rig,
     timer: Callable[[int], Clock] | None = None,
+    aside: Callable[[Path], None] = lambda path: None,
 ) -> Summary:
     """Run a session of a rig and record it.
 
@@ -143,6 +144,8 @@ def run(
         Model file that is attached.
     opener, timer : callable
         Open the rig, and make the clock for a period [ns]; the fault bench puts its faults in.
+    aside : callable
+        Called with `output` when the rig is open, before the file is written.
 
     Raises
     ------
@@ -158,7 +161,7 @@ def run(
     with unwinding_signals(), guarded(config.safety, Path(output)) as watchdog:
         rig = opener(config, seed)
         try:
-            made = _Session(rig, config, seed, Path(output), operator, model, timer)
+            made = _Session(rig, config, seed, Path(output), operator, model, timer, aside)
             made.run(progress, watchdog)
         finally:
             rig.close()
@@ -171,6 +174,7 @@ class _Session:
     def __init__(
         self, rig: Rig, config: RigConfig, seed: int, output: Path, operator: Operator,
         model: str | Path | None, timer: Callable[[int], Clock] | None,
+        aside: Callable[[Path], None],
     ) -> None:  # fmt: skip
         self.config, self.output, self.operator, self.rig = config, output, operator, rig
         layout = FrameLayout(len(rig.ports), len(rig.controller.state_names))
@@ -184,7 +188,7 @@ class _Session:
         self.statistics = Statistics(loop.period_ns)
         self.arrangement = Arrangement()
         self.ticks = round(loop.seconds * loop.rate_hz)
-        self.writer = session.open_writer(output, config, rig, seed, model)
+        self.writer = session.open_writer(output, config, rig, seed, model, aside)
         self.slow = SlowSide(
             self.loop, ring, self.writer, session.topics(config, layout),
             session.slow_topics(layout), layout, self.statistics, Shop(rig, config),

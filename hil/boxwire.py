@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -142,19 +142,31 @@ class BoxWire:
 ROLES = {"encoders": 3, "motors": 3}
 
 
-def _roles(
-    name: str, rows: Mapping[str, list[tuple[Any, Place]]]
-) -> tuple[list[tuple[Any, Place]], list[tuple[Any, Place]]]:
+def check_roles(name: str, rows: Mapping[str, Sequence[object]]) -> None:
+    """Refuse a device whose roles are not those of `ROLES`, with as many places.
+
+    Raises
+    ------
+    ConfigError
+        Names the table.
+    """
     for role in rows:
         if role not in ROLES:
             raise ConfigError(f"[devices.{name}.channels]: {unknown('role', role, ROLES)}")
     for role, n in ROLES.items():
         if len(rows.get(role, ())) != n:
             raise ConfigError(f"[devices.{name}.channels]: {role} needs {n} places BOX/CHANNEL.")
+
+
+def _roles(
+    name: str, rows: Mapping[str, list[tuple[Any, Place]]]
+) -> tuple[list[tuple[Any, Place]], list[tuple[Any, Place]]]:
+    check_roles(name, rows)
     if not any(box.heartbeat for box, _ in rows["motors"]):
         raise ConfigError(
-            f"device {name!r}: none of its motor boxes gives a heartbeat, and its amplifiers would "
-            "go on when the host dies; set heartbeat_ms in the options of one of them."
+            f"[devices.{name}.channels]: none of its motor boxes gives a heartbeat, and its "
+            "amplifiers would go on when the host dies; set heartbeat_ms in the options of one of "
+            "them."
         )
     return rows["encoders"], rows["motors"]
 

@@ -6,7 +6,8 @@ import dataclasses
 import tomllib
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -342,7 +343,19 @@ def parse(cls: type[T], table: Mapping[str, Any], where: str) -> T:
         if needed and name not in table:
             raise ConfigError(f"[{where}]: the key {name!r} is missing.")
     values = {k: _value(hints[k], v, f"{where}.{k}") for k, v in table.items()}
-    return cls(**values)
+    with within(where):
+        return cls(**values)
+
+
+@contextmanager
+def within(where: str) -> Iterator[None]:
+    """Give a `ConfigError` the name of its table, unless it has one already."""
+    try:
+        yield
+    except ConfigError as error:
+        if str(error).startswith("["):
+            raise
+        raise ConfigError(f"[{where}]: {error}") from error.__cause__
 
 
 def _value(kind: Any, value: Any, where: str) -> Any:

@@ -8,8 +8,8 @@ from types import ModuleType
 
 from hil import registry, wiring
 from hil.config import SIMULATED, RigConfig
-from hil.errors import HilError
-from hil.rig import bench_of, open_rig, require_backend
+from hil.errors import ConfigError, HilError
+from hil.rig import bench_of, check_tables, open_rig, require_backend
 from hil.signals.bus import Bus
 
 Row = dict[str, str]
@@ -61,7 +61,17 @@ NOTHING = (
 
 
 def check(config: RigConfig) -> list[Row]:
-    """One row per box in use, then one per device; why it is not reachable and what to do."""
+    """One row per box in use, then one per device; why it is not reachable and what to do.
+
+    Raises
+    ------
+    ConfigError
+        If the rig file itself is wrong.
+    """
+    try:
+        check_tables(config)
+    except ConfigError as error:
+        _only_reach(error)
     rows, trouble = _boxes(config)
     whole = ""
     if not trouble:
@@ -92,6 +102,7 @@ def _boxes(config: RigConfig) -> tuple[list[Row], dict[str, str]]:
                 box = wiring.open_box(config, name, backend, buses, stack)
                 what = wiring.describe(box)
         except HilError as error:
+            _only_reach(error)
             what = trouble[name] = str(error)
         answer = "no" if name in trouble else "yes"
         rows.append(row(name, table.driver, backend, answer, what))
@@ -120,8 +131,15 @@ def _whole(config: RigConfig) -> str:
             require_backend(name, config)
         open_rig(config, seed=0).close()
     except HilError as error:
+        _only_reach(error)
         return str(error)
     return ""
+
+
+def _only_reach(error: HilError) -> None:
+    """Let a mistake in the rig file pass on: it is no matter of what can be reached."""
+    if isinstance(error, ConfigError) and not isinstance(error.__cause__, ImportError):
+        raise error
 
 
 def _ready(name: str, config: RigConfig) -> str:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from hil import registry, wiring
-from hil.boxwire import BoxWire
-from hil.config import SIMULATED, RigConfig, parse
+from hil.boxwire import BoxWire, check_roles
+from hil.config import SIMULATED, RigConfig, parse, within
 from hil.errors import ConfigError, DeviceError
 from hil.excite import files, margins
 from hil.excite.limits import of_arm
@@ -112,6 +112,7 @@ def open_rig(config: RigConfig, seed: int, bench: Any = None) -> Rig:
     DeviceError
         If a box or device is not there or refuses.
     """
+    check_tables(config)
     for name in config.devices:
         require_backend(name, config)
     check_trajectory(config)
@@ -131,10 +132,10 @@ def _open(config: RigConfig, bench: Any, stack: ExitStack, controller: Controlle
     period = config.loop.period_ns * 1e-9
     devices: dict[str, Device] = {}
     for name, device in config.devices.items():
-        driver = registry.load("hil.drivers", device.driver)
-        options = parse(driver.Config, device.options, f"devices.{name}.options")
+        driver, options = registry.load("hil.drivers", device.driver), device_options(config, name)
         wire = _wire(name, config, bench, boxes, taps)
-        devices[name] = opened = driver.open_device(name, wire, options, period)
+        with within(f"devices.{name}"):
+            devices[name] = opened = driver.open_device(name, wire, options, period)
         stack.callback(opened.close)
     ports = [_port(arm, config, devices) for arm in config.controller.arms]
     rig = Rig(devices, ports, controller)
@@ -142,6 +143,34 @@ def _open(config: RigConfig, bench: Any, stack: ExitStack, controller: Controlle
     rig.origin_ns = bench.now_ns if bench is not None else 0
     _tare(rig)
     return rig
+
+
+def check_tables(config: RigConfig) -> None:
+    """Refuse mistakes in the tables of devices and boxes, before anything is opened or simulated.
+
+    Raises
+    ------
+    ConfigError
+        Names the table.
+    """
+    wiring.check_channels(config)
+    for name in config.devices:
+        device_options(config, name)
+        spots = wiring.places(config, name)
+        if "gauges" in spots:
+            wiring.only_gauges(name, spots)
+        elif spots:
+            check_roles(name, spots)
+    for box in wiring.backends(config):
+        wiring.box_options(config, box)
+
+
+def device_options(config: RigConfig, name: str) -> Any:
+    """Options of a device, checked."""
+    device = config.devices[name]
+    with within(f"devices.{name}"):
+        driver = registry.load("hil.drivers", device.driver)
+    return parse(driver.Config, device.options, f"devices.{name}.options")
 
 
 def check_trajectory(config: RigConfig) -> None:
@@ -169,10 +198,14 @@ def check_trajectory(config: RigConfig) -> None:
 
 def build_controller(config: RigConfig) -> Controller:
     """Law of the rig with its parameters."""
-    law = registry.load("hil.controllers", config.controller.name)
+    with within("controller"):
+        law = registry.load("hil.controllers", config.controller.name)
     given = config.controller.parameters
     parameters = parse(law.Config, given, "controller.parameters")
-    built: Controller = law.build(parameters, config.controller.arms, config.loop.period_ns * 1e-9)
+    with within("controller"):
+        built: Controller = law.build(
+            parameters, config.controller.arms, config.loop.period_ns * 1e-9
+        )
     return built
 
 

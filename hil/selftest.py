@@ -49,7 +49,10 @@ class Step:
     text: str
 
 
-def selftest(config: RigConfig, torque: float, allowed: Callable[[], bool]) -> Iterator[Step]:
+def selftest(
+    config: RigConfig, torque: float, allowed: Callable[[], bool],
+    opener: Callable[[RigConfig, int], Rig] = open_rig,
+) -> Iterator[Step]:  # fmt: skip
     """Test a rig; nothing but zero goes to a motor before `allowed` has returned True.
 
     Parameters
@@ -60,6 +63,8 @@ def selftest(config: RigConfig, torque: float, allowed: Callable[[], bool]) -> I
         Of a pulse [N m].
     allowed : callable
         Asks the user whether the motors may be driven.
+    opener : callable
+        Opens the rig.
 
     Yields
     ------
@@ -77,7 +82,7 @@ def selftest(config: RigConfig, torque: float, allowed: Callable[[], bool]) -> I
         raise ConfigError(f"--torque {torque:g}: {SMALLEST} to {LARGEST} N m is needed.")
     # a simulated operator keeps off, as the user is told to
     config = replace(config, simulation={**config.simulation, "operator": {}})
-    rig = open_rig(config, seed=0)
+    rig = opener(config, 0)
     try:
         bench = _Bench(rig, config)
         passed = True

@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import json
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -45,6 +45,8 @@ def with_run_options(
         raise ConfigError("--clock lockstep: hardware runs in real time; use --clock real.")
     changes["clock"] = clock or config.clock
     config = dataclasses.replace(config, loop=dataclasses.replace(config.loop, **changes))
+    if config.controller.name not in registry.names("hil.controllers"):
+        return config  # refused when the rig is opened
     law = registry.load("hil.controllers", config.controller.name)
     names = {f.name for f in dataclasses.fields(law.Config)}
     if "seed" in names and "seed" not in config.controller.parameters:
@@ -122,17 +124,22 @@ def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]
 
 
 def open_writer(
-    output: Path, config: RigConfig, rig: Rig, seed: int, model: str | Path | None = None
-) -> SessionWriter:
-    """Session file, open, with its metadata and the rig file already in it."""
+    output: Path, config: RigConfig, rig: Rig, seed: int, model: str | Path | None = None,
+    aside: Callable[[Path], None] = lambda path: None,
+) -> SessionWriter:  # fmt: skip
+    """Session file, open, with its metadata and the rig file already in it.
+
+    `aside` is called with its path when all else is known to be right, before it is written.
+    """
     attachments = {"rig.toml": rig_text(config).encode()}
     played = config.controller.parameters.get("trajectory")
     if isinstance(played, str) and played:
         attachments["trajectory.toml"] = Path(played).read_bytes()
     if model is not None:
         attachments["model.toml"] = _attached(Path(model))
-    plan = channels(config, rig.controller)
-    writer = SessionWriter(output, plan, describe(config, rig, seed), attachments)
+    plan, records = channels(config, rig.controller), describe(config, rig, seed)
+    aside(output)
+    writer = SessionWriter(output, plan, records, attachments)
     if rig.taps is not None:
         writer.frames(rig.taps.logs, rig.origin_ns, config.loop.period_ns)
         writer.at_the_end(rig.taps.told)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hil import registry
-from hil.config import SIMULATED, BoxConfig, DeviceConfig, RigConfig, parse
+from hil.config import SIMULATED, BoxConfig, DeviceConfig, RigConfig, parse, within
 from hil.errors import ConfigError, unknown
 from hil.signals.bus import Bus
 from hil.tapping import Taps
@@ -80,25 +80,42 @@ def backends(config: RigConfig) -> dict[str, str]:
     Raises
     ------
     ConfigError
-        If two devices want one box on two back ends, or a channel is used twice.
+        If two devices want one box on two back ends, or the channel map is wrong.
     """
+    check_channels(config)
     found: dict[str, str] = {}
-    taken: dict[tuple[str, int, str], str] = {}
     for name in wired(config):
-        for role, spots in places(config, name).items():
+        for spots in places(config, name).values():
             for p in spots:
                 own = config.boxes[p.box].backend or config.backend_of(name)
                 if found.setdefault(p.box, own) != own:
                     raise ConfigError(
-                        f"box {p.box!r} is wanted as {found[p.box]!r} and as {own!r}; set its "
-                        "backend in its own table."
+                        f"[boxes.{p.box}]: the box is wanted as {found[p.box]!r} and as {own!r}; "
+                        "set its backend in its own table."
                     )
+    return found
+
+
+def check_channels(config: RigConfig) -> None:
+    """Refuse a channel map that is wrong, also where ideal wires have no use for it.
+
+    Raises
+    ------
+    ConfigError
+        If a place is none, its box is unknown, or two roles or devices have one channel.
+    """
+    taken: dict[tuple[str, int, str], str] = {}
+    for name in config.devices:
+        for role, spots in places(config, name).items():
+            for p in spots:
                 key = (p.box, p.channel, role)
                 if key in taken:
-                    both = f"{taken[key]!r} and {name!r}"
-                    raise ConfigError(f"channel {p.box}/{p.channel} is used twice, by {both}.")
+                    other = f"and in [devices.{taken[key]}.channels] too" * (taken[key] != name)
+                    raise ConfigError(
+                        f"[devices.{name}.channels]: {role} has {p.box}/{p.channel} "
+                        f"{other or 'twice'}; it is one channel and can be cabled once."
+                    )
                 taken[key] = name
-    return found
 
 
 def used_channels(config: RigConfig, box: str) -> tuple[int, ...]:
@@ -150,6 +167,7 @@ def open_box(
 ) -> Any:  # fmt: skip
     """Open one box, see `open_boxes`."""
     table = config.boxes[name]
+    options = box_options(config, name)
     driver = registry.load("hil.boxes", table.driver)
     check_bus(name, table, backend, driver.BUS)
     taps = taps or Taps(config)
@@ -159,7 +177,7 @@ def open_box(
         plain = simulated[driver.BUS] if backend in SIMULATED else Bus(driver.BUS)
         bus = taps.recorded(name, plain)
     channels = used_channels(config, name)
-    box = driver.open_box(name, bus, table.address, box_options(config, name), channels)
+    box = driver.open_box(name, bus, table.address, options, channels)
     stack.callback(box.close)
     return box
 
@@ -167,7 +185,8 @@ def open_box(
 def box_options(config: RigConfig, name: str) -> Any:
     """Options of a box, checked."""
     table = config.boxes[name]
-    driver = registry.load("hil.boxes", table.driver)
+    with within(f"boxes.{name}"):
+        driver = registry.load("hil.boxes", table.driver)
     return parse(driver.Config, table.options, f"boxes.{name}.options")
 
 
@@ -192,8 +211,8 @@ def told_apart(config: RigConfig, used: Iterable[str]) -> None:
         other = seen.setdefault((table.driver, table.address), name)
         if other != name or (not table.address and len(same) > 1):
             raise ConfigError(
-                f"boxes {', '.join(same)} have one driver; give each an address of its own, the "
-                "serial number that 'hil devices' shows."
+                f"[boxes.{name}]: {', '.join(same)} have one driver; give each an address of its "
+                "own, the serial number that 'hil devices' shows."
             )
 
 

@@ -18,6 +18,10 @@ from hil.signals.bus import Bus
 #: More frames than this do not fit into any wait of a driver: a bus that never falls silent.
 CROWD = 512
 
+#: Bits of a request and its two answers at most, stuff bits and gaps included; what else may
+#: delay an answer [ns].
+POLL_BITS, MARGIN_NS = 340, 1_000_000
+
 #: Takes the identifier and the data of a frame.
 Mailbox = Callable[[int, bytes], None]
 
@@ -40,6 +44,8 @@ class CanLink:
         What the bus last refused, until a frame comes again; empty where all is well.
     errors, strangers : int
         Error frames, and frames for no mailbox.
+    round_ns : int
+        Time in which every sensor on the bus has been asked and has answered [ns].
     """
 
     def __init__(
@@ -52,6 +58,13 @@ class CanLink:
         self.strangers = 0
         self._advance = advance
         self._boxes: dict[int, Mailbox] = {}
+        self._sensors = 0
+        self.round_ns = MARGIN_NS
+
+    def _count(self, change: int) -> None:
+        self._sensors += change
+        bits = POLL_BITS * self._sensors
+        self.round_ns = MARGIN_NS + (bits * 1_000_000_000 // self.bit_rate if self.bit_rate else 0)
 
     def subscribe(self, identifiers: range, mailbox: Mailbox) -> None:
         """Send the frames of `identifiers` to `mailbox`.
@@ -68,6 +81,7 @@ class CanLink:
                 f"{taken[0]:#05x}; set one board to another base (one board connected at a time)"
             )
         self._boxes.update(dict.fromkeys(identifiers, mailbox))
+        self._count(1)
 
     def advance(self, t_ns: int) -> None:
         """It is `t_ns` now."""
@@ -123,8 +137,8 @@ class CanLink:
 
     def release(self, identifiers: range) -> None:
         """These mailboxes are no more; without any the bus is shut down."""
-        for i in identifiers:
-            self._boxes.pop(i, None)
+        known = [i for i in identifiers if self._boxes.pop(i, None) is not None]
+        self._count(-1 if known else 0)
         if not self._boxes:
             self.bus.shutdown()
             for key in [k for k, link in _OPEN.items() if link is self]:

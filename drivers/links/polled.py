@@ -88,7 +88,7 @@ class PolledGauges:
             good = self._take()
             self.unusable = not good
             self._asked_ns = None
-        elif self._asked_ns is not None and t_ns - self._asked_ns >= self._patience.answer:
+        elif self._asked_ns is not None and t_ns - self._asked_ns >= self._wait_ns():
             # what comes late belongs to the old request: one more tick for it to pass
             self.timeouts += 1
             self._asked_ns, self._got = None, 0
@@ -100,6 +100,10 @@ class PolledGauges:
             link.post(self._request)
             self._asked_ns = t_ns
         return self._age(t_ns, good)
+
+    def _wait_ns(self) -> int:
+        """How long an answer may take: on a slow bus, until all sensors on it have had theirs."""
+        return max(self._patience.answer, self._link.round_ns)
 
     def _age(self, t_ns: int, good: bool) -> Status:
         """Status of the last good sample by its age; a sample that is not usable ages it."""
@@ -135,16 +139,16 @@ class PolledGauges:
             self._link.poll()
             self._got = 0
             self._link.post(self._request)
-            if self._link.wait(self._patience.answer * 1e-9, self._whole):
+            if self._link.wait(self._wait_ns() * 1e-9, self._whole):
                 self._got = 0
                 self.unusable = not self._take()
                 if self.unusable:
                     raise DeviceError(self.unusable_text())
                 return t_ns + PACE_NS
-            t_ns += self._patience.answer
+            t_ns += self._wait_ns()
             self.timeouts += 1
         raise DeviceTimeoutError(
-            f"{self.name}: no whole sample within {self._patience.answer * 1e-6:g} ms, three times"
+            f"{self.name}: no whole sample within {self._wait_ns() * 1e-6:g} ms, three times"
             + (f" (the bus refused: {self._link.trouble})" if self._link.trouble else "")
         )
 

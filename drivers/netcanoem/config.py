@@ -28,8 +28,9 @@ class NetCanOemConfig:
     force_unit, torque_unit : str
         Units of the calibration; needed with firmware before 3.7 alone, which cannot tell.
     answer_ms, stale_ms, lost_ms : float
-        Wait for an answer before it is asked for again; age of a sample from which it is
-        STALE; age from which the sensor is lost and the device goes to FAULT [ms].
+        Wait for an answer before it is asked for again, longer where the sensors on the bus
+        need longer for one answer each; age of a sample from which it is STALE; age from which
+        the sensor is lost and the device goes to FAULT [ms].
     """
 
     interface: str = "socketcan"

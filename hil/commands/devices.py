@@ -7,6 +7,7 @@ import json
 import sys
 
 from hil import reach
+from hil.commands import rigfile
 from hil.config import load_rig
 
 HELP = "show what is attached, what of a rig is reachable, and what is missing and why"
@@ -24,7 +25,9 @@ def run(args: argparse.Namespace) -> int:
     if args.rig is None:
         rows = reach.everything()
     else:
-        rows = reach.check(load_rig(args.rig))
+        config = load_rig(args.rig)
+        with rigfile.named(args.rig):
+            rows = reach.check(config)
     if args.json:
         sys.stdout.write(json.dumps({"schema": "hil.devices/1", "devices": rows}) + "\n")
     else:

@@ -13,7 +13,7 @@ from typing import Any
 from tqdm import tqdm
 
 from hil import app
-from hil.commands import outputs
+from hil.commands import outputs, rigfile
 from hil.config import RigConfig, load_rig
 from hil.errors import ConfigError
 from hil.excite import files
@@ -68,7 +68,6 @@ def run(args: argparse.Namespace) -> int:
     if args.seed < 0:
         raise ConfigError(f"--seed {args.seed}: a number from 0 on is needed.")
     outputs.check(args.output, ".mcap", [args.rig, *([args.trajectory] if args.trajectory else [])])
-    outputs.keep_old(Path(args.output))
     summary = _with_bar(config, args)
     for line in differences(summary.path):
         sys.stderr.write(line + "\n")
@@ -114,8 +113,14 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> app.Summary:
         )
         return app.run(
             config, args.seconds, args.seed, args.clock, args.output, bar.update, operator,
-            args.model,
+            args.model, rigfile.opener(args.rig), aside=lambda path: _aside(bar, path),
         )  # fmt: skip
+
+
+def _aside(bar: Any, path: Path) -> None:
+    """Keep an old session, now that the new one will be written."""
+    bar.clear()
+    outputs.keep_old(path)
 
 
 def bar_writer(bar: Any) -> Callable[[str], None]:

@@ -7,7 +7,7 @@ import json
 import sys
 from dataclasses import asdict
 
-from hil.commands import common
+from hil.commands import common, rigfile
 from hil.config import RigConfig, load_rig
 from hil.exits import unwinding_signals
 from hil.selftest import USUAL, selftest
@@ -27,11 +27,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the steps; 0 if all of them passed."""
+    """Run the steps; 0 if all of them passed, 2 if the motors were asked for and not allowed."""
     config = load_rig(args.rig)
-    steps = []
+    steps, answers = [], []
+
+    def allowed() -> bool:
+        answers.append(args.no_motors or _confirmed(config, args))
+        return answers[-1] and not args.no_motors
+
     with unwinding_signals():
-        for step in selftest(config, args.torque, lambda: _allowed(config, args)):
+        for step in selftest(config, args.torque, allowed, rigfile.opener(args.rig)):
             steps.append(step)
             if not args.json:
                 mark = "ok  " if step.passed else "FAIL"
@@ -39,13 +44,13 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         rows = [asdict(step) for step in steps]
         common.out(json.dumps({"schema": "hil.selftest/1", "steps": rows}))
-    return 0 if all(step.passed for step in steps) else 3
+    if not all(step.passed for step in steps):
+        return 3
+    return 0 if all(answers) else 2
 
 
-def _allowed(config: RigConfig, args: argparse.Namespace) -> bool:
+def _confirmed(config: RigConfig, args: argparse.Namespace) -> bool:
     """Whether the user has typed the name of the rig."""
-    if args.no_motors:
-        return False
     sys.stderr.write(
         f"\nNow every motor of {', '.join(config.controller.arms)} gets pulses of "
         f"{args.torque:g} N m, one joint at a time.\nRest the arms in their docks, keep clear, one "
@@ -53,7 +58,18 @@ def _allowed(config: RigConfig, args: argparse.Namespace) -> bool:
         f"Type the name of the rig, {config.name}, to go on; anything else ends here: "
     )
     sys.stderr.flush()
-    typed = sys.stdin.readline().strip()
-    if typed != config.name:
-        sys.stderr.write("the motors stay off\n")
-    return typed == config.name
+    line = ""
+    try:
+        line = sys.stdin.readline()
+    finally:
+        # a terminal has ended the line itself, unless the input ended or was interrupted
+        if not (line.endswith("\n") and sys.stdin.isatty()):
+            sys.stderr.write("\n")
+    if line.strip() == config.name:
+        return True
+    said = f"{line.strip()!r} is not the name of the rig" if line else "the input ended"
+    sys.stderr.write(
+        f"hil selftest: {said}; the motors stay off and were not tested. Type {config.name} when "
+        "asked, or give --no-motors to test the rest alone\n"
+    )
+    return False

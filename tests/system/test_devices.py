@@ -143,7 +143,7 @@ def test_every_motor_gets_zero_when_a_session_is_broken_off(tmp_path, monkeypatc
     [
         (("encoders/1", "encoder/1"), "Did you mean 'encoders'"),
         (("encoders/1", "encoders"), "write BOX/CHANNEL"),
-        (("encoders/1", "encoders/0"), "used twice"),
+        (("encoders/1", "encoders/0"), "encoders/0 twice"),
         (('["encoders/0", "encoders/1", "encoders/2"]', '["encoders/0"]'), "needs 3 places"),
         (('address = "leader-2"', 'address = "leader-1"'), "an address of its own"),
         (("channels.motors", "channels.motor"), "Did you mean 'motors'"),
@@ -153,9 +153,9 @@ def test_every_motor_gets_zero_when_a_session_is_broken_off(tmp_path, monkeypatc
     ],
 )  # fmt: skip
 def test_mistakes_in_the_wiring_are_named(tmp_path, change, says):
-    config = load_rig(rig_file(tmp_path, "sim-wire", change))
+    path = rig_file(tmp_path, "sim-wire", change)
     with pytest.raises(ConfigError, match=says.replace("(", r"\(")):
-        run(config, 0.1, output=tmp_path / "s.mcap")
+        run(load_rig(path), 0.1, output=tmp_path / "s.mcap")
 
 
 def test_the_plan_of_the_cables():
@@ -199,3 +199,51 @@ def test_the_wrong_hid_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "hid", None)
     with pytest.raises(DeviceError, match="pip install hidapi"):
         usb_31xx.attached(Bus("hid"))
+
+
+@pytest.mark.parametrize("backend", ["sim", "sim-wire"])
+def test_a_motor_channel_of_two_arms_is_refused_on_every_back_end(tmp_path, capsys, backend):
+    change = ("follower-motor1/0", "leader-motor1/0")
+    path = rig_file(tmp_path, backend, change)
+    for words in (["devices", path], ["run", path, "-o", tmp_path / "s.mcap"], ["selftest", path]):
+        assert main([str(w) for w in words]) == 2
+        said = capsys.readouterr().err
+        assert f"{path}: [devices.follower-arm.channels]: motors has leader-motor1/0" in said
+        assert "[devices.leader-arm.channels] too" in said
+    assert not (tmp_path / "s.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "table"),
+    [
+        (('model = "nano25"', 'model = "nano99"'), "[devices.leader-force.options]"),
+        (("[boxes.encoders]", "[boxes.encoders]\noptions.bits = 24"), "[boxes.encoders.options]"),
+        (("options.home", "options.hom"), "[devices.leader-arm.options]"),
+        (('driver = "premium"', 'driver = "premum"'), "[devices.leader-arm]"),
+        (('driver = "usb-quad08"', 'driver = "usb-quad8"'), "[boxes.encoders]"),
+        (('"encoders/2"]', '"encoders/2", "encoders/6"]'), "[devices.leader-arm.channels]"),
+        (("period = 10.0", "perod = 10.0"), "[controller.parameters]"),
+        (('name = "joint-tracking"', 'name = "joint-trackin"'), "[controller]"),
+    ],
+)
+def test_a_mistake_of_a_driver_has_the_name_of_the_file_and_of_the_table(
+    tmp_path, capsys, change, table
+):
+    path = rig_file(tmp_path, "sim-wire", change)
+    for words in (["devices", path], ["run", path, "-o", tmp_path / "s.mcap"], ["selftest", path]):
+        assert main([str(w) for w in words]) == 2
+        assert f"{words[0]}: {path}: {table}: " in capsys.readouterr().err
+
+
+def test_an_old_session_stays_where_it_is_until_the_devices_are_open(tmp_path, capsys):
+    path = tmp_path / "s.mcap"
+    path.write_bytes(b"a session")
+    assert main(["run", str(rig_file(tmp_path, "hardware")), "-o", str(path)]) == 3
+    assert "kept as" not in capsys.readouterr().err
+    assert path.read_bytes() == b"a session"
+    good = str(rig_file(tmp_path, "sim"))
+    missing = ["--model", str(tmp_path / "no.toml")]
+    assert main(["run", good, "-o", str(path), "--seconds", "0.1", *missing]) == 2
+    assert path.read_bytes() == b"a session"
+    assert main(["run", good, "-o", str(path), "--seconds", "0.1"]) == 0
+    assert (tmp_path / "s.1.mcap").read_bytes() == b"a session"

@@ -105,12 +105,24 @@ def test_an_arm_that_runs_away_is_stopped():
         steps({"arms": {"leader": {"speed_limit": [0.05, 0.05, 0.05]}}})
 
 
-@pytest.mark.parametrize(("typed", "moved"), [("identify\n", True), ("yes\n", False)])
-def test_the_command_asks_for_the_name_of_the_rig(typed, moved, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("typed", "code", "says"),
+    [
+        ("identify\n", 0, "ends here: \n"),
+        ("yes\n", 2, "ends here: \nhil selftest: 'yes' is not the name of the rig"),
+        ("", 2, "ends here: \nhil selftest: the input ended; the motors stay off"),
+    ],
+)
+def test_the_command_asks_for_the_name_of_the_rig(typed, code, says, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO(typed))
-    assert main(["selftest", str(RIGS / "identify.toml"), "--json"]) == 0
+    assert main(["selftest", str(RIGS / "identify.toml"), "--json"]) == code
     said = capsys.readouterr()
     assert "Type the name of the rig, identify" in said.err
+    assert says in said.err and said.err.endswith("\n")
     rows = json.loads(said.out)["steps"]
-    assert any(r["what"] == "joint 1" for r in rows) is moved
+    assert any(r["what"] == "joint 1" for r in rows) is (code == 0)
+
+
+def test_without_the_motors_nothing_is_asked(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
     assert main(["selftest", str(RIGS / "identify.toml"), "--no-motors"]) == 0

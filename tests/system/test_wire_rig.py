@@ -12,7 +12,7 @@ from hil.config import load_rig
 from hil.errors import ConfigError
 from hil.record.fields import read_fields
 from hil.record.reader import summary
-from hil.rig import force_sensors
+from hil.rig import force_sensors, open_rig
 from hil.signals.device import Status
 from hil.wiring import open_boxes, plan
 from sim_devices.bench import open_bench
@@ -103,3 +103,33 @@ def test_another_interface_is_a_change_of_the_boxs_table(box, tmp_path):
     over = {"devices": {"leader-force": {"backend": "sim-wire"}}, "boxes": {"leader-ft": box}}
     path = record(tmp_path / "s.mcap", over, 0.2, rig="identify.toml")
     assert "counts_per_force" in summary(path).metadata["calibration/leader-force"]
+
+
+@pytest.mark.parametrize(
+    ("bit_rate", "second", "gaps"),
+    [
+        (1_000_000, "can0", (1, 1)), (500_000, "can0", (1, 2)), (500_000, "can1", (1, 1)),
+        (250_000, "can0", (2, 3)), (250_000, "can1", (2, 2)), (125_000, "can0", (4, 7)),
+    ],
+)  # fmt: skip
+def test_every_how_many_ticks_a_force_is_new(bit_rate, second, gaps):
+    """The table of docs/hardware.md; a slow bus is waited for and not asked over and over."""
+    slow = {"options": {"bit_rate": bit_rate, "stale_ms": 10.0}}
+    over = {"leader-ft": slow, "follower-ft": slow | {"address": f"{second}/0x21"}}
+    config = load_rig(RIGS / "teleop.toml", {"backend": "sim-wire", "boxes": over})
+    rig = open_rig(config, 3)
+    try:
+        boxes = [rig.boxes["leader-ft"], rig.boxes["follower-ft"]]
+        t, new = rig.origin_ns, [[0], [0]]
+        before = [b.gauges.copy() for b in boxes]
+        for k in range(1, 300):
+            t += 1_000_000
+            for i, box in enumerate(boxes):
+                assert box.receive(t) is Status.OK
+                if (box.gauges != before[i]).any():
+                    new[i].append(k)
+                    before[i][:] = box.gauges
+        assert tuple(int(np.diff(row[2:]).max()) for row in new) == gaps
+        assert [b.timeouts for b in boxes] == [0, 0]
+    finally:
+        rig.close()
