@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from hil.commands.failures import explain
+from hil.commands.usage import Parser, refuse_rest, refuse_unknown
+from hil.errors import unknown
 
 #: name -> module with `HELP`, `EXAMPLE`, `configure(parser)` and `run(args) -> int`; in the
 #: order of a day's work.  A command stands here when it works, not before.
@@ -38,15 +40,15 @@ def _module(name: str) -> ModuleType:
     return importlib.import_module(COMMANDS[name])
 
 
-def build_parser(only: str | None = None) -> argparse.ArgumentParser:
+def build_parser(only: str | None = None) -> Parser:
     """Build the argument parser; with `only`, load that command's module and no other."""
     debug = "show the traceback of any error"
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="hil",
         description="Haptic teleoperation rigs: run, record, and find the missing physics.",
     )
     parser.add_argument("--debug", action="store_true", help=debug)
-    sub = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    sub = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in [only] if only else COMMANDS:
         module = _module(name)
         command = sub.add_parser(
@@ -59,6 +61,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
         module.configure(command)
         command.add_argument("--debug", action="store_true", default=argparse.SUPPRESS, help=debug)
         command.set_defaults(run=module.run)
+        parser.commands[name] = command
     return parser
 
 
@@ -72,8 +75,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if argv is None else argv)
     first = next((w for w in words if not w.startswith("-")), None)
-    parser = build_parser(first if first in COMMANDS else None)
-    args = parser.parse_args(words)
+    if first is not None and first not in COMMANDS:
+        sys.stderr.write(f"hil: {unknown('command', first, COMMANDS)}\n")
+        return 2
+    parser = build_parser(first)
+    command = parser.commands[first] if first else parser
+    refuse_unknown(command, words)
+    args, extra = parser.parse_known_args(words)
+    refuse_rest(command, extra)
+    if first is None:
+        parser.leave(f"name a command: {', '.join(COMMANDS)}.")
     try:
         code = int(args.run(args))
         sys.stdout.flush()

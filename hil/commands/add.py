@@ -9,12 +9,13 @@ from hil.compare import analysis
 from hil.compare.analysis import Rung
 from hil.compare.tables import ladder_json
 from hil.compare.warn import rising, useless
+from hil.errors import ConfigError
 
 HELP = (
     "add one effect to a model, fit all parameters again to the sessions, and print the "
     "held-out error before and after"
 )
-EXAMPLE = "hil add stribeck --joint joint2 --model arm.toml --session run.mcap -o arm2.toml"
+EXAMPLE = "hil add stribeck run.mcap --joint joint2 --model arm.toml -o arm2.toml"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -22,14 +23,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "effect", help="what to add: a name that 'hil effects' lists, e.g. stribeck"
     )
+    parser.add_argument("sessions", nargs="*", metavar="S.mcap", help="sessions to fit")
     parser.add_argument(
         "--joint", action="append", default=[], metavar="NAME",
         help="joint that gets the effect, e.g. joint2; repeat for several; without, every joint",
     )  # fmt: skip
     common.add_model(parser)
     parser.add_argument(
-        "--session", action="append", required=True, metavar="S.mcap", nargs="+",
-        help="session to fit; one or several",
+        "--session", action="append", default=[], metavar="S.mcap", nargs="+",
+        help="the same by name, where sessions do not stand behind the effect",
     )  # fmt: skip
     common.add_holdout(parser)
     common.add_output(parser, "M2.toml", "the new model, whether or not the effect helps")
@@ -37,7 +39,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Add and print."""
-    sessions = [s for group in args.session for s in group]
+    sessions = [*args.sessions, *(s for group in args.session for s in group)]
+    if not sessions:
+        raise ConfigError(f"no session is given to fit; for example: {EXAMPLE}")
     runs, held, model = common.load(args, sessions)
     joints = tuple(args.joint) or ("*",)
     rungs = analysis.add(runs, model, args.effect, joints, held)

@@ -10,7 +10,7 @@ from typing import Any
 
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
-from hil.models.model import ALL, Band, Range, RobotModel, Use, Value
+from hil.models.model import ALL, BASE_EFFECTS, Band, Range, RobotModel, Use, Value
 from hil.models.writing import SCHEMA, write_model
 from hil.record.recording import RobotSource
 
@@ -64,9 +64,12 @@ def _model(data: dict[str, Any], path: Path) -> RobotModel:
     explains = robot.get("explains", "motor")
     if explains not in _EXPLAINS:
         raise ConfigError(unknown("value of robot.explains", str(explains), _EXPLAINS))
-    effects = data.get("effects", [])
+    effects = data["effects"] if "effects" in data else _base(explains)
     if not isinstance(effects, list) or not effects:
-        raise ConfigError("no [[effects]]; the base is rigid-body, armature, coulomb, viscous")
+        raise ConfigError(
+            "no [[effects]]; leave effects out altogether for the base model "
+            f"({', '.join(BASE_EFFECTS)}), or write one [[effects]] table with type = ... for each"
+        )
     model = RobotModel(
         robot=_source(robot, path),
         effects=(),
@@ -80,6 +83,16 @@ def _model(data: dict[str, Any], path: Path) -> RobotModel:
     for entry in effects:
         model = model + _use(entry)
     return model
+
+
+def _base(explains: str) -> list[dict[str, str]]:
+    """Effects of a file that lists none: the base model; contact has no law that goes without."""
+    if explains == "external":
+        raise ConfigError(
+            "a model that explains the external effort needs its law of contact: [[effects]] with "
+            'type = "contact-stiffness", for example'
+        )
+    return [{"type": name} for name in BASE_EFFECTS]
 
 
 def _texts(value: Any, what: str, example: str) -> list[str]:

@@ -188,6 +188,12 @@ def test_a_plain_number_is_a_value(tmp_path: Path) -> None:
     assert value.value == 2.0 and math.isnan(value.stderr) and value.upper == math.inf
 
 
+def test_a_file_without_effects_is_the_base_model(tmp_path: Path) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text('schema = "hil.model/1"\n')
+    assert read_model(path).effects == base_model(RobotSource("")).effects
+
+
 def test_one_joint_may_be_written_as_text(tmp_path: Path) -> None:
     path = tmp_path / "m.toml"
     path.write_text(HEAD + COULOMB + 'joints = "joint2"\n')
@@ -211,8 +217,9 @@ BAD = {
     "signal-key": (HEAD + COULOMB + "[signal]\nefort_hz = 3\n", "'efort_hz'. Did you mean"),
     "signal-text": (HEAD + COULOMB + '[signal]\neffort_hz = "x"\n', "effort_hz = 'x': expected a"),
     "signal-sign": (HEAD + COULOMB + "[signal]\neffort_hz = -2\n", "= -2: expected a frequency"),
-    "none": (HEAD, r"no \[\[effects\]\]; the base is rigid-body"),
-    "table": (HEAD + "[effects]\ntype = 'coulomb'\n", r"no \[\[effects\]\]"),
+    "none": ("effects = []\n" + HEAD, r"leave effects out altogether for the base .*rigid-body"),
+    "table": (HEAD + "[effects]\ntype = 'coulomb'\n", r"write one \[\[effects\]\] table"),
+    "external": (HEAD + 'explains = "external"\n', "needs its law of contact"),
     "no-type": (HEAD + "[[effects]]\njoints = 'all'\n", "every .* needs type"),
     "text": ("effects = ['coulomb']\n" + HEAD, "every .* needs type"),
     "effect": (HEAD + '[[effects]]\ntype = "culomb"\n', "'culomb'. Did you mean 'coulomb'"),

@@ -149,6 +149,40 @@ def test_bad_input_is_one_sentence_and_exit_2(session, capsys, words, says):
     assert captured.out == "" and says in captured.err and "Traceback" not in captured.err
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("diagnose s.mcap --repot why.html", "unknown option --repot; did you mean --report?"),
+        ("run --secnds 3", "unknown option --secnds; did you mean --seconds?"),
+        ("diagnose", "required: S.mcap"),
+        ("diagnose a.mcap --model m.toml b.mcap", "unexpected 'b.mcap'"),
+        ("info --frobnicate", "unknown option --frobnicate."),
+        ("-x", "unknown option -x"),
+        ("", "name a command: demo, run"),
+    ],
+)
+def test_wrong_usage_is_one_line(words, says, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(words.split())
+    error = capsys.readouterr().err
+    assert stop.value.code == 2
+    assert says in error and "--help'" in error
+    assert error.count("\n") == 1
+
+
+def test_an_unknown_command_is_one_line(capsys):
+    assert main(["diagnos", "s.mcap"]) == 2
+    error = capsys.readouterr().err
+    assert "Did you mean 'diagnose'?" in error and error.count("\n") == 1
+
+
+def test_add_takes_sessions_behind_the_effect_or_by_name(session, capsys):
+    plain = run(capsys, "add", "quadratic-drag", session[0], "--json")
+    assert plain == run(capsys, "add", "quadratic-drag", "--session", session[0], "--json")
+    assert main(["add", "stribeck"]) == 2
+    assert "hil add stribeck run.mcap" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_every_command_has_help_with_an_example(name, capsys):
     with pytest.raises(SystemExit) as stop:
