@@ -15,8 +15,8 @@ from drivers.links.can import CanLink, frame
 from hil.errors import DeviceError, DeviceTimeoutError
 from hil.signals.device import IntArray, Status
 
-#: What the time moves on by for one sample of a tare [ns].
-PACE_NS = 1_000_000
+#: What the time moves on by for one sample of a tare, and how long it waits at least [ns].
+PACE_NS, CALM_NS = 1_000_000, 3_000_000
 
 
 @dataclass(frozen=True)
@@ -134,21 +134,22 @@ class PolledGauges:
             If the sample is not usable.
         """
         self._asked_ns, self._fresh_ns, self.trouble = None, -1, ""
+        patience = max(CALM_NS, self._wait_ns())
         for _ in range(3):
             self._link.advance(t_ns)
             self._link.poll()
             self._got = 0
             self._link.post(self._request)
-            if self._link.wait(self._wait_ns() * 1e-9, self._whole):
+            if self._link.wait(patience * 1e-9, self._whole):
                 self._got = 0
                 self.unusable = not self._take()
                 if self.unusable:
                     raise DeviceError(self.unusable_text())
                 return t_ns + PACE_NS
-            t_ns += self._wait_ns()
+            t_ns += patience
             self.timeouts += 1
         raise DeviceTimeoutError(
-            f"{self.name}: no whole sample within {self._wait_ns() * 1e-6:g} ms, three times"
+            f"{self.name}: no whole sample within {patience * 1e-6:g} ms, three times"
             + (f" (the bus refused: {self._link.trouble})" if self._link.trouble else "")
         )
 

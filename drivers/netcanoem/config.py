@@ -40,7 +40,7 @@ class NetCanOemConfig:
     serial: str = ""
     force_unit: str = ""
     torque_unit: str = ""
-    answer_ms: float = 3.0
+    answer_ms: float = 1.5
     stale_ms: float = 2.5
     lost_ms: float = 50.0
 

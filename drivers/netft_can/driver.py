@@ -39,7 +39,7 @@ class NetFtCanConfig(CountScale):
     base: int = 0x1B0
     bit_rate: int = 1_000_000
     scale_factors: tuple[float, ...] = ()
-    answer_ms: float = 3.0
+    answer_ms: float = 1.5
     stale_ms: float = 2.5
     lost_ms: float = 50.0
 

@@ -219,6 +219,6 @@ def test_hil_run_says_where_a_driver_asks_something_else(tmp_path, capsys):
     assert main(["run", str(rig), "--seconds", "0.1", "-o", str(tmp_path / "x.mcap")]) == 3
     assert "asked for calibration 3, the board echoes 00" in capsys.readouterr().err
     rig.write_text(rig_text(load_rig(RIG, {**over, "boxes": {"follower-ft": {"options": {
-        "answer_ms": 1.5}}}})), encoding="utf-8")  # fmt: skip
+        "answer_ms": 3.0}}}})), encoding="utf-8")  # fmt: skip
     assert main(["run", str(rig), "--seconds", "0.1", "-o", str(tmp_path / "x.mcap")]) == 0
     assert differences(str(tmp_path / "x.mcap")) == []

@@ -206,7 +206,7 @@ _CLOCK = (
     Fault("ring full", _nothing, "ENABLED", "", over={"loop": {"ring_rows": 8}},
           note="two of ten rows lost, counted in the record"),
 )  # fmt: skip
-_PATIENCE = "the driver waits for the answer; [safety] stale_ticks = 8 would ride over it"
+_PATIENCE = "asked again after 3 ms; one reading is STALE"
 _WIRE = (
     Fault("encoder box unplugged", _box("encoders", plugged=False), "FAULT", "joint-lost", 20),
     Fault("encoder box unplugged for 50 ms", _replugged, "FAULT", "joint-lost", 20,
@@ -217,12 +217,12 @@ _WIRE = (
           200),
     Fault("motor box silent", _box("leader-motor1", muted=True), "FAULT", "joint-lost", 200,
           note="its heartbeat is asked for every 100 ms"),
-    Fault("force request not answered once", _box("follower-ft", mute=1), "PAUSED",
-          "force-stale", 5, note=_PATIENCE),
+    Fault("force request not answered once", _box("follower-ft", mute=1), "ENABLED",
+          "sensor-late", note=_PATIENCE),
     Fault("force board silent", _box("follower-ft", mute=EVER), "PAUSED", "force-stale", 6,
           exit="fault"),
-    Fault("force board: second frame lost once", _box("follower-ft", lose_second=1), "PAUSED",
-          "force-stale", 5, note=_PATIENCE),
+    Fault("force board: second frame lost once", _box("follower-ft", lose_second=1), "ENABLED",
+          "sensor-late", note=_PATIENCE),
     Fault("force board: second frames lost", _box("follower-ft", lose_second=EVER), "PAUSED",
           "force-stale", 6,
           exit="fault"),
@@ -235,8 +235,8 @@ _WIRE = (
     Fault("force board: frames too short", _box("follower-ft", short=EVER), "PAUSED",
           "force-stale", 6,
           exit="fault"),
-    Fault("force board: one short frame", _box("follower-ft", short=1), "PAUSED",
-          "force-stale", 5, note=_PATIENCE),
+    Fault("force board: one short frame", _box("follower-ft", short=1), "ENABLED",
+          "sensor-late", note=_PATIENCE),
     Fault("force board: gauge cable broken", _box("follower-ft", stuck={3: 32767}), "PAUSED", "",
           20, exit="fault"),
     Fault("force board bus-off", _box("follower-ft", failures=256), "PAUSED", "force-stale", 6,
