@@ -271,6 +271,7 @@ def test_rounding_is_finer_than_the_devices(bench):
 
 
 LIVE = f"""
+import signal
 import sys
 from hil.app import run
 from hil.config import load_rig
@@ -289,6 +290,8 @@ def opener(config, seed):
         wire.send, wire.power = send, power
     return rig
 
+# a job in the background of a script ignores it
+signal.signal(signal.SIGINT, signal.default_int_handler)
 over = eval(sys.argv[2]) if len(sys.argv) > 2 else {{}}
 config = load_rig({str(RIG)!r}, over)
 run(config, 20.0, 1, "real", sys.argv[1], opener=opener)

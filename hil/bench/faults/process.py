@@ -80,6 +80,8 @@ CASES: dict[str, tuple[Callable[[Path], None], int, int, float, str]] = {
 def child(name: str, path: Path) -> int:
     """The session of a case; prints every tenth tick, and the power as it goes off."""
     act, _, _, seconds, _ = CASES[name]
+    # a job in the background of a script ignores it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     safety = {"watchdog": TIMEOUT, "cut": ["true"]}
     config = load_rig(rig_path("teleop"), {"safety": safety})
     tampered = Tampered(lambda t: None)
