@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from types import ModuleType
 
 from hil import registry, wiring
@@ -145,18 +146,31 @@ def _only_reach(error: HilError) -> None:
 def _ready(name: str, config: RigConfig) -> str:
     """What a device that works is like: over which boxes, and how often its motors change."""
     boxes = _boxes_of(name, config)
-    if not boxes:
-        signal = config.backend_of(name) in SIMULATED
-        return "ready, at signal level" if signal else "ready"
+    if boxes:
+        rate = _rate(config, boxes)
+        return f"ready, over {_list('box', boxes)}{rate and f'; {rate}'}"
+    if config.backend_of(name) not in SIMULATED:
+        return "ready"
+    wired = replace(config, backend="sim-wire", devices={
+        n: replace(d, backend="") for n, d in config.devices.items()
+    })  # fmt: skip
+    try:
+        rate = _rate(wired, _boxes_of(name, wired))
+    except ConfigError:  # the library of a box is missing, which ideal wires do not need
+        rate = ""
+    return f"ready, at signal level{rate and f'; over its boxes {rate}'}"
+
+
+def _rate(config: RigConfig, boxes: list[str]) -> str:
+    """How often motors on these boxes change; empty where none gives a rate."""
     rates = []
     for box in boxes:
         options = wiring.box_options(config, box)
-        if hasattr(options, "rate_hz") and callable(options.rate_hz):
+        if callable(getattr(options, "rate_hz", None)):
             rates.append(options.rate_hz(len(wiring.used_channels(config, box))))
-    text = f"ready, over {_list('box', boxes)}"
-    if rates:
-        text += f"; motors change {min(rates):.0f} times/s in a loop of {config.loop.rate_hz:g} Hz"
-    return text
+    if not rates:
+        return ""
+    return f"motors change {min(rates):.0f} times/s in a loop of {config.loop.rate_hz:g} Hz"
 
 
 def _list(kind: str, names: list[str]) -> str:

@@ -6,6 +6,7 @@ nothing to a bus of copper, on which time passes by itself.
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable
 from typing import Any
 
@@ -253,6 +254,11 @@ def _why(interface: str, channel: str, bit_rate: int, error: Exception) -> str:
     number = getattr(error, "errno", None) or getattr(error, "error_code", None)
     if interface == "socketcan":
         step = f"sudo ip link set {channel} up type can bitrate {bit_rate}"
+        if number == errno.EAFNOSUPPORT:
+            return (
+                f"CAN bus {channel!r} cannot be opened ({error}): this kernel has no SocketCAN; "
+                f"sudo modprobe can_raw, then {step}"
+            )
         return f"CAN bus {channel!r} cannot be opened ({error}); is it there and up? {step}"
     if interface == "udp_multicast":
         return (

@@ -57,7 +57,7 @@ class Firmware(Protocol):
         """Answer a control transfer; for IN fill `data` and return the number of bytes."""
         ...
 
-    def read(self, endpoint: int, buffer: array[int]) -> int:
+    def read(self, endpoint: int, buffer: array[int] | memoryview) -> int:
         """Fill `buffer` with whole packets that wait; their bytes."""
         ...
 
@@ -191,15 +191,16 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
     def bulk_read(
         self, dev_handle: Firmware, ep: int, intf: int, buff: array[int], timeout: int
     ) -> int:
-        """Bulk read: what is there, or, after the time is over, nothing."""
+        """Bulk read until the buffer is full; after the time is over, what came until then."""
         _here(dev_handle)
-        n = dev_handle.read(ep, buff)
-        while n == 0:
+        n, again = dev_handle.read(ep, buff), True
+        while n < len(buff) and again:
             again = self.wait(timeout)
             _here(dev_handle)
-            n = dev_handle.read(ep, buff)
-            if n == 0 and not again:
-                raise failure(errno.ETIMEDOUT)
+            if again or not n:
+                n += dev_handle.read(ep, memoryview(buff)[n:])
+        if not n:
+            raise failure(errno.ETIMEDOUT)
         return n
 
 

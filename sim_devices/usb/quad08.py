@@ -262,7 +262,7 @@ class SimQuad08:
 
     # stream
 
-    def read(self, endpoint: int, buffer: array[int]) -> int:
+    def read(self, endpoint: int, buffer: array[int] | memoryview) -> int:
         """Whole packets of the FIFO."""
         if len(buffer) % PACKET:
             raise failure(errno.EOVERFLOW)

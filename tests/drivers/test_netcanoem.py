@@ -1,11 +1,13 @@
 """The NETCANOEM driver over python-can against the board on a simulated line."""
 
+import errno
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from drivers.links.can import open_bus
 from drivers.netcanoem import NetCanOem, NetCanOemConfig, attached, open_box
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
@@ -285,6 +287,18 @@ def test_boxes_on_one_channel_share_a_link_and_one_bit_rate():
     b.close()
     assert len(rig.line.nodes) == 2
     open_box("a", bus, f"{rig.channel}/0x20", CONFIG, (0,)).close()
+
+
+def test_a_kernel_without_socketcan_is_told_apart_from_a_bus_that_is_down(monkeypatch):
+    for number, says in ((errno.EAFNOSUPPORT, "modprobe can_raw"), (errno.ENODEV, "ip link set")):
+        error = OSError(number, "no")
+        monkeypatch.setattr("can.Bus", lambda error=error, **options: raise_(error))
+        with pytest.raises(DeviceError, match=says):
+            open_bus("socketcan", "can0", 1_000_000)
+
+
+def raise_(error):
+    raise error
 
 
 def test_an_interface_that_is_not_there_is_named():

@@ -2,6 +2,7 @@
 
 import errno
 import threading
+from array import array
 
 import numpy as np
 import pytest
@@ -404,6 +405,30 @@ def test_what_pyusb_sees_of_a_bus():
     with pytest.raises(OSError) as caught:
         device.read(0x82, 512, 10)
     assert caught.value.errno == errno.ENODEV
+
+
+def test_a_bulk_read_waits_for_a_full_buffer_and_keeps_what_came_until_its_time_is_over():
+    world, left = World(), [0]
+    quad = world.open(channels=(0,))
+    world.asleep = True  # nobody but this test reads
+
+    def wait(milliseconds):
+        left[0] -= 1
+        world.advance(world.now + MS)
+        return left[0] > 0
+
+    world.usb.wait = wait
+    device, buffer = quad._link.device, array("B", bytes(8 * 512))
+    # 200 bytes a millisecond, in whole packets: a piece of one stays in the box
+    left[0] = 4
+    assert device.read(0x82, buffer, 4) in (512, 1024)
+    left[0] = 100
+    assert device.read(0x82, buffer, 100) == 8 * 512
+    left[0] = 1
+    with pytest.raises(OSError) as caught:
+        device.read(0x82, buffer, 1)
+    assert caught.value.errno == errno.ETIMEDOUT
+    quad.close()
 
 
 @pytest.mark.parametrize("edges", [1, 2, 4])

@@ -51,6 +51,8 @@ def test_rates_follow_the_wiring(tmp_path, capsys):
         '["leader-motor1/0", "leader-motor2/0", "leader-motor3/0"]',
         '["leader-motor1/0", "leader-motor1/1", "leader-motor1/2"]',
     )
+    code, found = rows(capsys, rig_file(tmp_path, "sim", one_box))
+    assert "at signal level; over its boxes motors change 232" in found["leader-arm"]["what"]
     code, found = rows(capsys, rig_file(tmp_path, "sim-wire", one_box))
     assert "motors change 232 times/s" in found["leader-arm"]["what"]
     assert "leader-motor2" not in found
