@@ -300,6 +300,8 @@ class _Session:
             return
         end_ns = timer.epoch_ns + loop.tick * self.config.loop.period_ns
         said = {"missed": timer.missed, "dropped": loop.dropped, **told}
+        if timer.set_back:
+            said["clock_set_back"] = timer.set_back
         try:
             self.writer.event(loop.tick, end_ns, name, said)
             session.conclude(self.writer, self.statistics, self.arrangement)

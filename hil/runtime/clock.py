@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 #: Spin this long before a deadline instead of sleeping [ns].
@@ -20,11 +21,14 @@ class Clock(Protocol):
         What to add to tick times for recordings [ns].
     missed : int
         Periods that were skipped.
+    set_back : int
+        How often its source has gone backwards.
     """
 
     name: str
     epoch_ns: int
     missed: int
+    set_back: int
 
     def start(self) -> None:
         """Set tick 0 to now."""
@@ -53,7 +57,7 @@ class VirtualClock:
     def __init__(self, period_ns: int) -> None:
         self.period_ns = period_ns
         self.epoch_ns = 0
-        self.missed = 0
+        self.missed = self.set_back = 0
         self._now = 0
 
     def start(self) -> None:
@@ -77,25 +81,38 @@ class MonotonicClock:
     ----------
     period_ns : int
         Length of a tick [ns].
+    now, sleep, wall : callable
+        Monotonic time [ns], what sleeps [s], and the time of day [ns], which is asked once.
     """
 
     name = "real"
 
-    def __init__(self, period_ns: int) -> None:
+    def __init__(
+        self, period_ns: int, now: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep, wall: Callable[[], int] = time.time_ns,
+    ) -> None:  # fmt: skip
         self.period_ns = period_ns
+        self._now, self._sleep, self._wall = now, sleep, wall
         self.epoch_ns = 0
-        self.missed = 0
+        self.missed = self.set_back = 0
         self._zero = 0
 
     def start(self) -> None:
         """Set tick 0 to now."""
-        self._zero = time.monotonic_ns()
-        self.epoch_ns = time.time_ns()
+        self._zero = self._now()
+        self.epoch_ns = self._wall()
 
     def wait(self, tick: int) -> int:
-        """Sleep, then spin, to the deadline of `tick`; skip whole periods when late."""
+        """Sleep, then spin, to the deadline of `tick`; skip whole periods when late.
+
+        A source that has gone back must not hold the loop up for so long: the grid follows it.
+        """
         deadline = self._zero + tick * self.period_ns
-        now = time.monotonic_ns()
+        now = self._now()
+        if deadline - now > 2 * self.period_ns:
+            self.set_back += 1
+            self._zero += now + self.period_ns - deadline
+            deadline = now + self.period_ns
         if now >= deadline + self.period_ns:
             # never catch up by double steps
             skipped = (now - deadline) // self.period_ns
@@ -103,11 +120,11 @@ class MonotonicClock:
             tick += skipped
             deadline += skipped * self.period_ns
         if deadline - now > SPIN_NS:
-            time.sleep((deadline - now - SPIN_NS) * 1e-9)
-        while time.monotonic_ns() < deadline:
+            self._sleep((deadline - now - SPIN_NS) * 1e-9)
+        while self._now() < deadline:
             pass
         return tick
 
     def since_start(self) -> int:
         """Time since tick 0 [ns]."""
-        return time.monotonic_ns() - self._zero
+        return self._now() - self._zero

@@ -38,6 +38,8 @@ class Faults:
         Answers whose second frame will be lost, or come `delay_ns` late.
     lose_first : int
         Answers whose first frame will be lost.
+    twice_first, twice_second : int
+        Answers whose first or second frame will be sent twice.
     short : int
         Answers whose frames will be one byte too short.
     delay_ns : int
@@ -52,6 +54,8 @@ class Faults:
     lose_first: int = 0
     lose_second: int = 0
     delay_second: int = 0
+    twice_first: int = 0
+    twice_second: int = 0
     short: int = 0
     delay_ns: int = 4_000_000
     status: int = 0
@@ -60,7 +64,8 @@ class Faults:
     @property
     def counted(self) -> int:
         """Whether any fault of an answer's frames is left."""
-        return self.lose_first or self.lose_second or self.delay_second or self.short
+        lost = self.lose_first or self.lose_second or self.delay_second
+        return lost or self.twice_first or self.twice_second or self.short
 
     def strikes(self, name: str) -> bool:
         """Whether the fault that is counted in `name` strikes now; then it is counted down."""
@@ -145,7 +150,10 @@ class NetCanOemBoard(Node):
             ready_ns += faults.delay_ns
         if faults.strikes("short"):
             payload = payload[:-1]
-        self.outbox.append((ready_ns, Frame(self.base << 4 | code, payload)))
+        frame = ready_ns, Frame(self.base << 4 | code, payload)
+        self.outbox.append(frame)
+        if faults.strikes("twice_second" if code else "twice_first"):
+            self.outbox.append(frame)
 
     def status(self) -> int:
         """Status word now."""

@@ -1,13 +1,17 @@
 """The fault campaign judges what a session says; here are those that go through the drivers."""
 
 import dataclasses
+import json
 
+import numpy as np
 import pytest
 
 from hil.bench.faults import cases, process, runner, tables
+from hil.record.container import read
+from hil.record.decode import decode_numbers
 from hil.runtime.conditions import BITS
 
-SOME = [f for f in cases.FAULTS if f.wire or f.over or "law" in f.name]
+SOME = [f for f in cases.FAULTS if f.wire or f.over or f.steered or "law" in f.name]
 
 
 def test_there_are_at_least_forty_each_with_a_name_of_its_own():
@@ -27,6 +31,49 @@ def test_a_wrong_expectation_is_seen(tmp_path):
     for change in ({"state": "PAUSED"}, {"condition": "overrun"}, {"within": 0}, {"exit": "done"}):
         wrong = dataclasses.replace(fault, **change)
         assert not runner.one(wrong, tmp_path / "s.mcap").right, change
+
+
+def fault(name):
+    return next(f for f in cases.FAULTS if f.name == name)
+
+
+def test_a_clock_that_goes_back_is_counted_and_its_grid_moved(tmp_path):
+    found = runner.one(fault("clock jumps back by 10 s"), tmp_path / "s.mcap")
+    box = read(tmp_path / "s.mcap")
+    last = json.loads(box.topics["/events"].data[-1])
+    assert found.right and last["data"]["clock_set_back"] == 1 and last["data"]["missed"] == 0
+    assert len(box.topics["/loop/timing"].times) == 1000
+    # a period late at the most, not ten seconds
+    late = decode_numbers(box.topics["/loop/timing"])[:, 0]
+    assert late.max() < 1e6
+
+
+def test_time_of_day_is_asked_once(tmp_path):
+    assert runner.one(fault("time of day set back by an hour"), tmp_path / "s.mcap").right
+    times = np.array(read(tmp_path / "s.mcap").topics["/loop/timing"].times)
+    assert set(np.diff(times).tolist()) == {1_000_000}
+
+
+@pytest.mark.parametrize("name", ["first", "second"])
+def test_frames_that_come_twice_change_no_word(name, tmp_path):
+    case, seen = fault(f"force board: {name} frames sent twice"), []
+    twice = dataclasses.replace(case, strike=lambda t: (seen.append(t), case.strike(t)))
+    clean = dataclasses.replace(twice, strike=lambda t: None)
+    words = []
+    for k, done in enumerate((twice, clean)):
+        path = tmp_path / f"{k}.mcap"
+        assert runner.one(done, path).right
+        words.append(decode_numbers(read(path).topics["/rig/raw"]))
+    np.testing.assert_array_equal(*words)
+    board = seen[0].rig.bench.wired.boxes["follower-ft"].faults
+    assert cases.EVER - getattr(board, f"twice_{name}") > 500
+
+
+def test_sensors_that_fail_stop_the_motors_within_two_ticks():
+    late = [f.name for f in cases.FAULTS if f.within > 2 and f.condition[:5] in ("joint", "force")]
+    # a box of motors is no sensor; a CAN board may miss one answer before it counts as stale
+    assert late[:2] == ["motor box unplugged", "motor box silent"]
+    assert all(name.startswith("force board") for name in late[2:])
 
 
 def test_a_killed_process_loses_a_tenth_of_a_second_and_its_power(tmp_path):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.bench.faults.tamper import STRIKE, Tampered, fill, frozen, times
+from hil.bench.faults.tamper import STRIKE, Tampered, delayed, fill, frozen, times
 from hil.signals.device import Status
 
 _OK, _STALE, _INVALID, _CLAMPED = Status.OK, Status.STALE, Status.INVALID, Status.CLAMPED
@@ -46,6 +46,8 @@ class Fault:
         What the reader should know.
     at : int
         Tick of the strike; 1 where the fault is in the rig file.
+    steered : bool
+        With the clock of real sessions, on sources of time that the fault can turn.
     """
 
     name: str
@@ -59,6 +61,7 @@ class Fault:
     exit: str = ""
     note: str = ""
     at: int = STRIKE
+    steered: bool = False
 
     @property
     def ends(self) -> str:
@@ -130,6 +133,16 @@ def _replugged(t: Tampered) -> None:
     t.words = lambda counts, gauges: setattr(box, "plugged", t.tick > t.struck + 50)
 
 
+def _turn(**clocks: int) -> Callable[[Tampered], None]:
+    """Add to what the machine's clocks show [ns]."""
+
+    def strike(t: Tampered) -> None:
+        for name, by in clocks.items():
+            setattr(t.sources, name, getattr(t.sources, name) + by)
+
+    return strike
+
+
 def _limit(arm: str = "leader", **table: Any) -> dict[str, Any]:
     return {"arms": {arm: table}}
 
@@ -143,6 +156,8 @@ _SENSORS = (
           "sensor-late"),
     Fault("encoder readings stay late", _set("js", lambda: times(EVER, _STALE)), "PAUSED",
           "joint-stale"),
+    Fault("encoder reading delivered twice", _set("js", lambda: delayed(1)), "ENABLED", "",
+          note="as an arm that stands still for a tick"),
     Fault("encoders lost", _set("js", lambda: times(EVER, _INVALID)), "FAULT", "joint-lost"),
     Fault("encoders lost for one tick", _set("js", lambda: times(1, _INVALID)), "FAULT",
           "joint-lost", note="latched"),
@@ -201,6 +216,14 @@ _CLOCK = (
     Fault("law takes 300 ms", _set("skip", lambda: 300), "PAUSED", "overrun", at=WARM),
     Fault("clock jumps by 10 s", _set("skip", lambda: 10_000), "PAUSED", "overrun",
           over={"loop": {"seconds": 12.0}}),
+    Fault("clock jumps back by 10 s", _turn(mono_ns=-10 * 10**9), "ENABLED", "", steered=True,
+          note="counted; the grid follows, the next tick comes a period later"),
+    Fault("clock jumps back by half a period", _turn(mono_ns=-500_000), "ENABLED", "",
+          steered=True),
+    Fault("clock jumps ahead by 300 ms", _turn(mono_ns=300 * 10**6), "PAUSED", "overrun",
+          steered=True, at=WARM),
+    Fault("time of day set back by an hour", _turn(wall_ns=-3600 * 10**9), "ENABLED", "",
+          steered=True, note="asked once, at the start; stamps go on"),
     Fault("every second period is missed", _late_every_tick, "PAUSED", "overrun", 250, at=WARM,
           note="more than 100 within a second"),
     Fault("ring full", _nothing, "ENABLED", "", over={"loop": {"ring_rows": 8}},
@@ -208,41 +231,48 @@ _CLOCK = (
 )  # fmt: skip
 _PATIENCE = "asked again after 3 ms; one reading is STALE"
 _WIRE = (
-    Fault("encoder box unplugged", _box("encoders", plugged=False), "FAULT", "joint-lost", 20),
-    Fault("encoder box unplugged for 50 ms", _replugged, "FAULT", "joint-lost", 20,
+    Fault("encoder box unplugged", _box("encoders", plugged=False), "FAULT", "joint-lost"),
+    Fault("encoder box unplugged for 50 ms", _replugged, "FAULT", "joint-lost",
           note="latched"),
-    Fault("encoder box silent", _box("encoders", muted=True), "FAULT", "joint-lost", 10),
-    Fault("encoder frame spoilt", _box("encoders", garbled=1), "FAULT", "", 20),
+    Fault("encoder box silent", _box("encoders", muted=True), "FAULT", "joint-lost"),
+    Fault("encoder frame spoilt", _box("encoders", garbled=1), "FAULT", ""),
     Fault("motor box unplugged", _box("leader-motor2", plugged=False), "FAULT", "joint-lost",
           200),
     Fault("motor box silent", _box("leader-motor1", muted=True), "FAULT", "joint-lost", 200,
           note="its heartbeat is asked for every 100 ms"),
     Fault("force request not answered once", _box("follower-ft", mute=1), "ENABLED",
           "sensor-late", note=_PATIENCE),
-    Fault("force board silent", _box("follower-ft", mute=EVER), "PAUSED", "force-stale", 6,
+    Fault("force board silent", _box("follower-ft", mute=EVER), "PAUSED", "force-stale", 4,
           exit="fault"),
+    Fault("force board silent, stale_ms = 0.9", _box("follower-ft", mute=EVER), "PAUSED",
+          "force-stale", over={"boxes": {"follower-ft": {"options": {"stale_ms": 0.9}}}},
+          exit="fault", note="the price: one lost frame pauses too"),
     Fault("force board: second frame lost once", _box("follower-ft", lose_second=1), "ENABLED",
           "sensor-late", note=_PATIENCE),
     Fault("force board: second frames lost", _box("follower-ft", lose_second=EVER), "PAUSED",
-          "force-stale", 6,
+          "force-stale", 4,
           exit="fault"),
     Fault("force board: first frames lost", _box("follower-ft", lose_first=EVER), "PAUSED",
-          "force-stale", 6,
+          "force-stale", 4,
           exit="fault"),
     Fault("force board: frames 4 ms late", _box("follower-ft", delay_second=EVER), "PAUSED",
-          "force-stale", 6,
+          "force-stale", 4,
           exit="fault"),
+    Fault("force board: second frames sent twice", _box("follower-ft", twice_second=EVER),
+          "ENABLED", ""),
+    Fault("force board: first frames sent twice", _box("follower-ft", twice_first=EVER),
+          "ENABLED", ""),
     Fault("force board: frames too short", _box("follower-ft", short=EVER), "PAUSED",
-          "force-stale", 6,
+          "force-stale", 4,
           exit="fault"),
     Fault("force board: one short frame", _box("follower-ft", short=1), "ENABLED",
           "sensor-late", note=_PATIENCE),
     Fault("force board: gauge cable broken", _box("follower-ft", stuck={3: 32767}), "PAUSED", "",
-          20, exit="fault"),
-    Fault("force board bus-off", _box("follower-ft", failures=256), "PAUSED", "force-stale", 6,
+          exit="fault"),
+    Fault("force board bus-off", _box("follower-ft", failures=256), "PAUSED", "force-stale", 4,
           exit="fault"),
     Fault("force board without power", _box("follower-ft", powered=False), "PAUSED",
-          "force-stale", 6,
+          "force-stale", 4,
           exit="fault"),
 )  # fmt: skip
 

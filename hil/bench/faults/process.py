@@ -162,7 +162,9 @@ def _judge(
         ticks = round(1e3 * told["silent_s"]) if told.get("silent_s") else None
         note = f"watchdog: {told.get('why', 'silent')}"
     fine = {
-        "cut": lost <= 100, "zero": lost <= 100, "all": lost == 0, "whole": sequence.size > 300,
+        "cut": lost <= 100, "zero": lost <= 100, "all": lost == 0,
+        # a busy machine skips ticks; what counts is how far the record reaches
+        "whole": bool(sequence.size) and int(sequence[-1]) > 300,
     }[must]  # fmt: skip
     if must == "whole":
         note = said.strip().splitlines()[0][:90] if said.strip() else "nothing was said"

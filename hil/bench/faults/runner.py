@@ -80,7 +80,7 @@ def one(fault: Fault, path: Path) -> Outcome:
     over: dict[str, Any] = {**fault.over, "loop": loop}
     if fault.wire:
         over["backend"] = "sim-wire"
-    tampered = Tampered(fault.strike, fault.at)
+    tampered = Tampered(fault.strike, fault.at, fault.steered)
     config = load_rig(rig_path(fault.rig), over)
     try:
         app.run(config, None, 1, "lockstep", path, opener=tampered.open, timer=tampered.timer)
@@ -107,10 +107,11 @@ def judge(fault: Fault, struck: int, path: Path) -> Outcome:
     zero = first is None or not codes[first:].any()
     last = json.loads(box.topics["/events"].data[-1])
     lost = int(timing[-1, _AT["dropped"]])
-    right = (
+    right = bool(
         found == fault.state and (taken is None or taken <= fault.within) and zero
         and (not fault.condition or fault.condition in said) and last["name"] == fault.ends
-        and not box.truncated and (not fault.condition or fault.condition in BITS)
+        and np.all(np.diff(topic.times) > 0) and not box.truncated
+        and (not fault.condition or fault.condition in BITS)
     )  # fmt: skip
     return Outcome(
         fault.name, fault.state, found, taken, said, zero, last["name"], lost, right, fault.note

@@ -26,9 +26,12 @@ def verdict(outcomes: Sequence[Outcome]) -> str:
     right = sum(o.right for o in outcomes)
     soon = [o.ticks for o in outcomes if o.ticks is not None and o.state in ("PAUSED", "FAULT")]
     two = sum(t <= 2 for t in soon)
+    later = [f"{o.name} ({o.ticks})" for o in outcomes if o.state in ("PAUSED", "FAULT")
+             and o.ticks is not None and o.ticks > 2]  # fmt: skip
     return (
         f"{right} of {len(outcomes)} faults lead to the expected state; of {len(soon)} that stop "
-        f"the motors in lockstep {two} do so within two ticks of the strike."
+        f"the motors in lockstep {two} do so within two ticks of the strike"
+        + (f"; later, in ticks: {', '.join(later)}." if later else ".")
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from hil.config import RigConfig
 from hil.rig import Rig, open_rig
-from hil.runtime.clock import VirtualClock
+from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.signals.device import Controller, FloatArray, Status
 
 #: When faults strike [tick].
@@ -32,10 +32,15 @@ class Tampered:
         Called with (counts, gauges) (arms, 3), (arms, 6) after every tick of the simulation.
     skip : int
         Periods by which the clock jumps before the next tick.
+    sources : Sources or None
+        Where a `steered` session has its time from, through the clock of real sessions.
     """
 
-    def __init__(self, strike: Callable[[Tampered], None], at: int = STRIKE) -> None:
+    def __init__(
+        self, strike: Callable[[Tampered], None], at: int = STRIKE, steered: bool = False
+    ) -> None:
         self._strike, self.at = strike, at
+        self.sources = Sources() if steered else None
         self.rig: Rig
         self.js: Callable[[FloatArray, FloatArray, Status], Status] | None = None
         self.cf: Callable[[FloatArray, Status], Status] | None = None
@@ -60,9 +65,11 @@ class Tampered:
         self.rig = rig
         return rig
 
-    def timer(self, period_ns: int) -> VirtualClock:
-        """Virtual clock that tells this of its ticks and jumps when told."""
-        return _Jumping(self, period_ns)
+    def timer(self, period_ns: int) -> Clock:
+        """Clock that tells this of its ticks: a virtual one, or the real one on other sources."""
+        if self.sources is None:
+            return _Jumping(self, period_ns)
+        return _Steered(self, period_ns, self.sources)
 
     def begin(self, tick: int) -> None:
         """A tick begins: strike when it is time."""
@@ -86,6 +93,44 @@ class _Jumping(VirtualClock):
         skipped, self._tampered.skip = self._tampered.skip, 0
         self.missed += skipped
         return super().wait(tick + skipped)
+
+
+class Sources:
+    """Monotonic time and time of day of a machine, in virtual time: asking takes 5 us.
+
+    Attributes
+    ----------
+    mono_ns, wall_ns : int
+        What its clocks show.
+    """
+
+    def __init__(self) -> None:
+        self.mono_ns, self.wall_ns = 10**12, 1_800_000_000 * 10**9
+
+    def now(self) -> int:
+        """Monotonic time [ns]."""
+        self.mono_ns += 5000
+        self.wall_ns += 5000
+        return self.mono_ns
+
+    def sleep(self, seconds: float) -> None:
+        """Pass."""
+        self.mono_ns += round(seconds * 1e9)
+        self.wall_ns += round(seconds * 1e9)
+
+    def wall(self) -> int:
+        """Time of day [ns]."""
+        return self.wall_ns
+
+
+class _Steered(MonotonicClock):
+    def __init__(self, tampered: Tampered, period_ns: int, sources: Sources) -> None:
+        super().__init__(period_ns, sources.now, sources.sleep, sources.wall)
+        self._tampered = tampered
+
+    def wait(self, tick: int) -> int:
+        self._tampered.begin(tick)
+        return super().wait(tick)
 
 
 class _Proxy:
@@ -152,6 +197,22 @@ def fill(value: float, status: Status | None = None) -> Callable[..., Any]:
     def answer(*said: Any) -> Any:
         said[0][:] = value
         return status if status is not None else said[-1]
+
+    return answer
+
+
+def delayed(n: int) -> Callable[..., Status]:
+    """For `n` calls give the position and speed of the call before the first once more."""
+    kept: list[Any] = []
+    left = [n]
+
+    def answer(position: Any, velocity: Any, said: Status) -> Status:
+        if not kept:
+            kept.append((np.array(position), np.array(velocity)))
+        elif left[0] > 0:
+            left[0] -= 1
+            position[:], velocity[:] = kept[0]
+        return said
 
     return answer
 
