@@ -15,6 +15,7 @@ from hil.compare.multistep import MultiStep
 from hil.compare.tables import diagnosis_json, ladder_json, sets_of
 from hil.compare.warn import rising
 from hil.compare.words import Files
+from hil.models import catalogue
 
 HELP = "which physical effect is missing"
 EXAMPLE = "hil diagnose run.mcap --model arm.toml --holdout other.mcap --report why.html"
@@ -74,7 +75,7 @@ SENTENCES = {
     "missing-effect": "missing effect found.",
     "ambiguous": "something is missing, but these data cannot say which of several effects it is.",
     "unexplained": "something is missing, and no effect of the catalogue explains it.",
-    "not-identifiable": "these data do not determine the model.",
+    "not-identifiable": "nothing can be concluded from these data.",
     "bad-data": "the recording has faults; nothing fitted to it would mean anything.",
 }
 
@@ -82,6 +83,8 @@ SENTENCES = {
 def text(d: Diagnosis, rungs: list[Rung]) -> str:
     """The diagnosis for a terminal."""
     lines = [f"Verdict: {SENTENCES[d.verdict]}"]
+    if d.verdict == "not-identifiable":
+        lines += [f"  {w}." for _, w in d.warnings]
     for f in d.findings:
         lines += ["", *_finding(f)]
     if d.partial:
@@ -101,7 +104,8 @@ def text(d: Diagnosis, rungs: list[Rung]) -> str:
         lines += [
             f"  - {' / '.join(s.effects)}: {s.why}. Would show it: {s.experiment}." for s in sets
         ]
-    notes = [w for code, w in d.warnings if not code.startswith("impossible")]
+    said = d.verdict == "not-identifiable"
+    notes = [w for code, w in d.warnings if not (said or code.startswith("impossible"))]
     lines += ["", *(f"  note: {w}" for w in notes)] if notes else []
     return "\n".join(lines)
 
@@ -115,7 +119,9 @@ def _finding(f: Finding) -> list[str]:
     ]
     for name, v in f.parameters.items():
         error = f" +- {v.stderr:.2g}" if v.stderr == v.stderr else ""
-        lines.append(f"    {name} = {v.value:.4g}{error} {v.unit}")
+        lines.append(f"    {name} = {v.value:.4g}{error} {v.unit.removeprefix('1')}".rstrip())
+    if caveat := catalogue.get(f.effect).caveat:
+        lines.append(f"    read with care: {caveat}")
     if f.rivals:
         lines.append(f"    rivals with this motion: {', '.join(f.rivals)}")
     return lines

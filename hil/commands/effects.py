@@ -65,7 +65,7 @@ def as_dict(e: Effect) -> dict[str, object]:
     return {
         "name": e.name, "family": e.family, "equation": e.equation, "signature": e.signature,
         "confused_with": list(e.confused_with), "shown_by": e.shown_by, "source": e.source,
-        "explains": list(e.explains), "parameters": params,
+        "explains": list(e.explains), "parameters": params, "caveat": e.caveat,
     }  # fmt: skip
 
 
@@ -88,5 +88,6 @@ def describe(e: Effect) -> str:
         f"  mistaken for       {', '.join(e.confused_with) or 'nothing'}",
         f"  motion to show it  {e.shown_by}",
         f"  source             {e.source}",
+        *([f"  read with care     {e.caveat}"] if e.caveat else []),
     ]
     return "\n".join(lines)

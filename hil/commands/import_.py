@@ -74,8 +74,10 @@ def run(args: argparse.Namespace) -> int:
         return _every_run(args, table, mapping, output)
     outputs.check(output, ".mcap", _inputs(args, table))
     found = _read(args, table, mapping, args.which)
+    place = output.with_name(f"{output.stem}.model.toml")
+    _refuse_urdf(place, found.recordings)
     _write(output, found, table)
-    model = _model(output.with_name(f"{output.stem}.model.toml"), found.recordings)
+    model = _model(place, found.recordings)
     if args.json:
         sys.stdout.write(json.dumps(_as_dict(output, found, model)) + "\n")
     else:
@@ -102,6 +104,7 @@ def _every_run(
     if not folder.resolve().parent.is_dir():
         raise ConfigError(f"cannot write {folder}: its parent folder does not exist; make it first")
     found = {folder / f"{n}.mcap": _read(args, table, mapping, n) for n in _bar("read", names)}
+    _refuse_urdf(folder / "model.toml", next(iter(found.values())).recordings)
     folder.mkdir(exist_ok=True)
     for path in found:
         outputs.check(path, ".mcap", _inputs(args, table))
@@ -173,9 +176,15 @@ def _write(output: Path, found: Imported, table: Path) -> None:
         Path(temporary).unlink(missing_ok=True)
 
 
+def _refuse_urdf(model: Path, recordings: tuple[Recording, ...]) -> None:
+    """Refuse, before anything is written, a new model whose URDF would replace another robot."""
+    if not model.exists():
+        outputs.refuse_urdf(model, recordings[0].robot.urdf)
+
+
 def _model(path: Path, recordings: tuple[Recording, ...]) -> tuple[Path, bool]:
     """Path of the model beside the session, and whether it was written now."""
-    if path.exists() or path.with_suffix(".urdf").exists():
+    if path.exists():
         return path, False
     write_model(base_model(recordings[0].robot), path)
     return path, True
@@ -210,11 +219,21 @@ def _text(output: Path, found: Imported, model: Path, written: bool) -> str:
         lines.append(f"time begins before 0: shifted by {float(shift):.6g} s")
     if found.unused:
         lines.append(f"not used: {', '.join(found.unused)}")
-    state = "base model written" if written else "model kept as it was"
-    lines.append(f"{model}: {state}")
+    lines.append(f"{model}: {'base model written' if written else _kept(model, found)}")
     faults = [f for r in found.recordings for f in check(r)]
     lines += [_fault(f) for f in faults if f.severity != "error"]
     return "\n".join([*lines, *_next(output, model, faults)]) + "\n"
+
+
+def _kept(model: Path, found: Imported) -> str:
+    """What is said of a model that was there already, and whether it is of another robot."""
+    beside, urdf = model.with_suffix(".urdf"), found.recordings[0].robot.urdf
+    if not urdf or (beside.is_file() and beside.read_text(encoding="utf-8") == urdf):
+        return "model kept as it was"
+    return (
+        f"model kept as it was, of another robot than this session; delete it and {beside.name} "
+        "for a new one"
+    )
 
 
 def _next(output: Path, model: Path, faults: list[Finding]) -> list[str]:

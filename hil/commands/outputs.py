@@ -170,5 +170,5 @@ def refuse_urdf(path: str | Path | None, urdf: str) -> None:
     if beside.exists() and beside.read_text(encoding="utf-8", errors="replace") != urdf:
         raise ConfigError(
             f"cannot write {path}: its robot goes into {beside} beside it, where another file is; "
-            "nothing was touched, choose another name"
+            "nothing was touched, move that file away or choose another name"
         )

@@ -1,9 +1,12 @@
-"""When the data do not determine the model at all, and why."""
+"""When nothing can be concluded from the data, and why."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.contact import penetration
 
@@ -12,7 +15,7 @@ DISAGREEMENT = 1.5
 #: Rows with at least this share of the deepest penetration count as contact.
 TOUCHING = 0.02
 
-#: Shortest recording, all runs together, from which effects are named [s].
+#: Shortest recording from which effects are named, all runs without the filter's edges [s].
 SHORTEST = 4.0
 
 
@@ -31,16 +34,23 @@ def undetermined(result: FitResult) -> list[tuple[str, str]]:
     if np.all(speed < 4 * problem.speed_noise):
         names = ", ".join(problem.joints)
         return [("no-motion", f"{names}: no motion above what the encoders resolve; record motion")]
-    seconds = problem.n / problem.rate
-    if seconds < SHORTEST:
-        return [
-            (
-                "too-short",
-                f"{seconds:.2g} s of recording are too little to tell an effect from chance; "
-                f"record {SHORTEST:g} s of motion or more",
-            )
-        ]
-    return []
+    return _short(problem)
+
+
+def _short(problem: Problem) -> list[tuple[str, str]]:
+    """Reason if all runs together are too short to name an effect."""
+    left = problem.n / problem.rate
+    if left >= SHORTEST:
+        return []
+    recorded = sum(float(r.t[-1] - r.t[0]) for r in problem.recordings)
+    # the filter's edges go at both ends of every run, so they come on top
+    wanted = math.ceil(SHORTEST + max(recorded - left, 0.0))
+    text = (
+        f"{recorded:.2g} s are recorded, of which {left:.2g} s are left when the filter has cut "
+        f"its edges; {SHORTEST:g} s must be left to tell an effect from chance. Record "
+        f"{wanted} s or more, or give several runs"
+    )
+    return [("too-short", text)]
 
 
 def _rigid(result: FitResult) -> list[tuple[str, str]]:

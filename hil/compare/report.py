@@ -201,7 +201,9 @@ def effects(m: Material) -> str:
         parts.append(f"<h3>{escape(words.where(f))}</h3>")
         parts.append(paragraph(f"{words.meaning(f.effect)}. Equation: {effect.equation}"))
         values = [words.value(n, v) for n, v in f.parameters.items()]
-        parts += [items(values), figure, paragraph(f"Source: {effect.source}.", "note")]
+        parts += [items(values), figure]
+        parts += [paragraph(f"Read with care: {effect.caveat}.", "note")] if effect.caveat else []
+        parts.append(paragraph(f"Source: {effect.source}.", "note"))
     return section("The learnt effect over the data", *parts)
 
 

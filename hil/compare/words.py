@@ -74,9 +74,7 @@ def headline(m: Material) -> str:
         j = m.concerned(1)[0]
         return f"Something is missing on {m.joints[j]}, and no effect of the catalogue explains it."
     if m.verdict == "not-identifiable":
-        return (
-            "These data do not determine the model, so nothing can be said about missing effects."
-        )
+        return "Nothing can be concluded from these data, neither for nor against the model."
     if m.verdict == "bad-data":
         return "The recording has faults; anything fitted to it would be meaningless."
     j = worst(m)

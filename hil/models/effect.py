@@ -109,6 +109,9 @@ class Effect(ABC):
     relative: ClassVar[bool] = False
     #: Whether all coefficients must lie within their bounds for the effect to be proposed.
     strict: ClassVar[bool] = False
+    #: What the law leaves out, where that moves its values by more than their standard errors,
+    #: which count noise alone; said beside the values.
+    caveat: ClassVar[str] = ""
     #: Whether the columns are [sin, cos] of 2 pi f t with f the only shape: screened at once.
     spectral: ClassVar[bool] = False
 

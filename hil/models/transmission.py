@@ -125,6 +125,10 @@ class Backlash(Effect):
     confused_with = ("presliding", "elastic-transmission", "coulomb")
     shown_by = "small reversals under a load that changes its sign"
     source = "Nordin, Gutman, Automatica 38, 2002"
+    caveat = (
+        "its flanks are hard and without bounce: where they are springy, width and share may be "
+        "wrong by tens of percent, and the standard errors count noise alone"
+    )
     params = (Param("a", "1", "share of the load behind the play", 0.0, 1.5),)
     shape = (Param("b", "{x}", "width of the play", 0.0),)
 

@@ -19,7 +19,8 @@ FloatArray = NDArray[np.float64]
 
 #: Below these rates [Hz] an identification is doubtful, or hopeless.
 SLOW_HZ, HOPELESS_HZ = 100.0, 20.0
-SHORT_S, HOPELESS_SAMPLES = 1.0, 20
+#: A run from which alone no effect is named (`hil.compare.identifiable`) [s], and no fit made.
+SHORT_S, HOPELESS_SAMPLES = 4.0, 20
 _GAP, _JITTER = 3.0, 0.5
 #: No measured quantity reaches this in any unit; NaN and infinity do not pass it either.
 _ABSURD = 1e50
@@ -116,7 +117,10 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[Finding]:
         text += hint if severity == "error" else ""
         yield Finding("sample-rate", severity, "", text)
     if t[-1] - t[0] < SHORT_S:
-        text = f"{t[-1] - t[0]:.3g} s of data; parameters will be uncertain, record longer"
+        text = (
+            f"{t[-1] - t[0]:.3g} s of data: parameters will be uncertain, and no effect is named "
+            f"from less than {SHORT_S:g} s; record longer, or give several runs together"
+        )
         yield Finding("too-short", "warning", "", text)
     if gaps.any():
         first = t[np.flatnonzero(np.diff(t) > _GAP * period)[0]]

@@ -184,7 +184,7 @@ def test_not_identifiable(tmp_path: Path) -> None:
     d = diagnose([still], model(run))
     assert d.verdict == "not-identifiable"
     page = written(d, tmp_path)
-    assert "do not determine the model" in page.text
+    assert "Nothing can be concluded" in page.text
     assert "record motion" in page.text
 
 

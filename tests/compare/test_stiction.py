@@ -80,4 +80,4 @@ def test_a_few_seconds_name_nothing() -> None:
     run = stiction_run(1, seconds=3.0)
     out = diagnose([run], base_model(run.robot))
     assert out.verdict == "not-identifiable"
-    assert "too little" in out.warnings[0][1]
+    assert "Record 5 s or more" in out.warnings[0][1]

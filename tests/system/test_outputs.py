@@ -159,6 +159,29 @@ def test_import_keeps_what_it_did_not_make(folder, capsys):
     assert read_metadata("s.mcap")["import"]["table"] == "other.csv"
 
 
+URDF = """<robot name="a"><link name="base"/><link name="rod"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" effort="9" velocity="9"/></joint></robot>"""
+
+
+def test_import_again_when_the_model_is_gone_but_its_urdf_is_left(folder, capsys):
+    for name, text in (("arm.urdf", URDF), ("other.urdf", URDF.replace('"1"/>', '"2"/>', 1))):
+        (folder / name).write_text(text)
+    words = ["import", "run.csv", "-o", "r.mcap", "--robot", "arm.urdf"]
+    assert main(words) == 0
+    model = (folder / "r.model.toml").read_text()
+    (folder / "r.model.toml").unlink()
+    assert main(words) == 0  # the same robot: the model is made again
+    assert (folder / "r.model.toml").read_text() == model
+    capsys.readouterr()
+    assert main([*words[:-1], "other.urdf"]) == 0
+    assert "of another robot than this session" in capsys.readouterr().out
+    assert (folder / "r.model.toml").read_text() == model
+    (folder / "r.model.toml").unlink()
+    refused(capsys, "import run.csv -o r.mcap --robot other.urdf", "r.model.urdf", "move that file")
+
+
 def test_import_of_a_hopeless_table_says_so_last(folder, capsys):
     Path("short.csv").write_text("\n".join(Path("run.csv").read_text().split("\n")[:6]) + "\n")
     assert main(["import", "short.csv", "-o", "short.mcap"]) == 0
