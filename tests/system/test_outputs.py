@@ -159,14 +159,11 @@ def test_import_keeps_what_it_did_not_make(folder, capsys):
     assert read_metadata("s.mcap")["import"]["table"] == "other.csv"
 
 
-URDF = """<robot name="a"><link name="base"/><link name="rod"><inertial><mass value="1"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 0 1"/>
-<limit lower="-2" upper="2" effort="9" velocity="9"/></joint></robot>"""
-
-
 def test_import_again_when_the_model_is_gone_but_its_urdf_is_left(folder, capsys):
-    for name, text in (("arm.urdf", URDF), ("other.urdf", URDF.replace('"1"/>', '"2"/>', 1))):
+    from record_urdf import URDF
+
+    other = URDF.replace('effort="9"', 'effort="7"')
+    for name, text in (("arm.urdf", URDF), ("other.urdf", other)):
         (folder / name).write_text(text)
     words = ["import", "run.csv", "-o", "r.mcap", "--robot", "arm.urdf"]
     assert main(words) == 0
