@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 
 from hil.record.frames import RX, SILENCE, START, TX, Frame
 
-#: Steps of time in which background work is done [ns], and how often in one while more is due.
-STEP_NS, MOST_STEPS = 1_000_000, 64
+#: Steps of time in which background work is done [ns].
+STEP_NS = 1_000_000
 #: Stream whose frames come without being asked for.
 STREAMED = "bulk"
 #: Differences that are kept as text.
@@ -85,11 +85,15 @@ class Replay:
         return lambda: self._steps.pop(name, None) and None
 
     def _work(self) -> None:
+        """Background work: once, and on while more of a stream is due and is taken."""
+        waiting = self._answers.get(STREAMED, ())
         for step in list(self._steps.values()):
-            for _ in range(MOST_STEPS):
+            left = -1
+            while True:
                 step()
-                if not self.due(STREAMED):
+                if not self.due(STREAMED) or len(waiting) == left:
                     break
+                left = len(waiting)
 
     def put(self, key: str, data: bytes) -> None:
         """The driver sends a frame."""
