@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from hil.commands import outputs, plugins
-from hil.errors import ConfigError, DataError
+from hil.errors import ConfigError
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, base_model
-from hil.record.checks import check
 from hil.record.reader import load_all
 from hil.record.recording import Recording
 
@@ -78,7 +77,6 @@ def load(
     arm = args.arm or (model.arm if model else "") or None
     runs = load_all(paths, arm)
     held = load_all(others, arm or runs[0].arm)
-    _fit_to_judge(others, held)
     if note := runs[0].metadata.get("note"):
         log(note)
     robot = runs[0].robot
@@ -122,17 +120,6 @@ def model_file(path: str) -> RobotModel:
             "'hil fit SESSION.mcap -o MODEL.toml' writes one"
         )
     return read_model(path)
-
-
-def _fit_to_judge(paths: Sequence[str], held: Sequence[Recording]) -> None:
-    """Refuse held-out sessions whose faults would make every error meaningless."""
-    for path, run in zip(paths, held, strict=True):
-        errors = [f.text for f in check(run) if f.severity == "error"]
-        if errors:
-            raise DataError(
-                f"held-out session {path} has faults, nothing can be judged on it: "
-                f"{'; '.join(errors[:3])}. Run 'hil info {path}', then mend or leave it out."
-            )
 
 
 def _same_joints(path: str, run: Recording, first: Recording) -> None:

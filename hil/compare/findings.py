@@ -11,6 +11,7 @@ from hil.compare.ambiguity import Indistinguishable
 from hil.compare.evidence import NOTHING, Candidate, Evidence
 from hil.compare.fallback import Share
 from hil.compare.heldout import HeldOut
+from hil.errors import DataError
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.model import Range, RobotModel, Value
@@ -89,13 +90,29 @@ class Diagnosis:
 
     @property
     def result(self) -> FitResult:
-        """Fit of the last rung."""
+        """Fit of the last rung; DataError if nothing was fitted (verdict ``"bad-data"``)."""
+        self._fitted()
         return self.ladder[-1].result
 
     @property
     def model(self) -> RobotModel:
-        """The improved model; the first one where nothing is named."""
+        """The improved model; the first one where nothing is named.
+
+        Raises
+        ------
+        DataError
+            If nothing was fitted (verdict ``"bad-data"``): then there is no model.
+        """
+        self._fitted()
         return (self.ladder[-1] if self.findings else self.ladder[0]).result.model
+
+    def _fitted(self) -> None:
+        if not self.ladder:
+            faults = "; ".join(text for _, text in self.warnings[:3])
+            raise DataError(
+                f"this diagnosis holds no model: its verdict is {self.verdict!r} and nothing was "
+                f"fitted ({faults}); mend the recording, see 'hil info'"
+            )
 
 
 def describe(c: Candidate, problem: Problem) -> str:

@@ -15,7 +15,8 @@ from hil.identify.problem import Problem
 from hil.identify.regression import basis
 from hil.identify.result import FitResult, relative
 from hil.identify.validity import outside
-from hil.record.recording import Recording
+from hil.record.checks import check
+from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
 FOLDS = 5
@@ -104,12 +105,9 @@ class Examiner:
         self._problem = problem
         self._other: Problem | None = None
         if holdout:
-            other = holdout[0]
-            if other.joints != problem.joints:
-                raise DataError(
-                    f"held-out session {other.name!r} has joints {', '.join(other.joints)}, the "
-                    f"fitted ones {', '.join(problem.joints)}; give sessions of one robot"
-                )
+            for other in holdout:
+                _of_robot(other, problem)
+                _sound(other)
             _other_than(problem.recordings, holdout)
             self._other = Problem(
                 holdout, problem.source, problem.explains, rates=problem.rates, span=problem.span
@@ -139,6 +137,36 @@ class Examiner:
         if self._other is None:
             return None
         return np.asarray(floor_of(fit(self._other, result.model), evidence).rms)
+
+
+def _of_robot(other: Recording, problem: Problem) -> None:
+    """Refuse a held-out run of another robot."""
+    if other.joints != problem.joints:
+        raise DataError(
+            f"held-out session {other.name!r} has joints {', '.join(other.joints)}, the "
+            f"fitted ones {', '.join(problem.joints)}; give sessions of one robot"
+        )
+    ours, theirs = problem.recordings[0].robot, other.robot
+    if _named(ours) and _named(theirs) and ours.preset != theirs.preset:
+        raise DataError(
+            f"held-out session {other.name!r} is of the robot {theirs.preset!r}, the fitted ones "
+            f"of {ours.preset!r}; give sessions of one robot"
+        )
+
+
+def _named(robot: RobotSource) -> bool:
+    """Whether a session says of which known robot it is; axes may be anybody's."""
+    return not robot.urdf and robot.preset not in ("", "single-axis")
+
+
+def _sound(run: Recording) -> None:
+    """Refuse a held-out run whose faults would make every error meaningless."""
+    errors = [f.sentence for f in check(run) if f.severity == "error"]
+    if errors:
+        raise DataError(
+            f"held-out session {run.name!r} has faults, nothing can be judged on it: "
+            f"{'; '.join(errors[:3])}. See 'hil info', then mend or leave it out."
+        )
 
 
 def _other_than(fitted: list[Recording], holdout: list[Recording]) -> None:
