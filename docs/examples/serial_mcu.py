@@ -88,9 +88,6 @@ class SerialMcu:
         except OSError as error:
             self.trouble = f"box {self.name!r}: {error}."
 
-    def flush(self):
-        return Status.LOST if self.trouble else Status.OK
-
     def power(self, on):
         self._on, self._codes = int(on), [0, 0, 0]
         self._send()
