@@ -71,17 +71,16 @@ def as_dict(e: Effect) -> dict[str, object]:
 
 def describe(e: Effect) -> str:
     """One effect for a terminal."""
-    unit = str.maketrans({"{": "", "}": ""})
     lines = [
         f"{e.name} ({e.family}): {(e.__doc__ or '').strip().splitlines()[0]}",
         "",
         f"  {e.equation}",
         "",
     ]
+    wide = max((len(_unit(p.unit)) for p in (*e.params, *e.shape)), default=0) + 2
     for p in (*e.params, *e.shape):
         kind = "shape" if p in e.shape else "linear"
-        text = p.unit.replace("{F}", "N m|N").replace("{x}", "rad|m").translate(unit)
-        lines.append(f"  {p.name:6s} {kind:7s} [{text}]  {p.text}")
+        lines.append(f"  {p.name:6s} {kind:7s} {f'[{_unit(p.unit)}]':{wide}s}  {p.text}")
     lines += [
         "",
         f"  shows itself by    {e.signature}",
@@ -91,3 +90,10 @@ def describe(e: Effect) -> str:
         *([f"  read with care     {e.caveat}"] if e.caveat else []),
     ]
     return "\n".join(lines)
+
+
+def _unit(unit: str) -> str:
+    """A unit on a turning joint, and on a sliding one where it differs."""
+    turning = unit.replace("{F}", "N m").replace("{x}", "rad")
+    sliding = unit.replace("{F}", "N").replace("{x}", "m")
+    return turning if turning == sliding else f"{turning}, or {sliding}"

@@ -38,6 +38,12 @@ MULTI_STEP = (
     " Right: the model is started from measured states, driven with the measured effort and "
     "compared with where the robot went; lower is better."
 )
+#: What axes are called where a feature's own name would not say it.
+_AXES = {
+    "since-reversal": "time since reversal",
+    "distance-since-reversal": "distance since reversal",
+    "load": "transmitted load",
+}
 #: Views over unevenly spaced bins, drawn with bins of equal width.
 UNEVEN = ("speed", "since-reversal", "distance-since-reversal", "load")
 
@@ -164,9 +170,7 @@ def _reach(view: View) -> float:
 
 
 def _title(view: View) -> str:
-    return (
-        "over time since reversal" if view.feature == "since-reversal" else f"over {view.feature}"
-    )
+    return f"over {_AXES.get(view.feature, view.feature)}".replace("transmitted ", "")
 
 
 def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, legend: bool) -> None:
@@ -201,6 +205,4 @@ def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, lege
 
 
 def _axis(feature: str) -> str:
-    return {"since-reversal": "time since reversal", "load": "transmitted load"}.get(
-        feature, feature
-    )
+    return _AXES.get(feature, feature)

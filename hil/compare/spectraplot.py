@@ -43,7 +43,12 @@ def _figure(m: Material, j: int, found: list[list[Spectrum]]) -> str:
             fig.add_trace(trace, row=row, col=column)
         unit = "Hz" if s.unit == "Hz" else f"periods per {s.unit[2:]}"
         low, high = np.log10([s.x[s.x > 0].min(), s.x.max()])
-        fig.update_xaxes(title_text=unit, type="log", range=[low, high], row=row, col=column)
+        ticks = _ticks(float(low), float(high))
+        fig.update_xaxes(
+            title_text=unit, type="log", range=[low, high], tickmode="array", tickvals=ticks,
+            ticktext=[f"{x:g}" for x in ticks], row=row, col=column,
+        )  # fmt: skip
+        fig.update_yaxes(tickformat="~g", row=row, col=column)
         if column == 1:
             fig.update_yaxes(title_text=f"amplitude [{m.effort_unit(j)}]", row=row, col=column)
     text = (
@@ -52,3 +57,11 @@ def _figure(m: Material, j: int, found: list[list[Spectrum]]) -> str:
         "time, something that turns or hums whatever the arm does."
     )
     return embed(fig, f"spectra-{j + 1}", text)
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """1, 2 and 5 of every decade between two powers of ten; every decade alone over many."""
+    steps = (1.0, 2.0, 5.0) if high - low < 2.5 else (1.0,)
+    decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
+    every = [round(s * 10.0**k, 9) for k in decades for s in steps]
+    return [x for x in every if 10**low <= x <= 10**high]

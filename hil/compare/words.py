@@ -129,7 +129,7 @@ def _chance(p: float) -> str:
 def _errors(m: Material, f: Finding) -> str:
     text = (
         f"held-out error {f.relative_before:.2f} % before, {f.relative_after:.2f} % after "
-        f"(standard error {f.se:.2f})"
+        f"(standard error {f.se:.2g})"
     )
     if f.joint in m.joints:
         text += f", noise floor {m.relative_floor(m.joints.index(str(f.joint))):.2f} %"
