@@ -6,7 +6,6 @@ of the others; the world that the simulated boxes stand in is a row of its own.
 
 from __future__ import annotations
 
-import gc
 import tempfile
 import time
 from collections.abc import Callable
@@ -25,6 +24,7 @@ from hil.rigs import rig_path
 from hil.runtime.clock import VirtualClock
 from hil.runtime.frame import FrameLayout
 from hil.runtime.loop import Loop
+from hil.runtime.realtime import arranged
 from hil.signals.bus import Bus, Step
 from hil.signals.device import FloatArray
 
@@ -33,6 +33,9 @@ TICKS, WARM_UP, SECONDS = 5000, 500, 20.0
 #: Longest tick at the 99th percentile [us], and least speeds [times real time].
 TICK_US = 250.0
 SPEEDS = {"sim": 20.0, "sim-wire": 5.0}
+#: After so many ticks the processor is left to others for a while [s]: ticks here do not wait for
+#: each other, and the operating system takes the real-time class from who never rests.
+BREATH, REST_S = 1000, 0.02
 #: Rows of what stands at the far end of the wires, and of processor time.
 WORLD, PROCESSOR = "simulated world and boxes", "whole tick, processor time"
 #: Time that passes, whatever the processor does [ns].
@@ -112,6 +115,8 @@ class Speed:
 def costs(rig_name: str = "teleop", ticks: int = TICKS) -> list[Cost]:
     """Costs of every driver on its simulated wire; the last row is the whole tick.
 
+    The ticks follow each other without a pause, in a thread that is arranged as the loop of a
+    session in real time, see `hil.runtime.realtime`.
     The row before it is the processor time of whole ticks: what other programs on the same
     processors take is not in it.
     """
@@ -183,9 +188,7 @@ def _measure(
     """Times [ns] of every part and of the whole tick; (ticks, parts + 1)."""
     names = list(watch.now)
     rows = np.zeros((ticks, len(names) + 1))
-    gc.collect()
-    gc.disable()  # as a session in real time does
-    try:
+    with arranged():  # as a session in real time is
         for k in range(-WARM_UP, ticks):
             for name in names:
                 watch.now[name] = 0
@@ -195,8 +198,8 @@ def _measure(
             if k >= 0:
                 rows[k, :-1] = [watch.now[name] for name in names]
                 rows[k, -1] = whole
-    finally:
-        gc.enable()
+            if k % BREATH == 0:
+                time.sleep(REST_S)
     return rows
 
 

@@ -14,6 +14,7 @@ from hil.bench.diagnosis import cases, runner, tables
 from hil.commands import benchloop, common, identifytable, outputs, plugins
 from hil.errors import ConfigError
 from hil.rigs import rig_path
+from hil.runtime.realtime import arranged
 
 HELP = "the published benchmarks: hidden effects, speed, and the three public recordings"
 EXAMPLE = "hil bench diagnosis --quick"
@@ -202,6 +203,8 @@ def _wire(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     rows = [[c.name, f"{c.median:.1f}", f"{c.p99:.1f}"] for c in costs]
     whole = costs[-1].p99
     text = common.table(["a tick of rigs/teleop.toml, sim-wire", "median us", "p99 us"], rows)
+    with arranged() as found:
+        text += f"\n  arranged as a session in real time: {found.as_text()}"
     text += f"\n  p99 of the whole tick: {_met(whole <= wire.TICK_US)} ({wire.TICK_US:g} us)\n\n"
     rows = [
         [s.backend, f"{s.wall:.1f}", f"{s.cpu:.1f}", f"{wire.SPEEDS[s.backend]:g}",
