@@ -6,12 +6,13 @@ operator -> leader --c1 motion, c3 force--> follower -> environment
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numba as nb
 import numpy as np
 
-from controllers import channel, compensation, dynamics, ela, geometry
+from controllers import channel, compensation, dynamics, ela, geometry, observer
 from controllers.lawrence_config import AXES, SHAPES, LawrenceConfig
 from hil.errors import ConfigError
 from hil.estimate import online
@@ -104,19 +105,14 @@ def torque(a: int, q: Any, v: Any, force: Any, c: Any, w: Any, y: Any) -> None:
 def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
     """Momentum observer of arm `a`: the force ON its tip without a sensor.
 
-    r = K (M q' - int(tau_c + C^T q' - N - tau_f + r) dt), F = J^-T r: the external torque
-    through a first-order low-pass of corner K.  Memory per arm: integral (3,), torque sent (3,),
+    F = J^-T r with r of `controllers.observer`.  Memory per arm: integral (3,), torque sent (3,),
     force (3,); the torque of this tick is written by `law`.
     """
     at = FIRST_OBSERVED + 9 * a
-    dynamics.momentum(q, v, c.models[a], w.room[:2], w.impulse)
-    dynamics.push(q, v, c.models[a], w.room, w.goal)
-    for i in range(3):
-        flow = x[at + 3 + i] + w.goal[i] - w.rub[a, i]
-        known = x[at + i] + c.period * flow if x[0] > 0.0 else w.impulse[i]
-        # implicit in r: stable for any K
-        w.bend[i] = c.observer * (w.impulse[i] - known) / (1.0 + c.observer * c.period)
-        x_next[at + i] = known + c.period * w.bend[i]
+    observer.advance(
+        x[0] > 0.0, q, v, x[at + 3 : at + 6], w.rub[a], c.models[a], c.observer, c.period,
+        x[at : at + 3], x_next[at : at + 3], w.room, w.impulse, w.goal, w.bend,
+    )  # fmt: skip
     dynamics.solve_transposed(w.jacobian[a], w.bend, w.square, x_next[at + 6 : at + 9])
 
 
@@ -224,6 +220,20 @@ class Lawrence:
         self._c = constants(config, period)
         self._tables = friction_of(config)
         self._w = np.zeros(1, _WORK)[0]
+
+    def judge(self, corner_hz: float) -> None:
+        """Refuse the law if it is not stable with forces that are seen through one more low-pass.
+
+        Both filters count as one whose time constant is their sum.
+
+        Raises
+        ------
+        ConfigError
+            Naming axis, condition and margin.
+        """
+        own = 1.0 / self.config.force_hz if self.config.force_hz else 0.0
+        seen = replace(self.config, force_hz=1.0 / (own + 1.0 / corner_hz))
+        refuse(loops_of(seen), self.period)
 
     def update(
         self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from hil import session
+from hil import companions, session
 from hil.config import RigConfig
 from hil.errors import ConfigError, DataError, DeviceError
 from hil.exits import unwinding_signals
@@ -18,7 +18,6 @@ from hil.rig import Rig, open_rig
 from hil.runtime import commands
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.runtime.conditions import sentence
-from hil.runtime.frame import FrameLayout
 from hil.runtime.loop import Loop
 from hil.runtime.realtime import Arrangement, accompany, arranged
 from hil.runtime.slow import SlowSide, SlowThread
@@ -177,7 +176,7 @@ class _Session:
         aside: Callable[[Path], None],
     ) -> None:  # fmt: skip
         self.config, self.output, self.operator, self.rig = config, output, operator, rig
-        layout = FrameLayout(len(rig.ports), len(rig.controller.state_names))
+        layout = companions.layout(len(rig.ports), rig.controller)
         loop = config.loop
         ring = Ring(loop.ring_rows, layout.width)
         self.timer = (timer or CLOCKS[loop.clock])(loop.period_ns)
@@ -190,7 +189,7 @@ class _Session:
         self.ticks = round(loop.seconds * loop.rate_hz)
         self.writer = session.open_writer(output, config, rig, seed, model, aside)
         self.slow = SlowSide(
-            self.loop, ring, self.writer, session.topics(config, layout),
+            self.loop, ring, self.writer, session.topics(config, layout, rig.controller),
             session.slow_topics(layout), layout, self.statistics, Shop(rig, config),
             operator.schedule, operator.say,
         )  # fmt: skip

@@ -229,6 +229,19 @@ class ControllerConfig:
 
 
 @dataclass(frozen=True)
+class EstimatorConfig:
+    """Table ``[estimators.NAME]``: runs in the loop beside the law, and is recorded every tick.
+
+    `replaces_force` gives the law its force in place of the arm's force sensor.
+    """
+
+    name: str
+    arm: str
+    replaces_force: bool = False
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class RigConfig:
     """A whole rig file.
 
@@ -252,6 +265,7 @@ class RigConfig:
     loop: LoopConfig = field(default_factory=LoopConfig)
     record: RecordConfig = field(default_factory=RecordConfig)
     safety: SafetyConfig = field(default_factory=SafetyConfig)
+    estimators: Mapping[str, EstimatorConfig] = field(default_factory=dict)
     simulation: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -261,6 +275,8 @@ class RigConfig:
             _one_of("arm", device.arm, self.arms)
         for arm in self.controller.arms:
             _one_of("arm of the controller", arm, self.arms)
+        for estimator in self.estimators.values():
+            _one_of("arm of an estimator", estimator.arm, self.controller.arms)
         own = [d.backend for d in self.devices.values()] + [b.backend for b in self.boxes.values()]
         for backend in (self.backend, *filter(None, own)):
             _one_of("backend", backend, BACKENDS)

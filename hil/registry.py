@@ -25,6 +25,11 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "lawrence": "controllers.lawrence",
         "position-force": "controllers.position_force",
     },
+    "hil.estimators": {
+        "force": "controllers.estimators.forces",
+        "friction-network": "controllers.estimators.network",
+        "elastic-ukf": "controllers.estimators.transmission",
+    },
     "hil.taps": {"usb": "drivers.links.usb_tap", "hid": "drivers.links.hid_tap"},
     "hil.velocity": {
         "first-difference": "hil.signals.velocity.methods:FirstDifference",

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hil import registry, wiring
+from hil import companions, registry, wiring
 from hil.boxwire import BoxWire, check_roles
 from hil.config import SIMULATED, RigConfig, parse, within
 from hil.errors import ConfigError, DeviceError
@@ -197,7 +197,7 @@ def check_trajectory(config: RigConfig) -> None:
 
 
 def build_controller(config: RigConfig) -> Controller:
-    """Law of the rig with its parameters."""
+    """Law of the rig with its parameters, and the estimators beside it."""
     with within("controller"):
         law = registry.load("hil.controllers", config.controller.name)
     given = config.controller.parameters
@@ -206,7 +206,7 @@ def build_controller(config: RigConfig) -> Controller:
         built: Controller = law.build(
             parameters, config.controller.arms, config.loop.period_ns * 1e-9
         )
-    return built
+    return companions.accompanied(built, config)
 
 
 def force_sensors(config: RigConfig) -> dict[str, str]:

@@ -15,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from hil import registry
+from hil import companions, registry
 from hil.config import RigConfig
 from hil.errors import ConfigError
 from hil.record.schema import Channel
@@ -56,7 +56,9 @@ def with_run_options(
     return config
 
 
-def topics(config: RigConfig, layout: FrameLayout) -> list[tuple[str, slice]]:
+def topics(
+    config: RigConfig, layout: FrameLayout, controller: Controller
+) -> list[tuple[str, slice]]:
     """Topic -> columns of a row of the ring, in the order in which messages are written."""
     found = []
     for i, arm in enumerate(config.controller.arms):
@@ -64,6 +66,9 @@ def topics(config: RigConfig, layout: FrameLayout) -> list[tuple[str, slice]]:
         found.append((f"/{arm}/setpoint_jf", layout.part("jf", i)))
         found.append((f"/{arm}/measured_cf", layout.part("cf", i)))
     found.append(("/rig/raw", layout.part("words")))
+    first = layout.part("estimates").start
+    for c in companions.beside(controller):
+        found.append((c.topic, slice(first + c.at.start, first + c.at.stop)))
     found.append(("/loop/timing", layout.part("timing")))
     return found
 
@@ -85,7 +90,10 @@ def channels(config: RigConfig, controller: Controller) -> list[Channel]:
     words = tuple(f"{arm}_{word}" for arm in config.controller.arms for word in WORDS)
     units = tuple(unit for _ in config.controller.arms for unit in UNITS)
     found.append(_fields("/rig/raw", words, units, "RigRaw"))
-    states = tuple(name.replace(".", "_") for name in controller.state_names)
+    for c in companions.beside(controller):
+        found.append(_fields(c.topic, c.estimator.names, c.estimator.units, c.estimator.message))
+    own = companions.law_of(controller).state_names
+    states = tuple(name.replace(".", "_") for name in own)
     found.append(_fields("/controller/state", states, ("",) * len(states), "ControllerState"))
     found.append(_fields("/loop/timing", TIMING, TIMING_UNITS, "LoopTiming"))
     return found

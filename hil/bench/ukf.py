@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from hil import registry
+from hil.config import parse
 from hil.errors import ConfigError
 from hil.estimate.ukf import ElasticUkf, UkfConfig
 from hil.estimate.ukf_kernels import N
@@ -26,12 +28,15 @@ class Figures:
         Largest difference of any corrected state from the reference's, in standard deviations.
     steps : int
         Steps compared.
+    loop_us : dict of str to float
+        What estimators cost a tick in the loop, beside a law [us].
     """
 
     compiled_us: float
     reference_us: float
     worst: float
     steps: int
+    loop_us: dict[str, float]
 
 
 def rates(x: FloatArray, u: float, c: UkfConfig) -> FloatArray:
@@ -95,4 +100,36 @@ def measure(steps: int = 2000) -> Figures:
         slow.append(time.perf_counter() - start)
         worst = max(worst, float(np.abs((mine.state - x) / spread).max()))
     blocks = np.array(slow)[: steps // 100 * 100].reshape(-1, 100).mean(1)
-    return Figures(1e6 * min(times), 1e6 * float(blocks.min()), worst, steps)
+    return Figures(1e6 * min(times), 1e6 * float(blocks.min()), worst, steps, in_the_loop())
+
+
+#: What runs beside a law: name of the estimator and its parameters.
+LOOP: dict[str, tuple[str, dict[str, Any]]] = {
+    "momentum observer": ("force", {}),
+    "friction network, 60 nodes": ("friction-network", {}),
+    "three filters": ("elastic-ukf", {}),
+    "three filters and network, 60 nodes": ("elastic-ukf", {"network": {"nodes": 60}}),
+}
+
+
+def in_the_loop(ticks: int = 4000) -> dict[str, float]:
+    """Cost of a tick of each estimator of `LOOP` on a moving arm, best of five runs [us]."""
+    t = PERIOD * np.arange(ticks)
+    q = 0.3 + 0.2 * np.sin(2 * np.pi * np.outer(t, [0.7, 0.9, 1.1]))
+    u = np.zeros((ticks, 12))
+    u[:, :3], u[:, 3:6] = q, np.gradient(q, PERIOD, axis=0)
+    sent, found = 0.02 * np.sign(u[:, 3:6]), {}
+    for said, (name, given) in LOOP.items():
+        kind = registry.load("hil.estimators", name)
+        made = kind.build(parse(kind.Config, given, "bench"), PERIOD)
+        times = []
+        for _ in range(5):
+            past, now, out = np.zeros(made.memory), np.zeros(made.memory), np.zeros(len(made.names))
+            made.update(0, past, u[0], sent[0], now, out)
+            start = time.perf_counter()
+            for k in range(1, ticks):
+                past, now = now, past
+                made.update(2, past, u[k], sent[k - 1], now, out)
+            times.append((time.perf_counter() - start) / (ticks - 1))
+        found[said] = 1e6 * min(times)
+    return found

@@ -252,9 +252,9 @@ def _ukf(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
     f = ukf.measure()
     rows = [["compiled", f"{f.compiled_us:.2f}"], ["filterpy", f"{f.reference_us:.0f}"]]
     text = common.table(["filter of ten states", "us a step"], rows)
-    text += (
-        f"\n  largest difference over {f.steps} steps: {f.worst:.1e} standard deviations of a state"
-    )
+    text += f"\n  largest difference over {f.steps} steps: {f.worst:.1e} standard deviations\n\n"
+    beside = [[said, f"{us:.1f}"] for said, us in f.loop_us.items()]
+    text += common.table(["in the loop, one arm", "us a tick"], beside)
     return text, dict(vars(f))
 
 

@@ -77,10 +77,11 @@ class UkfConfig:
 
 
 _F = np.float64
-_RECORD = np.dtype([
+#: What the kernels of one filter work on.
+RECORD = np.dtype([
     ("x", _F, (N,)), ("now", _F, (N,)), ("p", _F, (N, N)), ("low", _F, (N, N)),
     ("points", _F, (N, WIDE)), ("pars", _F, (6, WIDE)), ("gain", _F, (N,)),
-    ("noise", _F, (N,)), ("w", _F, (4,)), ("c", _F, (3,)), ("variance", _F),
+    ("noise", _F, (N,)), ("w", _F, (4,)), ("c", _F, (4,)), ("variance", _F),
 ])  # fmt: skip
 
 
@@ -101,12 +102,12 @@ class ElasticUkf:
 
     def __post_init__(self) -> None:
         c = self.config
-        self._f = np.zeros(1, _RECORD)[0]
+        self._f = np.zeros(1, RECORD)[0]
         self._f["x"][:4] = self.position, 0.0, self.position, 0.0
         self._f["x"][4:] = np.log(c.start)
         self._f["p"][:] = np.diag([1e-6, 1e-2, 1e-6, 1e-2, *[c.spread] * 6])
         self._f["noise"], self._f["w"] = c.variances(), c.weights()
-        self._f["c"] = 1 / c.motor_inertia, 1 / c.link_inertia, 1 / c.soft
+        self._f["c"] = 1 / c.motor_inertia, 1 / c.link_inertia, 1 / c.soft, 0.0
         self._f["variance"] = c.resolution**2 / 12
 
     @property

@@ -43,11 +43,11 @@ def exp(x: float) -> float:
 
 @nb.njit(cache=True, nogil=True, fastmath=_FAST, inline="always")
 def _rates(a: float, b: float, q: float, v: float, u: float, p: Any, s: int, c: Any) -> Any:
-    """Accelerations of motor and link."""
+    """Accelerations of motor and link; c[3] is a known torque on the link [N m]."""
     d = a - q
     cable = p[0, s] * d + p[1, s] * d * d * d
     motor = (u - p[2, s] * tanh(b * c[2]) - p[3, s] * b - cable) * c[0]
-    link = (cable - p[4, s] * tanh(v * c[2]) - p[5, s] * v) * c[1]
+    link = (cable + c[3] - p[4, s] * tanh(v * c[2]) - p[5, s] * v) * c[1]
     return motor, link
 
 
@@ -63,10 +63,10 @@ def propagate(x: Any, p: Any, u: float, h: float, c: Any) -> None:
         Parameters of the points.
     u, h : float
         Motor torque [N m], step [s].
-    c : ndarray (3,)
-        1/Jm, 1/Jl, 1/v0.
+    c : ndarray (4,)
+        1/Jm, 1/Jl, 1/v0, known torque ON the link [N m].
     """
-    c = (c[0], c[1], c[2])
+    c = (c[0], c[1], c[2], c[3])
     for s in range(WIDE):
         a, b, q, v = x[0, s], x[1, s], x[2, s], x[3, s]
         m1, l1 = _rates(a, b, q, v, u, p, s, c)
@@ -167,6 +167,21 @@ def correct(x: Any, p: Any, y: float, variance: float, gain: Any) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
+def foresee(f: Any, u: float, h: float, parts: int) -> bool:
+    """Predict one period with u = tau [N m]; False once the covariance has lost its sign.
+
+    `parts` Runge-Kutta steps a period: friction turns over within soft J / Fc seconds.
+    """
+    if not cholesky(f.p, f.w[0], f.low):
+        return False
+    draw(f.x, f.low, f.points, f.pars)
+    for _ in range(parts):
+        propagate(f.points, f.pars, u, h / parts, f.c)
+    moments(f.points, f.w, f.noise, f.x, f.p)
+    return True
+
+
+@nb.njit(cache=True, nogil=True)
 def step(f: Any, y: float, u: float, h: float) -> float:
     """One period: correct with y = q_m [rad], then predict with u = tau [N m].
 
@@ -178,12 +193,7 @@ def step(f: Any, y: float, u: float, h: float) -> float:
     innovation = correct(f.x, f.p, y, f.variance, f.gain)
     for r in range(f.x.size):
         f.now[r] = f.x[r]
-    if not cholesky(f.p, f.w[0], f.low):
-        return np.nan
-    draw(f.x, f.low, f.points, f.pars)
-    propagate(f.points, f.pars, u, h, f.c)
-    moments(f.points, f.w, f.noise, f.x, f.p)
-    return innovation
+    return innovation if foresee(f, u, h, 1) else np.nan
 
 
 @nb.njit(cache=True, nogil=True)

@@ -22,28 +22,31 @@ TIMING_UNITS = ("ns", "ns", "1", "1", "1", "1", "1", "1", "degC")
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """Row: measured of all arms, sent efforts, words, controller state, timing.
+    """Row: measured of all arms, sent efforts, words, estimates, controller state, timing.
 
     Parameters
     ----------
-    arms, states : int
-        Number of arms and of controller states.
+    arms, states, estimates : int
+        Number of arms, of controller states and, before these, of estimates.
     """
 
     arms: int
     states: int
+    estimates: int = 0
 
     def part(self, name: str, arm: int = 0) -> slice:
-        """Columns of ``js``, ``cf``, ``jf`` of an arm, or of ``words``, ``state``, ``timing``."""
+        """Columns of a part: ``js``, ``cf``, ``jf`` of an arm, or one of all below."""
         sent = self.arms * MEASURED
         words = sent + self.arms * SENT
-        state = words + self.arms * WORDS
+        estimates = words + self.arms * WORDS
+        state = estimates + self.estimates
         timing = state + self.states
         start, size = {
             "js": (arm * MEASURED, 6),
             "cf": (arm * MEASURED + 6, 6),
             "jf": (sent + arm * SENT, SENT),
             "words": (words, self.arms * WORDS),
+            "estimates": (estimates, self.estimates),
             "state": (state, self.states),
             "timing": (timing, len(TIMING)),
         }[name]
@@ -52,7 +55,8 @@ class FrameLayout:
     @property
     def width(self) -> int:
         """Numbers per row."""
-        return self.arms * (MEASURED + SENT + WORDS) + self.states + len(TIMING)
+        own = self.estimates + self.states
+        return self.arms * (MEASURED + SENT + WORDS) + own + len(TIMING)
 
     def zeros(self) -> FloatArray:
         """An empty row."""
@@ -67,6 +71,7 @@ class FrameLayout:
         return js[:3], js[3:], frame[self.part("cf", i)], frame[self.part("jf", i)], words
 
     def views(self, frame: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Views of u (arms, 12), controller state (states,) and timing (9,)."""
+        """Views of u (arms, 12), estimates and controller state together, and timing (9,)."""
         u = frame[: self.arms * MEASURED].reshape(self.arms, MEASURED)
-        return u, frame[self.part("state")], frame[self.part("timing")]
+        state = slice(self.part("estimates").start, self.part("state").stop)
+        return u, frame[state], frame[self.part("timing")]

@@ -119,9 +119,9 @@ class Loop:
             (p, *layout.arm(self.frame, i), self._y[i], np.zeros(watch.MEMORY), np.zeros(3))
             for i, p in enumerate(ports)
         ]
-        self._x = np.zeros(layout.states)
-        self._x_next = np.zeros(layout.states)
-        self._shown = layout.states
+        self._x = np.zeros(len(controller.state_names))
+        self._x_next = np.zeros_like(self._x)
+        self._shown = self._state.size
         self._overload = Overload(missed_limit, round(1e9 / period_ns))
         self._steps = 1
         self._worst, self._hot = _OK, 0.0

@@ -161,3 +161,49 @@ class Controller(Protocol):
             Written: joint efforts [N m].
         """
         ...
+
+
+class Estimator(Protocol):
+    """Estimates something of one arm beside the law; no clock, no input or output of its own.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+        Of the estimates, for recordings.
+    memory : int
+        Numbers that it remembers.
+    force : int
+        Where the force ON the tip [N] (3,) stands among the estimates; -1 where there is none.
+    corner_hz : float
+        Low-pass that this force is seen through.
+    message : str
+        Name of the message that holds the estimates.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    memory: int
+    force: int
+    corner_hz: float
+    message: str
+
+    def update(
+        self, phase: int, past: FloatArray, u: FloatArray, sent: FloatArray, now: FloatArray,
+        out: FloatArray,
+    ) -> None:  # fmt: skip
+        """One period, before the law of the same tick.
+
+        Parameters
+        ----------
+        phase : int
+            0 at the first tick, 1 at the first one after a pause, else 2.
+        past, now : ndarray (memory,)
+            Memory before (read) and after (written).
+        u : ndarray (12,)
+            Position [rad], velocity [rad/s], force [N] and torque [N m] at the tip.
+        sent : ndarray (3,)
+            Joint efforts of the last tick [N m], within the arm's limits.
+        out : ndarray (len(names),)
+            Written: the estimates.
+        """
+        ...
