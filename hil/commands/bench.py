@@ -22,7 +22,8 @@ EXAMPLE = "hil bench diagnosis --quick"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
-    parser.add_argument("name", choices=sorted(BENCHES), help="which benchmark")
+    parser.add_argument("name", choices=sorted(BENCHES), metavar="NAME", help="which benchmark")
+    common.list_names(parser, BENCHES)
     parser.add_argument(
         "--seeds", type=int, help="seeds per hidden effect (hidden: 3, diagnosis: 10)"
     )
@@ -77,6 +78,7 @@ def _diagnosis(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
 
 
 def _hidden(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Effects hidden in the simulated arms, named from the session alone."""
     count = args.seeds or 3
     seeds = range(1, count + 1)
     total = (len(hidden.EFFECTS) + 1) * count
@@ -109,6 +111,7 @@ def _hidden(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
 
 
 def _emps(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Public recording of the EMPS drive: identification, and what is missing."""
     p, e = recordings.emps_published(), recordings.emps_diagnosed()
     rows = [
         [
@@ -143,6 +146,7 @@ def _emps(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
 
 
 def _contact(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Public recordings of a teleoperation rig against foam, springs and walls."""
     lines, data = [], {}
     for kind in ("foam", "spring", "rigid"):
         found = [recordings.contact(r) for r in recordings.contact_runs(kind)]
@@ -167,6 +171,7 @@ def _contact(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
 
 
 def _wrist(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Public recording of the Staubli TX40: the coupling of its wrist."""
     lines, data = [], {}
     for split in ("fifths", "halves"):
         w = recordings.wrist(split)
@@ -227,6 +232,7 @@ def _markdown(path: str | None) -> None:
 
 
 def _identify(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
+    """Identification of known parameters, and how long it takes."""
     outputs.check(args.report, ".md", (), identifytable.is_page, "a page of this benchmark")
     report = identify.run(figaroh=args.figaroh, report=lambda what: common.log(f"measuring {what}"))
     if args.report:

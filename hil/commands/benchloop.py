@@ -29,6 +29,7 @@ def _page(args: argparse.Namespace, text: str) -> None:
 
 
 def _faults(args: argparse.Namespace) -> Found:
+    """Every fault of device, data and process, and the state each leads to."""
     live = [] if args.quick else list(process.CASES)
     total = len(cases.FAULTS) + len(live)
     with tempfile.TemporaryDirectory() as folder, tqdm(
@@ -44,6 +45,7 @@ def _faults(args: argparse.Namespace) -> Found:
 
 
 def _loop(args: argparse.Namespace) -> Found:
+    """The loop under load: how late its ticks are, beside cyclictest."""
     found = loop.compare(args.seconds)
     text = loop.table(found)
     _page(args, loop.page(found, f"hil bench loop --seconds {args.seconds:g}"))
@@ -51,6 +53,7 @@ def _loop(args: argparse.Namespace) -> Found:
 
 
 def _record(args: argparse.Namespace) -> Found:
+    """What recording costs, and whether it loses a row."""
     found = records.measure(args.seconds)
     return records.table(found), asdict(found)
 

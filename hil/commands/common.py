@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -59,6 +59,16 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--arm", help="arm of the session, e.g. follower")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
+
+
+def list_names(parser: argparse.ArgumentParser, functions: Mapping[str, object]) -> None:
+    """Add the names that a command takes to its help, each with what its function is for."""
+    wide = max(map(len, functions))
+    rows = [
+        f"  {name:{wide}s}  {(function.__doc__ or '').splitlines()[0].rstrip('.')}"
+        for name, function in functions.items()
+    ]
+    parser.description = "\n".join([parser.description or "", "", "NAME is one of", *rows])
 
 
 def load(

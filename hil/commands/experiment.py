@@ -17,7 +17,8 @@ EXAMPLE = "hil experiment elastic-ukf"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
-    parser.add_argument("name", choices=sorted(EXPERIMENTS), help="which study")
+    parser.add_argument("name", choices=sorted(EXPERIMENTS), metavar="NAME", help="which study")
+    common.list_names(parser, EXPERIMENTS)
     parser.add_argument("--seed", type=int, default=1, help="seed of the motion (default 1)")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
@@ -33,6 +34,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _elastic(seed: int) -> tuple[str, dict[str, object]]:
+    """An elastic transmission seen from the motor alone, identified on line."""
     s = elastic.study(seed)
     rows = [[k, f"{v:.3f}"] for k, v in s.parameters.items()]
     lines = ["Parameters after 25 s, from guesses 40 % low to 80 % high",
@@ -54,6 +56,7 @@ def _elastic(seed: int) -> tuple[str, dict[str, object]]:
 
 
 def _transparency(seed: int) -> tuple[str, dict[str, object]]:
+    """The hybrid matrix that sessions show, against the prediction."""
     rows = transparency.study(seed, common.log)
     cells = [
         [f"{r.design} {r.entry}", f"{r.hz:g}", f"{r.predicted:.4g}", f"{r.measured:.4g}",
@@ -80,6 +83,7 @@ def _transparency(seed: int) -> tuple[str, dict[str, object]]:
 
 
 def _fsf(seed: int) -> tuple[str, dict[str, object]]:
+    """A law with force sensors against its transform that needs none."""
     s = without_sensors.study(seed, common.log)
     cells = [
         [f"{r.hz:g}", f"{100 * r.theory:.1f}", f"{100 * r.measured:.1f}",
@@ -97,6 +101,7 @@ def _fsf(seed: int) -> tuple[str, dict[str, object]]:
 
 
 def _friction(seed: int) -> tuple[str, dict[str, object]]:
+    """Wavelet friction networks against Coulomb and viscous friction."""
     rows = friction.study(seed)
     cells = [
         [r.model, *(f"{100 * x:.1f}" for x in (*r.train, *r.validation)), str(r.nodes)]
@@ -109,6 +114,7 @@ def _friction(seed: int) -> tuple[str, dict[str, object]]:
 
 
 def _excitation(seed: int) -> tuple[str, dict[str, object]]:
+    """What a hand, the motors, or both determine of an arm."""
     rows = excitation.study(seed)
     cells = [
         [r.name, f"{r.found.rank} of 17", f"{r.found.condition:.3g}",

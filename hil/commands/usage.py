@@ -8,6 +8,8 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from hil.errors import unknown
+
 
 class Parser(argparse.ArgumentParser):
     """Parser that says what is wrong in one line, and where the options are listed."""
@@ -25,6 +27,13 @@ class Parser(argparse.ArgumentParser):
         """Say a whole sentence and leave with exit code 2."""
         sys.stderr.write(f"{self.prog}: {sentence} '{self.prog} --help' lists the options.\n")
         raise SystemExit(2)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is none of the choices, with the nearest one."""
+        if action.choices is not None and value not in action.choices:
+            known = [str(x) for x in action.choices]
+            text = unknown("value", str(value), known).rstrip(".")
+            raise argparse.ArgumentError(action, text)
 
     def options(self) -> list[str]:
         """Names of all options."""

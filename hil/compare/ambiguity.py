@@ -105,9 +105,8 @@ def _absorbed(evidence: Evidence, known: set[str]) -> list[_Set]:
             known.add(c.name)
             partners = c.term.effect.confused_with
             why = (
-                "its columns lie in the span of the parameters that are already free "
-                f"({100 * c.absorbed:.2f} % absorbed): any {c.name} shows up as other parameter "
-                "values"
+                f"parameters that are free already take up {100 * c.absorbed:.2f} % of what it "
+                f"does: any {c.name} shows up as other values of theirs"
             )
             out.append(_Set((c,), (c.name, partners[0] if partners else "the base model"), why))
     return out
@@ -145,7 +144,7 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
         return Indistinguishable(s.effects, s.why, shown or s.effects[0], reason)
     if choice.structural:
         why = (
-            f"{s.why}; structural: of all motions of the menu together, the other would still "
+            f"{s.why}; structural: after all motions of the menu together the other would still "
             f"imitate {100 * (1 - choice.everything.share):.1f} % of it"
         )
         return Indistinguishable(s.effects, why, f"no motion of this robot alone; {shown}")

@@ -158,6 +158,8 @@ def test_bad_input_is_one_sentence_and_exit_2(session, capsys, words, says):
         ("diagnose a.mcap --model m.toml b.mcap", "unexpected 'b.mcap'"),
         ("info --frobnicate", "unknown option --frobnicate."),
         ("-x", "unknown option -x"),
+        ("bench emsp", "argument NAME: unknown value 'emsp'. Did you mean 'emps'?"),
+        ("run r.toml -o s.mcap --clock reel", "argument --clock: unknown value 'reel'. Did you"),
         ("", "name a command: demo, run"),
     ],
 )
