@@ -232,7 +232,7 @@ def _markdown(path: str | None) -> None:
 
 
 def _identify(args: argparse.Namespace) -> tuple[str, dict[str, object]]:
-    """Identification of known parameters, and how long it takes."""
+    """How long identification and diagnosis take, beside peers."""
     outputs.check(args.report, ".md", (), identifytable.is_page, "a page of this benchmark")
     report = identify.run(figaroh=args.figaroh, report=lambda what: common.log(f"measuring {what}"))
     if args.report:
