@@ -68,3 +68,21 @@ def master(g: Any, m: Any, s: Any) -> float:
 def slave(g: Any, m: Any, s: Any) -> float:
     """f_cs [N] from what arrived of the master's signals, m, and the slave's own, s."""
     return float(motion(g, 0, m) + g[13] * m[3] - g[14] * s[3] - motion(g, 6, s))
+
+
+@nb.njit(cache=True, nogil=True)
+def believe(g: Any, m: Any, s: Any, pm: float, ps: float) -> Any:
+    """Forces f_m, f_s [N] that the motion betrays: Q f = -R(v), solved for both at once.
+
+    (1 + c6) f_m - c2 f_s = p_m + c4 v_s + c8 v_m,   c3 f_m - (1 + c5) f_s = p_s - c1 v_m + c7 v_s
+
+    Parameters
+    ----------
+    pm, ps : float
+        What moves the robots, z_cm v_m and z_cs v_s, from their own nonlinear models [N].
+    """
+    one = pm + motion(g, 3, s) + motion(g, 9, m)
+    two = ps - motion(g, 0, m) + motion(g, 6, s)
+    a, d = 1.0 + g[15], 1.0 + g[14]
+    over = 1.0 / (a * d - g[12] * g[13])
+    return (d * one - g[12] * two) * over, (g[13] * one - a * two) * over

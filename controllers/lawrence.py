@@ -102,6 +102,30 @@ def torque(a: int, q: Any, v: Any, force: Any, c: Any, w: Any, y: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
+def believe(u: Any, c: Any, w: Any) -> None:
+    """Forces of both arms in w.signals replaced by those that their motion betrays (class II).
+
+    p = J^-T M(q) J^-1 (p'' - J' q') of the natural arm, in its pose and with all its axes; of the
+    shaped one the point masses.
+    """
+    for a in range(2):
+        q, v = u[a, :3], u[a, 3:6]
+        for i in range(3):
+            w.pull[a, i] = c.masses[a, i] * w.signals[a, i, 2]
+        if c.shape == 0:
+            dynamics.drift(q, v, c.lengths, w.bend)
+            for i in range(3):
+                w.bend[i] = w.signals[a, i, 2] - w.bend[i]
+            dynamics.solve(w.jacobian[a], w.bend, w.goal)
+            dynamics.momentum(q, w.goal, c.models[a], w.room[:2], w.impulse)
+            dynamics.solve_transposed(w.jacobian[a], w.impulse, w.square, w.pull[a])
+    for i in range(3):
+        w.signals[0, i, 3], w.signals[1, i, 3] = ela.believe(
+            c.gains[i], w.signals[0, i], w.signals[1, i], w.pull[0, i], w.pull[1, i]
+        )
+
+
+@nb.njit(cache=True, nogil=True)
 def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
     """Momentum observer of arm `a`: the force ON its tip without a sensor.
 
@@ -138,6 +162,9 @@ def law(
     length = line.shape[1]
     for a in range(2):
         measure(a, u[a, :3], u[a, 3:6], u[a, 6:9], x, c, w, x_next)
+    if c.estimated:
+        believe(u, c, w)
+    for a in range(2):
         line[a, tick % length] = w.signals[a]
     for a in range(2):
         age = ages[a, tick % ages.shape[1]]
@@ -153,6 +180,8 @@ def law(
             # what the law believes: f_m = m a_m - f_cm, f_s = f_cs - m a_s
             pull = c.masses[a, i] * w.signals[a, i, 2] - w.force[i]
             x_next[37 + 3 * a + i] = pull if a == 0 else -pull
+            if c.estimated:
+                x_next[37 + 3 * a + i] = w.signals[a, i, 3]
         torque(a, u[a, :3], u[a, 3:6], w.force, c, w, y[a])
         rub(a, u[a, :3], u[a, 3:6], tick * c.period, x, c, tables, w, y[a], x_next)
         observe(a, u[a, :3], u[a, 3:6], x, c, w, x_next)
@@ -251,7 +280,7 @@ _WORK = np.dtype([
     ("tip", _F, (2, 3)), ("jacobian", _F, (2, 3, 3)), ("signals", _F, (2, 3, ela.SIGNALS)),
     ("heard", _F, (3, ela.SIGNALS)), ("force", _F, (3,)), ("push", _F, (3,)),
     ("goal", _F, (3,)), ("bend", _F, (3,)), ("impulse", _F, (3,)), ("room", _F, (6, 3)),
-    ("square", _F, (3, 3)), ("rub", _F, (2, 3)),
+    ("pull", _F, (2, 3)), ("square", _F, (3, 3)), ("rub", _F, (2, 3)),
     ("known", _F, (len(compensation.VARIABLES),)),
 ])  # fmt: skip
 
@@ -262,7 +291,7 @@ def constants(config: LawrenceConfig, period: float) -> Any:
     kind = np.dtype([
         ("gains", _F, (3, ela.GAINS)), ("masses", _F, (2, 3)), ("models", _F, (2, 8)),
         ("shares", _F, (3,)), ("lengths", _F, (2,)), ("period", _F), ("shape", np.int64),
-        ("observer", _F), ("share", _F),
+        ("observer", _F), ("share", _F), ("estimated", np.int64),
         ("speeds", _F, (max(n, 1),)), ("friction", _F, (2, 3, max(n, 1))),
     ])  # fmt: skip
     c = np.zeros(1, kind)[0]
@@ -270,7 +299,7 @@ def constants(config: LawrenceConfig, period: float) -> Any:
     c["models"] = np.stack([config.leader_model, config.follower_model])
     c["shares"], c["lengths"], c["period"] = config.shares(period), config.lengths, period
     c["observer"] = 2 * np.pi * config.observer_hz
-    c["share"] = config.friction_share
+    c["share"], c["estimated"] = config.friction_share, config.forces == "estimated"
     c["shape"] = SHAPES.index(config.shape)
     if n:
         c["speeds"] = config.friction_speeds

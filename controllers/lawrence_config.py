@@ -15,6 +15,8 @@ from hil.signals.settable import Range
 
 #: How the robots become point masses: not at all, with measured forces, with accelerations.
 SHAPES = ("natural", "force", "acceleration")
+#: Where the law takes its forces from.
+SOURCES = ("measured", "estimated")
 #: Cavusoglu's parameters of the bare arm [kg m^2 x6, N m x2].
 PREMIUM = (
     2.8328e-3, 1.1319e-3, -3.9120e-4, 9.1230e-4, 2.4264e-3, 9.3189e-4, -1.6298e-2, -7.3755e-2,
@@ -39,6 +41,9 @@ class LawrenceConfig:
     shape : str
         How the arms become these masses: ``"natural"`` not at all (their own tip mass),
         ``"force"`` with the measured force, ``"acceleration"`` without a sensor.
+    forces : str
+        ``"measured"`` by the sensors, or ``"estimated"``: solved from the motion of both arms and
+        their nonlinear models, in every tick (class II); no sensor is read.
     velocity_hz, acceleration_hz, force_hz : float
         Corners of the filters; 0 = none.
     observer_hz : float
@@ -88,6 +93,7 @@ class LawrenceConfig:
     leader_mass: tuple[float, ...] = (0.1,)
     follower_mass: tuple[float, ...] = (0.1,)
     shape: str = "natural"
+    forces: str = "measured"
     velocity_hz: float = 80.0
     acceleration_hz: float = 30.0
     force_hz: float = 60.0
@@ -118,6 +124,13 @@ class LawrenceConfig:
     def __post_init__(self) -> None:
         if self.shape not in SHAPES:
             raise ConfigError(unknown("shape", self.shape, SHAPES))
+        if self.forces not in SOURCES:
+            raise ConfigError(unknown("forces", self.forces, SOURCES))
+        if self.forces == "estimated" and not self._both_at_once():
+            raise ConfigError(
+                'lawrence: forces = "estimated" solves both sites at once; it needs channels '
+                'without delay, jitter and loss, and another shape than "force"'
+            )
         for name, sizes in _SIZES.items():
             if len(getattr(self, name)) not in sizes:
                 allowed = " or ".join(map(str, sizes))
@@ -138,6 +151,11 @@ class LawrenceConfig:
         force = {name: Range(-2.0, 2.0, "", len(getattr(self, name))) for name in FORCES}
         corners = ("velocity_hz", "acceleration_hz", "force_hz", "observer_hz")
         return {**force, **dict.fromkeys(corners, Range(1.0, 400.0, "Hz"))}
+
+    def _both_at_once(self) -> bool:
+        """Whether both sites know each other's motion at once, and no shape needs a sensor."""
+        plain = ChannelConfig()
+        return self.forward == plain and self.backward == plain and self.shape != "force"
 
     def gains(self) -> FloatArray:
         """Gains per axis in the order of `ela.GAINS`, shape (3, 16)."""

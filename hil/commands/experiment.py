@@ -9,7 +9,14 @@ from collections.abc import Callable
 
 from hil.commands import common
 from hil.commands.designtext import finite
-from hil.experiments import elastic, excitation, friction, transparency, without_sensors
+from hil.experiments import (
+    cable_arm,
+    elastic,
+    excitation,
+    friction,
+    transparency,
+    without_sensors,
+)
 
 HELP = "a study of the thesis end to end, with its table"
 EXAMPLE = "hil experiment elastic-ukf"
@@ -100,6 +107,29 @@ def _fsf(seed: int) -> tuple[str, dict[str, object]]:
     return text, dataclasses.asdict(s)
 
 
+def _cable_arm(seed: int) -> tuple[str, dict[str, object]]:
+    s = cable_arm.study(seed, common.log)
+    lines = [
+        f"Force on the tip without a sensor, {cable_arm.ARM} of the simulated rig, after "
+        f"{cable_arm.LEARN:g} s of learning in the loop"
+    ]
+    for condition in cable_arm.CONDITIONS:
+        rows = [r for r in s.rows if r.condition == condition]
+        cells = [
+            [r.estimator, f"{1e3 * r.free:.1f}", f"{1e3 * r.touched:.1f}", str(r.nodes)]
+            for r in rows
+        ]
+        head = ["estimator", "free, rms mN", "touching, rms error mN", "nodes"]
+        lines += ["", f"{condition}:", common.table(head, cells)]
+        lines.append(
+            f"  force where it touches: {1e3 * rows[0].size:.0f} mN rms; learnt during "
+            f"{100 * s.learnt[condition]:.0f} % of the first part"
+        )
+    lines += ["", "Cables' stiffness by the filters [N m/rad], from a first guess of 150"]
+    lines += [f"  {k}: {', '.join(f'{x:.1f}' for x in v)}" for k, v in s.stiffness.items()]
+    return "\n".join(lines), dataclasses.asdict(s)
+
+
 def _friction(seed: int) -> tuple[str, dict[str, object]]:
     """Wavelet friction networks against Coulomb and viscous friction."""
     rows = friction.study(seed)
@@ -132,5 +162,6 @@ EXPERIMENTS: dict[str, Callable[[int], tuple[str, dict[str, object]]]] = {
     "transparency": _transparency,
     "fsf": _fsf,
     "friction-network": _friction,
+    "ukf-network": _cable_arm,
     "manual-excitation": _excitation,
 }

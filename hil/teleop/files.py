@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from hil.models.phantom import Premium
+from hil.teleop import fsf
 from hil.teleop.design import FORCE, MOTION, Design, Realisation, Robot, Term
 from hil.teleop.hybrid import FREE, FloatArray, Impedance
 from hil.teleop.sampled import Cable, Loop
@@ -32,6 +34,8 @@ class Law(Protocol):
 
     @property
     def shape(self) -> str: ...  # noqa: D102
+    @property
+    def forces(self) -> str: ...  # noqa: D102
     @property
     def velocity_hz(self) -> float: ...  # noqa: D102
     @property
@@ -124,17 +128,33 @@ def designs_of(law: Law) -> list[Design]:
 
 
 def loops_of(law: Law) -> list[Loop]:
-    """Loops of the three axes at the law's pose, for the checks."""
+    """Loops of the three axes at the law's pose, for the checks.
+
+    Forces that are estimated from the motion make of a design its force-sensor-free equivalent
+    for the arms as they are at this pose.
+
+    Raises
+    ------
+    ConfigError
+        If it is too close to the singularity where they cannot be.
+    """
     real = realisation(law)
     tips = [tip_mass(pi, law.pose) for pi in (law.leader_model, law.follower_model)]
     operators = Impedance(*law.operator), Impedance(*law.free)
     cable = Cable(*law.cable) if law.cable else None
+    designs = designs_of(law)
+    if law.forces == "estimated":
+        arms = tips if law.shape == "natural" else law.masses()
+        designs = [
+            fsf.transform(replace(d, master=Robot(float(m)), slave=Robot(float(s))))
+            for d, m, s in zip(designs, *arms, strict=True)
+        ]
     return [
         Loop(
             design, real, law.shape, (float(tips[0][i]), float(tips[1][i])), cable, AXES[i],
             operators, (FREE, Impedance(*law.environment)),
         )
-        for i, design in enumerate(designs_of(law))
+        for i, design in enumerate(designs)
     ]  # fmt: skip
 
 

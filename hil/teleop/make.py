@@ -18,7 +18,7 @@ from hil.teleop.named import Wish
 #: What a design is made from, and what of the law can be set beside it.
 WISHES = tuple(f.name for f in fields(Wish) if f.name not in ("master", "slave"))
 REAL = (
-    "shape", "leader_mass", "follower_mass", "velocity_hz", "acceleration_hz", "force_hz",
+    "shape", "forces", "leader_mass", "follower_mass", "velocity_hz", "acceleration_hz", "force_hz",
     "forward", "backward",
 )  # fmt: skip
 #: What an optimised design is made from: bounds and tolerances of `optimise.Problem`.
@@ -76,7 +76,7 @@ def settings(words: Sequence[str]) -> dict[str, Any]:
         key, _, text = word.partition("=")
         if key not in (*WISHES, *REAL, *TASK):
             raise ConfigError("--set: " + unknown("key", key, (*WISHES, *REAL, *TASK)))
-        out[key] = text if key == "shape" else _value(key, text)
+        out[key] = text if key in ("shape", "forces") else _value(key, text)
     return out
 
 

@@ -349,3 +349,73 @@ def test_a_varying_lossy_link_runs_and_tracks_later(tmp_path):
         errors.append(np.sqrt(np.mean((tips[0] - tips[0][0] - tips[1] + tips[1][0])[:, :2] ** 2)))
         assert np.abs(np.diff(runs[0].qd[100:], axis=0)).max() < 0.2
     assert 1.2 * errors[0] < errors[1] < 2e-3
+
+
+FOUR = {"c1": (130.0, 0.8, 0.0), "c4": (-130.0, -0.8, 0.0), "c7": (130.0, 0.8, 0.0),
+        "c8": (130.0, 0.8, 0.0), "c2": (0.3,), "c3": (0.3,), "c5": (0.1,), "c6": (0.1,),
+        "acceleration_hz": 5.0}  # fmt: skip
+
+
+def test_forces_from_the_motion_are_the_force_sensor_free_form_of_linear_arms():
+    """Class II on point masses commands, tick by tick, what the transformed class I does."""
+    mass = {"shape": "acceleration", "leader_mass": (0.1, 0.12, 0.11),
+            "follower_mass": (0.06, 0.07, 0.08)}  # fmt: skip
+    own = LawrenceConfig(**FOUR, **mass, forces="estimated")
+    loops = files.loops_of(own)
+    free = files.table([loop.design for loop in loops])
+    other = replace(own, forces="measured", **{k: tuple(v) if isinstance(v, list) else v
+                    for k, v in free.items() if k[0] == "c"})  # fmt: skip
+    rng, answers = np.random.default_rng(3), []
+    waves = rng.uniform(-0.1, 0.1, (2, 3)), rng.uniform(2, 9, (2, 3))
+    for law in (Lawrence(own, ARMS, T), Lawrence(other, ARMS, T)):
+        n = len(law.state_names)
+        x, following, y, seen = np.zeros(n), np.zeros(n), np.zeros((2, 3)), []
+        for k in range(1, 200):
+            u = at_home()
+            u[:, :3] += waves[0] * np.sin(waves[1] * k * T)
+            u[:, 3:6] = waves[0] * waves[1] * np.cos(waves[1] * k * T)
+            u[:, 6:9] = rng.normal(size=(2, 3))  # a sensor that must not matter
+            law.update(k * T, x, u, following, y)
+            x, following = following, x
+            seen.append(y.copy())
+        answers.append(np.array(seen))
+    assert np.abs(answers[0]).max() > 0.05
+    np.testing.assert_allclose(answers[0], answers[1], atol=1e-10)
+
+
+def test_forces_from_the_motion_run_on_the_rig_and_are_the_sensors(tmp_path):
+    machine = {"kind": "mechanical", "frequency": 0.5, "size": [0.02, 0.02, 0.012]}
+    gel = {"below_home": -0.02, "stiffness": 500.0}
+    law = {k: list(v) if isinstance(v, tuple) else v for k, v in FOUR.items()}
+    law |= {"forces": "estimated", "friction_share": 1.0, **fitted(tmp_path)}
+    runs = session(tmp_path, {"simulation": {"operator": machine, "gel": gel},
+                              "controller": {"parameters": law}}, 5.0)  # fmt: skip
+    topic = read(tmp_path / "s.mcap").topics["/controller/state"]
+    values, kept = decode_numbers(topic), np.array(topic.sequence) - 1
+    late = kept > 1500
+    for run, arm, sign in zip(runs, ARMS, (1.0, -1.0), strict=True):
+        at = Lawrence.state_names.index(f"{arm}_estimate_z")
+        sensor = sign * run.wrench[kept, 2][late]
+        error = values[late, at] - sensor
+        assert sensor.std() > 0.1
+        assert np.corrcoef(values[late, at], sensor)[0, 1] > 0.97
+        assert error.std() < 0.25 * sensor.std()
+
+
+def fitted(tmp_path):
+    """Identified rigid bodies and friction of both arms, as the law takes them."""
+    from hil.experiments import transparency
+    from hil.teleop import make
+
+    models = transparency.identified(tmp_path, 1)
+    return make.models(models, load_rig(RIGS / "lawrence.toml"))
+
+
+def test_forces_from_the_motion_are_refused_where_they_cannot_be():
+    with pytest.raises(ConfigError, match="singularity"):
+        Lawrence(LawrenceConfig(**{**FOUR, "c2": (1.05,), "c3": (1.05,)}, forces="estimated"),
+                 ARMS, T)  # fmt: skip
+    with pytest.raises(ConfigError, match="without delay"):
+        LawrenceConfig(**FOUR, forces="estimated", forward=ChannelConfig(0.002))
+    with pytest.raises(ConfigError, match="without a filter"):
+        Lawrence(LawrenceConfig(**{**FOUR, "acceleration_hz": 0.0}, forces="estimated"), ARMS, T)

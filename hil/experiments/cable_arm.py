@@ -1,0 +1,203 @@
+"""Filters and wavelet networks together on the cable-driven arm of three joints, in the loop.
+
+The thesis treats unscented filter and network apart and leaves their combination to future work.
+Here all run beside one law on the simulated follower, from the same motor angles and torques: a
+hand moves the arm for a minute, freely and over a gel.  Parameters and networks are learnt while
+nothing touches the arm in the first part; in the second part nothing is learnt any more, and the
+estimated force on the tip is compared with the sensor's.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil import app, registry
+from hil.compare.analysis import fit
+from hil.config import load_rig
+from hil.estimate import compensation
+from hil.models.model import RobotModel, base_model
+from hil.record.container import read
+from hil.record.decode import decode_numbers
+from hil.record.reader import load
+from hil.rigs import rig_path
+from hil.teleop.hybrid import FloatArray
+
+PERIOD, CORNER = 1e-3, 10.0
+#: Length of a session and of its first part [s], and of the identifying session.
+SECONDS, LEARN, IDENTIFY = 60.0, 40.0, 15.0
+#: Force that counts as touch [N]; an instant near one is neither free nor touched.
+TOUCH = 0.05
+ARM = "follower"
+#: What the simulated arm hides in each condition.
+CONDITIONS: dict[str, list[dict[str, Any]]] = {
+    "friction as the thesis assumes it": [],
+    "cables over other joints' pulleys, Stribeck": [
+        {"effect": "coupled-friction", "arm": ARM, "joint": "all"},
+        {"effect": "stribeck", "arm": ARM, "joint": "all", "amplitude": 0.5},
+    ],
+}
+NETWORK = {"nodes": 80, "gain": 0.02}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One estimator in one condition.
+
+    Parameters
+    ----------
+    condition, estimator : str
+        Which.
+    free : float
+        rms of the estimated force where nothing touches the tip [N], mean of the three axes.
+    touched : float
+        rms error of the force where something does [N]; the sensor's seen through the same
+        low-pass.
+    size : float
+        rms of that force [N].
+    nodes : int
+        Wavelets in use at the end.
+    """
+
+    condition: str
+    estimator: str
+    free: float
+    touched: float
+    size: float
+    nodes: int
+
+
+@dataclass(frozen=True)
+class Study:
+    """Result of the experiment.
+
+    Parameters
+    ----------
+    rows : list of Row
+        All estimators in all conditions.
+    stiffness : dict of str to list of float
+        Condition and estimator -> cables' stiffness of the joints by the filters [N m/rad].
+    learnt : dict of str to float
+        Condition -> share of the first part in which something could be learnt.
+    """
+
+    rows: list[Row]
+    stiffness: dict[str, list[float]]
+    learnt: dict[str, float]
+
+
+def estimators(model: RobotModel, learn: float = LEARN) -> dict[str, dict[str, Any]]:
+    """Tables ``[estimators]`` of the study, all with the identified rigid body of `model`."""
+    pi = [float(x) for x in compensation.rigid_parameters(model)]
+    common = {"model": pi, "corner_hz": CORNER}
+    late = {**common, "learn_until": learn}
+    kinds = {
+        "observer": ("force", common),
+        "fitted": ("force", {**common, "effects": compensation.effects(model)}),
+        "network": ("friction-network", {**late, "network": NETWORK}),
+        "filters": ("elastic-ukf", late),
+        "both": ("elastic-ukf", {**late, "network": {**NETWORK, "backbone": False}}),
+    }
+    return {n: {"name": k, "arm": ARM, "parameters": p} for n, (k, p) in kinds.items()}
+
+
+#: Estimator -> what it is, for people.
+SAID = {
+    "observer": "momentum observer, no friction",
+    "fitted": "momentum observer, friction fitted off line",
+    "network": "networks alone, learnt in the loop",
+    "filters": "filters alone, learnt in the loop",
+    "both": "filters and networks, learnt in the loop",
+}
+
+
+def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Study:
+    """All conditions."""
+    rows: list[Row] = []
+    stiffness: dict[str, list[float]] = {}
+    learnt: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as name:
+        for condition, hidden in CONDITIONS.items():
+            report(condition)
+            path = session(Path(name), hidden, seed)
+            rows += judge(condition, path)
+            for e in ("filters", "both"):
+                stiffness[f"{condition}: {SAID[e]}"] = cables(path, e)
+            learnt[condition] = float(column(path, "both", "learning")[: _tick(LEARN)].mean())
+    return Study(rows, stiffness, learnt)
+
+
+def _tick(seconds: float) -> int:
+    return round(seconds / PERIOD)
+
+
+def session(
+    folder: Path, hidden: Sequence[Mapping[str, Any]], seed: int, seconds: float = SECONDS,
+    learn: float = LEARN,
+) -> Path:  # fmt: skip
+    """Identify the arm, then run all estimators beside the rig's own law."""
+    first, path = folder / "identify.mcap", folder / "s.mcap"
+    simulation: dict[str, Any] = {"hidden": list(hidden)}
+    identify = load_rig(rig_path("identify"), {"simulation": simulation})
+    app.run(identify, IDENTIFY, seed, "lockstep", first)
+    run = load(first, ARM)
+    model = fit([run], base_model(run.robot, ARM)).model
+    hand = {"kind": "hand", "frequency": 0.5, "size": [0.05, 0.05, 0.05]}
+    simulation |= {"operator": hand, "gel": {"below_home": 0.01}}
+    over = {"simulation": simulation, "estimators": estimators(model, learn)}
+    app.run(load_rig(rig_path("lawrence"), over), seconds, seed + 1, "lockstep", path)
+    return path
+
+
+def judge(condition: str, path: Path, learn: float = LEARN) -> list[Row]:
+    """Errors of all estimators after what was learnt."""
+    run = load(path, ARM)
+    if run.wrench is None:
+        raise RuntimeError("a session of this rig has forces")
+    force = run.wrench[:, :3]
+    seen = _through(force)
+    # near a touch: within a fifth of a second
+    size = np.abs(force).max(axis=1)
+    near = np.convolve(size > TOUCH, np.ones(400), "same") > 0.5
+    late = np.arange(len(force)) >= _tick(learn)
+    free, touched = late & ~near, late & (size > TOUCH)
+    rows = []
+    for name, said in SAID.items():
+        values = decode_numbers(read(path).topics[f"/estimate/{name}"])
+        error = values[:, :3] - seen
+        nodes = values[-1, -1] if name in ("network", "both") else 0
+        rows.append(Row(
+            condition, said, _rms(error[free]), _rms(error[touched]), _rms(seen[touched]),
+            int(nodes),
+        ))  # fmt: skip
+    return rows
+
+
+def column(path: Path, estimator: str, name: str) -> FloatArray:
+    """One column of an elastic-ukf's channel, (n,)."""
+    names = registry.load("hil.estimators", "elastic-ukf").build.names
+    out: FloatArray = decode_numbers(read(path).topics[f"/estimate/{estimator}"])
+    return out[:, names.index(name)]
+
+
+def cables(path: Path, estimator: str) -> list[float]:
+    """Stiffness of the three cables at the end [N m/rad]."""
+    return [float(column(path, estimator, f"stiffness{j}")[-1]) for j in (1, 2, 3)]
+
+
+def _through(force: FloatArray) -> FloatArray:
+    """Force through the estimators' low-pass, implicit first order."""
+    share = 2 * np.pi * CORNER * PERIOD
+    share, out = share / (1 + share), np.zeros_like(force)
+    for k in range(1, len(force)):
+        out[k] = out[k - 1] + share * (force[k] - out[k - 1])
+    return out
+
+
+def _rms(x: FloatArray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
