@@ -118,6 +118,7 @@ def run(
     model: str | Path | None = None,
     opener: Callable[[RigConfig, int], Rig] = open_rig,
     timer: Callable[[int], Clock] | None = None,
+    kind: type[Session] | None = None,
     aside: Callable[[Path], None] = lambda path: None,
 ) -> Summary:
     """Run a session of a rig and record it.
@@ -143,6 +144,8 @@ def run(
         Model file that is attached.
     opener, timer : callable
         Open the rig, and make the clock for a period [ns]; the fault bench puts its faults in.
+    kind : type of Session, optional
+        Another arrangement of loop and slow side, for the bench of the loop.
     aside : callable
         Called with `output` when the rig is open, before the file is written.
 
@@ -160,15 +163,17 @@ def run(
     with unwinding_signals(), guarded(config.safety, Path(output)) as watchdog:
         rig = opener(config, seed)
         try:
-            made = _Session(rig, config, seed, Path(output), operator, model, timer, aside)
+            made = (kind or Session)(rig, config, seed, Path(output), operator, model, timer, aside)
             made.run(progress, watchdog)
         finally:
             rig.close()
     return made.summary(seed, time.perf_counter() - began)
 
 
-class _Session:
-    """Loop, slow side and file over an open rig."""
+class Session:
+    """Loop, slow side and file over an open rig; see `run`."""
+
+    ring_type = Ring
 
     def __init__(
         self, rig: Rig, config: RigConfig, seed: int, output: Path, operator: Operator,
@@ -178,7 +183,7 @@ class _Session:
         self.config, self.output, self.operator, self.rig = config, output, operator, rig
         layout = companions.layout(len(rig.ports), rig.controller)
         loop = config.loop
-        ring = Ring(loop.ring_rows, layout.width)
+        self.ring = ring = self.ring_type(loop.ring_rows, layout.width)
         self.timer = (timer or CLOCKS[loop.clock])(loop.period_ns)
         self.loop = Loop(
             rig.ports, rig.controller, self.timer, ring, layout, loop.period_ns, rig.origin_ns,
@@ -309,6 +314,10 @@ class _Session:
             self.slow.trouble = error
             self.writer.abandon()
 
+    def figures(self) -> dict[str, float]:
+        """Of the ticks so far."""
+        return self.statistics.figures().as_dict()
+
     def summary(self, seed: int, wall: float) -> Summary:
         """What it was; raises where it ended badly."""
         loop, config = self.loop, self.config.loop
@@ -329,7 +338,7 @@ class _Session:
             ticks=loop.tick - self.timer.missed, missed=self.timer.missed, dropped=loop.dropped,
             limited=loop.clamped, seconds=loop.tick * config.period_ns * 1e-9, wall_seconds=wall,
             longest_tick_us=loop.longest_ns * 1e-3, state=loop.machine.state.name, reason=reason,
-            unwritten=self.slow.unwritten, figures=self.statistics.figures().as_dict(),
+            unwritten=self.slow.unwritten, figures=self.figures(),
             granted=self.arrangement.granted, refused=self.arrangement.refused,
         )  # fmt: skip
 

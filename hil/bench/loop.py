@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -10,11 +11,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil import app
+from hil.bench.apart import Apart
 from hil.config import load_rig
 from hil.rigs import rig_path
 from hil.runtime.statistics import Histogram
@@ -51,17 +54,28 @@ class Run:
     note: str = ""
 
 
-def hil_loop(seconds: float, realtime: bool = True) -> Run:
-    """The teleoperation rig in real time, with full recording."""
-    config = load_rig(rig_path("teleop"), {"loop": {"realtime": realtime}})
+def hil_loop(
+    seconds: float, what: str = "", kind: type[app.Session] | None = None, **loop: Any
+) -> Run:
+    """The teleoperation rig in real time, with full recording; `loop` over its rig file."""
+    config = load_rig(rig_path("teleop"), {"loop": loop})
     with tempfile.TemporaryDirectory() as folder:
-        done = app.run(config, seconds, 1, "real", Path(folder) / "loop.mcap")
+        done = app.run(config, seconds, 1, "real", Path(folder) / "loop.mcap", kind=kind)
     f = done.figures
+    lost = f"; {done.dropped} rows dropped" if done.dropped else ""
     return Run(
-        "hil run, full recording" + ("" if realtime else ", no real-time class"), done.ticks,
+        "hil run, full recording" + (f", {what}" if what else ""), done.ticks,
         done.missed, f["late_p50"], f["late_p99"], f["late_p999"], f["late_most"],
-        ", ".join(done.granted) or "nothing granted",
+        (", ".join(done.granted) or "nothing granted") + lost,
     )  # fmt: skip
+
+
+def apart(seconds: float) -> Run:
+    """The slow side in a process of its own; not on systems that cannot fork."""
+    if not hasattr(os, "fork"):
+        nan = (_NONE,) * 4
+        return Run("hil run, slow side in a process", 0, 0, *nan, "needs fork")
+    return hil_loop(seconds, "slow side in a process (shared memory ring)", Apart)
 
 
 def plain_sleep(seconds: float) -> Run:
@@ -112,13 +126,15 @@ def cyclictest(seconds: float) -> Run:
 
 #: In turns, so that a busy minute of the machine falls on all.
 RUNS: tuple[Callable[[float], Run], ...] = (
-    cyclictest, hil_loop, lambda seconds: hil_loop(seconds, realtime=False), plain_sleep,
-    cyclictest,
+    cyclictest, hil_loop, apart,
+    lambda seconds: hil_loop(seconds, "no real-time class", realtime=False), plain_sleep,
+    lambda seconds: hil_loop(seconds, "2 kHz", rate_hz=2000.0),
+    lambda seconds: hil_loop(seconds, "4 kHz", rate_hz=4000.0), cyclictest,
 )  # fmt: skip
 
 
 def compare(seconds: float) -> list[Run]:
-    """All runs, one after the other, each for so long [s]."""
+    """All runs, one after the other, each for so long [s], eight in all."""
     hil_loop(0.3)  # compiled code into the cache
     return [run(seconds) for run in RUNS]
 
@@ -161,7 +177,9 @@ def table(found: list[Run]) -> str:
 def page(found: list[Run], command: str) -> str:
     """Page for the documentation."""
     return "\n".join([
-        "# The loop beside cyclictest", "", f"Printed by `{command}`; 1 kHz, runs in turns.", "",
+        "# The loop beside cyclictest", "", f"Printed by `{command}`; runs in turns, at 1",
+        "kHz where nothing else is said. `missed`: periods that were skipped; of cyclictest and",
+        "plain code, wake-ups later than a period. Latencies are those of the wake-up.", "",
         "| " + " | ".join(HEAD) + " |", "|" + "---|" * len(HEAD),
         *("| " + " | ".join(r) + " |" for r in rows(found)), "", verdict(found), "",
     ])  # fmt: skip

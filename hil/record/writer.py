@@ -254,6 +254,10 @@ class SessionWriter:
         self._file.cut()
         self._file.close()
 
+    def release(self) -> None:
+        """Let go of the file without a byte more: another process writes it."""
+        self._file.close()
+
     def close(self) -> None:
         """Write the index and close the file."""
         if not self._file.closed:
