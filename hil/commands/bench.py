@@ -33,7 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--seconds", type=float, default=60.0,
-        help="of every run (loop), of the session (record); default 60",
+        help="of every run (loop), of the session (record, determinism); default 60",
     )  # fmt: skip
     parser.add_argument("--jobs", type=int, default=2, help="processes (diagnosis)")
     parser.add_argument(
@@ -42,11 +42,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--report", metavar="R.md",
-        help="write the tables too (diagnosis, identify, velocity, faults, loop)",
+        help="write the tables too (diagnosis, identify, velocity, faults, loop, determinism)",
     )  # fmt: skip
     parser.add_argument(
         "--figaroh", metavar="PYTHON", default="",
         help="interpreter of an environment that has FIGAROH (identify)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--python", metavar="PYTHON", action="append", default=[],
+        help="another interpreter that has this package, e.g. of an environment with Python 3.13 "
+        "(determinism); repeatable",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 

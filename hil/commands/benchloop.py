@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from hil.bench import loop, records
+from hil.bench import loop, records, sameness
 from hil.bench.faults import cases, process, runner, tables
 from hil.commands import common
 from hil.errors import ConfigError
@@ -58,7 +58,16 @@ def _record(args: argparse.Namespace) -> Found:
     return records.table(found), asdict(found)
 
 
+def _determinism(args: argparse.Namespace) -> Found:
+    found = sameness.compare([sys.executable, *args.python], args.seconds)
+    others = " --python PYTHON" * len(args.python)
+    _page(args, sameness.page(found, f"hil bench determinism --seconds {args.seconds:g}{others}"))
+    text = common.table(list(sameness.HEAD), sameness.rows(found))
+    return text, {"sessions": [asdict(s) for s in found]}
+
+
 BENCHES: dict[str, Callable[[argparse.Namespace], Found]] = {
+    "determinism": _determinism,
     "faults": _faults,
     "loop": _loop,
     "record": _record,

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 
 from hil.commands import common
 from hil.errors import ConfigError
+from hil.record.difference import first_difference
 from hil.replay import Replayed, replay
 
 HELP = "re-run the controller of a session on its recorded inputs and compare its commands"
-EXAMPLE = "hil replay s.mcap\n  hil replay s.mcap --set force_scale=0.5"
+EXAMPLE = (
+    "hil replay s.mcap\n  hil replay s.mcap --set force_scale=0.5\n"
+    "  hil replay s.mcap --against t.mcap"
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -19,11 +24,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--set", action="append", default=[], metavar="NAME=NUMBER", dest="changes",
         help="another parameter of the law: what would it have commanded? repeatable",
     )  # fmt: skip
+    parser.add_argument(
+        "--against", metavar="T.mcap",
+        help="replay nothing; tell the first difference of the session and this one, e.g. of the "
+        "same seed on another machine or Python",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Replay the sessions; 0 even where they differ, for the table says so."""
+    if args.against:
+        return _against(args)
     changes = dict(_change(text) for text in args.changes)
     found = [replay(path, changes) for path in args.sessions]
     if args.json:
@@ -31,6 +43,22 @@ def run(args: argparse.Namespace) -> int:
         common.emit({"schema": "hil.replay/1", "sessions": entries})
     else:
         common.out("\n".join(text(r) for r in found))
+    return 0
+
+
+def _against(args: argparse.Namespace) -> int:
+    """Two sessions, message by message."""
+    if len(args.sessions) != 1 or args.changes:
+        raise ConfigError("--against takes one session beside its own, and no --set")
+    path = args.sessions[0]
+    found = first_difference(path, args.against)
+    if args.json:
+        told = None if found is None else asdict(found)
+        common.emit({"schema": "hil.replay/1", "identical": found is None, "first": told})
+    elif found is None:
+        common.out(f"{path} and {args.against}: the same bytes")
+    else:
+        common.out(f"{path} and {args.against} differ, first at {found}")
     return 0
 
 

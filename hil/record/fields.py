@@ -48,12 +48,19 @@ def read_fields(path: str | Path, topic: str) -> tuple[FloatArray, dict[str, Flo
     if not channel.data:
         raise DataError(f"session {path}: topic {topic} has no messages")
     try:
-        return t, _fields(channel)
+        return t, numbers(channel)
     except (struct.error, IndexError, UnicodeDecodeError) as error:
         raise DataError(f"session {path}: topic {topic} cannot be decoded: {error}") from error
 
 
-def _fields(channel: Topic) -> dict[str, FloatArray]:
+def numbers(channel: Topic) -> dict[str, FloatArray]:
+    """Every field of a topic, by the names that `read_fields` gives, shape (n,) each.
+
+    Raises
+    ------
+    DataError
+        If it does not hold numbers.
+    """
     if channel.schema.endswith("/JointState"):
         names, parts = decode_joint_state(channel)
         return {
