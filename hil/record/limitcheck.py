@@ -17,6 +17,8 @@ FloatArray = NDArray[np.float64]
 #: Share of the range by which a position, and of the limit by which a speed or an effort, must be
 #: beyond it; and samples that must be: a limit is a round number, a single sample is noise.
 ROOM, BEYOND, FEW = 0.02, 0.05, 3
+#: An effort so many times beyond its limit, but not a thousand times, is in milli-units.
+MILLI = 20.0
 #: Width [s] over which a speed is averaged, so that encoder counts are not taken for speed.
 _WIDTH_S = 0.01
 
@@ -54,10 +56,13 @@ def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding
         "velocity-limit", f"the speed of q{k + 1}", speed, joint.velocity, f"{joint.unit}/s",
         r.joints[k], "check the unit of this position and of the time",
     )  # fmt: skip
+    most = float(np.abs(r.tau[:, k]).max())
+    milli = MILLI * joint.effort < most <= 1000 * joint.effort
     yield from _beyond(
         "effort-limit", f"tau{k + 1}", r.tau[:, k], joint.effort, effort, r.joints[k],
-        f"check that it is the effort at the joint in {effort} (after the gear, no current, no "
-        "milli-units), and that the URDF is of this robot",
+        f"is it in m{effort}? Then scale it by 0.001 in a map when importing" if milli else
+        f"check that it is the effort at the joint in {effort} (after the gear, and no current), "
+        "and that the URDF is of this robot",
     )  # fmt: skip
 
 
@@ -69,10 +74,11 @@ def _beyond(
     if out >= FEW:
         yield Finding(
             code, "warning", joint,
-            f"{name} reaches {size.max():.4g} {unit}, beyond the limit of the URDF ({limit:.4g}) "
+            f"{name} reaches {size.max():.5g} {unit}, beyond the limit of the URDF ({limit:.4g}) "
             f"in {_share(out, size.size)} of the samples; {advice}",
         )  # fmt: skip
 
 
 def _share(count: int, n: int) -> str:
-    return f"{max(100 * count / n, 0.01):.2g} %"
+    share = max(100 * count / n, 0.01)
+    return f"{share:.0f} %" if share > 10 else f"{share:.2g} %"
