@@ -254,7 +254,7 @@ def of_arm(change) -> list:
     [
         (lambda r: {"tau": r.tau * [1, 30]}, "effort-limit", "tau2 reaches 14.8", "(9)"),
         (lambda r: {"tau": r.tau * 1000}, "effort-limit", "is it in mN m?", "(9)"),
-        (lambda r: {"t": r.t * 0.03}, "velocity-limit", "of q2 reaches 32.1/s", "(9)"),
+        (lambda r: {"t": r.t * 0.03}, "velocity-limit", "of q2 reaches 32.127 rad/s", "(9)"),
         (lambda r: {"q": np.add(r.q, [0, 2])}, "limits", "to 2.315 rad", "(-2 to 2)"),
     ],
 )
