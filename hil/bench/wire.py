@@ -18,6 +18,7 @@ import numpy as np
 from hil import wiring
 from hil.app import run
 from hil.config import RigConfig, load_rig
+from hil.record.fields import read_fields
 from hil.record.ring import Ring
 from hil.rig import Rig, bench_of, open_rig
 from hil.rigs import rig_path
@@ -38,6 +39,8 @@ SPEEDS = {"sim": 20.0, "sim-wire": 5.0}
 BREATH, REST_S = 1000, 0.02
 #: Rows of what stands at the far end of the wires, and of processor time.
 WORLD, PROCESSOR = "simulated world and boxes", "whole tick, processor time"
+#: Row and length [s] of a session in real time.
+SESSION, REAL_S = "tick of a session in real time", 10.0
 #: Time that passes, whatever the processor does [ns].
 PASSING = time.perf_counter_ns
 
@@ -201,6 +204,16 @@ def _measure(
             if k % BREATH == 0:
                 time.sleep(REST_S)
     return rows
+
+
+def session(rig_name: str = "teleop", seconds: float = REAL_S) -> Cost:
+    """Whole ticks of a session in real time, as it recorded them: between them the loop sleeps."""
+    config = load_rig(rig_path(rig_name), {"backend": "sim-wire"})
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "s.mcap"
+        run(config, seconds, clock="real", output=path)
+        busy = read_fields(path, "/loop/timing")[1]["busy"] * 1e-3
+    return Cost(SESSION, float(np.median(busy)), float(np.percentile(busy, 99)))
 
 
 def speed(backend: str, rig_name: str = "teleop", seconds: float = SECONDS) -> Speed:

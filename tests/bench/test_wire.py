@@ -17,6 +17,12 @@ def test_every_driver_and_box_has_a_row():
     assert found[wire.WORLD].median > 0
 
 
+def test_a_session_in_real_time_says_what_its_ticks_took():
+    found = wire.session(seconds=0.3)
+    assert found.name == wire.SESSION
+    assert 0 < found.median <= found.p99
+
+
 def test_time_within_other_named_calls_is_theirs():
     now = [0]
 
