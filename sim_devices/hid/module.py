@@ -96,8 +96,7 @@ class SimDevice:
 
     def write(self, buff: Sequence[int]) -> int:
         """Output report; the number of bytes, or -1."""
-        firmware = self._open()
-        report = bytes(buff)
+        firmware, report = self._firmware or self._open(), bytes(buff)
         if not firmware.plugged:
             return -1
         firmware.output(report)

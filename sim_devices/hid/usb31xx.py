@@ -100,8 +100,9 @@ class Sim31xx:
 
     def output(self, report: bytes) -> None:
         """A report is on its way; it takes effect a frame later, one after the other."""
-        self._free_ns = max(self._free_ns, self.now_ns) + FRAME_NS
-        self._pending.append((self._free_ns, report))
+        free = self._free_ns if self._free_ns > self.now_ns else self.now_ns
+        self._free_ns = free + FRAME_NS
+        self._pending.append((free + FRAME_NS, report))
 
     def tick(self, now_ns: int) -> bool:
         """It is `now_ns`: execute what has arrived; whether anything had."""
@@ -127,7 +128,8 @@ class Sim31xx:
             if on_sync:
                 self._staged[channel] = value
             else:
-                self._staged.pop(channel, None)
+                if self._staged:
+                    self._staged.pop(channel, None)
                 self._convert(channel, value)
 
     def _sync(self, report: bytes) -> None:
