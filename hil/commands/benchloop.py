@@ -59,6 +59,7 @@ def _record(args: argparse.Namespace) -> Found:
 
 
 def _determinism(args: argparse.Namespace) -> Found:
+    """Lockstep sessions by several Pythons: the same bytes, or the first difference."""
     found = sameness.compare([sys.executable, *args.python], args.seconds)
     others = " --python PYTHON" * len(args.python)
     _page(args, sameness.page(found, f"hil bench determinism --seconds {args.seconds:g}{others}"))
