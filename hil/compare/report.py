@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from hil.compare import words
@@ -99,10 +100,10 @@ def _numbers(m: Material) -> str:
     floor = [f"{number(m.relative_floor(j))} %" for j in range(len(m.joints))]
     rows.append(["noise floor", *floor])
     for r in [] if m.external else m.rungs:
-        cells = [f"{number(float(x))} %" for x in r.multi_step.relative]
+        cells = [_percent(float(x)) for x in r.multi_step.relative]
         rows.append([f"multi-step, {r.step.label}", *cells])
         if r.multi_step.closed_loop is not None:
-            cells = [f"{number(float(x))} %" for x in r.multi_step.closed_loop.relative]
+            cells = [_percent(float(x)) for x in r.multi_step.closed_loop.relative]
             rows.append([f"closed-loop replay, {r.step.label}", *cells])
     if len(m.joints) <= 4:
         return table(rows[0], rows[1:], strong=[len(m.rungs) - 1])
@@ -230,3 +231,8 @@ def further(m: Material) -> str:
     if notes:
         parts += ["<h3>Notes</h3>", items(notes)]
     return section("What these data cannot tell apart, and what to measure next", *parts)
+
+
+def _percent(x: float) -> str:
+    """A share for people; a dash where there is none."""
+    return f"{number(x)} %" if math.isfinite(x) else "-"

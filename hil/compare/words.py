@@ -97,7 +97,7 @@ def details(m: Material) -> list[str]:
         j = int(m.ratio(m.after).argmax())
         out.append(
             f"With all this added, the error of {m.joints[j]} is still {left:.2f} times the noise "
-            "floor: smaller errors remain that no single effect of the catalogue accounts for."
+            "floor: no single effect of the catalogue accounts for what remains."
         )
     if m.verdict == "not-identifiable" or not m.rungs:
         out += [text for _, text in m.warnings]
