@@ -64,10 +64,8 @@ def add_model(parser: argparse.ArgumentParser) -> None:
 def list_names(parser: argparse.ArgumentParser, functions: Mapping[str, object]) -> None:
     """Add the names that a command takes to its help, each with what its function is for."""
     wide = max(map(len, functions))
-    rows = [
-        f"  {name:{wide}s}  {(function.__doc__ or '').splitlines()[0].rstrip('.')}"
-        for name, function in functions.items()
-    ]
+    told = {name: (f.__doc__ or "").partition("\n")[0].rstrip(".") for name, f in functions.items()}
+    rows = [f"  {name:{wide}s}  {text}".rstrip() for name, text in told.items()]
     parser.description = "\n".join([parser.description or "", "", "NAME is one of", *rows])
 
 

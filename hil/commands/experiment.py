@@ -108,6 +108,7 @@ def _fsf(seed: int) -> tuple[str, dict[str, object]]:
 
 
 def _cable_arm(seed: int) -> tuple[str, dict[str, object]]:
+    """Force on the tip without a sensor: filters and networks together on the cable arm."""
     s = cable_arm.study(seed, common.log)
     lines = [
         f"Force on the tip without a sensor, {cable_arm.ARM} of the simulated rig, after "
