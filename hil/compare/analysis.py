@@ -104,7 +104,14 @@ def fit(recordings: list[Recording], model: RobotModel) -> FitResult:
 def compare(
     recordings: list[Recording], model: RobotModel, holdout: list[Recording] | None = None
 ) -> Comparison:
-    """Model against measurement: error, noise floor, where it fails, one-step and multi-step."""
+    """Model against measurement: error, noise floor, where it fails, one-step and multi-step.
+
+    Raises
+    ------
+    DataError
+        If a run has a fault that makes every result worthless, or a held-out run has one, is of
+        another robot, or is one of the fitted ones.
+    """
     problem = make_problem(recordings, model)
     result = fit_aligned(problem, model)
     examine = Examiner(problem, holdout or [])

@@ -67,6 +67,17 @@ def diagnose(
         Largest number of effects to add.
     seed : int
         Of the sign flips.
+
+    Returns
+    -------
+    Diagnosis
+        Without a model (an empty ladder) where a run has a fault: verdict ``"bad-data"``.
+
+    Raises
+    ------
+    DataError
+        If no run is given, runs are of different robots, or a held-out run has a fault, is of
+        another robot, or is one of the fitted ones.
     """
     faults = [f for r in recordings for f in check(r)]
     errors = [(f.code, f.sentence) for f in faults if f.severity == "error"]
