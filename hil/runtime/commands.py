@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from hil.errors import ConfigError, unknown
+from hil.errors import ConfigError, DeviceError, unknown
 from hil.signals.device import Controller
 from hil.signals.settable import Range, told
 
@@ -99,7 +99,12 @@ def _bare(words: Sequence[str]) -> None:
 
 def _start(words: Sequence[str], shop: Workshop) -> Callable[[Operated], None]:
     _bare(words)
-    shop.enable()
+    try:
+        shop.enable()
+    except DeviceError as error:
+        raise ConfigError(
+            f"start: {error} A session that is PAUSED goes on with resume."
+        ) from error
     return lambda loop: loop.begin()
 
 
