@@ -14,6 +14,7 @@ from hil.experiments import (
     elastic,
     excitation,
     friction,
+    palpation,
     transparency,
     without_sensors,
 )
@@ -131,6 +132,25 @@ def _cable_arm(seed: int) -> tuple[str, dict[str, object]]:
     return "\n".join(lines), dataclasses.asdict(s)
 
 
+def _palpation(seed: int) -> tuple[str, dict[str, object]]:
+    """Share of a bolt in a gel that the operator feels, against the prediction."""
+    rows, p = palpation.study(seed, common.log)
+    cells = [
+        [r.controller, f"{r.predicted:.3f}", f"{r.mean:.3f}", f"{r.std:.3f}", f"{r.designed:.3f}"]
+        for r in rows
+    ]
+    head = ["controller", "predicted", "measured", "+- a trial", "design, 0.2-5 Hz"]
+    text = (
+        "Sensitivity by palpation of a bolt in a gel: share of the change of the environment's "
+        f"impedance\nthat reaches the operator, {palpation.HZ:g} Hz, {len(rows[0].measured)} "
+        f"trials (a pen in the hand: 1)\n{common.table(head, cells)}\n"
+        "  design: weighted tangent at the law's environment, 300 N/m, another measure\n"
+        "  exact two-sided Mann-Whitney p, corrected after Holm:\n"
+    )
+    text += "\n".join(f"    {k}: {v:.2g}" for k, v in p.items())
+    return text, {"rows": [dataclasses.asdict(r) for r in rows], "p": p}
+
+
 def _friction(seed: int) -> tuple[str, dict[str, object]]:
     """Wavelet friction networks against Coulomb and viscous friction."""
     rows = friction.study(seed)
@@ -164,5 +184,6 @@ EXPERIMENTS: dict[str, Callable[[int], tuple[str, dict[str, object]]]] = {
     "fsf": _fsf,
     "friction-network": _friction,
     "ukf-network": _cable_arm,
+    "palpation": _palpation,
     "manual-excitation": _excitation,
 }

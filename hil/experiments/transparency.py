@@ -104,14 +104,15 @@ def sessions(law: Mapping[str, Any], hz: float, folder: Path, seed: int) -> list
     """Runs in free space and on the gels."""
     out = []
     for k, gel in enumerate(GELS):
-        config = _rig(law, hz, gel)
+        config = config_of(law, hz, gel)
         path = folder / f"{hz:g}-{k}.mcap"
         app.run(config, SETTLE + PERIODS / hz, seed + k, "lockstep", path)
         out.append(cut(path, hz))
     return out
 
 
-def _rig(law: Mapping[str, Any], hz: float, gel: float | None) -> RigConfig:
+def config_of(law: Mapping[str, Any], hz: float, gel: float | None) -> RigConfig:
+    """Rig with a machine on the leader and a gel of this stiffness, or none, 20 mm above home."""
     operator = {"kind": "mechanical", "frequency": hz, "size": [0.0, 0.0, UP], "onset": 1.0}
     below = 1.0 if gel is None else -0.02
     simulation = {"operator": operator, "gel": {"below_home": below, "stiffness": gel}}

@@ -1,0 +1,39 @@
+"""Sensitivity by palpation on the simulated rig is what the theory predicts."""
+
+import pytest
+
+from hil.experiments import palpation, transparency, without_sensors
+from hil.teleop import files, fsf, make
+
+
+def test_a_bolt_in_the_gel_is_felt_as_much_as_predicted(tmp_path):
+    """Four channels, the same without sensors, and the benchmark; one trial each."""
+    given, axes = transparency.arms(transparency.identified(tmp_path, 1), without_sensors.LAW)
+    four = without_sensors.designs(axes)
+    kind, wish = palpation.NAMED[palpation.MEASURE]
+    controllers = {
+        "four": four, "free": [fsf.transform(d) for d in four],
+        "measure": make.designs(kind, wish, axes),
+    }  # fmt: skip
+    rows = {
+        n: palpation.palpate(n, d, given | files.table(d), tmp_path, 1, 1)
+        for n, d in controllers.items()
+    }
+    for row in rows.values():
+        assert row.mean == pytest.approx(row.predicted, rel=0.12)
+    assert rows["free"].mean == pytest.approx(rows["four"].mean, rel=0.03)
+    assert rows["measure"].mean < 0.6 * rows["four"].mean
+
+
+def test_differences_are_those_asked_beforehand_after_holm():
+    names = (palpation.MEASURE, "a", "a" + palpation.FREE_FORM)
+    size = {palpation.MEASURE: 0.1, "a": 0.2, "a" + palpation.FREE_FORM: 0.2}
+    rows = [
+        palpation.Row(n, 0.0, 0.0, tuple(size[n] + 0.001 * ((k * 7 + i) % 5) + 1e-5 * k + 1e-6 * i
+                                         for k in range(6))) for i, n in enumerate(names)
+    ]  # fmt: skip
+    p = palpation.differences(rows)
+    assert len(p) == 3
+    # complete separation of six and six: 2 / 924, times three
+    assert p[f"a / {palpation.MEASURE}"] == pytest.approx(3 * 2 / 924)
+    assert p["a / a" + palpation.FREE_FORM] > 0.3
