@@ -198,7 +198,7 @@ class Session:
             session.slow_topics(layout), layout, self.statistics, Shop(rig, config),
             operator.schedule, operator.say,
         )  # fmt: skip
-        self.left = 0.0
+        self.left, self.shown = 0.0, 0
         self.watchdog: Watchdog | None = None
 
     def run(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
@@ -257,7 +257,7 @@ class Session:
         config, loop = self.config.loop, self.loop
         thread = SlowThread(
             self.slow, self.timer, 1.0 / config.slow_hz, 1.0 / config.rate_hz,
-            self._live, lambda: accompany(self.arrangement),
+            lambda seconds: self._live(seconds, progress), lambda: accompany(self.arrangement),
         )  # fmt: skip
         try:
             with arranged(config.realtime) as self.arrangement:
@@ -276,7 +276,7 @@ class Session:
             finally:
                 thread.stop()
         if progress is not None:
-            progress(loop.tick)
+            progress(loop.tick - self.shown)
 
     def _release(self) -> None:
         """Torque and power off; the watchdog has nothing to watch any more."""
@@ -286,16 +286,18 @@ class Session:
             if self.watchdog is not None:
                 self.watchdog.end()
 
-    def _live(self, seconds: float) -> None:
-        """Live figures, from the slow side."""
-        if self.operator.live is not None and seconds >= self.left:
-            self.left = seconds + 0.25
-            state = self.loop.machine.state.name
-            self.operator.live(
-                f"{state} {sentence(self.loop.conditions)}; {self.statistics.line()}"
-                if self.loop.conditions
-                else f"{state}; {self.statistics.line()}"
-            )
+    def _live(self, seconds: float, progress: Callable[[int], None] | None = None) -> None:
+        """Live figures a few times a second, from the slow side; `progress` since the last time."""
+        if seconds < self.left:
+            return
+        self.left, loop = seconds + 0.25, self.loop
+        if progress is not None:
+            now = loop.tick
+            progress(now - self.shown)
+            self.shown = now
+        if self.operator.live is not None:
+            why = f" {sentence(loop.conditions)}" if loop.conditions else ""
+            self.operator.live(f"{loop.machine.state.name}{why}; {self.statistics.line()}")
 
     def _finish(self, name: str, told: dict[str, object]) -> None:
         """Close the file with what the session was; it may be that it takes nothing more."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.app import run
+from hil.app import Operator, run
 from hil.cli import main
 from hil.config import load_rig
 from hil.errors import ConfigError, DeviceError
@@ -98,6 +98,16 @@ def test_real_clock_runs_and_counts(tmp_path):
     assert done.dropped == 0
     assert done.longest_tick_us > 0
     assert load(tmp_path / "s.mcap", "leader").n == done.ticks
+
+
+def test_progress_and_live_figures_come_while_the_loop_runs(tmp_path):
+    done, said = [], []
+    operator = Operator(live=said.append)
+    config = load_rig(RIGS / "teleop.toml", {"loop": {"realtime": False}})
+    found = run(config, 0.6, clock="real", output=tmp_path / "s.mcap", progress=done.append,
+                operator=operator)  # fmt: skip
+    assert len(done) >= 3 and sum(done) == found.ticks + found.missed
+    assert 2 <= len(said) <= 4 and all("ENABLED" in s and "late p50" in s for s in said)
 
 
 def test_a_runaway_stops_the_session_and_keeps_the_record(tmp_path):
