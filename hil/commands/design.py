@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hil import registry, session
+from hil import registry, rig, session
 from hil.commands import common, designtext, outputs, plugins
 from hil.config import RigConfig, load_rig, parse
 from hil.errors import ConfigError, unknown
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     period = config.loop.period_ns * 1e-9
     loops = files.loops_of(law)
     found = [summarise(loop, period) for loop in loops]
-    trouble = _trouble(loops, period)
+    trouble = _trouble(loops, period) or _with_estimators(config, parameters)
     if args.report:
         with outputs.writing(args.report):
             Path(args.report).write_text(designtext.page(loops, found, trouble), encoding="utf-8")
@@ -144,6 +144,17 @@ def _trouble(loops: list[refuse.Loop], period: float) -> str:
         refuse.refuse(loops, period)
     except ConfigError as error:
         return str(error)
+    return ""
+
+
+def _with_estimators(config: RigConfig, parameters: Mapping[str, Any]) -> str:
+    """What 'hil run' would say of the law beside the estimators of the rig file."""
+    if config.estimators:
+        law = dataclasses.replace(config.controller, name="lawrence", parameters=parameters)
+        try:
+            rig.build_controller(dataclasses.replace(config, controller=law))
+        except ConfigError as error:
+            return str(error)
     return ""
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from controllers.estimators import forces, network, transmission, wavelets
 from hil import app, companions
+from hil.cli import main
 from hil.config import load_rig, parse
 from hil.errors import ConfigError
 from hil.estimate import ukf_kernels
@@ -127,6 +128,25 @@ def test_an_estimate_that_lags_too_much_is_refused():
     with pytest.raises(ConfigError, match=r"axis x.*unstable, a pole at"):
         open_law(load_rig(rig_path("lawrence"), over))
     open_law(load_rig(rig_path("lawrence"), {"controller": {"parameters": given}}))
+
+
+def test_design_judges_a_law_with_the_estimate_that_feeds_it(tmp_path, capsys):
+    text = rig_path("lawrence").read_text(encoding="utf-8")
+    for corner, code in ((0.5, 2), (10.0, 0)):
+        own = tmp_path / "own.toml"
+        own.write_text(
+            f"""{text}
+[estimators.grip]
+name = "force"
+arm = "follower"
+replaces_force = true
+[estimators.grip.parameters]
+corner_hz = {corner}
+""".replace("c2 = [0.5] ", "c2 = [0.5]\nc5 = [2.0] "),
+            encoding="utf-8",
+        )
+        assert main(["design", str(own)]) == code
+        assert ("REFUSED" in capsys.readouterr().out) == (code == 2)
 
 
 def test_two_in_one_place_and_unknown_ones_are_refused():

@@ -135,6 +135,39 @@ def test_refusals_say_what_is_missing():
     said("temperature", use("friction-drift", 1, T=60.0, of=1.0, dc=0.01, dv=0.0))
 
 
+EYELET = """
+from hil.models.effect import Effect, Param
+
+
+class LoopEyelet(Effect):
+    name, family = "loop-eyelet", "friction"
+    equation = "tau = fe (q - q_low) tanh(v / v0)"
+    signature = "friction that grows from one end of the range to the other"
+    shown_by = "slow strokes over the whole range"
+    source = "notebook"
+    params = (Param("fe", "{F}/{x}", "friction per wound-up angle", 0.0),)
+
+    def columns(self, motion, j, shape):
+        return ((motion.q[:, j] - motion.span[j, 0]) * motion.sign(j))[:, None]
+
+
+EFFECTS = (LoopEyelet(),)
+"""
+
+
+def test_a_users_own_effect_is_compensated_as_any_other(tmp_path, monkeypatch):
+    monkeypatch.setattr(catalogue, "_table", dict(catalogue.table()))
+    plugin = tmp_path / "eyelet.py"
+    plugin.write_text(EYELET, encoding="utf-8")
+    ranges = tuple(Range(f"joint{j}", (-0.6, 0.7), (-1, 1), (-1, 1)) for j in (1, 2, 3))
+    model = RobotModel(ROBOT, (RIGID, use("loop-eyelet", 1, fe=0.02)), valid=ranges,
+                       plugins=(str(plugin),))  # fmt: skip
+    motion = ride(500)
+    found = loop(online.tables(compensation.effects(model), compensation.span(model)), motion)
+    wanted = 0.02 * (motion.q[:, 0] + 0.6) * np.tanh(motion.qd[:, 0] / online.SOFT)
+    np.testing.assert_allclose(found[:, 0], wanted, atol=1e-4)
+
+
 def test_a_model_without_values_or_of_another_robot_is_refused():
     with pytest.raises(ConfigError, match="hil fit"):
         compensation.rigid_parameters(RobotModel(ROBOT, (Use("rigid-body"),)))
