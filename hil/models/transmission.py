@@ -43,7 +43,7 @@ def elastic(load: FloatArray, motion: Motion, shape: Sequence[float]) -> FloatAr
 
 
 #: Share of the load behind a play from which it is one (the rotor is before it).
-MOST = 0.2
+MOST = 0.25
 
 
 class ElasticTransmission(Effect):
