@@ -175,7 +175,20 @@ def _excitation(seed: int) -> tuple[str, dict[str, object]]:
     head = ["excitation", "rank", "condition", "worst error of what is determined %"]
     text = common.table(head, cells)
     text += "".join(f"\n  {r.name}: {r.found.text}" for r in rows)
-    return text, {"rows": [dataclasses.asdict(r) for r in rows]}
+    rig = excitation.on_the_rig(seed)
+    kappa = [
+        [name, *(f"{f.values[f'j{j}.kappa']:.3f} +- {f.stderr[f'j{j}.kappa']:.1g}"
+                 for j in (1, 2, 3))]
+        for name, f in rig.items()
+    ]  # fmt: skip
+    text += "\n\nSimulated rig: a hand on the leader, the law's torques as dither\n"
+    text += common.table(["motor constants found", "motor 1", "motor 2", "motor 3"], kappa)
+    text += (
+        "\n  +- takes the samples for independent and the friction for Coulomb and viscous; what"
+        "\n  friction really is adds more than that"
+    )
+    return text, {"rows": [dataclasses.asdict(r) for r in rows],
+                  "rig": {k: dataclasses.asdict(f) for k, f in rig.items()}}  # fmt: skip
 
 
 EXPERIMENTS: dict[str, Callable[[int], tuple[str, dict[str, object]]]] = {

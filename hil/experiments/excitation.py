@@ -1,18 +1,26 @@
 """Manual excitation: what a hand, the motors, or both determine (thesis paper II).
 
-Synthetic motion of a Premium 1.5 with friction and wrong motor constants; the torques follow
-from the equation of motion, plus noise.
+First synthetic motion of a Premium 1.5 with friction and wrong motor constants: the torques follow
+from the equation of motion, plus noise.  Then the simulated rig: a hand moves the leader, the law's
+own torques are the dither, and one motor constant is wrong by a known share.
 """
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from scipy.signal import butter, filtfilt
 
+from hil import app
+from hil.config import load_rig
 from hil.estimate import manual
 from hil.estimate.manual import FloatArray, Identified
 from hil.models.phantom import Premium
+from hil.record.reader import load
+from hil.rigs import rig_path
 
 #: Friction fc, fv of the joints, then kappa of the motors.
 TRUE: FloatArray = np.array([
@@ -69,3 +77,52 @@ def study(seed: int = 1) -> list[Row]:
         errors = [abs(found.values[n] / TRUE[manual.NAMES.index(n)] - 1) for n in known]
         rows.append(Row(name, found, max(errors, default=float("nan"))))
     return rows
+
+
+#: Motor constant of joint 2 that the simulated leader hides, and the zero-phase filter [Hz].
+WRONG, CORNER = 1.08, 8.0
+
+
+def on_the_rig(seed: int = 1, seconds: float = 40.0) -> dict[str, Identified]:
+    """Leader of the simulated rig, moved by hand under its law: as built, and with `WRONG`.
+
+    Parameters
+    ----------
+    seed : int
+        Of the hand.
+    seconds : float
+        Length of each session [s].
+
+    Returns
+    -------
+    dict
+        Which arm -> what was identified.
+    """
+    gain = {"effect": "torque-gain", "arm": "leader", "joint": "joint2",
+            "amplitude": (WRONG - 1.0) / 0.08}  # fmt: skip
+    hand = {"kind": "hand", "frequency": 0.8, "size": [0.06, 0.06, 0.06]}
+    out = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, hidden in (("as built", []), (f"motor 2 x {WRONG:g}", [gain])):
+            simulation = {"hidden": hidden, "operator": hand, "gel": {"below_home": 0.01}}
+            path = Path(folder) / "s.mcap"
+            config = load_rig(rig_path("lawrence"), {"simulation": simulation})
+            app.run(config, seconds, seed, "lockstep", path)
+            out[name] = _identified(path)
+    return out
+
+
+def _identified(path: Path) -> Identified:
+    """Parameters from a session's leader, everything through the same zero-phase filter."""
+    run = load(path, "leader")
+    if run.wrench is None:
+        raise RuntimeError("a session of this rig has forces")
+    period = 1e-3
+    b, a = butter(3, 2 * CORNER * period)
+    push = np.einsum("nkd,nk->nd", Premium(()).jacobian(run.q), run.wrench[:, :3])
+    q, u, tau_s = (filtfilt(b, a, x, axis=0) for x in (run.q, run.tau, push))
+    qd = np.gradient(q, period, axis=0)
+    qdd = np.gradient(qd, period, axis=0)
+    # the filter's ends, and the start of the session, stay out
+    kept = slice(1000, -500, 4)
+    return manual.identify(q[kept], qd[kept], qdd[kept], u[kept], tau_s[kept])
