@@ -7,6 +7,7 @@ operator -> leader --c1 motion, c3 force--> follower -> environment
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numba as nb
@@ -312,10 +313,16 @@ def friction_of(config: LawrenceConfig) -> tuple[tuple[Any, Any, Any], ...]:
     """Terms, presliding and table values of leader and follower, for the kernels."""
     catalogue.load_files(config.plugins)
     both = (
-        online.tables(config.leader_effects, config.leader_span),
-        online.tables(config.follower_effects, config.follower_span),
-    )
-    return tuple((t.terms, t.slips, t.values) for t in both)
+        (config.leader_effects, config.leader_span), (config.follower_effects, config.follower_span)
+    )  # fmt: skip
+    found = (_tables(tuple(effects.items()), tuple(span)) for effects, span in both)
+    return tuple((t.terms, t.slips, t.values) for t in found)
+
+
+@lru_cache(maxsize=8)
+def _tables(values: tuple[tuple[str, float], ...], span: tuple[float, ...]) -> online.Tables:
+    """Tables, made once: an operator who sets a parameter makes a new law while the loop runs."""
+    return online.tables(dict(values), span)
 
 
 Config = LawrenceConfig

@@ -147,10 +147,11 @@ class LawrenceConfig:
             raise ConfigError("lawrence: leader_mass and follower_mass must be positive.")
 
     def settable(self) -> dict[str, Range]:
-        """What an operator may set: force gains and filters; the rest is 'hil design's."""
+        """What an operator may set: force gains, filters, share; the rest is 'hil design's."""
         force = {name: Range(-2.0, 2.0, "", len(getattr(self, name))) for name in FORCES}
         corners = ("velocity_hz", "acceleration_hz", "force_hz", "observer_hz")
-        return {**force, **dict.fromkeys(corners, Range(1.0, 400.0, "Hz"))}
+        share = {"friction_share": Range(0.0, 1.0)}
+        return {**force, **share, **dict.fromkeys(corners, Range(1.0, 400.0, "Hz"))}
 
     def _both_at_once(self) -> bool:
         """Whether both sites know each other's motion at once, and no shape needs a sensor."""
