@@ -19,9 +19,9 @@ from hil.signals.bus import Bus
 #: More frames than this do not fit into any wait of a driver: a bus that never falls silent.
 CROWD = 512
 
-#: Bits of a request and its two answers at most, stuff bits and gaps included; what else may
-#: delay an answer [ns].
-POLL_BITS, MARGIN_NS = 340, 1_000_000
+#: Bits of a request and its two answers at most, stuff bits and gaps included, with a fifth for
+#: what else is on the bus; the board's own time [ns].
+POLL_BITS, BOARD_NS = 408, 60_000
 
 #: Takes the identifier and the data of a frame.
 Mailbox = Callable[[int, bytes], None]
@@ -60,12 +60,12 @@ class CanLink:
         self._advance = advance
         self._boxes: dict[int, Mailbox] = {}
         self._sensors = 0
-        self.round_ns = MARGIN_NS
+        self.round_ns = BOARD_NS
 
     def _count(self, change: int) -> None:
         self._sensors += change
         bits = POLL_BITS * self._sensors
-        self.round_ns = MARGIN_NS + (bits * 1_000_000_000 // self.bit_rate if self.bit_rate else 0)
+        self.round_ns = BOARD_NS + (bits * 1_000_000_000 // self.bit_rate if self.bit_rate else 0)
 
     def subscribe(self, identifiers: range, mailbox: Mailbox) -> None:
         """Send the frames of `identifiers` to `mailbox`.

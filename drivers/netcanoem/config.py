@@ -40,8 +40,8 @@ class NetCanOemConfig:
     serial: str = ""
     force_unit: str = ""
     torque_unit: str = ""
-    answer_ms: float = 1.5
-    stale_ms: float = 2.5
+    answer_ms: float = 0.9
+    stale_ms: float = 1.5
     lost_ms: float = 50.0
 
     def __post_init__(self) -> None:

@@ -39,8 +39,8 @@ class NetFtCanConfig(CountScale):
     base: int = 0x1B0
     bit_rate: int = 1_000_000
     scale_factors: tuple[float, ...] = ()
-    answer_ms: float = 1.5
-    stale_ms: float = 2.5
+    answer_ms: float = 0.9
+    stale_ms: float = 1.5
     lost_ms: float = 50.0
 
     def __post_init__(self) -> None:
