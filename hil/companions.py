@@ -71,8 +71,8 @@ class Accompanied:
         self.law, self._limits, self._gap = law, limits, 1.5 * period
         first = sum(len(e.names) for _, _, e, _ in built)
         self._law = slice(first, first + len(law.state_names))
-        self._time = self._law.stop
-        self._sent = slice(self._time + 2, self._time + 2 + limits.size)
+        self.flag = self._law.stop
+        self._sent = slice(self.flag + 2, self.flag + 2 + limits.size)
         at, memory = 0, self._sent.stop
         self.companions: list[Companion] = []
         for name, arm, e, feeds in built:
@@ -80,7 +80,7 @@ class Accompanied:
             self.companions.append(Companion(name, arm, e, feeds, *here))
             at, memory = here[0].stop, here[1].stop
         estimates = (f"{c.name}_{n}" for c in self.companions for n in c.estimator.names)
-        rest = (f"kept{k}" for k in range(memory - self._time))
+        rest = (f"kept{k}" for k in range(memory - self.flag))
         self.state_names = (*estimates, *law.state_names, *rest)
         self._u = np.zeros((len(limits), 12))
         self._views: dict[int, tuple[Any, ...]] = {}
@@ -91,7 +91,7 @@ class Accompanied:
         """One period: estimators with the torques of the last tick, then the law."""
         _, own, sent, kept, _ = self._seen(x)
         _, own_next, sent_next, kept_next, estimates = self._seen(x_next)
-        at = self._time
+        at = self.flag
         # kept: running, time of the last tick
         phase = (2 if t - x[at + 1] < self._gap else 1) if x[at] > 0.0 else 0
         x_next[at], x_next[at + 1] = 1.0, t
@@ -161,6 +161,34 @@ def _may_feed(name: str, table: EstimatorConfig, estimator: Estimator, fed: set[
         raise ConfigError(
             f"[estimators.{name}]: another one replaces the force of arm {table.arm!r} already"
         )
+
+
+def anew(controller: Controller, before: Controller, x: FloatArray) -> FloatArray:
+    """State in which a law begins; estimators that ran beside `before` keep what they learnt.
+
+    Parameters
+    ----------
+    controller, before : Controller
+        The law that begins, and the one that ran.
+    x : ndarray
+        State of the one that ran.
+    """
+    out = np.zeros(len(controller.state_names))
+    old, new = beside(before), beside(controller)
+    if new and [(c.name, c.estimator.memory) for c in old] == [
+        (c.name, c.estimator.memory) for c in new
+    ]:
+        for a, b in zip(old, new, strict=True):
+            out[b.memory] = x[a.memory]
+        # long ago: the next tick is the first one after a pause
+        at = _flag(controller)
+        out[at], out[at + 1] = x[_flag(before)], -1e9
+    return out
+
+
+def _flag(controller: Controller) -> int:
+    """Where a state says that it runs; the time of the last tick follows."""
+    return controller.flag if isinstance(controller, Accompanied) else 0
 
 
 def law_of(controller: Controller) -> Controller:

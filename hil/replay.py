@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from hil import registry
+from hil import companions, registry
 from hil.config import RigConfig, parse
 from hil.errors import DataError
 from hil.record.container import Container, read
@@ -179,10 +179,10 @@ class _Run:
 
     def follow(self, controller: Controller, restart: bool) -> None:
         """As `hil.runtime.loop.Loop.follow`."""
-        self.law = controller
+        before, self.law = self.law, controller
         size = len(controller.state_names)
         if restart or size != len(self.x):
-            self.x, self.x_next = np.zeros(size), np.zeros(size)
+            self.x, self.x_next = companions.anew(controller, before, self.x), np.zeros(size)
             self.zero_ns = (self.tick - 1) * self.period_ns
 
     def all(self, out: Replayed) -> None:

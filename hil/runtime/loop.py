@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil import companions
 from hil.record.ring import Ring
 from hil.runtime import safety, watch
 from hil.runtime.clock import Clock
@@ -285,10 +286,11 @@ class Loop:
 
     def follow(self, controller: Controller, restart: bool) -> None:
         """Take another law; `restart` begins it anew, at the time and the pose of this tick."""
-        self._controller = controller
+        before, self._controller = self._controller, controller
         size = len(controller.state_names)
         if restart or size != len(self._x):
-            self._x, self._x_next = np.zeros(size), np.zeros(size)
+            self._x = companions.anew(controller, before, self._x)
+            self._x_next = np.zeros(size)
             self._zero_ns = (self.tick - 1) * self._period_ns
             self._shown = min(size, self._state.size)
             self._state[:] = 0.0
