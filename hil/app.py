@@ -155,6 +155,7 @@ def run(
         An arm went to FAULT; what was recorded until then is kept.
     ConfigError
         The session could not be written on, e.g. for a full disk; the loop ran to its end.
+        Or the recording in place of the boxes ended before it.
     """
     config = session.with_run_options(config, seconds, seed, clock)
     operator = operator or Operator()
@@ -329,6 +330,12 @@ class Session:
                 _cut_short(self.output, self.slow.trouble, self.slow.unwritten)
             ) from self.slow.trouble
         if loop.unsafe:
+            ended = self.rig.outrun(loop.since)
+            if ended:
+                raise ConfigError(
+                    f"session stopped at tick {loop.since}: {reason}; {ended}, take --seconds no "
+                    f"longer than that. {self.output} holds what was replayed until then."
+                )
             told = self.rig.trouble()
             raise DeviceError(
                 f"session stopped at tick {loop.since}: FAULT, because {reason}"

@@ -10,7 +10,7 @@ from types import ModuleType
 from hil import registry, wiring
 from hil.config import SIMULATED, RigConfig
 from hil.errors import ConfigError, HilError
-from hil.rig import bench_of, check_tables, open_rig, require_backend
+from hil.rig import bench_of, check_tables, open_rig
 from hil.signals.bus import Bus
 
 Row = dict[str, str]
@@ -79,11 +79,8 @@ def check(config: RigConfig) -> list[Row]:
         whole = _whole(config)
     for name, device in config.devices.items():
         backend = config.backend_of(name)
-        problem = _refused(name, config)
         broken = [b for b in _boxes_of(name, config) if b in trouble]
-        if not problem and broken:
-            problem = f"its {_list('box', broken)} cannot be used"
-        problem = problem or whole
+        problem = f"its {_list('box', broken)} cannot be used" if broken else whole
         what = problem or _ready(name, config)
         rows.append(row(name, device.driver, backend, "no" if problem else "yes", what))
     return rows
@@ -117,19 +114,9 @@ def _boxes_of(name: str, config: RigConfig) -> list[str]:
     return list(dict.fromkeys(p.box for places in spots.values() for p in places))
 
 
-def _refused(name: str, config: RigConfig) -> str:
-    try:
-        require_backend(name, config)
-    except HilError as error:
-        return str(error)
-    return ""
-
-
 def _whole(config: RigConfig) -> str:
     """Open and close the rig; the error, or nothing."""
     try:
-        for name in config.devices:
-            require_backend(name, config)
         open_rig(config, seed=0).close()
     except HilError as error:
         _only_reach(error)

@@ -12,7 +12,7 @@ import numpy as np
 from hil import companions, registry, wiring
 from hil.boxwire import BoxWire, check_roles
 from hil.config import SIMULATED, RigConfig, parse, within
-from hil.errors import ConfigError, DeviceError
+from hil.errors import ConfigError
 from hil.excite import files, margins
 from hil.excite.limits import of_arm
 from hil.models.robots import bare_robot
@@ -30,9 +30,6 @@ from hil.signals.device import (
     Wire,
 )
 from hil.tapping import Taps
-
-#: What to do where a device cannot be reached on hardware.
-WAY_OUT = 'without hardware set backend = "sim-wire", or "sim" for ideal wires'
 
 
 @dataclass
@@ -80,19 +77,33 @@ class Rig:
         """Why boxes are lost; empty while none is."""
         return " ".join(filter(None, map(wiring.trouble, self.boxes.values()))).rstrip(".")
 
+    def outrun(self, tick: int) -> str:
+        """Where the recording in place of the boxes ends, if before `tick`; empty if not."""
+        ticks, said = self.taps.ends() if self.taps is not None else (0, "")
+        return said if tick > ticks else ""
+
     def close(self) -> None:
         """Make every device safe and release it and its boxes, even where another one fails to."""
         self.stack.close()
 
 
-def require_backend(name: str, config: RigConfig) -> None:
-    """Refuse a device on hardware that is wired to no box."""
-    backend, device = config.backend_of(name), config.devices[name]
-    if backend not in SIMULATED and not device.channels:
-        raise DeviceError(
-            f"device {name!r}: back end {backend!r} needs the boxes that it is wired to, channels "
-            f'= {{ ROLE = ["BOX/CHANNEL", ...] }}; {WAY_OUT}.'
-        )
+def require_boxes(config: RigConfig) -> None:
+    """Refuse devices that are to go through boxes and are wired to none.
+
+    Raises
+    ------
+    ConfigError
+        Names the devices and what to add.
+    """
+    for backend in dict.fromkeys(map(config.backend_of, config.devices)):
+        bare = [n for n, d in config.devices.items()
+                if not d.channels and config.backend_of(n) == backend != "sim"]  # fmt: skip
+        if bare:
+            raise ConfigError(
+                f"back end {backend!r} needs boxes, and wired to none is {', '.join(bare)}; add "
+                f"[devices.{bare[0]}.channels] and the [boxes.NAME] that it names, as "
+                'rigs/teleop.toml has them, or set backend = "sim", ideal wires.'
+            )
 
 
 def open_rig(config: RigConfig, seed: int, bench: Any = None) -> Rig:
@@ -113,8 +124,6 @@ def open_rig(config: RigConfig, seed: int, bench: Any = None) -> Rig:
         If a box or device is not there or refuses.
     """
     check_tables(config)
-    for name in config.devices:
-        require_backend(name, config)
     check_trajectory(config)
     controller = build_controller(config)  # a law that refuses does so before any device opens
     with ExitStack() as stack:
@@ -153,6 +162,7 @@ def check_tables(config: RigConfig) -> None:
     ConfigError
         Names the table.
     """
+    require_boxes(config)
     wiring.check_channels(config)
     for name in config.devices:
         device_options(config, name)

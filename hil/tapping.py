@@ -8,6 +8,7 @@ from dataclasses import replace
 from hil import registry
 from hil.config import RigConfig
 from hil.errors import ConfigError
+from hil.record.container import read
 from hil.record.frames import FrameLog, read_frames
 from hil.record.replay import Replay
 from hil.signals.bus import Bus
@@ -80,6 +81,18 @@ class Taps:
                 "first": "; ".join(replay.differences[:3]),
             }  # fmt: skip
         return found
+
+    def ends(self) -> tuple[int, str]:
+        """Last tick of the recording that answers for boxes, and where it ends in words.
+
+        No tick and no words where nothing is replayed, or the recording has no ticks.
+        """
+        row = read(self._session).topics.get("/loop/timing") if self.replays else None
+        if row is None or len(row.times) < 2:
+            return 0, ""
+        ticks = row.sequence[-1]
+        period = (row.times[-1] - row.times[0]) / (row.sequence[-1] - row.sequence[0])
+        return ticks, f"the recording {self._session} ends at {1e-9 * ticks * period:.6g} s"
 
     def replayed(self, name: str, kind: str) -> Bus:
         """Bus of a box that a session answers for.

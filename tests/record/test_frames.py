@@ -169,6 +169,15 @@ def test_a_whole_rig_comes_again_from_its_frames(tmp_path):
     assert max(np.ptp(field[f"follower_count{k}"]) for k in (1, 2, 3)) > 50
 
 
+def test_a_replay_beyond_its_recording_says_where_that_ends(tmp_path):
+    field, desk = tmp_path / "field.mcap", tmp_path / "desk.mcap"
+    whole(field, "sim-wire", frames=True)
+    with pytest.raises(ConfigError, match=r"field\.mcap ends at 0\.5 s, take --seconds") as error:
+        whole(desk, "replay", 1.0, replay=str(field))
+    assert "plug it in" not in str(error.value)
+    assert read_fields(desk, "/rig/raw")[0].size > 500
+
+
 def test_an_encoder_box_that_was_unplugged_is_unplugged_again(tmp_path, monkeypatch):
     def said(path, backend, **record):
         with pytest.raises(DeviceError) as error:

@@ -1,12 +1,13 @@
 """Rig files: mistakes are one sentence that names the nearest right thing."""
 
+import re
 import tomllib
 from pathlib import Path
 
 import pytest
 
 from hil.cli import main
-from hil.config import load_rig, merge
+from hil.config import BACKENDS, load_rig, merge
 from hil.errors import ConfigError
 from hil.rig import build_controller
 from hil.session import rig_text, to_toml
@@ -77,3 +78,10 @@ def test_the_attached_rig_is_toml_that_lacks_the_simulation():
     assert tomllib.loads(to_toml({"a": {"b": [1, 2.5, "x"], "c": {"d": True}}})) == {
         "a": {"b": [1, 2.5, "x"], "c": {"d": True}}
     }
+
+
+@pytest.mark.parametrize("path", sorted(RIGS.glob("*.toml")), ids=lambda p: p.stem)
+def test_a_rig_file_names_the_back_ends_beside_its_own(path):
+    line = next(x for x in path.read_text().splitlines() if x.startswith("backend ="))
+    named = re.findall(r'"([a-z-]+)"', line)
+    assert {"sim", "sim-wire", "hardware"} == set(named) <= set(BACKENDS)

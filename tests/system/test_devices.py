@@ -249,3 +249,32 @@ def test_an_old_session_stays_where_it_is_until_the_devices_are_open(tmp_path, c
     assert path.read_bytes() == b"a session"
     assert main(["run", good, "-o", str(path), "--seconds", "0.1"]) == 0
     assert (tmp_path / "s.1.mcap").read_bytes() == b"a session"
+
+
+@pytest.mark.parametrize("backend", ["sim-wire", "hardware"])
+@pytest.mark.parametrize("words", [["devices", "RIG"], ["run", "RIG", "-o", "OUT"]])
+def test_a_rig_without_boxes_is_refused_where_they_are_needed(tmp_path, capsys, backend, words):
+    text = (RIGS / "lawrence.toml").read_text()
+    rig, out = tmp_path / "rig.toml", tmp_path / "s.mcap"
+    rig.write_text(text.replace('backend = "sim"', f'backend = "{backend}"'))
+    assert main([{"RIG": str(rig), "OUT": str(out)}.get(w, w) for w in words]) == 2
+    said = capsys.readouterr()
+    assert not said.out and said.err.count("\n") == 1 and not out.exists()
+    assert f"'{backend}' needs boxes, and wired to none is leader-arm, leader-force" in said.err
+    assert "[devices.leader-arm.channels]" in said.err and 'backend = "sim"' in said.err
+
+
+def test_only_the_device_on_wires_needs_boxes(tmp_path, capsys):
+    rig = tmp_path / "rig.toml"
+    old = "[devices.follower-force]\n"
+    text = (RIGS / "lawrence.toml").read_text()
+    rig.write_text(text.replace(old, f'{old}backend = "sim-wire"\n'))
+    assert main(["devices", str(rig)]) == 2
+    assert (
+        "wired to none is follower-force; add [devices.follower-force.channels]"
+        in capsys.readouterr().err
+    )
+    code, found = rows(capsys, rig_file(tmp_path, "sim", (old, f'{old}backend = "sim-wire"\n')))
+    assert code == 0
+    assert "over box follower-ft" in found["follower-force"]["what"]
+    assert "at signal level" in found["leader-force"]["what"]
