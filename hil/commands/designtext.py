@@ -28,14 +28,19 @@ ROWS = (
     ("passive", "passivity, min eigenvalue", ">= 0"),
     ("bounded", "min Re z_t, bounded world [N s/m]", ">= 0"),
     ("D", "D = -det Q", "far from 0"),
-    ("kappa", "condition of Q", "<= 3, at most 9"),
+    ("kappa", "conditioning of Q", "<= 3, at most 9"),
     ("fsf_smallest", "force-free loop gain", "above the next"),
     ("fsf_bound", "its sampled bound", ""),
 )
 MARGINS = (
-    ("pole", "rightmost pole [rad/s]", "< 0; 0 = drifts freely"),
-    ("radius", "sampled eigenvalue", "<= 1"),
+    ("pole", "rightmost pole of all pairs [rad/s]", "< 0; 0 = drifts freely"),
+    ("radius", "sampled eigenvalue", "condition: <= 1"),
     ("delay_s", "round-trip delay margin [s]", "more than there is"),
+)
+#: Which rows decide; see `hil.teleop.refuse`.
+DECIDES = (
+    "conditions: gains that can be realised, and the sampled eigenvalue with every declared "
+    "operator and environment;\n  the other rows are goals and may be missed"
 )
 
 
@@ -44,12 +49,21 @@ def text(loops: Sequence[Loop], found: Sequence[Summary], trouble: str) -> str:
     head = ["", *(f"axis {loop.axis}" for loop in loops)]
     lines = [f"design {found[0].name}", "", common.table(head, gains(loops)), ""]
     lines.append(common.table([*head, "goal"], merits(found)))
-    missed = dict.fromkeys(m for s in found for m in s.missed)
-    lines += ["", "  transparent: " + ("yes" if not missed else "no")]
-    lines += [f"    {m}" for m in list(missed)[:6]]
+    told = missed(found)
+    lines += ["", f"  {DECIDES}", "  transparent: " + ("yes" if not told else "no")]
+    lines += [f"    {m}" for m in told]
     lines.append(f"  decisive pair: {found[0].margins.pair}")
-    lines.append(f"  REFUSED: {trouble}" if trouble else "  may run: every condition is met")
+    lines.append(f"  REFUSED: {trouble}" if trouble else "  may run: both conditions are met")
     return "\n".join(lines)
+
+
+def missed(found: Sequence[Summary]) -> list[str]:
+    """Missed conditions of transparency, each once with the axes that miss it."""
+    axes: dict[str, list[str]] = {}
+    for s in found:
+        for condition in s.missed:
+            axes.setdefault(condition, []).append(s.axis)
+    return [f"axis {', '.join(names)}: {condition}" for condition, names in axes.items()]
 
 
 def gains(loops: Sequence[Loop]) -> list[list[str]]:
@@ -81,7 +95,9 @@ def merits(found: Sequence[Summary]) -> list[list[str]]:
 def _number(x: float) -> str:
     if x == 0.0 or abs(x) < 1e-9:
         return "0"
-    return "unlimited" if math.isinf(x) else f"{x:.5g}" if 0.99 < x < 1.01 else f"{x:.3g}"
+    if math.isinf(x):
+        return "infinite" if x > 0.0 else "-infinite"
+    return f"{x:.5g}" if 0.99 < x < 1.01 else f"{x:.3g}"
 
 
 def reasons(found: Sequence[Found]) -> list[str]:

@@ -141,7 +141,8 @@ def _stable(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> None:
             "run 'hil design RIG.toml' for the margins"
         )
     raise ConfigError(
-        f"{where}: stable on paper, but not when sampled every {1e3 * period:.3g} ms with these "
+        f"{where}: this pair is stable on paper, with its rightmost pole at {pole:.3g} rad/s, "
+        f"but not when sampled every {1e3 * period:.3g} ms with these "
         f"filters: a mode of {hz:.3g} Hz grows by {growth:.3g} /s (eigenvalue {size:.5f}, at most "
         f"1); {_advice(loop, hz)}"
     )

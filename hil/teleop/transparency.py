@@ -31,6 +31,8 @@ EQUATIONS = {
 }
 #: A condition holds if its two sides agree to this share of the larger one.
 TOLERANCE = 1e-9
+#: Coefficients below this part of the largest are rounding, and not said.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -170,5 +172,6 @@ def _there(value: Term | float) -> bool:
 
 def _said(term: Term) -> str:
     parts = [(term.k, "/s"), (term.b, ""), (term.a, " s")]
-    text = " + ".join(f"{x:.6g}{unit}" for x, unit in parts if x)
+    least = ROUNDING * term.size()
+    text = " + ".join(f"{x:.6g}{unit}" for x, unit in parts if abs(x) > least)
     return text.replace("+ -", "- ") or "0"

@@ -1,6 +1,7 @@
 """The Lawrence law: channels, computed torque, sampled prediction, refusals; on the rig too."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from hil.models.phantom import Premium
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.reader import load
-from hil.teleop import files, named, refuse, sampled
+from hil.teleop import files, named, refuse, sampled, transparency
 from hil.teleop.design import Design, Robot, Term
 
 RIGS = Path(__file__).parents[2] / "rigs"
@@ -205,6 +206,27 @@ def test_the_command_prints_and_writes_what_run_takes(tmp_path, capsys):
     assert law.name == "lawrence"
     assert law.parameters["c1"][:2] == (150.0, 1.2) or law.parameters["c1"][:2] == [150.0, 1.2]
     assert main(["run", own, "-o", str(tmp_path / "s.mcap"), "--seconds", "0.3"]) == 0
+
+
+def test_goals_and_conditions_are_told_apart(capsys):
+    rig = str(RIGS / "lawrence.toml")
+    assert main(["design", rig]) == 0
+    said = capsys.readouterr().out
+    assert "absolute stability margin" in said and "the other rows are goals" in said
+    assert "may run: both conditions are met" in said
+    assert "axis x, y, z: c2 is 0.5, it should be 1\n" in said
+    assert "axis y: c1 is 250/s + 1.5, it should be 250/s + 1.5 + 0.0695 s\n" in said
+    assert main(["design", rig, "--design", "four-channel"]) == 2
+    said = capsys.readouterr().out
+    assert "unlimited" not in said
+    assert next(x for x in said.splitlines() if "conditioning of Q" in x).count("infinite") == 3
+    assert re.search(r"this pair is stable on paper, with its rightmost pole at -\d", said)
+
+
+def test_rounding_is_not_said():
+    law = Design(c1=Term(250.0, 1.5, 7.8e-18), c7=Term(250.0, 1.5, 0.0))
+    texts = [c.text for c in transparency.check(law) if c.name == "c1"]
+    assert texts[0].startswith("c1 is 250/s + 1.5, it")
 
 
 def test_the_command_refuses_to_write_a_bad_design(tmp_path, capsys):
