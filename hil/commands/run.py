@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import threading
 from collections.abc import Callable
@@ -67,6 +68,8 @@ def run(args: argparse.Namespace) -> int:
     config = load_rig(args.rig, _played(args))
     if args.seed < 0:
         raise ConfigError(f"--seed {args.seed}: a number from 0 on is needed.")
+    if args.seconds is not None and not 0.0 < args.seconds < math.inf:
+        raise ConfigError(f"--seconds {args.seconds:g}: a length above 0 s is needed.")
     outputs.check(args.output, ".mcap", [args.rig, *([args.trajectory] if args.trajectory else [])])
     summary = _with_bar(config, args)
     for line in differences(summary.path):

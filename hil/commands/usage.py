@@ -59,7 +59,7 @@ def refuse_unknown(parser: Parser, words: Sequence[str]) -> None:
         if not known and (name.startswith("--") or name[:2] not in (*options, "-")):
             near = difflib.get_close_matches(name, [o for o in options if o[:2] == "--"], n=1)
             hint = f"; did you mean {near[0]}?" if near else "."
-            if not _number(name):
+            if not _number(name.split()[0]):
                 parser.leave(f"unknown option {name}{hint}")
 
 

@@ -1,6 +1,7 @@
 """The program as a user meets it: JSON contracts, exit codes, help with an example."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from hil.cli import COMMANDS, main
 from hil.record.export import write_recordings
 from hil.record.recording import Recording, RobotSource
+
+IDEAL = str(Path(__file__).parents[2] / "rigs" / "lawrence.toml")
 
 
 def axis(name, seed, drag=0.0, seconds=20.0):
@@ -140,6 +143,9 @@ def test_standstill_is_not_a_result(tmp_path, capsys):
         (("fit", "SESSION", "-o", "SESSION"), ".toml"),
         (("compare", "SESSION", "--report", "SESSION"), ".html"),
         (("run", "no.toml", "-o", "x.mcap"), "no.toml"),
+        (("run", IDEAL, "-o", "x.mcap", "--seconds", "-3"), "--seconds -3: a length above 0 s"),
+        (("run", IDEAL, "-o", "x.mcap", "--seconds", "nan"), "--seconds nan: a length above 0 s"),
+        (("run", IDEAL, "-o", "x.mcap", "--at", "-1 pause"), "--at '-1 pause': the session lasts"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_2(session, capsys, words, says):
