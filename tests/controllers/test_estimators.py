@@ -1,11 +1,16 @@
 """Estimators in the 1 kHz loop on the simulated rig, recorded, replayed, in a sensor's place."""
 
+import re
+import textwrap
+import tomllib
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from controllers.estimators import forces, network, transmission, wavelets
+from controllers.lawrence_config import PREMIUM
 from hil import app, companions
 from hil.cli import main
 from hil.config import load_rig, parse
@@ -40,6 +45,18 @@ def table(*names, **more):
             "parameters": {"model": MODEL, **KINDS[n].get("parameters", {})}}
         for n in names
     }  # fmt: skip
+
+
+def test_the_tables_of_the_documentation_are_taken():
+    text = (Path(__file__).parents[2] / "docs" / "teleoperation.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"(?:^    .*\n)+", text, re.M)
+    shown = "".join(b for b in blocks if "[estimators." in b).replace("[...]", str(list(MODEL)))
+    tables = tomllib.loads(textwrap.dedent(shown))["estimators"]
+    assert tables["push"]["parameters"]["method"] == "inverse-dynamics"
+    assert "model" not in tables["push"]["parameters"]
+    open_rig(rig(tables), 0).close()
+    for kind in (forces.ForcesConfig, network.NetworkConfig, transmission.TransmissionConfig):
+        assert kind().model == PREMIUM  # as the page says: neither arm's own
 
 
 def rig(estimators, **simulation):
