@@ -56,7 +56,9 @@ class _Forward:
         """
         speeds = np.concatenate([qd + step, qd - step])
         twice, rest = np.tile(q, (2, 1)), np.zeros_like(speeds)
-        up, down = np.split(self.effort(twice, speeds, rest, np.tile(load, (2, 1)), mass=False), 2)
+        up, down = np.split(
+            self.effort(twice, speeds, rest, np.tile(load, (2, 1, 1)), mass=False), 2
+        )
         out: FloatArray = np.maximum((up - down) / (2 * step), 0.0)
         return out
 
@@ -67,16 +69,21 @@ class _Forward:
         w, d = q.shape
         # no acceleration, then one of each joint: all states at once
         unit = np.repeat(np.concatenate([np.zeros((1, d)), np.eye(d)]), w, axis=0)
-        q, qd, load = (np.tile(x, (1 + d, 1)) for x in (q, qd, load))
+        q, qd = (np.tile(x, (1 + d, 1)) for x in (q, qd))
+        load = np.tile(load, (1 + d, 1, 1))
         each = self.effort(q, qd, unit, load).reshape(1 + d, w, d)
         return each[0], np.moveaxis(each[1:] - each[0], 0, -1)
 
     def effort(
         self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, mass: bool = True
     ) -> FloatArray:
-        """Effort (w, d) of the other terms at states (w, d); without the mass' on demand."""
-        m = replace(self.motion, t=np.arange(len(q), dtype=float), q=q, qd=qd, qdd=qdd, load=load,
-                    tau=np.zeros_like(q), tau_ext=np.zeros_like(q), average=0.0)  # fmt: skip
+        """Effort (w, d) of the other terms at states (w, d); without the mass' on demand.
+
+        `load` (w, 2, d): all that is transmitted as measured, and its static part.
+        """
+        m = replace(self.motion, t=np.arange(len(q), dtype=float), q=q, qd=qd, qdd=qdd,
+                    load=load[:, 0], static=load[:, 1], tau=np.zeros_like(q),
+                    tau_ext=np.zeros_like(q), average=0.0)  # fmt: skip
         out = np.zeros_like(q)
         for t, theta in self.parts:
             if self.replayed(t) or (t.effect.whole_robot and not mass):
@@ -118,9 +125,10 @@ def forward(
     error = np.empty((len(starts), horizon, d))
     move = np.empty_like(error)
     unit, w = np.eye(d), 2 * np.pi * servo
+    loads = np.stack([motion.load, motion.static], axis=1)
     with np.errstate(all="ignore"):
         for k in range(horizon):
-            load = motion.load[starts + k]
+            load = loads[starts + k]
             rest, mass = model.balance(q, qd, load)
             push = drive[starts + k] - rest
             qdd = _solve(mass, push)

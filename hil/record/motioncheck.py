@@ -12,6 +12,7 @@ from hil.record import consistency as physics
 from hil.record import limitcheck
 from hil.record.finding import Finding
 from hil.record.recording import Recording
+from hil.record.spikes import check_spikes
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
 
 _KNOWN_FACTORS = (
@@ -34,6 +35,7 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
     if np.any(np.diff(recording.t) <= 0):
         return
     yield from _units(recording)
+    yield from check_spikes(recording)
     for k, joint in enumerate(recording.joints):
         if np.ptp(recording.q[:, k]) > 0:
             yield from _position(recording, k, joint)

@@ -1,0 +1,32 @@
+"""Every effect that follows the simulated state can be simulated, in each of its forms."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_effects import motion_of
+
+from hil.compare.forward import _Forward
+from hil.identify.design import Term
+from hil.models import catalogue
+from hil.models.robots import IndependentAxes
+
+WINDOWS = 7
+MOTION = motion_of(IndependentAxes(("a", "b")), n=60)
+SIMULATED = [
+    name
+    for name, effect in sorted(catalogue.table().items())
+    if not effect.replayed and not effect.available(MOTION, 1)
+]
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_loads_are_those_of_the_windows(name):
+    motion, effect = MOTION, catalogue.get(name)
+    load = np.stack([motion.load, motion.static], axis=1)[:WINDOWS]
+    shapes = effect.grid(motion, 1) or [()]
+    for shape in {shapes[0], shapes[-1]}:
+        term, m = Term(effect, 1, shape=tuple(shape)), len(effect.terms(motion, 1))
+        result = SimpleNamespace(terms=[term], theta=np.ones(m), slices=[slice(0, m)])
+        q = motion.q[:WINDOWS]
+        assert _Forward(result, motion).effort(q, q, 0 * q, load).shape == q.shape
