@@ -32,7 +32,8 @@ OUTSIDE = "#E69F00"
 VIEWS, FEWEST = 9, 10
 ONE_STEP = (
     "How to read: one group of bars a joint, one bar a model. The dashed line at 1 is the measured "
-    "noise floor: no model can do better, and a bar at the line leaves nothing to explain."
+    "noise floor: what all effects of the catalogue together leave, without its chance gain. A bar "
+    "at the line leaves nothing for them to explain; an effect of your own may still go below it."
 )
 MULTI_STEP = (
     " Right: the model is started from measured states, driven with the measured effort and "

@@ -105,13 +105,15 @@ PRESETS: dict[str, Callable[[Recording], Robot]] = {
 
 
 def make_robot(source: RobotSource, recording: Recording) -> Robot:
-    """Build the robot of a model for a recording.
+    """Build the robot of a model for a recording; a model that names none takes the recording's.
 
     Raises
     ------
     ConfigError
         If the preset is unknown or the joints of robot and recording do not match.
     """
+    if not (source.preset or source.urdf):
+        source = recording.robot
     if source.urdf:
         from hil.models.urdf import UrdfRobot
 
