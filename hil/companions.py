@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from hil import registry
-from hil.config import EstimatorConfig, RigConfig, parse
+from hil.config import EstimatorConfig, RigConfig
 from hil.errors import ConfigError
 from hil.runtime.frame import FrameLayout
 from hil.signals.device import Controller, Estimator, FloatArray
+from hil.tomltable import parse
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from hil import companions, registry
-from hil.config import RigConfig, parse
+from hil.config import RigConfig
 from hil.errors import DataError
 from hil.record.container import Container, read
 from hil.record.decode import decode_joint_state, decode_numbers
@@ -29,6 +29,7 @@ from hil.session import WORDS, source_revision
 from hil.shop import Shop
 from hil.signals.device import Controller, FloatArray, IntArray, ServoJf, Status
 from hil.signals.state import OperatingState
+from hil.tomltable import parse
 
 _ENABLED = int(OperatingState.ENABLED)
 

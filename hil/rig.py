@@ -11,7 +11,7 @@ import numpy as np
 
 from hil import companions, registry, wiring
 from hil.boxwire import BoxWire, check_roles
-from hil.config import SIMULATED, RigConfig, parse, within
+from hil.config import SIMULATED, RigConfig
 from hil.errors import ConfigError
 from hil.excite import files, margins
 from hil.excite.limits import of_arm
@@ -30,6 +30,7 @@ from hil.signals.device import (
     Wire,
 )
 from hil.tapping import Taps
+from hil.tomltable import parse, within
 
 
 @dataclass

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from hil import registry
-from hil.config import SIMULATED, BoxConfig, DeviceConfig, RigConfig, parse, within
+from hil.config import SIMULATED, BoxConfig, DeviceConfig, RigConfig
 from hil.errors import ConfigError, unknown
 from hil.signals.bus import Bus
 from hil.tapping import Taps
+from hil.tomltable import parse, within
 
 _PLACE = re.compile(r"(-?)([^/]+)/(\d+)")
 

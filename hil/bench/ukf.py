@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from hil import registry
-from hil.config import parse
 from hil.errors import ConfigError
 from hil.estimate.ukf import ElasticUkf, UkfConfig
 from hil.estimate.ukf_kernels import N
 from hil.experiments.elastic_plant import PERIOD, FloatArray, Plant, record
+from hil.tomltable import parse
 
 
 @dataclass(frozen=True)

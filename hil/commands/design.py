@@ -10,11 +10,12 @@ from typing import Any
 
 from hil import registry, rig, session
 from hil.commands import common, designtext, outputs, plugins
-from hil.config import RigConfig, load_rig, parse
+from hil.config import RigConfig, load_rig
 from hil.errors import ConfigError, unknown
 from hil.teleop import files, fsf, make, named, refuse
 from hil.teleop.make import Arms
 from hil.teleop.summary import Summary, summarise
+from hil.tomltable import parse
 
 HELP = "a teleoperation controller's gains, margins, sensitivity and conditioning, before it runs"
 EXAMPLE = (

@@ -22,12 +22,12 @@ import numpy as np
 from scipy import stats
 
 from hil import app, registry
-from hil.config import parse
 from hil.experiments import transparency as rig
 from hil.experiments import without_sensors
 from hil.teleop import files, fsf, hybrid, make
 from hil.teleop.design import Design
 from hil.teleop.make import Arms
+from hil.tomltable import parse
 
 HZ, TRIALS = 1.0, 6
 #: Stiffness of the gel, and over the bolt [N/m^1.3].

@@ -20,7 +20,7 @@ from scipy import stats
 
 from hil import app, registry
 from hil.compare.analysis import fit
-from hil.config import ControllerConfig, RigConfig, load_rig, parse
+from hil.config import ControllerConfig, RigConfig, load_rig
 from hil.models.model import base_model
 from hil.models.phantom import Premium
 from hil.models.writing import write_model
@@ -30,6 +30,7 @@ from hil.teleop import files, make, measure, sampled
 from hil.teleop.hybrid import ComplexArray, FloatArray
 from hil.teleop.make import Arms
 from hil.teleop.measure import Experiment
+from hil.tomltable import parse
 
 PERIOD = 1e-3
 #: Frequencies of the leader's motion [Hz]; whole numbers of samples a period.

@@ -3,7 +3,6 @@
 import re
 import textwrap
 import tomllib
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from controllers.estimators import forces, network, transmission, wavelets
 from controllers.lawrence_config import PREMIUM
 from hil import app, companions
 from hil.cli import main
-from hil.config import load_rig, parse
+from hil.config import load_rig
 from hil.errors import ConfigError
 from hil.estimate import ukf_kernels
 from hil.estimate.ukf import RECORD, ElasticUkf, UkfConfig
@@ -27,6 +26,7 @@ from hil.rig import open_rig
 from hil.rigs import rig_path
 from hil.runtime.clock import VirtualClock
 from hil.runtime.loop import Loop
+from hil.tomltable import parse
 
 MODEL = load_rig(rig_path("lawrence")).controller.parameters["follower_model"]
 NETS = {"gain": 0.02}
@@ -215,7 +215,7 @@ def test_an_estimator_is_pure(kind):
         np.testing.assert_array_equal(a, b)
 
 
-def test_estimators_keep_no_memory_in_the_hot_path():
+def test_estimators_keep_no_memory_in_the_hot_path(memory_growth):
     config = rig(table(*KINDS))
     opened = open_rig(config, 0)
     layout = companions.layout(2, opened.controller)
@@ -224,14 +224,7 @@ def test_estimators_keep_no_memory_in_the_hot_path():
                 1_000_000, opened.origin_ns)  # fmt: skip
     loop.rehearse()
     opened.enable()
-    for _ in range(300):
-        loop.step()
-    tracemalloc.start()
-    before = tracemalloc.get_traced_memory()[0]
-    for _ in range(300):
-        loop.step()
-    grown = tracemalloc.get_traced_memory()[0] - before
-    tracemalloc.stop()
+    grown = memory_growth(loop.step)
     opened.close()
     assert grown < 2000
 

@@ -12,7 +12,7 @@ from controllers import channel, dynamics, ela, geometry, lawrence, lawrence_con
 from controllers.channel import ChannelConfig
 from controllers.lawrence import Lawrence, LawrenceConfig
 from hil.cli import main
-from hil.config import load_rig, parse
+from hil.config import load_rig
 from hil.errors import ConfigError, DeviceError
 from hil.estimate import force
 from hil.models.phantom import Premium
@@ -21,6 +21,7 @@ from hil.record.decode import decode_numbers
 from hil.record.reader import load
 from hil.teleop import files, named, refuse, sampled, transparency
 from hil.teleop.design import Design, Robot, Term
+from hil.tomltable import parse
 
 RIGS = Path(__file__).parents[2] / "rigs"
 ARMS, T = ("leader", "follower"), 1e-3

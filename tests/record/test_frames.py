@@ -52,9 +52,11 @@ def test_a_frame_survives_its_message(t_ns, key, data, stamp):
 @given(st.binary(max_size=60))
 def test_any_bytes_are_a_frame_or_refused(data):
     try:
-        decode(data)
-    except DataError:
-        return
+        frame = decode(data)
+    except DataError as error:
+        assert str(error)
+    else:
+        assert decode(encode(frame, 0)) == frame
 
 
 def test_frames_are_read_by_other_readers_of_mcap(tmp_path):

@@ -4,7 +4,6 @@ import dataclasses
 import json
 import subprocess
 import sys
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -141,7 +140,7 @@ def test_a_missing_folder_is_one_sentence(tmp_path):
         record(tmp_path / "no" / "s.mcap")
 
 
-def test_the_hot_path_keeps_no_memory():
+def test_the_hot_path_keeps_no_memory(memory_growth):
     config = load_rig(RIGS / "teleop.toml")
     rig = open_rig(config, 0)
     layout = FrameLayout(2, len(rig.controller.state_names))
@@ -150,14 +149,7 @@ def test_the_hot_path_keeps_no_memory():
                 rig.origin_ns)  # fmt: skip
     loop.rehearse()
     rig.enable()
-    for _ in range(300):
-        loop.step()
-    tracemalloc.start()
-    before = tracemalloc.get_traced_memory()[0]
-    for _ in range(300):
-        loop.step()
-    grown = tracemalloc.get_traced_memory()[0] - before
-    tracemalloc.stop()
+    grown = memory_growth(loop.step)
     assert grown < 4096
     assert ring.dropped == 500
     rig.close()

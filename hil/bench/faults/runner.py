@@ -82,10 +82,12 @@ def one(fault: Fault, path: Path) -> Outcome:
         over["backend"] = "sim-wire"
     tampered = Tampered(fault.strike, fault.at, fault.steered)
     config = load_rig(rig_path(fault.rig), over)
+    # a run that wrote nothing must not be judged by the one before
+    path.unlink(missing_ok=True)
     try:
         app.run(config, None, 1, "lockstep", path, opener=tampered.open, timer=tampered.timer)
     except (HilError, ZeroDivisionError):
-        pass  # the record tells how it ended
+        pass  # the record, which `judge` needs, tells how it ended
     return judge(fault, tampered.struck, path)
 
 

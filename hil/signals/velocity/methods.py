@@ -14,10 +14,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from hil import registry
-from hil.config import parse
 from hil.errors import ConfigError
 from hil.signals.device import FloatArray, IntArray
 from hil.signals.velocity import kernels
+from hil.tomltable import parse
 
 GROUP = "hil.velocity"
 
