@@ -86,6 +86,8 @@ def tables(values: Mapping[str, float], span: Sequence[float] = ()) -> Tables:
         if effect.name == "presliding":
             if part.shape[0] <= 0.0:
                 raise refusal(effect, "its displacement s is not positive")
+            if part.shape[1] > 1.0:
+                raise refusal(effect, "LuGre's form has no kernel there")
             slips.append((j, part.shape[0], int(part.shape[1] != 0.0), theta[1:4]))
             part = replace(part, theta=np.array([theta[0], 0.0, 0.0, 0.0]))
         axes = part.axes()

@@ -41,8 +41,9 @@ def references(terms: Sequence[Term], v0: FloatArray, contact: FloatArray) -> di
     """Sign resolution (d,) and surface (d, 2) that the terms' shapes set; the others stay."""
     v0, contact = v0.copy(), contact.copy()
     for t in terms:
-        if t.effect.name == "coulomb":
-            v0[t.joint] = t.shape[0]
+        names = [p.name for p in t.effect.shape]
+        if "v0" in names:
+            v0[t.joint] = t.shape[names.index("v0")]
         if t.effect.name == "contact-stiffness":
             contact[t.joint] = t.shape
     return {"v0": v0, "contact": contact}

@@ -9,6 +9,7 @@ Source: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ FloatArray = NDArray[np.float64]
 NEGLIGIBLE = 5e-3
 #: Relative difference of gains that is none: the first of a grid's equals is taken.
 FLAT = 5e-4
+#: What is left, in units of the least, from which a simpler shape will do.
+CLOSE = 1.01
 #: Accuracy of a shape's gain, in a fit and among candidates.
 FINE, COARSE = 5e-5, 2e-4
 
@@ -51,7 +54,37 @@ def best_shape(
     if refine and worth and term.effect.refine and len(term.effect.shape) and len(grid) > 1:
         known = dict(zip(tried, gains, strict=True))
         found, gain = _refine(projector, found, grid, known, accuracy)
+    if refine and worth:
+        found, gain = _across(projector, found, gain)
     return found, gain
+
+
+def _across(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
+    """The term with other values than the first one changed, where that leaves clearly less."""
+    shapes = term.effect.across(projector.problem.motions[0], term.joint, term.shape)
+    if not shapes:
+        return term, gain
+    gains = [*projector.gains(term, shapes).tolist(), gain]
+    left = projector.rss - np.array(gains)
+    k = int(np.flatnonzero(left <= CLOSE * left.min())[0])
+    return _other(projector, term.reshaped([*shapes, term.shape][k]), gains[k])
+
+
+def _other(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
+    """The term in an unusual form where that leaves clearly less than what it has to beat."""
+    found = term.effect.others(projector.problem.motions[0], term.joint, term.shape)
+    if found is None or not found[0]:
+        return term, gain
+    shapes, rival, theirs = found
+    gains = projector.gains(term, shapes)
+    k = int(np.argmax(gains))
+    if gains[k] <= gain:
+        return term, gain
+    beside = float(projector.gains(replace(term, effect=rival, shape=theirs[0]), theirs).max())
+    if CLOSE * (projector.rss - gains[k]) >= projector.rss - max(beside, gain):
+        return term, gain
+    known = dict(zip(shapes, gains.tolist(), strict=True))
+    return _refine(projector, term.reshaped(shapes[k]), shapes, known, FINE)
 
 
 def _screened(
@@ -146,6 +179,6 @@ def _sharpest(projector: Projector, term: Term, best_gain: float) -> Term:
     for shape in grid:
         if shape >= term.shape:
             break
-        if projector.rss - projector.gain(term.reshaped(shape)) <= 1.01 * left:
+        if projector.rss - projector.gain(term.reshaped(shape)) <= CLOSE * left:
             return term.reshaped(shape)
     return term

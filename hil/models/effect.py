@@ -144,6 +144,24 @@ class Effect(ABC):
             raise NotImplementedError(f"effect {self.name!r} has shape parameters but no grid")
         return [()]
 
+    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
+        """Shapes that differ from a found one in another value than the first.
+
+        Tried once the first value is found, the usual ones before the unusual: the first of them
+        that leaves no more than 1 % above the best is taken.  A grid of both would be the product.
+        """
+        return []
+
+    def others(
+        self, motion: Motion, j: int, shape: Sequence[float]
+    ) -> tuple[list[tuple[float, ...]], Effect, list[tuple[float, ...]]] | None:
+        """Unusual forms about a found shape, and what they must beat: an effect and its shapes.
+
+        A form that holds another effect in itself is taken only where it leaves clearly less
+        than the two beside each other; else both could not be named.
+        """
+        return None
+
     def carrier(self, motion: Motion, j: int) -> FloatArray | None:
         """Factor w (n,) if the columns are w times two harmonics over position, else None.
 

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numba
 import numpy as np
 
 from hil.models.effect import Effect, Param, log_grid
+from hil.models.friction import Coulomb, Stribeck
 from hil.models.motion import FloatArray, Motion
+
+#: Value of `form` that stands for LuGre's.
+LUGRE = 2.0
 
 
 @numba.njit(cache=True)
@@ -61,48 +66,129 @@ def slip_state(q: FloatArray, scale: float) -> FloatArray:
     return z
 
 
+@numba.njit(cache=True)
+def lugre_state(q: FloatArray, level: FloatArray, scale: float) -> FloatArray:
+    """LuGre's bristles for a measured position, exact for a level that is constant over a step.
+
+    dz/dt = v / s - |v| / s z / g(v)   =>   z <- g sgn + (z - g sgn) exp(-|dq| / (s g))
+
+    Parameters
+    ----------
+    q : ndarray (n,)
+        Position [rad or m].
+    level : ndarray (n,)
+        g(v) > 0, in units of the Coulomb friction.
+    scale : float
+        Displacement s = Fc / sigma_0 [rad or m].
+
+    Returns
+    -------
+    ndarray (n,)
+        Deflection in units of s, within -g..g; friction is Fc z.
+    """
+    z = np.zeros(q.size)
+    for k in range(1, q.size):
+        step = q[k] - q[k - 1]
+        g = 0.5 * (level[k] + level[k - 1])
+        goal = g if step > 0 else -g
+        z[k] = goal + (z[k - 1] - goal) * np.exp(-abs(step) / (scale * g))
+    return z
+
+
 class Presliding(Effect):
     """Friction that needs a displacement to build up after each reversal.
 
     It takes the place of Coulomb friction: what builds up within less than the data resolve
-    stays as a sign.
+    stays as a sign.  LuGre's form, with a Stribeck curve inside its level, is taken where it
+    leaves less than loops and a Stribeck curve beside each other; f2 = 0 and f2 = f1 are then
+    LuGre's equation, between them lies a mean of the two.
     """
 
     replayed = strict = True
     name, family = "presliding", "friction"
     equation = (
         "tau = f0 tanh(v / v0) + f1 z(s) + f2 z(3 s) + f3 z(9 s),  "
-        "z <- clip(z + dq / s, -1, 1) (Maxwell slip) or dz/dq = (1 - z sgn v) / s (Dahl)"
+        "z <- clip(z + dq / s, -1, 1) (Maxwell slip) or dz/dq = (1 - z sgn v) / s (Dahl); "
+        "LuGre: f1 z + f2 (z' - z) + f3 s/vs dz/dt, z' with g = 1 + exp(-(v/vs)^2) in "
+        "dz/dq = (1 - z sgn v / g) / s, z with g = 1"
     )
     signature = "a loop over the displacement since reversal, independent of speed"
     confused_with = ("backlash", "elastic-transmission", "stribeck", "delay")
     shown_by = "small reversals below break-away, at two or more frequencies"
-    source = "Dahl 1968; Lampaert, Swevers, Al-Bender, IEEE Trans. Automatic Control 47(4), 2002"
-    params = (
+    source = (
+        "Dahl 1968; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control "
+        "40(3), 1995; Lampaert, Swevers, Al-Bender, IEEE Trans. Automatic Control 47(4), 2002"
+    )
+    params: ClassVar[tuple[Param, ...]] = (
         Param("f0", "{F}", "sliding friction that builds up at once", 0.0),
         Param("f1", "{F}", "sliding friction of the stiffest element", 0.0),
-        Param("f2", "{F}", "sliding friction of the element three times as soft", 0.0),
-        Param("f3", "{F}", "sliding friction of the element nine times as soft", 0.0),
+        Param("f2", "{F}", "of the element three times as soft; LuGre: Fs - Fc", 0.0),
+        Param("f3", "{F}", "of the element nine times as soft; LuGre: sigma_1 vs", 0.0),
     )
     shape = (
         Param("s", "{x}", "presliding displacement", 0.0),
-        Param("form", "1", "0 Maxwell slip, 1 Dahl", 0.0, 1.0),
+        Param("form", "1", "0 Maxwell slip, 1 Dahl, 2 LuGre", 0.0, 2.0),
+        Param("v0", "{x}/s", "speed over which the sign of f0 is resolved", 0.0),
+        Param("vs", "{x}/s", "LuGre: Stribeck speed; else 0", 0.0),
     )
     replaces = ("coulomb",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """[sign, z(q; s), z(q; 3 s), z(q; 9 s)]: nested loops."""
-        q = np.ascontiguousarray(motion.q[:, j])
-        state = slip_state if shape[1] == 0.0 else dahl_state
-        loops = [state(q, k * float(shape[0])) for k in (1.0, 3.0, 9.0)]
-        return np.stack([motion.sign(j), *loops], axis=1)
+        """[sign, z(q; s), z(q; 3 s), z(q; 9 s)]: nested loops; or LuGre's three parts."""
+        q, s = np.ascontiguousarray(motion.q[:, j]), float(shape[0])
+        if shape[1] == LUGRE:
+            loops = _lugre(q, motion.qd[:, j], s, float(shape[3]), motion.dt)
+        else:
+            state = slip_state if shape[1] == 0.0 else dahl_state
+            loops = [state(q, k * s) for k in (1.0, 3.0, 9.0)]
+        sign = motion.sign_of(motion.qd[:, j], motion.qdd[:, j], float(shape[2]))
+        return np.stack([sign, *loops], axis=1)
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From 1e-4 of the span, and from twice what the encoder resolves, to 5e-2 of the span."""
         span = float(np.ptp(motion.span[j])) or 1.0
         grain = float(motion.grain[j]) if motion.grain.size else 0.0
         least = min(max(1e-4 * span, 2 * grain), 4e-2 * span)
-        return [(s, form) for form in (0.0, 1.0) for (s,) in log_grid(least, 5e-2 * span, 10)]
+        v0, scales = float(motion.v0[j]), log_grid(least, 5e-2 * span, 10)
+        return [(s, form, v0, 0.0) for form in (0.0, 1.0) for (s,) in scales]
 
+    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
+        """Sign resolutions (without the loops Coulomb's sign was smeared out to imitate them)."""
+        return [(*shape[:2], v0, shape[3]) for (v0,) in Coulomb().grid(motion, j)]
+
+    def others(
+        self, motion: Motion, j: int, shape: Sequence[float]
+    ) -> tuple[list[tuple[float, ...]], Effect, list[tuple[float, ...]]] | None:
+        """LuGre's form, against Maxwell slip with a Stribeck curve beside it."""
+        s, _, v0, _ = shape
+        speeds = [vs for vs, n in Stribeck().grid(motion, j) if n == 2.0]
+        lugre = [(x, LUGRE, v0, vs) for vs in speeds for (x,) in log_grid(0.7 * s, 6 * s, 5)]
+        beside: list[tuple[float, ...]] = [(s, 0.0, v0, vs) for vs in speeds]
+        return [tuple(map(float, x)) for x in lugre], _BESIDE, beside
+
+
+def _lugre(q: FloatArray, v: FloatArray, s: float, vs: float, dt: float) -> list[FloatArray]:
+    """Bristles at a constant level, their rise at low speed, and their damping, each (n,)."""
+    even = lugre_state(q, np.ones(q.size), s)
+    # g(v) = 1 + exp(-(v / vs)^2)
+    risen = lugre_state(q, 1.0 + np.exp(-((v / vs) ** 2)), s)
+    return [even, risen - even, s / vs * np.gradient(risen, dt)]
+
+
+class _Beside(Presliding):
+    """Maxwell slip and a Stribeck curve beside each other: what LuGre's form has to beat."""
+
+    name = "presliding-and-stribeck"
+    candidate = False
+    params = (*Presliding.params, *Stribeck.params)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """The four of presliding, and exp(-(v / vs)^2) sgn."""
+        loops = super().columns(motion, j, (*shape[:3], 0.0))
+        peak = np.exp(-((motion.qd[:, j] / shape[3]) ** 2)) * loops[:, 0]
+        return np.concatenate([loops, peak[:, None]], axis=1)
+
+
+_BESIDE = _Beside()
 
 EFFECTS: tuple[Effect, ...] = (Presliding(),)

@@ -20,8 +20,9 @@ RIGID = Use("rigid-body", values={
 #: Shapes of a likely size, where the effect's own grid depends too much on the motion.
 SHAPES = {
     "friction-drift": (10.0, 0.0), "friction-network": (1.0, 2.0, 2.0), "end-stop": (0.3, 1.0),
-    "presliding": (2e-3, 0.0), "position-friction": (2.2,), "cogging": (5.3,), "backlash": (1e-2,),
-    "torque-ripple": (5.3,), "load-friction": (0.0,), "stribeck": (0.12, 2.0), "coulomb": (0.02,),
+    "presliding": (2e-3, 0.0, 0.02, 0.0), "position-friction": (2.2,), "cogging": (5.3,),
+    "backlash": (1e-2,), "torque-ripple": (5.3,), "load-friction": (0.0,), "stribeck": (0.12, 2.0),
+    "coulomb": (0.02,),
 }  # fmt: skip
 REFUSED = {
     "rigid-body", "armature", "payload", "coupled-transmission", "contact-stiffness",
@@ -99,12 +100,20 @@ def test_the_loop_computes_what_the_library_does_or_says_why_not(name):
 @pytest.mark.parametrize("form", [0.0, 1.0])
 def test_presliding_has_the_state_of_the_library(form):
     motion = ride()
-    shape, theta = (1.5e-3, form), np.array([0.002, 0.004, 0.003, 0.002])
-    names = ("s", "form", "f0", "f1", "f2", "f3")
+    shape, theta = (1.5e-3, form, 0.02, 0.0), np.array([0.002, 0.004, 0.003, 0.002])
+    names = ("s", "form", "v0", "vs", "f0", "f1", "f2", "f3")
     given = {f"j3.presliding.{n}": float(v) for n, v in zip(names, (*shape, *theta), strict=True)}
     found = loop(online.tables(given), motion)[:, 2]
     wanted = catalogue.get("presliding").columns(motion, 2, shape) @ theta
     np.testing.assert_allclose(found, wanted, atol=2e-5)
+
+
+def test_lugre_s_form_is_refused_by_name():
+    names = ("s", "form", "v0", "vs", "f0", "f1", "f2", "f3")
+    values = (1.5e-3, 2.0, 0.02, 0.1, 0.002, 0.004, 0.003, 0.002)
+    given = {f"j3.presliding.{n}": v for n, v in zip(names, values, strict=True)}
+    with pytest.raises(ConfigError, match=r"'presliding' cannot be compensated.*LuGre"):
+        online.tables(given)
 
 
 def test_all_effects_of_a_fitted_model_go_into_the_loop():

@@ -96,7 +96,7 @@ def hysteresis(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
 
 
 def dahl(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
-    out = [tanh(m.qd[i, j] / V0[j])]
+    out = [tanh(m.qd[i, j] / s[2])]
     written = re.findall(r"z\((\d*) ?s\)", catalogue.get("presliding").equation)
     for length in (float(ratio or 1) * s[0] for ratio in written):
         z = 0.0
@@ -130,7 +130,7 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
         lambda m, i, j, s: [abs(m.load[i, j]) * tanh(m.qd[i, j] / V0[j])],
     ),
     "coupled-friction": ((2.0, -1.0), relative_speed),
-    "presliding": ((0.3, 1.0), dahl),
+    "presliding": ((0.3, 1.0, 0.04, 0.0), dahl),
     "armature": ((), lambda m, i, j, s: [m.qdd[i, j]]),
     "spring": (
         (),
@@ -227,7 +227,7 @@ def test_presliding_has_dahl_s_slope_after_a_reversal() -> None:
     """Just after a reversal out of sliding the slope is twice the initial one: 2 fc / s."""
     q = np.concatenate([np.linspace(0, 1, 2001), 1 - np.linspace(0, 0.001, 101)[1:]])
     motion = motion_of(IndependentAxes(("a",)), n=q.size).with_(q=q[:, None])
-    z = catalogue.get("presliding").columns(motion, 0, (0.01, 1.0))[:, 1]
+    z = catalogue.get("presliding").columns(motion, 0, (0.01, 1.0, 0.02, 0.0))[:, 1]
     assert z[2000] == pytest.approx(1.0)
     assert (z[2001] - z[2000]) / (q[2001] - q[2000]) == pytest.approx(2 / 0.01, rel=1e-3)
 
@@ -235,8 +235,31 @@ def test_presliding_has_dahl_s_slope_after_a_reversal() -> None:
 def test_maxwell_slip_is_a_spring_between_reversals_that_slips_after_its_displacement() -> None:
     q = np.array([0.0, 0.004, 0.02, 0.016, 0.008, 0.0, -0.01])
     motion = motion_of(IndependentAxes(("a",)), n=q.size).with_(q=q[:, None])
-    z = catalogue.get("presliding").columns(motion, 0, (0.01, 0.0))[:, 1]
+    z = catalogue.get("presliding").columns(motion, 0, (0.01, 0.0, 0.02, 0.0))[:, 1]
     np.testing.assert_allclose(z, [0, 0.4, 1.0, 0.6, -0.2, -1.0, -1.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("rise", [0.0, 1.0])
+def test_lugre_s_bristles_obey_their_equation(rise: float) -> None:
+    """z' = v / s - |v| z / (s g(v)), g = 1 + r exp(-(v / vs)^2), in steps of a hundredth."""
+    s, vs, fine, step = 0.02, 0.3, 100, 1e-3
+    t = np.arange(2000 * fine) * step / fine
+    q, v = 0.1 * np.sin(7 * t), 0.7 * np.cos(7 * t)
+    z, expected = 0.0, []
+    for k, speed in enumerate(v):
+        if k % fine == 0:
+            expected.append(z)
+        g = 1.0 + rise * exp(-((speed / vs) ** 2))
+        z += step / fine * (speed / s - abs(speed) / s * z / g)
+    pick = slice(None, None, fine)
+    motion = motion_of(IndependentAxes(("a",)), n=2000)
+    motion = motion.with_(t=t[pick], q=q[pick, None], qd=v[pick, None], qdd=-49 * q[pick, None])
+    columns = catalogue.get("presliding").columns(motion, 0, (s, 2.0, 0.02, vs))
+    found = columns @ np.array([0.0, 1.0, rise, 0.0])
+    np.testing.assert_allclose(found, expected, atol=0.02)
+    if rise:
+        rate = s / vs * np.gradient(expected, step)
+        np.testing.assert_allclose(columns[2:-2, 3], rate[2:-2], atol=0.02 * rate.max())
 
 
 @pytest.mark.parametrize("form", [0.0, 1.0])
@@ -244,7 +267,7 @@ def test_loops_of_presliding_do_not_depend_on_speed(form: float) -> None:
     effect, q = catalogue.get("presliding"), np.sin(np.linspace(0, 9, 400))
     one = motion_of(IndependentAxes(("a",)), n=400).with_(q=q[:, None])
     fast = one.with_(qd=5 * one.qd, qdd=25 * one.qdd, t=one.t / 5)
-    here, there = (effect.columns(m, 0, (0.1, form))[:, 1:] for m in (one, fast))
+    here, there = (effect.columns(m, 0, (0.1, form, 0.02, 0.0))[:, 1:] for m in (one, fast))
     np.testing.assert_array_equal(here, there)
 
 
