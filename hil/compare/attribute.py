@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from hil.compare.evidence import Candidate, Evidence
 from hil.identify.projector import Projector, within
@@ -20,8 +21,14 @@ MATERIAL = 0.10
 ALONE = 0.8
 #: Share of chi2 by which functional forms are allowed to miss the truth (tempers confidence).
 TEMPER = 0.01
+#: ... where the rival has more coefficients.
+RICHER = TEMPER / 8
 #: Cosine between projected columns from which two effects look the same.
 COINCIDE = 0.98
+#: Logarithm of a weight below which nobody asks what contains the candidate.
+LIKELY = -3.0
+#: Share of a direction below which the base model hides it.
+UNSEEN = 0.01
 #: Only effects that the base absorbs by this share can be imitated from another joint.
 MIRROR = 0.9
 #: ... and only if on both joints they explain about as much.
@@ -134,7 +141,8 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
     an eighth of that allowance if it explains less all the same, and none if it explains little
     more: then it merely contains the best one.  A rival whose columns coincide with the best
     one's to a cosine of 0.98 gets ten times the allowance: the data hardly see the difference.
-    A twin, with the same columns by its equation, is as likely as the best one.
+    A twin, with the same columns by its equation, is as likely as the best one; a rival that
+    contains another and cannot be put aside for its price is as likely as that one.
     """
     logs = [0.0]
     for r in rivals:
@@ -147,7 +155,7 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
             continue
         share = TEMPER
         if r.dof > best.dof:
-            share = TEMPER / 8 if r.chi2 <= best.chi2 else 0.0
+            share = RICHER if r.chi2 <= best.chi2 else 0.0
         elif late(best, r):
             share = TEMPER / 4  # their forms are those of real drives
         elif r.dof == best.dof and overlap(best, r, projector) > COINCIDE:
@@ -155,8 +163,43 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
         if _mirrored(best, r):
             share = 1.0  # which of the two joints it is was decided by the base model's errors
         logs.append(-delta / (2 * (1.0 + share * best.chi2)))
+    heads = [k for k, r in enumerate((best, *rivals)) if r.dof <= best.dof and logs[k] > LIKELY]
+    for k, r in enumerate(rivals, start=1):
+        logs[k] = max(
+            logs[k],
+            *(logs[h] for h in heads if begins((best, *rivals)[h], r, projector)), -np.inf,
+        )  # fmt: skip
     p = np.exp(np.array(logs))
     return {k: float(x) for k, x in enumerate(p / p.sum())}
+
+
+def begins(poorer: Candidate, richer: Candidate, projector: Projector) -> bool:
+    """Whether the richer one contains the poorer one, and cannot be put aside for its price.
+
+    Either its further coefficients explain more than chance, by the likelihood ratio of nested
+    models, chi2_richer - chi2_poorer ~ chi2(dof_richer - dof_poorer) where the poorer one is the
+    truth (Wilks, Ann. Math. Stat. 9, 1938, p. 60), tempered as a richer rival's score is; or what
+    they do is absorbed by the base model, so that the data can neither see nor refute it: a
+    spring against gravity is its offset alone.
+    """
+    more, dof = richer.chi2 - poorer.chi2, richer.dof - poorer.dof
+    if dof <= 0 or poorer.term.joint != richer.term.joint or more < 0:
+        return False
+    unseen = seen(richer, projector) <= seen(poorer, projector)
+    tempered = more / (1.0 + RICHER * poorer.chi2)
+    if not unseen and chi2.sf(tempered, dof) > LEVEL:
+        return False
+    return overlap(poorer, richer, projector) > COINCIDE
+
+
+def seen(c: Candidate, projector: Projector) -> int:
+    """Directions of a candidate of which the base model leaves more than a hundredth."""
+    columns = projector.weighted(c.term)
+    norm = np.linalg.norm(columns, axis=0)
+    unit, _ = np.linalg.qr(columns[:, norm > 0] / norm[norm > 0])
+    known = projector.q[projector.rows(c.term)].T @ unit
+    left = np.linalg.eigvalsh(np.eye(unit.shape[1]) - known.T @ known)
+    return int(np.sum(left > UNSEEN))
 
 
 def kindred(a: Candidate, b: Candidate) -> bool:
