@@ -189,6 +189,10 @@ class Effect(ABC):
         """Whether coefficients that fit do not contradict what else was measured."""
         return True
 
+    def dated(self, shape: Sequence[float]) -> bool:
+        """Whether it acts at instants of a run that are seen there: no other run can confirm it."""
+        return False
+
     def available(self, motion: Motion, j: int) -> str:
         """Say why the effect cannot be tried on these data; empty if it can."""
         return ""
