@@ -12,7 +12,7 @@ from hil.compare.evidence import Evidence, gather
 from hil.compare.findings import Diagnosis, Step
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.localise import Region, regions
-from hil.compare.multistep import MultiStep, both
+from hil.compare.multistep import MultiStep, both, each
 from hil.errors import ConfigError, DataError
 from hil.identify.fit import fit as fit_problem
 from hil.identify.problem import Problem
@@ -139,7 +139,10 @@ class Rung:
 @single_threaded
 def ladder(diagnosis: Diagnosis) -> list[Rung]:
     """Every accepted step with its multi-step error (motor efforts only)."""
-    return [Rung(s, both(s.result, s.result.problem)) for s in diagnosis.ladder]
+    if not diagnosis.ladder:
+        return []
+    found = each([s.result for s in diagnosis.ladder], diagnosis.ladder[0].result.problem)
+    return [Rung(s, m) for s, m in zip(diagnosis.ladder, found, strict=True)]
 
 
 @single_threaded
@@ -166,8 +169,8 @@ def add(
     larger = before.model + Use(effect, joints, own)
     after = fit_problem(problem, larger)
     steps = (Step("before", before, examine(before)), Step(f"+ {effect}", after, examine(after)))
-    rungs = [Rung(s, both(s.result, problem)) for s in steps]
-    return rungs[0], rungs[1]
+    first, second = each([s.result for s in steps], problem)
+    return Rung(steps[0], first), Rung(steps[1], second)
 
 
 def _usable(effect: str, joints: tuple[str, ...], problem: Problem) -> tuple[str, ...]:

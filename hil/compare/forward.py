@@ -1,8 +1,13 @@
-"""Forward simulation of a fitted model, many windows of a run at once."""
+"""Forward simulation of fitted models, many windows of a run at once.
+
+A step costs about the same for one window as for hundreds, so several models are simulated
+together and a term that they share is evaluated once for all of them.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,39 +17,41 @@ from hil.identify.result import FitResult
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int_]
+Part = tuple[Term, FloatArray]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """What is simulated with one model.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit.
+    starts : ndarray of int (windows,)
+        First instants.
+    horizon : int
+        Instants of each window.
+    servo : float
+        Bandwidth [Hz] of a servo that leads the model back to the measured motion; 0 = none.
+    """
+
+    result: FitResult
+    starts: IntArray
+    horizon: int
+    servo: float = 0.0
 
 
 class _Forward:
-    """Effort of the model for many states at once; state effects follow the measured motion."""
+    """Effort of the models for many states at once; state effects follow the measured motion.
 
-    def __init__(self, result: FitResult, motion: Motion) -> None:
-        self.result, self.motion = result, motion
-        self.parts = [
-            (t, result.theta[s] if not t.per_run else self._of_run(t, result.theta[s]))
-            for t, s in zip(result.terms, result.slices, strict=True)
-        ]
+    Row k of the states belongs to jobs[owner[k]].
+    """
 
-    def _of_run(self, term: Term, theta: FloatArray) -> FloatArray:
-        """Coefficients of this run; zero for a run that was not fitted."""
-        motions = self.result.problem.motions
-        own = by_run(term, theta, len(motions))
-        for k, m in enumerate(motions):
-            if m is self.motion:
-                return np.asarray(own[k])
-        return np.zeros(own.shape[1])
-
-    def replayed(self, term: Term) -> bool:
-        """States and derivatives of the measured effort are taken from the measured run."""
-        return term.effect.replayed
-
-    def fixed(self) -> FloatArray:
-        """Effort (n, d) of the replayed terms along the measured motion."""
-        out = np.zeros_like(self.motion.q)
-        for t, theta in self.parts:
-            if self.replayed(t):
-                where = slice(None) if t.effect.whole_robot else t.joint
-                out[:, where] += t.effect.columns(self.motion, t.joint, t.shape) @ theta
-        return out
+    def __init__(self, jobs: Sequence[Windows], motion: Motion, owner: IntArray) -> None:
+        self.motion, self.owner = motion, owner
+        self._parts = _shared([_parts(job.result, motion) for job in jobs], owner)
 
     def slope(
         self, q: FloatArray, qd: FloatArray, step: FloatArray, load: FloatArray
@@ -54,11 +61,8 @@ class _Forward:
         Across a reversal dry friction rises by its whole size: the secant, unlike the tangent,
         knows it, and the implicit step below then holds a joint that sticks.
         """
-        speeds = np.concatenate([qd + step, qd - step])
-        twice, rest = np.tile(q, (2, 1)), np.zeros_like(speeds)
-        up, down = np.split(
-            self.effort(twice, speeds, rest, np.tile(load, (2, 1, 1)), mass=False), 2
-        )
+        speeds = np.stack([qd + step, qd - step])
+        up, down = self.effort(q, speeds, np.zeros_like(speeds), load, mass=False)
         out: FloatArray = np.maximum((up - down) / (2 * step), 0.0)
         return out
 
@@ -68,38 +72,93 @@ class _Forward:
         """Effort (w, d) without acceleration, and mass matrix (w, d, d), at states (w, d)."""
         w, d = q.shape
         # no acceleration, then one of each joint: all states at once
-        unit = np.repeat(np.concatenate([np.zeros((1, d)), np.eye(d)]), w, axis=0)
-        q, qd = (np.tile(x, (1 + d, 1)) for x in (q, qd))
-        load = np.tile(load, (1 + d, 1, 1))
-        each = self.effort(q, qd, unit, load).reshape(1 + d, w, d)
+        unit = np.zeros((1 + d, w, d))
+        unit[np.arange(1, 1 + d), :, np.arange(d)] = 1.0
+        each = self.effort(q, qd, unit, load)
         return each[0], np.moveaxis(each[1:] - each[0], 0, -1)
+
+    def solve(self, mass: FloatArray, push: FloatArray) -> FloatArray:
+        """Acceleration (w, d); NaN for all windows of a job that has a singular one."""
+        size = np.abs(np.linalg.det(mass))
+        bad = ~(np.isfinite(size) & (size > 1e-300) & np.isfinite(mass).all(axis=(1, 2)))
+        if not bad.any():
+            return np.asarray(np.linalg.solve(mass, push[..., None])[..., 0])
+        lost = np.isin(self.owner, self.owner[bad])
+        safe = np.where(lost[:, None, None], np.eye(mass.shape[1]), mass)
+        out = np.linalg.solve(safe, push[..., None])[..., 0]
+        return np.where(lost[:, None], np.nan, out)
 
     def effort(
         self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, mass: bool = True
     ) -> FloatArray:
-        """Effort (w, d) of the other terms at states (w, d); without the mass' on demand.
+        """Effort (r, w, d) of the other terms at q (w, d), qd (w, d) or (r, w, d), qdd (r, w, d).
 
-        `load` (w, 2, d): all that is transmitted as measured, and its static part.
+        Without the mass' on demand.  `load` (w, 2, d): all that is transmitted as measured, and
+        its static part.
         """
-        m = replace(self.motion, t=np.arange(len(q), dtype=float), q=q, qd=qd, qdd=qdd,
-                    load=load[:, 0], static=load[:, 1], tau=np.zeros_like(q),
-                    tau_ext=np.zeros_like(q), average=0.0)  # fmt: skip
-        out = np.zeros_like(q)
-        for t, theta in self.parts:
-            if self.replayed(t) or (t.effect.whole_robot and not mass):
+        shape = qdd.shape
+        flat = (q, qd, load[:, 0], load[:, 1])
+        q, qd, fully, static = (
+            np.concatenate([x] * shape[0]) if x.ndim == 2 else x.reshape(-1, shape[2]) for x in flat
+        )
+        m = self.motion.at_states(q, qd, qdd.reshape(q.shape), fully, static)
+        out = np.zeros(shape)
+        for t, theta in self._parts:
+            if t.effect.whole_robot and not mass:
                 continue
             columns = t.effect.columns(m, t.joint, t.shape)
+            columns = columns.reshape(*shape[:2], *columns.shape[1:])
             if t.effect.whole_robot:
-                out += columns @ theta
+                out += np.einsum("rwdm,wm->rwd", columns, theta)
             else:
-                out[:, t.joint] += columns @ theta
+                # a sum over m, without its cost where there is one column, as there mostly is
+                own = columns * theta
+                out[..., t.joint] += own[..., 0] if own.shape[2] == 1 else own.sum(axis=2)
         return out
 
 
-def forward(
-    result: FitResult, motion: Motion, starts: NDArray[np.int_], horizon: int, servo: float = 0.0
-) -> tuple[FloatArray, FloatArray]:
-    """Position errors and displacements (windows, horizon, d).
+def _shared(parts: Sequence[Sequence[Part]], owner: IntArray) -> list[Part]:
+    """Terms of all models that follow the state, with the coefficients (w, m) of each row.
+
+    Zero where a row's model has no such term.
+    """
+    found: dict[tuple[object, ...], Part] = {}
+    for k, own in enumerate(parts):
+        for t, theta in own:
+            if not t.effect.replayed:
+                key = (*t.key, t.shape)
+                if key not in found:
+                    found[key] = (t, np.zeros((len(owner), theta.size)))
+                found[key][1][owner == k] = theta
+    return list(found.values())
+
+
+def _parts(result: FitResult, motion: Motion) -> list[Part]:
+    """Terms of a model with their coefficients in a run; zero in a run that was not fitted."""
+    out = []
+    for t, where in zip(result.terms, result.slices, strict=True):
+        theta = result.theta[where]
+        if t.per_run:
+            motions = result.problem.motions
+            own = by_run(t, theta, len(motions))
+            known = [own[k] for k, m in enumerate(motions) if m is motion]
+            theta = np.asarray(known[0]) if known else np.zeros(own.shape[1])
+        out.append((t, theta))
+    return out
+
+
+def _replayed(result: FitResult, motion: Motion) -> FloatArray:
+    """Effort (n, d) of states and measured derivatives, taken from the measured run."""
+    out = np.zeros_like(motion.q)
+    for t, theta in _parts(result, motion):
+        if t.effect.replayed:
+            where = slice(None) if t.effect.whole_robot else t.joint
+            out[:, where] += t.effect.columns(motion, t.joint, t.shape) @ theta
+    return out
+
+
+def forward(motion: Motion, jobs: Sequence[Windows]) -> list[tuple[FloatArray, FloatArray]]:
+    """Position errors and displacements (windows, horizon, d) of each job.
 
     (M(q) + dt D) qdd = tau + tau_ext - h(q, qd),  qdd += w^2 (q_m - q) + 2 w (qd_m - qd)
 
@@ -108,46 +167,61 @@ def forward(
 
     Parameters
     ----------
-    result : FitResult
-        The fit.
     motion : Motion
         Measured run.
-    starts : ndarray of int (windows,)
-        First instants.
-    horizon : int
-        Instants of each window.
-    servo : float
-        Bandwidth [Hz] of a servo that leads the model back to the measured motion; 0 = none.
+    jobs : sequence of Windows
+        Models and windows.
     """
-    model, dt, d = _Forward(result, motion), motion.dt, motion.d
-    drive = motion.tau + motion.tau_ext - model.fixed()
-    q, qd = motion.q[starts].copy(), motion.qd[starts].copy()
-    error = np.empty((len(starts), horizon, d))
-    move = np.empty_like(error)
-    unit, w = np.eye(d), 2 * np.pi * servo
-    loads = np.stack([motion.load, motion.static], axis=1)
+    owner = np.repeat(np.arange(len(jobs)), [len(job.starts) for job in jobs])
+    starts = np.concatenate([job.starts for job in jobs])
+    horizon = np.array([job.horizon for job in jobs])[owner]
+    drive, w = _drives(jobs, motion, owner), 2 * np.pi * np.array([job.servo for job in jobs])
+    path = np.full((len(starts), int(horizon.max()), motion.d), np.nan)
+    rows, begin, q, qd = np.arange(len(starts)), 0, motion.q[starts], motion.qd[starts]
     with np.errstate(all="ignore"):
-        for k in range(horizon):
-            load = loads[starts + k]
-            rest, mass = model.balance(q, qd, load)
-            push = drive[starts + k] - rest
-            qdd = _solve(mass, push)
-            slope = model.slope(q, qd, np.abs(dt * qdd) + 1e-9, load)
-            qdd = _solve(mass + dt * slope[..., None] * unit, push)
-            qdd = qdd + w**2 * (motion.q[starts + k] - q) + 2 * w * (motion.qd[starts + k] - qd)
-            qd = qd + dt * qdd
-            q = q + dt * qd
-            q, qd = np.clip(q, -1e6, 1e6), np.clip(qd, -1e6, 1e6)
-            error[:, k] = q - motion.q[starts + k + 1]
-            move[:, k] = motion.q[starts + k + 1] - motion.q[starts]
-    return error, move
+        for end in np.unique(horizon).tolist():
+            on = horizon[rows] >= end
+            q, qd, rows = q[on], qd[on], rows[on]
+            model, servo = _Forward(jobs, motion, owner[rows]), w[owner[rows], None]
+            for k in range(begin, end):
+                now = starts[rows] + k
+                q, qd = _step(model, q, qd, drive(rows, now), servo, now)
+                path[rows, k] = q
+            begin = end
+    return [
+        _errors(path[owner == k, : job.horizon], job.starts, motion) for k, job in enumerate(jobs)
+    ]
 
 
-def _solve(mass: FloatArray, push: FloatArray) -> FloatArray:
-    if not _regular(mass):
-        return push * np.nan
-    return np.asarray(np.linalg.solve(mass, push[..., None])[..., 0])
+def _drives(
+    jobs: Sequence[Windows], motion: Motion, owner: IntArray
+) -> Callable[[IntArray, IntArray], FloatArray]:
+    """What drives rows (w,) at instants (w,): efforts less those that are replayed, (w, d)."""
+    results = list({id(job.result): job.result for job in jobs}.values())
+    place = {id(r): k for k, r in enumerate(results)}
+    which = np.array([place[id(job.result)] for job in jobs])[owner]
+    every = motion.tau + motion.tau_ext - np.stack([_replayed(r, motion) for r in results])
+    return lambda rows, now: np.asarray(every[which[rows], now])
 
 
-def _regular(mass: FloatArray) -> bool:
-    return bool(np.all(np.isfinite(mass)) and np.all(np.abs(np.linalg.det(mass)) > 1e-300))
+def _step(
+    model: _Forward, q: FloatArray, qd: FloatArray, drive: FloatArray, w: FloatArray, now: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions and speeds (rows, d) one instant after `now` (rows,)."""
+    m = model.motion
+    load = np.stack([m.load[now], m.static[now]], axis=1)
+    rest, mass = model.balance(q, qd, load)
+    push = drive - rest
+    qdd = model.solve(mass, push)
+    slope = model.slope(q, qd, np.abs(m.dt * qdd) + 1e-9, load)
+    qdd = model.solve(mass + m.dt * slope[..., None] * np.eye(m.d), push)
+    qdd = qdd + w**2 * (m.q[now] - q) + 2 * w * (m.qd[now] - qd)
+    qd = qd + m.dt * qdd
+    q = q + m.dt * qd
+    return np.clip(q, -1e6, 1e6), np.clip(qd, -1e6, 1e6)
+
+
+def _errors(path: FloatArray, starts: IntArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
+    """Errors and displacements of simulated positions (windows, horizon, d)."""
+    true = motion.q[starts[:, None] + np.arange(1, path.shape[1] + 1)]
+    return path - true, true - motion.q[starts][:, None]

@@ -6,17 +6,21 @@ shown, always.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.forward import forward
+from hil.compare.forward import Windows, forward
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 WINDOWS = 60
+#: Short horizon [s].
+SHORT = 0.5
 #: Bandwidth of the servo in a closed-loop replay [Hz].
 SERVO = 1.0
 
@@ -75,24 +79,32 @@ class MultiStep:
 
 def both(result: FitResult, problem: Problem) -> MultiStep:
     """Short horizons and, for models of the motor's effort, the closed-loop replay."""
-    short = simulate(result, problem)
-    if result.model.explains != "motor":
-        return short
-    return replace(short, closed_loop=replay(result, problem))
+    return each([result], problem)[0]
 
 
-def replay(result: FitResult, problem: Problem) -> MultiStep:
-    """Closed-loop replay: windows of several seconds under a soft servo to the measured motion.
+def each(results: Sequence[FitResult], problem: Problem) -> list[MultiStep]:
+    """The same of several models, simulated together.
 
-    What the servo of 1 Hz has to make up for is what the model gets wrong; drift that short
-    horizons do not show shows here.  The windows are eighths of a run, at most 2.5 s long.
+    The closed-loop replay simulates windows of several seconds under a soft servo to the measured
+    motion: what the servo of 1 Hz has to make up for is what the model gets wrong; drift that
+    short horizons do not show shows there.  Its windows are eighths of a run, at most 2.5 s long.
     """
-    longest = min(m.n * m.dt for m in problem.motions)
-    return simulate(result, problem, float(np.clip(longest / 8, 0.5, 2.5)), SERVO)
+    longest = max(min(m.n * m.dt for m in problem.motions) / 8, 0.5)
+    asked = [(SHORT, 0.0), (float(min(longest, 2.5)), SERVO)]
+    jobs = [
+        (r, *ask) for r in results for ask in asked if r.model.explains == "motor" or not ask[1]
+    ]
+    found = iter(_simulated(jobs, problem))
+    out = []
+    for r in results:
+        short = next(found)
+        motor = r.model.explains == "motor"
+        out.append(replace(short, closed_loop=next(found)) if motor else short)
+    return out
 
 
 def simulate(
-    result: FitResult, problem: Problem, seconds: float = 0.5, servo: float = 0.0
+    result: FitResult, problem: Problem, seconds: float = SHORT, servo: float = 0.0
 ) -> MultiStep:
     """Simulate a fitted model from measured states with the measured effort.
 
@@ -109,24 +121,46 @@ def simulate(
     servo : float
         Bandwidth of a servo to the measured motion [Hz]; 0 = none.
     """
-    errors: list[FloatArray] = []
-    moves: list[FloatArray] = []
+    return _simulated([(result, seconds, servo)], problem)[0]
+
+
+def _simulated(
+    asked: Sequence[tuple[FitResult, float, float]], problem: Problem
+) -> list[MultiStep]:
+    """Errors of models over horizons [s] under servos [Hz], over all runs."""
+    found: list[list[tuple[FloatArray, FloatArray]]] = [[] for _ in asked]
     for motion in problem.motions:
-        horizon = max(2, round(seconds / motion.dt))
-        edge = int(0.2 / motion.dt)
-        last = motion.n - horizon - edge
-        if last <= edge:
-            continue
-        overlap = 1 if servo else 2
-        count = min(WINDOWS, max(1, overlap * (last - edge) // max(horizon, 1)))
-        starts = np.linspace(edge, last, count).astype(int)
-        error, move = forward(result, motion, starts, horizon, servo)
-        errors.append(error)
-        moves.append(move)
-    if not errors:
+        jobs = {
+            k: Windows(result, starts, horizon, servo)
+            for k, (result, seconds, servo) in enumerate(asked)
+            for starts, horizon in [_windows(motion, seconds, servo)]
+            if starts.size
+        }
+        for k, pair in zip(jobs, forward(motion, list(jobs.values())), strict=True):
+            found[k].append(pair)
+    parts = zip(asked, found, strict=True)
+    return [_summary(pairs, seconds, problem) for (_, seconds, _), pairs in parts]
+
+
+def _windows(motion: Motion, seconds: float, servo: float) -> tuple[NDArray[np.int_], int]:
+    """First instants of the windows of a run, and their length; windows without a servo overlap."""
+    horizon = max(2, round(seconds / motion.dt))
+    edge = int(0.2 / motion.dt)
+    last = motion.n - horizon - edge
+    if last <= edge:
+        return np.zeros(0, dtype=np.int_), horizon
+    overlap = 1 if servo else 2
+    count = min(WINDOWS, max(1, overlap * (last - edge) // max(horizon, 1)))
+    return np.linspace(edge, last, count).astype(np.int_), horizon
+
+
+def _summary(
+    pairs: list[tuple[FloatArray, FloatArray]], seconds: float, problem: Problem
+) -> MultiStep:
+    if not pairs:
         nothing = np.full(problem.d, np.nan)
         return MultiStep(seconds, nothing, nothing, 0, 0)
-    error, move = np.concatenate(errors), np.concatenate(moves)
+    error, move = (np.concatenate(x) for x in zip(*pairs, strict=True))
     span = np.ptp(problem.span, axis=1)
     bad = np.any(~np.isfinite(error) | (np.abs(error) > span), axis=(1, 2))
     good = error[~bad] if (~bad).any() else np.nan_to_num(error, nan=np.inf)

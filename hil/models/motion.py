@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -27,9 +28,6 @@ class Response(Protocol):
     @property
     def damping(self) -> FloatArray:
         """Viscous coefficient of each joint, shape (d,)."""
-
-    def unslipped(self, j: int) -> FloatArray:
-        """Effort without the jumps of joint j's position, less that with them, shape (n, d)."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +68,6 @@ class Motion:
         Motor temperatures [degC].
     response : Response or None
         Inertia and stiffness of the present model; None before a first fit.
-    slips : ndarray (3, n, d), or (3, 0, 0) where there are none
-        What jumps of the recorded positions (lost counts) add to q, qd and qdd.
-    slipped : ndarray (d,) of bool, or (0,) where there are none
-        Joints whose position jumps in any run.
     """
 
     t: FloatArray
@@ -94,8 +88,6 @@ class Motion:
     temperature: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     grain: FloatArray = field(default_factory=lambda: np.zeros(0))
     response: Response | None = None
-    slips: FloatArray = field(default_factory=lambda: np.zeros((3, 0, 0)))
-    slipped: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
 
     def __post_init__(self) -> None:
         self._remember({})
@@ -164,9 +156,17 @@ class Motion:
         """The same postures without speed and acceleration."""
         return self.with_(qd=np.zeros_like(self.qd), qdd=np.zeros_like(self.qdd))
 
-    def jumps(self, j: int) -> bool:
-        """Whether the recorded position of joint j jumps in any run."""
-        return bool(self.slipped.size and self.slipped[j])
+    def at_states(
+        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, static: FloatArray
+    ) -> Motion:
+        """Unconnected states (w, d) in place of the run: no time, effort or averaging of signs."""
+        # a plain copy: `replace` would cost more than most effects
+        out, none = copy(self), np.zeros_like(q)
+        out.__dict__.update(
+            t=np.arange(len(q), dtype=np.float64), q=q, qd=qd, qdd=qdd, load=load, static=static,
+            tau=none, tau_ext=none, average=0.0, _signs={},
+        )  # fmt: skip
+        return out
 
     def with_(self, **changes: FloatArray) -> Motion:
         """Copy with some arrays replaced."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_effects import motion_of
 
-from hil.compare.forward import _Forward
+from hil.compare.forward import Windows, _Forward
 from hil.identify.design import Term
 from hil.models import catalogue
 from hil.models.robots import IndependentAxes
@@ -28,5 +28,6 @@ def test_loads_are_those_of_the_windows(name):
     for shape in {shapes[0], shapes[-1]}:
         term, m = Term(effect, 1, shape=tuple(shape)), len(effect.terms(motion, 1))
         result = SimpleNamespace(terms=[term], theta=np.ones(m), slices=[slice(0, m)])
-        q = motion.q[:WINDOWS]
-        assert _Forward(result, motion).effort(q, q, 0 * q, load).shape == q.shape
+        q, job = motion.q[:WINDOWS], Windows(result, np.arange(WINDOWS), 1)
+        model = _Forward([job], motion, np.zeros(WINDOWS, dtype=int))
+        assert model.effort(q, q, 0 * q[None], load).shape == (1, *q.shape)
