@@ -29,6 +29,8 @@ FINE = 4
 WIDE = 30
 #: A line of the motion exceeds its neighbourhood by this factor.
 PROMINENT = 6.0
+#: Values that are transformed at once, so that they stay in the processor's cache.
+BATCH = 2**17
 #: A servo answers a disturbance with at most this multiple of it, resonance included.
 ANSWER = 3.0
 
@@ -40,17 +42,17 @@ def frequencies(problem: Problem, term: Term) -> FloatArray:
     return f[f <= problem.rates.effort]
 
 
-def gains(problem: Problem, j: int, rows: FloatArray, f: FloatArray) -> FloatArray:
+def gains(problem: Problem, j: int, rows: NDArray[np.floating], f: FloatArray) -> FloatArray:
     """Approximate gain of a sinusoid at each frequency, shape (..., f) for rows (..., n)."""
     out = np.zeros((*rows.shape[:-1], f.size))
     for k in range(len(problem.recordings)):
         own = rows[..., problem.run == k]
         moving = max(float(np.sum(problem.live[j, problem.run == k])), 1.0)
         size = scipy.fft.next_fast_len(FINE * own.shape[-1], real=True)
-        power = np.abs(scipy.fft.rfft(own, size, axis=-1)) ** 2 / (moving / 2)
         # the nearest of the transform's frequencies, a fraction of the run's resolution away
         where = np.rint(f * size / problem.rate).astype(int)
-        out += power[..., np.minimum(where, power.shape[-1] - 1)]
+        lines = scipy.fft.rfft(own, size, axis=-1)[..., np.minimum(where, size // 2)]
+        out += (lines.real**2 + lines.imag**2) / (moving / 2)
     return out
 
 
@@ -137,7 +139,10 @@ def flipped(
     best = np.zeros(len(signs))
     if not f.size:
         return best
-    for part in np.array_split(np.arange(len(signs)), max(1, len(signs) * noise.size // 2**21)):
-        rows = noise * signs[part][:, blocks]
+    # single precision: an error of 1e-7 of what the luckiest line of noise explains
+    single = noise.astype(np.float32)
+    turns = signs.astype(np.float32)
+    for part in np.array_split(np.arange(len(signs)), max(1, len(signs) * noise.size // BATCH)):
+        rows = single * turns[part][:, blocks]
         best[part] = gains(problem, term.joint, rows, f).max(axis=-1)
     return best
