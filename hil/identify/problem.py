@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError
 from hil.identify import bands, standstill
+from hil.identify.kept import Field, Kept, watched
 from hil.identify.prepare import prepare
 from hil.models.effect import Effect
 from hil.models.model import Band
@@ -89,12 +89,11 @@ class Problem:
             self.motions.append(motion)
             self._still.append(still)
             self._filters.append(decimator)
-        self._share_slips()
         self._assemble()
         self.shift = 0.0
         #: What others have computed from the motion alone.
         self.memo: dict[tuple[object, ...], Any] = {}
-        self._cache: dict[tuple[object, ...], FloatArray] = {}
+        self._kept = Kept()
         self._raw: dict[tuple[object, ...], list[FloatArray]] = {}
 
     @property
@@ -121,13 +120,6 @@ class Problem:
     def rate(self) -> float:
         """Rate of the instants [Hz]."""
         return self._filters[0].rate
-
-    def _share_slips(self) -> None:
-        """Tell every run which joints' positions jump in any of them."""
-        found = [np.any(m.slips[0], axis=0) for m in self.motions if m.slips.size]
-        if found:
-            which = np.any(found, axis=0)
-            self.motions = [replace(m, slipped=which) for m in self.motions]
 
     def _assemble(self) -> None:
         #: Speed noise by joint (d,): what is slower than this is not motion.
@@ -197,7 +189,7 @@ class Problem:
             m.with_(tau=m.tau - seconds * np.gradient(m.tau, m.dt, axis=0)) for m in self.motions
         ]
         self._target()
-        self._forget("load", "context")
+        self._kept = self._kept.pruned(self.motions)
 
     def _sampled(self, name: str) -> FloatArray:
         return self.filtered([getattr(m, name) for m in self.motions])
@@ -207,20 +199,16 @@ class Problem:
         return np.concatenate([f(x) for f, x in zip(self._filters, parts, strict=True)])
 
     def set_context(self, **changes: FloatArray) -> None:
-        """Change v0, contact or load; forget the columns that depend on them."""
+        """Change v0, contact or load; forget the columns that were made of them."""
         if "load" in changes:
             sizes = np.cumsum([m.n for m in self.motions])[:-1]
             loads = np.split(changes["load"], sizes)
             still = np.split(changes["static"], sizes)
             parts = zip(self.motions, loads, still, strict=True)
             self.motions = [m.with_(load=x, static=z) for m, x, z in parts]
-            self._forget("load")
         else:
             self.motions = [m.with_(**changes) for m in self.motions]
-            self._forget("load", "context")
-
-    def _forget(self, *uses: str) -> None:
-        self._cache = {k: v for k, v in self._cache.items() if k[0] not in uses}
+        self._kept = self._kept.pruned(self.motions)
 
     def columns(
         self, effect: Effect, j: int, shape: Sequence[float], per_run: bool = False,
@@ -231,36 +219,40 @@ class Problem:
         With `per_run` a set a run: all runs but the first one of an effect that only shows in
         differences between runs, unless `every`.
         """
-        first = int(effect.relative and not every)
-        key = (*self._key(effect, j, shape, per_run), *([first] if per_run else []))
-        if key not in self._cache:
-            out = self.acting(self.raw(effect, j, shape), None if effect.whole_robot else j)
-            if per_run:
-                out = self._split(out, first)
-            self._cache[key] = np.moveaxis(out, 0, 1) if effect.whole_robot else out
-        return self._cache[key]
+        first = int(effect.relative and not every) if per_run else None
+        key = (effect.name, j, tuple(shape), first)
+        known = self._kept.get(key, self.motions)
+        if known is not None:
+            return known
+        raw, fields = self._made(effect, j, shape)
+        out = self.acting(raw, None if effect.whole_robot else j)
+        if first is not None:
+            out = self._split(out, first)
+        return self._keep(key, out, effect, fields)
 
-    def _key(
-        self, effect: Effect, j: int, shape: Sequence[float], per_run: bool
-    ) -> tuple[object, ...]:
-        uses = "motion" if effect.motion_only else "load" if effect.uses_load else "context"
-        return (uses, effect.name, j, tuple(shape), per_run)
+    def _keep(
+        self, key: tuple[object, ...], out: FloatArray, effect: Effect, fields: frozenset[Field]
+    ) -> FloatArray:
+        columns = np.moveaxis(out, 0, 1) if effect.whole_robot else out
+        self._kept.put(key, columns, fields, self.motions)
+        return columns
 
     def prepare(self, effect: Effect, j: int, shapes: Sequence[Sequence[float]]) -> None:
         """Make the columns of several shapes of an effect on joint j, through one filter pass."""
-        missing = [s for s in shapes if self._key(effect, j, s, False) not in self._cache]
+        keys = {tuple(s): (effect.name, j, tuple(s), None) for s in shapes}
+        missing = [s for s, key in keys.items() if self._kept.get(key, self.motions) is None]
         while missing:
-            raw = [self.raw(effect, j, missing[0])]
-            room = max(1, BATCH // max(sum(x.nbytes for x in raw[0]), 1))
+            made = [self._made(effect, j, missing[0])]
+            room = max(1, BATCH // max(sum(x.nbytes for x in made[0][0]), 1))
             now, missing = missing[:room], missing[room:]
-            raw += [self.raw(effect, j, s) for s in now[1:]]
-            wide = [np.concatenate(parts, axis=-1) for parts in zip(*raw, strict=True)]
+            made += [self._made(effect, j, s) for s in now[1:]]
+            runs = zip(*(raw for raw, _ in made), strict=True)
+            wide = [np.concatenate(parts, axis=-1) for parts in runs]
             out = self.acting(wide, None if effect.whole_robot else j)
-            edges = np.cumsum([parts[0].shape[-1] for parts in raw])[:-1]
-            for shape, part in zip(now, np.split(out, edges, axis=-1), strict=True):
-                own = np.ascontiguousarray(part)
-                key = self._key(effect, j, shape, False)
-                self._cache[key] = np.moveaxis(own, 0, 1) if effect.whole_robot else own
+            edges = np.cumsum([raw[0].shape[-1] for raw, _ in made])[:-1]
+            parts = zip(now, np.split(out, edges, axis=-1), made, strict=True)
+            for shape, part, (_, fields) in parts:
+                self._keep(keys[shape], np.ascontiguousarray(part), effect, fields)
 
     def acting(self, raw: Sequence[FloatArray], j: int | None) -> FloatArray:
         """What acts on joint j, or with None on all joints along axis 1, as the rows see it."""
@@ -274,16 +266,23 @@ class Problem:
     ) -> list[FloatArray]:
         """Columns of an effect before the filter, one array a run; `rest`: held at each posture.
 
-        Those that depend on nothing but the motion are made once.
+        Those that depend on nothing but the motion, without a shape, are made once.
         """
-        key = (effect.name, j, tuple(shape), rest)
-        if effect.motion_only and key in self._raw:
-            return self._raw[key]
-        out = [effect.columns(m.at_rest() if rest else m, j, shape) for m in self.motions]
+        return self._made(effect, j, shape, rest)[0]
+
+    def _made(
+        self, effect: Effect, j: int, shape: Sequence[float], rest: bool = False
+    ) -> tuple[list[FloatArray], frozenset[Field]]:
+        """Columns before the filter, one array a run, and what they were made of."""
+        key = (effect.name, j, rest)
+        if key in self._raw:
+            return self._raw[key], frozenset()
+        motions = [m.at_rest() for m in self.motions] if rest else self.motions
+        out, fields = watched(effect, motions, j, shape)
         _sound(effect, j, self.motions[0], out[0])
-        if effect.motion_only and sum(x.nbytes for x in out) <= KEPT:
+        if effect.motion_only and not effect.shape and sum(x.nbytes for x in out) <= KEPT:
             self._raw[key] = out
-        return out
+        return out, fields
 
     def _split(self, x: FloatArray, first: int) -> FloatArray:
         """One set of columns a run, from run number `first` on."""

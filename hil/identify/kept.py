@@ -1,0 +1,99 @@
+"""Filtered columns, kept for as long as what they were made of stays as it is.
+
+What that is nobody has to declare: while an effect makes its columns, its motion notes which of
+its fields it looks at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.models.effect import Effect
+from hil.models.motion import Motion
+
+FloatArray = NDArray[np.float64]
+#: Fields of a motion; the robot is the problem's own.
+FIELDS = frozenset(f.name for f in fields(Motion)) - {"robot"}
+#: Those that are compared by value and not as objects.
+SMALL = frozenset({"v0", "resolution", "span", "contact", "grain"})
+#: What was looked at: a field, and of the sign resolution possibly one joint's.
+Field = tuple[str, int | None]
+
+
+class Watched(Motion):
+    """A motion that notes which of its fields are looked at."""
+
+    _seen: set[Field]
+    _plain: Motion
+
+    def __getattribute__(self, name: str) -> object:
+        if name in FIELDS:
+            seen = object.__getattribute__(self, "__dict__").get("_seen")
+            if seen is not None:
+                seen.add((name, None))
+        return object.__getattribute__(self, name)
+
+    def sign(self, j: int) -> FloatArray:
+        """As of any motion; only this joint's resolution counts as looked at."""
+        self._seen.update({("qd", None), ("qdd", None), ("average", None), ("v0", j)})
+        return self._plain.sign(j)
+
+
+def watched(
+    effect: Effect, motions: Sequence[Motion], j: int, shape: Sequence[float]
+) -> tuple[list[FloatArray], frozenset[Field]]:
+    """Columns of an effect, one array a run, and the fields that it looked at for them."""
+    seen: set[Field] = set()
+    out = []
+    for m in motions:
+        view: Watched = object.__new__(Watched)
+        view.__dict__.update(m.__dict__, _seen=seen, _plain=m)
+        out.append(effect.columns(view, j, shape))
+    return out, frozenset(seen)
+
+
+Made = dict[tuple[object, ...], tuple[FloatArray, frozenset[Field], list[object]]]
+
+
+class Kept:
+    """Columns by key; one whose fields have changed since counts as absent."""
+
+    def __init__(self, made: Made | None = None) -> None:
+        self._made: Made = made or {}
+
+    def get(self, key: tuple[object, ...], motions: Sequence[Motion]) -> FloatArray | None:
+        """Columns that are as the motions are now; None if there are none."""
+        found = self._made.get(key)
+        return found[0] if found and _fresh(found[1], found[2], motions) else None
+
+    def put(
+        self, key: tuple[object, ...], columns: FloatArray, seen: frozenset[Field],
+        motions: Sequence[Motion],
+    ) -> None:  # fmt: skip
+        """Keep columns that were made of these fields."""
+        self._made[key] = (columns, seen, _states(seen, motions))
+
+    def pruned(self, motions: Sequence[Motion]) -> Kept:
+        """The same without what has changed."""
+        return Kept({k: v for k, v in self._made.items() if _fresh(v[1], v[2], motions)})
+
+
+def _states(seen: frozenset[Field], motions: Sequence[Motion]) -> list[object]:
+    return [_state(m, *f) for f in seen for m in motions]
+
+
+def _state(motion: Motion, name: str, j: int | None) -> object:
+    if j is not None:
+        return float(getattr(motion, name)[j])
+    value = getattr(motion, name)
+    # the bytes, for NaN is no surface and equal to no surface
+    return value.tobytes() if name in SMALL else value
+
+
+def _fresh(seen: frozenset[Field], states: list[object], motions: Sequence[Motion]) -> bool:
+    pairs = zip(states, _states(seen, motions), strict=True)
+    return all(a is b or (isinstance(a, bytes | float) and a == b) for a, b in pairs)
