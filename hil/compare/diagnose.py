@@ -15,6 +15,7 @@ from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.identifiable import undetermined
 from hil.compare.judge import ADEQUATE, judge
+from hil.compare.lost import lost_counts
 from hil.identify.design import head
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -105,6 +106,7 @@ def diagnose(
     beyond = outside(model.valid, problem) + examine.outside(ladder[-1].result)
     out.warnings += [("outside-range", text) for text in beyond]
     out.warnings += [(f.code, f.sentence) for f in faults]
+    out.warnings += lost_counts(out.findings, recordings, out.warnings)
     out.network = explainable(ladder[-1].result, evidence.floor)
     return out
 
@@ -132,7 +134,7 @@ def _next(
         model = now.result.model + as_use(c, problem)
         fitted = _refit(model, problem, examine, now.result.sigma)
         step = Step(f"+ {describe(c, problem)}", *fitted)
-        pays = _worth(step, now, ladder[0], c.joint, evidence.floor.rms)
+        pays = _worth(step, now, ladder[0], c, evidence.floor.rms)
         if pays and _determined(step, c):
             worse = [x for x, other in failed if _worse(other, step, c.joint)]
             rest = [x for x in pool if x is not c and x not in worse]
@@ -165,17 +167,24 @@ def _unsettled(j: int, result: FitResult, evidence: Evidence) -> bool:
     return bool(result.rms[j] > min(ADEQUATE * floor.rms[j], APART * floor.scale[j]))
 
 
-def _worth(step: Step, now: Step, first: Step, j: int, floor: FloatArray) -> bool:
-    """Whether a step pays: in held-out error beyond chance, and in the excess over the floor."""
+def _worth(step: Step, now: Step, first: Step, c: Candidate, floor: FloatArray) -> bool:
+    """Whether a step pays: in held-out error beyond chance, and in the excess over the floor.
+
+    What other runs cannot confirm must pay where it was seen, and not be refuted by the others.
+    """
+    j = c.joint
     before, after = now.result.rms[j] ** 2, step.result.rms[j] ** 2
     excess = max(before - float(floor[j]) ** 2, 1e-300)
     whole = max(first.result.rms[j] ** 2 - float(floor[j]) ** 2, 1e-300)
     share = min((before - after) / excess, SHARE / FORM * (before - after) / whole)
+    gain = step.heldout.gain(now.heldout, j)
+    if c.term.effect.dated(c.term.shape):
+        return bool(after < (1 - WORTH) ** 2 * before and share > SHARE and gain > -REFUTED)
     better = step.heldout.rms[j] < (1 - WORTH) * now.heldout.rms[j]
     if step.result.model.explains == "external":
         # half the force sensor's accuracy, in percent of the effort
         better &= step.heldout.relative[j] < now.heldout.relative[j] - 50 * SENSOR_ACCURACY
-    return bool(better and share > SHARE and step.heldout.gain(now.heldout, j) > 1.0)
+    return bool(better and share > SHARE and gain > 1.0)
 
 
 def _refit(

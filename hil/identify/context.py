@@ -75,7 +75,13 @@ def update_load(
         for t, where in zip(terms, slices, strict=True)
         if (t.effect.family in SOLID or t.effect.name == "viscous") and not t.per_run
     ]
-    problem.motions = [replace(m, response=Response(m, solid)) for m in problem.motions]
+    more = [
+        (t, theta[where])
+        for t, where in zip(terms, slices, strict=True)
+        if t.effect.family == "friction" and t.effect.name != "viscous"
+        and not (t.per_run or t.effect.replayed or t.effect.uses_load)
+    ]  # fmt: skip
+    problem.motions = [replace(m, response=Response(m, solid, more)) for m in problem.motions]
 
 
 def _carried(problem: Problem, mass: list[tuple[Term, FloatArray]], rest: bool) -> list[FloatArray]:

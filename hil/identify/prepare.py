@@ -9,6 +9,7 @@ from hil.errors import DataError
 from hil.identify import bands, standstill
 from hil.models.motion import Motion
 from hil.models.robots import Robot
+from hil.record.jumps import jumps
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -45,10 +46,18 @@ def prepare(
         contact=np.full((r.d, 2), np.nan), robot=robot, average=step,
         wrench=_slow(None if r.tau_ext is not None else r.wrench, 6, pick, r.rate, rates),
         temperature=_slow(r.temperature, r.d, pick, r.rate, rates),
-        grain=standstill.position_noise(r.q) * np.sqrt(12),
+        grain=standstill.position_noise(r.q) * np.sqrt(12), slips=_slips(r, pick, rates),
     )  # fmt: skip
     still = standstill.standing(r.q, qdd, fs, 0.5 / rates.effort, rates.position)
     return motion, still[pick], bands.Decimator(t.size, 1 / step, rates.effort)
+
+
+def _slips(r: Recording, pick: slice, rates: bands.Rates) -> FloatArray:
+    """What jumps of the positions add to q, qd and qdd after the filter, (3, n, d) or (3, 0, 0)."""
+    error = np.stack([jumps(r.t, r.q[:, j]).shift(r.n) for j in range(r.d)], axis=1)
+    if not np.any(error):
+        return np.zeros((3, 0, 0))
+    return np.stack([x[pick] for x in bands.derivatives(error, r.rate, rates.position)])
 
 
 def _slow(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -89,6 +90,7 @@ class Problem:
             self.motions.append(motion)
             self._still.append(still)
             self._filters.append(decimator)
+        self._share_slips()
         self._assemble()
         self.shift = 0.0
         #: What others have computed from the motion alone.
@@ -120,6 +122,13 @@ class Problem:
     def rate(self) -> float:
         """Rate of the instants [Hz]."""
         return self._filters[0].rate
+
+    def _share_slips(self) -> None:
+        """Tell every run which joints' positions jump in any of them."""
+        found = [np.any(m.slips[0], axis=0) for m in self.motions if m.slips.size]
+        if found:
+            which = np.any(found, axis=0)
+            self.motions = [replace(m, slipped=which) for m in self.motions]
 
     def _assemble(self) -> None:
         #: Speed noise by joint (d,): what is slower than this is not motion.

@@ -30,10 +30,16 @@ class Response:
         The run.
     parts : sequence of (Term, ndarray (m,))
         Mass, stiffness and viscous terms with their coefficients.
+    more : sequence of (Term, ndarray (m,))
+        Further terms that depend on nothing but the motion.
     """
 
-    def __init__(self, motion: Motion, parts: Sequence[tuple[Term, FloatArray]]) -> None:
-        self._motion, self._parts = motion, parts
+    def __init__(
+        self, motion: Motion, parts: Sequence[tuple[Term, FloatArray]],
+        more: Sequence[tuple[Term, FloatArray]] = (),
+    ) -> None:  # fmt: skip
+        self._motion, self._parts, self._more = motion, parts, more
+        self._unslipped: dict[int, FloatArray] = {}
         stride = max(1, int(1 / RATE / motion.dt))
         self._pick = np.unique(np.append(np.arange(0, motion.n, stride), motion.n - 1))
 
@@ -57,6 +63,20 @@ class Response:
             if t.effect.name == "viscous":
                 out[t.joint] += float(theta[0])
         return out
+
+    def unslipped(self, j: int) -> FloatArray:
+        """f(q - e, q' - e', q'' - e'') - f(q, q', q''), e the jumps of joint j, shape (n, d)."""
+        if j not in self._unslipped:
+            m, only = self._motion, np.arange(self._motion.d) == j
+            e = m.slips * only if m.slips.size else np.zeros((3, *m.q.shape))
+            true = replace(m, q=m.q - e[0], qd=m.qd - e[1], qdd=m.qdd - e[2])
+            out = np.zeros_like(m.q)
+            for t, theta in (*self._parts, *self._more) if np.any(e) else ():
+                where = slice(None) if t.effect.whole_robot else t.joint
+                moved = t.effect.columns(true, t.joint, t.shape)
+                out[:, where] += (moved - t.effect.columns(m, t.joint, t.shape)) @ theta
+            self._unslipped[j] = out
+        return self._unslipped[j]
 
     def _along(self, columns: list[FloatArray]) -> FloatArray:
         values = np.stack(columns, axis=2)

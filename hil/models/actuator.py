@@ -33,6 +33,7 @@ class TorqueOffset(Effect):
 class TorqueGain(Effect):
     """The motor constant is not what the command assumes."""
 
+    uses_load = True
     name, family = "torque-gain", "actuator"
     equation = "tau = (1 + g) load  (g = 1/kappa - 1, load = rigid body minus external effort)"
     signature = "residual proportional to everything the motor carries, external force included"

@@ -96,6 +96,8 @@ class Effect(ABC):
     refine: ClassVar[bool] = True
     #: Whether the lower end of the shape's grid is what the data resolve, hence no bound.
     ends_at_resolution: ClassVar[bool] = False
+    #: Whether the columns depend on `Motion.load`, hence on the model's own estimate.
+    uses_load: ClassVar[bool] = False
     #: Whether the columns depend on position, speed, acceleration and robot alone: made once.
     motion_only: ClassVar[bool] = False
     #: Whether the columns hold time, a measured effort or a state: a simulation takes them
@@ -186,6 +188,10 @@ class Effect(ABC):
     def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
         """Whether coefficients that fit do not contradict what else was measured."""
         return True
+
+    def dated(self, shape: Sequence[float]) -> bool:
+        """Whether it acts at instants of a run that are seen there: no other run can confirm it."""
+        return False
 
     def available(self, motion: Motion, j: int) -> str:
         """Say why the effect cannot be tried on these data; empty if it can."""

@@ -21,6 +21,11 @@ from hil.models.motion import FloatArray, Motion
 PUSH = 0.1
 #: Orders of an eccentric disc beyond this many periods over the span are a motor's cogging.
 HIGHEST = 40.0
+#: Shape of jumps that are recorded, and the coefficient that says that they were lost counts.
+SEEN = (0.0,)
+CONFIRMED = Param("a", "1", "share of the recorded jumps that the effort confirms as lost", 0.0)
+#: Largest such share beside a model that was fitted with the jumps as motion.
+DILUTED = 5.0
 _UNFITTED = "needs the fitted model's inertia; fit the model first"
 
 
@@ -37,7 +42,7 @@ class EncoderEccentricity(Effect):
     confused_with = ("cogging", "position-friction")
     shown_by = "the same stroke at several speeds"
     source = "Kavanagh, IEEE Trans. Instrumentation and Measurement 50(6), 2001 (encoder errors)"
-    whole_robot = replayed = True
+    whole_robot = replayed = uses_load = True
     params = (
         Param("es", "{x}", "error that goes with the sine"),
         Param("ec", "{x}", "error that goes with the cosine"),
@@ -78,38 +83,66 @@ class EncoderEccentricity(Effect):
 
 
 class MissedCounts(Effect):
-    """The encoder lost counts at one instant: all positions after it are shifted.
+    """The encoder lost counts: all positions after that are shifted.
 
-    Only gravity and springs feel a constant shift; without them it cannot be seen in the effort.
+    Lost within a sample, they are seen as jumps of the recorded position; then instants and
+    sizes are known, and what is fitted is whether the effort confirms that the joint did not
+    jump: a share of 1.  Lost little by little they are one shift at an instant that is searched;
+    only gravity and springs feel it, and without them it cannot be seen in the effort.
     """
 
     name, family = "missed-counts", "sensor"
-    equation = "tau = -G s  for t > t0  (s = shift of the measured position, one value a run)"
-    signature = "gravity or a spring fits before one instant and not after it"
-    confused_with = ("force-drift", "torque-offset")
+    equation = (
+        "tau = f(q - a e) - f(q), e = jumps of the recorded position, each staying; without any "
+        "tau = -G s for t > t0 (s = shift of the measured position)"
+    )
+    signature = "the position jumps and the effort does not; or gravity fits before an instant only"
+    confused_with = ("force-drift", "torque-offset", "vibration-mode")
     shown_by = "a return to a mechanical reference at the end of the run"
     source = "Naerum thesis, appendix A (counts lost above the decoder's rate are a lasting offset)"
-    whole_robot = replayed = per_run = True
-    params = (Param("s", "{x}", "shift of the measured position", -0.5, 0.5),)
-    shape = (Param("t0", "s", "instant, from the start of the run", 0.0),)
+    whole_robot = replayed = uses_load = per_run = True
+    params = (Param("s", "{x}", "shift of the measured position"),)
+    shape = (Param("t0", "s", "instant, from the start; 0: the jumps that are recorded", 0.0),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """-G after t0, shape (n, d, 1)."""
+        """f(q - e) - f(q), or -G after t0, shape (n, d, 1)."""
         if motion.response is None:
             return np.zeros((motion.n, motion.d, 1))
+        if self.dated(shape):
+            return motion.response.unslipped(j)[:, :, None]
         after = np.clip((motion.since - float(shape[0])) / motion.dt + 0.5, 0.0, 1.0)
         out: FloatArray = -(motion.response.gradient[:, :, j] * after[:, None])[:, :, None]
         return out
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Fifteen instants from 5 to 95 % of the run."""
+        """The recorded jumps if there are any, else fifteen instants from 5 to 95 % of the run."""
+        if motion.jumps(j):
+            return [SEEN]
         return [(float(t),) for t in np.linspace(0.05, 0.95, 15) * motion.since[-1]]
 
+    def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
+        """Share of the recorded jumps, or the shift."""
+        return (CONFIRMED,) if motion.jumps(j) else self.params
+
+    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+        """No shift beyond half a radian; recorded jumps are nearer to lost counts than to motion.
+
+        Beside jumps a model finds too small an inertia, so that the first share may exceed 1.
+        A run without jumps has none (0).
+        """
+        if not self.dated(shape):
+            return max(map(abs, beta)) < 0.5
+        return all(0.5 < b < DILUTED for b in beta if b)
+
+    def dated(self, shape: Sequence[float]) -> bool:
+        """Recorded jumps are."""
+        return tuple(shape) == SEEN
+
     def available(self, motion: Motion, j: int) -> str:
-        """Needs gravity or a spring."""
+        """Needs gravity or a spring, unless the jumps are recorded."""
         if motion.response is None:
             return _UNFITTED
-        if np.any(motion.response.gradient[:, :, j]):
+        if motion.jumps(j) or np.any(motion.response.gradient[:, :, j]):
             return ""
         return "no gravity or spring of the model depends on the position, so a shift has no effect"
 

@@ -174,6 +174,7 @@ def harmonics(q: FloatArray, p: float) -> FloatArray:
 class LoadFriction(Effect):
     """Friction that grows with the effort that the joint transmits."""
 
+    uses_load = True
     name, family = "load-friction", "friction"
     equation = "tau = mu |load| tanh(v / v0),  load = all that is transmitted, or its static part"
     signature = "friction grows with gravity, acceleration or contact load"

@@ -29,6 +29,9 @@ class Response(Protocol):
     def damping(self) -> FloatArray:
         """Viscous coefficient of each joint, shape (d,)."""
 
+    def unslipped(self, j: int) -> FloatArray:
+        """Effort without the jumps of joint j's position, less that with them, shape (n, d)."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -68,6 +71,10 @@ class Motion:
         Motor temperatures [degC].
     response : Response or None
         Inertia and stiffness of the present model; None before a first fit.
+    slips : ndarray (3, n, d), or (3, 0, 0) where there are none
+        What jumps of the recorded positions (lost counts) add to q, qd and qdd.
+    slipped : ndarray (d,) of bool, or (0,) where there are none
+        Joints whose position jumps in any run.
     """
 
     t: FloatArray
@@ -88,6 +95,8 @@ class Motion:
     temperature: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     grain: FloatArray = field(default_factory=lambda: np.zeros(0))
     response: Response | None = None
+    slips: FloatArray = field(default_factory=lambda: np.zeros((3, 0, 0)))
+    slipped: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
 
     def __post_init__(self) -> None:
         self._remember({})
@@ -155,6 +164,10 @@ class Motion:
     def at_rest(self) -> Motion:
         """The same postures without speed and acceleration."""
         return self.with_(qd=np.zeros_like(self.qd), qdd=np.zeros_like(self.qdd))
+
+    def jumps(self, j: int) -> bool:
+        """Whether the recorded position of joint j jumps in any run."""
+        return bool(self.slipped.size and self.slipped[j])
 
     def at_states(
         self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, static: FloatArray

@@ -49,6 +49,7 @@ MOST = 0.25
 class ElasticTransmission(Effect):
     """The cable or gear between motor and link gives."""
 
+    uses_load = True
     replayed = strict = True
     name, family = "elastic-transmission", "transmission"
     equation = "tau = a (H - 1) load,  H = w^2 / (s^2 + 2 z w s + w^2),  w = 2 pi f"
@@ -85,6 +86,7 @@ class HardeningCable(Effect):
 
     # fitted and added by hand; beside an elastic transmission the data rarely ask for it
     candidate = False
+    uses_load = True
     replayed = strict = True
     name, family = "hardening-cable", "transmission"
     equation = "tau = (H - 1)(a load + b load^3 / rms(load)^2),  H as of elastic-transmission"
@@ -112,6 +114,7 @@ class HardeningCable(Effect):
 class Backlash(Effect):
     """Play between motor and link: within it the link is not carried."""
 
+    uses_load = True
     replayed = strict = True
     name, family = "backlash", "transmission"
     equation = (

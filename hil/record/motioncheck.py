@@ -11,6 +11,8 @@ from hil.errors import DataError
 from hil.record import consistency as physics
 from hil.record import limitcheck
 from hil.record.finding import Finding
+from hil.record.jumps import described
+from hil.record.jumps import jumps as find_jumps
 from hil.record.recording import Recording
 from hil.record.spikes import check_spikes
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
@@ -88,7 +90,11 @@ def _position(r: Recording, k: int, joint: str) -> Iterator[Finding]:
             f"q{k + 1} freezes {len(frozen)} times while moving, the longest for {length:.3g} s at "
             f"{start:.6g} s, and catches up in one sample; samples were lost before recording",
         )  # fmt: skip
-    if jumps:
+    lost = find_jumps(r.t, q)
+    # what is less than the fastest ordinary step may be a sample that came late
+    if np.any(np.abs(lost.size) > np.quantile(np.abs(np.diff(q)), 0.99)):
+        yield Finding("step", "warning", joint, f"q{k + 1} {described(r.t, lost)}")
+    elif jumps:
         size = float(q[jumps[0] + 1] - q[jumps[0]])
         yield Finding(
             "step", "warning", joint,

@@ -86,6 +86,13 @@ class _Stiff:
     def __init__(self, n: int, d: int) -> None:
         unit: FloatArray = np.broadcast_to(np.eye(d), (n, d, d)).copy()
         self.inertia, self.gradient, self.damping = 0.1 * unit, 0.05 * unit, np.full(d, 0.02)
+        self._n, self._d = n, d
+
+    def unslipped(self, j: int) -> FloatArray:
+        """A jump in the middle."""
+        out = np.zeros((self._n, self._d))
+        out[self._n // 2 :, j] = -0.05 * 1e-3
+        return out
 
 
 def _wrench(robot: Robot, t: FloatArray, push: FloatArray) -> FloatArray:

@@ -159,6 +159,23 @@ def test_lost_counts_show_in_a_spring_and_not_without_one():
         hil.add([free], hil.base_model(free.robot), "missed-counts")
 
 
+def jumping(t, q):
+    """Counts lost at three instants, in the run's own time."""
+    return q + 4e-3 * float(np.sum(t >= np.array([3.3, 7.1, 11.8])))
+
+
+@pytest.mark.parametrize("held_out", [False, True])
+def test_recorded_jumps_are_lost_counts_where_the_effort_says_so(held_out):
+    """Without gravity, too; a held-out run without jumps of its own does not refute them."""
+    run = plants.axis(1, seen=jumping)
+    d = hil.diagnose([run], hil.base_model(run.robot), [plants.axis(2)] if held_out else [])
+    assert [(f.effect, f.joint) for f in d.findings] == [("missed-counts", "joint1")]
+    share = d.findings[0].parameters["j1.missed-counts.a"]
+    assert share.value == pytest.approx(1.0, abs=0.05) and share.unit == "1"
+    (text,) = [text for code, text in d.warnings if code == "step"]
+    assert "q1 jumps 3 times" in text and " at 3.3 s" in text
+
+
 @pytest.mark.parametrize("stiffer", [0.0, 400.0])
 def test_layer_below_the_surface_is_an_inclusion(stiffer):
     rng = np.random.default_rng(3)

@@ -1,0 +1,176 @@
+"""Jumps of a measured position that the joint cannot have made: counts that the decoder lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+FloatArray = NDArray[np.float64]
+#: Samples before and after a step from which its size is foretold.
+BESIDE = 8
+#: Standard errors by which a step must stand out: of a million normal ones none does by 7; a
+#: rounded one never does by more than two counts, or five standard errors of its own.
+OUT = 7.0
+#: ... and times what any step near it does: a blow shakes the readings for many samples.
+ALONE = 2.5
+#: Samples around a step that tell how much readings stray there.
+NEAR = 40
+#: Share of the fastest steps that is no jump in any case: samples are not quite evenly spaced.
+UNEVEN = 0.05
+#: Jumps that are listed one by one.
+LISTED = 12
+#: Rounds of the search, each without the jumps found before.
+ROUNDS = 5
+#: Samples beside a jump that do not tell how much readings stray there.
+BACK = 3
+#: Share of a jump by which it stands out of the two steps beside it, and share that one of them
+#: takes back where a reading came late.
+ALL, LATE = 0.5, 0.35
+#: More jumps a sample than so are how a position moves, not faults; and not worth a close look.
+MOST, MANY = 2e-3, 0.05
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """Steps by which one position is shifted for good.
+
+    Parameters
+    ----------
+    at : ndarray (k,) of int
+        Samples after the jump: it lies between `at` - 1 and `at`.
+    size : ndarray (k,)
+        By how much the measured position jumps [rad or m].
+    count : float
+        Resolution of the encoder [rad or m]; 0 where the position is not in counts.
+    """
+
+    at: NDArray[np.intp]
+    size: FloatArray
+    count: float
+
+    def shift(self, n: int) -> FloatArray:
+        """Error (n,) that the jumps leave in the position [rad or m]."""
+        out = np.zeros(n)
+        np.add.at(out, self.at, self.size)
+        return np.asarray(np.cumsum(out))
+
+
+def described(t: FloatArray, found: Jumps) -> str:
+    """Instants and sizes of jumps, in counts where there are any, as the rest of a sentence."""
+    often = "once" if found.at.size == 1 else f"{found.at.size} times"
+    sizes = [f"{x / (found.count or 1.0):+.4g}" for x in found.size]
+    when = [f"{x} at {s:.6g} s" for x, s in zip(sizes, t[found.at], strict=True)]
+    rest = f" and {len(when) - LISTED} more" if len(when) > LISTED else ""
+    unit = f" (counts of {found.count:.4g})" if found.count else ""
+    return (
+        f"jumps {often} within a sample, the speed before and after alike: "
+        f"{', '.join(when[:LISTED])}{rest}{unit}; lost counts, or lost samples: "
+        "'missed-counts' tells by the effort"
+    )
+
+
+def resolution(x: FloatArray) -> float:
+    """Smallest step of a position (n,) that comes in counts; 0 where it does not."""
+    # rounded, for multiples of a count differ in their last digits
+    steps = np.unique(np.round(np.abs(np.diff(x[:20000])), 12))
+    steps = steps[steps > 0.0]
+    return float(steps[0]) if 0 < steps.size < 200 else 0.0
+
+
+def jumps(t: FloatArray, q: FloatArray) -> Jumps:
+    """Steps of a position that neither the speed before them nor the one after them explains.
+
+    A step of one sample is compared with two forecasts, straight lines through the steps before
+    and through those after it; what lies outside both is a jump.  A blow changes the speed, so
+    that one of the two forecasts holds; only lost counts move the position and leave the speed.
+
+    Parameters
+    ----------
+    t : ndarray (n,)
+        Time [s]; where samples are missing nothing is compared.
+    q : ndarray (n,)
+        Position as recorded [rad or m].
+
+    Returns
+    -------
+    Jumps
+        Empty where there are so many that they are the motion's.
+    """
+    count, dq = resolution(q), np.diff(q)
+    none = Jumps(np.zeros(0, dtype=np.intp), np.zeros(0), count)
+    if dq.size < 8 * BESIDE or not np.any(dq):
+        return none
+    step = np.zeros(dq.size)
+    least = max(UNEVEN * float(np.quantile(np.abs(dq), 0.99)), OUT * count / np.sqrt(6))
+    whole = np.abs(np.diff(t) / np.median(np.diff(t)) - 1) < 0.5
+    for _ in range(ROUNDS):
+        found = _standing_out(dq - step, least) & whole
+        if not np.any(found):
+            break
+        # again from the neighbours without their own jumps
+        step[found] = 0.0
+        step[found] = (dq - np.mean(_forecasts(dq - step), axis=0))[found]
+    at = np.flatnonzero(step)
+    size = np.round(step[at] / count) * count if count else step[at]
+    kept = _lasting(dq, at, size) & (size != 0.0) & ~_caught_up(dq, at, size)
+    if not 0 < np.sum(kept) <= max(3.0, MOST * dq.size):
+        return none
+    return Jumps(at[kept] + 1, size[kept], count)
+
+
+def _standing_out(dq: FloatArray, least: float) -> NDArray[np.bool_]:
+    """Steps (n,) outside both forecasts by more than `least` and chance; the largest near it."""
+    before, after = _forecasts(dq)
+    size = np.abs(dq - np.clip(dq, np.minimum(before, after), np.maximum(before, after)))
+    stray = np.abs(dq - (before + after) / 2)
+    # 1.4826 median |x| is the standard deviation of a normal x
+    limit = max(OUT * 1.4826 * float(np.median(stray[::7])), least)
+    at = np.flatnonzero((size > limit) & (size == maximum_filter1d(size, 2 * BESIDE + 1)))
+    at = at[(at >= NEAR) & (at < dq.size - NEAR)]
+    out = np.zeros(dq.size, dtype=np.bool_)
+    if not 0 < at.size <= MANY * dq.size:
+        return out
+    near = at[:, None] + np.concatenate([np.arange(-NEAR, -BACK), np.arange(BACK + 1, NEAR + 1)])
+    usual = 1.4826 * np.median(stray[near], axis=1)
+    out[at] = size[at] > np.maximum(OUT * usual, ALONE * np.max(size[near], axis=1))
+    return out
+
+
+def _forecasts(dq: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Each step (n,) as straight lines through `BESIDE` steps before and after it foretell it."""
+    m = BESIDE
+    k = np.arange(1.0, m + 1)
+    # value at 0 of the least-squares line through points at 1..m
+    line = np.concatenate([[0.0], (4 * m + 2 - 6 * k) / (m * (m - 1))])
+    wide = np.pad(dq, m, mode="edge")
+    before = np.convolve(wide, line)[m : m + dq.size]
+    after = np.convolve(wide[::-1], line)[m : m + dq.size][::-1]
+    return before, after
+
+
+def _lasting(dq: FloatArray, at: NDArray[np.intp], size: FloatArray) -> NDArray[np.bool_]:
+    """Which jumps (k,) stand alone, and are not taken back beside them as a late reading's is."""
+    out = np.zeros(at.size, dtype=np.bool_)
+    for k, here in enumerate(at):
+        first, last = dq[here - 1], dq[here + 1]
+        bend = dq[here] - (first + last) / 2
+        back = (
+            first - np.median(dq[here - 5 : here - 1]),
+            last - np.median(dq[here + 2 : here + 6]),
+        )
+        out[k] = bend / size[k] > ALL and min(x / size[k] for x in back) > -LATE
+    return out
+
+
+def _caught_up(dq: FloatArray, at: NDArray[np.intp], size: FloatArray) -> NDArray[np.bool_]:
+    """Which jumps (k,) make good for samples that stood still just before."""
+    after = _forecasts(dq)[1]
+    out = np.zeros(at.size, dtype=np.bool_)
+    for k, here in enumerate(at):
+        moved = np.flatnonzero(dq[:here])
+        frozen = here - 1 - (moved[-1] if moved.size else -1)
+        out[k] = frozen > 1 and frozen * after[here] / size[k] > 0.5
+    return out
