@@ -20,9 +20,13 @@ STEP = 0.01
 
 
 def line(problem: Problem, term: Term) -> FloatArray:
-    """Values of the first shape parameter on the term's grid, the form being as it is; sorted."""
+    """Values of the first shape parameter on the term's grid, the form being as it is; sorted.
+
+    All values where the others were changed to what the grid does not hold (`Effect.across`).
+    """
     grid = term.effect.grid(problem.motions[0], term.joint)
-    return np.unique([s[0] for s in grid if s[1:] == term.shape[1:]])
+    own = [s[0] for s in grid if s[1:] == term.shape[1:]]
+    return np.unique(own or [s[0] for s in grid])
 
 
 def searched(problem: Problem, term: Term) -> bool:

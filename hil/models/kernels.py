@@ -36,6 +36,43 @@ def resonator(u: FloatArray, dt: float, frequency: float, zeta: float) -> FloatA
 
 
 @numba.njit(cache=True)
+def sprung(
+    load: FloatArray, inertia: FloatArray, dt: float, stiffness: float, damping: float
+) -> tuple[FloatArray, FloatArray]:
+    """Effort that a spring passes to the link behind it, and how fast it is stretched, (n,) each.
+
+    As the load is what the link would need to move with the motor, the stretch obeys
+
+        I d'' + c d' + k d = load,    effort = k d + c d'
+
+    from d = load / k.  Exact for an inertia that is constant over a step; the load is taken at
+    the middle of the step.
+    """
+    effort, rate = np.empty(load.size), np.zeros(load.size)
+    d, v = load[0] / stiffness, 0.0
+    effort[0] = load[0]
+    same, co, si, shrink, damped, decay, w = -1.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0
+    for n in range(1, load.size):
+        if inertia[n] != same:
+            same = inertia[n]
+            w = np.sqrt(stiffness / same)
+            decay = 0.5 * damping / same
+            damped = np.sqrt(max(w * w - decay * decay, 1e-6 * w * w))
+            co, si, shrink = np.cos(damped * dt), np.sin(damped * dt), np.exp(-decay * dt)
+        goal = 0.5 * (load[n] + load[n - 1]) / stiffness
+        e = d - goal
+        a = (v + decay * e) / damped
+        e, v = (
+            shrink * (e * co + a * si),
+            shrink * (v * co - (decay * v + w * w * e) / damped * si),
+        )
+        d = goal + e
+        effort[n] = stiffness * d + damping * v
+        rate[n] = v
+    return effort, rate
+
+
+@numba.njit(cache=True)
 def lag(u: FloatArray, dt: float, time: float) -> FloatArray:
     """First-order low-pass  T y' + y = u,  exact for straight inputs, (n,)."""
     decay = np.exp(-dt / time)

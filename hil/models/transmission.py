@@ -15,12 +15,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.models.effect import Effect, Param, log_grid
-from hil.models.kernels import play, resonator
+from hil.models.kernels import play, resonator, sprung
 from hil.models.motion import FloatArray, Motion
 
 _SPONG = "Spong, J. Dyn. Syst. Meas. Control 109, 1987"
 #: Damping ratios tried.
 ZETAS = (0.05, 0.3)
+#: ... and once a resonance is found.
+MORE_ZETAS = (*ZETAS, 0.02, 0.1, 0.15, 0.5)
 
 
 def frequencies(motion: Motion, count: int = 7) -> list[float]:
@@ -42,38 +44,65 @@ def elastic(load: FloatArray, motion: Motion, shape: Sequence[float]) -> FloatAr
     return out
 
 
-#: Share of the load behind a play from which it is one (the rotor is before it).
+#: Share of the load behind a spring or a play from which it is one (the rotor is before it).
 MOST = 0.25
 
 
+def spring(motion: Motion, j: int, shape: Sequence[float]) -> tuple[float, float, FloatArray]:
+    """Stiffness and damping for a resonance f (at the mean inertia) and zeta, and the inertia."""
+    f, zeta = float(shape[0]), float(shape[1])
+    inertia = _inertia(motion, j)
+    mean, w = float(np.mean(inertia)), 2 * np.pi * f
+    return w * w * mean, 2 * zeta * w * mean, inertia
+
+
 class ElasticTransmission(Effect):
-    """The cable or gear between motor and link gives."""
+    """The cable or gear between motor and link gives.
+
+    The link moves otherwise than the motor: its friction has the sign of its own speed, and
+    every change of that sign makes the spring ring.
+    """
 
     uses_load = True
     replayed = strict = True
     name, family = "elastic-transmission", "transmission"
-    equation = "tau = a (H - 1) load,  H = w^2 / (s^2 + 2 z w s + w^2),  w = 2 pi f"
-    signature = "residual grows with frequency towards a resonance and turns its phase there"
+    equation = (
+        "tau = a (T(load) - load) + fl (T(sgn(v - d')) - sgn v),  T = k d + c d',  "
+        "I d'' + T = load,  k = (2 pi f)^2 I,  c = 2 zeta sqrt(k I)"
+    )
+    signature = "residual grows with frequency towards a resonance, and rings after reversals"
     confused_with = ("vibration-mode", "hardening-cable", "armature")
     shown_by = "fast motion towards the resonance; chirp under load"
     source = _SPONG + "; Naerum thesis 3.2 (elastic transmission from the motor's side)"
-    params = (Param("a", "1", "share of the load that the spring carries", 0.0, 2.0),)
+    params = (
+        Param("a", "1", "share of the load that the spring carries", 0.0, 2.0),
+        Param("fl", "{F}", "Coulomb friction behind the spring", 0.0),
+    )
     shape = (
-        Param("f", "Hz", "resonance with the motor held", 0.0),
+        Param("f", "Hz", "resonance with the motor held, at the mean inertia", 0.0),
         Param("zeta", "1", "damping ratio", 0.0, 1.0),
     )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """(H - 1) load."""
-        return elastic(motion.load[:, j], motion, shape)[:, None]
+        """[T(load) - load, T(sgn(v - d')) - sgn v]."""
+        load = np.ascontiguousarray(motion.load[:, j])
+        k, c, inertia = spring(motion, j, shape)
+        passed, rate = sprung(load, inertia, motion.dt, k, c)
+        side = np.tanh((motion.qd[:, j] - rate) / motion.resolution[j])
+        rung, _ = sprung(side, inertia, motion.dt, k, c)
+        return np.stack([passed - load, rung - motion.sign(j)], axis=1)
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Resonances over the band, two damping ratios."""
         return [(f, z) for z in ZETAS for f in frequencies(motion)]
 
+    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
+        """Damping ratios."""
+        return [(shape[0], z) for z in MORE_ZETAS]
+
     def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
-        """Within the band."""
-        return inside(motion, shape[0])
+        """Within the band, and a good part of the load behind it; a small one is a mode."""
+        return inside(motion, shape[0]) and beta[0] > MOST
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """On one axis without gravity or contact the load is inertia alone."""
@@ -163,7 +192,7 @@ class VibrationMode(Effect):
 
     replayed = strict = True
     name, family = "vibration-mode", "structure"
-    equation = "tau = m (H - 1) qdd,  H = w^2 / (s^2 + 2 z w s + w^2),  w = 2 pi f"
+    equation = "tau = m (H - 1) qdd,  H = (2 z w s + w^2) / (s^2 + 2 z w s + w^2),  w = 2 pi f"
     signature = "the residual rings at one frequency after every change of acceleration"
     confused_with = ("elastic-transmission", "armature")
     shown_by = "steps of acceleration, then rest; chirp through the resonance"
@@ -174,11 +203,18 @@ class VibrationMode(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """(H - 1) qdd."""
-        return elastic(motion.qdd[:, j], motion, shape)[:, None]
+        w, qdd = 2 * np.pi * float(shape[0]), np.ascontiguousarray(motion.qdd[:, j])
+        # unit mass: k = w^2, c = 2 zeta w
+        passed, _ = sprung(qdd, np.ones(motion.n), motion.dt, w * w, 2 * float(shape[1]) * w)
+        return (passed - qdd)[:, None]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Resonances over the band, two damping ratios."""
         return [(f, z) for z in ZETAS for f in frequencies(motion)]
+
+    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
+        """Damping ratios."""
+        return [(shape[0], z) for z in MORE_ZETAS]
 
     def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
         """Within the band."""

@@ -39,7 +39,7 @@ def test_named(hidden: dict[str, float], effect: str, parameter: str, value: flo
 
 @pytest.mark.parametrize(
     ("hidden", "resonance"),
-    [({"frequency": 12.0}, 12.0), ({"mode": 0.01}, 9.0), ({"mode": 0.03, "mode_hz": 15.0}, 15.0)],
+    [({"frequency": 12.0}, 12.0), ({"mode": 0.03, "mode_hz": 15.0}, 15.0)],
 )
 def test_a_resonance_is_found_and_its_two_causes_are_both_said(
     hidden: dict[str, float], resonance: float
@@ -50,6 +50,14 @@ def test_a_resonance_is_found_and_its_two_causes_are_both_said(
     assert d.verdict == "ambiguous"
     assert {first.effect, *first.rivals} == {"elastic-transmission", "vibration-mode"}
     assert first.parameters[f"j1.{first.effect}.f"].value == pytest.approx(resonance, rel=0.1)
+
+
+def test_a_mass_that_is_an_eighth_of_the_link_hangs_on_it_and_is_not_the_link() -> None:
+    run = transmission_run(2, mode=0.01)
+    d = diagnose([run], base_model(run.robot))
+    assert [(f.effect, f.rivals) for f in d.findings] == [("vibration-mode", [])]
+    assert d.findings[0].parameters["j1.vibration-mode.f"].value == pytest.approx(9.0, rel=0.02)
+    assert d.findings[0].parameters["j1.vibration-mode.m"].value == pytest.approx(0.01, rel=0.2)
 
 
 def test_a_short_lag_may_be_a_delay() -> None:
