@@ -110,7 +110,7 @@ def possible_terms(
 ) -> tuple[list[Term], list[tuple[str, str]]]:
     """Candidate terms for these data, and the effects that cannot be tried, with the reason."""
     problem, explains = result.problem, result.model.explains
-    motion = problem.motions[0]
+    motion, held = problem.motions[0], problem.holds
     present = {t.key for t in result.terms}
     terms: list[Term] = []
     impossible: dict[str, str] = {}
@@ -118,7 +118,7 @@ def possible_terms(
         if not effect.candidate or explains not in effect.explains:
             continue
         for j in range(1 if effect.of_robot else problem.d):
-            if (effect.name, j) in present:
+            if (effect.name, j) in present or (held[j] and not effect.of_robot):
                 continue
             reason = effect.available(motion, j)
             if reason:
@@ -251,7 +251,7 @@ def _parts(
         return out
     new, r = effort - projector.q @ known, projector.residual
     fall: FloatArray = (r**2 - (r - new) ** 2).reshape(d, -1).sum(axis=1)
-    return fall
+    return np.where(projector.problem.holds, 0.0, fall)
 
 
 def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> float:

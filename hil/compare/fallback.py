@@ -55,9 +55,9 @@ class Share:
 
 
 def explainable(result: FitResult, floor: Floor) -> list[Share]:
-    """Shares for every joint that is still above its floor; empty where none is."""
+    """Shares for every joint that moves and is still above its floor; empty where none is."""
     out = []
-    for j in range(result.problem.d):
+    for j in np.flatnonzero(~result.problem.holds).tolist():
         if result.rms[j] > REST * floor.rms[j]:
             out += _of_joint(result, float(floor.rms[j]), j)
     return out

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
 from hil.identify.problem import Problem
+from hil.identify.standstill import HELD
 
 FloatArray = NDArray[np.float64]
 #: Below this share of the excess explained, no name is given.
@@ -15,6 +16,8 @@ EXPLAINED = 0.70
 #: Errors within this factor of the floor count as adequate.
 ADEQUATE = 1.10
 CONFIDENT = 0.75
+#: Confidence below which a name is no name.
+WORTHLESS = 0.05
 #: Shares of a joint's excess that all its names explain: worth nothing, and worth all.
 HALF, WHOLE = 0.45, 0.80
 #: Share of time at standstill that is worth a note.
@@ -37,16 +40,20 @@ def judge(
         Beside the base model and beside the last rung.
     """
     problem = ladder[0].result.problem
+    held = problem.holds
     floor = np.minimum(last.floor.rms, ladder[-1].result.rms)
     findings = _findings(ladder, found, floor)
     start, end = ladder[0].result.rms, ladder[-1].result.rms
     excess, left = start**2 - floor**2, np.maximum(end**2 - floor**2, 0.0)
     open_joints = [
         j for j in range(problem.d)
-        if end[j] > ADEQUATE * floor[j] and left[j] > (1 - EXPLAINED) * excess[j]
+        if not held[j] and end[j] > ADEQUATE * floor[j] and left[j] > (1 - EXPLAINED) * excess[j]
     ]  # fmt: skip
     failed = {problem.joints[j] for j in open_joints}
-    partial = [f for f in findings if f.joint in failed or (f.joint is None and failed)]
+    partial = [
+        f for f in findings
+        if f.confidence < WORTHLESS or f.joint in failed or (f.joint is None and failed)
+    ]  # fmt: skip
     findings = [f for f in findings if f not in partial]
     if findings:
         # the largest effect decides; what is unsure beside it is listed with its rivals
@@ -105,6 +112,15 @@ def _warnings(ladder: list[Step], last: Evidence) -> list[tuple[str, str]]:
         (f"impossible-{name}", f"{name} cannot be tested: {why}") for name, why in last.impossible
     ]
     result = ladder[-1].result
+    held = [j for j, h in zip(result.problem.joints, result.problem.holds, strict=True) if h]
+    if held:
+        out.append(
+            (
+                "holds",
+                f"{', '.join(held)}: only held in place (within {HELD:.0f} steps of the encoder), "
+                "so nothing is named there; diagnose it together with a session that moves it",
+            )
+        )
     still = 1.0 - result.problem.count / result.problem.n
     for j in np.flatnonzero(still > STILL):
         out.append(

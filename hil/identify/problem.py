@@ -113,6 +113,13 @@ class Problem:
         """Instants at which each joint moves (d,)."""
         return np.asarray(np.sum(self.live, axis=1), dtype=np.float64)
 
+    @property
+    def holds(self) -> NDArray[np.bool_]:
+        """Joints (d,) that only hold their place in every run: nothing is to be learnt of them."""
+        if self.explains != "motor":
+            return np.zeros(self.d, dtype=bool)
+        return np.all([standstill.holding(m.q, m.grain) for m in self.motions], axis=0)
+
     def rms(self, x: FloatArray) -> FloatArray:
         """Root mean square over the instants at which each joint moves, (d, n) to (d,)."""
         out: FloatArray = np.sqrt(np.sum(x**2, axis=1) / self.count)

@@ -23,6 +23,8 @@ PEAKS = 7.0
 SMEAR = 0.35
 #: A joint with less than this share of its instants left keeps them all: poses are all there is.
 SCARCE = 0.1
+#: Resolutions within which a joint stays for nine tenths of the time that only holds its place.
+HELD = 20.0
 
 
 def position_noise(q: FloatArray) -> FloatArray:
@@ -85,3 +87,12 @@ def live(share: FloatArray) -> NDArray[np.bool_]:
     """Instants to keep, from the filtered standing share (n, d)."""
     keep = np.abs(share) <= TOLERATED
     return np.asarray(keep | (np.mean(keep, axis=0) < SCARCE))
+
+
+def holding(q: FloatArray, grain: FloatArray) -> NDArray[np.bool_]:
+    """Which joints only hold their place (d,): all but a tenth of q (n, d) within 20 grains (d,).
+
+    What they do is the servo answering its encoder's steps: it says nothing of their mechanics.
+    """
+    low, high = np.quantile(q, (0.05, 0.95), axis=0)
+    return np.asarray(high - low < HELD * grain)
