@@ -118,7 +118,8 @@ class Problem:
         """Joints (d,) that only hold their place in every run: nothing is to be learnt of them."""
         if self.explains != "motor":
             return np.zeros(self.d, dtype=bool)
-        return np.all([standstill.holding(m.q, m.grain) for m in self.motions], axis=0)
+        held = [standstill.holding(m.q, m.grain) for m in self.motions]
+        return np.asarray(np.all(held, axis=0))
 
     def rms(self, x: FloatArray) -> FloatArray:
         """Root mean square over the instants at which each joint moves, (d, n) to (d,)."""
