@@ -54,7 +54,8 @@ def variance_share(c: Candidate, evidence: Evidence, result: FitResult) -> float
 
 def physical(c: Candidate, motion: Motion) -> bool:
     """Whether the coefficients can be: a negative Stribeck peak cannot, nor an unseen bias."""
-    if not c.term.effect.credible(motion, c.term.shape, c.coefficients):
+    term = c.term
+    if not term.effect.credible(motion, term.joint, term.shape, c.coefficients, c.errors):
         return False
     params = c.term.effect.params
     if len(params) != 1 and not c.term.effect.strict:

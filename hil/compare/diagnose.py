@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.attribute import choose, kindred, plausible, possible, simplest_first
+from hil.compare.credible import credible
 from hil.compare.evidence import Candidate, Evidence, gather, in_time
 from hil.compare.fallback import explainable
 from hil.compare.findings import Accepted, Diagnosis, Step, describe
@@ -23,6 +24,7 @@ from hil.identify.solve import solve
 from hil.identify.threads import single_threaded
 from hil.identify.timing import fit_aligned
 from hil.identify.validity import outside
+from hil.models.effect import SURE
 from hil.models.model import RobotModel, Use, Value
 from hil.record.checks import check
 from hil.record.recording import Recording
@@ -35,8 +37,6 @@ SHARE = 0.10
 #: ... and, after a first effect on the joint, this share of all that was above the floor:
 #: library equations miss real effects by about a percent of their power, which is no new effect.
 FORM = 0.0125
-#: Shape parameters that are a size.
-SCALES = ("T", "f", "b", "s", "p", "vs")
 #: Held-out standard errors by which a candidate that did not help is out of the question.
 REFUTED = 2.0
 #: Error in units of the largest model's residual that is above the floor in any case.
@@ -100,8 +100,7 @@ def diagnose(
         ladder.append(step)
         evidence = gather(step.result, seed)
         _retest(found, ladder, examine, problem)
-    out = judge(ladder, found, first, evidence)
-    out.heldout_floor = examine.floor(ladder[-1].result, evidence)
+    out = judge(ladder, found, first, evidence, examine.floor(ladder[-1].result, evidence))
     out.valid = model.valid
     beyond = outside(model.valid, problem) + examine.outside(ladder[-1].result)
     out.warnings += [("outside-range", text) for text in beyond]
@@ -135,21 +134,13 @@ def _next(
         fitted = _refit(model, problem, examine, now.result.sigma)
         step = Step(f"+ {describe(c, problem)}", *fitted)
         pays = _worth(step, now, ladder[0], c, evidence.floor.rms)
-        if pays and _determined(step, c):
+        if pays and credible(step, c, evidence.floor.rms):
             worse = [x for x, other in failed if _worse(other, step, c.joint)]
             rest = [x for x in pool if x is not c and x not in worse]
             found.append((c, *choose([c, *rest], projector)[1:]))
             return step
         failed.append((c, step))
     return None
-
-
-def _determined(step: Step, c: Candidate) -> bool:
-    """Whether scales of the new effect (a time, a width, a frequency) exceed their errors."""
-    start = head(c.term.effect, c.term.joint)
-    scales = [f"{start}.{p.name}" for p in c.term.effect.shape if p.name in SCALES]
-    found = [step.result.values[n] for n in scales if n in step.result.values]
-    return not any(v.stderr > abs(v.value) for v in found)
 
 
 def _worse(failed: Step, step: Step, j: int) -> bool:
@@ -184,7 +175,18 @@ def _worth(step: Step, now: Step, first: Step, c: Candidate, floor: FloatArray) 
     if step.result.model.explains == "external":
         # half the force sensor's accuracy, in percent of the effort
         better &= step.heldout.relative[j] < now.heldout.relative[j] - 50 * SENSOR_ACCURACY
-    return bool(better and share > SHARE and gain > 1.0)
+    return bool(better and share > SHARE and _sure(step, now, j))
+
+
+def _sure(step: Step, now: Step, j: int) -> bool:
+    """Whether the fall of the held-out error is beyond chance.
+
+    An effect that acts in a few stretches only (a stop, a play) spreads its own gains, which is
+    not chance: one that halves the squared error passes with one standard error.
+    """
+    gain = step.heldout.gain(now.heldout, j)
+    halved = step.heldout.rms[j] ** 2 < 0.5 * now.heldout.rms[j] ** 2
+    return bool(gain > (1.0 if halved else SURE))
 
 
 def _refit(

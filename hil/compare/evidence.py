@@ -47,8 +47,8 @@ class Candidate:
         Share of its columns that the base model imitates (1 = indistinguishable from it).
     p_value : float
         Family-wise, by sign flips of noise blocks.
-    coefficients : tuple of float
-        Its coefficients if it is added.
+    coefficients, errors : tuple of float
+        Its coefficients if it is added, and their standard errors.
     joint : int
         Its joint; of an effect of the whole robot, the joint where it explains most.
     parts : ndarray (d,)
@@ -65,6 +65,7 @@ class Candidate:
     absorbed: float = 0.0
     p_value: float = 1.0
     coefficients: tuple[float, ...] = (0.0,)
+    errors: tuple[float, ...] = ()
     joint: int = 0
     parts: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
     null: FloatArray = field(default_factory=lambda: np.zeros(FLIPS), repr=False)
@@ -213,7 +214,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
         term, _ = best_shape(projector, term, accuracy=COARSE)
     if not term.shape and term.effect.shape:
         return None
-    gain, beta, _, qc = projector.score(term)
+    gain, beta, inverse, qc = projector.score(term)
     columns = projector.weighted(term)
     size = float(np.sum(columns**2))
     if size == 0.0:
@@ -229,6 +230,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
         dof=dof,
         absorbed=absorbed,
         coefficients=tuple(map(float, beta)),
+        errors=tuple(np.sqrt(np.maximum(np.diag(inverse), 0.0)).tolist()),
         joint=int(np.argmax(parts)) if term.effect.of_robot else term.joint,
         parts=parts,
     )
@@ -273,6 +275,8 @@ def _judge(found: list[Candidate], floor: Floor, result: FitResult) -> None:
         j = c.joint
         replaced = len(c.term.effect.replaces)
         c.chi2 = float(np.sum(c.parts / noise))
+        # so far for noise of variance 1 in the weighted rows
+        c.errors = tuple(float(e * np.sqrt(noise[j])) for e in c.errors)
         c.spare = float(effective[j] * (1.1**2 - 1) * (floor.rms[j] / floor.scale[j]) ** 2)
         c.price = max(c.dof - replaced, 1) * float(np.log(max(effective[j], 2.0)))
 

@@ -36,7 +36,8 @@ class Finding:
     relative_before, relative_after, se : float
         Held-out relative error of the joint [%] and the standard error of the latter.
     excess_explained : float
-        Share of the squared error above the noise floor that this effect removed.
+        Share of the squared error above the noise floor that this effect removed; on the
+        held-out runs where there are any, else on the fitted ones.
     parameters : dict of str to Value
         Its parameters after the joint refit.
     rivals : list of str

@@ -88,6 +88,21 @@ class HeldOut:
         spread = float(np.sqrt(np.sum((fall - fall.mean()) ** 2)))
         return float(fall.sum()) / max(spread, 1e-300)
 
+    def share(self, first: HeldOut, floor: float, j: int) -> tuple[float, float]:
+        """Share of joint j's squared error above `floor` that is gone since `first`, and its se.
+
+        With A and B the sums of squares after and before and F the floor's, s = (B - A) / (B - F);
+        blocks are paired, so that  se(s)^2 = sum ((1 - s) b_k - a_k)^2 / (B - F)^2  about the
+        mean, the floor being taken as known.
+        """
+        before = np.bincount(self.blocks, first.residual[j] ** 2)
+        after = np.bincount(self.blocks, self.residual[j] ** 2)
+        moving = float(np.sum(self.effort[j] != 0.0))
+        excess = max(float(before.sum()) - moving * floor**2, 1e-300)
+        share = float(before.sum() - after.sum()) / excess
+        each = (1.0 - share) * before - after
+        return share, float(np.sqrt(np.sum((each - each.mean()) ** 2))) / excess
+
 
 class Examiner:
     """Evaluates fits on held-out runs if there are any, else on contiguous fifths.

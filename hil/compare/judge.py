@@ -20,15 +20,20 @@ CONFIDENT = 0.75
 WORTHLESS = 0.05
 #: Shares of a joint's excess that all its names explain: worth nothing, and worth all.
 HALF, WHOLE = 0.45, 0.80
+#: Standard errors that a share on held-out runs may lack.
+CHANCE = 2.0
 #: Share of time at standstill that is worth a note.
 STILL = 0.05
 
 
 def judge(
     ladder: list[Step], found: list[Accepted],
-    first: Evidence, last: Evidence,
+    first: Evidence, last: Evidence, heldout_floor: FloatArray | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Findings that stand, and the verdict over all joints.
+
+    Where other runs were held out, names must explain the excess there, too: what is fitted to
+    a run's own chances does not come again.
 
     Parameters
     ----------
@@ -38,16 +43,24 @@ def judge(
         Accepted candidates with confidence and rivals.
     first, last : Evidence
         Beside the base model and beside the last rung.
+    heldout_floor : ndarray (d,), optional
+        Noise floor of the held-out runs, where there are any.
     """
     problem = ladder[0].result.problem
     held = problem.holds
     floor = np.minimum(last.floor.rms, ladder[-1].result.rms)
-    findings = _findings(ladder, found, floor)
+    other = None if heldout_floor is None else np.minimum(heldout_floor, ladder[-1].heldout.rms)
+    findings = _findings(ladder, found, floor, other)
     start, end = ladder[0].result.rms, ladder[-1].result.rms
     excess, left = start**2 - floor**2, np.maximum(end**2 - floor**2, 0.0)
     open_joints = [
         j for j in range(problem.d)
-        if not held[j] and end[j] > ADEQUATE * floor[j] and left[j] > (1 - EXPLAINED) * excess[j]
+        if (
+            not held[j]
+            and end[j] > ADEQUATE * floor[j]
+            and left[j] > (1 - EXPLAINED) * excess[j]
+        )
+        or (any(c.joint == j for c, _, _ in found) and _there(ladder, heldout_floor, j) < EXPLAINED)
     ]  # fmt: skip
     failed = {problem.joints[j] for j in open_joints}
     partial = [
@@ -61,30 +74,46 @@ def judge(
         verdict = "missing-effect" if sure else "ambiguous"
     else:
         verdict = "unexplained" if open_joints else "adequate"
-    return Diagnosis(
-        verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial
-    )
+    out = Diagnosis(verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial)
+    out.heldout_floor = heldout_floor
+    return out
 
 
-def _findings(ladder: list[Step], found: list[Accepted], floor: FloatArray) -> list[Finding]:
+def _there(ladder: list[Step], floor: FloatArray | None, j: int) -> float:
+    """Share of joint j's excess on the held-out runs that is gone, at most; 1 without any.
+
+    What is left within ADEQUATE of the floor is nothing: there the share is the floor's error.
+    """
+    last = ladder[-1].heldout
+    if floor is None or last.rms[j] <= ADEQUATE * floor[j]:
+        return 1.0
+    share, se = last.share(ladder[0].heldout, float(floor[j]), j)
+    return share + CHANCE * se
+
+
+def _findings(
+    ladder: list[Step], found: list[Accepted], floor: FloatArray, other: FloatArray | None
+) -> list[Finding]:
+    """All that was accepted; shares on the held-out runs with their floor `other`, if any."""
     problem = ladder[0].result.problem
     values = ladder[-1].result.values
     rungs = {s.label: k for k, s in enumerate(ladder)}
     out = []
     first, final = ladder[0].result.rms ** 2, ladder[-1].result.rms ** 2
     total = (first - final) / np.maximum(first - floor**2, 1e-300)
+    powers = [(s.result if other is None else s.heldout).rms ** 2 for s in ladder]
+    whole = np.maximum(powers[0] - (floor if other is None else other) ** 2, 1e-300)
     for c, confidence, rivals in found:
-        confidence *= _whole(float(total[c.joint]))
         k, j = rungs[f"+ {describe(c, problem)}"], c.joint
         before, after = ladder[k - 1], ladder[k]
-        excess = max(ladder[0].result.rms[j] ** 2 - floor[j] ** 2, 1e-300)
-        removed = before.result.rms[j] ** 2 - after.result.rms[j] ** 2
+        confidence *= _whole(min(float(total[j]), _there(ladder, other, j)))
+        share = float((powers[k - 1][j] - powers[k][j]) / whole[j])
         head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
         out.append(
             Finding(
                 c.name, joint_of(c, problem), round(confidence, 3),
                 float(before.heldout.relative[j]), float(after.heldout.relative[j]),
-                float(after.heldout.standard_error()[j]), float(np.clip(removed / excess, 0, 1)),
+                float(after.heldout.standard_error()[j]), float(np.clip(share, 0.0, 1.0)),
                 {n: v for n, v in values.items() if n.startswith(head)},
                 list(dict.fromkeys(_rival(r, c, problem) for r in rivals)),
             )

@@ -15,6 +15,7 @@ from hil.compare.features import features
 from hil.compare.floor import Floor
 from hil.compare.spectra import Line, lines
 from hil.identify.result import FitResult
+from hil.interval import interval
 
 FloatArray = NDArray[np.float64]
 
@@ -136,18 +137,19 @@ def _strongest(items: list[Region], most: int) -> list[Region]:
 
 def _region(view: View, k: int, strength: float, share: float) -> Region:
     low, high = float(view.edges[k]), float(view.edges[k + 1])
+    between = interval(low, high)
     what = {
-        "speed": f"at speeds from {low:.3g} to {high:.3g} {view.unit}",
-        "since-reversal": f"{low:.2g} to {high:.2g} s after a reversal"
+        "speed": f"at speeds from {between} {view.unit}",
+        "since-reversal": f"{between} s after a reversal"
         if high < 100
         else f"more than {low:.2g} s after a reversal",
-        "distance-since-reversal": f"{low:.2g} to {high:.2g} {view.unit} after a reversal"
+        "distance-since-reversal": f"{between} {view.unit} after a reversal"
         if high < 5 * max(low, 1e-12)
         else f"more than {low:.2g} {view.unit} after a reversal",
-        "position": f"at positions from {low:.3g} to {high:.3g} {view.unit}",
-        "load": f"at transmitted loads from {low:.3g} to {high:.3g} {view.unit}",
-        "time": f"from {low:.0f} to {high:.0f} s into the run",
-    }.get(view.feature, f"when the {view.feature} is {low:.2g} to {high:.2g} {view.unit}")
+        "position": f"at positions from {between} {view.unit}",
+        "load": f"at transmitted loads from {between} {view.unit}",
+        "time": f"from {between} s into the run",
+    }.get(view.feature, f"when the {view.feature} is {between} {view.unit}")
     side = "too little" if view.mean[k] > 0 else "too much"
     text = (
         f"{view.joint}: {what} the model predicts {side} effort by "

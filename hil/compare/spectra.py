@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from hil.compare.floor import Floor
 from hil.identify.result import FitResult
+from hil.interval import interval
 
 FloatArray = NDArray[np.float64]
 LEVEL = 0.01
@@ -134,7 +135,7 @@ def lines(result: FitResult, floor: Floor, j: int) -> list[Line]:
 def _what(s: Spectrum, k: int, low: float, result: FitResult, j: int) -> str:
     x = float(s.x[k])
     if s.feature == "frequency":
-        return f"between {low:.2g} and {x:.2g} Hz the error is"
+        return f"at {interval(low, x)} Hz the error is"
     if s.feature == "line":
         where = "which the motion has, too," if _in_motion(result, j, x) else "not in the motion,"
         return f"the residual has a line at {x:.3g} Hz, {where} of"

@@ -24,8 +24,12 @@ from hil.identify.screening import promising, screen
 FloatArray = NDArray[np.float64]
 #: Share of the squared residual below which a shape is not worth refining.
 NEGLIGIBLE = 5e-3
-#: Relative difference of gains that is none: the first of a grid's equals is taken.
-FLAT = 5e-4
+#: Difference of gains that is none, relative to the gain, and to what it leaves: the first of a
+#: grid's equals is taken.  Where hardly anything is left, much of it is little of the gain.
+FLAT, REST = 5e-4, 0.1
+#: Share of what is left that odd harmonics must account for: two columns of noise account for
+#: a percent of a few hundred independent instants.
+ODD = 0.02
 #: What is left, in units of the least, from which a simpler shape will do.
 CLOSE = 1.01
 #: Accuracy of a shape's gain, in a fit and among candidates.
@@ -48,7 +52,7 @@ def best_shape(
     if not tried:
         return term, 0.0
     gains = projector.gains(term, tried).tolist()
-    first = _simplest(tried, gains)
+    first = _simplest(tried, gains, projector.rss)
     found, gain = term.reshaped(tried[first]), gains[first]
     worth = gain > NEGLIGIBLE * projector.rss
     if refine and worth and term.effect.refine and len(term.effect.shape) and len(grid) > 1:
@@ -56,7 +60,7 @@ def best_shape(
         found, gain = _refine(projector, found, grid, known, accuracy)
     if refine and worth:
         found, gain = _across(projector, found, gain)
-    return found, gain
+    return _fundamental(projector, found, gain, grid)
 
 
 def _across(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
@@ -103,7 +107,7 @@ def _screened(
     return [grid[k] for k in promising(waves.gains(back))]
 
 
-def _simplest(grid: list[tuple[float, ...]], gains: list[float]) -> int:
+def _simplest(grid: list[tuple[float, ...]], gains: list[float], rss: float) -> int:
     """Best index of the first form (all shape values but the first) within 1 % of the best gain.
 
     A grid lists its forms from the usual to the unusual one.
@@ -113,8 +117,30 @@ def _simplest(grid: list[tuple[float, ...]], gains: list[float]) -> int:
         own = [k for k, shape in enumerate(grid) if shape[1:] == form]
         most = max(gains[k] for k in own)
         if most >= 0.99 * top:
-            return next(k for k in own if gains[k] >= most - FLAT * abs(most))
+            return next(k for k in own if gains[k] >= most - _flat(most, rss))
     return int(np.argmax(gains))
+
+
+def _fundamental(
+    projector: Projector, term: Term, gain: float, grid: list[tuple[float, ...]]
+) -> tuple[Term, float]:
+    """Twice the order of waves over position whose odd harmonics are nothing.
+
+    The second harmonic of half an order is the order itself: the data cannot tell, people can.
+    """
+    twice = tuple(2 * s for s in term.shape)
+    waves = len(twice) == 1 and len(grid) > 1 and twice[0] <= grid[-1][0]
+    if not waves or term.effect.carrier(projector.problem.motions[0], term.joint) is None:
+        return term, gain
+    most = projector.gain(term.reshaped(twice))
+    if most >= gain - ODD * abs(projector.rss - gain):
+        return term.reshaped(twice), most
+    return term, gain
+
+
+def _flat(gain: float, rss: float) -> float:
+    """Difference from a gain that is none."""
+    return min(FLAT * abs(gain), REST * abs(rss - gain))
 
 
 def _refine(
@@ -141,7 +167,7 @@ def _refine(
 
     enough = accuracy * min(abs(gain), abs(projector.rss - gain))
     best, most = climb(tried, (low, value, high), enough)
-    if most > gain + FLAT * abs(gain):
+    if most > gain + _flat(gain, projector.rss):
         return term.reshaped((best, *rest)), most
     return term, gain
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil.models.effect import Effect, Param
+from hil.models.effect import Effect, Param, margins
 from hil.models.friction import harmonics, position_orders
 from hil.models.motion import FloatArray, Motion
 
@@ -46,7 +46,10 @@ class TorqueGain(Effect):
         """Transmitted load."""
         return motion.load[:, j : j + 1]
 
-    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
         """A command that acts backwards is a wrong sign, not a gain."""
         return beta[0] > -0.9
 
@@ -113,6 +116,14 @@ class CoupledTransmission(Effect):
         out = np.zeros((motion.n, motion.d, 3))
         out[:, j], out[:, k] = parts, r * parts
         return out
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """Friction brakes the relative motion; the inertia is shared with the arm's own."""
+        slack = margins(beta, error)
+        return all(b >= -e for b, e in zip(beta[1:], slack[1:], strict=True))
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Every later joint (the pair is unordered), equal or opposite."""

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numba
 import numpy as np
 
-from hil.models.effect import Effect, Param, log_grid
+from hil.models.effect import Effect, Param, log_grid, margins
 from hil.models.motion import FloatArray, Motion
 
 
@@ -74,6 +74,13 @@ class ContactDamping(_ContactLaw):
     source = "Kelvin-Voigt; Hunt, Crossley, J. Applied Mechanics 42, 1975"
     params = (Param("c", "{F} s/{x}", "damping"),)
 
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """A damper takes energy."""
+        return beta[0] >= -margins(beta, error)[0]
+
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """-v while touching."""
         depth, _ = penetration(motion, j)
@@ -91,6 +98,13 @@ class ContactHardening(_ContactLaw):
     source = "Hertz 1882; Hunt, Crossley, J. Applied Mechanics 42, 1975"
     params = (Param("h", "{F}", "additional force at the deepest penetration"),)
     shape = (Param("n", "1", "exponent", 1.0, 8.0),)
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """What grows softer with depth does not harden."""
+        return beta[0] >= -margins(beta, error)[0]
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """-side (d / d_max)^n."""

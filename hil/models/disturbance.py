@@ -13,6 +13,8 @@ from hil.models.motion import FloatArray, Motion
 FASTEST = 25.0
 #: Fewest periods in a run: what is slower is a drift.
 PERIODS = 4.0
+#: Shortest time constant of a drift, in lengths of the run.
+SHORTEST = 0.1
 
 
 class FrictionDrift(Effect):
@@ -42,10 +44,17 @@ class FrictionDrift(Effect):
         s = _warmth(motion, j, shape)
         return np.stack([s * motion.sign(j), s * motion.qd[:, j]], axis=1)
 
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """What is over within a tenth of the run is no drift: that run began differently."""
+        return bool(shape[1]) or shape[0] > 1.01 * SHORTEST * float(motion.since[-1])
+
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """A tenth of the run to three times its length; temperature where it was recorded."""
         length = max(float(motion.since[-1]), 1e-9)
-        times = [(x, 0.0) for (x,) in log_grid(0.1 * length, 3 * length, 7)]
+        times = [(x, 0.0) for (x,) in log_grid(SHORTEST * length, 3 * length, 7)]
         known = motion.temperature.shape == motion.q.shape and np.ptp(motion.temperature[:, j]) > 0
         return [*times, (length, 1.0)] if known else list(times)
 

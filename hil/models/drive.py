@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -79,6 +80,13 @@ class TorqueRipple(Effect):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Effort times two harmonics over position."""
         return motion.tau[:, j : j + 1] * harmonics(motion.q[:, j], shape[0])
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """A motor whose constant changes its sign over position does not ripple, it is broken."""
+        return max(math.hypot(*beta[:2]), math.hypot(*beta[2:])) < 1.0
 
     def carrier(self, motion: Motion, j: int) -> FloatArray:
         """Effort."""

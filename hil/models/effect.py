@@ -10,6 +10,7 @@ a length, an order, a delay).  Identification eliminates theta and searches the 
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ from numpy.typing import NDArray
 from hil.models.motion import FloatArray, Motion
 
 INF = float("inf")
+#: Standard errors from which on a value is not chance.
+SURE = 2.0
 
 
 @dataclass(frozen=True)
@@ -138,6 +141,14 @@ class Effect(ABC):
         ndarray (n, m), or (n, d, m) for an effect of the whole robot
         """
 
+    def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+        """Columns (n, m) of laws without a name that must explain less than this one.
+
+        Nearby forms that the catalogue does not hold: where one of them fits better, the effect
+        would be a wrong name for it, however much it explains.
+        """
+        return ()
+
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Shape values worth trying for this motion (coarse; a local search refines)."""
         if self.shape:
@@ -185,9 +196,35 @@ class Effect(ABC):
         """Effects with the very same columns on such data: no motion tells them apart."""
         return ()
 
-    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
-        """Whether coefficients that fit do not contradict what else was measured."""
-        return True
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """Whether values that fit can be physics: else they are no finding, however well they fit.
+
+        Parameters
+        ----------
+        motion : Motion
+            The run.
+        j : int
+            Joint index.
+        shape, beta : sequence of float
+            Shape values and coefficients.
+        error : sequence of float
+            Standard errors of the coefficients; empty where unknown, then none counts.
+
+        Returns
+        -------
+        bool
+            Here: whether all lie within their bounds, but for `SURE` standard errors.
+        """
+        if len(self.params) != len(beta):
+            return True
+        slack = margins(beta, error)
+        return all(
+            p.lower - e <= b <= p.upper + e
+            for p, b, e in zip(self.params, beta, slack, strict=True)
+        )
 
     def dated(self, shape: Sequence[float]) -> bool:
         """Whether it acts at instants of a run that are seen there: no other run can confirm it."""
@@ -196,6 +233,12 @@ class Effect(ABC):
     def available(self, motion: Motion, j: int) -> str:
         """Say why the effect cannot be tried on these data; empty if it can."""
         return ""
+
+
+def margins(beta: Sequence[float], error: Sequence[float]) -> list[float]:
+    """`SURE` standard errors of every coefficient; zero where unknown."""
+    known = error if len(error) == len(beta) else [0.0] * len(beta)
+    return [SURE * e if math.isfinite(e) else 0.0 for e in known]
 
 
 def log_grid(low: float, high: float, count: int) -> list[tuple[float, ...]]:

@@ -124,7 +124,10 @@ class MissedCounts(Effect):
         """Share of the recorded jumps, or the shift."""
         return (CONFIRMED,) if motion.jumps(j) else self.params
 
-    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
         """No shift beyond half a radian; recorded jumps are nearer to lost counts than to motion.
 
         Beside jumps a model finds too small an inertia, so that the first share may exceed 1.

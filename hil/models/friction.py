@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil.models.effect import Effect, Param, log_grid, typical_speed
+from hil.models.effect import Effect, Param, log_grid, margins, typical_speed
 from hil.models.motion import FloatArray, Motion
 
 _OLSSON = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Eur. J. Control 4, 1998"
@@ -132,15 +132,21 @@ class QuadraticDrag(Effect):
         return _column(motion.qd[:, j] * np.abs(motion.qd[:, j]))
 
 
-def position_orders(motion: Motion, j: int, highest: float = 60.0) -> list[tuple[float, ...]]:
-    """Wave numbers [periods per rad or m]: 1.5 to `highest` periods over the span, step 0.5."""
+def position_orders(
+    motion: Motion, j: int, highest: float = 60.0, lowest: float = 1.5
+) -> list[tuple[float, ...]]:
+    """Wave numbers [periods per rad or m]: `lowest` to `highest` over the span in steps of 0.5."""
     low, high = motion.span[j]
     length = max(float(high - low), 1e-9)
-    return [(float(k) / length,) for k in np.arange(1.5, highest + 0.25, 0.5)]
+    return [(float(k) / length,) for k in np.arange(lowest, highest + 0.25, 0.5)]
 
 
 class PositionFriction(Effect):
-    """Friction that varies periodically with position (an eccentric pulley)."""
+    """Friction that varies with position: an eccentric pulley, a tight spot, a worn range.
+
+    With half a period over the span the harmonics are, beside Coulomb's constant, what a
+    polynomial of fourth degree is: any smooth change.
+    """
 
     name, family = "position-friction", "friction"
     equation = "tau = tanh(v / v0) (a1 sin kq + b1 cos kq + a2 sin 2kq + b2 cos 2kq), k = 2 pi p"
@@ -149,19 +155,25 @@ class PositionFriction(Effect):
     shown_by = "full slow strokes in both directions"
     source = "Popovic, Goldenberg, IEEE Trans. Robotics and Automation 14(1), 1998"
     params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
-    shape = (Param("p", "1/{x}", "periods per unit of position", 0.0),)
+    shape = (Param("p", "1/{x}", "periods per unit of position; least: a smooth change", 0.0),)
+    ends_at_resolution = True
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """sgn(v) times two harmonics over position."""
         return motion.sign(j)[:, None] * harmonics(motion.q[:, j], shape[0])
+
+    def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+        """Viscous friction that varies with position, as fast and as slowly as can be."""
+        v, q = motion.qd[:, j : j + 1], motion.q[:, j]
+        return [v * harmonics(q, p) for p in {shape[0], self.grid(motion, j)[0][0]}]
 
     def carrier(self, motion: Motion, j: int) -> FloatArray:
         """Sign of the speed."""
         return motion.sign(j)
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Every half order over the span."""
-        return position_orders(motion, j, 25.0)
+        """Every half order over the span, from half a period on."""
+        return position_orders(motion, j, 25.0, 0.5)
 
 
 def harmonics(q: FloatArray, p: float) -> FloatArray:
@@ -222,6 +234,14 @@ class CoupledFriction(Effect):
         slope = own * motion.qdd[:, j] + side * motion.qdd[:, k]
         v0 = float(max(motion.v0[j], motion.v0[k]))
         return np.stack([motion.sign_of(w, slope, v0), w], axis=1)
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """Friction of a relative motion brakes it; which way another joint's cable rubs is open."""
+        slack = margins(beta, error)
+        return not shape[1] or all(b >= -e for b, e in zip(beta, slack, strict=True))
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Every other joint, alone and relative to this one."""

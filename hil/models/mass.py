@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil.models.effect import Effect, Param
+from hil.models.effect import Effect, Param, margins
 from hil.models.motion import FloatArray, Motion
 
 
@@ -126,6 +126,10 @@ class PositionTorque(Effect):
         return np.asarray(values, dtype=np.float64)
 
 
+#: Share of a stop's squared effort that may pull: noise, and the form of its law.
+PULL = 0.05
+
+
 class EndStop(Effect):
     """A stop that pushes back beyond a position."""
 
@@ -150,6 +154,23 @@ class EndStop(Effect):
         side = 1.0 if shape[1] > 0 else -1.0
         depth = side * np.maximum(0.0, side * (motion.q[:, j] - shape[0]))
         return np.stack([depth, depth * np.abs(depth), np.abs(depth) * motion.qd[:, j]], axis=1)
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """A stop pushes back and takes energy: it neither pulls nor drives.
+
+        Its effort acts towards the range at (nearly) all instants of contact, and its damping is
+        not negative.  Friction that depends on the position fails this: it changes its sign with
+        the speed.
+        """
+        side = 1.0 if shape[1] > 0 else -1.0
+        push = side * (self.columns(motion, j, shape) @ np.array(beta))
+        pull = float(np.sum(np.minimum(push, 0.0) ** 2))
+        lawful = super().credible(motion, j, shape, beta, error)
+        brakes = beta[2] >= -margins(beta, error)[2]
+        return lawful and brakes and pull <= PULL * float(np.sum(push**2))
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """2 to 35 % of the span from either end."""

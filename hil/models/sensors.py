@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hil.models.effect import Effect, Param
+from hil.models.effect import Effect, Param, margins
 from hil.models.motion import FloatArray, Motion
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -94,7 +94,10 @@ class _ForceSensor(Effect):
         turned = motion.robot.tip_axes(motion.q[:2]) if at_tip(motion) else None
         return [(BASE,)] if turned is None else [(BASE,), (TIP,)]
 
-    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
         """What a sensor adds to its reading stands in the reading: no more than twice its size."""
         shown = readings(motion, shape[-1])
         if len(beta) != shown.shape[1]:
@@ -209,7 +212,10 @@ class ForceGain(_ForceSensor):
         """Needs a force that is felt."""
         return super().available(motion, j) or pushed(motion)
 
-    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
         """A channel that shows half as much again is broken, not out of calibration."""
         return max(abs(b) for b in beta) < 0.5
 
@@ -235,6 +241,14 @@ class ForceCrosstalk(_ForceSensor):
             return np.zeros((motion.n, motion.d, len(self.terms(motion, j))))
         w, arm = readings(motion, shape[0]), lever(motion, shape[0])
         return np.stack([arm[:, :, a] * w[:, b : b + 1] for a, b in pairs(motion)], axis=2)
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """A channel that shows more of another than of itself is swapped, not crossed."""
+        slack = margins(beta, error)
+        return all(abs(b) < 1.0 + e for b, e in zip(beta, slack, strict=True))
 
     def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
         """One coefficient a pair."""

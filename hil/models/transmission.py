@@ -100,9 +100,13 @@ class ElasticTransmission(Effect):
         """Damping ratios."""
         return [(shape[0], z) for z in MORE_ZETAS]
 
-    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
         """Within the band, and a good part of the load behind it; a small one is a mode."""
-        return inside(motion, shape[0]) and beta[0] > MOST
+        lawful = super().credible(motion, j, shape, beta, error)
+        return lawful and inside(motion, shape[0]) and beta[0] > MOST
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """On one axis without gravity or contact the load is inertia alone."""
@@ -172,9 +176,12 @@ class Backlash(Effect):
         grain = float(motion.grain[j]) if motion.grain.size else 0.0
         return log_grid(min(max(1e-4 * span, 4 * grain), 2e-2 * span), 5e-2 * span, 10)
 
-    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
         """A good part of the load lies behind the play; a small one is friction under load."""
-        return beta[0] > MOST
+        return beta[0] > MOST and super().credible(motion, j, shape, beta, error)
 
 
 def _inertia(motion: Motion, j: int) -> FloatArray:
@@ -216,9 +223,12 @@ class VibrationMode(Effect):
         """Damping ratios."""
         return [(shape[0], z) for z in MORE_ZETAS]
 
-    def credible(self, motion: Motion, shape: Sequence[float], beta: Sequence[float]) -> bool:
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
         """Within the band."""
-        return inside(motion, shape[0])
+        return inside(motion, shape[0]) and super().credible(motion, j, shape, beta, error)
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """See the elastic transmission."""

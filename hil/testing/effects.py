@@ -148,7 +148,35 @@ def _evaluate(effect: Effect, motion: Motion, j: int, head: str) -> bool:
     shapes = _grid(effect, motion, j, head)
     for shape in dict.fromkeys((shapes[0], shapes[len(shapes) // 2], shapes[-1])):
         _columns(effect, motion, j, shape, len(terms), head)
+        _credible(effect, motion, j, shape, terms, head)
     return True
+
+
+def _credible(
+    effect: Effect, motion: Motion, j: int, shape: tuple[float, ...], terms: Sequence[Param],
+    head: str,
+) -> None:  # fmt: skip
+    """What cannot be physics is no finding: a value beyond its bounds least of all."""
+    inside = [float(np.clip(1.0, p.lower, p.upper)) for p in terms]
+    for error in ((), [0.1] * len(terms)):
+        said = effect.credible(motion, j, shape, inside, error)
+        if not isinstance(said, bool | np.bool_):
+            raise ConformanceError(f"{head}: 'credible' returned {said!r}, expected True or False")
+    for k, p in enumerate(effect.params if len(effect.params) == len(terms) else ()):
+        beyond = [(p.lower, -1.0), (p.upper, 1.0)]
+        for value in (b + side * (1.0 + abs(b)) for b, side in beyond if np.isfinite(b)):
+            beta = [*inside[:k], value, *inside[k + 1 :]]
+            if effect.credible(motion, j, shape, beta, [0.0] * len(terms)):
+                raise ConformanceError(
+                    f"{head}: 'credible' accepts {p.name} = {value}, beyond its bounds {p.lower} "
+                    f".. {p.upper}; an own 'credible' must ask super().credible(...), too"
+                )
+    for columns in effect.foils(motion, j, shape):
+        if np.shape(columns)[:1] != (motion.n,) or not np.all(np.isfinite(columns)):
+            raise ConformanceError(
+                f"{head}: a foil has shape {np.shape(columns)} or values that are not finite; "
+                f"expected ({motion.n}, m)"
+            )
 
 
 def _grid(effect: Effect, motion: Motion, j: int, head: str) -> list[tuple[float, ...]]:

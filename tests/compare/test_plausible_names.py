@@ -1,0 +1,66 @@
+"""Names are physics: friction over position is no stop, and what no effect is gets no name."""
+
+import compare_plants as plants
+import numpy as np
+import pytest
+
+import hil
+
+
+def diagnosed(extra, holdout=True, seed=1):
+    runs = [plants.axis(seed + k, extra=extra) for k in range(1 + holdout)]
+    return hil.diagnose(runs[:1], hil.base_model(runs[0].robot), runs[1:])
+
+
+def named(d):
+    return {f.effect for f in d.findings}
+
+
+@pytest.mark.parametrize(
+    "size",
+    [lambda q: 0.25 * q, lambda q: 0.2 * np.cos(1.5 * q + 0.4), lambda q: 0.2 * np.exp(-(q**2))],
+)  # fmt: skip
+def test_friction_that_varies_smoothly_over_the_range_is_named(size):
+    d = diagnosed(lambda t, q, v: size(q) * np.tanh(v / 0.003))
+    assert d.verdict == "missing-effect" and named(d) == {"position-friction"}
+    assert d.findings[0].excess_explained > 0.9
+
+
+def test_viscous_friction_that_varies_over_the_range_has_no_name():
+    d = diagnosed(lambda t, q, v: 0.25 * q * v)
+    assert d.verdict == "unexplained" and not d.findings
+
+
+def test_a_stop_is_still_one():
+    d = diagnosed(lambda t, q, v: 6.0 * max(q - 0.7, 0.0) ** 1.5)
+    assert named(d) == {"end-stop"}
+
+
+@pytest.mark.parametrize("order", [9.0, 18.0])
+def test_waves_over_position_have_their_own_order_not_half_of_it(order):
+    d = diagnosed(lambda t, q, v: 0.15 * np.sin(order * q + 0.7), holdout=False)
+    assert named(d) == {"cogging"}
+    p = d.findings[0].parameters["j1.cogging.p"].value
+    assert p == pytest.approx(order / 2 / np.pi, rel=0.02)
+
+
+def test_friction_that_rebuilds_at_rest_is_no_drift():
+    level = {"last": 0.0, "value": 1.0}
+
+    def thixotropy(t, q, v):
+        h, level["last"] = max(t - level["last"], 0.0), t
+        x = 1.0 if t == 0.0 else level["value"]
+        level["value"] = x + h * ((1.0 - x) / 3.0 - 1.5 * abs(v) * x)
+        return 0.25 * level["value"] * np.tanh(v / 0.003)
+
+    d = diagnosed(thixotropy)
+    assert "friction-drift" not in named(d)
+
+
+def test_the_share_is_that_on_the_held_out_recording():
+    d = diagnosed(lambda t, q, v: 0.15 * np.sin(18 * q))
+    first, last, floor = d.ladder[0].heldout, d.ladder[-1].heldout, d.noise[0]
+    share, se = last.share(first, floor, 0)
+    expected = (first.rms[0] ** 2 - last.rms[0] ** 2) / (first.rms[0] ** 2 - floor**2)
+    assert share == pytest.approx(expected) and 0 < se < 0.1
+    assert d.findings[0].excess_explained == pytest.approx(np.clip(expected, 0, 1), abs=1e-9)

@@ -1,0 +1,109 @@
+"""What cannot be physics is no finding, whatever it explains: for every effect of the catalogue."""
+
+import numpy as np
+import pytest
+
+from hil.interval import interval
+from hil.models import catalogue
+from hil.models.motion import Motion
+from hil.models.robots import IndependentAxes
+
+#: Effect -> shape and coefficients that no machine has.
+IMPOSSIBLE = {
+    "stribeck": ((0.1, 1.0), (-0.2,)),
+    "load-friction": ((0.0,), (-0.1,)),
+    "coupled-friction": ((2.0, 1.0), (-0.3, 0.0)),
+    "friction-drift": ((0.2, 0.0), (0.1, 0.0)),
+    "presliding": ((0.01, 0.0), (1.0, -0.5, 0.2, 0.1)),
+    "elastic-transmission": ((5.0, 0.3), (-0.5,)),
+    "hardening-cable": ((5.0, 0.3), (-0.5, 0.0)),
+    "backlash": ((0.01,), (0.1,)),
+    "coupled-transmission": ((2.0, 1.0), (0.1, -0.3, 0.0)),
+    "torque-gain": ((), (-1.5,)),
+    "torque-ripple": ((3.0,), (0.0, 1.2, 0.0, 0.0)),
+    "actuator-lag": ((0.01, 1.0), (0.3,)),
+    "delay": ((0.01,), (2.0,)),
+    "filter-lag": ((0.01, 1.0), (0.3,)),
+    "end-stop": ((0.3, 1.0), (0.0, 0.0, 5.0)),
+    "missed-counts": ((1.0,), (0.8,)),
+    "vibration-mode": ((5.0, 0.3), (-0.1,)),
+    "force-gain": ((0.0,), (0.0, 0.7)),
+    "force-crosstalk": ((0.0,), (1.5, 0.0)),
+    "contact-stiffness": ((0.0, 1.0), (-3.0,)),
+    "contact-damping": ((), (-1.0,)),
+    "contact-hardening": ((2.0,), (-1.0,)),
+    "contact-hysteresis": ((0.1,), (-1.0,)),
+    "contact-inclusion": ((0.1,), (-1.0,)),
+}
+#: Effects of which either sign and any size can be.
+ANY = {
+    "asymmetric-coulomb", "asymmetric-viscous", "quadratic-drag", "position-friction",
+    "torque-offset", "cogging", "payload", "spring", "position-torque", "periodic-disturbance",
+    "force-bias", "force-drift", "encoder-eccentricity",
+}  # fmt: skip
+
+
+def swing(n: int = 2000, length: float = 20.0) -> Motion:
+    """Two joints that swing over +-1 rad."""
+    t = np.linspace(0, length, n)
+    w = np.array([1.3, 2.1])
+    q, qd, qdd = (
+        np.sin(w * t[:, None]),
+        w * np.cos(w * t[:, None]),
+        -(w**2) * np.sin(w * t[:, None]),
+    )
+    zero = np.zeros_like(q)
+    return Motion(
+        t=t, q=q, qd=qd, qdd=qdd, tau=qdd, tau_ext=zero, load=qdd, static=zero,
+        v0=np.full(2, 0.01), resolution=np.full(2, 0.001), span=np.array([[-1.0, 1.0]] * 2),
+        contact=np.array([[0.0, 1.0]] * 2), robot=IndependentAxes(("a", "b")),
+    )  # fmt: skip
+
+
+def allowed(name, shape, beta, error=()):
+    return catalogue.get(name).credible(swing(), 0, shape, beta, error)
+
+
+def test_every_effect_says_what_it_cannot_be() -> None:
+    names = {e.name for e in catalogue.table().values() if e.candidate}
+    assert names <= set(IMPOSSIBLE) | ANY
+    assert not set(IMPOSSIBLE) & ANY
+
+
+@pytest.mark.parametrize("name", sorted(IMPOSSIBLE))
+def test_the_impossible_is_not_credible(name: str) -> None:
+    assert not allowed(name, *IMPOSSIBLE[name])
+
+
+def test_errors_excuse_a_small_violation() -> None:
+    assert not allowed("stribeck", (0.1, 1.0), (-0.02,), (0.005,))
+    assert allowed("stribeck", (0.1, 1.0), (-0.02,), (0.05,))
+    assert not allowed("end-stop", (0.3, 1.0), (5.0, 0.0, -0.5), (0.1, 0.1, 0.1))
+    assert allowed("end-stop", (0.3, 1.0), (5.0, 0.0, -0.5), (0.1, 0.1, 0.4))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_stop_pushes_and_friction_at_the_end_of_the_range_is_none(side: float) -> None:
+    q0 = 0.5 * side
+    assert allowed("end-stop", (q0, side), (4.0, 3.0, 0.5))
+    assert allowed("end-stop", (q0, side), (0.0, 8.0, 0.5))  # Hertz: no stiffness at first touch
+    assert not allowed("end-stop", (q0, side), (0.0, 0.1, 4.0))  # a brake that pulls on leaving
+    assert not allowed("end-stop", (q0, side), (1.0, -9.0, 0.0))  # pulls beyond a depth
+
+
+def test_a_transient_at_the_start_is_no_drift() -> None:
+    assert allowed("friction-drift", (8.0, 0.0), (-0.2, 0.0))
+    assert allowed("friction-drift", (60.0, 0.0), (-0.2, 0.0))
+    assert not allowed("friction-drift", (2.0, 0.0), (-0.2, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("ends", "words"),
+    [
+        ((2.3, 2.4), "2.3 to 2.4"), ((2.351, 2.412), "2.351 to 2.412"), ((0.0, 3.0), "0 to 3"),
+        ((1.96, 2.04), "1.96 to 2.04"), ((100.2, 101.4), "100.2 to 101.4"), ((2.0, 2.0), "2 to 2"),
+        ((-np.inf, 2.0), "-inf to 2"), ((1e-4, 1.2e-4), "0.0001 to 0.00012"),
+    ],
+)  # fmt: skip
+def test_rounding_does_not_close_an_interval(ends, words) -> None:
+    assert interval(*ends) == words
