@@ -15,7 +15,7 @@ from hil.compare.findings import Accepted, Diagnosis, Step, describe
 from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.identifiable import undetermined
-from hil.compare.judge import ADEQUATE, judge
+from hil.compare.judge import ADEQUATE, WHOLE, judge
 from hil.compare.lost import lost_counts
 from hil.identify.design import head
 from hil.identify.problem import Problem
@@ -175,18 +175,18 @@ def _worth(step: Step, now: Step, first: Step, c: Candidate, floor: FloatArray) 
     if step.result.model.explains == "external":
         # half the force sensor's accuracy, in percent of the effort
         better &= step.heldout.relative[j] < now.heldout.relative[j] - 50 * SENSOR_ACCURACY
-    return bool(better and share > SHARE and _sure(step, now, j))
+    return bool(better and share > SHARE and _sure(step, now, j, float(floor[j])))
 
 
-def _sure(step: Step, now: Step, j: int) -> bool:
+def _sure(step: Step, now: Step, j: int, floor: float) -> bool:
     """Whether the fall of the held-out error is beyond chance.
 
     An effect that acts in a few stretches only (a stop, a play) spreads its own gains, which is
-    not chance: one that halves the squared error passes with one standard error.
+    not chance: one that takes WHOLE of the excess passes with one standard error.
     """
     gain = step.heldout.gain(now.heldout, j)
-    halved = step.heldout.rms[j] ** 2 < 0.5 * now.heldout.rms[j] ** 2
-    return bool(gain > (1.0 if halved else SURE))
+    before, after = (s.heldout.rms[j] ** 2 - floor**2 for s in (now, step))
+    return bool(gain > (1.0 if after < (1 - WHOLE) * before else SURE))
 
 
 def _refit(

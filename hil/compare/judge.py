@@ -60,7 +60,10 @@ def judge(
             and end[j] > ADEQUATE * floor[j]
             and left[j] > (1 - EXPLAINED) * excess[j]
         )
-        or (any(c.joint == j for c, _, _ in found) and _there(ladder, heldout_floor, j) < EXPLAINED)
+        or (
+            any(c.joint == j for c, _, _ in found)
+            and _there(ladder, found, heldout_floor, j) < EXPLAINED
+        )
     ]  # fmt: skip
     failed = {problem.joints[j] for j in open_joints}
     partial = [
@@ -79,16 +82,25 @@ def judge(
     return out
 
 
-def _there(ladder: list[Step], floor: FloatArray | None, j: int) -> float:
+def _there(
+    ladder: list[Step], found: list[Accepted], floor: FloatArray | None, j: int
+) -> float:  # fmt: skip
     """Share of joint j's excess on the held-out runs that is gone, at most; 1 without any.
 
     What is left within ADEQUATE of the floor is nothing: there the share is the floor's error.
+    What is dated cannot be confirmed there, so that it is not asked either.
     """
     last = ladder[-1].heldout
     if floor is None or last.rms[j] <= ADEQUATE * floor[j]:
         return 1.0
+    if any(_dated(c) for c, _, _ in found):
+        return 1.0
     share, se = last.share(ladder[0].heldout, float(floor[j]), j)
     return share + CHANCE * se
+
+
+def _dated(c: Candidate) -> bool:
+    return c.term.effect.dated(c.term.shape)
 
 
 def _findings(
@@ -101,13 +113,11 @@ def _findings(
     out = []
     first, final = ladder[0].result.rms ** 2, ladder[-1].result.rms ** 2
     total = (first - final) / np.maximum(first - floor**2, 1e-300)
-    powers = [(s.result if other is None else s.heldout).rms ** 2 for s in ladder]
-    whole = np.maximum(powers[0] - (floor if other is None else other) ** 2, 1e-300)
     for c, confidence, rivals in found:
         k, j = rungs[f"+ {describe(c, problem)}"], c.joint
         before, after = ladder[k - 1], ladder[k]
-        confidence *= _whole(min(float(total[j]), _there(ladder, other, j)))
-        share = float((powers[k - 1][j] - powers[k][j]) / whole[j])
+        confidence *= _whole(min(float(total[j]), _there(ladder, found, other, j)))
+        share = _share(ladder, k, j, floor, None if _dated(c) else other)
         head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
         out.append(
             Finding(
@@ -119,6 +129,15 @@ def _findings(
             )
         )  # fmt: skip
     return out
+
+
+def _share(
+    ladder: list[Step], k: int, j: int, floor: FloatArray, other: FloatArray | None
+) -> float:
+    """Share of joint j's excess that rung k took; on the held-out runs with their floor."""
+    one = [(s.result if other is None else s.heldout).rms[j] ** 2 for s in ladder]
+    least = float((floor if other is None else other)[j]) ** 2
+    return float((one[k - 1] - one[k]) / max(one[0] - least, 1e-300))
 
 
 def _whole(share: float) -> float:
