@@ -82,7 +82,7 @@ def headline(rows: list[Row]) -> dict[str, Share]:
     return {
         "right, excess of half a floor or more": share(visible, is_("right")),
         "... or undecided between two that are alike in such data": share(visible, rightly),
-        "... ambiguous with the truth in the set": share(visible, is_("ambiguous")),
+        "... or ambiguous with the truth in the set": share(visible, is_("right", "ambiguous")),
         "... the truth and something else": share(visible, is_("extra")),
         "... another name": share(visible, is_("wrong")),
         "... no name": share(visible, is_("missed", "unexplained", "not-identifiable")),
