@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.attribute import choose, kindred, plausible, possible, simplest_first
+from hil.compare.columns import mistaken
 from hil.compare.credible import credible
 from hil.compare.evidence import Candidate, Evidence, gather, in_time
 from hil.compare.fallback import explainable
@@ -15,7 +16,7 @@ from hil.compare.findings import Accepted, Diagnosis, Step, describe
 from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.identifiable import undetermined
-from hil.compare.judge import ADEQUATE, WHOLE, judge
+from hil.compare.judge import ADEQUATE, EXPLAINED, judge
 from hil.compare.lost import lost_counts
 from hil.identify.design import head
 from hil.identify.problem import Problem
@@ -86,6 +87,9 @@ def diagnose(
         return Diagnosis("bad-data", warnings=errors)
     problem = Problem(recordings, model.robot, model.explains, model.band)
     result = fit_aligned(problem, model)
+    wrong = mistaken(result, recordings)
+    if wrong:
+        return Diagnosis("bad-data", warnings=wrong)
     examine = Examiner(problem, holdout or [])
     ladder = [Step("base model", result, examine(result))]
     evidence = first = gather(result, seed)
@@ -182,11 +186,11 @@ def _sure(step: Step, now: Step, j: int, floor: float) -> bool:
     """Whether the fall of the held-out error is beyond chance.
 
     An effect that acts in a few stretches only (a stop, a play) spreads its own gains, which is
-    not chance: one that takes WHOLE of the excess passes with one standard error.
+    not chance: one that takes EXPLAINED of the excess passes with one standard error.
     """
     gain = step.heldout.gain(now.heldout, j)
     before, after = (s.heldout.rms[j] ** 2 - floor**2 for s in (now, step))
-    return bool(gain > (1.0 if after < (1 - WHOLE) * before else SURE))
+    return bool(gain > (1.0 if after < (1 - EXPLAINED) * before else SURE))
 
 
 def _refit(
