@@ -107,24 +107,33 @@ def delayed(u: FloatArray, samples: float) -> FloatArray:
 
 
 @numba.njit(cache=True)
-def play(load: FloatArray, inertia: FloatArray, dt: float, width: float) -> FloatArray:
+def play(
+    load: FloatArray, speed: FloatArray, inertia: FloatArray, dt: float, width: float,
+    friction: float, slow: float,
+) -> FloatArray:  # fmt: skip
     """Effort that passes a play of this width instead of `load`, (n,).
 
-    The link lies r in [0, width] ahead of the motor's driving flank. At r = 0 it is pushed
-    (load > 0), at r = width pulled back (load < 0). Between, nothing passes and, as the load is
-    what the link would need to move with the motor,
+    The link lies r in [0, width] ahead of the motor's driving flank. With its own friction its
+    load is L = load + F tanh(v / v0). At r = 0 it is pushed (L > 0), at r = width pulled back
+    (L < 0). Between, nothing passes and, as the load is what the link would need to move with the
+    motor,
 
-        r'' = -load / I.
+        r'' = -(load + F tanh((v + r') / v0)) / I.
 
     It meets a flank without bouncing; its momentum I r' passes within that instant.
     """
     out = np.zeros(load.size)
     r, w = (0.0 if load[0] > 0 else width), 0.0
     for k in range(load.size):
-        if (r <= 0.0 and load[k] >= 0.0) or (r >= width and load[k] <= 0.0):
-            out[k] = load[k]
+        own = load[k]
+        if friction > 0.0:
+            own += friction * np.tanh(speed[k] / slow)
+        if (r <= 0.0 and own >= 0.0) or (r >= width and own <= 0.0):
+            out[k] = own
             continue
-        w -= load[k] / inertia[k] * dt
+        if friction > 0.0:
+            own = load[k] + friction * np.tanh((speed[k] + w) / slow)
+        w -= own / inertia[k] * dt
         r += w * dt
         if r <= 0.0 or r >= width:
             out[k] = -inertia[k] * w / dt

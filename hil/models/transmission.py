@@ -46,6 +46,8 @@ def elastic(load: FloatArray, motion: Motion, shape: Sequence[float]) -> FloatAr
 
 #: Share of the load behind a spring or a play from which it is one (the rotor is before it).
 MOST = 0.25
+#: Frictions behind a play that are tried, in units of the load's standard deviation.
+FRICTIONS = (0.03, 0.06, 0.1, 0.15, 0.25)
 
 
 def spring(motion: Motion, j: int, shape: Sequence[float]) -> tuple[float, float, FloatArray]:
@@ -151,8 +153,8 @@ class Backlash(Effect):
     replayed = strict = True
     name, family = "backlash", "transmission"
     equation = (
-        "tau = a (T - load),  T = load on a flank, 0 between them where r'' = -load / I, "
-        "0 < r < b; I r' passes at once when the link meets a flank"
+        "tau = a (T - L),  T = L = load + fl sgn v on a flank, 0 between them where "
+        "r'' = -(load + fl sgn(v + r')) / I, 0 < r < b; I r' passes at once at a flank"
     )
     signature = "the load is missing over a fixed displacement after it changes its sign"
     confused_with = ("presliding", "elastic-transmission", "coulomb")
@@ -163,18 +165,30 @@ class Backlash(Effect):
         "wrong by tens of percent, and the standard errors count noise alone"
     )
     params = (Param("a", "1", "share of the load behind the play", 0.0, 1.5),)
-    shape = (Param("b", "{x}", "width of the play", 0.0),)
+    shape = (
+        Param("b", "{x}", "width of the play", 0.0),
+        Param("fl", "{F}", "Coulomb friction behind the play", 0.0),
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """What passes the play, less the load."""
-        load = np.ascontiguousarray(motion.load[:, j])
-        return (play(load, _inertia(motion, j), motion.dt, float(shape[0])) - load)[:, None]
+        load, speed = (np.ascontiguousarray(x[:, j]) for x in (motion.load, motion.qd))
+        width, rub, slow = float(shape[0]), float(shape[1]), float(motion.resolution[j])
+        passed = play(load, speed, _inertia(motion, j), motion.dt, width, rub, slow)
+        return (passed - load - rub * np.tanh(speed / slow))[:, None]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From 1e-4 of the span, and from four times what the encoder resolves, to 5e-2."""
         span = float(np.ptp(motion.span[j])) or 1.0
         grain = float(motion.grain[j]) if motion.grain.size else 0.0
-        return log_grid(min(max(1e-4 * span, 4 * grain), 2e-2 * span), 5e-2 * span, 10)
+        widths = log_grid(min(max(1e-4 * span, 4 * grain), 2e-2 * span), 5e-2 * span, 10)
+        return [(b, 0.0) for (b,) in widths]
+
+    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
+        """Frictions of the link, which brakes it in flight: the play then is narrower."""
+        size = float(np.std(motion.load[:, j]))
+        rub = [(k * shape[0], r * size) for r in FRICTIONS for k in (0.5, 0.6, 0.72, 0.85, 1.0)]
+        return [(shape[0], 0.0), *rub]
 
     def credible(
         self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],

@@ -87,17 +87,19 @@ def test_states_follow_their_equations() -> None:
         assert np.max(np.abs(y - expected)[1000:]) < 0.01
 
 
-def test_a_link_flies_through_its_play_and_hands_its_momentum_over() -> None:
-    """Pushed, then braked with -L: free flight r = L t^2 / 2 I until the other flank."""
+@pytest.mark.parametrize("friction", [0.0, 0.6])
+def test_a_link_flies_through_its_play_and_hands_its_momentum_over(friction: float) -> None:
+    """Pushed, then braked with -L: free flight r = (L - F) t^2 / 2 I until the other flank."""
     n, dt, inertia, width = 400, 1e-3, 0.05, 0.01
     load = np.where(np.arange(n) < 100, 1.0, -2.0)
-    passed = play(load, np.full(n, inertia), dt, width)
-    flight = np.sqrt(2 * width * inertia / 2.0)
+    passed = play(load, np.zeros(n), np.full(n, inertia), dt, width, friction, 1e-6)
+    flight = np.sqrt(2 * width * inertia / (2.0 - friction))
     meets = 100 + round(flight / dt)
     assert np.all(passed[:100] == 1.0)
     assert np.all(passed[100 : meets - 2] == 0.0) and np.all(passed[meets + 2 :] == -2.0)
-    # the speed of the link at the flank, L t / I, times its inertia
-    assert passed[meets - 2 : meets + 2].min() * dt == pytest.approx(-2.0 * flight, rel=0.1)
+    # the speed of the link at the flank, (L - F) t / I, times its inertia
+    hit = (friction - 2.0) * flight
+    assert passed[meets - 2 : meets + 2].min() * dt == pytest.approx(hit, rel=0.1)
 
 
 @pytest.mark.parametrize("width", [0.01, 0.015])
