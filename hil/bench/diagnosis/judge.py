@@ -14,6 +14,9 @@ from hil.compare.findings import Diagnosis
 from hil.models.model import base_model
 from hil.record.recording import Recording
 
+#: Between the seeds of two runs of one motion: no noise comes twice.
+OTHER = 5000
+
 
 def recordings(case: Case) -> tuple[list[Recording], list[Recording]]:
     """Runs to fit and a held-out run on another motion, with another noise."""
@@ -27,13 +30,14 @@ def recordings(case: Case) -> tuple[list[Recording], list[Recording]]:
     ]
     runs = [_record(case, rows, k) for k in (0, 1)]
     if any(session.kinds()[h.effect][0] == "runs" for h in case.hidden):
-        return [_record(case, [], 0), runs[0]], runs[1:]
+        return [_record(case, [], 0, OTHER), runs[0]], runs[1:]
     return runs[:1], runs[1:]
 
 
-def _record(case: Case, rows: list[session.Row], k: int) -> Recording:
+def _record(case: Case, rows: list[session.Row], k: int, noise: int = 0) -> Recording:
     motion = (case.excitation, 2 * case.seed + k)
-    return session.record(case.robot, rows, case.noise, motion, 2 * case.seed + k, case.force)
+    seed = 2 * case.seed + k + noise
+    return session.record(case.robot, rows, case.noise, motion, seed, case.force)
 
 
 def judge(case: Case) -> dict[str, Any]:
