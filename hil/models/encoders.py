@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hil.models.drive import WHOLE, behind, late_grid
 from hil.models.effect import Effect, Param
 from hil.models.friction import position_orders
-from hil.models.motion import FloatArray, Motion
+from hil.models.motion import FloatArray, Motion, Response
 
 #: Share of the motor's effort from which an external one tells a late motion from a late command.
 PUSH = 0.1
@@ -33,11 +33,16 @@ class EncoderEccentricity(Effect):
     """The encoder's disc sits off centre: its error repeats once per turn.
 
     Cogging repeats over position, too, but has one size at all speeds; this grows with the
-    square of the speed and with the acceleration, for it is inertia that it falsifies.
+    square of the speed and with the acceleration, for it is inertia that it falsifies.  A tilted
+    or oval disc errs twice a turn, too; and what is a sine over the true position is a bent one
+
     """
 
     name, family = "encoder-eccentricity", "sensor"
-    equation = "tau = -(M e'' + D e' + G e),  e = es sin kq + ec cos kq,  k = 2 pi p"
+    equation = (
+        "tau = -(M e'' + D e' + G e),  e = es sin kq + ec cos kq + es2 sin 2kq + .. + ec3 cos 3kq, "
+        "k = 2 pi p"
+    )
     signature = "a ripple over position that grows with the square of the speed"
     confused_with = ("cogging", "position-friction")
     shown_by = "the same stroke at several speeds"
@@ -46,22 +51,33 @@ class EncoderEccentricity(Effect):
     params = (
         Param("es", "{x}", "error that goes with the sine"),
         Param("ec", "{x}", "error that goes with the cosine"),
+        Param("es2", "{x}", "twice a turn, with the sine: a tilted or oval disc"),
+        Param("ec2", "{x}", "twice a turn, with the cosine"),
+        Param("es3", "{x}", "three times a turn, with the sine"),
+        Param("ec3", "{x}", "three times a turn, with the cosine"),
     )
     shape = (Param("p", "1/{x}", "turns of the disc per unit of position", 0.0),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """-(M e'' + D e' + G e) for e = sin kq and cos kq, shape (n, d, 2)."""
+        """-(M e'' + D e' + G e) for e = sin and cos of kq, 2kq and 3kq, shape (n, d, 6)."""
         if motion.response is None:
-            return np.zeros((motion.n, motion.d, 2))
-        k, q = 2 * np.pi * float(shape[0]), motion.q[:, j]
-        v, a = motion.qd[:, j], motion.qdd[:, j]
+            return np.zeros((motion.n, motion.d, 6))
+        k = 2 * np.pi * float(shape[0])
+        return np.concatenate(
+            [self._wave(motion, motion.response, j, h * k) for h in (1, 2, 3)], axis=2
+        )
+
+    @staticmethod
+    def _wave(motion: Motion, response: Response, j: int, k: float) -> FloatArray:
+        """Effort of unit errors sin kq and cos kq, shape (n, d, 2)."""
+        q, v, a = motion.q[:, j], motion.qd[:, j], motion.qdd[:, j]
         sin, cos = np.sin(k * q), np.cos(k * q)
         # (sin kq)'' = k cos kq q'' - k^2 sin kq q'^2
         bend = np.stack([k * cos * a - k**2 * sin * v**2, -k * sin * a - k**2 * cos * v**2], axis=1)
         shift = np.stack([sin, cos], axis=1)
-        m, g = motion.response.inertia[:, :, j], motion.response.gradient[:, :, j]
+        m, g = response.inertia[:, :, j], response.gradient[:, :, j]
         out: FloatArray = m[:, :, None] * bend[:, None] + g[:, :, None] * shift[:, None]
-        out[:, j] += motion.response.damping[j] * np.stack([k * cos * v, -k * sin * v], axis=1)
+        out[:, j] += response.damping[j] * np.stack([k * cos * v, -k * sin * v], axis=1)
         return -out
 
     def powers(self, motion: Motion, j: int) -> NDArray[np.complex128] | None:
