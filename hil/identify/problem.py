@@ -22,8 +22,8 @@ from hil.record.recording import Recording, RobotSource
 FloatArray = NDArray[np.float64]
 #: Raw columns of the motion alone are kept up to this size [bytes], else made again.
 KEPT = 2**27
-#: Raw columns that pass the filter at once [bytes].
-BATCH = 2**24
+#: Raw columns that pass the filter at once [bytes]: more would leave the processor's cache.
+BATCH = 2**22
 #: Band chosen from the data.
 AUTOMATIC = Band()
 

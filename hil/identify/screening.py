@@ -67,7 +67,7 @@ class Screen:
         total = np.zeros((len(self.size[0]), len(signs)))
         for wave, size in ((self.wave, self.size[0]), (self.twice, self.size[1])):
             parts = np.add.reduceat(wave * b, starts, axis=1)
-            total += np.abs(parts @ signs[:, number[starts]].T) ** 2 / size[:, None]
+            total += _turned(parts, signs[:, number[starts]]) / size[:, None]
         return np.asarray(total.max(axis=0))
 
 
@@ -113,8 +113,16 @@ class Ripples:
         number = blocks[:: self.stride]
         starts = np.flatnonzero(np.diff(number, prepend=-1))
         parts = self._sums(back[:: self.stride], starts)
-        gains = np.abs(parts @ signs[:, number[starts]].T) ** 2 / self.size[:, None]
+        gains = _turned(parts, signs[:, number[starts]]) / self.size[:, None]
         return np.asarray(gains.max(axis=0))
+
+
+def _turned(parts: NDArray[np.complexfloating], signs: FloatArray) -> FloatArray:
+    """|sum over stretches of sign times part|^2, (orders, flips), in the precision of the parts."""
+    turns = np.ascontiguousarray(signs.T, dtype=parts.real.dtype)
+    # the signs are real: two real products cost half of a complex one
+    real, imaginary = (np.ascontiguousarray(x) @ turns for x in (parts.real, parts.imag))
+    return np.asarray(real**2 + imaginary**2, dtype=np.float64)
 
 
 def _ripples(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Ripples | None:
