@@ -35,7 +35,7 @@ class EncoderEccentricity(Effect):
     Cogging repeats over position, too, but has one size at all speeds; this grows with the
     square of the speed and with the acceleration, for it is inertia that it falsifies.  A tilted
     or oval disc errs twice a turn, too; and what is a sine over the true position is a bent one
-
+    over the measured one, and a third harmonic counts nine times in the acceleration.
     """
 
     name, family = "encoder-eccentricity", "sensor"
