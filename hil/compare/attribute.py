@@ -19,6 +19,9 @@ LEVEL = 0.01
 MATERIAL = 0.10
 #: Share of the excess that a line over time must account for by itself.
 ALONE = 0.8
+#: ... or this share, if without the line the joint is within so much of its floor: a floor that is
+#: a twentieth too low is a third of an excess of half a floor.
+MAJOR, MET = 0.6, 1.06
 #: Share of chi2 by which functional forms are allowed to miss the truth (tempers confidence).
 TEMPER = 0.01
 #: ... where the rival has more coefficients.
@@ -75,7 +78,10 @@ def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
     noise = min(evidence.floor.rms[j], evidence.floor.scale[j])
     excess = float(result.rms[j] ** 2 - noise**2)
     removed = c.parts[j] * result.sigma[j] ** 2 / result.problem.count[j]
-    return bool(removed > ALONE * excess)
+    # of a small excess the floor's own error is a good part
+    rest = float(result.rms[j] ** 2) - removed
+    at_floor = rest < (MET * evidence.floor.rms[j]) ** 2 and removed > MAJOR * excess
+    return bool(removed > ALONE * excess or at_floor)
 
 
 def possible(evidence: Evidence, result: FitResult) -> list[Candidate]:
