@@ -7,7 +7,7 @@ its fields it looks at.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,30 +56,46 @@ def watched(
     return out, frozenset(seen)
 
 
-Made = dict[tuple[object, ...], tuple[FloatArray, frozenset[Field], list[object]]]
+@dataclass
+class _Made:
+    columns: FloatArray
+    seen: frozenset[Field]
+    states: list[object]
+    #: The runs for which that was last found to hold.
+    motions: Sequence[Motion]
+
+    def fresh(self, motions: Sequence[Motion]) -> bool:
+        """Whether the runs are as they were in all that was looked at."""
+        if self.motions is motions:
+            return True
+        pairs = zip(self.states, _states(self.seen, motions), strict=True)
+        if not all(a is b or (isinstance(a, bytes | float) and a == b) for a, b in pairs):
+            return False
+        self.motions = motions
+        return True
 
 
 class Kept:
     """Columns by key; one whose fields have changed since counts as absent."""
 
-    def __init__(self, made: Made | None = None) -> None:
-        self._made: Made = made or {}
+    def __init__(self, made: dict[tuple[object, ...], _Made] | None = None) -> None:
+        self._made = made or {}
 
     def get(self, key: tuple[object, ...], motions: Sequence[Motion]) -> FloatArray | None:
         """Columns that are as the motions are now; None if there are none."""
         found = self._made.get(key)
-        return found[0] if found and _fresh(found[1], found[2], motions) else None
+        return found.columns if found and found.fresh(motions) else None
 
     def put(
         self, key: tuple[object, ...], columns: FloatArray, seen: frozenset[Field],
         motions: Sequence[Motion],
     ) -> None:  # fmt: skip
         """Keep columns that were made of these fields."""
-        self._made[key] = (columns, seen, _states(seen, motions))
+        self._made[key] = _Made(columns, seen, _states(seen, motions), motions)
 
     def pruned(self, motions: Sequence[Motion]) -> Kept:
         """The same without what has changed."""
-        return Kept({k: v for k, v in self._made.items() if _fresh(v[1], v[2], motions)})
+        return Kept({k: v for k, v in self._made.items() if v.fresh(motions)})
 
 
 def _states(seen: frozenset[Field], motions: Sequence[Motion]) -> list[object]:
@@ -92,8 +108,3 @@ def _state(motion: Motion, name: str, j: int | None) -> object:
     value = getattr(motion, name)
     # the bytes, for NaN is no surface and equal to no surface
     return value.tobytes() if name in SMALL else value
-
-
-def _fresh(seen: frozenset[Field], states: list[object], motions: Sequence[Motion]) -> bool:
-    pairs = zip(states, _states(seen, motions), strict=True)
-    return all(a is b or (isinstance(a, bytes | float) and a == b) for a, b in pairs)

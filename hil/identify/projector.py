@@ -9,7 +9,7 @@ Source: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.optimize
@@ -77,6 +77,7 @@ class Projector:
             self.q = np.zeros((y.size, 0))
         self.residual = y - self.q @ (self.q.T @ y)
         self.rss = float(self.residual @ self.residual)
+        self._found: dict[tuple[object, ...], Scores] = {}
 
     def rows(self, term: Term) -> slice:
         """Rows that a term acts on."""
@@ -110,17 +111,35 @@ class Projector:
     def scores(self, term: Term, shapes: Sequence[tuple[float, ...]]) -> Iterator[Scores]:
         """Scores of a term for several shapes, in batches of columns that fit the memory."""
         if len(shapes) > 1 and not term.per_run:
-            first = self.weighted(term.reshaped(shapes[0]))
+            first = block(self.problem, term.reshaped(shapes[0]))
             for some in batches(shapes, max(1, BATCH // max(first.nbytes, 1))):
                 self.problem.prepare(term.effect, term.joint, some)
-                parts = [self.weighted(term.reshaped(s)) for s in some]
-                if len({p.shape[1] for p in parts}) == 1:
-                    yield self._scores(term, np.stack(parts, axis=1))
+                parts = [block(self.problem, term.reshaped(s)) for s in some]
+                if len({p.shape[-1] for p in parts}) == 1:
+                    yield self._known(term, some, self._stacked(term, parts))
                 else:
-                    yield from (self._scores(term, p[:, None]) for p in parts)
+                    for s, p in zip(some, parts, strict=True):
+                        yield self._known(term, [s], self._stacked(term, [p]))
         else:
             for s in shapes:
-                yield self._scores(term, self.weighted(term.reshaped(s))[:, None])
+                yield self._known(term, [s], self.weighted(term.reshaped(s))[:, None])
+
+    def _stacked(self, term: Term, parts: Sequence[FloatArray]) -> FloatArray:
+        """Weighted columns (N, shapes, m) of several shapes."""
+        m, whole = parts[0].shape[-1], term.effect.whole_robot
+        d, n = (self.problem.d if whole else 1), self.problem.n
+        sigma = self.sigma[:, None, None] if whole else self.sigma[term.joint]
+        out = np.empty((d, n, len(parts), m))
+        for k, part in enumerate(parts):
+            np.divide(part.reshape(d, n, m), sigma, out=out[:, :, k])
+        return out.reshape(d * n, len(parts), m)
+
+    def _known(self, term: Term, shapes: Sequence[tuple[float, ...]], c: FloatArray) -> Scores:
+        """Scores of weighted columns; all but the columns are remembered for a second use."""
+        key = (*term.key, term.per_run, *shapes)
+        if key not in self._found:
+            self._found[key] = replace(self._scores(term, c), columns=c[:0])
+        return replace(self._found[key], columns=c)
 
     def _scores(self, term: Term, c: FloatArray) -> Scores:
         """Scores from weighted columns (N, shapes, m).

@@ -110,14 +110,22 @@ def moved(problem: Problem, f: FloatArray) -> NDArray[np.bool_]:
     """
     out = np.zeros(f.size, dtype=bool)
     for k in range(len(problem.recordings)):
+        lines = _lines(problem, k)
+        where = np.rint(f * np.sum(problem.run == k) / problem.rate).astype(int)
+        out |= lines[np.minimum(where, lines.size - 1)]
+    return out
+
+
+def _lines(problem: Problem, k: int) -> NDArray[np.bool_]:
+    """Frequencies of run k at which the motion has a line; made once."""
+    if ("lines", k) not in problem.memo:
         v = problem.qd[:, problem.run == k]
         window = np.hanning(v.shape[1])
         size = np.abs(scipy.fft.rfft((v - v.mean(axis=1, keepdims=True)) * window, axis=1))
         near = scipy.ndimage.maximum_filter1d(size, 5, axis=1)
         wide = scipy.ndimage.median_filter(size, (1, 2 * WIDE + 1), mode="nearest")
-        lines = np.any(near > PROMINENT * wide, axis=0)
-        where = np.rint(f * v.shape[1] / problem.rate).astype(int)
-        out |= lines[np.minimum(where, lines.size - 1)]
+        problem.memo["lines", k] = np.any(near > PROMINENT * wide, axis=0)
+    out: NDArray[np.bool_] = problem.memo["lines", k]
     return out
 
 

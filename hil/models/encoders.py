@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from hil.models.drive import WHOLE, behind, late_grid
 from hil.models.effect import Effect, Param
 from hil.models.friction import position_orders
-from hil.models.motion import FloatArray, Motion, Response
+from hil.models.kernels import eccentric
+from hil.models.motion import FloatArray, Motion
 
 #: Share of the motor's effort from which an external one tells a late motion from a late command.
 PUSH = 0.1
@@ -62,23 +63,16 @@ class EncoderEccentricity(Effect):
         """-(M e'' + D e' + G e) for e = sin and cos of kq, 2kq and 3kq, shape (n, d, 6)."""
         if motion.response is None:
             return np.zeros((motion.n, motion.d, 6))
-        k = 2 * np.pi * float(shape[0])
-        return np.concatenate(
-            [self._wave(motion, motion.response, j, h * k) for h in (1, 2, 3)], axis=2
-        )
-
-    @staticmethod
-    def _wave(motion: Motion, response: Response, j: int, k: float) -> FloatArray:
-        """Effort of unit errors sin kq and cos kq, shape (n, d, 2)."""
-        q, v, a = motion.q[:, j], motion.qd[:, j], motion.qdd[:, j]
-        sin, cos = np.sin(k * q), np.cos(k * q)
-        # (sin kq)'' = k cos kq q'' - k^2 sin kq q'^2
-        bend = np.stack([k * cos * a - k**2 * sin * v**2, -k * sin * a - k**2 * cos * v**2], axis=1)
-        shift = np.stack([sin, cos], axis=1)
-        m, g = response.inertia[:, :, j], response.gradient[:, :, j]
-        out: FloatArray = m[:, :, None] * bend[:, None] + g[:, :, None] * shift[:, None]
-        out[:, j] += response.damping[j] * np.stack([k * cos * v, -k * sin * v], axis=1)
-        return -out
+        r, k, q = motion.response, 2 * np.pi * float(shape[0]), motion.q[:, j]
+        out = np.empty((motion.n, motion.d, 6))
+        for h in (1, 2, 3):
+            angle = (h * k) * q
+            eccentric(
+                np.sin(angle), np.cos(angle), h * k, motion.qd[:, j], motion.qdd[:, j],
+                r.inertia[:, :, j], r.gradient[:, :, j], float(r.damping[j]), j,
+                out[:, :, 2 * h - 2 : 2 * h],
+            )  # fmt: skip
+        return out
 
     def powers(self, motion: Motion, j: int) -> NDArray[np.complex128] | None:
         """-(G, i (M q'' + D q'), -M q'^2) on the own joint: e, e' and e'' of exp(i k q)."""

@@ -139,3 +139,25 @@ def play(
             out[k] = -inertia[k] * w / dt
             r, w = (0.0 if r <= 0.0 else width), 0.0
     return out
+
+
+@numba.njit(cache=True)
+def eccentric(
+    sin: FloatArray, cos: FloatArray, k: float, speed: FloatArray, acceleration: FloatArray,
+    inertia: FloatArray, stiffness: FloatArray, damping: float, j: int, out: FloatArray,
+) -> None:  # fmt: skip
+    """Effort -(M e'' + D e' + G e) of errors e = sin kq and e = cos kq of joint j, to (n, d, 2).
+
+    (sin kq)'' = k cos kq q'' - k^2 sin kq q'^2;  M and G (n, d) are the columns of joint j.
+    """
+    for i in range(sin.size):
+        s, c, v, a = sin[i], cos[i], speed[i], acceleration[i]
+        along = k * c * a - k**2 * s * (v * v)
+        across = -k * s * a - k**2 * c * (v * v)
+        for r in range(inertia.shape[1]):
+            one = inertia[i, r] * along + stiffness[i, r] * s
+            two = inertia[i, r] * across + stiffness[i, r] * c
+            if r == j:
+                one += damping * (k * c * v)
+                two += damping * (-k * s * v)
+            out[i, r, 0], out[i, r, 1] = -one, -two
