@@ -22,7 +22,7 @@ def credible(step: Step, c: Candidate, floor: FloatArray) -> bool:
     """Whether an added effect's values can be physics after everything was fitted again.
 
     Its own law must allow them (`Effect.credible`), its scales (a time, a width, a frequency)
-    must exceed their standard errors, and a shape on the edge of what was searched must leave
+    must exceed their standard errors, and a scale on the edge of what was searched must leave
     nothing above the floor: else it stands for something else.
 
     Parameters
@@ -37,7 +37,9 @@ def credible(step: Step, c: Candidate, floor: FloatArray) -> bool:
     shapes = _shapes(step, c)
     if any(v.stderr > abs(v.value) for name, v in shapes.items() if name in SCALES):
         return False
-    if any(v.at_bound for v in shapes.values()) and _left(step, c.joint, floor):
+    if any(v.at_bound for name, v in shapes.items() if name in SCALES) and _left(
+        step, c.joint, floor
+    ):
         return False
     term = next((t for t in step.result.terms if t.key == c.term.key), None)
     return term is None or (_allowed(step, term) and not _outdone(step, term))
