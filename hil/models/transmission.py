@@ -33,6 +33,11 @@ def frequencies(motion: Motion, count: int = 7) -> list[float]:
     return [float(f) for f in np.geomspace(2.0, max(0.125 / motion.dt, 3.0), count)]
 
 
+def rings(shape: Sequence[float]) -> bool:
+    """Whether a resonance is one: with the largest damping tried it stands for something smooth."""
+    return shape[1] < max(MORE_ZETAS)
+
+
 def inside(motion: Motion, f: float) -> bool:
     """Whether a resonance lies within the band; one at its end stands for something else."""
     return f < 0.95 * frequencies(motion)[-1]
@@ -108,7 +113,7 @@ class ElasticTransmission(Effect):
     ) -> bool:  # fmt: skip
         """Within the band, and a good part of the load behind it; a small one is a mode."""
         lawful = super().credible(motion, j, shape, beta, error)
-        return lawful and inside(motion, shape[0]) and beta[0] > MOST
+        return lawful and rings(shape) and inside(motion, shape[0]) and beta[0] > MOST
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """On one axis without gravity or contact the load is inertia alone."""
@@ -241,8 +246,12 @@ class VibrationMode(Effect):
         self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
         error: Sequence[float] = (),
     ) -> bool:  # fmt: skip
-        """Within the band."""
-        return inside(motion, shape[0]) and super().credible(motion, j, shape, beta, error)
+        """Within the band, and a resonance."""
+        return (
+            rings(shape)
+            and inside(motion, shape[0])
+            and super().credible(motion, j, shape, beta, error)
+        )
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """See the elastic transmission."""
