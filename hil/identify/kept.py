@@ -60,46 +60,52 @@ def watched(
 class _Made:
     columns: FloatArray
     seen: frozenset[Field]
-    states: list[object]
-    #: The runs for which that was last found to hold.
-    motions: Sequence[Motion]
-
-    def fresh(self, motions: Sequence[Motion]) -> bool:
-        """Whether the runs are as they were in all that was looked at."""
-        if self.motions is motions:
-            return True
-        pairs = zip(self.states, _states(self.seen, motions), strict=True)
-        if not all(a is b or (isinstance(a, bytes | float) and a == b) for a, b in pairs):
-            return False
-        self.motions = motions
-        return True
+    states: tuple[object, ...]
 
 
 class Kept:
     """Columns by key; one whose fields have changed since counts as absent."""
 
-    def __init__(self, made: dict[tuple[object, ...], _Made] | None = None) -> None:
-        self._made = made or {}
+    def __init__(self) -> None:
+        self._made: dict[tuple[object, ...], _Made] = {}
+        self._motions: Sequence[Motion] = ()
+        self._states: dict[frozenset[Field], tuple[object, ...]] = {}
 
     def get(self, key: tuple[object, ...], motions: Sequence[Motion]) -> FloatArray | None:
         """Columns that are as the motions are now; None if there are none."""
         found = self._made.get(key)
-        return found.columns if found and found.fresh(motions) else None
+        return found.columns if found and self._fresh(found, motions) else None
 
     def put(
         self, key: tuple[object, ...], columns: FloatArray, seen: frozenset[Field],
         motions: Sequence[Motion],
     ) -> None:  # fmt: skip
         """Keep columns that were made of these fields."""
-        self._made[key] = _Made(columns, seen, _states(seen, motions), motions)
+        self._made[key] = _Made(columns, seen, self._now(seen, motions))
 
     def pruned(self, motions: Sequence[Motion]) -> Kept:
         """The same without what has changed."""
-        return Kept({k: v for k, v in self._made.items() if v.fresh(motions)})
+        out = Kept()
+        out._made = {k: v for k, v in self._made.items() if out._fresh(v, motions)}
+        return out
 
+    def _fresh(self, made: _Made, motions: Sequence[Motion]) -> bool:
+        """Whether the runs are as they were in all that was looked at."""
+        now = self._now(made.seen, motions)
+        if now is not made.states:
+            for a, b in zip(made.states, now, strict=True):
+                if a is not b and not (isinstance(a, bytes | float) and a == b):
+                    return False
+            made.states = now
+        return True
 
-def _states(seen: frozenset[Field], motions: Sequence[Motion]) -> list[object]:
-    return [_state(m, *f) for f in seen for m in motions]
+    def _now(self, seen: frozenset[Field], motions: Sequence[Motion]) -> tuple[object, ...]:
+        """What is looked at, as it is now; made once for a list of runs."""
+        if self._motions is not motions:
+            self._motions, self._states = motions, {}
+        if seen not in self._states:
+            self._states[seen] = tuple(_state(m, *f) for f in seen for m in motions)
+        return self._states[seen]
 
 
 def _state(motion: Motion, name: str, j: int | None) -> object:

@@ -114,7 +114,7 @@ class Projector:
             first = block(self.problem, term.reshaped(shapes[0]))
             for some in batches(shapes, max(1, BATCH // max(first.nbytes, 1))):
                 self.problem.prepare(term.effect, term.joint, some)
-                parts = [block(self.problem, term.reshaped(s)) for s in some]
+                parts = [self.problem.columns(term.effect, term.joint, s) for s in some]
                 if len({p.shape[-1] for p in parts}) == 1:
                     yield self._known(term, some, self._stacked(term, parts))
                 else:

@@ -129,7 +129,7 @@ def _ripples(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Rip
     """Screen of a term with `powers`; None for any other."""
     j = term.joint
     powers = [term.effect.powers(m, j) for m in problem.motions]
-    if len(grid) < MANY or any(w is None for w in powers):
+    if any(w is None for w in powers):
         return None
     w = np.concatenate([x for x in powers if x is not None])
     q = np.concatenate([m.q[:, j] for m in problem.motions])
@@ -148,12 +148,14 @@ def _ripples(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Rip
 
 def screen(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Screen | Ripples | None:
     """Screen of a term whose columns are harmonics over position; None for any other."""
+    if len(grid) < MANY:
+        return None
     j, effect = term.joint, term.effect
     ripples = _ripples(problem, term, grid)
     if ripples is not None:
         return ripples
     carriers = [effect.carrier(m, j) for m in problem.motions]
-    if len(grid) < MANY or any(c is None for c in carriers):
+    if any(c is None for c in carriers):
         return None
     w = np.concatenate([c for c in carriers if c is not None])
     q = np.concatenate([m.q[:, j] for m in problem.motions])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -95,7 +96,13 @@ class PeriodicDisturbance(Effect):
         step = 0.5 / max(float(motion.since[-1]), 1e-9)
         top = min(FASTEST, 0.4 / motion.dt)
         first = max(2 * PERIODS * step, step)
-        return [(float(f),) for f in np.arange(first, max(top, first + 1.5 * step), step)]
+        return list(_steps(first, max(top, first + 1.5 * step), step))
+
+
+@lru_cache(maxsize=64)
+def _steps(first: float, end: float, step: float) -> list[tuple[float, ...]]:
+    """Thousands of frequencies, asked for again and again."""
+    return [(float(f),) for f in np.arange(first, end, step)]
 
 
 EFFECTS: tuple[Effect, ...] = (FrictionDrift(), PeriodicDisturbance())
