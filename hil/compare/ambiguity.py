@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hil.compare.attribute import overlap
 from hil.compare.evidence import Candidate, Evidence
 from hil.compare.experiment import ABSORBED, MOST, Planner
+from hil.compare.rivals import overlap
 from hil.excite import menu
 from hil.excite.choose import Choice
 from hil.identify.result import FitResult

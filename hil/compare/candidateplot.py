@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.compare.attribute import LEVEL
+from hil.compare.detect import LEVEL
 from hil.compare.evidence import Candidate
 from hil.compare.material import Material
 from hil.compare.page import escape, number, table

@@ -17,6 +17,8 @@ from hil.identify.result import FitResult
 from hil.identify.screening import screen
 
 FloatArray = NDArray[np.float64]
+#: Family-wise false-alarm level of one step.
+LEVEL = 0.01
 FLIPS = 400
 
 

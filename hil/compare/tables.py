@@ -7,11 +7,12 @@ from typing import Any
 
 from hil.compare.ambiguity import Indistinguishable, pairs
 from hil.compare.analysis import Comparison, Rung
-from hil.compare.attribute import plausible, weights
+from hil.compare.attribute import plausible
 from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Diagnosis, Finding, joint_of
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep
+from hil.compare.rivals import weights
 from hil.identify.result import FitResult
 from hil.models.model import Value
 
