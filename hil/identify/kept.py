@@ -22,6 +22,8 @@ FIELDS = frozenset(f.name for f in fields(Motion)) - {"robot"}
 SMALL = frozenset({"v0", "resolution", "span", "contact", "grain"})
 #: What was looked at: a field, and of the sign resolution possibly one joint's.
 Field = tuple[str, int | None]
+#: All of them, in one order.
+Seen = tuple[Field, ...]
 
 
 class Watched(Motion):
@@ -45,7 +47,7 @@ class Watched(Motion):
 
 def watched(
     effect: Effect, motions: Sequence[Motion], j: int, shape: Sequence[float]
-) -> tuple[list[FloatArray], frozenset[Field]]:
+) -> tuple[list[FloatArray], Seen]:
     """Columns of an effect, one array a run, and the fields that it looked at for them."""
     seen: set[Field] = set()
     out = []
@@ -53,13 +55,13 @@ def watched(
         view: Watched = object.__new__(Watched)
         view.__dict__.update(m.__dict__, _seen=seen, _plain=m)
         out.append(effect.columns(view, j, shape))
-    return out, frozenset(seen)
+    return out, tuple(sorted(seen, key=str))
 
 
 @dataclass
 class _Made:
     columns: FloatArray
-    seen: frozenset[Field]
+    seen: Seen
     states: tuple[object, ...]
 
 
@@ -69,7 +71,7 @@ class Kept:
     def __init__(self) -> None:
         self._made: dict[tuple[object, ...], _Made] = {}
         self._motions: Sequence[Motion] = ()
-        self._states: dict[frozenset[Field], tuple[object, ...]] = {}
+        self._states: dict[Seen, tuple[object, ...]] = {}
 
     def get(self, key: tuple[object, ...], motions: Sequence[Motion]) -> FloatArray | None:
         """Columns that are as the motions are now; None if there are none."""
@@ -77,7 +79,7 @@ class Kept:
         return found.columns if found and self._fresh(found, motions) else None
 
     def put(
-        self, key: tuple[object, ...], columns: FloatArray, seen: frozenset[Field],
+        self, key: tuple[object, ...], columns: FloatArray, seen: Seen,
         motions: Sequence[Motion],
     ) -> None:  # fmt: skip
         """Keep columns that were made of these fields."""
@@ -99,7 +101,7 @@ class Kept:
             made.states = now
         return True
 
-    def _now(self, seen: frozenset[Field], motions: Sequence[Motion]) -> tuple[object, ...]:
+    def _now(self, seen: Seen, motions: Sequence[Motion]) -> tuple[object, ...]:
         """What is looked at, as it is now; made once for a list of runs."""
         if self._motions is not motions:
             self._motions, self._states = motions, {}

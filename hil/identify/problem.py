@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError
 from hil.identify import bands, standstill
-from hil.identify.kept import Field, Kept, watched
+from hil.identify.kept import Kept, Seen, watched
 from hil.identify.prepare import prepare
 from hil.models.effect import Effect
 from hil.models.model import Band
@@ -248,7 +248,7 @@ class Problem:
         return self._keep(key, out, effect, fields)
 
     def _keep(
-        self, key: tuple[object, ...], out: FloatArray, effect: Effect, fields: frozenset[Field]
+        self, key: tuple[object, ...], out: FloatArray, effect: Effect, fields: Seen
     ) -> FloatArray:
         columns = np.moveaxis(out, 0, 1) if effect.whole_robot else out
         self._kept.put(key, columns, fields, self.motions)
@@ -289,11 +289,11 @@ class Problem:
 
     def _made(
         self, effect: Effect, j: int, shape: Sequence[float], rest: bool = False
-    ) -> tuple[list[FloatArray], frozenset[Field]]:
+    ) -> tuple[list[FloatArray], Seen]:
         """Columns before the filter, one array a run, and what they were made of."""
         key = (effect.name, j, rest)
         if key in self._raw:
-            return self._raw[key], frozenset()
+            return self._raw[key], ()
         motions = [m.at_rest() for m in self.motions] if rest else self.motions
         out, fields = watched(effect, motions, j, shape)
         _sound(effect, j, self.motions[0], out[0])

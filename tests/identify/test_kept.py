@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from identify_arm import record, urdf
 
+from hil.identify.kept import watched
 from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.motion import FloatArray
@@ -65,3 +66,10 @@ def test_only_what_was_looked_at_counts(
         alone.motions = problem.motions
         assert np.array_equal(new, alone.columns(effect, 1, shape))
         assert (what in reached) or new is old
+
+
+def test_what_was_looked_at_has_one_order(problem: Problem) -> None:
+    """Sets of names have none: the same fields may be met in another one."""
+    effect = catalogue.get("load-friction")
+    orders = {watched(effect, [m], 1, (0.0,))[1] for m in problem.motions for _ in range(3)}
+    assert orders == {tuple(sorted(seen, key=str)) for seen in orders} and len(orders) == 1
