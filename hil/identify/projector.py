@@ -138,7 +138,8 @@ class Projector:
         """Scores of weighted columns; all but the columns are remembered for a second use."""
         key = (*term.key, term.per_run, *shapes)
         if key not in self._found:
-            self._found[key] = replace(self._scores(term, c), columns=c[:0])
+            # not a view, which would keep all of them
+            self._found[key] = replace(self._scores(term, c), columns=np.empty((0, *c.shape[1:])))
         return replace(self._found[key], columns=c)
 
     def _scores(self, term: Term, c: FloatArray) -> Scores:
