@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import errno
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 
 from hil import companions, session
 from hil.config import RigConfig
-from hil.errors import ConfigError, DataError, DeviceError
+from hil.errors import ConfigError, DeviceError
 from hil.exits import unwinding_signals
-from hil.record.reader import summary
 from hil.record.ring import Ring
 from hil.rig import Rig, open_rig
 from hil.runtime import commands
@@ -24,87 +22,14 @@ from hil.runtime.slow import SlowSide, SlowThread
 from hil.runtime.statistics import Statistics
 from hil.runtime.watchdog import Watchdog, guarded
 from hil.shop import Shop
+from hil.summary import Operator, Summary, cut_short
 
+__all__ = ["CLOCKS", "Operator", "Session", "Summary", "run"]
 CLOCKS: dict[str, Callable[[int], Clock]] = {"lockstep": VirtualClock, "real": MonotonicClock}
 #: What the operating system says where no more can be written.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 #: Ticks that a session goes on after a FAULT, with the motors at zero: the record shows it.
 AFTERMATH = 20
-
-
-@dataclass
-class Operator:
-    """Who watches and commands a session.
-
-    Parameters
-    ----------
-    schedule : sequence of (float, str)
-        Commands and their times [s].
-    say : callable
-        Takes sentences.
-    live : callable or None
-        Takes a line of figures a few times a second.
-    lines : callable or None
-        Called with a function that takes the operator's lines, once the loop is ready.
-    wait : bool
-        The session begins DISABLED and waits for ``start``.
-    """
-
-    schedule: Sequence[tuple[float, str]] = ()
-    say: Callable[[str], None] = lambda text: None
-    live: Callable[[str], None] | None = None
-    lines: Callable[[Callable[[str], None]], None] | None = None
-    wait: bool = False
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What a session turned out to be.
-
-    Parameters
-    ----------
-    path : str
-        Session file.
-    clock : str
-        ``"lockstep"`` or ``"real"``.
-    seed : int
-        Of the noise, and of what the rig file leaves open.
-    ticks, missed, dropped, limited : int
-        Ticks run, periods skipped, rows lost, ticks with a limited command.
-    seconds, wall_seconds : float
-        Length of the session, and how long it took [s].
-    longest_tick_us : float
-        Longest time from wake-up to the last command [us]; 0 in virtual time.
-    state, reason : str
-        Operating state before the end, and the conditions that led to it.
-    unwritten : int
-        Rows that the loop gave but the disk did not take.
-    figures : dict
-        `hil.runtime.statistics.Figures`.
-    granted, refused : list of str
-        What the operating system did for the loop, and sentences about what it did not.
-    """
-
-    path: str
-    clock: str
-    seed: int
-    ticks: int
-    missed: int
-    dropped: int
-    limited: int
-    seconds: float
-    wall_seconds: float
-    longest_tick_us: float
-    state: str = "ENABLED"
-    reason: str = ""
-    unwritten: int = 0
-    figures: dict[str, float] = field(default_factory=dict)
-    granted: list[str] = field(default_factory=list)
-    refused: list[str] = field(default_factory=list)
-
-    def as_dict(self) -> dict[str, object]:
-        """Plain dictionary for JSON."""
-        return {"schema": "hil.run/1", **asdict(self)}
 
 
 def run(
@@ -327,7 +252,7 @@ class Session:
         reason = sentence(loop.reason) if loop.reason else ""
         if self.slow.trouble is not None:
             raise ConfigError(
-                _cut_short(self.output, self.slow.trouble, self.slow.unwritten)
+                cut_short(self.output, self.slow.trouble, self.slow.unwritten)
             ) from self.slow.trouble
         if loop.unsafe:
             ended = self.rig.outrun(loop.since)
@@ -350,21 +275,3 @@ class Session:
             unwritten=self.slow.unwritten, figures=self.figures(),
             granted=self.arrangement.granted, refused=self.arrangement.refused,
         )  # fmt: skip
-
-
-def _cut_short(output: Path, error: OSError, lost: int) -> str:
-    """What is left of a session that could not be written on."""
-    try:
-        longest = max((c.last_s for c in summary(output).channels if c.count), default=0.0)
-    except DataError:
-        longest = 0.0
-    kept = (
-        f"the first {longest:.3g} s are kept; once there is room, 'hil info {output} --recover "
-        "NEW.mcap' writes them as a proper session"
-        if longest
-        else "nothing of it was kept; make room and run it again"
-    )
-    return (
-        f"session {output} was cut short while the loop went on to its end, {lost} rows are lost, "
-        f"the arms are released: {error.strerror or error}; {kept}"
-    )

@@ -9,7 +9,7 @@ from mcap.writer import Writer
 
 from hil.errors import ConfigError, DataError
 from hil.record.container import Container, read
-from hil.record.writer import chunk_closer, create, mcap_writer
+from hil.record.sessionfile import chunk_closer, create, mcap_writer
 
 
 def recover(source: str | Path, target: str | Path) -> int:
