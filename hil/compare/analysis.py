@@ -139,10 +139,11 @@ class Rung:
 @single_threaded
 def ladder(diagnosis: Diagnosis) -> list[Rung]:
     """Every accepted step with its multi-step error (motor efforts only)."""
-    if not diagnosis.ladder:
-        return []
-    found = each([s.result for s in diagnosis.ladder], diagnosis.ladder[0].result.problem)
-    return [Rung(s, m) for s, m in zip(diagnosis.ladder, found, strict=True)]
+    steps = diagnosis.ladder
+    if diagnosis.multi_steps is None:
+        results = [s.result for s in steps]
+        diagnosis.multi_steps = each(results, results[0].problem) if results else []
+    return [Rung(s, m) for s, m in zip(steps, diagnosis.multi_steps, strict=True)]
 
 
 @single_threaded

@@ -11,6 +11,7 @@ from hil.compare.ambiguity import Indistinguishable
 from hil.compare.evidence import NOTHING, Candidate, Evidence
 from hil.compare.fallback import Share
 from hil.compare.heldout import HeldOut
+from hil.compare.multistep import MultiStep
 from hil.errors import DataError
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -83,6 +84,8 @@ class Diagnosis:
     valid: tuple[Range, ...] = ()
     #: What the data cannot tell apart; made when first asked for (see `tables.sets_of`).
     sets: list[Indistinguishable] | None = field(default=None, init=False)
+    #: Simulated errors of the rungs; made when first asked for (see `analysis.ladder`).
+    multi_steps: list[MultiStep] | None = field(default=None, init=False)
 
     @property
     def noise(self) -> FloatArray:
