@@ -87,7 +87,8 @@ def _there(
 ) -> float:  # fmt: skip
     """Share of joint j's excess on the held-out runs that is gone, at most; 1 without any.
 
-    What is left within ADEQUATE of the floor is nothing: there the share is the floor's error.
+    A floor is known to a factor of ADEQUATE: what is left within that is nothing, and the excess
+    counts from there.
     What is dated cannot be confirmed there, so that it is not asked either.
     """
     last = ladder[-1].heldout
@@ -95,7 +96,7 @@ def _there(
         return 1.0
     if any(_dated(c) for c, _, _ in found):
         return 1.0
-    share, se = last.share(ladder[0].heldout, float(floor[j]), j)
+    share, se = last.share(ladder[0].heldout, ADEQUATE * float(floor[j]), j)
     return share + CHANCE * se
 
 
