@@ -38,7 +38,8 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         The runs.
     """
     pushed = any(r.wrench is not None or r.tau_ext is not None for r in recordings)
-    if result.model.explains != "motor" or pushed or float(np.max(result.relative)) < HOPELESS:
+    hopeless = float(np.max(result.relative)) >= HOPELESS or driven(result)
+    if result.model.explains != "motor" or pushed or not hopeless:
         return []
     before, found = _size(result), []
     for code, text, columns, signs in _changes(result.problem.joints, result.relative):
@@ -51,6 +52,12 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         if better:
             found.append((_size(after), code, text))
     return [(code, text) for _, code, text in sorted(found)[:1]]
+
+
+def driven(result: FitResult) -> bool:
+    """Whether all friction lies on its bound, zero: free masses take a wrong sign, it cannot."""
+    names = [n for n in result.values if n.endswith((".coulomb.fc", ".viscous.fv"))]
+    return bool(names) and all(result.values[n].at_bound for n in names)
 
 
 def _size(result: FitResult) -> float:
@@ -70,7 +77,7 @@ def _changes(
     for k, joint in ((k, x) for k, x in enumerate(joints) if bad[k]):
         signs = np.where(np.arange(d) == k, -1.0, 1.0)
         yield "sign", f"tau{k + 1} ({joint}) has the wrong sign: {fits}", order, signs
-    if d > 1 and 2 * np.sum(poor) >= d:
+    if d > 1 and (2 * np.sum(poor) >= d or not np.any(bad)):
         text = "all efforts have the wrong sign: turned round, the model fits; change them in a map"
         yield "sign", text, order, np.full(d, -1.0)
     for a, b in combinations(np.flatnonzero(poor).tolist(), 2):

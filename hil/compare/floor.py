@@ -185,11 +185,14 @@ def repeat_floor(result: FitResult) -> FloatArray | None:
 
 
 def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
-    """Noise floor of a fit, from repeats where the motion repeats, else the largest model."""
+    """Noise floor of a fit, from repeats where the motion repeats, else the largest model.
+
+    Of a joint that only holds its place nothing is judged: its floor is its residual.
+    """
     residual, factor, scale, predicted = largest_model(result, extra)
     repeats = repeat_floor(result)
     rms, method = (predicted, "largest-model") if repeats is None else (repeats, "repeats")
     size = result.problem.rms(result.problem.effort)
     accuracy = SENSOR_ACCURACY if result.model.explains == "external" else EFFORT_ACCURACY
-    rms = np.hypot(rms, accuracy * size)
+    rms = np.where(result.problem.holds, result.rms, np.hypot(rms, accuracy * size))
     return Floor(rms, method, residual, factor, scale)

@@ -78,6 +78,8 @@ def views(result: FitResult, floor: Floor) -> list[View]:
     """All views of all joints."""
     out = []
     for j, joint in enumerate(result.problem.joints):
+        if result.problem.holds[j]:
+            continue  # nothing is judged there
         r = result.residual[j]
         for name, unit, values, edges in features(result, j):
             edges = np.unique(edges)
@@ -112,7 +114,8 @@ def regions(result: FitResult, floor: Floor, most: int = 6) -> dict[str, list[Re
             if strength > 1:
                 found[view.joint].append(_region(view, k, strength, min(above / excess, 1.0)))
     for j, joint in enumerate(result.problem.joints):
-        found[joint] += [_of_line(joint, x) for x in lines(result, floor, j)]
+        if not result.problem.holds[j]:
+            found[joint] += [_of_line(joint, x) for x in lines(result, floor, j)]
     return {joint: _strongest(items, most) for joint, items in found.items()}
 
 

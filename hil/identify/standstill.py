@@ -95,4 +95,4 @@ def holding(q: FloatArray, grain: FloatArray) -> NDArray[np.bool_]:
     What they do is the servo answering its encoder's steps: it says nothing of their mechanics.
     """
     low, high = np.quantile(q, (0.05, 0.95), axis=0)
-    return np.asarray(high - low < HELD * grain)
+    return np.asarray(high - low <= HELD * grain)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import hil
+from hil.compare import columns
 from hil.record.recording import Recording
 
 
@@ -47,3 +48,11 @@ def test_right_columns_are_not_bad_data():
     assert said(two())[0] == "adequate"
     # a large effect is one, not a wrong column
     assert said(plants.axis(1, extra=lambda t, q, v: 2.0 * np.sin(3 * q)))[0] != "bad-data"
+
+
+def test_friction_that_drives_raises_suspicion_though_free_masses_take_the_sign():
+    run = plants.axis(1)
+    fits = [
+        hil.fit([replace(run, tau=sign * run.tau)], hil.base_model(run.robot)) for sign in (1, -1)
+    ]
+    assert [columns.driven(f) for f in fits] == [False, True]

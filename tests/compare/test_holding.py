@@ -2,12 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hil import app
 from hil.cli import main
 from hil.compare.diagnose import diagnose
 from hil.config import load_rig
+from hil.identify import standstill
 from hil.models.model import base_model
 from hil.record.reader import load
 
@@ -30,3 +32,9 @@ def test_nothing_is_named_on_joints_that_hold_their_place(tmp_path, capsys):
     assert not {"joint2", "joint3"} & set(named)
     assert not {c.term.joint for c in found.first.candidates if not c.term.effect.of_robot} & {1, 2}
     assert "joint2, joint3: only held in place" in dict(found.warnings)["holds"]
+
+
+def test_what_does_not_move_at_all_is_held_and_what_creeps_is_not():
+    still, creeping = np.zeros(1000), np.linspace(0.0, 0.1, 1000)
+    q, grain = np.stack([still, creeping], axis=1), np.array([0.0, 1e-4])
+    assert standstill.holding(q, grain).tolist() == [True, False]
