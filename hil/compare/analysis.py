@@ -65,7 +65,7 @@ class Comparison:
     def noise(self) -> FloatArray:
         """Noise floor that belongs to the held-out errors (d,), as `Diagnosis.noise`."""
         if self.heldout_floor is not None:
-            return self.heldout_floor
+            return np.minimum(self.heldout_floor, self.heldout.rms)
         return np.minimum(self.evidence.floor.rms, self.result.rms)
 
 

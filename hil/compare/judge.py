@@ -78,7 +78,7 @@ def judge(
     else:
         verdict = "unexplained" if open_joints else "adequate"
     out = Diagnosis(verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial)
-    out.heldout_floor = heldout_floor
+    out.heldout_floor = other
     return out
 
 
