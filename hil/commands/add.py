@@ -10,6 +10,7 @@ from hil.compare.analysis import Rung
 from hil.compare.tables import ladder_json
 from hil.compare.warn import rising, useless
 from hil.errors import ConfigError
+from hil.models.model import Value
 
 HELP = (
     "add one effect to a model, fit all parameters again to the sessions, and print the "
@@ -55,6 +56,8 @@ def run(args: argparse.Namespace) -> int:
         common.emit({**data, "warnings": warnings})
         return 0
     common.out(_table(*rungs))
+    for name, value in _new(*rungs).items():
+        common.out(f"  {common.value_line(name, value)}")
     for line in idle:
         common.out(f"  {line}")
     for warning in worse:
@@ -62,6 +65,12 @@ def run(args: argparse.Namespace) -> int:
     if args.output:
         common.out(f"\nnew model: {args.output}")
     return 0
+
+
+def _new(before: Rung, after: Rung) -> dict[str, Value]:
+    """Parameters that the effect brought."""
+    known = before.step.result.values
+    return {n: v for n, v in after.step.result.values.items() if n not in known}
 
 
 def _idle(names: list[str], before: Rung, after: Rung) -> list[str]:

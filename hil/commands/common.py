@@ -14,7 +14,7 @@ from typing import Any
 from hil.commands import outputs, plugins
 from hil.errors import ConfigError
 from hil.models.files import read_model, write_model
-from hil.models.model import RobotModel, base_model
+from hil.models.model import RobotModel, Value, base_model
 from hil.record.reader import load_all
 from hil.record.recording import Recording
 
@@ -184,6 +184,13 @@ def save_model(model: RobotModel, path: str | Path) -> None:
     """Write a model file."""
     with outputs.writing(path):
         write_model(model, path)
+
+
+def value_line(name: str, v: Value) -> str:
+    """``name = value +- standard error unit``, and whether the data determine it."""
+    error = f" +- {v.stderr:.2g}" if v.stderr == v.stderr else ""
+    text = f"{name} = {v.value:.4g}{error} {'' if v.unit == '1' else v.unit}".rstrip()
+    return text + (", on its bound" if v.at_bound else "" if v.identifiable else ", undetermined")
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

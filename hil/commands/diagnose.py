@@ -117,11 +117,7 @@ def _finding(f: Finding) -> list[str]:
         f"    held-out error {f.relative_before:.2f} % -> {f.relative_after:.2f} % "
         f"(se {f.se:.2g}), {100 * f.excess_explained:.0f} % of what was above the noise floor",
     ]
-    for name, v in f.parameters.items():
-        error = f" +- {v.stderr:.2g}" if v.stderr == v.stderr else ""
-        lines.append(
-            f"    {name} = {v.value:.4g}{error} {'' if v.unit == '1' else v.unit}".rstrip()
-        )
+    lines += [f"    {common.value_line(name, v)}" for name, v in f.parameters.items()]
     if caveat := catalogue.get(f.effect).caveat:
         lines.append(f"    read with care: {caveat}")
     if f.rivals:
