@@ -14,6 +14,8 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
+from hil.record.jumps import resolution
+
 FloatArray = NDArray[np.float64]
 #: Share of the filter's window that may stand before an instant is left out.
 TOLERATED = 0.7
@@ -38,13 +40,7 @@ def position_noise(q: FloatArray) -> FloatArray:
 
 def quanta(q: FloatArray) -> FloatArray:
     """Smallest step of each quantised column (d,); 0 where it is not quantised."""
-    return np.array([_quantum(q[:, j]) for j in range(q.shape[1])])
-
-
-def _quantum(x: FloatArray) -> float:
-    steps = np.unique(np.abs(np.diff(x[:20000])))
-    steps = steps[steps > 1e-12]
-    return float(steps[0]) if 0 < steps.size < 200 else 0.0
+    return np.array([resolution(q[:, j], exact=True) for j in range(q.shape[1])])
 
 
 def standing(

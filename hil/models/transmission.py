@@ -33,11 +33,6 @@ def frequencies(motion: Motion, count: int = 7) -> list[float]:
     return [float(f) for f in np.geomspace(2.0, max(0.125 / motion.dt, 3.0), count)]
 
 
-def rings(shape: Sequence[float]) -> bool:
-    """Whether a resonance is one: with the largest damping tried it stands for something smooth."""
-    return shape[1] < max(MORE_ZETAS)
-
-
 def inside(motion: Motion, f: float) -> bool:
     """Whether a resonance lies within the band; one at its end stands for something else."""
     return f < 0.95 * frequencies(motion)[-1]
@@ -63,7 +58,29 @@ def spring(motion: Motion, j: int, shape: Sequence[float]) -> tuple[float, float
     return w * w * mean, 2 * zeta * w * mean, inertia
 
 
-class ElasticTransmission(Effect):
+class _Resonance(Effect):
+    """What rings at one frequency: f [Hz] and a damping ratio are its shape."""
+
+    replayed = strict = True
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Resonances over the band, two damping ratios."""
+        return [(f, z) for z in ZETAS for f in frequencies(motion)]
+
+    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
+        """Damping ratios."""
+        return [(shape[0], z) for z in MORE_ZETAS]
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """Within the band, and ringing: the largest damping tried stands for something smooth."""
+        resonance = shape[1] < max(MORE_ZETAS) and inside(motion, shape[0])
+        return resonance and super().credible(motion, j, shape, beta, error)
+
+
+class ElasticTransmission(_Resonance):
     """The cable or gear between motor and link gives.
 
     The link moves otherwise than the motor: its friction has the sign of its own speed, and
@@ -71,7 +88,6 @@ class ElasticTransmission(Effect):
     """
 
     uses_load = True
-    replayed = strict = True
     name, family = "elastic-transmission", "transmission"
     equation = (
         "tau = a (T(load) - load) + fl (T(sgn(v - d')) - sgn v),  T = k d + c d',  "
@@ -99,21 +115,12 @@ class ElasticTransmission(Effect):
         rung, _ = sprung(side, inertia, motion.dt, k, c)
         return np.stack([passed - load, rung - motion.sign(j)], axis=1)
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Resonances over the band, two damping ratios."""
-        return [(f, z) for z in ZETAS for f in frequencies(motion)]
-
-    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
-        """Damping ratios."""
-        return [(shape[0], z) for z in MORE_ZETAS]
-
     def credible(
         self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
         error: Sequence[float] = (),
     ) -> bool:  # fmt: skip
         """Within the band, and a good part of the load behind it; a small one is a mode."""
-        lawful = super().credible(motion, j, shape, beta, error)
-        return lawful and rings(shape) and inside(motion, shape[0]) and beta[0] > MOST
+        return beta[0] > MOST and super().credible(motion, j, shape, beta, error)
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """On one axis without gravity or contact the load is inertia alone."""
@@ -213,10 +220,9 @@ def _inertia(motion: Motion, j: int) -> FloatArray:
     return np.full(motion.n, max(slope, 1e-12))
 
 
-class VibrationMode(Effect):
+class VibrationMode(_Resonance):
     """A mass on a spring that the joint's acceleration excites (structure, tool, table)."""
 
-    replayed = strict = True
     name, family = "vibration-mode", "structure"
     equation = "tau = m (H - 1) qdd,  H = (2 z w s + w^2) / (s^2 + 2 z w s + w^2),  w = 2 pi f"
     signature = "the residual rings at one frequency after every change of acceleration"
@@ -233,25 +239,6 @@ class VibrationMode(Effect):
         # unit mass: k = w^2, c = 2 zeta w
         passed, _ = sprung(qdd, np.ones(motion.n), motion.dt, w * w, 2 * float(shape[1]) * w)
         return (passed - qdd)[:, None]
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Resonances over the band, two damping ratios."""
-        return [(f, z) for z in ZETAS for f in frequencies(motion)]
-
-    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
-        """Damping ratios."""
-        return [(shape[0], z) for z in MORE_ZETAS]
-
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """Within the band, and a resonance."""
-        return (
-            rings(shape)
-            and inside(motion, shape[0])
-            and super().credible(motion, j, shape, beta, error)
-        )
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """See the elastic transmission."""

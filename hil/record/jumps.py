@@ -72,12 +72,16 @@ def described(t: FloatArray, found: Jumps) -> str:
     )
 
 
-def resolution(x: FloatArray) -> float:
-    """Smallest step of a position (n,) that comes in counts; 0 where it does not."""
-    # rounded, for multiples of a count differ in their last digits
-    steps = np.unique(np.round(np.abs(np.diff(x[:20000])), 12))
-    steps = steps[steps > 0.0]
-    return float(steps[0]) if 0 < steps.size < 200 else 0.0
+def resolution(x: FloatArray, exact: bool = False) -> float:
+    """Smallest step of a position (n,) that comes in counts; 0 where it does not.
+
+    `exact` asks that multiples of a count agree to the last digit, as a decoder gives them and a
+    table with rounded numbers does not.
+    """
+    steps = np.abs(np.diff(x[:20000]))
+    steps = steps[steps > 1e-12]
+    kinds = np.unique(steps if exact else np.round(steps, 12)).size
+    return float(steps.min()) if 0 < kinds < 200 else 0.0
 
 
 def jumps(t: FloatArray, q: FloatArray) -> Jumps:
