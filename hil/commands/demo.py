@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hil.bench import hidden
 from hil.commands import common, outputs, plugins
-from hil.commands.diagnose import text
+from hil.commands.diagnosetext import text
 from hil.compare import analysis
 from hil.compare.findings import Diagnosis
 from hil.compare.report import diagnosis_report

@@ -5,17 +5,14 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-import numpy as np
-
 from hil.commands import common
+from hil.commands.diagnosetext import text
 from hil.compare import analysis
 from hil.compare.analysis import Rung
-from hil.compare.findings import Diagnosis, Finding
-from hil.compare.multistep import MultiStep
-from hil.compare.tables import diagnosis_json, ladder_json, sets_of
+from hil.compare.findings import Diagnosis
+from hil.compare.tables import diagnosis_json, ladder_json
 from hil.compare.warn import rising
 from hil.compare.words import Files
-from hil.models import catalogue
 
 HELP = "which physical effect is missing"
 EXAMPLE = "hil diagnose run.mcap --model arm.toml --holdout other.mcap --report why.html"
@@ -25,6 +22,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     common.add_sessions(parser)
     common.add_report(parser)
+    add_verbose(parser)
+
+
+def add_verbose(parser: argparse.ArgumentParser) -> None:
+    """--verbose."""
+    parser.add_argument(
+        "--verbose", action="store_true",
+        help="also explain what no motion of the robot could ever tell apart",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
@@ -43,7 +49,7 @@ def show(args: argparse.Namespace, result: Diagnosis) -> None:
         args,
         lambda path: _report(args, result, path),
         lambda: _json(result, rungs, worse),
-        lambda: "\n".join([text(result, rungs), *(f"  warning: {w}" for w in worse)]),
+        lambda: "\n".join([text(result, rungs, args.verbose), *(f"  warning: {w}" for w in worse)]),
     )
 
 
@@ -68,96 +74,3 @@ def _report(args: argparse.Namespace, result: Diagnosis, path: str) -> None:
 
     files = Files(tuple(args.sessions), tuple(args.holdout), args.model or "", args.arm or "")
     diagnosis_report(result, path, files)
-
-
-SENTENCES = {
-    "adequate": "adequate: the model explains the data down to the noise floor.",
-    "missing-effect": "missing effect found.",
-    "ambiguous": "something is missing, but these data cannot say which of several effects it is.",
-    "unexplained": "something is missing, and no effect of the catalogue explains it.",
-    "not-identifiable": "nothing can be concluded from these data.",
-    "bad-data": "the recording has faults; nothing fitted to it would mean anything.",
-}
-
-
-def text(d: Diagnosis, rungs: list[Rung]) -> str:
-    """The diagnosis for a terminal."""
-    lines = [f"Verdict: {SENTENCES[d.verdict]}"]
-    if d.verdict == "not-identifiable":
-        lines += [f"  {w}." for _, w in d.warnings]
-    for f in d.findings:
-        lines += ["", *_finding(f)]
-    if d.partial:
-        names = ", ".join(f"{f.effect} on {f.joint}" for f in d.partial)
-        lines.append(f"  best partial explanation: {names} (explains too little to be the cause)")
-    if d.network:
-        lines += ["", "What any function of these variables could explain of what is left"]
-        lines += [f"  - {s.text}" for s in d.network]
-    if not d.ladder:
-        return "\n".join([*lines, *(f"  {w}" for _, w in d.warnings)])
-    lines += ["", ladder_text(d)]
-    if d.result.model.explains == "motor":
-        lines += ["", multi_text(rungs)]
-    sets = sets_of(d)
-    if sets:
-        lines += ["", "What these data cannot tell apart"]
-        lines += [
-            f"  - {' / '.join(s.effects)}: {s.why}. Would show it: {s.experiment}." for s in sets
-        ]
-    said = d.verdict == "not-identifiable"
-    notes = [w for code, w in d.warnings if not (said or code.startswith("impossible"))]
-    lines += ["", *(f"  note: {w}" for w in notes)] if notes else []
-    return "\n".join(lines)
-
-
-def _finding(f: Finding) -> list[str]:
-    where = f" on {f.joint}" if f.joint else ""
-    lines = [
-        f"  {f.effect}{where}  (confidence {f.confidence:.2f})",
-        f"    held-out error {f.relative_before:.2f} % -> {f.relative_after:.2f} % "
-        f"(se {f.se:.2g}), {100 * f.excess_explained:.0f} % of what was above the noise floor",
-    ]
-    lines += [f"    {common.value_line(name, v)}" for name, v in f.parameters.items()]
-    if caveat := catalogue.get(f.effect).caveat:
-        lines.append(f"    read with care: {caveat}")
-    if f.rivals:
-        lines.append(f"    rivals with this motion: {', '.join(f.rivals)}")
-    return lines
-
-
-def ladder_text(d: Diagnosis) -> str:
-    """Error ladder: held-out rms error over the noise floor, by joint."""
-    joints = d.result.problem.joints
-    rows = [
-        [s.label, *(f"{x:.2f}" for x in (*s.heldout.relative, *(s.heldout.rms / d.noise)))]
-        for s in d.ladder
-    ]
-    floor = 100 * d.noise / d.ladder[-1].heldout.effort_rms
-    rows.append(["noise floor", *(f"{x:.2f}" for x in (*floor, *np.ones(len(joints))))])
-    head = ["held-out error", *(f"{j} %" for j in joints), *(f"{j}/floor" for j in joints)]
-    return common.table(head, rows)
-
-
-def _cells(m: MultiStep | None) -> list[str]:
-    if m is None:
-        return []
-    return ["-" if m.lost else f"{x:.2f}" for x in m.relative]
-
-
-def multi_text(rungs: list[Rung]) -> str:
-    """Multi-step error of the same ladder: the simulated position, by joint."""
-    first = rungs[0]
-    joints = first.step.result.problem.joints
-    rows = [[r.step.label, *_cells(r.multi_step), *_cells(r.multi_step.closed_loop)] for r in rungs]
-    head = [f"multi-step error, {first.multi_step.horizon:g} s", *(f"{j} %" for j in joints)]
-    if first.multi_step.closed_loop is not None:
-        head += [f"{j} replay %" for j in joints]
-    lines = [common.table(head, rows)]
-    for r in rungs:
-        m = r.multi_step
-        if m.diverged:
-            lines.append(
-                f"  {r.step.label}: {m.diverged} of {m.windows} simulations left the recorded "
-                "range and are not counted"
-            )
-    return "\n".join(lines)

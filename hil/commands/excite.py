@@ -5,39 +5,35 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import replace
-from pathlib import Path
 
-from hil.commands import common, excitetext, outputs, plugins
-from hil.config import RigConfig, load_rig
+from hil.commands import common, excitestage, excitetext, outputs, plugins
 from hil.errors import ConfigError, unknown
-from hil.excite import files, fourier, menu
+from hil.excite import files, fourier, menu, table
 from hil.excite.ask import question
 from hil.excite.choose import decide, survey
-from hil.excite.foresee import BAND
-from hil.excite.limits import Limits, of_arm, of_robot
-from hil.excite.space import explore
 from hil.excite.stage import Stage, foreseen
+from hil.excite.table import Played
 from hil.excite.trajectory import Trajectory
 from hil.identify.threads import single_threaded
 from hil.models import catalogue
-from hil.models.model import RobotModel, base_model
-from hil.models.robots import bare_robot
-from hil.record.recording import RobotSource
+from hil.models.model import RobotModel
 
 HELP = "the safe motion that identifies the model or separates rival effects"
 EXAMPLE = (
     "hil excite rigs/identify.toml --for stribeck,quadratic-drag --joint joint2 -o next.toml\n"
     "  hil run rigs/identify.toml --trajectory next.toml -o next.mcap"
 )
-#: Share of a joint's range that encoders resolve where nothing is known.
-RESOLUTION = 1e-4
+#: Rows a second of the table that --csv writes [Hz].
+RATE = 1000.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     parser.add_argument(
-        "rig", metavar="RIG.toml", help="rig file, or the URDF of a robot of your own"
-    )
+        "rig", metavar="RIG.toml",
+        help="rig file, the URDF of a robot of your own, or a session (S.mcap) of a robot that "
+        "has neither: the motion keeps to the range, twice the speed and twice the effort recorded",
+    )  # fmt: skip
     parser.add_argument(
         "--for", dest="effects", default="", metavar="EFFECT[,EFFECT]",
         help="one effect to show, or rivals to separate; without, the motion identifies the model",
@@ -46,13 +42,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", required=True, metavar="TRAJ.toml",
         help="trajectory to write; an older trajectory there is replaced",
     )  # fmt: skip
+    parser.add_argument(
+        "--csv", metavar="TABLE.csv",
+        help="also write the motion as a table for a rig of your own: t, q1.., qd1.., qdd1.., SI, "
+        f"a header, {RATE:g} rows a second, from rest to rest; an older table there is replaced",
+    )  # fmt: skip
     parser.add_argument("--model", metavar="M.toml", help="model file; default: the base model")
     parser.add_argument("--arm", help="arm of the rig; default: the first one that moves")
     parser.add_argument("--joint", help="joint in question; default: all in turn")
     parser.add_argument(
         "--motion", choices=tuple(menu.MENU), help="this motion of the menu, not the best one"
     )
-    parser.add_argument("--seconds", type=float, default=30.0, help="length [s] (default 30)")
+    parser.add_argument(
+        "--seconds", type=float, default=30.0,
+        help="length [s] (default 30); what needs longer at the speeds allowed takes longer",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, help="seed of the search (default 0)")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
@@ -60,63 +64,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
 @single_threaded
 def run(args: argparse.Namespace) -> int:
     """Plan, write and print."""
-    outputs.check(
-        args.output, ".toml", [args.rig, *([args.model] if args.model else [])],
-        files.is_trajectory, "a trajectory file",
-    )  # fmt: skip
+    given = [args.rig, *([args.model] if args.model else [])]
+    outputs.check(args.output, ".toml", given, files.is_trajectory, "a trajectory file")
+    outputs.check(args.csv, ".csv", given, table.is_table, "a table of a motion")
     if not 5.0 <= args.seconds <= 600.0 or args.seed < 0:
         raise ConfigError("--seconds must be 5 to 600, --seed 0 or more")
     plugins.load_installed()
-    model, stage = _stage(args)
+    model, stage = excitestage.stage(args)
     names = tuple(dict.fromkeys(x.strip() for x in args.effects.split(",") if x.strip()))
     if not names:
         return _identify(args, model, stage)
     return _separate(args, model, stage, names)
-
-
-def _stage(args: argparse.Namespace) -> tuple[RobotModel, Stage]:
-    """Model and stage of a command line."""
-    given = common.model_file(args.model) if args.model else None
-    if args.rig.lower().endswith(".urdf"):
-        source, limits = _urdf(args.rig)
-        robot = bare_robot(source)
-    else:
-        source, limits, joints = _rig(args, load_rig(args.rig))
-        robot = bare_robot(source, joints)
-    if given is not None and given.robot.urdf and given.robot.urdf != source.urdf:
-        raise ConfigError(
-            f"model {args.model} is of another robot than {args.rig}; give that robot's URDF in "
-            "place of the rig file"
-        )
-    model = base_model(source) if given is None else given
-    model.check_joints(tuple(robot.joints))
-    quantum = RESOLUTION * (limits.high - limits.low)
-    space = explore(limits, robot)
-    return model, Stage(space, source, BAND, quantum, args.seconds)
-
-
-def _urdf(path: str) -> tuple[RobotSource, Limits]:
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read {path}: {error}") from error
-    source = RobotSource("", text)
-    limits = of_robot(source)
-    if limits is None:
-        raise ConfigError(f"{path} brings no limits")
-    return source, limits
-
-
-def _rig(
-    args: argparse.Namespace, config: RigConfig
-) -> tuple[RobotSource, Limits, tuple[str, ...]]:
-    name = args.arm or config.controller.arms[0]
-    if name not in config.arms:
-        raise ConfigError(unknown("arm", name, config.arms))
-    arm = config.arms[name]
-    source = RobotSource(arm.robot, tip=arm.tip)
-    center = config.controller.parameters.get("center", ())
-    return source, of_arm(arm, source, tuple(map(float, center))), arm.joints
 
 
 def _joint(args: argparse.Namespace, stage: Stage) -> int | None:
@@ -133,20 +91,21 @@ def _identify(args: argparse.Namespace, model: RobotModel, stage: Stage) -> int:
         raise ConfigError("--motion and --joint need --for EFFECT; without it all joints move")
     found = fourier.optimise(model, stage, args.seed)
     motion, margins = foreseen(found.motion, stage, model)
-    _write(args, motion, "identifies the model")
+    rows = _write(args, motion, stage, "identifies the model")
     if args.json:
         extra = {
             "condition": excitetext.finite(found.condition),
             "condition_naive": excitetext.finite(found.naive),
             "columns": found.columns,
         }  # fmt: skip
-        common.emit(excitetext.as_dict(args, motion, margins) | extra)
+        common.emit(excitetext.as_dict(args, motion, margins, rows) | extra)
         return 0
     naive = f"{found.naive:.3g}" if math.isfinite(found.naive) else "without limit (rank lost)"
     common.out(
         f"{args.output}: identifies {found.columns} base and friction parameters, period "
         f"{motion.period:g} s\n  condition number {found.condition:.3g}; with one sine a joint "
-        f"{naive}\n\n{excitetext.limits(margins)}\n\n{excitetext.play(args)}"
+        f"{naive}\n{excitetext.length(args, motion)}\n{excitetext.limits(margins)}\n\n"
+        f"{excitetext.play(args, rows)}"
     )
     return 0
 
@@ -167,19 +126,22 @@ def _separate(
             + "; ".join(dict.fromkeys(catalogue.get(n).shown_by for n in names))
         )
     motion = _named(best.motion, names)
-    _write(args, motion, f"separates {_versus(names)}: {menu.describe(best.motion.name)}")
+    what = f"separates {_versus(names)}: {menu.describe(best.motion.name)}"
+    rows = _write(args, motion, stage, what)
     if args.json:
-        rows = [
+        listed = [
             {"motion": o.motion.name, "log_odds": o.verdict.odds, "share": o.verdict.share}
             for o in found.options
         ]
-        common.emit(excitetext.as_dict(args, motion, best.margins) | {"menu": rows})
+        common.emit(excitetext.as_dict(args, motion, best.margins, rows) | {"menu": listed})
         return 0
     common.out(
         f"{args.output}: {motion.name}, {motion.period:.3g} s: {menu.describe(motion.name)}\n"
-        f"  for {_versus(names)}\n{excitetext.assumed(asked, tuple(stage.space.robot.units))}\n\n"
+        f"  for {_versus(names)}\n{excitetext.assumed(asked, tuple(stage.space.robot.units))}\n"
+        f"{excitetext.length(args, motion)}\n"
         f"{excitetext.menu(found)}\n\n"
-        f"{excitetext.limits(best.margins)}\n\n{excitetext.play(args)}{excitetext.beside(args)}"
+        f"{excitetext.limits(best.margins)}\n\n{excitetext.play(args, rows)}"
+        f"{excitetext.beside(args)}"
     )
     return 0
 
@@ -192,6 +154,13 @@ def _named(motion: Trajectory, names: tuple[str, ...]) -> Trajectory:
     return replace(motion, purpose=names)
 
 
-def _write(args: argparse.Namespace, motion: Trajectory, what: str) -> None:
+def _write(args: argparse.Namespace, motion: Trajectory, stage: Stage, what: str) -> Played | None:
+    """Write the motion, and its table if one is wanted."""
     with outputs.writing(args.output):
         files.write(motion, args.output, f"Written by 'hil excite'; {what}.")
+    if not args.csv:
+        return None
+    rows = table.played(motion, args.seconds, RATE, stage.space.limits.speed)
+    with outputs.writing(args.csv):
+        table.write(rows, args.csv)
+    return rows

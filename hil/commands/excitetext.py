@@ -7,10 +7,12 @@ import math
 from typing import Any
 
 from hil.commands import common
+from hil.commands.excitestage import own_robot
 from hil.excite.ask import NOISE, SIZE
 from hil.excite.choose import Choice
 from hil.excite.margins import Margin
 from hil.excite.question import Question, Rival
+from hil.excite.table import Played, header
 from hil.excite.trajectory import Trajectory
 
 
@@ -19,15 +21,42 @@ def finite(x: float) -> float | None:
     return x if math.isfinite(x) else None
 
 
-def as_dict(args: argparse.Namespace, motion: Trajectory, margins: list[Margin]) -> dict[str, Any]:
-    """`hil excite --json`."""
-    rows = [
+def as_dict(
+    args: argparse.Namespace, motion: Trajectory, margins: list[Margin], rows: Played | None
+) -> dict[str, Any]:
+    """`hil excite --json`; `table` is what --csv wrote."""
+    limits = [
         {"what": m.what, "used": m.used, "limit": finite(m.limit), "unit": m.unit} for m in margins
     ]
     return {
         "schema": "hil.excite/1", "output": args.output, "motion": motion.name,
-        "for": list(motion.purpose), "period_s": motion.period, "margins": rows,
+        "for": list(motion.purpose), "period_s": motion.period, "asked_s": args.seconds,
+        "margins": limits, "table": None if rows is None else _table(args, rows),
     }  # fmt: skip
+
+
+def _table(args: argparse.Namespace, p: Played) -> dict[str, Any]:
+    return {
+        "output": args.csv, "columns": header(p.q.shape[1]), "rows": int(p.t.size),
+        "seconds": float(p.t[-1]), "lead_in_s": p.lead, "periods": p.rounds,
+    }  # fmt: skip
+
+
+def length(args: argparse.Namespace, motion: Trajectory) -> str:
+    """Where the motion is not as long as was asked, why; else nothing."""
+    asked, period = args.seconds, motion.period
+    if abs(period - asked) < 0.01 * asked:
+        return ""
+    if period > asked:
+        return (
+            f"  longer than the {asked:g} s asked for: one round takes {period:.3g} s at the "
+            "speeds that it needs and the limits allow\n"
+        )
+    times = asked / period
+    return (
+        f"  shorter than the {asked:g} s asked for: it repeats every {period:.3g} s; play it "
+        f"{times:.2g} times\n"
+    )
 
 
 def menu(found: Choice) -> str:
@@ -70,11 +99,24 @@ def limits(margins: list[Margin]) -> str:
     return common.table(["limit", "largest", "left"], rows)
 
 
-def play(args: argparse.Namespace) -> str:
-    """How to play the motion."""
-    if args.rig.lower().endswith(".urdf"):
-        return "The file holds the motion as via points and a Fourier series, in SI units."
-    return f"Play it: hil run {args.rig} --trajectory {args.output} -o SESSION.mcap"
+def play(args: argparse.Namespace, rows: Played | None) -> str:
+    """How to play the motion, and what the table holds."""
+    own = own_robot(args.rig)
+    lines = [
+        f"{args.csv}: {', '.join(header(rows.q.shape[1]))} in SI units, {rows.t.size} rows, "
+        f"{rows.t[-1]:.4g} s: {rows.rounds} x the motion, with {rows.lead:g} s before it and "
+        "behind it to come from rest and back"
+    ] if rows is not None else []  # fmt: skip
+    if not own:
+        how = f"Play it: hil run {args.rig} --trajectory {args.output} -o SESSION.mcap"
+        return "\n".join([*lines, how])
+    where = args.csv or "the table that --csv TABLE.csv writes"
+    lines.append(
+        f"'hil run' plays on the arms of a rig file only, not on this robot: let its own "
+        f"controller follow {where},\n"
+        "starting at the first row, and import what it records with 'hil import'."
+    )
+    return "\n".join(lines)
 
 
 def beside(args: argparse.Namespace) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from hil.commands import common
-from hil.commands.diagnose import code, show
+from hil.commands.diagnose import add_verbose, code, show
 from hil.compare import analysis
 
 HELP = "diagnose and add effects until nothing more is justified; the error ladder"
@@ -17,6 +17,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common.add_sessions(parser)
     common.add_output(parser, "M2.toml", "the improved model")
     common.add_report(parser)
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -88,6 +88,32 @@ def pairs(
     return out + [_planned(s, sets, planner) for s in sets]
 
 
+def concerned(named: list[tuple[str, list[str]]], *evidence: Evidence) -> set[str]:
+    """Effects that an answer is about: named with rivals and doubles, or with evidence."""
+    doubles = {x for name, _ in named for x in catalogue.get(name).confused_with}
+    evident = {c.name for e in evidence for c in e.candidates if c.score > 0}
+    return {n for name, rivals in named for n in (name, *rivals)} | doubles | evident
+
+
+def at_issue(
+    sets: list[Indistinguishable], concerned: set[str]
+) -> tuple[list[Indistinguishable], list[Indistinguishable]]:
+    """Sets that bear on this answer, and those that hold of the robot whatever was recorded.
+
+    Parameters
+    ----------
+    sets : list of Indistinguishable
+        All of them.
+    concerned : set of str
+        Effects that are named, in doubt, or have evidence for them.
+    """
+    standing = [
+        s for s in sets
+        if s.reason == STRUCTURAL and not concerned & set(s.effects)
+    ]  # fmt: skip
+    return [s for s in sets if s not in standing], standing
+
+
 def _named(evidence: Evidence, names: tuple[str, ...]) -> tuple[Candidate, ...]:
     """Best candidate of each name, on the joint of the first where it is there."""
     out: list[Candidate] = []
@@ -172,19 +198,20 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     words = ["hil", "excite", _robot(problem.source), "--for", ",".join(names)]
     words += [] if whole else ["--joint", joint]
     command = " ".join([*words, "--motion", motion, "-o", "next.toml"])
-    playable = bool(problem.source.urdf or problem.source.preset != "single-axis")
     where = "" if whole else f" of {joint}"
     text = (
         f"{motion}{where}: {menu.describe(motion)} (log odds {best.verdict.odds:.1f} foreseen{now}"
         + ("" if best.verdict.decided else "; with the values fitted here too little to decide")
-        + ")"
-        + (f": {command}" if playable else "")
+        + f"): {command}"
     )
     why = f"{s.why}; it is this excitation, not the structure"
     if choice.never:
         why += f" (but no motion tells {names[0]} from {' or '.join(choice.never)})"
-    return Indistinguishable(s.effects, why, text, EXCITATION, motion, command if playable else "")
+    return Indistinguishable(s.effects, why, text, EXCITATION, motion, command)
 
 
 def _robot(source: RobotSource) -> str:
-    return "ROBOT.urdf" if source.urdf else "RIG.toml"
+    """What stands for the robot on the command line: without a description, a session of it."""
+    if source.urdf:
+        return "ROBOT.urdf"
+    return "SESSION.mcap" if source.preset in ("", "single-axis") else "RIG.toml"

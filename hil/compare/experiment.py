@@ -15,12 +15,10 @@ from hil.errors import ConfigError
 from hil.excite import menu
 from hil.excite.ask import measured
 from hil.excite.choose import Choice, Survey, decide, survey
-from hil.excite.limits import Limits, of_data, of_robot
 from hil.excite.question import Question, Rival, in_context, sharp
+from hil.excite.recorded import room, stage_of
 from hil.excite.separate import gram
-from hil.excite.space import explore
 from hil.excite.stage import Stage
-from hil.identify import standstill
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
@@ -88,23 +86,12 @@ class Planner:
 
 def _stage(result: FitResult) -> Stage | None:
     """Where a motion could be played: within the robot's limits, else what was recorded."""
-    problem = result.problem
-    if result.model.explains != "motor":
+    if result.model.explains != "motor" or not room(result.problem):
         return None
-    q, qd = problem.q.T, problem.qd.T
-    own = of_robot(problem.source)
-    limits: Limits = of_data(q, qd, problem.effort.T) if own is None else own
-    if limits.center.size != problem.d or np.any(limits.high <= limits.low):
-        return None
-    first = problem.recordings[0].q
-    noise = np.maximum(standstill.quanta(first), standstill.position_noise(first))
-    quantum = np.maximum(noise, 1e-6 * (limits.high - limits.low))
     try:
-        space = explore(limits, problem.robot)
+        return stage_of(result.problem)
     except ConfigError:
         return None
-    seconds = 12.0 if problem.source.urdf else 30.0
-    return Stage(space, problem.source, problem.rates, quantum, seconds)
 
 
 def _base(result: FitResult) -> tuple[list[Term], FloatArray]:

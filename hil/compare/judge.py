@@ -188,7 +188,7 @@ def _warnings(ladder: list[Step], last: Evidence) -> list[tuple[str, str]]:
             (
                 "not-identifiable",
                 f"{len(lost)} parameters are determined only in combination, e.g. "
-                f"{', '.join(lost[:4])}",
+                f"{', '.join(lost[:4])}; no prediction of such motions depends on it",
             )
         )
     return out

@@ -11,6 +11,7 @@ from hil.compare.candidateplot import candidates_figure, candidates_table
 from hil.compare.effectplot import effect_figure
 from hil.compare.figures import ladder_figure, view_figures
 from hil.compare.findings import Diagnosis
+from hil.compare.further import further
 from hil.compare.localise import Region, regions
 from hil.compare.material import COMPARED, Material, from_comparison, from_diagnosis
 from hil.compare.page import document, escape, items, number, paragraph, section, table, warnings
@@ -211,26 +212,6 @@ def effects(m: Material) -> str:
 def traces(m: Material) -> str:
     """Measured against predicted."""
     return section("Measured and predicted effort", trace_figure(m))
-
-
-def further(m: Material) -> str:
-    """What the data cannot tell apart, and which motion would."""
-    parts = []
-    if m.sets:
-        rows = [[" / ".join(s.effects), s.why, s.experiment] for s in m.sets]
-        parts.append(table(["effects", "why", "motion that would show it"], rows, (0, 1, 2)))
-    elif m.verdict != COMPARED:
-        parts.append(paragraph("No two of the plausible effects coincide with this motion."))
-    steps = [f"{f.effect}: {words.shown_by(f.effect)}" for f in (*m.findings, *m.partial)]
-    if steps:
-        parts += [paragraph("What to measure next, to confirm each effect:"), items(steps)]
-    notes = [
-        text for code, text in m.warnings
-        if not code.startswith("impossible") and m.verdict != "not-identifiable"
-    ]  # fmt: skip
-    if notes:
-        parts += ["<h3>Notes</h3>", items(notes)]
-    return section("What these data cannot tell apart, and what to measure next", *parts)
 
 
 def _percent(x: float) -> str:

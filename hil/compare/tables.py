@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hil.compare.ambiguity import Indistinguishable, pairs
+from hil.compare.ambiguity import Indistinguishable, at_issue, concerned, pairs
 from hil.compare.analysis import Comparison, Rung
 from hil.compare.attribute import plausible
 from hil.compare.evidence import Candidate, Evidence
@@ -121,6 +121,12 @@ def sets_of(d: Diagnosis) -> list[Indistinguishable]:
         rivals = [(f.effect, f.rivals) for f in [*d.findings, *d.partial]]
         d.sets = pairs(d.first, rivals, d.ladder[0].result if d.ladder else None)
     return d.sets
+
+
+def at_issue_of(d: Diagnosis) -> tuple[list[Indistinguishable], list[Indistinguishable]]:
+    """Sets that bear on the answer of a diagnosis, and those that hold whatever was recorded."""
+    named = [(f.effect, f.rivals) for f in [*d.findings, *d.partial]]
+    return at_issue(sets_of(d), concerned(named, d.first, d.last))
 
 
 def diagnosis_json(d: Diagnosis) -> dict[str, object]:

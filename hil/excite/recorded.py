@@ -1,0 +1,50 @@
+"""Where a motion could be played that follows on a recording: the robot's limits, else its own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hil.excite.limits import Limits, of_data, of_robot
+from hil.excite.space import explore
+from hil.excite.stage import Stage
+from hil.identify import standstill
+from hil.identify.problem import Problem
+
+#: Length of a motion of the menu [s]: of a described robot, whose rigid body costs time, and else.
+DESCRIBED, BARE = 12.0, 30.0
+
+
+def stage_of(problem: Problem, seconds: float = 0.0) -> Stage:
+    """Stage for the robot of some runs, with their filter band and encoders.
+
+    A robot that brings no limits (independent axes) keeps to what was recorded: its range, twice
+    its speed, twice its effort.
+
+    Parameters
+    ----------
+    problem : Problem
+        The runs.
+    seconds : float
+        Length of each motion [s]; 0 chooses.
+
+    Raises
+    ------
+    ConfigError
+        If there is no room to move in.
+    """
+    q, qd = problem.q.T, problem.qd.T
+    own = of_robot(problem.source)
+    limits: Limits = of_data(q, qd, problem.effort.T) if own is None else own
+    first = problem.recordings[0].q
+    noise = np.maximum(standstill.quanta(first), standstill.position_noise(first))
+    quantum = np.maximum(noise, 1e-6 * (limits.high - limits.low))
+    space = explore(limits, problem.robot)
+    seconds = seconds or (DESCRIBED if problem.source.urdf else BARE)
+    return Stage(space, problem.source, problem.rates, quantum, seconds)
+
+
+def room(problem: Problem) -> bool:
+    """Whether there is a range of every joint to move in."""
+    own = of_robot(problem.source)
+    limits = of_data(problem.q.T, problem.qd.T, problem.effort.T) if own is None else own
+    return limits.center.size == problem.d and not np.any(limits.high <= limits.low)
