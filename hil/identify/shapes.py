@@ -19,7 +19,7 @@ from hil.identify.climb import climb
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
-from hil.identify.screening import promising, screen
+from hil.identify.screening import FIRST, SURE, promising, screen
 
 FloatArray = NDArray[np.float64]
 #: Share of the squared residual below which a shape is not worth refining.
@@ -48,15 +48,14 @@ def best_shape(
     grid = term.effect.grid(problem.motions[0], term.joint)
     if not grid:
         return term, 0.0
-    tried = _screened(projector, term, grid)
-    if not tried:
+    known = _tried(projector, term, grid)
+    if not known:
         return term, 0.0
-    gains = projector.gains(term, tried).tolist()
+    tried, gains = list(known), list(known.values())
     first = _simplest(tried, gains, projector.rss)
     found, gain = term.reshaped(tried[first]), gains[first]
     worth = gain > NEGLIGIBLE * projector.rss
     if refine and worth and term.effect.refine and len(term.effect.shape) and len(grid) > 1:
-        known = dict(zip(tried, gains, strict=True))
         found, gain = _refine(projector, found, grid, known, accuracy)
     if refine and worth:
         found, gain = _across(projector, found, gain)
@@ -91,20 +90,38 @@ def _other(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
     return _refine(projector, term.reshaped(shapes[k]), shapes, known, FINE)
 
 
-def _screened(
+def _tried(
     projector: Projector, term: Term, grid: list[tuple[float, ...]]
-) -> list[tuple[float, ...]]:
-    """The part of a long grid of orders that deserves an exact fit; other grids as they are."""
+) -> dict[tuple[float, ...], float]:
+    """Gains of the part of a long grid that deserves an exact fit; of other grids, of all.
+
+    Of orders over position those that promise most come first, with their neighbours; the others
+    follow where they could still leave less than the best of these.
+    """
     if term.effect.spectral:
         rows, j = projector.rows(term), term.joint
         effort = projector.problem.effort[j] / projector.sigma[j]
-        return timelines.promising(projector.problem, term, projector.residual[rows], effort)
-    waves = screen(projector.problem, term, grid)
+        grid = timelines.promising(projector.problem, term, projector.residual[rows], effort)
+    waves = None if term.effect.spectral else screen(projector.problem, term, grid)
     if waves is None:
-        return grid
+        return _gains(projector, term, grid)
     n, j = projector.problem.n, term.joint
     back = projector.problem.back(projector.residual[j * n : (j + 1) * n], j)
-    return [grid[k] for k in promising(waves.gains(back))]
+    near = waves.gains(back)
+    out = _gains(projector, term, [grid[k] for k in promising(near, FIRST)])
+    most = max(out.values())
+    more = [k for k in promising(near) if SURE * near[k] > most and grid[k] not in out]
+    out |= _gains(projector, term, [grid[k] for k in more])
+    return dict(sorted(out.items()))
+
+
+def _gains(
+    projector: Projector, term: Term, shapes: list[tuple[float, ...]]
+) -> dict[tuple[float, ...], float]:
+    """Gains by shape."""
+    if not shapes:
+        return {}
+    return dict(zip(shapes, projector.gains(term, shapes).tolist(), strict=True))
 
 
 def _simplest(grid: list[tuple[float, ...]], gains: list[float], rss: float) -> int:
