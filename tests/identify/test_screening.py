@@ -9,7 +9,8 @@ from hil.identify import bands
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
-from hil.identify.screening import EXACT, promising, screen
+from hil.identify.screening import EXACT, _overtone, promising, screen
+from hil.identify.shapes import best_shape
 from hil.models import catalogue
 from hil.record.recording import Recording
 
@@ -67,3 +68,22 @@ def test_flipped_signs_give_the_noise_that_exact_columns_give() -> None:
         flipped = (signs[:, blocks] * noise) @ q
         exact = np.maximum(exact, np.sum(flipped**2, axis=1))
     assert np.quantile(near, 0.95) == pytest.approx(np.quantile(exact, 0.95), rel=0.25)
+
+
+def test_overtones_lie_at_twice_and_three_times_an_order_where_the_grid_has_them() -> None:
+    orders = np.arange(3, 21) / 2  # 1.5, 2, ... 10
+    assert orders[_overtone(orders, 2)[:4]].tolist() == [3.0, 4.0, 5.0, 6.0]
+    assert orders[_overtone(orders, 3)[:3]].tolist() == [4.5, 6.0, 7.5]
+    assert set(_overtone(orders, 2)[orders > 5.0]) == {orders.size}
+
+
+def test_no_order_over_position_leaves_less_than_the_one_that_is_found() -> None:
+    run = wave(4.2, True)
+    problem = Problem([run], run.robot)
+    projector = Projector(problem, [], np.ones(1))
+    term = Term(catalogue.get("position-friction"), 0)
+    grid = term.effect.grid(problem.motions[0], 0)
+    exact = max(projector.gain(term.reshaped(s)) for s in grid)
+    found, gain = best_shape(projector, term)
+    assert gain >= exact
+    assert found.shape[0] == pytest.approx(4.2, abs=0.05)
