@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     common.out(_table(*rungs))
     for name, value in _new(*rungs).items():
-        common.out(f"  {common.value_line(name, value)}")
+        common.out(f"  {common.value_line(name, value, rungs[1].step.result.problem.joints)}")
     for line in idle:
         common.out(f"  {line}")
     for warning in worse:

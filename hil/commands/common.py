@@ -15,6 +15,7 @@ from hil.commands import outputs, plugins
 from hil.errors import ConfigError
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Value, base_model
+from hil.models.told import in_words, without_error
 from hil.record.reader import load_all
 from hil.record.recording import Recording
 
@@ -186,20 +187,33 @@ def save_model(model: RobotModel, path: str | Path) -> None:
         write_model(model, path)
 
 
-def value_line(name: str, v: Value) -> str:
-    """``name = value +- standard error unit``, and whether the data determine it."""
+def value_line(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
+    """``name = value +- standard error unit``, with words for codes, and why there is no error.
+
+    Parameters
+    ----------
+    name : str
+        Full name.
+    v : Value
+        The value.
+    joints : tuple of str
+        Joints of the robot, where they are known.
+    """
     error = f" +- {v.stderr:.2g}" if v.stderr == v.stderr else ""
     text = f"{name} = {v.value:.4g}{error} {'' if v.unit == '1' else v.unit}".rstrip()
+    said, why = in_words(name, v.value, joints), without_error(name, v)
+    text += f" ({said})" if said else ""
+    text += f" (no standard error: {why})" if why and v.identifiable and not v.at_bound else ""
     return text + (", on its bound" if v.at_bound else "" if v.identifiable else ", undetermined")
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Aligned text table; first column left, others right."""
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> str:
+    """Aligned text table; the columns in `left` hold words, the others numbers."""
     cells = [list(head), *map(list, rows)]
     widths = [max(len(r[k]) for r in cells) for k in range(len(head))]
     lines = [
         "  ".join(
-            c.ljust(w) if k == 0 else c.rjust(w)
+            c.ljust(w) if k in left else c.rjust(w)
             for k, (c, w) in enumerate(zip(r, widths, strict=True))
         )
         for r in cells

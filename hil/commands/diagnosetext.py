@@ -10,6 +10,7 @@ from hil.compare.findings import Diagnosis, Finding
 from hil.compare.multistep import MultiStep
 from hil.compare.tables import at_issue_of
 from hil.models import catalogue
+from hil.models.told import remark
 
 SENTENCES = {
     "adequate": "adequate: the model explains the data down to the noise floor.",
@@ -27,7 +28,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     if d.verdict == "not-identifiable":
         lines += [f"  {w}." for _, w in d.warnings]
     for f in d.findings:
-        lines += ["", *_finding(f)]
+        lines += ["", *_finding(f, d.result.problem.joints)]
     if d.partial:
         names = ", ".join(f"{f.effect} on {f.joint}" for f in d.partial)
         lines.append(f"  best partial explanation: {names} (explains too little to be the cause)")
@@ -59,14 +60,16 @@ def _apart(d: Diagnosis, verbose: bool) -> list[str]:
     return lines
 
 
-def _finding(f: Finding) -> list[str]:
+def _finding(f: Finding, joints: tuple[str, ...]) -> list[str]:
     where = f" on {f.joint}" if f.joint else ""
     lines = [
         f"  {f.effect}{where}  (confidence {f.confidence:.2f})",
         f"    held-out error {f.relative_before:.2f} % -> {f.relative_after:.2f} % "
         f"(se {f.se:.2g}), {100 * f.excess_explained:.0f} % of what was above the noise floor",
     ]
-    lines += [f"    {common.value_line(name, v)}" for name, v in f.parameters.items()]
+    lines += [f"    {common.value_line(name, v, joints)}" for name, v in f.parameters.items()]
+    if said := remark(f.effect, f.parameters):
+        lines.append(f"    {said}")
     if caveat := catalogue.get(f.effect).caveat:
         lines.append(f"    read with care: {caveat}")
     if f.rivals:

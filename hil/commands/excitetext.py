@@ -80,10 +80,11 @@ def assumed(question: Question, units: tuple[str, ...]) -> str:
 def _shape(rival: Rival, units: tuple[str, ...]) -> str:
     """Shape values of a rival, e.g. ``stribeck with vs = 0.2 rad/s``."""
     effect, unit = rival.term.effect, units[rival.term.joint]
-    values = [
-        f"{p.name} = {value:.3g} {p.unit.replace('{x}', unit)}".removesuffix(" 1")
-        for p, value in zip(effect.shape, rival.term.shape, strict=True)
-    ]
+    values = []
+    for p, value in zip(effect.shape, rival.term.shape, strict=True):
+        number = f"{p.name} = {value:.3g} {p.unit.replace('{x}', unit)}".removesuffix(" 1")
+        said = p.words(value)
+        values.append(f"{p.name}: {said}" if said and p.choice else number)
     return f"{effect.name} with {', '.join(values)}" if values else ""
 
 

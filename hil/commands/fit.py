@@ -7,6 +7,8 @@ import argparse
 from hil.commands import common
 from hil.compare import analysis
 from hil.identify.result import FitResult
+from hil.models.model import Value
+from hil.models.told import in_words, without_error
 
 HELP = "identify all parameters of a model jointly"
 EXAMPLE = "hil fit run1.mcap run2.mcap --model arm.toml -o fitted.toml"
@@ -33,14 +35,24 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _remark(name: str, v: Value, joints: tuple[str, ...]) -> str:
+    """Words for a code, whether the value stands for itself, why it has no standard error."""
+    if v.at_bound:
+        return "on its bound"
+    if not v.identifiable:
+        return "only in combination"
+    return in_words(name, v.value, joints) or without_error(name, v)
+
+
 def text(result: FitResult) -> str:
     """The fit for a terminal."""
     rows = []
     for name, v in result.values.items():
-        flag = "on its bound" if v.at_bound else "" if v.identifiable else "only in combination"
-        error = f"{v.stderr:.2g}" if v.stderr == v.stderr else ""
-        rows.append([name, f"{v.value:.5g}", error, v.unit, flag])
-    out = common.table(["parameter", "value", "stderr", "unit", ""], rows)
+        error = f"{v.stderr:.2g}" if v.stderr == v.stderr else "-"
+        unit = "" if v.unit == "1" else v.unit
+        rows.append([name, f"{v.value:.5g}", error, unit, _remark(name, v, result.problem.joints)])
+    head = ["parameter", "value", "std error", "unit", "remark"]
+    out = common.table(head, rows, left=(0, 3, 4))
     relative = ", ".join(
         f"{j} {x:.2f} %" for j, x in zip(result.problem.joints, result.relative, strict=True)
     )

@@ -16,6 +16,8 @@ from hil.record.recording import RobotSource
 
 #: Cosine between projected columns from which two effects count as one.
 SAME = 0.98
+#: Confidence from which a name is one.
+CONFIDENT = 0.75
 #: Why a set cannot be told apart.
 STRUCTURAL, EXCITATION = "structural", "excitation"
 
@@ -88,11 +90,15 @@ def pairs(
     return out + [_planned(s, sets, planner) for s in sets]
 
 
-def concerned(named: list[tuple[str, list[str]]], *evidence: Evidence) -> set[str]:
-    """Effects that an answer is about: named with rivals and doubles, or with evidence."""
-    doubles = {x for name, _ in named for x in catalogue.get(name).confused_with}
+def concerned(named: list[tuple[str, list[str], float]], *evidence: Evidence) -> set[str]:
+    """Effects that an answer is about: named, rivals, with evidence; doubles of unsure ones.
+
+    `named` holds name, rivals and confidence of each.
+    """
+    unsure = [name for name, _, confidence in named if confidence < CONFIDENT]
+    doubles = {x for name in unsure for x in catalogue.get(name).confused_with}
     evident = {c.name for e in evidence for c in e.candidates if c.score > 0}
-    return {n for name, rivals in named for n in (name, *rivals)} | doubles | evident
+    return {n for name, rivals, _ in named for n in (name, *rivals)} | doubles | evident
 
 
 def at_issue(

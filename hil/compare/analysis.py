@@ -14,6 +14,7 @@ from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep, both, each
 from hil.errors import ConfigError, DataError
+from hil.identify.errors import complete
 from hil.identify.fit import fit as fit_problem
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -95,7 +96,7 @@ def make_problem(recordings: list[Recording], model: RobotModel) -> Problem:
 @single_threaded
 def fit(recordings: list[Recording], model: RobotModel) -> FitResult:
     """Fit all parameters of a model jointly to some runs."""
-    result = fit_problem(make_problem(recordings, model), model)
+    result = complete(fit_problem(make_problem(recordings, model), model))
     beyond = outside(model.valid, result.problem)
     return replace(result, warnings=[("outside-range", text) for text in beyond])
 
@@ -113,7 +114,7 @@ def compare(
         another robot, or is one of the fitted ones.
     """
     problem = make_problem(recordings, model)
-    result = fit_aligned(problem, model)
+    result = complete(fit_aligned(problem, model))
     examine = Examiner(problem, holdout or [])
     evidence = gather(result)
     where = regions(result, evidence.floor)
@@ -168,7 +169,7 @@ def add(
     joints = _usable(effect, joints, problem)
     own: dict[str, object] = {"per_run": True} if kind.per_run and len(recordings) > 1 else {}
     larger = before.model + Use(effect, joints, own)
-    after = fit_problem(problem, larger)
+    after = complete(fit_problem(problem, larger))
     steps = (Step("before", before, examine(before)), Step(f"+ {effect}", after, examine(after)))
     first, second = each([s.result for s in steps], problem)
     return Rung(steps[0], first), Rung(steps[1], second)

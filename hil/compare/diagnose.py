@@ -7,24 +7,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare.afterwards import finish
 from hil.compare.attribute import choose, kindred, plausible, possible, simplest_first
 from hil.compare.columns import mistaken
 from hil.compare.credible import credible
 from hil.compare.evidence import Candidate, Evidence, gather, in_time
-from hil.compare.fallback import explainable
 from hil.compare.findings import Accepted, Diagnosis, Step, describe
 from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.identifiable import undetermined
 from hil.compare.judge import ADEQUATE, EXPLAINED, judge
-from hil.compare.lost import lost_counts
 from hil.identify.design import head
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.solve import solve
 from hil.identify.threads import single_threaded
 from hil.identify.timing import fit_aligned
-from hil.identify.validity import outside
 from hil.models.model import RobotModel, Use, Value
 from hil.record.checks import check
 from hil.record.recording import Recording
@@ -107,13 +105,7 @@ def diagnose(
         evidence = gather(step.result, seed)
         _retest(found, ladder, examine, problem)
     out = judge(ladder, found, first, evidence, examine.floor(ladder[-1].result, evidence))
-    out.valid = model.valid
-    beyond = outside(model.valid, problem) + examine.outside(ladder[-1].result)
-    out.warnings += [("outside-range", text) for text in beyond]
-    out.warnings += [(f.code, f.sentence) for f in faults]
-    out.warnings += lost_counts(out.findings, recordings, out.warnings)
-    out.network = explainable(ladder[-1].result, evidence.floor)
-    return out
+    return finish(out, examine, model, recordings, faults)
 
 
 def _next(

@@ -11,7 +11,7 @@ from hil.compare.page import folded, items, paragraph, section, table
 def further(m: Material) -> str:
     """What the data cannot tell apart, and which motion would."""
     parts = []
-    named = [(f.effect, f.rivals) for f in (*m.findings, *m.partial)]
+    named = [(f.effect, f.rivals, f.confidence) for f in (*m.findings, *m.partial)]
     sets, standing = at_issue(m.sets, concerned(named, m.first, m.last))
     if sets:
         parts.append(_sets(sets))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare.ambiguity import CONFIDENT
 from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
 from hil.identify.problem import Problem
@@ -15,7 +16,6 @@ FloatArray = NDArray[np.float64]
 EXPLAINED = 0.70
 #: Errors within this factor of the floor count as adequate.
 ADEQUATE = 1.10
-CONFIDENT = 0.75
 #: Confidence below which a name is no name.
 WORTHLESS = 0.05
 #: Shares of a joint's excess that all its names explain: worth nothing, and worth all.

@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from hil.compare.material import Material
 from hil.compare.page import folded, number, paragraph, section, table
 from hil.models.model import Value
+from hil.models.told import in_words, without_error
 from hil.record.recording import Recording
 
 #: Metadata of a session worth printing.
@@ -41,7 +42,7 @@ def _values(m: Material, names: list[str], strong: int) -> str:
     old, new = m.before.result.values, m.after.result.values
     several = len(m.rungs) > 1
     head = ["parameter", "value", "standard error", "unit", "remarks"]
-    rows = [_row(n, new[n]) for n in names]
+    rows = [_row(n, new[n], m.joints) for n in names]
     if several:
         head.append("in the first model")
         first = [number(old[n].value, 4) if n in old else "" for n in names]
@@ -49,14 +50,15 @@ def _values(m: Material, names: list[str], strong: int) -> str:
     return table(head, rows, (0, 3, 4), range(strong)) if rows else ""
 
 
-def _row(name: str, v: Value) -> list[str]:
-    remarks = []
+def _row(name: str, v: Value, joints: tuple[str, ...]) -> list[str]:
+    said = in_words(name, v.value, joints)
+    remarks = [said] if said else []
     if v.at_bound:
         remarks.append("at its bound")
     if not v.identifiable:
         remarks.append("only in combination")
-    if v.source == "given":
-        remarks.append("given, not fitted")
+    if v.identifiable and not v.at_bound and (why := without_error(name, v)):
+        remarks.append(f"no standard error: {why}")
     unit = "" if v.unit == "1" else v.unit
     return [name, number(v.value, 4), number(v.stderr, 2), unit, ", ".join(remarks)]
 

@@ -19,7 +19,7 @@ from hil.compare.provenance import parameters, provenance
 from hil.compare.spectraplot import spectra_figures
 from hil.compare.traces import trace_figure
 from hil.compare.warn import rising
-from hil.models import catalogue
+from hil.models import catalogue, told
 
 
 def comparison_report(comparison: Comparison, path: str | Path) -> None:
@@ -202,8 +202,9 @@ def effects(m: Material) -> str:
         effect = catalogue.get(f.effect)
         parts.append(f"<h3>{escape(words.where(f))}</h3>")
         parts.append(paragraph(f"{words.meaning(f.effect)}. Equation: {effect.equation}"))
-        values = [words.value(n, v) for n, v in f.parameters.items()]
-        parts += [items(values), figure]
+        values = [words.value(n, v, m.joints) for n, v in f.parameters.items()]
+        said = told.remark(f.effect, f.parameters)
+        parts += [items([*values, *([said] if said else [])]), figure]
         parts += [paragraph(f"Read with care: {effect.caveat}.", "note")] if effect.caveat else []
         parts.append(paragraph(f"Source: {effect.source}.", "note"))
     return section("The learnt effect over the data", *parts)

@@ -15,6 +15,7 @@ from hil.compare.multistep import MultiStep
 from hil.compare.rivals import weights
 from hil.identify.result import FitResult
 from hil.models.model import Value
+from hil.models.told import in_words
 
 
 def number(x: float, digits: int = 6) -> float | None:
@@ -29,9 +30,13 @@ def by_joint(result: FitResult, values: Any) -> dict[str, float | None]:
     return {j: number(float(v)) for j, v in zip(result.problem.joints, values, strict=True)}
 
 
-def value_json(v: Value) -> dict[str, object]:
-    """A parameter."""
-    return {"value": number(v.value, 9), "stderr": number(v.stderr), "unit": v.unit}
+def value_json(name: str, v: Value) -> dict[str, object]:
+    """A parameter; `text` where its value is a code."""
+    said = in_words(name, v.value)
+    text = {"text": said} if said else {}
+    return {
+        "value": number(v.value, 9), "stderr": number(v.stderr), "unit": v.unit, **text,
+    }  # fmt: skip
 
 
 def region_json(r: Region) -> dict[str, object]:
@@ -82,7 +87,7 @@ def finding_json(f: Finding) -> dict[str, object]:
         "effect": f.effect, "joint": f.joint, "confidence": number(f.confidence, 3),
         "relative_before": number(f.relative_before), "relative_after": number(f.relative_after),
         "se": number(f.se, 3), "excess_explained": number(f.excess_explained, 3),
-        "parameters": {n: value_json(v) for n, v in f.parameters.items()}, "rivals": f.rivals,
+        "parameters": {n: value_json(n, v) for n, v in f.parameters.items()}, "rivals": f.rivals,
     }  # fmt: skip
 
 
@@ -125,7 +130,7 @@ def sets_of(d: Diagnosis) -> list[Indistinguishable]:
 
 def at_issue_of(d: Diagnosis) -> tuple[list[Indistinguishable], list[Indistinguishable]]:
     """Sets that bear on the answer of a diagnosis, and those that hold whatever was recorded."""
-    named = [(f.effect, f.rivals) for f in [*d.findings, *d.partial]]
+    named = [(f.effect, f.rivals, f.confidence) for f in [*d.findings, *d.partial]]
     return at_issue(sets_of(d), concerned(named, d.first, d.last))
 
 

@@ -7,14 +7,16 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
+from hil.compare.ambiguity import CONFIDENT
 from hil.compare.findings import Finding
 from hil.compare.floor import EFFORT_ACCURACY, SENSOR_ACCURACY
-from hil.compare.judge import ADEQUATE, CONFIDENT, EXPLAINED
+from hil.compare.judge import ADEQUATE, EXPLAINED
 from hil.compare.material import COMPARED, Material
 from hil.compare.page import number
 from hil.errors import ConfigError
 from hil.models import catalogue
 from hil.models.model import Value
+from hil.models.told import in_words, without_error
 
 #: Colour of the verdict's bar.
 TONES = {
@@ -229,7 +231,11 @@ def cell(value: float, floor: float) -> str:
     return f"{number(value)} % ({floor:.2f} x)"
 
 
-def value(name: str, v: Value) -> str:
+def value(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
     """A parameter, e.g. ``j2.stribeck.fs = 0.031 N m (standard error 0.0007)``."""
     text = f"{name} = {number(v.value, 4)}" + ("" if v.unit == "1" else f" {v.unit}")
-    return text + (f" (standard error {number(v.stderr, 2)})" if v.stderr == v.stderr else "")
+    said, why = in_words(name, v.value, joints), without_error(name, v)
+    notes = [said] if said else []
+    notes += [f"standard error {number(v.stderr, 2)}"] if v.stderr == v.stderr else []
+    notes += [f"no standard error: {why}"] if why else []
+    return text + (f" ({'; '.join(notes)})" if notes else "")

@@ -13,10 +13,13 @@ from hil.identify.problem import Problem
 from hil.identify.regression import Basis, extended
 from hil.identify.solve import noise_to_signal
 from hil.models.motion import Motion
+from hil.models.param import JOINT
 
 FloatArray = NDArray[np.float64]
 #: Step of the difference, in distances between grid values.
 STEP = 0.01
+#: The same for values that lie on no continuous grid, relative to the value.
+SMALL = 1e-3
 
 
 def line(problem: Problem, term: Term) -> FloatArray:
@@ -50,13 +53,25 @@ def jacobian(
 
     What other effects take from it (the sign resolution, the surface) changes with it.
     """
+    return derivative(problem, terms, theta, slices, k, 0)
+
+
+def derivative(
+    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice],
+    k: int, i: int,
+) -> FloatArray:  # fmt: skip
+    """Derivative of the model's effort by shape value i of term k, shape (d, n)."""
     term = terms[k]
-    low, high = around(problem, term)
-    h = STEP * (high - low) / 2
+    shape = term.shape
+    if i == 0:
+        low, high = around(problem, term)
+        h = STEP * (high - low) / 2
+    else:
+        h = SMALL * abs(shape[i])
     # dy/ds = (y(s + h) - y(s - h)) / (2 h)
     up, down = (
-        _effort(problem, terms, theta, slices, term.reshaped((term.shape[0] + e, *term.shape[1:])))
-        for e in (h, -h)
+        _effort(problem, terms, theta, slices, term.reshaped((*shape[:i], x, *shape[i + 1 :])))
+        for x in (shape[i] + h, shape[i] - h)
     )
     return (up - down) / (2 * h)
 
@@ -101,7 +116,7 @@ def _effort(
 
 def _refers(term: Term, joint: int) -> bool:
     """Whether a term's columns may depend on what was found for a joint."""
-    coupled = any(p.name == "joint" for p in term.effect.shape)
+    coupled = any(p.name == JOINT for p in term.effect.shape)
     return not term.effect.motion_only and (term.joint == joint or coupled)
 
 

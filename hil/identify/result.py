@@ -11,6 +11,7 @@ from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis
 from hil.models.model import RobotModel, Value
+from hil.models.told import in_words
 
 FloatArray = NDArray[np.float64]
 
@@ -84,6 +85,7 @@ class FitResult:
                     "unit": v.unit,
                     "at_bound": v.at_bound,
                     "identifiable": v.identifiable,
+                    **({"text": said} if (said := in_words(name, v.value, joints)) else {}),
                 }
                 for name, v in self.values.items()
             },

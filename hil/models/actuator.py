@@ -9,6 +9,7 @@ import numpy as np
 from hil.models.effect import Effect, Param, margins
 from hil.models.friction import harmonics, position_orders
 from hil.models.motion import FloatArray, Motion
+from hil.models.param import JOINT
 
 
 class TorqueOffset(Effect):
@@ -100,7 +101,7 @@ class CoupledTransmission(Effect):
         Param("fv", "{F} s/{x}", "viscous friction of the relative motion"),
     )
     shape = (
-        Param("joint", "1", "number of the other joint", 1.0),
+        Param(JOINT, "1", "number of the other joint", 1.0, choice=True),
         Param("r", "1", "ratio of the other joint's motion"),
     )
     whole_robot = True

@@ -16,6 +16,7 @@ from hil.models.effect import Effect
 #: Modules with a tuple `EFFECTS`; adding an effect touches its own file, its test, one line here.
 MODULES = (
     "hil.models.friction",
+    "hil.models.coupled_friction",
     "hil.models.presliding",
     "hil.models.mass",
     "hil.models.actuator",

@@ -45,7 +45,15 @@ class ContactStiffness(Effect):
     params = (Param("k", "{F}/{x}", "stiffness", 0.0),)
     shape = (
         Param("q0", "{x}", "surface position"),
-        Param("side", "1", "+1: contact above q0, -1: below", -1.0, 1.0),
+        Param(
+            "side",
+            "1",
+            "+1: contact above q0, -1: below",
+            -1.0,
+            1.0,
+            codes=((1.0, "contact above q0"), (-1.0, "contact below q0")),
+            choice=True,
+        ),
     )
     explains = ("external",)
 

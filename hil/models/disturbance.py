@@ -37,7 +37,15 @@ class FrictionDrift(Effect):
     )
     shape = (
         Param("T", "s", "time constant; much longer than the run: a linear drift", 0.0),
-        Param("of", "1", "0: time; 1: measured motor temperature", 0.0, 1.0),
+        Param(
+            "of",
+            "1",
+            "0: time; 1: measured motor temperature",
+            0.0,
+            1.0,
+            codes=((0.0, "time"), (1.0, "measured motor temperature")),
+            choice=True,
+        ),
     )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

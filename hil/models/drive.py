@@ -11,6 +11,7 @@ from hil.models.effect import Effect, Param, log_grid
 from hil.models.friction import harmonics, position_orders
 from hil.models.kernels import delayed, lag
 from hil.models.motion import FloatArray, Motion
+from hil.models.param import POLES
 
 #: The whole effort is late, not a part of it; the margin is for errors of the form.
 WHOLE = Param("a", "1", "share of the effort that is late: 1 but for errors", 0.9, 1.1)
@@ -52,7 +53,7 @@ class ActuatorLag(Effect):
     params = (WHOLE,)
     shape = (
         Param("T", "s", "time constant of a pole", 0.0),
-        Param("n", "1", "number of poles", 1.0, 2.0),
+        Param("n", "1", "number of poles", 1.0, 2.0, codes=POLES, choice=True),
     )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

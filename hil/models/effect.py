@@ -12,44 +12,18 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.models.motion import FloatArray, Motion
+from hil.models.param import INF, Param
 
-INF = float("inf")
+__all__ = ["INF", "SURE", "Effect", "Param", "log_grid", "margins", "typical_speed"]
 #: Standard errors from which on a value is not chance.
 SURE = 2.0
-
-
-@dataclass(frozen=True)
-class Param:
-    """One parameter of an effect.
-
-    Parameters
-    ----------
-    name : str
-        Short name, e.g. ``"fc"``; in a model it is ``j2.coulomb.fc``.
-    unit : str
-        SI unit; ``{F}`` stands for N m or N, ``{x}`` for rad or m.
-    text : str
-        What it is.
-    lower, upper : float
-        Physical bounds.
-    source : str
-        Where equation or bounds come from.
-    """
-
-    name: str
-    unit: str
-    text: str
-    lower: float = -INF
-    upper: float = INF
-    source: str = ""
 
 
 class Effect(ABC):
@@ -225,6 +199,10 @@ class Effect(ABC):
             p.lower - e <= b <= p.upper + e
             for p, b, e in zip(self.params, beta, slack, strict=True)
         )
+
+    def remark(self, values: Mapping[str, float], errors: Mapping[str, float]) -> str:
+        """What its fitted values say that a reader might miss, by short names; empty if nothing."""
+        return ""
 
     def dated(self, shape: Sequence[float]) -> bool:
         """Whether it acts at instants of a run that are seen there: no other run can confirm it."""

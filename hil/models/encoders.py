@@ -17,6 +17,7 @@ from hil.models.effect import Effect, Param
 from hil.models.friction import position_orders
 from hil.models.kernels import eccentric
 from hil.models.motion import FloatArray, Motion
+from hil.models.param import POLES
 
 #: Share of the motor's effort from which an external one tells a late motion from a late command.
 PUSH = 0.1
@@ -112,7 +113,15 @@ class MissedCounts(Effect):
     source = "Naerum thesis, appendix A (counts lost above the decoder's rate are a lasting offset)"
     whole_robot = replayed = uses_load = per_run = True
     params = (Param("s", "{x}", "shift of the measured position"),)
-    shape = (Param("t0", "s", "instant, from the start; 0: the jumps that are recorded", 0.0),)
+    shape = (
+        Param(
+            "t0",
+            "s",
+            "instant, from the start; 0: the jumps that are recorded",
+            0.0,
+            codes=((SEEN[0], "at the jumps that are recorded"),),
+        ),
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """f(q - e) - f(q), or -G after t0, shape (n, d, 1)."""
@@ -178,7 +187,7 @@ class FilterLag(Effect):
     params = (WHOLE,)
     shape = (
         Param("T", "s", "time constant of a pole", 0.0),
-        Param("n", "1", "number of poles", 1.0, 2.0),
+        Param("n", "1", "number of poles", 1.0, 2.0, codes=POLES, choice=True),
     )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Friction as a function of speed, position, load and the other joints' motion."""
+"""Friction as a function of speed and position."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil.models.effect import Effect, Param, log_grid, margins, typical_speed
+from hil.models.effect import Effect, Param, log_grid, typical_speed
 from hil.models.motion import FloatArray, Motion
 
 _OLSSON = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Eur. J. Control 4, 1998"
@@ -70,7 +70,14 @@ class Stribeck(Effect):
     params = (Param("fs", "{F}", "excess of static over Coulomb friction", 0.0),)
     shape = (
         Param("vs", "{x}/s", "Stribeck speed", 0.0),
-        Param("n", "1", "exponent: 2 Gaussian, 1 exponential, less: long tail", 0.25, 2.0),
+        Param(
+            "n",
+            "1",
+            "exponent: 2 Gaussian, 1 exponential, less: long tail",
+            0.25,
+            2.0,
+            codes=((2.0, "Gaussian"), (1.0, "exponential"), (0.5, "long tail")),
+        ),
     )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -183,77 +190,7 @@ def harmonics(q: FloatArray, p: float) -> FloatArray:
     return np.stack([s, c, 2 * s * c, c * c - s * s], axis=1)
 
 
-class LoadFriction(Effect):
-    """Friction that grows with the effort that the joint transmits."""
-
-    uses_load = True
-    name, family = "load-friction", "friction"
-    equation = "tau = mu |load| tanh(v / v0),  load = all that is transmitted, or its static part"
-    signature = "friction grows with gravity, acceleration or contact load"
-    confused_with = ("torque-gain", "coulomb", "position-friction")
-    shown_by = "the same motion under several static loads"
-    source = "Bittencourt, Gunnarsson, J. Dyn. Syst. Meas. Control 134, 2012"
-    params = (Param("mu", "1", "friction per transmitted effort", 0.0),)
-    shape = (Param("of", "1", "0: all that is transmitted; 1: gravity and springs only", 0.0, 1.0),)
-    refine = False
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """|load| sgn(v)."""
-        load = motion.static if shape[0] else motion.load
-        return _column(np.abs(load[:, j]) * motion.sign(j))
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Both loads, where they differ."""
-        return [(0.0,), (1.0,)] if np.any(motion.static[:, j]) else [(0.0,)]
-
-
-class CoupledFriction(Effect):
-    """Friction on this joint caused by another joint's motion (cables over its pulleys)."""
-
-    name, family = "coupled-friction", "friction"
-    equation = "tau = fk tanh(w / v0) + vk w,  w = v_k, v + v_k or v - v_k"
-    signature = "residual follows the sign of another joint's speed"
-    confused_with = ("rigid-body", "coupled-transmission")
-    shown_by = "one joint at a time, then pairs with all combinations of signs"
-    source = "Naerum thesis 3.1.2; Miyasaka, Haghighipanah, Li, Hannaford, ICRA 2016"
-    params = (
-        Param("fk", "{F}", "Coulomb part"),
-        Param("vk", "{F} s/{x}", "viscous part"),
-    )
-    shape = (
-        Param("joint", "1", "number of the other joint", 1.0),
-        Param("mode", "1", "0: w = v_k; +1: w = v + v_k; -1: w = v - v_k", -1.0, 1.0),
-    )
-    refine = False
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """[tanh(w / v0), w]."""
-        k, mode = int(shape[0]) - 1, shape[1]
-        own, side = float(bool(mode)), mode or 1.0
-        w = own * motion.qd[:, j] + side * motion.qd[:, k]
-        slope = own * motion.qdd[:, j] + side * motion.qdd[:, k]
-        v0 = float(max(motion.v0[j], motion.v0[k]))
-        return np.stack([motion.sign_of(w, slope, v0), w], axis=1)
-
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """Friction of a relative motion brakes it; which way another joint's cable rubs is open."""
-        slack = margins(beta, error)
-        return not shape[1] or all(b >= -e for b, e in zip(beta, slack, strict=True))
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Every other joint, alone and relative to this one."""
-        others = [k + 1 for k in range(motion.d) if k != j]
-        return [(float(k), mode) for k in others for mode in (0.0, 1.0, -1.0)]
-
-    def available(self, motion: Motion, j: int) -> str:
-        """Needs a second joint."""
-        return "" if motion.d > 1 else "the robot has one joint"
-
-
 EFFECTS: tuple[Effect, ...] = (
     Coulomb(), Viscous(), Stribeck(), AsymmetricCoulomb(), AsymmetricViscous(), QuadraticDrag(),
-    PositionFriction(), LoadFriction(), CoupledFriction(),
+    PositionFriction(),
 )  # fmt: skip

@@ -146,7 +146,15 @@ class EndStop(Effect):
     )
     shape = (
         Param("q0", "{x}", "position of the stop"),
-        Param("side", "1", "+1 upper, -1 lower", -1.0, 1.0),
+        Param(
+            "side",
+            "1",
+            "+1 upper, -1 lower",
+            -1.0,
+            1.0,
+            codes=((1.0, "upper stop"), (-1.0, "lower stop")),
+            choice=True,
+        ),
     )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

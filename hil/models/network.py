@@ -81,7 +81,18 @@ class FrictionNetwork(Effect):
     source = "Naerum thesis 3.1.1 (wavelet friction network, Paper I); Mexican hat, dyadic levels"
     params = (Param("w1", "{F}", "weight of a wavelet"),)
     shape = (
-        Param("inputs", "1", "0: own speed; -1: position and speed; k: own and joint k's", -1.0),
+        Param(
+            "inputs",
+            "1",
+            "0: own speed; -1: position and speed; k: own and joint k's",
+            -1.0,
+            codes=(
+                (SPEED, "own speed"),
+                (PLACE, "position and speed"),
+                *((float(k), f"own speed and that of joint number {k}") for k in range(1, 8)),
+            ),
+            choice=True,
+        ),
         Param("v", "{x}/s", "own speed that counts as 1", 0.0),
         Param("w", "{x}/s", "the other joint's speed that counts as 1", 0.0),
     )

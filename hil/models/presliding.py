@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numba
 import numpy as np
 
-from hil.models.effect import Effect, Param, log_grid
+from hil.models.effect import SURE, Effect, Param, log_grid
 from hil.models.friction import Coulomb, Stribeck
 from hil.models.motion import FloatArray, Motion
 
 #: Value of `form` that stands for LuGre's.
 LUGRE = 2.0
+#: Words for its values.
+FORMS = ((0.0, "Maxwell slip"), (1.0, "Dahl"), (LUGRE, "LuGre"))
 
 
 @numba.njit(cache=True)
@@ -127,9 +129,15 @@ class Presliding(Effect):
     )
     shape = (
         Param("s", "{x}", "presliding displacement", 0.0),
-        Param("form", "1", "0 Maxwell slip, 1 Dahl, 2 LuGre", 0.0, 2.0),
+        Param("form", "1", "0 Maxwell slip, 1 Dahl, 2 LuGre", 0.0, 2.0, codes=FORMS, choice=True),
         Param("v0", "{x}/s", "speed over which the sign of f0 is resolved", 0.0),
-        Param("vs", "{x}/s", "LuGre: Stribeck speed; else 0", 0.0),
+        Param(
+            "vs",
+            "{x}/s",
+            "LuGre: Stribeck speed; else 0",
+            0.0,
+            codes=((0.0, "not in this form"),),
+        ),
     )
     replaces = ("coulomb",)
 
@@ -143,6 +151,15 @@ class Presliding(Effect):
             loops = [state(q, k * s) for k in (1.0, 3.0, 9.0)]
         sign = motion.sign_of(motion.qd[:, j], motion.qdd[:, j], float(shape[2]))
         return np.stack([sign, *loops], axis=1)
+
+    def remark(self, values: Mapping[str, float], errors: Mapping[str, float]) -> str:
+        """LuGre's law without a rise of its level is Dahl's."""
+        if values["form"] != LUGRE or values["f2"] > SURE * errors["f2"]:
+            return ""
+        return (
+            f"f2 is within {SURE:g} standard errors of zero: LuGre's law without a rise at low "
+            "speed is Dahl's, and vs then says nothing"
+        )
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From 1e-4 of the span, and from twice what the encoder resolves, to 5e-2 of the span."""

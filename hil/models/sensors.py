@@ -75,7 +75,15 @@ class _ForceSensor(Effect):
     refine = False
     letter = ""
     shape: ClassVar[tuple[Param, ...]] = (
-        Param("frame", "1", "axes of the channels: 0 base, 1 tip", BASE, TIP),
+        Param(
+            "frame",
+            "1",
+            "axes of the channels: 0 base, 1 tip",
+            BASE,
+            TIP,
+            codes=((BASE, "along the base's axes"), (TIP, "along the tip's axes")),
+            choice=True,
+        ),
     )
 
     def error(self, motion: Motion, readings: FloatArray) -> FloatArray:

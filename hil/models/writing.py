@@ -9,6 +9,7 @@ from pathlib import Path
 
 from hil.errors import ConfigError
 from hil.models.model import ALL, Band, RobotModel, Use
+from hil.models.told import in_words
 
 SCHEMA = "hil.model/1"
 
@@ -113,5 +114,7 @@ def _use_lines(use: Use) -> list[str]:
             parts.append("identifiable = false")
         if v.source:
             parts.append(f"source = {_toml(v.source)}")
-        lines.append(f"{_toml(name)} = {{ {', '.join(parts)} }}")
+        said = in_words(name, v.value)
+        comment = f"  # {' '.join(said.split())}" if said else ""
+        lines.append(f"{_toml(name)} = {{ {', '.join(parts)} }}{comment}")
     return lines

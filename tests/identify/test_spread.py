@@ -5,12 +5,14 @@ import pytest
 import scipy.signal
 
 from hil.identify.design import Term
+from hil.identify.errors import complete
 from hil.identify.fit import fit
 from hil.identify.jacobian import jacobian
 from hil.identify.problem import Problem
 from hil.identify.regression import basis, extended
 from hil.identify.result import FitResult
 from hil.models.model import RobotModel, Use, Value, base_model
+from hil.models.told import in_words
 from hil.record.recording import Recording, RobotSource
 
 AXIS = base_model(RobotSource("single-axis"))
@@ -120,3 +122,40 @@ def test_shape_of_an_effect_that_is_zero_is_not_determined() -> None:
     fs, vs = values["j1.stribeck.fs"], values["j1.stribeck.vs"]
     assert fs.value == 0.0 and fs.at_bound
     assert np.isnan(vs.stderr) and not vs.identifiable and not vs.at_bound
+
+
+def curve(seed: int, n: float) -> Recording:
+    """A slow session with a Stribeck curve of exponent n."""
+    run = axis(seed, noise=0.02, rho=0.9)
+    w = 2 * np.pi * np.array([0.11, 0.3, 0.7])
+    v = 0.15 * (w * np.cos(run.t[:, None] * w + np.array([1.0, 3.0, 5.0]))).sum(axis=1)
+    fs = 0.4 * (np.exp(-(np.abs(v / 0.15) ** n)) - np.exp(-((v / 0.15) ** 2))) * np.sign(v)
+    return Recording("axis", "arm", ("joint1",), run.t, run.q, run.tau + fs[:, None])
+
+
+@pytest.mark.parametrize("n", [2.0, 1.4, 1.0])
+def test_an_exponent_that_was_picked_widens_what_trades_off_with_it(n: float) -> None:
+    true = TRUE | {"j1.stribeck.n": n}
+    early, late = [], []
+    for seed in range(8):
+        result = fitted(curve(seed, n), AXIS + "stribeck")
+        told = complete(result)
+        assert {k: v.value for k, v in told.values.items()} == {
+            k: v.value for k, v in result.values.items()
+        }
+        for z, r in ((early, result), (late, told)):
+            z.append([(r.values[k].value - x) / r.values[k].stderr for k, x in true.items()])
+        for name, v in result.values.items():
+            assert np.isnan(v.stderr) or told.values[name].stderr >= v.stderr
+    rms = dict(zip(true, np.sqrt(np.mean(np.square(late), axis=0)), strict=True))
+    assert all(x < 2.5 for x in rms.values()), rms
+    if n == 1.4:  # between the exponents that are tried: without its error far too sure
+        assert np.sqrt(np.nanmean(np.square(early)[:, 3])) > 0 and np.abs(early)[:, 2].min() > 4
+
+
+def test_shapes_that_are_no_quantity_get_no_error() -> None:
+    model = base_model(RobotSource("single-axis")) + "presliding"
+    told = complete(fitted(axis(0, rho=0.5), model))
+    name = "j1.presliding.form"
+    assert np.isnan(told.values[name].stderr) and in_words(name, told.values[name].value)
+    assert complete(fitted(axis(0), AXIS)).values.keys() == fitted(axis(0), AXIS).values.keys()

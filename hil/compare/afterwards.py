@@ -1,0 +1,61 @@
+"""What is said of a diagnosis after its verdict: errors of all values, ranges, notes, what is left.
+
+Nothing here changes a verdict, a name or a confidence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hil.compare.fallback import explainable
+from hil.compare.findings import Diagnosis
+from hil.compare.heldout import Examiner
+from hil.compare.lost import lost_counts
+from hil.identify.errors import complete
+from hil.identify.validity import outside
+from hil.models.model import RobotModel
+from hil.record.checks import Finding as Fault
+from hil.record.recording import Recording
+
+
+def finish(
+    out: Diagnosis, examine: Examiner, model: RobotModel, recordings: list[Recording],
+    faults: list[Fault],
+) -> Diagnosis:  # fmt: skip
+    """The diagnosis with all that is said beside its verdict.
+
+    Parameters
+    ----------
+    out : Diagnosis
+        With its verdict.
+    examine : Examiner
+        Knows the held-out runs.
+    model : RobotModel
+        The model under suspicion.
+    recordings : list of Recording
+        Runs that were fitted.
+    faults : list of Fault
+        What the checks say of them.
+    """
+    result = out.ladder[-1].result
+    out.valid = model.valid
+    beyond = outside(model.valid, result.problem) + examine.outside(result)
+    out.warnings += [("outside-range", text) for text in beyond]
+    out.warnings += [(f.code, f.sentence) for f in faults]
+    out.warnings += lost_counts(out.findings, recordings, out.warnings)
+    out.network = explainable(result, out.last.floor)
+    _with_errors(out)
+    return out
+
+
+def _with_errors(out: Diagnosis) -> None:
+    """Standard errors of every shape value, in the last model and in what was found."""
+    step = out.ladder[-1]
+    out.ladder = [*out.ladder[:-1], replace(step, result=complete(step.result))]
+    values = out.ladder[-1].result.values
+    for kind in ("findings", "partial"):
+        told = [
+            replace(f, parameters={n: values.get(n, v) for n, v in f.parameters.items()})
+            for f in getattr(out, kind)
+        ]
+        setattr(out, kind, told)

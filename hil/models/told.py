@@ -1,0 +1,73 @@
+"""Parameters by their full names, e.g. ``j2.presliding.form``: their declaration, and words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from hil.models import catalogue
+from hil.models.model import Value
+from hil.models.param import Param
+
+#: Shape parameter over which a sign is resolved.
+SIGN = "v0"
+_NAME = re.compile(r"(?:j\d+\.)?(?P<effect>[^.]+)\.(?P<param>[^\[]+)")
+
+
+def shape_of(name: str) -> Param | None:
+    """Shape parameter of a full name; None for a coefficient or an unknown effect."""
+    found = _NAME.fullmatch(name)
+    effect = catalogue.table().get(found["effect"]) if found else None
+    if effect is None or found is None:
+        return None
+    return next((p for p in effect.shape if p.name == found["param"]), None)
+
+
+def in_words(name: str, value: float, joints: tuple[str, ...] = ()) -> str:
+    """Words for a value that is a code; empty where the number says all.
+
+    Parameters
+    ----------
+    name : str
+        Full name of the parameter.
+    value : float
+        Its value.
+    joints : tuple of str
+        Joints of the robot, where they are known: the other joint of a coupling has a name.
+    """
+    p = shape_of(name)
+    return p.words(value, joints) if p else ""
+
+
+def without_error(name: str, v: Value) -> str:
+    """Why a value has no standard error; empty where it has one, or can have none by its nature."""
+    p = shape_of(name)
+    if v.stderr == v.stderr or (p is not None and (p.choice or p.words(v.value))):
+        return ""
+    if v.source == "given":
+        return "given, not fitted"
+    if not v.identifiable:
+        return "the data do not determine it by itself"
+    if v.at_bound:
+        return "at the end of what was searched, the optimum may lie beyond"
+    if p is not None and p.name == SIGN:
+        return "the sharpest sign that fits, as fine as the data resolve"
+    return "it does not change the effort here"
+
+
+def remark(effect: str, parameters: Mapping[str, Value]) -> str:
+    """What the fitted values of one effect say that a reader might miss; empty if nothing.
+
+    Parameters
+    ----------
+    effect : str
+        Its name.
+    parameters : mapping of str to Value
+        Its parameters by full name.
+    """
+    short = {n.split(".")[-1]: v for n, v in parameters.items() if "[" not in n}
+    kind = catalogue.get(effect)
+    if not all(p.name in short for p in (*kind.params, *kind.shape)):
+        return ""
+    values, errors = ({n: getattr(v, k) for n, v in short.items()} for k in ("value", "stderr"))
+    return kind.remark(values, errors)
