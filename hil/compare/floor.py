@@ -30,6 +30,12 @@ SENSOR_ACCURACY = 0.02
 #: Linearity of amplifiers and DACs, and the jitter of a command within its period: no motor
 #: effort is known better than to about a third of a percent.
 EFFORT_ACCURACY = 0.003
+#: Columns of which less than this is new do not count.
+RANK = 1e-6
+#: Times that normal equations are solved, from the second on for what is left.
+STEPS = 2
+#: Ridges that are tried.
+STRENGTHS = (1e-4, 1e-3, 1e-2, 1e-1)
 
 
 @dataclass(frozen=True)
@@ -120,49 +126,70 @@ def largest_model(
         own = x[j][:, np.any(x[j] != 0, axis=0)]
         more = np.concatenate([*extra[j], smooth_features(problem, j)], axis=1)
         live = problem.live[j]
-        own, more, y = own[live], more[live], problem.y[j, live]
+        columns, y = np.concatenate([own, more], axis=1)[live], problem.y[j, live]
+        norm = np.linalg.norm(columns, axis=0)
+        some = norm > 1e-300
+        penalised = (np.arange(norm.size) >= own.shape[1])[some]
+        columns = columns[:, some] / norm[some]
         out[j] = 0.0
-        out[j, live], rank = _least_squares(np.concatenate([own, more], axis=1), y)
+        folds = _folds(columns, y)
+        out[j, live], rank = _least_squares(folds)
         factor[j] = inflation(out[j], problem.run)
         # band-limited or coloured rows: one independent value in `factor` instants
         spent = rank * max(factor[j], problem.rate / (2 * problem.rates.effort))
         now = float(result.rms[j])
         free = max(y.size - spent, 0.3 * y.size)
         scale[j] = min(np.sqrt(np.sum(out[j] ** 2) / free), now)
-        predicted[j] = min(_left_out(own, more, y), now)
+        predicted[j] = min(_left_out(folds, penalised), now)
     return out, factor, scale, predicted
 
 
-def _left_out(base: FloatArray, more: FloatArray, y: FloatArray, folds: int = 6) -> float:
-    """Rms error on left-out blocks of time; ridge on `more`, the best of four strengths."""
-    x = np.concatenate([base, more], axis=1)
-    norm = np.linalg.norm(x, axis=0)
-    x = x[:, norm > 1e-300] / norm[norm > 1e-300]
-    penalised = (np.arange(norm.size) >= base.shape[1])[norm > 1e-300]
-    edges = np.linspace(0, y.size, folds + 1).astype(int)
-    grams = [x[a:b].T @ x[a:b] for a, b in pairwise(edges)]
-    rights = [x[a:b].T @ y[a:b] for a, b in pairwise(edges)]
-    best = np.inf
-    for strength in (1e-4, 1e-3, 1e-2, 1e-1):
-        ridge = np.diag(np.where(penalised, strength, 1e-10))
-        error = 0.0
-        for k, (a, b) in enumerate(pairwise(edges)):
-            theta = scipy.linalg.solve(
-                sum(grams) - grams[k] + ridge, sum(rights) - rights[k], assume_a="sym"
-            )
-            error += float(np.sum((y[a:b] - x[a:b] @ theta) ** 2))
-        best = min(best, error)
-    return float(np.sqrt(best / y.size))
+@dataclass(frozen=True)
+class _Folds:
+    """Columns of length one (n, p) and y (n,), with X'X and X'y of contiguous blocks of time."""
+
+    x: FloatArray
+    y: FloatArray
+    edges: list[tuple[int, int]]
+    grams: FloatArray
+    rights: FloatArray
 
 
-def _least_squares(x: FloatArray, y: FloatArray) -> tuple[FloatArray, int]:
-    norm = np.linalg.norm(x, axis=0)
-    x = x[:, norm > 1e-300] / norm[norm > 1e-300]
-    q, r, _ = scipy.linalg.qr(x, mode="economic", pivoting=True, check_finite=False)
-    size = np.abs(np.diag(r))
-    rank = int(np.sum(size > 1e-6 * size[0])) if size.size else 0
-    q = q[:, :rank]
-    return y - q @ (q.T @ y), rank
+def _folds(x: FloatArray, y: FloatArray, count: int = 6) -> _Folds:
+    edges = list(pairwise(np.linspace(0, y.size, count + 1).astype(int).tolist()))
+    grams = np.stack([x[a:b].T @ x[a:b] for a, b in edges])
+    rights = np.stack([x[a:b].T @ y[a:b] for a, b in edges])
+    return _Folds(x, y, edges, grams, rights)
+
+
+def _left_out(f: _Folds, penalised: NDArray[np.bool_]) -> float:
+    """Rms error on left-out blocks of time; ridge on some columns, the best of STRENGTHS."""
+    ridges = np.stack([np.diag(np.where(penalised, s, 1e-10)) for s in STRENGTHS])
+    errors = np.zeros(len(ridges))
+    for k, (a, b) in enumerate(f.edges):
+        gram, right = f.grams.sum(axis=0) - f.grams[k], f.rights.sum(axis=0) - f.rights[k]
+        theta = np.linalg.solve(gram + ridges, right[:, None])[:, :, 0]
+        errors += np.sum((f.y[a:b, None] - f.x[a:b] @ theta.T) ** 2, axis=0)
+    return float(np.sqrt(errors.min() / f.y.size))
+
+
+def _least_squares(f: _Folds) -> tuple[FloatArray, int]:
+    """Residual of y on all columns, and how many of them count.
+
+    P'X'X P = R'R with the largest pivots first, down to RANK in R; solved again for what is left,
+    as normal equations lose half the digits.
+
+    Source: Golub and Van Loan, Matrix Computations, 2013, 4.2.9 (pivoting), 5.3.8 (refinement).
+    """
+    if not f.x.size:
+        return f.y, 0
+    factor, order, rank, _ = scipy.linalg.lapack.dpstrf(f.grams.sum(axis=0), tol=RANK**2)
+    own, left = order[:rank] - 1, f.y
+    for _ in range(STEPS):
+        theta = np.zeros(f.x.shape[1])
+        theta[own] = scipy.linalg.cho_solve((factor[:rank, :rank], False), (f.x.T @ left)[own])
+        left = left - f.x @ theta
+    return left, int(rank)
 
 
 def repeat_floor(result: FitResult) -> FloatArray | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,9 @@ from hil.compare.evidence import Evidence, floor_of
 from hil.errors import DataError
 from hil.identify.bounds import bounded, limits
 from hil.identify.fit import fit, predict, time_blocks
+from hil.identify.normal import ENOUGH, Normal
 from hil.identify.problem import Problem
-from hil.identify.regression import basis
+from hil.identify.regression import Basis, basis
 from hil.identify.result import FitResult, relative
 from hil.identify.validity import outside
 from hil.record.checks import check
@@ -209,25 +211,34 @@ def _blocks(problem: Problem) -> NDArray[np.int_]:
 def _folds(result: FitResult) -> FloatArray:
     """Residual of each contiguous fifth, coefficients from the other four."""
     problem = result.problem
-    w = np.repeat(1.0 / result.sigma, problem.n)
-    fold = np.minimum(np.arange(problem.n) * FOLDS // problem.n, FOLDS - 1)
-    rows = np.tile(fold, problem.d)
-    y = problem.y.reshape(-1)
-    xw, out = result.x * w[:, None], np.empty(y.size)
+    x, y = result.x.reshape(problem.d, problem.n, -1), problem.y
     # what the other folds do not determine stays where the fit began, not where it ended
-    held = result.x @ result.prior
+    start, out = y - x @ result.prior, np.empty_like(y)
+    edges = list(pairwise(-(-k * problem.n // FOLDS) for k in range(FOLDS + 1)))
+    parts = [Normal.of(x[:, a:b], start[:, a:b], result.sigma) for a, b in edges]
+    every = Normal.of(x, start, result.sigma)
     low, high = limits(result.terms, problem)
-    for k in range(FOLDS):
-        train, test = rows != k, rows == k
-        b = basis(xw[train], 1.0 / max(float(np.linalg.norm((y * w)[train])), 1.0))
-        theta = b.solve((y * w)[train], result.prior, (held * w)[train])
-        theta = bounded(theta, b, low, high)
-        fixed = np.concatenate(
-            [
-                np.full(s.stop - s.start, t.fixed)
-                for t, s in zip(result.terms, result.slices, strict=True)
-            ]
-        )
-        theta = np.where(fixed, result.theta, theta)
-        out[test] = y[test] - result.x[test] @ theta
-    return out.reshape(problem.d, problem.n)
+    held = [
+        np.full(s.stop - s.start, t.fixed) for t, s in zip(result.terms, result.slices, strict=True)
+    ]
+    for part, (a, b) in zip(parts, edges, strict=True):
+        train = np.r_[0:a, b : problem.n]
+        least = 1.0 / max(float(np.linalg.norm(y[:, train] / result.sigma[:, None])), 1.0)
+        if least > ENOUGH:
+            step, found = (every - part).solved(least)
+        else:
+            step, found = _solved(x[:, train], start[:, train], result.sigma, least)
+        theta = bounded(result.prior + step, found, low, high)
+        theta = np.where(np.concatenate(held), result.theta, theta)
+        out[:, a:b] = y[:, a:b] - x[:, a:b] @ theta
+    return out
+
+
+def _solved(
+    x: FloatArray, y: FloatArray, sigma: FloatArray, least: float
+) -> tuple[FloatArray, Basis]:
+    """Shortest theta (p,) of columns (d, n, p) and target (d, n), and the basis."""
+    weighted = (x / sigma[:, None, None]).reshape(-1, x.shape[-1])
+    target, nothing = (y / sigma[:, None]).reshape(-1), np.zeros(x.shape[-1])
+    b = basis(weighted, least)
+    return b.solve(target, nothing, np.zeros_like(target)), b

@@ -77,12 +77,17 @@ def basis(x: FloatArray, noise_to_signal: float = 1e-9) -> Basis:
         Singular values of the column-scaled regressor below this are not determined;
         1 / |y / sigma| leaves out what moves the effort by less than one noise unit.
     """
-    norm = np.linalg.norm(x, axis=0)
+    scale, live = unit_scale(np.linalg.norm(x, axis=0))
+    unit: FloatArray = x * live / scale
+    q0, r = scipy.linalg.qr(unit, mode="economic", check_finite=False)
+    return _determined(q0, r, scale, noise_to_signal)
+
+
+def unit_scale(norm: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Scales (p,) of columns of some length (p,), 1 where they are zero; and which are not."""
     # a column that is nothing but rounding must not be scaled up to a direction of its own
     live = norm > max(1e-300, ROUNDING * float(norm.max(initial=0.0)))
-    scale = np.where(live, norm, 1.0)
-    q0, r = scipy.linalg.qr(x * live / scale, mode="economic", check_finite=False)
-    return _determined(q0, r, scale, noise_to_signal)
+    return np.where(live, norm, 1.0), live
 
 
 def of_factors(q: Sequence[FloatArray], r: Sequence[FloatArray], least: float = 1e-9) -> Basis:
@@ -107,9 +112,7 @@ def extended(b: Basis, columns: FloatArray, noise_to_signal: float = 1e-9) -> Ba
 
     Zero columns have no part in it.
     """
-    norm = np.linalg.norm(columns, axis=0)
-    live = norm > max(1e-300, ROUNDING * float(norm.max(initial=0.0)))
-    scale = np.where(live, norm, 1.0)
+    scale, live = unit_scale(np.linalg.norm(columns, axis=0))
     c = columns * live / scale
     # [X D^-1, C] = [Q, P] [S V', Q'C; 0, T]
     inner = b.q.T @ c
