@@ -78,9 +78,8 @@ def basis(x: FloatArray, noise_to_signal: float = 1e-9) -> Basis:
         1 / |y / sigma| leaves out what moves the effort by less than one noise unit.
     """
     scale, live = unit_scale(np.linalg.norm(x, axis=0))
-    unit: FloatArray = x * live / scale
-    q0, r = scipy.linalg.qr(unit, mode="economic", check_finite=False)
-    return _determined(q0, r, scale, noise_to_signal)
+    q0, r = scipy.linalg.qr(x * live / scale, mode="economic", check_finite=False)
+    return _determined(np.asarray(q0), np.asarray(r), scale, noise_to_signal)
 
 
 def unit_scale(norm: FloatArray) -> tuple[FloatArray, BoolArray]:
