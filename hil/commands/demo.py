@@ -12,10 +12,10 @@ from hil.bench import hidden
 from hil.commands import common, outputs, plugins
 from hil.commands.diagnosetext import text
 from hil.compare import analysis
+from hil.compare.adding import Files
 from hil.compare.findings import Diagnosis
 from hil.compare.report import diagnosis_report
 from hil.compare.tables import diagnosis_json, ladder_json
-from hil.compare.words import Files
 from hil.config import load_rig
 from hil.errors import ConfigError
 from hil.models.model import base_model

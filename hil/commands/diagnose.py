@@ -8,11 +8,11 @@ from typing import Any
 from hil.commands import common
 from hil.commands.diagnosetext import text
 from hil.compare import analysis
+from hil.compare.adding import Files
 from hil.compare.analysis import Rung
 from hil.compare.findings import Diagnosis
 from hil.compare.tables import diagnosis_json, ladder_json
 from hil.compare.warn import rising
-from hil.compare.words import Files
 
 HELP = "which physical effect is missing"
 EXAMPLE = "hil diagnose run.mcap --model arm.toml --holdout other.mcap --report why.html"

@@ -8,6 +8,7 @@ from hil.commands import common
 from hil.compare.analysis import Rung
 from hil.compare.findings import Diagnosis, Finding
 from hil.compare.multistep import MultiStep
+from hil.compare.sessions import CODE as DIFFER
 from hil.compare.tables import at_issue_of
 from hil.models import catalogue
 from hil.models.told import remark
@@ -24,7 +25,7 @@ SENTENCES = {
 
 def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     """The diagnosis for a terminal; `verbose` also explains what no motion could ever tell."""
-    lines = [f"Verdict: {SENTENCES[d.verdict]}"]
+    lines = [f"Verdict: {verdict(d.verdict, d.warnings)}"]
     if d.verdict == "not-identifiable":
         lines += [f"  {w}." for _, w in d.warnings]
     for f in d.findings:
@@ -32,6 +33,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     if d.partial:
         names = ", ".join(f"{f.effect} on {f.joint}" for f in d.partial)
         lines.append(f"  best partial explanation: {names} (explains too little to be the cause)")
+    lines += [f"  {w}." for code, w in d.warnings if code == DIFFER]
     if d.network:
         lines += ["", "What any function of these variables could explain of what is left"]
         lines += [f"  - {s.text}" for s in d.network]
@@ -41,10 +43,31 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     if d.result.model.explains == "motor":
         lines += ["", multi_text(rungs)]
     lines += _apart(d, verbose)
-    said = d.verdict == "not-identifiable"
-    notes = [w for code, w in d.warnings if not (said or code.startswith("impossible"))]
+    notes = _notes(d)
     lines += ["", *(f"  note: {w}" for w in notes)] if notes else []
     return "\n".join(lines)
+
+
+def verdict(name: str, warnings: list[tuple[str, str]]) -> str:
+    """A verdict as a sentence."""
+    if name == "adequate" and any(code == DIFFER for code, _ in warnings):
+        return (
+            "adequate for what was fitted: the model explains that down to the noise floor, but "
+            "not the held-out data."
+        )
+    return SENTENCES[name]
+
+
+def _notes(d: Diagnosis) -> list[str]:
+    """Warnings that were not said above, in words."""
+    if d.verdict == "not-identifiable":
+        return []
+    shown = {n for f in d.findings for n in f.parameters}
+    return [
+        text for code, text in d.warnings
+        if not code.startswith("impossible") and code != DIFFER
+        and not (code == "at-bound" and text.split()[1] in shown)
+    ]  # fmt: skip
 
 
 def _apart(d: Diagnosis, verbose: bool) -> list[str]:

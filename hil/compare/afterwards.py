@@ -11,6 +11,7 @@ from hil.compare.fallback import explainable
 from hil.compare.findings import Diagnosis
 from hil.compare.heldout import Examiner
 from hil.compare.lost import lost_counts
+from hil.compare.sessions import differences
 from hil.identify.errors import complete
 from hil.identify.validity import outside
 from hil.models.model import RobotModel
@@ -39,8 +40,11 @@ def finish(
     """
     result = out.ladder[-1].result
     out.valid = model.valid
+    # before the held-out runs are predicted anew: their loads are those of their own fit
+    differ = differences(out, examine)
     beyond = outside(model.valid, result.problem) + examine.outside(result)
     out.warnings += [("outside-range", text) for text in beyond]
+    out.warnings += differ
     out.warnings += [(f.code, f.sentence) for f in faults]
     out.warnings += lost_counts(out.findings, recordings, out.warnings)
     out.network = explainable(result, out.last.floor)

@@ -13,6 +13,7 @@ from hil.compare.findings import Diagnosis, Step
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep, both, each
+from hil.compare.sessions import differences
 from hil.errors import ConfigError, DataError
 from hil.identify.errors import complete
 from hil.identify.fit import fit as fit_problem
@@ -120,10 +121,13 @@ def compare(
     where = regions(result, evidence.floor)
     beyond = outside(model.valid, problem) + examine.outside(result)
     faults = [*faults_of(recordings), *(Fault("outside-range", "warning", "", x) for x in beyond)]
+    heldout, floor = examine(result), examine.floor(result, evidence)
+    alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
+    alike.floor = evidence.floor.rms
+    faults += [Fault(code, "warning", "", x) for code, x in differences(alike, examine)]
     return Comparison(
-        result, examine(result), evidence, where, both(result, problem), faults,
-        examine.floor(result, evidence), model.valid,
-    )  # fmt: skip
+        result, heldout, evidence, where, both(result, problem), faults, floor, model.valid
+    )
 
 
 __all__ = ["add", "compare", "diagnose", "fit", "ladder"]

@@ -121,6 +121,8 @@ class Examiner:
         self.kind = "holdout" if holdout else "folds"
         self._problem = problem
         self._other: Problem | None = None
+        #: The last model fitted to the held-out runs alone, once their floor was asked for.
+        self.alone: FitResult | None = None
         if holdout:
             for other in holdout:
                 _of_robot(other, problem)
@@ -153,7 +155,8 @@ class Examiner:
         """
         if self._other is None:
             return None
-        return np.asarray(floor_of(fit(self._other, result.model), evidence).rms)
+        self.alone = fit(self._other, result.model)
+        return np.asarray(floor_of(self.alone, evidence).rms)
 
 
 def _of_robot(other: Recording, problem: Problem) -> None:

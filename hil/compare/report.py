@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 from hil.compare import words
+from hil.compare.adding import Files, command
 from hil.compare.analysis import Comparison, Rung
 from hil.compare.candidateplot import candidates_figure, candidates_table
 from hil.compare.effectplot import effect_figure
@@ -35,9 +36,7 @@ def comparison_report(comparison: Comparison, path: str | Path) -> None:
     _write(from_comparison(comparison), path)
 
 
-def diagnosis_report(
-    diagnosis: Diagnosis, path: str | Path, files: words.Files | None = None
-) -> None:
+def diagnosis_report(diagnosis: Diagnosis, path: str | Path, files: Files | None = None) -> None:
     """Write the report of a diagnosis.
 
     Parameters
@@ -52,7 +51,7 @@ def diagnosis_report(
     _write(from_diagnosis(diagnosis), path, files)
 
 
-def _write(m: Material, path: str | Path, files: words.Files | None = None) -> None:
+def _write(m: Material, path: str | Path, files: Files | None = None) -> None:
     kind = "Comparison" if m.verdict == COMPARED else "Diagnosis"
     title = f"{kind} of a robot model with measurements"
     body = f"<h1>{escape(title)}</h1>" + top(m, files)
@@ -65,15 +64,15 @@ def _write(m: Material, path: str | Path, files: words.Files | None = None) -> N
         file.write(document(title, body, figures=bool(m.rungs)))
 
 
-def top(m: Material, files: words.Files | None = None) -> str:
+def top(m: Material, files: Files | None = None) -> str:
     """Headline, what it rests on, what to do next."""
     lines = "".join(paragraph(t) for t in words.details(m))
     box = (
-        f'<div class="verdict" style="--tone: {words.TONES[m.verdict]}">'
+        f'<div class="verdict" style="--tone: {words.tone(m)}">'
         f'<p class="head">{escape(words.headline(m))}</p>{lines}</div>'
     )
-    command = words.command(m, files)
-    pre = f"<pre>{escape(command)}</pre>" if command else ""
+    lines_to_type = command(m, files)
+    pre = f"<pre>{escape(lines_to_type)}</pre>" if lines_to_type else ""
     after = f'<div class="next"><b>What to do next</b>{items(words.next_steps(m))}{pre}</div>'
     return box + after
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import shlex
-from dataclasses import dataclass
-from pathlib import Path
 
 from hil.compare.ambiguity import CONFIDENT
 from hil.compare.findings import Finding
@@ -13,6 +10,8 @@ from hil.compare.floor import EFFORT_ACCURACY, SENSOR_ACCURACY
 from hil.compare.judge import ADEQUATE, EXPLAINED
 from hil.compare.material import COMPARED, Material
 from hil.compare.page import number
+from hil.compare.sessions import ADVICE
+from hil.compare.sessions import CODE as DIFFER
 from hil.errors import ConfigError
 from hil.models import catalogue
 from hil.models.model import Value
@@ -55,6 +54,16 @@ def worst(m: Material) -> int:
     return int(m.ratio(m.before).argmax())
 
 
+def apart(m: Material) -> list[str]:
+    """Sentences on held-out sessions that differ from the fitted ones."""
+    return [f"{text}." for code, text in m.warnings if code == DIFFER]
+
+
+def tone(m: Material) -> str:
+    """Colour of the verdict's bar."""
+    return TONES["ambiguous" if m.verdict == "adequate" and apart(m) else m.verdict]
+
+
 def headline(m: Material) -> str:
     """The verdict in one sentence."""
     names = _list([where(f) for f in m.findings]) if m.findings else ""
@@ -70,6 +79,8 @@ def headline(m: Material) -> str:
             f"Something is missing, most likely {names}, but these data do not settle which effect "
             "it is."
         )
+    if m.verdict == "adequate" and apart(m):
+        return "The model is adequate for what was fitted, but not for the held-out data."
     if m.verdict == "adequate":
         return "The model is adequate: it explains the data down to the noise floor."
     if m.verdict == "unexplained":
@@ -87,7 +98,7 @@ def headline(m: Material) -> str:
 
 def details(m: Material) -> list[str]:
     """Sentences below the headline: effect, confidence, error before and after, floor."""
-    out = [_finding(m, f) for f in m.findings]
+    out = [_finding(m, f) for f in m.findings] + apart(m)
     for f in m.partial:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it accounts for "
@@ -161,6 +172,8 @@ def next_steps(m: Material) -> list[str]:
         "bad-data": ["Run 'hil info' on the recording; mend, cut or repeat it."],
         COMPARED: ["Run 'hil diagnose' on the same files to learn which effect is missing."],
     }  # fmt: skip
+    if m.verdict in ("adequate", "unexplained") and apart(m):
+        return [f"{ADVICE}.", "Diagnose again."]
     if m.verdict == "ambiguous":
         wait = "Do not add an effect yet; record the motion that separates the rivals."
         return [wait, *motions[:3]]
@@ -173,49 +186,6 @@ def shown_by(effect: str) -> str:
         return catalogue.get(effect).shown_by
     except ConfigError:
         return "see the effect's own documentation"
-
-
-@dataclass(frozen=True)
-class Files:
-    """What a diagnosis was made from, as it was typed, for the commands that a report suggests.
-
-    Parameters
-    ----------
-    sessions, holdout : tuple of str
-        Sessions that were fitted, and those that were judged on.
-    model : str
-        Model file; empty for the base model of the session's robot.
-    arm : str
-        Arm, if one was named.
-    """
-
-    sessions: tuple[str, ...] = ("SESSION.mcap",)
-    holdout: tuple[str, ...] = ()
-    model: str = "MODEL.toml"
-    arm: str = ""
-
-    def options(self) -> list[str]:
-        """Words of a command line behind the model."""
-        held = [w for h in self.holdout for w in ("--holdout", h)]
-        return [*(["--arm", self.arm] if self.arm else []), "--session", *self.sessions, *held]
-
-    def better(self, k: int) -> str:
-        """Name of the k-th improved model, beside the model or the first session."""
-        return str(Path(self.model or self.sessions[0]).with_suffix(f".plus{k}.toml"))
-
-
-def command(m: Material, files: Files | None = None) -> str:
-    """Commands that add the findings; empty if there is nothing to add."""
-    if m.verdict != "missing-effect":
-        return ""
-    names = files or Files()
-    lines, source = [], names.model
-    for k, f in enumerate(m.findings, 1):
-        words = ["hil", "add", f.effect, *(["--joint", f.joint] if f.joint else [])]
-        words += ["--model", source] if source else []
-        source = names.better(k)
-        lines.append(shlex.join([*words, *names.options(), "-o", source]))
-    return "\n".join(lines)
 
 
 def origin(m: Material) -> str:

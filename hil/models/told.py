@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 
 from hil.models import catalogue
+from hil.models.effect import Effect
 from hil.models.model import Value
 from hil.models.param import Param
 
@@ -14,13 +15,13 @@ SIGN = "v0"
 _NAME = re.compile(r"(?:j\d+\.)?(?P<effect>[^.]+)\.(?P<param>[^\[]+)")
 
 
-def shape_of(name: str) -> Param | None:
-    """Shape parameter of a full name; None for a coefficient or an unknown effect."""
+def _shape(name: str) -> tuple[Effect, Param] | None:
+    """Effect and shape parameter of a full name; None for a coefficient or an unknown effect."""
     found = _NAME.fullmatch(name)
     effect = catalogue.table().get(found["effect"]) if found else None
     if effect is None or found is None:
         return None
-    return next((p for p in effect.shape if p.name == found["param"]), None)
+    return next(((effect, p) for p in effect.shape if p.name == found["param"]), None)
 
 
 def in_words(name: str, value: float, joints: tuple[str, ...] = ()) -> str:
@@ -35,14 +36,14 @@ def in_words(name: str, value: float, joints: tuple[str, ...] = ()) -> str:
     joints : tuple of str
         Joints of the robot, where they are known: the other joint of a coupling has a name.
     """
-    p = shape_of(name)
-    return p.words(value, joints) if p else ""
+    found = _shape(name)
+    return found[1].words(value, joints) if found else ""
 
 
 def without_error(name: str, v: Value) -> str:
     """Why a value has no standard error; empty where it has one, or can have none by its nature."""
-    p = shape_of(name)
-    if v.stderr == v.stderr or (p is not None and (p.choice or p.words(v.value))):
+    found = _shape(name)
+    if v.stderr == v.stderr or (found and (found[1].choice or found[1].words(v.value))):
         return ""
     if v.source == "given":
         return "given, not fitted"
@@ -50,8 +51,10 @@ def without_error(name: str, v: Value) -> str:
         return "the data do not determine it by itself"
     if v.at_bound:
         return "at the end of what was searched, the optimum may lie beyond"
-    if p is not None and p.name == SIGN:
+    if found and found[1].name == SIGN:
         return "the sharpest sign that fits, as fine as the data resolve"
+    if found and found[0].ends_at_resolution:
+        return "at the end of what the data resolve"
     return "it does not change the effort here"
 
 

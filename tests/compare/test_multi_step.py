@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hil.compare.adding import Files, command
 from hil.compare.multistep import MultiStep
 from hil.compare.warn import rising, useless
-from hil.compare.words import Files, command
 from hil.models.model import base_model
 
 

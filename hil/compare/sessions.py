@@ -1,0 +1,181 @@
+"""Where a held-out session differs from the fitted ones, and which effect only one of them holds.
+
+Three cases, joint by joint, each with its own sign:
+
+- *values*: with the parameters of the fit the held-out error is far above what the same model
+  leaves when it is fitted to that session alone; within what their standard errors allow, that is
+  the fit's motion and not the rig;
+- *theirs*: fitted alone the held-out session keeps an error that a candidate explains there, and
+  that candidate is not in the fitted ones;
+- *ours*: a candidate explains what is left in the fitted sessions, and the held-out one, fitted
+  alone, shows less than a quarter of it.
+
+Nothing here changes a verdict; it says why one came out as it did.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.compare.attribute import choose, plausible
+from hil.compare.evidence import Candidate, gather
+from hil.compare.findings import Diagnosis
+from hil.compare.heldout import Examiner, HeldOut
+from hil.compare.judge import ADEQUATE
+from hil.compare.shifted import explanation, foretold
+from hil.identify.projector import Projector
+from hil.identify.result import FitResult
+from hil.identify.validity import identified, outside
+
+FloatArray = NDArray[np.float64]
+#: Factor between errors from which two sessions differ, beside any chance.
+APART = 1.2
+#: Paired standard errors over blocks by which the error must fall when fitted alone.
+BEYOND = 3.0
+#: Standard errors from which two fits' predictions differ for certain: theirs count noise alone.
+CERTAIN = 5.0
+#: Factor between two sessions' own errors from which the larger one is looked at for itself.
+LOUDER = 1.5
+#: Share of an effect's power in the other session below which that session lacks it.
+LACKS = 0.25
+CODE, SAID = "sessions-differ", "the sessions differ"
+#: Share of what stands above the noise that an effect must explain to be said.
+MOST = 0.7
+BOTH = "Give both to the fit and hold out a third one"
+ADVICE = (
+    f"{BOTH}, set what belongs to a day under [offsets] in "
+    "the map file, or record anew in one state of the rig"
+)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """The fit, the held-out runs under it, and the same model fitted to those alone."""
+
+    fitted: FitResult
+    heldout: HeldOut
+    alone: FitResult
+
+    @property
+    def ours(self) -> str:
+        return ", ".join(r.name for r in self.fitted.problem.recordings)
+
+    @property
+    def theirs(self) -> str:
+        return ", ".join(r.name for r in self.alone.problem.recordings)
+
+
+def differences(out: Diagnosis, examine: Examiner) -> list[tuple[str, str]]:
+    """Warnings (code, sentence), the last with what to do; none without held-out sessions.
+
+    Parameters
+    ----------
+    out : Diagnosis
+        With its verdict.
+    examine : Examiner
+        Has fitted the last model to the held-out runs alone.
+    """
+    if examine.alone is None:
+        return []
+    step = out.ladder[-1]
+    pair = _Pair(step.result, step.heldout, examine.alone)
+    moves = np.flatnonzero(~pair.fitted.problem.holds & ~pair.alone.problem.holds).tolist()
+    found = _ours(out, pair, moves) + _theirs(out, pair, moves)
+    found += [(j, _values(pair, j)) for j in moves if j not in {k for k, text in found if text}]
+    texts = [text for _, text in sorted(found) if text]
+    what = ADVICE if any(SAID in t for t in texts) else BOTH
+    return [(CODE, text) for text in [*texts[:-1], *(f"{t}. {what}" for t in texts[-1:])]]
+
+
+def _values(pair: _Pair, j: int) -> str:
+    """The sentence where parameters of the fit do not serve the held-out runs; else empty."""
+    rms, own = float(pair.heldout.rms[j]), float(pair.alone.rms[j])
+    single = replace(pair.heldout, residual=pair.alone.residual)
+    if rms <= APART * own or single.gain(pair.heldout, j) < BEYOND:
+        return ""
+    joint, times = pair.fitted.problem.joints[j], rms / max(own, 1e-300)
+    text = (
+        f"with the parameters fitted to {pair.ours} the error in {pair.theirs} is {times:.1f} "
+        f"times what the same model leaves when it is fitted to {pair.theirs} alone"
+    )
+    if foretold(pair.fitted, pair.alone, j) < CERTAIN:
+        return (
+            f"{joint}: {text}; their standard errors allow as much: the motion of {pair.ours} does "
+            f"not determine what {pair.theirs} needs"
+        )
+    why = explanation(pair.fitted, pair.alone, pair.heldout.residual, j)
+    beyond = outside(identified(pair.fitted.problem), pair.alone.problem)
+    left = any(x.startswith(f"{joint}: ") for x in beyond)
+    lead = f"{pair.theirs} leaves the range of {pair.ours}, or" if left else ""
+    return f"{joint}: {' '.join([lead, SAID]).strip()}: {text}{f'; {why}' if why else ''}"
+
+
+def _theirs(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, str]]:
+    """Sentences for what only the held-out sessions hold."""
+    quiet = np.minimum(out.floor, pair.fitted.rms)
+    louder = [j for j in joints if pair.alone.rms[j] > LOUDER * quiet[j]]
+    if not louder:
+        return []
+    evidence, known = gather(pair.alone), plausible(out.last, pair.fitted)
+    texts = []
+    for j in louder:
+        above = pair.alone.rms[j] > ADEQUATE * evidence.floor.rms[j]
+        named = [c for c in plausible(evidence, pair.alone) if c.joint == j and above]
+        if named and (named[0].name, j) not in {(k.name, k.joint) for k in known}:
+            floor = float(evidence.floor.rms[j])
+            told = (_names(named, evidence.projector), pair.theirs, pair.ours)
+            texts.append((j, _only(named[0], floor, told, pair.alone)))
+    return texts
+
+
+def _ours(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, str]]:
+    """Sentences for what only the fitted sessions hold, where no name stands."""
+    if out.verdict not in ("unexplained", "ambiguous"):
+        return []
+    texts, candidates = [], plausible(out.last, pair.fitted)
+    beside = Projector(pair.alone.problem, pair.alone.terms, pair.alone.sigma)
+    for j in joints:
+        named = [c for c in candidates if c.joint == j and not c.term.per_run]
+        if not named or _power(named[0], beside) > LACKS * _here(named[0], pair.fitted):
+            continue
+        floor = float(out.last.floor.rms[j])
+        told = (_names(named, out.last.projector), pair.ours, pair.theirs)
+        texts.append((j, _only(named[0], floor, told, pair.fitted)))
+    return texts
+
+
+def _names(named: list[Candidate], projector: Projector | None) -> str:
+    """Best candidate and those that the data hardly tell from it."""
+    if projector is None:
+        return named[0].name
+    best, _, rivals = choose(named, projector)
+    return " or ".join(dict.fromkeys([best.name, *(c.name for c in rivals)]))
+
+
+def _here(c: Candidate, result: FitResult) -> float:
+    """Power of the residual that a candidate explains on its joint where it was found."""
+    j = c.joint
+    return float(c.parts[j] * result.sigma[j] ** 2 / max(result.problem.count[j], 1.0))
+
+
+def _power(c: Candidate, beside: Projector) -> float:
+    """The same in other sessions, with the same shape."""
+    problem, j = beside.problem, c.joint
+    return float(beside.gain(c.term) * beside.sigma[j] ** 2 / max(problem.count[j], 1.0))
+
+
+def _only(c: Candidate, floor: float, told: tuple[str, str, str], where: FitResult) -> str:
+    """Sentence for an effect that the first of two sessions holds alone; empty if it is little."""
+    name, here, there = told
+    excess = max(float(where.rms[c.joint]) ** 2 - floor**2, 1e-300)
+    share = min(_here(c, where) / excess, 1.0)
+    if share < MOST:
+        return ""
+    joint = where.problem.joints[c.joint]
+    return (
+        f"{joint}: {SAID}: {name} would explain {100 * share:.0f} % of what stands above the noise "
+        f"in {here}, and {there} shows nothing of it"
+    )

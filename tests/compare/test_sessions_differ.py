@@ -1,0 +1,107 @@
+"""Sessions that differ: which one holds what, and which effect would explain it."""
+
+import numpy as np
+import pytest
+
+from hil.commands.compare import text as compared
+from hil.commands.diagnosetext import text
+from hil.compare.analysis import compare, ladder
+from hil.compare.diagnose import diagnose
+from hil.compare.report import diagnosis_report
+from hil.compare.sessions import CODE
+from hil.compare.tables import diagnosis_json
+from hil.models.model import base_model
+from hil.record.recording import Recording
+
+LAWS = {
+    "": lambda x, v, a: 0.0 * v,
+    "offset": lambda x, v, a: 0.3 + 0.0 * v,
+    "cogging": lambda x, v, a: 0.4 * np.sin(6 * np.pi * x),
+    "stribeck": lambda x, v, a: 0.4 * np.exp(-((v / 0.1) ** 2)) * np.tanh(v / 0.01),
+    "coulomb": lambda x, v, a: 0.25 * np.tanh(v / 0.01),
+    "gain": lambda x, v, a: 0.15 * (0.3 * a + 0.8 * np.tanh(v / 0.01) + 0.5 * v),
+}
+
+
+def session(law: str, seed: int, name: str, slow: float = 1.0) -> Recording:
+    """Two axes; the law acts on the second."""
+    n, d = 8000, 2
+    rng, t = np.random.default_rng(seed), np.arange(n) / 500.0
+    tones = np.array([0.23, 0.41, 0.77, 1.1]) * slow
+    q, v, a = (np.empty((n, d)) for _ in range(3))
+    for j in range(d):
+        w, phase = 2 * np.pi * tones * (1 + 0.07 * j), rng.uniform(0, 2 * np.pi, 4)
+        size, angle = 0.25 / (tones / slow) ** 0.7, np.outer(t, w) + phase
+        q[:, j] = (size * np.sin(angle)).sum(axis=1)
+        v[:, j] = (size * w * np.cos(angle)).sum(axis=1)
+        a[:, j] = -(size * w**2 * np.sin(angle)).sum(axis=1)
+    tau = 0.3 * a + 0.8 * np.tanh(v / 0.01) + 0.5 * v + 0.02 * rng.standard_normal((n, d))
+    tau[:, 1] += LAWS[law](q[:, 1], v[:, 1], a[:, 1])
+    q += 1e-6 * rng.standard_normal((n, d))
+    return Recording(name, "arm", ("joint1", "joint2"), t, q, tau)
+
+
+def answer(ours: str, theirs: str):
+    fit, held = session(ours, 1, "monday"), session(theirs, 2, "friday")
+    return diagnose([fit], base_model(fit.robot), [held])
+
+
+def said(d) -> list[str]:
+    return [text for code, text in d.warnings if code == CODE]
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "says"),
+    [
+        ("cogging", "", "cogging would explain 100 % of what stands above the noise in monday, and "
+         "friday shows nothing of it"),
+        ("stribeck", "", "stribeck would explain 100 % of what stands above the noise in monday"),
+        ("", "cogging", "cogging would explain 100 % of what stands above the noise in friday, and "
+         "monday shows nothing of it"),
+        ("", "stribeck", "stribeck would explain"),
+        ("", "offset", "torque-offset"),
+        ("offset", "", "torque-offset"),
+        ("", "coulomb", "another j2.coulomb.fc (+0.25 N m) would account for 100 %"),
+        ("", "gain", "all efforts of the joint scaled by 1.15"),
+    ],
+)  # fmt: skip
+def test_what_only_one_session_holds_is_said_with_its_effect(ours, theirs, says):
+    d = answer(ours, theirs)
+    (sentence,) = said(d)
+    assert sentence.startswith("joint2: the sessions differ: ") and says in sentence
+    assert "Give both to the fit" in sentence and "[offsets]" in sentence
+    assert sentence in [w["text"] for w in diagnosis_json(d)["warnings"]]
+    shown = text(d, ladder(d))
+    assert shown.count(sentence) == 1 and shown.index(sentence) < shown.index("held-out error")
+    assert d.verdict in ("adequate", "unexplained")
+    if d.verdict == "adequate":
+        assert "but not the held-out data" in shown.split("\n")[0]
+
+
+@pytest.mark.parametrize("law", ["", "cogging"])
+def test_sessions_of_one_rig_do_not_differ(law):
+    assert said(answer(law, law)) == []
+
+
+def test_a_motion_that_says_too_little_is_told_from_another_rig():
+    # the slow session leaves the inertia open; the fast one is the same rig
+    fit, held = session("", 1, "slow", 0.08), session("", 2, "fast")
+    d = diagnose([fit], base_model(fit.robot), [held])
+    assert all("the sessions differ" not in x or "leaves the range of slow" in x for x in said(d))
+    assert any("does not determine what fast needs" in x for x in said(d))
+
+
+def test_compare_and_the_report_say_it_too(tmp_path):
+    fit, held = session("", 1, "monday"), session("coulomb", 2, "friday")
+    assert "another j2.coulomb.fc" in compared(compare([fit], base_model(fit.robot), [held]))
+    page = tmp_path / "r.html"
+    d = answer("", "coulomb")
+    diagnosis_report(d, page)
+    shown = page.read_text(encoding="utf-8")
+    assert "adequate for what was fitted, but not for the held-out data" in shown
+    assert "another j2.coulomb.fc" in shown and "Use the model within the range" not in shown
+
+
+def test_without_held_out_sessions_nothing_is_compared():
+    run = session("cogging", 1, "monday")
+    assert said(diagnose([run], base_model(run.robot))) == []
