@@ -93,6 +93,8 @@ class Problem:
         self._share_slips()
         self._assemble()
         self.shift = 0.0
+        #: Least first shape value of an effect on a joint, where other runs have shown it.
+        self.least: dict[tuple[str, int], float] = {}
         #: What others have computed from the motion alone.
         self.memo: dict[tuple[object, ...], Any] = {}
         self._kept = Kept()

@@ -45,21 +45,30 @@ def best_shape(
     shape must be the best.
     """
     problem = projector.problem
-    grid = term.effect.grid(problem.motions[0], term.joint)
+    grid = _grid(problem, term)
     if not grid:
         return term, 0.0
     known = _tried(projector, term, grid)
     if not known:
         return term, 0.0
     tried, gains = list(known), list(known.values())
-    first = _simplest(tried, gains, projector.rss)
+    first = _simplest(tried, gains, [left(projector, term, g) for g in gains])
     found, gain = term.reshaped(tried[first]), gains[first]
-    worth = gain > NEGLIGIBLE * projector.rss
+    worth = gain > NEGLIGIBLE * left(projector, term)
     if refine and worth and term.effect.refine and len(term.effect.shape) and len(grid) > 1:
         found, gain = _refine(projector, found, grid, known, accuracy)
     if refine and worth:
         found, gain = _across(projector, found, gain)
     return _fundamental(projector, found, gain, grid)
+
+
+def _grid(problem: Problem, term: Term) -> list[tuple[float, ...]]:
+    """The effect's grid, from its least value on where one is known."""
+    grid = term.effect.grid(problem.motions[0], term.joint)
+    least = problem.least.get(term.key)
+    if least is None:
+        return grid
+    return [(least,), *(shape for shape in grid if shape[0] > least)]
 
 
 def _across(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
@@ -68,8 +77,10 @@ def _across(projector: Projector, term: Term, gain: float) -> tuple[Term, float]
     if not shapes:
         return term, gain
     gains = [*projector.gains(term, shapes).tolist(), gain]
-    left = projector.rss - np.array(gains)
-    k = int(np.flatnonzero(left <= CLOSE * left.min())[0])
+    most = max(gains)
+    # gain >= most - 1 % of what the best one leaves
+    allowed = (CLOSE - 1) * left(projector, term, most)
+    k = int(np.flatnonzero(np.array(gains) >= most - allowed)[0])
     return _other(projector, term.reshaped([*shapes, term.shape][k]), gains[k])
 
 
@@ -84,7 +95,7 @@ def _other(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
     if gains[k] <= gain:
         return term, gain
     beside = float(projector.gains(replace(term, effect=rival, shape=theirs[0]), theirs).max())
-    if CLOSE * (projector.rss - gains[k]) >= projector.rss - max(beside, gain):
+    if gains[k] - max(beside, gain) <= (CLOSE - 1) * left(projector, term, gains[k]):
         return term, gain
     known = dict(zip(shapes, gains.tolist(), strict=True))
     return _refine(projector, term.reshaped(shapes[k]), shapes, known, FINE)
@@ -124,7 +135,7 @@ def _gains(
     return dict(zip(shapes, projector.gains(term, shapes).tolist(), strict=True))
 
 
-def _simplest(grid: list[tuple[float, ...]], gains: list[float], rss: float) -> int:
+def _simplest(grid: list[tuple[float, ...]], gains: list[float], rest: list[float]) -> int:
     """Best index of the first form (all shape values but the first) within 1 % of the best gain.
 
     A grid lists its forms from the usual to the unusual one.
@@ -134,7 +145,8 @@ def _simplest(grid: list[tuple[float, ...]], gains: list[float], rss: float) -> 
         own = [k for k, shape in enumerate(grid) if shape[1:] == form]
         most = max(gains[k] for k in own)
         if most >= 0.99 * top:
-            return next(k for k in own if gains[k] >= most - _flat(most, rss))
+            flat = next(_flat(most, rest[k]) for k in own if gains[k] == most)
+            return next(k for k in own if gains[k] >= most - flat)
     return int(np.argmax(gains))
 
 
@@ -150,14 +162,24 @@ def _fundamental(
     if not waves or term.effect.carrier(projector.problem.motions[0], term.joint) is None:
         return term, gain
     most = projector.gain(term.reshaped(twice))
-    if most >= gain - ODD * abs(projector.rss - gain):
+    if most >= gain - ODD * abs(left(projector, term, gain)):
         return term.reshaped(twice), most
     return term, gain
 
 
-def _flat(gain: float, rss: float) -> float:
+def left(projector: Projector, term: Term, gain: float = 0.0) -> float:
+    """What a gain leaves on a joint of the term, each joint having its share of the residual.
+
+    Joints are weighted by their own residuals, so that these are alike; of the sum over all of
+    them one joint's loss would seem small on a robot with many.
+    """
+    joints = 1 if term.effect.whole_robot else projector.problem.d
+    return (projector.rss - gain) / joints
+
+
+def _flat(gain: float, rest: float) -> float:
     """Difference from a gain that is none."""
-    return min(FLAT * abs(gain), REST * abs(rss - gain))
+    return min(FLAT * abs(gain), REST * abs(rest))
 
 
 def _refine(
@@ -182,9 +204,10 @@ def _refine(
             known[shape] = projector.gain(term.reshaped(shape))
         return known[shape]
 
-    enough = accuracy * min(abs(gain), abs(projector.rss - gain))
+    spare = left(projector, term, gain)
+    enough = accuracy * min(abs(gain), abs(spare))
     best, most = climb(tried, (low, value, high), enough)
-    if most > gain + _flat(gain, projector.rss):
+    if most > gain + _flat(gain, spare):
         return term.reshaped((best, *rest)), most
     return term, gain
 
@@ -217,11 +240,11 @@ def _sharpest(projector: Projector, term: Term, best_gain: float) -> Term:
 
     A wide tanh imitates low-speed effects; it is taken only where the data ask for it.
     """
-    grid = term.effect.grid(projector.problem.motions[0], term.joint)
-    left = projector.rss - best_gain
+    grid = _grid(projector.problem, term)
+    least = best_gain - (CLOSE - 1) * left(projector, term, best_gain)
     for shape in grid:
         if shape >= term.shape:
             break
-        if projector.rss - projector.gain(term.reshaped(shape)) <= CLOSE * left:
+        if projector.gain(term.reshaped(shape)) >= least:
             return term.reshaped(shape)
     return term

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numba
 import numpy as np
 
-from hil.models.effect import SURE, Effect, Param, log_grid
+from hil.models.effect import SURE, Effect, Param, log_grid, margins
 from hil.models.friction import Coulomb, Stribeck
 from hil.models.motion import FloatArray, Motion
 
@@ -16,6 +16,8 @@ from hil.models.motion import FloatArray, Motion
 LUGRE = 2.0
 #: Words for its values.
 FORMS = ((0.0, "Maxwell slip"), (1.0, "Dahl"), (LUGRE, "LuGre"))
+#: Share of the friction that loops carry at least, to be more than the error of a sign's form.
+LEAST = 0.02
 
 
 @numba.njit(cache=True)
@@ -172,6 +174,15 @@ class Presliding(Effect):
     def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
         """Sign resolutions (without the loops Coulomb's sign was smeared out to imitate them)."""
         return [(*shape[:2], v0, shape[3]) for (v0,) in Coulomb().grid(motion, j)]
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """Loops that carry a part of the friction, one of them surely; else it is a blunt sign."""
+        sure = any(b > e for b, e in zip(beta[1:], margins(beta, error)[1:], strict=True))
+        part = sum(beta[1:]) > LEAST * sum(beta)
+        return sure and part and super().credible(motion, j, shape, beta, error)
 
     def others(
         self, motion: Motion, j: int, shape: Sequence[float]

@@ -92,6 +92,13 @@ def test_a_stop_pushes_and_friction_at_the_end_of_the_range_is_none(side: float)
     assert not allowed("end-stop", (q0, side), (1.0, -9.0, 0.0))  # pulls beyond a depth
 
 
+def test_loops_without_a_part_of_the_friction_are_a_blunt_sign() -> None:
+    shape = (2e-4, 0.0, 0.01, 0.0)
+    assert not allowed("presliding", shape, (0.9, 0.0, 0.0, 0.002), (0.004, 0.008, 0.006, 0.001))
+    assert not allowed("presliding", shape, (0.5, 0.3, 0.0, 0.0), (0.2, 0.3, 0.2, 0.1))
+    assert allowed("presliding", shape, (0.5, 0.3, 0.0, 0.0), (0.02, 0.03, 0.02, 0.01))
+
+
 def test_a_transient_at_the_start_is_no_drift() -> None:
     assert allowed("friction-drift", (8.0, 0.0), (-0.2, 0.0))
     assert allowed("friction-drift", (60.0, 0.0), (-0.2, 0.0))
