@@ -49,7 +49,8 @@ def detect(
     ratio = floor.scale / np.maximum(problem.rms(floor.residual), 1e-300)
     noise = (floor.residual * ratio[:, None] / result.sigma[:, None]).reshape(-1)
     rows = np.tile(blocks, problem.d)
-    qb = block_sums(projector.q * noise[:, None], rows, count)
+    each = zip(projector.parts, noise.reshape(problem.d, -1), strict=True)
+    qb = np.asarray(sum(block_sums(q * x[:, None], blocks, count) @ u for (q, u), x in each))
     for c in found:
         c.null = _null(c, projector, noise, rows, signs, qb)
     quantile = {id(c): max(float(np.quantile(c.null, 0.95)), 1e-300) for c in found}

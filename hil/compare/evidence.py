@@ -251,7 +251,7 @@ def _parts(
         out = np.zeros(d)
         out[term.joint] = net
         return out
-    new, r = effort - projector.q @ known, projector.residual
+    new, r = effort - projector.spanned(known), projector.residual
     fall: FloatArray = (r**2 - (r - new) ** 2).reshape(d, -1).sum(axis=1)
     return np.where(projector.problem.holds, 0.0, fall)
 

@@ -42,6 +42,13 @@ def factored(
     free : ndarray (p,), optional
         0 where a column does not count.
     """
+    return of_factors(*factors(problem, terms, sigma, free), least)
+
+
+def factors(
+    problem: Problem, terms: Sequence[Term], sigma: FloatArray, free: FloatArray | None = None
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Q_j (n, k_j), orthonormal, and R_j (k_j, p) of every joint's weighted rows."""
     blocks = [block(problem, t) for t in terms]
     edges = np.concatenate([[0], np.cumsum([b.shape[-1] for b in blocks])]).astype(int)
     places = [np.arange(a, b) for a, b in pairwise(edges)]
@@ -58,7 +65,7 @@ def factored(
             wide[:, np.concatenate([places[k] for k in (*once, *rest)])] = pair[1] / sigma[j]
         q.append(pair[0])
         r.append(wide if free is None else wide * free)
-    return of_factors(q, r, least)
+    return q, r
 
 
 def _once(term: Term) -> bool:

@@ -173,11 +173,13 @@ class Problem:
         live = standstill.live(self.filtered(self._still))
         kept = np.all(live, axis=0)
         self._still = [np.where(kept, 0.0, x) for x in self._still]
+        #: Joints (d,) that stand still at any instant that counts.
+        self._stands = np.any([np.any(x, axis=0) for x in self._still], axis=0)
         return live.T.copy()
 
     def gated(self, parts: Sequence[FloatArray], j: int) -> FloatArray:
         """Effort filter of what acts on joint j, standstill taken out before and after it."""
-        if not any(np.any(s[:, j]) for s in self._still):
+        if not self._stands[j]:
             return self.filtered(parts)
         shape = (-1, *[1] * (parts[0].ndim - 1))
         moving = [(1.0 - s[:, j]).reshape(shape) for s in self._still]

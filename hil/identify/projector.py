@@ -10,14 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.identify.design import Term, block
-from hil.identify.factors import factored
+from hil.identify.factors import factors
 from hil.identify.problem import BATCH, Problem
+from hil.identify.regression import basis
 from hil.models.effect import Effect
 
 FloatArray = NDArray[np.float64]
@@ -70,14 +72,27 @@ class Projector:
         self.problem, self.sigma = problem, sigma
         w = np.repeat(1.0 / sigma, problem.n)
         y = problem.y.reshape(-1) * w
-        if terms:
-            least = 1.0 / max(float(np.linalg.norm(y)), 1.0)
-            self.q = factored(problem, terms, sigma, least).q
-        else:
-            self.q = np.zeros((y.size, 0))
-        self.residual = y - self.q @ (self.q.T @ y)
+        #: Q = diag(Q_1 .. Q_d) [U_1; ..; U_d], a joint's rows each: (n, k_j) and (k_j, r).
+        self.parts = _parts(problem, terms, sigma, 1.0 / max(float(np.linalg.norm(y)), 1.0))
+        self.residual = y - self.spanned(self.inner(slice(0, y.size), y[:, None])[:, 0])
         self.rss = float(self.residual @ self.residual)
         self._found: dict[tuple[object, ...], Scores] = {}
+
+    @cached_property
+    def q(self) -> FloatArray:
+        """Orthonormal columns (d n, r) that span the base."""
+        return np.concatenate([q @ u for q, u in self.parts])
+
+    def inner(self, rows: slice, x: FloatArray) -> FloatArray:
+        """Q'x (r, k) of what acts on a joint's rows, or on all of them, x (N, k)."""
+        n = self.problem.n
+        own = self.parts[rows.start // n : rows.stop // n]
+        each = zip(own, x.reshape(len(own), n, -1), strict=True)
+        return np.asarray(sum(u.T @ (q.T @ part) for (q, u), part in each))
+
+    def spanned(self, known: FloatArray) -> FloatArray:
+        """Q c (d n,) of coefficients c (r,)."""
+        return np.concatenate([q @ (u @ known) for q, u in self.parts])
 
     def rows(self, term: Term) -> slice:
         """Rows that a term acts on."""
@@ -151,7 +166,7 @@ class Projector:
         norm = np.sqrt(np.einsum("ngm,ngm->gm", c, c))
         norm = np.where(norm > 1e-300, norm, 1.0)
         right = ((self.residual[rows] @ c.reshape(n, -1)).reshape(g, m)) / norm
-        qc = (self.q[rows].T @ c.reshape(n, -1)).reshape(-1, g, m)
+        qc = self.inner(rows, c.reshape(n, -1)).reshape(-1, g, m)
         unit = qc / norm
         by = c.transpose(1, 2, 0)
         own = by @ by.transpose(0, 2, 1) / (norm[:, :, None] * norm[:, None, :])
@@ -168,6 +183,17 @@ class Projector:
                     beta[k] = _kept(term.effect, beta[k], vector[k], value[k], norm[k])
                     gain[k] = 2 * right[k] @ beta[k] - beta[k] @ gram[k] @ beta[k]
         return Scores(gain, beta / norm, inverse / (norm[:, :, None] * norm[:, None, :]), qc, c)
+
+
+def _parts(
+    problem: Problem, terms: list[Term], sigma: FloatArray, least: float
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Factors of the orthonormal columns, joint by joint."""
+    if not terms:
+        return [(np.zeros((problem.n, 0)), np.zeros((0, 0)))] * problem.d
+    q, r = factors(problem, terms, sigma)
+    edges = np.cumsum([len(x) for x in r])[:-1]
+    return list(zip(q, np.split(basis(np.concatenate(r), least).q, edges), strict=True))
 
 
 def _kept(

@@ -120,7 +120,7 @@ def _string(data: bytes, at: int) -> tuple[str, int]:
 def _numbers(topic: Topic, start: int, count: int) -> FloatArray:
     """`count` doubles at byte `start` of every message, shape (n, count)."""
     size = len(topic.data[0])
-    if any(len(x) != size for x in topic.data):
+    if set(map(len, topic.data)) != {size}:
         raise DataError(f"topic {topic.name}: messages of different sizes; expected one layout")
     if start + 8 * count > size:
         raise DataError(f"topic {topic.name}: a message ends before its numbers")
