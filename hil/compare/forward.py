@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.identify.design import Term, by_run
+from hil.identify.kept import watched
 from hil.identify.result import FitResult
 from hil.models.motion import Motion
 
@@ -52,6 +53,7 @@ class _Forward:
     def __init__(self, jobs: Sequence[Windows], motion: Motion, owner: IntArray) -> None:
         self.motion, self.owner = motion, owner
         self._parts = _shared([_parts(job.result, motion) for job in jobs], owner)
+        self._seen = [_looked_at(t, motion) for t, _ in self._parts]
 
     def slope(
         self, q: FloatArray, qd: FloatArray, step: FloatArray, load: FloatArray
@@ -98,16 +100,19 @@ class _Forward:
         """
         shape = qdd.shape
         flat = (q, qd, load[:, 0], load[:, 1])
-        q, qd, fully, static = (
+        wide = [
             np.concatenate([x] * shape[0]) if x.ndim == 2 else x.reshape(-1, shape[2]) for x in flat
-        )
-        m = self.motion.at_states(q, qd, qdd.reshape(q.shape), fully, static)
+        ]
+        every = self.motion.at_states(*wide[:2], qdd.reshape(-1, shape[2]), *wide[2:])
+        # one state each is enough for what no acceleration changes
+        few = every if qd.ndim == 3 else self.motion.at_states(q, qd, qdd[0], *flat[2:])
         out = np.zeros(shape)
-        for t, theta in self._parts:
-            if t.effect.whole_robot and not mass:
+        for (t, theta), seen in zip(self._parts, self._seen, strict=True):
+            if not mass and (t.effect.whole_robot or "qd" not in seen):
                 continue
+            m = every if "qdd" in seen else few
             columns = t.effect.columns(m, t.joint, t.shape)
-            columns = columns.reshape(*shape[:2], *columns.shape[1:])
+            columns = columns.reshape(-1, shape[1], *columns.shape[1:])
             if t.effect.whole_robot:
                 out += np.einsum("rwdm,wm->rwd", columns, theta)
             else:
@@ -115,6 +120,15 @@ class _Forward:
                 own = columns * theta
                 out[..., t.joint] += own[..., 0] if own.shape[2] == 1 else own.sum(axis=2)
         return out
+
+
+def _looked_at(term: Term, motion: Motion) -> set[str]:
+    """Fields of unconnected states that a term looks at."""
+    rows = [x[:2] for x in (motion.q, motion.qd, motion.qdd, motion.load, motion.static)]
+    return {
+        name
+        for name, _ in watched(term.effect, [motion.at_states(*rows)], term.joint, term.shape)[1]
+    }
 
 
 def _shared(parts: Sequence[Sequence[Part]], owner: IntArray) -> list[Part]:

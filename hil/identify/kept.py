@@ -40,8 +40,13 @@ class Watched(Motion):
         return object.__getattribute__(self, name)
 
     def sign(self, j: int) -> FloatArray:
-        """As of any motion; only this joint's resolution counts as looked at."""
-        self._seen.update({("qd", None), ("qdd", None), ("average", None), ("v0", j)})
+        """As of any motion; only this joint's resolution counts as looked at.
+
+        The acceleration counts where signs are averaged.
+        """
+        self._seen.update({("qd", None), ("average", None), ("v0", j)})
+        if self._plain.average:
+            self._seen.add(("qdd", None))
         return self._plain.sign(j)
 
 
