@@ -103,7 +103,10 @@ class _Forward:
         wide = [
             np.concatenate([x] * shape[0]) if x.ndim == 2 else x.reshape(-1, shape[2]) for x in flat
         ]
-        every = self.motion.at_states(*wide[:2], qdd.reshape(-1, shape[2]), *wide[2:])
+        positions, speeds, fully, static = wide
+        every = self.motion.at_states(
+            positions, speeds, qdd.reshape(positions.shape), fully, static
+        )
         # one state each is enough for what no acceleration changes
         few = every if qd.ndim == 3 else self.motion.at_states(q, qd, qdd[0], *flat[2:])
         out = np.zeros(shape)
