@@ -22,6 +22,7 @@ MAJOR, MET = 0.6, 1.06
 #: Forms of one physical cause as the motor sees it: beside one of them another is no news.
 KINDRED = (
     {"elastic-transmission", "hardening-cable", "vibration-mode"},
+    {"hardening-cable", "backlash"},
     set(LATE),
     {"torque-offset", "asymmetric-coulomb"},
 )

@@ -203,7 +203,7 @@ def _kept(
     params = effect.params
     if beta.size == 1:
         return np.clip(beta, params[0].lower * norm, params[0].upper * norm)
-    if len(params) != beta.size or any(p.lower != 0 or p.upper < np.inf for p in params):
+    if len(params) != beta.size or any(p.lower != 0 for p in params):
         return beta
     # |root (x - beta)|^2 is the loss
     root = np.sqrt(np.where(value > 1e-6, value, 0.0))[:, None] * vector.T

@@ -32,6 +32,9 @@ FLAT, REST = 5e-4, 0.1
 ODD = 0.02
 #: What is left, in units of the least, from which a simpler shape will do.
 CLOSE = 1.01
+#: Gain of another form's maximum on the grid, in units of the best climbed one, from which it is
+#: worth a climb: a step beside its summit a resonance keeps a third of it.
+HOPEFUL = 0.3
 #: Accuracy of a shape's gain, in a fit and among candidates.
 FINE, COARSE = 5e-5, 2e-4
 
@@ -54,11 +57,10 @@ def best_shape(
     tried, gains = list(known), list(known.values())
     first = _simplest(tried, gains, [left(projector, term, g) for g in gains])
     found, gain = term.reshaped(tried[first]), gains[first]
-    worth = gain > NEGLIGIBLE * left(projector, term)
-    if refine and worth and term.effect.refine and len(term.effect.shape) and len(grid) > 1:
-        found, gain = _refine(projector, found, grid, known, accuracy)
-    if refine and worth:
-        found, gain = _across(projector, found, gain)
+    if refine and gain > NEGLIGIBLE * left(projector, term):
+        found, gain = _searched(projector, found, grid, known, accuracy)
+    if refine:
+        found, gain = _present(projector, term, (found, gain), grid, accuracy)
     return _fundamental(projector, found, gain, grid)
 
 
@@ -69,6 +71,72 @@ def _grid(problem: Problem, term: Term) -> list[tuple[float, ...]]:
     if least is None:
         return grid
     return [(least,), *(shape for shape in grid if shape[0] > least)]
+
+
+def _searched(
+    projector: Projector, found: Term, grid: list[tuple[float, ...]],
+    known: dict[tuple[float, ...], float], accuracy: float,
+) -> tuple[Term, float]:  # fmt: skip
+    """The best shape about the grid's best: its first value, the others, the first again."""
+    gain, effect = known[found.shape], found.effect
+    movable = effect.refine and len(effect.shape) and len(grid) > 1
+    line = _line(grid, found.shape) if movable else []
+    if movable:
+        found, gain = _refine(projector, found, line, known, accuracy)
+        if effect.rounds:
+            found, gain, line = _summits(projector, (found, gain, line), grid, known, accuracy)
+    for _ in range(max(effect.rounds, 1)):
+        before = found.shape
+        found, gain = _across(projector, found, gain)
+        if not (effect.rounds and movable) or found.shape == before:
+            break
+        known[found.shape] = gain
+        found, gain = _refine(projector, found, line, known, accuracy)
+    return found, gain
+
+
+def _summits(
+    projector: Projector, best: tuple[Term, float, list[float]], grid: list[tuple[float, ...]],
+    known: dict[tuple[float, ...], float], accuracy: float,
+) -> tuple[Term, float, list[float]]:  # fmt: skip
+    """The best of the forms' own maxima: term, gain and line of first values.
+
+    A form whose best value on the grid is next to what was found climbs the same one.
+    """
+    first = best[0]
+    for form in dict.fromkeys(shape[1:] for shape in grid):
+        line = sorted(s[0] for s in grid if s[1:] == form)
+        gains = [known.get((x, *form), 0.0) for x in line]
+        k = int(np.argmax(gains))
+        top, gain = line[k], gains[k]
+        same = line[max(k - 1, 0)] <= first.shape[0] <= line[min(k + 1, len(line) - 1)]
+        if form == first.shape[1:] or same or gain < HOPEFUL * best[1]:
+            continue
+        other = _refine(projector, first.reshaped((top, *form)), line, known, accuracy)
+        if other[1] > best[1]:
+            best = (*other, line)
+    return best
+
+
+def _present(
+    projector: Projector, term: Term, found: tuple[Term, float], grid: list[tuple[float, ...]],
+    accuracy: float,
+) -> tuple[Term, float]:  # fmt: skip
+    """The shape that the term has already, climbed from there, where it leaves clearly less."""
+    if not term.effect.rounds or not term.shape or term.shape == found[0].shape:
+        return found
+    gain = projector.gain(term)
+    if gain - found[1] <= (CLOSE - 1) * left(projector, term, gain):
+        return found
+    if not term.effect.refine or len(grid) < 2:
+        return term, gain
+    return _refine(projector, term, _line(grid, term.shape), {term.shape: gain}, accuracy)
+
+
+def _line(grid: list[tuple[float, ...]], shape: tuple[float, ...]) -> list[float]:
+    """First values of the grid in the form of a shape; of all forms where it has none like it."""
+    own = [s[0] for s in grid if s[1:] == shape[1:]]
+    return sorted(set(own or (s[0] for s in grid)))
 
 
 def _across(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
@@ -98,7 +166,7 @@ def _other(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
     if gains[k] - max(beside, gain) <= (CLOSE - 1) * left(projector, term, gains[k]):
         return term, gain
     known = dict(zip(shapes, gains.tolist(), strict=True))
-    return _refine(projector, term.reshaped(shapes[k]), shapes, known, FINE)
+    return _refine(projector, term.reshaped(shapes[k]), _line(shapes, shapes[k]), known, FINE)
 
 
 def _tried(
@@ -183,18 +251,17 @@ def _flat(gain: float, rest: float) -> float:
 
 
 def _refine(
-    projector: Projector, term: Term, grid: list[tuple[float, ...]],
+    projector: Projector, term: Term, line: list[float],
     known: dict[tuple[float, ...], float], accuracy: float,
 ) -> tuple[Term, float]:  # fmt: skip
-    """Search the first shape parameter between the grid's neighbours (same other values).
+    """Search the first shape parameter between its neighbours on a line (same other values).
 
-    `known` are gains that were computed already.
+    `known` are gains that were computed already, that of the term among them.
     """
     value, rest = term.shape[0], term.shape[1:]
     gain = known[term.shape]
-    line = sorted(s[0] for s in grid if s[1:] == rest)
-    k = line.index(value)
-    low, high = line[max(k - 1, 0)], line[min(k + 1, len(line) - 1)]
+    low = max((x for x in line if x < value), default=value)
+    high = min((x for x in line if x > value), default=value)
     if high <= low:
         return term, gain
 

@@ -25,6 +25,7 @@ MODULES = (
     "hil.models.sensors",
     "hil.models.encoders",
     "hil.models.transmission",
+    "hil.models.cable",
     "hil.models.drive",
     "hil.models.network",
 )

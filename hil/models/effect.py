@@ -71,6 +71,9 @@ class Effect(ABC):
     jointless: ClassVar[bool] = False
     #: Whether a local search may refine the shape after the grid.
     refine: ClassVar[bool] = True
+    #: Rounds in which `across` and then the first value again are searched; with any, the forms of
+    #: the grid are climbed each from its own best value, where those differ.
+    rounds: ClassVar[int] = 0
     #: Whether the lower end of the shape's grid is what the data resolve, hence no bound.
     ends_at_resolution: ClassVar[bool] = False
     #: Whether the columns depend on `Motion.load`, hence on the model's own estimate.

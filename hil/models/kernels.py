@@ -9,33 +9,6 @@ from hil.models.motion import FloatArray
 
 
 @numba.njit(cache=True)
-def resonator(u: FloatArray, dt: float, frequency: float, zeta: float) -> FloatArray:
-    """Second-order low-pass  y'' + 2 zeta w y' + w^2 y = w^2 u,  at rest at the start, (n,).
-
-    With e = y - u and constant input over a step the exact solution is a rotation by
-    w_d dt that shrinks by exp(-zeta w dt); the input is taken at the middle of the step.
-    """
-    w = 2 * np.pi * frequency
-    damped = w * np.sqrt(max(1 - zeta**2, 1e-6))
-    c, s = np.cos(damped * dt), np.sin(damped * dt)
-    shrink = np.exp(-zeta * w * dt)
-    y, v = u[0], 0.0
-    out = np.empty(u.size)
-    out[0] = y
-    for k in range(1, u.size):
-        goal = 0.5 * (u[k] + u[k - 1])
-        e = y - goal
-        a = (v + zeta * w * e) / damped
-        e, v = (
-            shrink * (e * c + a * s),
-            shrink * (v * c - (zeta * w * v + w**2 * e) / damped * s),
-        )
-        y = goal + e
-        out[k] = y
-    return out
-
-
-@numba.njit(cache=True)
 def sprung(
     load: FloatArray, inertia: FloatArray, dt: float, stiffness: float, damping: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -107,37 +80,55 @@ def delayed(u: FloatArray, samples: float) -> FloatArray:
 
 
 @numba.njit(cache=True)
-def play(
-    load: FloatArray, speed: FloatArray, inertia: FloatArray, dt: float, width: float,
-    friction: float, slow: float,
+def softened(
+    load: FloatArray, speed: FloatArray, inertia: FloatArray, dt: float, stretch: float,
+    tension: float, lag: float, friction: float, slow: float, parts: int,
 ) -> FloatArray:  # fmt: skip
-    """Effort that passes a play of this width instead of `load`, (n,).
+    """Effort that a cable passes which is soft about zero tension, instead of `load`, (n,).
 
-    The link lies r in [0, width] ahead of the motor's driving flank. With its own friction its
-    load is L = load + F tanh(v / v0). At r = 0 it is pushed (L > 0), at r = width pulled back
-    (L < 0). Between, nothing passes and, as the load is what the link would need to move with the
-    motor,
+    As in `sprung`, but with a stretch d that does not grow with the tension T for ever, and a
+    damping that grows as the stiffness does (a loss within the cable):
 
-        r'' = -(load + F tanh((v + r') / v0)) / I.
+        I d'' + P = L,    P = T + c T',    d = s T / (T0 + |T|),    L = load + F tanh((v - d') / v0)
 
-    It meets a flank without bouncing; its momentum I r' passes within that instant.
+    with s = `stretch`, T0 = `tension`, c = `lag`.  Each sample is gone in `parts` steps h of the
+    backward formula x' = (x - e) / g, e = (4 x_1 - x_2) / 3, g = 2 h / 3, which is of second order
+    and lets no step bounce off a stiffness that it does not resolve:
+
+        d + w T = r,    w = g (g + c) / I,    r = e_d + g e_v + g (g L + c e_T) / I,
+
+    a quadratic equation in T.  What is passed at a sample is L - I d'' with d' from the sample
+    before to the one after it, so that no blow between two of them is lost.
     """
-    out = np.zeros(load.size)
-    r, w = (0.0 if load[0] > 0 else width), 0.0
-    for k in range(load.size):
-        own = load[k]
-        if friction > 0.0:
-            own += friction * np.tanh(speed[k] / slow)
-        if (r <= 0.0 and own >= 0.0) or (r >= width and own <= 0.0):
-            out[k] = own
-            continue
-        if friction > 0.0:
-            own = load[k] + friction * np.tanh((speed[k] + w) / slow)
-        w -= own / inertia[k] * dt
-        r += w * dt
-        if r <= 0.0 or r >= width:
-            out[k] = -inertia[k] * w / dt
-            r, w = (0.0 if r <= 0.0 else width), 0.0
+    out, rates = np.empty(load.size), np.zeros(load.size)
+    own = out[0] = load[0]
+    t, v = load[0], 0.0
+    d = stretch * t / (tension + abs(t))
+    t_past, v_past, d_past = t, v, d
+    g, step = 2.0 * dt / (3.0 * parts), 1.0 / parts
+    for n in range(1, load.size):
+        per = g / inertia[n]
+        w, rise, pull = per * (g + lag), (load[n] - load[n - 1]) * step, load[n - 1]
+        for _ in range(parts):
+            pull += rise
+            own = pull
+            if friction > 0.0:
+                own += friction * np.tanh((speed[n] - v) / slow)
+            before = (4.0 * t - t_past) / 3.0
+            start = (4.0 * d - d_past) / 3.0
+            r = start + g * (4.0 * v - v_past) / 3.0 + per * (g * own + lag * before)
+            # w T^2 + (w T0 + s - |r|) |T| = |r| T0, by the form that does not cancel
+            size = abs(r)
+            b = w * tension + stretch - size
+            root = np.sqrt(b * b + 4.0 * w * size * tension)
+            size = 2.0 * size * tension / (b + root) if b > 0.0 else 0.5 * (root - b) / w
+            t_past, v_past, d_past = t, v, d
+            t = size if r >= 0.0 else -size
+            d = r - w * t
+            v = (d - start) / g
+        out[n], rates[n] = own, v
+    for n in range(1, load.size - 1):
+        out[n] -= inertia[n] * (rates[n + 1] - rates[n - 1]) / (2.0 * dt)
     return out
 
 

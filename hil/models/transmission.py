@@ -5,7 +5,8 @@ of stiffness k and a link of inertia M behind it, w^2 = k / M, give
 
     tau_l(elastic) = H(s) tau_l,    H = w^2 / (s^2 + 2 zeta w s + w^2):
 
-the link answers as through a resonator.  The motor supplies tau_l + (H - 1) tau_l.
+the link answers as through a resonator.  The motor supplies tau_l + (H - 1) tau_l.  A cable that is
+soft about zero tension: `hil.models.cable`.
 """
 
 from __future__ import annotations
@@ -15,45 +16,54 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.models.effect import Effect, Param, log_grid
-from hil.models.kernels import play, resonator, sprung
+from hil.models.kernels import softened, sprung
 from hil.models.motion import FloatArray, Motion
 
 _SPONG = "Spong, J. Dyn. Syst. Meas. Control 109, 1987"
 #: Damping ratios tried.
-ZETAS = (0.05, 0.3)
+ZETAS = (0.1, 0.3)
 #: ... and once a resonance is found.
-MORE_ZETAS = (*ZETAS, 0.02, 0.1, 0.15, 0.5)
+MORE_ZETAS = (*ZETAS, 0.02, 0.05, 0.15, 0.5)
+#: Lowest resonance tried [Hz], and the step to the next in half-power widths 2 zeta f.
+LOWEST, STEP = 2.0, 1.75
 
 
-def frequencies(motion: Motion, count: int = 7) -> list[float]:
-    """Resonances worth trying [Hz]: 2 Hz to an eighth of the evaluation rate.
+def highest(motion: Motion) -> float:
+    """Highest resonance worth trying [Hz]: an eighth of the evaluation rate.
 
     That is well above the effort filter; what is faster looks like a delay or an inertia.
     """
-    return [float(f) for f in np.geomspace(2.0, max(0.125 / motion.dt, 3.0), count)]
+    return max(0.125 / motion.dt, 1.5 * LOWEST)
+
+
+def frequencies(motion: Motion, zeta: float) -> list[float]:
+    """Resonances worth trying [Hz], so close that one of them lies on the flank of any other."""
+    low, high = LOWEST, highest(motion)
+    count = 1 + int(np.ceil(np.log(high / low) / np.log(1 + 2 * zeta * STEP)))
+    return [float(f) for f in np.geomspace(low, high, count)]
 
 
 def inside(motion: Motion, f: float) -> bool:
     """Whether a resonance lies within the band; one at its end stands for something else."""
-    return f < 0.95 * frequencies(motion)[-1]
-
-
-def elastic(load: FloatArray, motion: Motion, shape: Sequence[float]) -> FloatArray:
-    """(H - 1) load for a resonance f and a damping ratio zeta, shape (n,)."""
-    out: FloatArray = resonator(np.ascontiguousarray(load), motion.dt, *map(float, shape)) - load
-    return out
+    return f < 0.95 * highest(motion)
 
 
 #: Share of the load behind a spring or a play from which it is one (the rotor is before it).
 MOST = 0.25
 #: Frictions behind a play that are tried, in units of the load's standard deviation.
 FRICTIONS = (0.03, 0.06, 0.1, 0.15, 0.25)
+#: Tension that takes up half a play, in the same units: next to none.
+HARD = 3e-3
+#: Times in which a flank is relieved that are tried [s], the usual one first.
+LAGS = (0.01, 0.003, 0.0055)
+#: Longest step of the integration [s].
+LONGEST = 2e-3
 
 
 def spring(motion: Motion, j: int, shape: Sequence[float]) -> tuple[float, float, FloatArray]:
     """Stiffness and damping for a resonance f (at the mean inertia) and zeta, and the inertia."""
     f, zeta = float(shape[0]), float(shape[1])
-    inertia = _inertia(motion, j)
+    inertia = link_inertia(motion, j)
     mean, w = float(np.mean(inertia)), 2 * np.pi * f
     return w * w * mean, 2 * zeta * w * mean, inertia
 
@@ -62,10 +72,11 @@ class _Resonance(Effect):
     """What rings at one frequency: f [Hz] and a damping ratio are its shape."""
 
     replayed = strict = True
+    rounds = 2
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Resonances over the band, two damping ratios."""
-        return [(f, z) for z in ZETAS for f in frequencies(motion)]
+        """Resonances over the band for two damping ratios, each in steps of its own width."""
+        return [(f, z) for z in ZETAS for f in frequencies(motion, z)]
 
     def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
         """Damping ratios."""
@@ -128,48 +139,19 @@ class ElasticTransmission(_Resonance):
         return ("vibration-mode",) if free else ()
 
 
-class HardeningCable(Effect):
-    """A cable whose stiffness grows with its tension."""
-
-    # fitted and added by hand; beside an elastic transmission the data rarely ask for it
-    candidate = False
-    uses_load = True
-    replayed = strict = True
-    name, family = "hardening-cable", "transmission"
-    equation = "tau = (H - 1)(a load + b load^3 / rms(load)^2),  H as of elastic-transmission"
-    signature = "elastic residual that is larger at small loads than at large ones"
-    confused_with = ("elastic-transmission", "backlash")
-    shown_by = "the same fast motion under a small and a large static load"
-    source = "Naerum thesis 3.2; Miyasaka et al., ICRA 2015 (cable stiffness rises with load)"
-    params = (
-        Param("a", "1", "elastic share at small load", 0.0),
-        Param("b", "1", "its change with the square of the load", -np.inf, 0.0),
-    )
-    shape = ElasticTransmission.shape
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """[(H - 1) load, (H - 1) load^3 / rms^2]."""
-        load = motion.load[:, j]
-        size = max(float(np.mean(load**2)), 1e-300)
-        return np.stack([elastic(x, motion, shape) for x in (load, load**3 / size)], axis=1)
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """As of the elastic transmission, one damping ratio."""
-        return [(f, ZETAS[1]) for f in frequencies(motion)]
-
-
 class Backlash(Effect):
     """Play between motor and link: within it the link is not carried."""
 
     uses_load = True
     replayed = strict = True
+    rounds = 2
     name, family = "backlash", "transmission"
     equation = (
-        "tau = a (T - L),  T = L = load + fl sgn v on a flank, 0 between them where "
-        "r'' = -(load + fl sgn(v + r')) / I, 0 < r < b; I r' passes at once at a flank"
+        "tau = a (P - L),  L = load + fl sgn(v - d'),  I d'' + P = L,  P = T + c T',  "
+        "T = 0 for |d| < b / 2, whatever is needed at the flanks"
     )
     signature = "the load is missing over a fixed displacement after it changes its sign"
-    confused_with = ("presliding", "elastic-transmission", "coulomb")
+    confused_with = ("hardening-cable", "presliding", "elastic-transmission", "coulomb")
     shown_by = "small reversals under a load that changes its sign"
     source = "Nordin, Gutman, Automatica 38, 2002"
     caveat = (
@@ -180,27 +162,27 @@ class Backlash(Effect):
     shape = (
         Param("b", "{x}", "width of the play", 0.0),
         Param("fl", "{F}", "Coulomb friction behind the play", 0.0),
+        Param("c", "s", "time in which a flank loses what a blow has pressed into it", 0.0),
     )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """What passes the play, less the load."""
-        load, speed = (np.ascontiguousarray(x[:, j]) for x in (motion.load, motion.qd))
-        width, rub, slow = float(shape[0]), float(shape[1]), float(motion.resolution[j])
-        passed = play(load, speed, _inertia(motion, j), motion.dt, width, rub, slow)
-        return (passed - load - rub * np.tanh(speed / slow))[:, None]
+        width, rub, lag = map(float, shape)
+        # a cable that a load next to nothing stretches by half the play, and no load by more
+        return passing(motion, j, (0.5 * width, HARD * load_size(motion, j)), lag, rub)
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From 1e-4 of the span, and from four times what the encoder resolves, to 5e-2."""
         span = float(np.ptp(motion.span[j])) or 1.0
         grain = float(motion.grain[j]) if motion.grain.size else 0.0
         widths = log_grid(min(max(1e-4 * span, 4 * grain), 2e-2 * span), 5e-2 * span, 10)
-        return [(b, 0.0) for (b,) in widths]
+        return [(b, 0.0, LAGS[0]) for (b,) in widths]
 
     def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
-        """Frictions of the link, which brakes it in flight: the play then is narrower."""
-        size = float(np.std(motion.load[:, j]))
-        rub = [(k * shape[0], r * size) for r in FRICTIONS for k in (0.5, 0.6, 0.72, 0.85, 1.0)]
-        return [(shape[0], 0.0), *rub]
+        """Frictions of the link, which brakes it in flight: the play then is narrower; flanks."""
+        size, (width, rub, lag) = load_size(motion, j), shape
+        slower = [(k * width, r * size, lag) for r in FRICTIONS for k in (0.7, 0.85, 1.0)]
+        return [(width, 0.0, lag), *slower, *((width, rub, c) for c in LAGS)]
 
     def credible(
         self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
@@ -210,7 +192,23 @@ class Backlash(Effect):
         return beta[0] > MOST and super().credible(motion, j, shape, beta, error)
 
 
-def _inertia(motion: Motion, j: int) -> FloatArray:
+def passing(
+    motion: Motion, j: int, soft: tuple[float, float], lag: float, rub: float
+) -> FloatArray:
+    """What a cable (stretch, tension: `softened`) or a play passes, less the load, (n, 1)."""
+    load, speed = (np.ascontiguousarray(x[:, j]) for x in (motion.load, motion.qd))
+    slow, parts = float(motion.resolution[j]), int(np.ceil(motion.dt / LONGEST))
+    inertia = link_inertia(motion, j)
+    passed = softened(load, speed, inertia, motion.dt, *soft, lag, rub, slow, parts)
+    return (passed - load - rub * np.tanh(speed / slow))[:, None]
+
+
+def load_size(motion: Motion, j: int) -> float:
+    """Standard deviation of the load; 1 where there is none."""
+    return float(np.std(motion.load[:, j])) or 1.0
+
+
+def link_inertia(motion: Motion, j: int) -> FloatArray:
     """Inertia of the link as the joint feels it (n,): of the model, or load by acceleration."""
     if motion.response is not None:
         own = motion.response.inertia[:, j, j]
@@ -246,5 +244,5 @@ class VibrationMode(_Resonance):
 
 
 EFFECTS: tuple[Effect, ...] = (
-    ElasticTransmission(), HardeningCable(), Backlash(), VibrationMode(),
+    ElasticTransmission(), Backlash(), VibrationMode(),
 )  # fmt: skip

@@ -21,7 +21,7 @@ RIGID = Use("rigid-body", values={
 SHAPES = {
     "friction-drift": (10.0, 0.0), "friction-network": (1.0, 2.0, 2.0), "end-stop": (0.3, 1.0),
     "presliding": (2e-3, 0.0, 0.02, 0.0), "position-friction": (2.2,), "cogging": (5.3,),
-    "backlash": (1e-2, 0.0), "torque-ripple": (5.3,), "load-friction": (0.0,),
+    "backlash": (1e-2, 0.0, 0.01), "torque-ripple": (5.3,), "load-friction": (0.0,),
     "stribeck": (0.12, 2.0), "coulomb": (0.02,),
 }  # fmt: skip
 REFUSED = {

@@ -1,0 +1,104 @@
+"""A cable between motor and link that is soft about zero tension and rigid under load.
+
+Its strands and its winding settle before they carry: between the elastic transmission (one
+stiffness) and the play (none, then a hard one) it is the family that joins them.  With the zero
+of tension at the stiffness k0 and the stretch s that the soft range takes up,
+
+    d(T) = s T / (T0 + |T|),    s = T0 / k0,    dT/dd = k0 (1 + |T| / T0)^2:
+
+T0 -> infinity is the elastic transmission, T0 -> 0 with s kept a play of width 2 s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.models.effect import Effect, Param
+from hil.models.motion import FloatArray, Motion
+from hil.models.transmission import (
+    FRICTIONS,
+    LOWEST,
+    MOST,
+    highest,
+    inside,
+    load_size,
+    passing,
+    spring,
+)  # fmt: skip
+
+#: Tensions that take up half the soft range, in units of the load's standard deviation: tried at
+#: first, and once a resonance is found.  At the largest such a load makes the cable less than
+#: twice as stiff: that is an elastic transmission.  At the smallest it makes it some hundreds of
+#: times as stiff: that is a play.
+TENSIONS = (0.3, 0.1, 1.0)
+MORE_TENSIONS = (0.05, 0.1, 0.17, 0.3, 0.55, 1.0, 1.7, 3.0)
+#: Damping ratios at zero tension: at first, and then.
+ZETA, ZETAS = 0.1, (0.03, 0.05, 0.1, 0.2, 0.4)
+#: Friction of the link that is tried at first, in the same units.
+RUB = 0.1
+#: Resonances at zero tension a decade.
+DECADE = 6
+
+
+class HardeningCable(Effect):
+    """A cable that is soft about zero tension and stiffer the more it carries."""
+
+    uses_load = True
+    replayed = strict = True
+    rounds = 2
+    name, family = "hardening-cable", "transmission"
+    equation = (
+        "tau = a (P - L),  L = load + fl sgn(v - d'),  I d'' + P = L,  P = T + c T',  "
+        "d = (T / k0) / (1 + |T| / T0),  k0 = (2 pi f)^2 I,  c = zeta / (pi f)"
+    )
+    signature = "the load comes late and rings after it changes its sign, the less the larger it is"
+    confused_with = ("backlash", "elastic-transmission", "vibration-mode")
+    shown_by = "the same fast motion under a small and a large static load"
+    source = "Naerum thesis 3.2; Miyasaka et al., ICRA 2015 (cable stiffness rises with load)"
+    caveat = (
+        "the law of a real cable is another one: stretch, tension and damping are those of the "
+        "nearest cable of this form, and the standard errors count noise alone"
+    )
+    params = (Param("a", "1", "share of the load that the cable carries", 0.0, 2.0),)
+    shape = (
+        Param("f", "Hz", "resonance about zero tension with the motor held", 0.0),
+        Param("T0", "{F}", "tension at which it is four times as stiff as at zero", 0.0),
+        Param("zeta", "1", "damping ratio about zero tension", 0.0),
+        Param("fl", "{F}", "Coulomb friction behind the cable", 0.0),
+    )
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """What passes the cable, less the load."""
+        tension, (k, c, _) = float(shape[1]), spring(motion, j, (shape[0], shape[2]))
+        return passing(motion, j, (tension / k, tension), c / k, float(shape[3]))
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Resonances over the lower half of the band, three tensions, some damping."""
+        low, high = LOWEST, max(0.5 * highest(motion), 1.5 * LOWEST)
+        some = np.geomspace(low, high, 1 + int(np.ceil(DECADE * np.log10(high / low))))
+        size = load_size(motion, j)
+        return [(float(f), t * size, ZETA, RUB * size) for t in TENSIONS for f in some]
+
+    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
+        """Tensions, then dampings and frictions of the link, one of them changed at a time."""
+        f, tension, zeta, rub = shape
+        size = load_size(motion, j)
+        return [
+            *((f, t * size, zeta, rub) for t in MORE_TENSIONS),
+            *((f, tension, z, rub) for z in ZETAS),
+            *((f, tension, zeta, r * size) for r in (0.0, *FRICTIONS)),
+        ]
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """Neither all of the motion in its soft range nor next to nothing, and much behind it."""
+        low, high = (t * load_size(motion, j) for t in (MORE_TENSIONS[0], MORE_TENSIONS[-1]))
+        between = 1.05 * low < shape[1] < 0.95 * high and inside(motion, shape[0])
+        return between and beta[0] > MOST and super().credible(motion, j, shape, beta, error)
+
+
+EFFECTS: tuple[Effect, ...] = (HardeningCable(),)
