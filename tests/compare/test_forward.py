@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hil.compare.forward import Windows, _Forward, _looked_at
 from hil.compare.multistep import each, simulate
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -37,3 +38,20 @@ def test_together_as_alone(runs: int) -> None:
         assert found.closed_loop.rms == pytest.approx(closed.rms, rel=1e-6)
     worse, better = together[0], together[1]
     assert np.all(better.rms < worse.rms)
+
+
+def test_several_accelerations_of_a_state_as_each_of_them_alone() -> None:
+    problem = Problem([recording(1)], RobotSource("single-axis"))
+    motion = problem.motions[0]
+    result = fit(problem, base_model(problem.source) + "quadratic-drag" + "torque-offset")
+    starts = np.arange(0, 500, 100)
+    model = _Forward([Windows(result, starts, 10)], motion, np.zeros(starts.size, dtype=int))
+    q, qd = motion.q[starts], motion.qd[starts]
+    qdd = np.random.default_rng(2).normal(size=(3, *q.shape))
+    load = np.stack([motion.load[starts], motion.static[starts]], axis=1)
+    alone = np.concatenate([model.effort(q, qd, row[None], load) for row in qdd])
+    assert model.effort(q, qd, qdd, load) == pytest.approx(alone, rel=1e-12)
+    looked_at = {t.effect.name: _looked_at(t, motion) for t in result.terms}
+    assert "qdd" not in looked_at["viscous"] | looked_at["torque-offset"]
+    assert "qd" not in looked_at["torque-offset"]
+    assert {"qd"} <= looked_at["viscous"] & looked_at["quadratic-drag"] & looked_at["coulomb"]
