@@ -79,21 +79,25 @@ def clipping(values: FloatArray, moving: NDArray[np.bool_]) -> list[Clipping]:
     """
     out: list[Clipping] = []
     span, n = float(np.ptp(values)), values.size
-    levels = np.unique(values)
-    if levels.size < 30 or float(np.median(np.diff(levels))) > 0.002 * span:
-        return out  # coarse levels: their extremes are held without being cut off
     for level in (float(values.max()), float(values.min())):
-        at = (np.abs(values - level) <= 1e-9 * span) & moving
-        inner = np.sort(np.abs(values - level))
-        near = np.count_nonzero((inner > 1e-9 * span) & (inner <= 0.01 * span))
+        away = np.abs(values - level)
+        at = (away <= 1e-9 * span) & moving
         edges = np.flatnonzero(np.diff(np.concatenate(([False], at, [False])).astype(np.int8)))
         lengths = edges[1::2] - edges[::2]
         held = int(lengths[lengths >= 4].sum())
         visits = int(np.count_nonzero(lengths >= 4))
-        enough = held >= max(20, 0.002 * n) and held > 3 * near and visits >= 2
-        if enough and abs(level) > 0.05 * span:
+        if held < max(20, 0.002 * n) or visits < 2 or abs(level) <= 0.05 * span:
+            continue
+        near = np.count_nonzero((away > 1e-9 * span) & (away <= 0.01 * span))
+        if held > 3 * near:
             out.append(Clipping(level, held / n))
-    return out
+    return [] if out and _coarse(values, span) else out
+
+
+def _coarse(values: FloatArray, span: float) -> bool:
+    """Whether a column (n,) has so few levels that its extremes are held without being cut off."""
+    levels = np.unique(values)
+    return levels.size < 30 or float(np.median(np.diff(levels))) > 0.002 * span
 
 
 def smooth(values: FloatArray, width: int) -> FloatArray:

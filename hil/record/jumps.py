@@ -22,6 +22,8 @@ NEAR = 40
 UNEVEN = 0.05
 #: Jumps that are listed one by one.
 LISTED = 12
+#: A position that comes in counts has fewer sizes of steps than so.
+KINDS = 200
 #: Rounds of the search, each without the jumps found before.
 ROUNDS = 5
 #: Samples beside a jump that do not tell how much readings stray there.
@@ -80,8 +82,12 @@ def resolution(x: FloatArray, exact: bool = False) -> float:
     """
     steps = np.abs(np.diff(x[:20000]))
     steps = steps[steps > 1e-12]
-    kinds = np.unique(steps if exact else np.round(steps, 12)).size
-    return float(steps.min()) if 0 < kinds < 200 else 0.0
+    # what has too many kinds of steps mostly shows it in the first thousand
+    for some in (steps[:1000], steps):
+        kinds = np.unique(some if exact else np.round(some, 12)).size
+        if not 0 < kinds < KINDS:
+            return 0.0
+    return float(steps.min())
 
 
 def jumps(t: FloatArray, q: FloatArray) -> Jumps:
