@@ -10,6 +10,7 @@ from hil.compare.findings import Diagnosis, Finding
 from hil.compare.multistep import MultiStep
 from hil.compare.sessions import CODE as DIFFER
 from hil.compare.tables import at_issue_of
+from hil.compare.words import floor_says
 from hil.models import catalogue
 from hil.models.told import remark
 
@@ -34,6 +35,8 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
         names = ", ".join(f"{f.effect} on {f.joint}" for f in d.partial)
         lines.append(f"  best partial explanation: {names} (explains too little to be the cause)")
     lines += [f"  {w}." for code, w in d.warnings if code == DIFFER]
+    if d.verdict == "adequate":
+        lines += [f"  {floor_says(d.beyond)}"]
     if d.network:
         lines += ["", "What any function of these variables could explain of what is left"]
         lines += [f"  - {s.text}" for s in d.network]
@@ -43,6 +46,8 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     if d.result.model.explains == "motor":
         lines += ["", multi_text(rungs)]
     lines += _apart(d, verbose)
+    if d.verdict == "adequate" and d.unseen:
+        lines += ["", "What this motion could not show", *(f"  - {u.text}" for u in d.unseen)]
     notes = _notes(d)
     lines += ["", *(f"  note: {w}" for w in notes)] if notes else []
     return "\n".join(lines)

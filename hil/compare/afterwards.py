@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hil.compare.fallback import explainable
+from hil.compare.fallback import beyond, explainable
 from hil.compare.findings import Diagnosis
 from hil.compare.heldout import Examiner
 from hil.compare.lost import lost_counts
 from hil.compare.sessions import differences
+from hil.compare.unseen import unseen
 from hil.identify.errors import complete
 from hil.identify.validity import outside
 from hil.models.model import RobotModel
@@ -42,12 +43,14 @@ def finish(
     out.valid = model.valid
     # before the held-out runs are predicted anew: their loads are those of their own fit
     differ = differences(out, examine)
-    beyond = outside(model.valid, result.problem) + examine.outside(result)
-    out.warnings += [("outside-range", text) for text in beyond]
+    left = outside(model.valid, result.problem) + examine.outside(result)
+    out.warnings += [("outside-range", text) for text in left]
     out.warnings += differ
     out.warnings += [(f.code, f.sentence) for f in faults]
     out.warnings += lost_counts(out.findings, recordings, out.warnings)
     out.network = explainable(result, out.last.floor)
+    out.beyond = beyond(result) if out.verdict == "adequate" else None
+    out.unseen = unseen(result, out.last)
     _with_errors(out)
     return out
 

@@ -9,10 +9,10 @@ from hil.compare.experiment import ABSORBED, MOST, Planner
 from hil.compare.rivals import overlap
 from hil.excite import menu
 from hil.excite.choose import Choice
+from hil.excite.recorded import robot_word
 from hil.identify.result import FitResult
 from hil.identify.timing import LATE
 from hil.models import catalogue
-from hil.record.recording import RobotSource
 
 #: Cosine between projected columns from which two effects count as one.
 SAME = 0.98
@@ -201,7 +201,7 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     whole = all(c.term.effect.whole_robot for c in s.among)
     motion = best.motion.name
     now = "" if choice.now is None else f", {choice.now.odds:.1f} now"
-    words = ["hil", "excite", _robot(problem.source), "--for", ",".join(names)]
+    words = ["hil", "excite", robot_word(problem.source), "--for", ",".join(names)]
     words += [] if whole else ["--joint", joint]
     command = " ".join([*words, "--motion", motion, "-o", "next.toml"])
     where = "" if whole else f" of {joint}"
@@ -214,10 +214,3 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     if choice.never:
         why += f" (but no motion tells {names[0]} from {' or '.join(choice.never)})"
     return Indistinguishable(s.effects, why, text, EXCITATION, motion, command)
-
-
-def _robot(source: RobotSource) -> str:
-    """What stands for the robot on the command line: without a description, a session of it."""
-    if source.urdf:
-        return "ROBOT.urdf"
-    return "SESSION.mcap" if source.preset in ("", "single-axis") else "RIG.toml"

@@ -30,6 +30,8 @@ FloatArray = NDArray[np.float64]
 FOLDS, SECONDS, STRENGTHS = 5, 0.5, (1e-4, 1e-3, 1e-2, 1e-1)
 #: Errors within this factor of the floor leave nothing to explain.
 REST = 1.10
+#: Rows up to which a network is fitted where nothing is left above the floor.
+ROWS = 60_000
 #: Cosines over time; the same blocks as elsewhere are left out in turn, so it interpolates.
 TREND = 6
 
@@ -61,6 +63,26 @@ def explainable(result: FitResult, floor: Floor) -> list[Share]:
         if result.rms[j] > REST * floor.rms[j]:
             out += _of_joint(result, float(floor.rms[j]), j)
     return out
+
+
+def beyond(result: FitResult) -> float | None:
+    """Largest share of a joint's left-out error that a function of its position and speed removes.
+
+    Of an error at the floor, too, where `explainable` finds nothing to share out; zero where no
+    function helps, None where the runs are so long that this would take its time.
+    """
+    problem = result.problem
+    if problem.n * problem.d > ROWS or result.model.explains != "motor":
+        return None
+    falls = [0.0]
+    for j in np.flatnonzero(~problem.holds).tolist():
+        before = _left_out(result, np.zeros((problem.n, 0)), j)
+        for shape in input_sets(problem.motions[0], j):
+            if shape[0] not in (SPEED, PLACE):
+                continue
+            columns = problem.gated([dictionary(m, j, shape) for m in problem.motions], j)
+            falls.append(1.0 - _left_out(result, columns, j) / max(before, 1e-300))
+    return max(falls)
 
 
 def _of_joint(result: FitResult, floor: float, j: int) -> list[Share]:

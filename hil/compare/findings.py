@@ -12,6 +12,7 @@ from hil.compare.evidence import NOTHING, Candidate, Evidence
 from hil.compare.fallback import Share
 from hil.compare.heldout import HeldOut
 from hil.compare.multistep import MultiStep
+from hil.compare.unseen import Unseen
 from hil.errors import DataError
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -80,6 +81,10 @@ class Diagnosis:
     heldout_floor: FloatArray | None = None
     #: What any function of position, speeds or time could explain of what is left.
     network: list[Share] = field(default_factory=list)
+    #: Share of an error at the floor that a function of one joint's position and speed removes.
+    beyond: float | None = None
+    #: What the motion could not have shown.
+    unseen: list[Unseen] = field(default_factory=list)
     #: What the given model had been identified on.
     valid: tuple[Range, ...] = ()
     #: What the data cannot tell apart; made when first asked for (see `tables.sets_of`).

@@ -18,6 +18,8 @@ def further(m: Material) -> str:
         parts.append(_sets(sets))
     elif m.verdict != COMPARED:
         parts.append(paragraph("No two of the plausible effects coincide with this motion."))
+    if m.unseen:
+        parts += [paragraph("What this motion could not show:"), items([u.text for u in m.unseen])]
     steps = [f"{f.effect}: {words.shown_by(f.effect)}" for f in (*m.findings, *m.partial)]
     if steps:
         parts += [paragraph("What to measure next, to confirm each effect:"), items(steps)]

@@ -14,6 +14,7 @@ from hil.compare.fallback import Share
 from hil.compare.findings import Diagnosis, Finding, Step
 from hil.compare.multistep import MultiStep
 from hil.compare.tables import sets_of
+from hil.compare.unseen import Unseen
 from hil.identify.problem import Problem
 from hil.models.model import Range
 
@@ -59,6 +60,8 @@ class Material:
     warnings: list[tuple[str, str]] = field(default_factory=list)
     network: list[Share] = field(default_factory=list)
     valid: tuple[Range, ...] = ()
+    unseen: list[Unseen] = field(default_factory=list)
+    beyond: float | None = None
 
     @property
     def before(self) -> Step:
@@ -119,7 +122,7 @@ def from_diagnosis(d: Diagnosis) -> Material:
     )
     return Material(
         d.verdict, rungs, d.noise, d.first, d.last, d.findings, d.partial, sets_of(d), d.warnings,
-        d.network, d.valid,
+        d.network, d.valid, d.unseen, d.beyond,
     )  # fmt: skip
 
 

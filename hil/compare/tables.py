@@ -157,6 +157,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, object]:
             "noise_floor": by_joint(last.result, d.noise) if last else {},
             "noise_floor_from": d.last.floor.method,
             "structure": structure,
+            "any_function": None if d.beyond is None else number(d.beyond, 3),
             "best_partial": [finding_json(f) for f in d.partial],
         },
         "indistinguishable": [
@@ -169,6 +170,15 @@ def diagnosis_json(d: Diagnosis) -> dict[str, object]:
                 "command": s.command,
             }
             for s in sets_of(d)
+        ],
+        "could_not_show": [
+            {
+                "effects": list(u.effects),
+                "joints": list(u.joints),
+                "why": u.why,
+                "command": u.command,
+            }
+            for u in d.unseen
         ],
         "warnings": [{"code": code, "text": text} for code, text in d.warnings],
     }

@@ -117,6 +117,7 @@ def details(m: Material) -> list[str]:
     if m.rungs and not (m.findings or m.partial or m.verdict == "not-identifiable"):
         j = worst(m)
         held, ratio = m.before.heldout, float(m.ratio(m.before)[j])
+        out += [floor_says(m.beyond)] if m.verdict == "adequate" else []
         out.append(
             f"Largest error against the floor: {m.joints[j]} with {held.relative[j]:.2f} % of the "
             f"effort; noise floor {m.relative_floor(j):.2f} % (ratio {ratio:.2f})."
@@ -194,6 +195,19 @@ def origin(m: Material) -> str:
     share = SENSOR_ACCURACY if m.external else EFFORT_ACCURACY
     what = "force sensor" if m.external else "measured effort"
     return f"{text} The accuracy of the {what} ({100 * share:g} % of its rms) is added."
+
+
+def floor_says(beyond: float | None) -> str:
+    """What an error at the floor does not prove, and what any function could still explain."""
+    text = "The floor holds what no candidate explains, too: an error at it is no proof"
+    if beyond is None:
+        return f"{text}."
+    if beyond < 0.005:
+        return f"{text}; no function of a joint's own position and speed would lower the error."
+    return (
+        f"{text}; a function of a joint's own position and speed would lower its error by "
+        f"{100 * beyond:.2g} % at most."
+    )
 
 
 def cell(value: float, floor: float) -> str:
