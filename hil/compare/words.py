@@ -10,7 +10,7 @@ from hil.compare.floor import EFFORT_ACCURACY, SENSOR_ACCURACY
 from hil.compare.judge import ADEQUATE, EXPLAINED
 from hil.compare.material import COMPARED, Material
 from hil.compare.page import number
-from hil.compare.sessions import ADVICE
+from hil.compare.sessions import ADVICE, BOTH, SAID
 from hil.compare.sessions import CODE as DIFFER
 from hil.errors import ConfigError
 from hil.models import catalogue
@@ -174,7 +174,8 @@ def next_steps(m: Material) -> list[str]:
         COMPARED: ["Run 'hil diagnose' on the same files to learn which effect is missing."],
     }  # fmt: skip
     if m.verdict in ("adequate", "unexplained") and apart(m):
-        return [f"{ADVICE}.", "Diagnose again."]
+        what = ADVICE if any(SAID in x for x in apart(m)) else BOTH
+        return [f"{what}.", "Diagnose again."]
     if m.verdict == "ambiguous":
         wait = "Do not add an effect yet; record the motion that separates the rivals."
         return [wait, *motions[:3]]
