@@ -28,7 +28,7 @@ from hil.compare.judge import ADEQUATE
 from hil.compare.shifted import explanation, foretold
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
-from hil.identify.validity import identified, outside
+from hil.identify.validity import identified, leaves
 
 FloatArray = NDArray[np.float64]
 #: Factor between errors from which two sessions differ, beside any chance.
@@ -107,8 +107,7 @@ def _values(pair: _Pair, j: int) -> str:
             f"not determine what {pair.theirs} needs"
         )
     why = explanation(pair.fitted, pair.alone, pair.heldout.residual, j)
-    beyond = outside(identified(pair.fitted.problem), pair.alone.problem)
-    left = any(x.startswith(f"{joint}: ") for x in beyond)
+    left = leaves(identified(pair.fitted.problem), pair.alone.problem, j)
     lead = f"{pair.theirs} leaves the range of {pair.ours}, or" if left else ""
     return f"{joint}: {' '.join([lead, SAID]).strip()}: {text}{f'; {why}' if why else ''}"
 

@@ -45,7 +45,7 @@ def limits(known: Range, what: str) -> tuple[float, float]:
 
 
 def outside(known: Sequence[Range], problem: Problem, which: str = "session") -> list[str]:
-    """Sentences on the joints that leave the identified range: how often, and how far.
+    """Sentences on what leaves the identified range: one a quantity, with every such joint.
 
     Parameters
     ----------
@@ -57,25 +57,37 @@ def outside(known: Sequence[Range], problem: Problem, which: str = "session") ->
         What to call them.
     """
     ranges, out = {r.joint: r for r in known}, []
-    for j, joint in enumerate(problem.joints):
-        for what in QUANTITIES if joint in ranges else ():
-            low, high = limits(ranges[joint], what)
-            x = _values(problem, j, what)
-            share = float(np.mean((x < low) | (x > high)))
-            if share > WORTH:
-                ends = (*getattr(ranges[joint], what), float(x.min()), float(x.max()))
-                out.append(_sentence(joint, what, share, ends, _unit(problem, j, what), which))
+    for what in QUANTITIES:
+        parts = [
+            _part(problem, j, what, ranges[joint])
+            for j, joint in enumerate(problem.joints)
+            if joint in ranges
+        ]
+        beyond = "; ".join(p for p in parts if p)
+        if beyond:
+            out.append(
+                f"the {which} leaves the {what} range that the model was identified on, "
+                f"predictions there are extrapolation: {beyond}"
+            )
     return out
 
 
-def _sentence(
-    joint: str, what: str, share: float, ends: tuple[float, ...], unit: str, which: str
-) -> str:
-    low, high, least, most = ends
+def leaves(known: Sequence[Range], problem: Problem, j: int) -> bool:
+    """Whether joint j leaves its identified range in any quantity."""
+    own = [r for r in known if r.joint == problem.joints[j]]
+    return any(_part(problem, j, what, r) for r in own for what in QUANTITIES)
+
+
+def _part(problem: Problem, j: int, what: str, known: Range) -> str:
+    """How often and how far joint j leaves its range; empty where that is rare."""
+    x, (low, high) = _values(problem, j, what), limits(known, what)
+    share = float(np.mean((x < low) | (x > high)))
+    if share <= WORTH:
+        return ""
+    low, high = getattr(known, what)
     return (
-        f"{joint}: {100 * share:.0f} % of the {which} lies outside the {what} range that the model "
-        f"was identified on ({low:.3g} to {high:.3g} {unit}; here {least:.3g} to {most:.3g}): "
-        "predictions there are extrapolation"
+        f"{problem.joints[j]} for {100 * share:.0f} % of the time ({x.min():.3g} to {x.max():.3g}, "
+        f"identified {low:.3g} to {high:.3g} {_unit(problem, j, what)})"
     )
 
 
