@@ -6,6 +6,7 @@ import numpy as np
 
 from hil.commands import common
 from hil.compare.analysis import Rung
+from hil.compare.fallback import told
 from hil.compare.findings import Diagnosis, Finding
 from hil.compare.multistep import MultiStep
 from hil.compare.sessions import CODE as DIFFER
@@ -38,8 +39,8 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     if d.verdict == "adequate":
         lines += [f"  {floor_says(d.beyond)}"]
     if d.network:
-        lines += ["", "What any function of these variables could explain of what is left"]
-        lines += [f"  - {s.text}" for s in d.network]
+        lines += ["", "What any function of some variables could explain of what is left"]
+        lines += [f"  - {line}" for line in told(d.network)]
     if not d.ladder:
         return "\n".join([*lines, *(f"  {w}" for _, w in d.warnings)])
     lines += ["", ladder_text(d)]

@@ -30,8 +30,10 @@ FloatArray = NDArray[np.float64]
 FOLDS, SECONDS, STRENGTHS = 5, 0.5, (1e-4, 1e-3, 1e-2, 1e-1)
 #: Errors within this factor of the floor leave nothing to explain.
 REST = 1.10
+#: Share that is worth a word.
+LEAST = 0.005
 #: Rows up to which a network is fitted where nothing is left above the floor.
-ROWS = 60_000
+ROWS = 10_000
 #: Cosines over time; the same blocks as elsewhere are left out in turn, so it interpolates.
 TREND = 6
 
@@ -48,12 +50,15 @@ class Share:
         Left-out share of the error above the floor, 0 to 1.
     text : str
         One sentence.
+    words : str
+        The inputs in words.
     """
 
     joint: str
     feature: str
     share: float
     text: str
+    words: str = ""
 
 
 def explainable(result: FitResult, floor: Floor) -> list[Share]:
@@ -62,6 +67,22 @@ def explainable(result: FitResult, floor: Floor) -> list[Share]:
     for j in np.flatnonzero(~result.problem.holds).tolist():
         if result.rms[j] > REST * floor.rms[j]:
             out += _of_joint(result, float(floor.rms[j]), j)
+    return out
+
+
+def told(shares: list[Share]) -> list[str]:
+    """One sentence a joint, the largest share first; what explains nothing is not listed."""
+    out = []
+    for joint in dict.fromkeys(s.joint for s in shares):
+        own = sorted((s for s in shares if s.joint == joint), key=lambda s: -s.share)
+        some = [s for s in own if s.share >= LEAST]
+        if not some:
+            every = "; ".join(s.words for s in own)
+            out.append(f"{joint}: functions of {every} explain none of it")
+            continue
+        rest = "".join(f", of {s.words} {100 * s.share:.0f} %" for s in some[1:])
+        first = f"{some[0].words} could explain {100 * some[0].share:.0f} %"
+        out.append(f"{joint}: any function of {first}{rest}")
     return out
 
 
@@ -95,7 +116,7 @@ def _of_joint(result: FitResult, floor: float, j: int) -> list[Share]:
         excess = max(before**2 - least**2, 1e-300)
         share = float(np.clip((before**2 - after**2) / excess, 0.0, 1.0))
         text = f"{joint}: any function of {words} could explain {100 * share:.0f} % of what is left"
-        out.append(Share(joint, f"network: {what}", share, text))
+        out.append(Share(joint, f"network: {what}", share, text, words))
     return out
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import hil
+from hil.compare.fallback import Share, told
 from hil.compare.tables import diagnosis_json
 
 
@@ -64,3 +65,14 @@ def test_network_fits_and_lowers_the_heldout_error(unnamed):
 def test_nothing_left_nothing_said():
     run = plants.axis(2)
     assert not hil.diagnose([run], hil.base_model(run.robot)).network
+
+
+def test_one_line_a_joint_tells_the_shares():
+    shares = [
+        Share("a", "network: t", 0.2, "", "time"), Share("a", "network: qd of a", 0.9, "", "speed"),
+        Share("a", "network: q,qd of a", 0.0, "", "place"), Share("b", "t", 0.0, "", "time"),
+    ]  # fmt: skip
+    assert told(shares) == [
+        "a: any function of speed could explain 90 %, of time 20 %",
+        "b: functions of time explain none of it",
+    ]
