@@ -26,6 +26,8 @@ from hil.identify.solve import noise_to_signal
 from hil.models.model import RobotModel, Value
 
 FloatArray = NDArray[np.float64]
+#: Multiple of a shape value from which its error says only that nothing is known of it.
+OPEN = 10.0
 #: A shape value: number of its term, and which of the term's shape values it is.
 Place = tuple[int, int]
 
@@ -39,7 +41,8 @@ def complete(result: FitResult) -> FitResult:
     stderr, known = _errors(result, free, places)
     count = int(free.sum())
     names = [n for n, ok in zip(result.names, free, strict=True) if ok]
-    new = {n: _wider(result.values[n], e) for n, e in zip(names, stderr[:count], strict=True)}
+    pairs = zip(names, stderr[:count].tolist(), strict=True)
+    new = {n: _wider(result.values[n], e) for n, e in pairs}
     for place, e, ok in zip(places, stderr[count:], known[count:], strict=True):
         name = _name(result, place)
         new[name] = _wider(result.values[name], float(e) if ok else float("nan"), place[1] > 0)
@@ -112,7 +115,8 @@ def _allowed(result: FitResult, place: Place, step: float) -> bool:
 def _wider(v: Value, stderr: float, own: bool = False) -> Value:
     """The value with an error that is no smaller than the one it had; `own`: it had none."""
     if own:
-        return replace(v, stderr=stderr)
+        size = min(OPEN * abs(v.value), v.upper - v.lower)
+        return replace(v, stderr=stderr if stderr < size else float("nan"))
     return replace(v, stderr=max(v.stderr, stderr)) if v.stderr == v.stderr else v
 
 

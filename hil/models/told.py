@@ -55,7 +55,7 @@ def without_error(name: str, v: Value) -> str:
         return "the sharpest sign that fits, as fine as the data resolve"
     if found and found[0].ends_at_resolution:
         return "at the end of what the data resolve"
-    return "it does not change the effort here"
+    return "it hardly changes the effort here"
 
 
 def remark(effect: str, parameters: Mapping[str, Value]) -> str:

@@ -11,6 +11,7 @@ from hil.identify.jacobian import jacobian
 from hil.identify.problem import Problem
 from hil.identify.regression import basis, extended
 from hil.identify.result import FitResult
+from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Use, Value, base_model
 from hil.models.told import in_words
 from hil.record.recording import Recording, RobotSource
@@ -159,3 +160,18 @@ def test_shapes_that_are_no_quantity_get_no_error() -> None:
     name = "j1.presliding.form"
     assert np.isnan(told.values[name].stderr) and in_words(name, told.values[name].value)
     assert complete(fitted(axis(0), AXIS)).values.keys() == fitted(axis(0), AXIS).values.keys()
+
+
+def test_told_errors_are_plain_numbers_that_a_file_holds(tmp_path) -> None:
+    told = complete(fitted(curve(0, 1.4), AXIS + "stribeck"))
+    assert all(type(v.stderr) is float for v in told.values.values())
+    write_model(told.model, tmp_path / "m.toml")
+    again = read_model(tmp_path / "m.toml").values()
+    assert {n: v.value for n, v in again.items()} == {n: v.value for n, v in told.values.items()}
+    assert again["j1.stribeck.n"].stderr == told.values["j1.stribeck.n"].stderr
+
+
+def test_an_error_that_says_nothing_is_none() -> None:
+    model = base_model(RobotSource("single-axis")) + "presliding"
+    for name, v in complete(fitted(axis(0, vs=0.02), model)).values.items():
+        assert not v.stderr > 10 * abs(v.value) or not name.startswith("j1.presliding.v")
