@@ -31,15 +31,14 @@ from hil.models.transmission import (
 #: Tensions that take up half the soft range, in units of the load's standard deviation: tried at
 #: first, and once a resonance is found.  At the largest such a load makes the cable less than
 #: twice as stiff: that is an elastic transmission.  At the smallest it makes it some hundreds of
-#: times as stiff: that is a play.
-TENSIONS = (0.3, 0.1, 1.0)
+#: times as stiff: that is a play.  With the first ones the steps of the frequency: the sooner it
+#: stiffens the less it rings.
+TENSIONS = {0.3: 1.5, 0.1: 1.7, 1.0: 1.35}
 MORE_TENSIONS = (0.05, 0.1, 0.17, 0.3, 0.55, 1.0, 1.7, 3.0)
 #: Damping ratios at zero tension: at first, and then.
 ZETA, ZETAS = 0.1, (0.03, 0.05, 0.1, 0.2, 0.4)
 #: Friction of the link that is tried at first, in the same units.
 RUB = 0.1
-#: Resonances at zero tension a decade.
-DECADE = 6
 
 
 class HardeningCable(Effect):
@@ -77,9 +76,12 @@ class HardeningCable(Effect):
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Resonances over the lower half of the band, three tensions, some damping."""
         low, high = LOWEST, max(0.5 * highest(motion), 1.5 * LOWEST)
-        some = np.geomspace(low, high, 1 + int(np.ceil(DECADE * np.log10(high / low))))
         size = load_size(motion, j)
-        return [(float(f), t * size, ZETA, RUB * size) for t in TENSIONS for f in some]
+        out: list[tuple[float, ...]] = []
+        for t, step in TENSIONS.items():
+            some = np.geomspace(low, high, 1 + int(np.ceil(np.log(high / low) / np.log(step))))
+            out += [(float(f), t * size, ZETA, RUB * size) for f in some]
+        return out
 
     def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
         """Tensions, then dampings and frictions of the link, one of them changed at a time."""

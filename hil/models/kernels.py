@@ -79,7 +79,7 @@ def delayed(u: FloatArray, samples: float) -> FloatArray:
     return np.asarray(out, dtype=np.float64)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def softened(
     load: FloatArray, speed: FloatArray, inertia: FloatArray, dt: float, stretch: float,
     tension: float, lag: float, friction: float, slow: float, parts: int,
@@ -89,11 +89,12 @@ def softened(
     As in `sprung`, but with a stretch d that does not grow with the tension T for ever, and a
     damping that grows as the stiffness does (a loss within the cable):
 
-        I d'' + P = L,    P = T + c T',    d = s T / (T0 + |T|),    L = load + F tanh((v - d') / v0)
+        I d'' + P = L,    P = T + c T',    d = s T / (T0 + |T|),    L = load + F sat((v - d') / v0)
 
-    with s = `stretch`, T0 = `tension`, c = `lag`.  Each sample is gone in `parts` steps h of the
-    backward formula x' = (x - e) / g, e = (4 x_1 - x_2) / 3, g = 2 h / 3, which is of second order
-    and lets no step bounce off a stiffness that it does not resolve:
+    with s = `stretch`, T0 = `tension`, c = `lag` and sat x = min(max(x, -1), 1).  Each sample is
+    gone in `parts` steps h of the backward formula x' = (x - e) / g, e = (4 x_1 - x_2) / 3,
+    g = 2 h / 3, which is of second order and lets no step bounce off a stiffness that it does not
+    resolve:
 
         d + w T = r,    w = g (g + c) / I,    r = e_d + g e_v + g (g L + c e_T) / I,
 
@@ -105,7 +106,8 @@ def softened(
     t, v = load[0], 0.0
     d = stretch * t / (tension + abs(t))
     t_past, v_past, d_past = t, v, d
-    g, step = 2.0 * dt / (3.0 * parts), 1.0 / parts
+    g, step, third = 2.0 * dt / (3.0 * parts), 1.0 / parts, 1.0 / 3.0
+    rate, sharp = 1.0 / g, 1.0 / slow
     for n in range(1, load.size):
         per = g / inertia[n]
         w, rise, pull = per * (g + lag), (load[n] - load[n - 1]) * step, load[n - 1]
@@ -113,10 +115,9 @@ def softened(
             pull += rise
             own = pull
             if friction > 0.0:
-                own += friction * np.tanh((speed[n] - v) / slow)
-            before = (4.0 * t - t_past) / 3.0
-            start = (4.0 * d - d_past) / 3.0
-            r = start + g * (4.0 * v - v_past) / 3.0 + per * (g * own + lag * before)
+                own += friction * min(max((speed[n] - v) * sharp, -1.0), 1.0)
+            before, start = (4.0 * t - t_past) * third, (4.0 * d - d_past) * third
+            r = start + g * third * (4.0 * v - v_past) + per * (g * own + lag * before)
             # w T^2 + (w T0 + s - |r|) |T| = |r| T0, by the form that does not cancel
             size = abs(r)
             b = w * tension + stretch - size
@@ -125,7 +126,7 @@ def softened(
             t_past, v_past, d_past = t, v, d
             t = size if r >= 0.0 else -size
             d = r - w * t
-            v = (d - start) / g
+            v = (d - start) * rate
         out[n], rates[n] = own, v
     for n in range(1, load.size - 1):
         out[n] -= inertia[n] * (rates[n + 1] - rates[n - 1]) / (2.0 * dt)

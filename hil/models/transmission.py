@@ -200,7 +200,7 @@ def passing(
     slow, parts = float(motion.resolution[j]), int(np.ceil(motion.dt / LONGEST))
     inertia = link_inertia(motion, j)
     passed = softened(load, speed, inertia, motion.dt, *soft, lag, rub, slow, parts)
-    return (passed - load - rub * np.tanh(speed / slow))[:, None]
+    return (passed - load - rub * np.clip(speed / slow, -1.0, 1.0))[:, None]
 
 
 def load_size(motion: Motion, j: int) -> float:
