@@ -29,12 +29,12 @@ from hil.models.transmission import (
 )  # fmt: skip
 
 #: Tensions that take up half the soft range, in units of the load's standard deviation: tried at
-#: first, and once a resonance is found.  At the largest such a load makes the cable less than
-#: twice as stiff: that is an elastic transmission.  At the smallest it makes it some hundreds of
-#: times as stiff: that is a play.  With the first ones the steps of the frequency: the sooner it
-#: stiffens the less it rings.
+#: first, and once a resonance is found.  At the largest such a load makes the cable hardly more
+#: than twice as stiff: that is an elastic transmission.  At the smallest it makes it some hundreds
+#: of times as stiff: that is a play.  With the first ones the steps of the frequency: the sooner
+#: it stiffens the less it rings.
 TENSIONS = {0.3: 1.5, 0.1: 1.7, 1.0: 1.35}
-MORE_TENSIONS = (0.05, 0.1, 0.17, 0.3, 0.55, 1.0, 1.7, 3.0)
+MORE_TENSIONS = (0.05, 0.1, 0.17, 0.3, 0.55, 1.0, 2.0)
 #: Damping ratios at zero tension: at first, and then.
 ZETA, ZETAS = 0.1, (0.03, 0.05, 0.1, 0.2, 0.4)
 #: Friction of the link that is tried at first, in the same units.
