@@ -130,7 +130,7 @@ def _rival(c: Candidate, projector: Projector, noise: FloatArray) -> Rival:
         return Rival(term, PROBE * noise[term.joint] / np.maximum(rms, 1e-300))
     unit = columns / np.maximum(size, 1e-300)
     rows = projector.rows(term)
-    inner = projector.q[rows].T @ unit
+    inner = projector.inner(rows, unit)
     value, vector = np.linalg.eigh(unit.T @ unit - inner.T @ inner)
     keep = value > 1e-3
     right = vector[:, keep].T @ (unit.T @ projector.residual[rows])

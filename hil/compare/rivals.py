@@ -46,7 +46,7 @@ def _projected(c: Candidate, projector: Projector) -> FloatArray:
     rows = projector.rows(c.term)
     full = np.zeros((projector.residual.size, projector.weighted(c.term).shape[1]))
     full[rows] = projector.weighted(c.term)
-    full -= projector.q @ (projector.q.T @ full)
+    full -= projector.spanned(projector.inner(slice(0, len(full)), full))
     norm = np.linalg.norm(full, axis=0)
     u, s, _ = np.linalg.svd(full[:, norm > 1e-12] / norm[norm > 1e-12], full_matrices=False)
     return np.asarray(u[:, s > 1e-3], dtype=np.float64)
@@ -130,7 +130,7 @@ def seen(c: Candidate, projector: Projector) -> int:
     columns = projector.weighted(c.term)
     norm = np.linalg.norm(columns, axis=0)
     unit, _ = np.linalg.qr(columns[:, norm > 0] / norm[norm > 0])
-    known = projector.q[projector.rows(c.term)].T @ unit
+    known = projector.inner(projector.rows(c.term), unit)
     left = np.linalg.eigvalsh(np.eye(unit.shape[1]) - known.T @ known)
     return int(np.sum(left > UNSEEN))
 

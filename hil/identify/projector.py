@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import scipy.optimize
@@ -78,9 +77,9 @@ class Projector:
         self.rss = float(self.residual @ self.residual)
         self._found: dict[tuple[object, ...], Scores] = {}
 
-    @cached_property
+    @property
     def q(self) -> FloatArray:
-        """Orthonormal columns (d n, r) that span the base."""
+        """Orthonormal columns (d n, r) that span the base, made from the factors."""
         return np.concatenate([q @ u for q, u in self.parts])
 
     def inner(self, rows: slice, x: FloatArray) -> FloatArray:
@@ -91,7 +90,7 @@ class Projector:
         return np.asarray(sum(u.T @ (q.T @ part) for (q, u), part in each))
 
     def spanned(self, known: FloatArray) -> FloatArray:
-        """Q c (d n,) of coefficients c (r,)."""
+        """Q c (d n, ...) of coefficients c (r, ...)."""
         return np.concatenate([q @ (u @ known) for q, u in self.parts])
 
     def rows(self, term: Term) -> slice:
