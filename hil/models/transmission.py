@@ -23,7 +23,7 @@ _SPONG = "Spong, J. Dyn. Syst. Meas. Control 109, 1987"
 #: Damping ratios tried.
 ZETAS = (0.1, 0.3)
 #: ... and once a resonance is found.
-MORE_ZETAS = (*ZETAS, 0.02, 0.05, 0.15, 0.5)
+MORE_ZETAS = (*ZETAS, 0.02, 0.05, 0.15, 0.5, 0.8)
 #: Lowest resonance tried [Hz], and the step to the next in half-power widths 2 zeta f.
 LOWEST, STEP = 2.0, 1.75
 
@@ -86,7 +86,7 @@ class _Resonance(Effect):
         self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
         error: Sequence[float] = (),
     ) -> bool:  # fmt: skip
-        """Within the band, and ringing: the largest damping tried stands for something smooth."""
+        """Within the band, and ringing: beyond a damping ratio of 0.7 a resonance has no peak."""
         resonance = shape[1] < max(MORE_ZETAS) and inside(motion, shape[0])
         return resonance and super().credible(motion, j, shape, beta, error)
 
