@@ -11,8 +11,9 @@ from hil.compare.detect import FLIPS, detect
 from hil.compare.floor import Floor, measure
 from hil.identify.design import Term, coefficients
 from hil.identify.projector import Projector
+from hil.identify.refine import COARSE
 from hil.identify.result import FitResult
-from hil.identify.shapes import COARSE, best_shape
+from hil.identify.shapes import best_shape
 from hil.identify.timing import LATE, real_delay
 from hil.models import catalogue
 

@@ -17,7 +17,7 @@ from hil.identify.assemble import assemble
 from hil.identify.context import set_context
 from hil.identify.design import Term
 from hil.identify.result import FitResult
-from hil.identify.shapes import CLOSE
+from hil.identify.trial import CLOSE
 
 FloatArray = NDArray[np.float64]
 #: Ratio of held-out to fitted residual from which the two runs see different things.
