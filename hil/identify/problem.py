@@ -1,22 +1,20 @@
-"""One identification problem: runs, filters, target and the columns of any effect."""
+"""One identification problem: the rows of its runs, and the columns of any effect."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.errors import ConfigError, DataError
-from hil.identify import bands, standstill
+from hil.errors import ConfigError
+from hil.identify import bands
 from hil.identify.kept import Kept, Seen, watched
-from hil.identify.prepare import prepare
+from hil.identify.rows import AUTOMATIC, Rows
 from hil.models.effect import Effect
 from hil.models.model import Band
 from hil.models.motion import Motion
-from hil.models.robots import Robot, make_robot
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
@@ -24,37 +22,10 @@ FloatArray = NDArray[np.float64]
 KEPT = 2**27
 #: Raw columns that pass the filter at once [bytes]: more would leave the processor's cache.
 BATCH = 2**22
-#: Band chosen from the data.
-AUTOMATIC = Band()
 
 
-class Problem:
-    """Runs of one arm, ready for regression.
-
-    Rows are ordered joint by joint, within a joint run by run: row (j, k) = j * n + k.
-
-    Parameters
-    ----------
-    recordings : list of Recording
-        The runs; same joints.
-    robot : RobotSource
-        The model's robot.
-    explains : str
-        ``"motor"``: target tau + tau_ext; ``"external"``: target tau_ext.
-    band : Band
-        Filter band, zeros = choose.
-
-    Attributes
-    ----------
-    y : ndarray (d, n)
-        Target after the filter.
-    effort : ndarray (d, n)
-        Measured effort after the same filter (what `relative` refers to).
-    run : ndarray (n,)
-        Run index of each instant.
-    t, q, qd, qdd : ndarray
-        Time (n,) and unfiltered-by-the-effort-filter motion (d, n) at the instants.
-    """
+class Problem(Rows):
+    """Runs of one arm, ready for regression; parameters and rows as of `Rows`."""
 
     def __init__(
         self,
@@ -65,33 +36,7 @@ class Problem:
         rates: bands.Rates | None = None,
         span: FloatArray | None = None,
     ) -> None:
-        if not recordings:
-            raise DataError("no recording given")
-        first = recordings[0]
-        for r in recordings:
-            if r.d != first.d:
-                raise DataError(
-                    f"recording {r.name!r} has {r.d} joints but {first.name!r} has {first.d}; "
-                    "give sessions of one robot"
-                )
-        self.source = robot
-        self.robot: Robot = make_robot(robot, first)
-        self.joints, self.explains = first.joints, explains
-        self.recordings = recordings
-        self.rates = rates or bands.choose(recordings, band)
-        lows = np.min([r.q.min(axis=0) for r in recordings], axis=0)
-        highs = np.max([r.q.max(axis=0) for r in recordings], axis=0)
-        self.span = np.stack([lows, highs], axis=1) if span is None else span
-        self.motions: list[Motion] = []
-        self._filters: list[bands.Decimator] = []
-        self._still: list[FloatArray] = []
-        for r in recordings:
-            motion, still, decimator = prepare(r, self.robot, self.rates, self.span, explains)
-            self.motions.append(motion)
-            self._still.append(still)
-            self._filters.append(decimator)
-        self._share_slips()
-        self._assemble()
+        super().__init__(recordings, robot, explains, band, rates, span)
         self.shift = 0.0
         #: Least first shape value of an effect on a joint, where other runs have shown it.
         self.least: dict[tuple[str, int], float] = {}
@@ -99,109 +44,6 @@ class Problem:
         self.memo: dict[tuple[object, ...], Any] = {}
         self._kept = Kept()
         self._raw: dict[tuple[object, ...], list[FloatArray]] = {}
-
-    @property
-    def d(self) -> int:
-        """Number of joints."""
-        return len(self.joints)
-
-    @property
-    def n(self) -> int:
-        """Instants after the filter, all runs together."""
-        return int(self.run.size)
-
-    @property
-    def count(self) -> FloatArray:
-        """Instants at which each joint moves (d,)."""
-        return np.asarray(np.sum(self.live, axis=1), dtype=np.float64)
-
-    @property
-    def holds(self) -> NDArray[np.bool_]:
-        """Joints (d,) that only hold their place in every run: nothing is to be learnt of them."""
-        if self.explains != "motor":
-            return np.zeros(self.d, dtype=bool)
-        held = [standstill.holding(m.q, m.grain) for m in self.motions]
-        return np.asarray(np.all(held, axis=0))
-
-    def rms(self, x: FloatArray) -> FloatArray:
-        """Root mean square over the instants at which each joint moves, (d, n) to (d,)."""
-        out: FloatArray = np.sqrt(np.sum(x**2, axis=1) / self.count)
-        return out
-
-    @property
-    def rate(self) -> float:
-        """Rate of the instants [Hz]."""
-        return self._filters[0].rate
-
-    def _share_slips(self) -> None:
-        """Tell every run which joints' positions jump in any of them."""
-        found = [np.any(m.slips[0], axis=0) for m in self.motions if m.slips.size]
-        if found:
-            which = np.any(found, axis=0)
-            self.motions = [replace(m, slipped=which) for m in self.motions]
-
-    def _assemble(self) -> None:
-        #: Speed noise by joint (d,): what is slower than this is not motion.
-        self.speed_noise = np.max([m.v0 for m in self.motions], axis=0)
-        self.motions = [
-            m.with_(v0=0.5 * self.speed_noise, resolution=0.5 * self.speed_noise)
-            for m in self.motions
-        ]
-        #: Instants at which each joint moves (d, n); the others are left out (set to zero).
-        self.live = self._gate()
-        self._target()
-        self.q = self.filtered([m.q for m in self.motions]).T.copy()
-        self.qd = self._sampled("qd").T.copy()
-        self.qdd = self._sampled("qdd").T.copy()
-        self.t = np.concatenate([f.times for f in self._filters])
-        sizes = [f.times.size for f in self._filters]
-        self.run = np.repeat(np.arange(len(sizes)), sizes)
-
-    def _target(self) -> None:
-        """Filtered target and effort of the motions as they stand."""
-        motor = self.explains == "motor"
-        target = [m.tau + m.tau_ext if motor else m.tau_ext for m in self.motions]
-        effort = [m.tau if motor else m.tau_ext for m in self.motions]
-        joints = range(self.d)
-        self.y = np.stack([self.gated([x[:, j] for x in target], j) for j in joints])
-        self.effort = np.stack([self.gated([x[:, j] for x in effort], j) for j in joints])
-
-    def _gate(self) -> NDArray[np.bool_]:
-        """At standstill friction balances any effort: no equation there, for the motor's effort."""
-        if self.explains != "motor":
-            self._still = [np.zeros_like(x) for x in self._still]
-        live = standstill.live(self.filtered(self._still))
-        kept = np.all(live, axis=0)
-        self._still = [np.where(kept, 0.0, x) for x in self._still]
-        #: Joints (d,) that stand still at any instant that counts.
-        self._stands = np.any([np.any(x, axis=0) for x in self._still], axis=0)
-        return live.T.copy()
-
-    def gated(self, parts: Sequence[FloatArray], j: int) -> FloatArray:
-        """Effort filter of what acts on joint j, standstill taken out before and after it."""
-        if not self._stands[j]:
-            return self.filtered(parts)
-        shape = (-1, *[1] * (parts[0].ndim - 1))
-        moving = [(1.0 - s[:, j]).reshape(shape) for s in self._still]
-        out = self.filtered([x * w for x, w in zip(parts, moving, strict=True)])
-        out *= self.live[j].reshape(shape)
-        return out
-
-    def back(self, rows: FloatArray, j: int) -> FloatArray:
-        """Transpose of `gated`: what rows (n,) of joint j weigh at each instant of the motions."""
-        out = []
-        for k, (f, still) in enumerate(zip(self._filters, self._still, strict=True)):
-            part = np.where(self.live[j], rows, 0.0)[self.run == k]
-            out.append(f.adjoint(part) * (1.0 - still[:, j]))
-        return np.concatenate(out)
-
-    def spread(self, labels: NDArray[np.int_]) -> NDArray[np.int_]:
-        """Labels of the rows (n,) at the instants of the motions: those of the nearest row."""
-        out = []
-        for k, m in enumerate(self.motions):
-            t, own = self.t[self.run == k], labels[self.run == k]
-            out.append(own[np.searchsorted((t[1:] + t[:-1]) / 2, m.t)])
-        return np.concatenate(out)
 
     def shift_effort(self, seconds: float) -> None:
         """Take the motor effort `seconds` later: tau(t) <- tau(t - s), to first order in s."""
@@ -211,13 +53,6 @@ class Problem:
         ]
         self._target()
         self._kept = self._kept.pruned(self.motions)
-
-    def _sampled(self, name: str) -> FloatArray:
-        return self.filtered([getattr(m, name) for m in self.motions])
-
-    def filtered(self, parts: Sequence[FloatArray]) -> FloatArray:
-        """Effort filter of one array a run, runs stacked along axis 0."""
-        return np.concatenate([f(x) for f, x in zip(self._filters, parts, strict=True)])
 
     def set_context(self, **changes: FloatArray) -> None:
         """Change v0, contact or load; forget the columns that were made of them."""
