@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hil.compare.evidence import Candidate, Evidence
+from hil.compare.candidate import Candidate
+from hil.compare.evidence import Evidence
 from hil.compare.experiment import ABSORBED, MOST, Planner
 from hil.compare.rivals import overlap
 from hil.excite import menu

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from hil.compare.candidate import Candidate
 from hil.compare.detect import LEVEL
-from hil.compare.evidence import Candidate, Evidence
+from hil.compare.evidence import Evidence
 from hil.compare.rivals import ECHO, late, mirrored, weights
 from hil.identify.projector import Projector, within
 from hil.identify.result import FitResult

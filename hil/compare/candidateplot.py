@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from hil.compare.candidate import Candidate
 from hil.compare.detect import LEVEL
-from hil.compare.evidence import Candidate
 from hil.compare.material import Material
 from hil.compare.page import escape, number, table
 from hil.compare.plots import AFTER, FLOOR, bar, embed, grid, scatter

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.evidence import Candidate
+from hil.compare.candidate import Candidate
 from hil.compare.findings import Step
 from hil.compare.judge import ADEQUATE
 from hil.identify.design import Term, coefficients, head

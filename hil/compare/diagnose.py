@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from hil.compare.afterwards import finish
 from hil.compare.attribute import choose, kindred, plausible, possible, simplest_first
+from hil.compare.candidate import Candidate
 from hil.compare.columns import mistaken
 from hil.compare.credible import credible
-from hil.compare.evidence import Candidate, Evidence, gather, in_time
+from hil.compare.evidence import Evidence, gather, in_time
 from hil.compare.findings import Accepted, Diagnosis, Step, describe
 from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut

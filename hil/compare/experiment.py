@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.evidence import Candidate, Evidence
+from hil.compare.candidate import Candidate
+from hil.compare.evidence import Evidence
 from hil.errors import ConfigError
 from hil.excite import menu
 from hil.excite.ask import measured

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.ambiguity import Indistinguishable
-from hil.compare.evidence import NOTHING, Candidate, Evidence
+from hil.compare.candidate import Candidate
+from hil.compare.evidence import NOTHING, Evidence
 from hil.compare.fallback import Share
 from hil.compare.heldout import HeldOut
 from hil.compare.multistep import MultiStep

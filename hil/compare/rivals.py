@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from hil.compare.candidate import Candidate
 from hil.compare.detect import LEVEL
-from hil.compare.evidence import Candidate
 from hil.identify.projector import Projector
 from hil.identify.timing import LATE
 

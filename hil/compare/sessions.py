@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.attribute import choose, plausible
-from hil.compare.evidence import Candidate, gather
+from hil.compare.candidate import Candidate
+from hil.compare.evidence import gather
 from hil.compare.findings import Diagnosis
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.judge import ADEQUATE

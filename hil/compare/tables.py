@@ -8,7 +8,8 @@ from typing import Any
 from hil.compare.ambiguity import Indistinguishable, at_issue, concerned, pairs
 from hil.compare.analysis import Comparison, Rung
 from hil.compare.attribute import plausible
-from hil.compare.evidence import Candidate, Evidence
+from hil.compare.candidate import Candidate
+from hil.compare.evidence import Evidence
 from hil.compare.findings import Diagnosis, Finding, joint_of
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep
