@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from hil import registry
-from hil.config import SIMULATED, BoxConfig, DeviceConfig, RigConfig
+from hil.config import SIMULATED, RigConfig
 from hil.errors import ConfigError, unknown
+from hil.rigtables import BoxConfig, DeviceConfig
 from hil.signals.bus import Bus
 from hil.tapping import Taps
 from hil.tomltable import parse, within

@@ -9,11 +9,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.config import ArmConfig
 from hil.errors import ConfigError
 from hil.models.robots import Robot
 from hil.record.recording import RobotSource
 from hil.record.urdf_joints import urdf_joints
+from hil.rigtables import ArmConfig
 
 FloatArray = NDArray[np.float64]
 INF = float("inf")

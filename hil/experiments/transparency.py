@@ -20,12 +20,13 @@ from scipy import stats
 
 from hil import app, registry
 from hil.compare.analysis import fit
-from hil.config import ControllerConfig, RigConfig, load_rig
+from hil.config import RigConfig, load_rig
 from hil.models.model import base_model
 from hil.models.phantom import Premium
 from hil.models.writing import write_model
 from hil.record.reader import load
 from hil.rigs import rig_path
+from hil.rigtables import ControllerConfig
 from hil.teleop import files, make, measure, sampled
 from hil.teleop.hybrid import ComplexArray, FloatArray
 from hil.teleop.make import Arms

@@ -12,8 +12,8 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.config import ArmConfig, SafetyConfig
 from hil.excite.limits import Limits
+from hil.rigtables import ArmConfig, SafetyConfig
 from hil.runtime import thermal
 from hil.runtime.conditions import BITS
 from hil.signals.device import FloatArray, Status

@@ -19,8 +19,8 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from hil.config import SafetyConfig
 from hil.errors import ConfigError
+from hil.rigtables import SafetyConfig
 
 _BEAT = struct.Struct("<qqq")  # monotonic time [ns], tick, 1 = ended properly
 #: How often the heart is felt, in shares of the time-out.

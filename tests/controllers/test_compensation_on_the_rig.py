@@ -8,7 +8,7 @@ import pytest
 from controllers.lawrence import Lawrence
 from hil import app
 from hil.compare.analysis import fit
-from hil.config import ControllerConfig, load_rig
+from hil.config import load_rig
 from hil.models.model import Use, base_model
 from hil.models.writing import write_model
 from hil.record.container import read
@@ -16,6 +16,7 @@ from hil.record.decode import decode_numbers
 from hil.record.reader import load
 from hil.replay import replay
 from hil.rigs import rig_path
+from hil.rigtables import ControllerConfig
 from hil.teleop import make
 
 

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.config import ArmConfig, SafetyConfig, load_rig
+from hil.config import load_rig
 from hil.excite.limits import of_arm
 from hil.record.recording import RobotSource
 from hil.record.ring import Ring
+from hil.rigtables import ArmConfig, SafetyConfig
 from hil.runtime import thermal, watch
 from hil.runtime.clock import VirtualClock
 from hil.runtime.commands import Command

@@ -1,0 +1,227 @@
+"""Tables of a rig file, one class each; the whole is `hil.config.RigConfig`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from hil.errors import ConfigError, unknown
+
+
+@dataclass(frozen=True)
+class RecordConfig:
+    """Table ``[record]``: raw wire frames into the session, or a session's frames to the drivers.
+
+    Parameters
+    ----------
+    frames : bool
+        Write every frame of the boxes into the session.
+    replay : str
+        Session whose frames answer for the boxes on back end ``"replay"``.
+    """
+
+    frames: bool = False
+    replay: str = ""
+
+
+@dataclass(frozen=True)
+class LoopConfig:
+    """Table ``[loop]``: rates [Hz], clock, length of a session [s], rows of the ring.
+
+    `realtime` asks the operating system for its real-time class, an own core and locked memory
+    where the clock is real.
+    """
+
+    rate_hz: float = 1000.0
+    slow_hz: float = 100.0
+    clock: str = "lockstep"
+    seconds: float = 10.0
+    ring_rows: int = 8192
+    realtime: bool = True
+
+    def __post_init__(self) -> None:
+        if self.clock not in ("lockstep", "real"):
+            raise ConfigError(f"[loop]: {unknown('clock', self.clock, ('lockstep', 'real'))}")
+        if not 0.0 < self.slow_hz <= self.rate_hz <= 10_000.0:
+            raise ConfigError("[loop]: 0 < slow_hz <= rate_hz <= 10000 is needed.")
+        if self.seconds <= 0.0 or self.ring_rows < 1:
+            raise ConfigError("[loop]: seconds and ring_rows must be positive.")
+
+    @property
+    def period_ns(self) -> int:
+        """Length of a tick [ns]."""
+        return round(1e9 / self.rate_hz)
+
+
+@dataclass(frozen=True)
+class WindingConfig:
+    """Table ``[arms.NAME.winding]``: heat of the motors, by two time constants.
+
+    Parameters
+    ----------
+    effort_per_amp : tuple of 3 floats
+        Joint effort per motor current [N m/A]; default the Premium's reductions 13.3, 11.2, 11.2
+        times 23.4 mN m/A.
+    resistance : float
+        Of the winding at 25 degC [Ohm].
+    winding_to_housing, housing_to_air : float
+        Thermal resistances [K/W].
+    winding_time, housing_time : float
+        Time constants [s].
+    ambient, yellow, red : float
+        Room, and winding temperatures that light the lamps [degC]; the loop pauses at red.
+
+    Notes
+    -----
+    Defaults: Maxon RE25 118743 as used in the Premium (mahilab/Phantom).
+    """
+
+    effort_per_amp: tuple[float, ...] = (0.311, 0.262, 0.262)
+    resistance: float = 2.18
+    winding_to_housing: float = 3.1
+    housing_to_air: float = 14.0
+    winding_time: float = 12.0
+    housing_time: float = 612.0
+    ambient: float = 25.0
+    yellow: float = 80.0
+    red: float = 100.0
+
+    def __post_init__(self) -> None:
+        if len(self.effort_per_amp) != 3:
+            raise ConfigError("[arms.winding]: effort_per_amp needs three entries, one per joint.")
+        positive = (
+            *self.effort_per_amp, self.resistance, self.winding_to_housing, self.housing_to_air,
+            self.winding_time, self.housing_time,
+        )  # fmt: skip
+        if min(positive) <= 0 or not self.ambient < self.yellow < self.red:
+            raise ConfigError(
+                "[arms.winding]: resistances and times must be positive and ambient < yellow < red."
+            )
+
+
+@dataclass(frozen=True)
+class SafetyConfig:
+    """Table ``[safety]``: when the loop lets go.
+
+    Parameters
+    ----------
+    stale_ticks : int
+        Readings in a row that repeat the last good value before the loop pauses.
+    missed_limit : int
+        Periods missed within a second that pause the loop; the first second does not count.
+    stuck_time : float
+        A joint that stands within a count for so long [s] under more than half its torque limit
+        has a stuck encoder; 0 = not checked.
+    watchdog : float
+        Time without a tick [s] after which a process beside this one runs `cut`; 0 = none.
+    cut : tuple of str
+        Program with arguments that takes the power off the motors.
+    """
+
+    stale_ticks: int = 2
+    missed_limit: int = 100
+    stuck_time: float = 0.25
+    watchdog: float = 0.0
+    cut: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.stale_ticks < 1 or self.missed_limit < 1:
+            raise ConfigError("[safety]: stale_ticks and missed_limit must be at least 1.")
+        if self.stuck_time < 0 or self.watchdog < 0:
+            raise ConfigError("[safety]: stuck_time and watchdog must not be negative.")
+
+
+@dataclass(frozen=True)
+class ArmConfig:
+    """Table ``[arms.NAME]``: which robot, its joints, and limits [N m], [rad/s].
+
+    `position_min`, `position_max` [rad] and `workspace_min`, `workspace_max` (tip, base frame)
+    [m] bound planned motions; empty means those of the robot.  The loop pauses outside of the
+    positions, and outside of the workspace where the rig file gives one.  `acceleration_limit`
+    [rad/s^2] is what an encoder can show; `force_yellow` and `force_red` [N] light the lamps, 0
+    means 60 and 85 % of the sensor's range.
+    """
+
+    robot: str = "phantom-premium-1.5"
+    tip: str = "tip"
+    joints: tuple[str, ...] = ("joint1", "joint2", "joint3")
+    torque_limit: tuple[float, ...] = (0.8, 0.8, 0.8)
+    speed_limit: tuple[float, ...] = (25.0, 25.0, 25.0)
+    position_min: tuple[float, ...] = ()
+    position_max: tuple[float, ...] = ()
+    workspace_min: tuple[float, ...] = ()
+    workspace_max: tuple[float, ...] = ()
+    acceleration_limit: float = 5000.0
+    force_yellow: float = 0.0
+    force_red: float = 0.0
+    winding: WindingConfig = field(default_factory=WindingConfig)
+
+    def __post_init__(self) -> None:
+        for name in ("joints", "torque_limit", "speed_limit"):
+            if len(getattr(self, name)) != 3:
+                raise ConfigError(f"[arms]: {name} needs three entries, one per joint.")
+        if min(*self.torque_limit, *self.speed_limit) <= 0:
+            raise ConfigError("[arms]: torque_limit and speed_limit must be positive.")
+        if self.acceleration_limit <= 0 or not 0 <= self.force_yellow <= self.force_red:
+            raise ConfigError(
+                "[arms]: acceleration_limit must be positive and force_yellow not above force_red."
+            )
+        for name in ("position", "workspace"):
+            low, high = getattr(self, f"{name}_min"), getattr(self, f"{name}_max")
+            if len(low) not in (0, 3) or len(high) not in (0, 3):
+                raise ConfigError(f"[arms]: {name}_min and {name}_max need three entries or none.")
+            if low and high and not all(a < b for a, b in zip(low, high, strict=True)):
+                raise ConfigError(f"[arms]: {name}_min must be below {name}_max.")
+
+
+@dataclass(frozen=True)
+class DeviceConfig:
+    """Table ``[devices.NAME]``: driver, arm, back end (empty = the rig's), driver's options.
+
+    `channels` maps a role to places ``"BOX/CHANNEL"``, with a minus in front where the sign is
+    turned, e.g. ``encoders = ["quad/0", "-quad/1", "quad/2"]``; ideal wires have no use for it.
+    """
+
+    driver: str
+    arm: str
+    backend: str = ""
+    address: str = ""
+    channels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class BoxConfig:
+    """Table ``[boxes.NAME]``: interface that devices are wired to; not used by ideal wires.
+
+    Driver, back end (empty = of the devices wired to it), address (a serial number; empty = the
+    only one attached), driver's options.
+    """
+
+    driver: str
+    backend: str = ""
+    address: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ControllerConfig:
+    """Table ``[controller]``: name, arms in the order of the law, parameters of the law."""
+
+    name: str
+    arms: tuple[str, ...] = ("leader", "follower")
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class EstimatorConfig:
+    """Table ``[estimators.NAME]``: runs in the loop beside the law, and is recorded every tick.
+
+    `replaces_force` gives the law its force in place of the arm's force sensor.
+    """
+
+    name: str
+    arm: str
+    replaces_force: bool = False
+    parameters: Mapping[str, Any] = field(default_factory=dict)
