@@ -5,7 +5,7 @@ import pytest
 
 from controllers import compensation as kernels
 from hil.errors import ConfigError
-from hil.estimate import compensation, online
+from hil.estimate import compensation, online, probe
 from hil.models import catalogue
 from hil.models.model import Range, RobotModel, Use, Value
 from hil.models.motion import Motion
@@ -49,7 +49,7 @@ def ride(n=3000):
     load = 0.2 * np.sin(3.1 * angle).sum(-1)
     return Motion(
         t=t, q=q, qd=qd, qdd=np.zeros((n, 3)), tau=load, tau_ext=np.zeros((n, 3)), load=load,
-        static=0.3 * load, v0=np.full(3, online.SOFT), resolution=np.full(3, 1e-3),
+        static=0.3 * load, v0=np.full(3, probe.SOFT), resolution=np.full(3, 1e-3),
         span=np.reshape(SPAN, (3, 2)), contact=np.full((3, 2), np.nan), robot=Premium(()),
         temperature=np.full((n, 3), 20.0),
     )  # fmt: skip
@@ -173,7 +173,7 @@ def test_a_users_own_effect_is_compensated_as_any_other(tmp_path, monkeypatch):
                        plugins=(str(plugin),))  # fmt: skip
     motion = ride(500)
     found = loop(online.tables(compensation.effects(model), compensation.span(model)), motion)
-    wanted = 0.02 * (motion.q[:, 0] + 0.6) * np.tanh(motion.qd[:, 0] / online.SOFT)
+    wanted = 0.02 * (motion.q[:, 0] + 0.6) * np.tanh(motion.qd[:, 0] / probe.SOFT)
     np.testing.assert_allclose(found[:, 0], wanted, atol=1e-4)
 
 
