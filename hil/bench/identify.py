@@ -24,6 +24,8 @@ from hil.record.export import write_recordings
 
 LENGTHS = (60, 120, 300, 600)
 REFERENCE = "numpy + Pinocchio (reference)"
+#: What the data sets are called, by whether there is an effect that the model lacks.
+DATA = {False: "complete", True: "Stribeck missing"}
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ class Length:
     wall: float
     peak_mib: float
     verdict: str
+    data: str
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ def run(
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as name, threadpool_limits(limits=1):
         folder = Path(name)
-        for stribeck, data in ((False, "complete"), (True, "Stribeck missing")):
+        for stribeck, data in DATA.items():
             tell(data)
             train, test = (arm.simulate(seconds, seed, stribeck) for seed in (1, 2))
             own = _in_process(train, test, data, repeats)
@@ -105,9 +108,9 @@ def run(
             own += _diagnoses(folder, train, test, data, repeats, own[0].seconds)
             rows += own
         grown = []
-        for length in lengths:
-            tell(f"{length:g} s")
-            grown.append(_length(folder, length))
+        for length, missing in [(x, True) for x in lengths] + [(x, False) for x in lengths[-1:]]:
+            tell(f"{length:g} s, {DATA[missing]}")
+            grown.append(_length(folder, length, missing))
     return Report(seconds, repeats, rows, grown)
 
 
@@ -171,10 +174,10 @@ def _oneshot(folder: Path, repeats: int, paths: list[str]) -> dict[str, Any]:
     return peers.child(["-m", "hil.bench.oneshot", str(repeats), report, *paths])
 
 
-def _length(folder: Path, seconds: float) -> Length:
-    """One diagnosis of a recording with the missing effect: time and peak memory."""
+def _length(folder: Path, seconds: float, stribeck: bool) -> Length:
+    """One diagnosis of a recording, with the missing effect or without: time and peak memory."""
     path = str(folder / "long.mcap")
-    write_recordings(path, [arm.simulate(seconds, 1, True).recording("long")])
+    write_recordings(path, [arm.simulate(seconds, 1, stribeck).recording("long")])
     found = _oneshot(folder, 0, [path])
-    peak = found["peak"] / 2**20
-    return Length(seconds, found["seconds"][0], found["wall"][0], peak, found["verdict"])
+    times, peak = (found["seconds"][0], found["wall"][0]), found["peak"] / 2**20
+    return Length(seconds, *times, peak, found["verdict"], DATA[stribeck])

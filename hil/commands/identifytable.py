@@ -39,12 +39,12 @@ def text(r: Report) -> str:
     if r.lengths:
         grown = [
             [
-                f"{x.recorded:g}", f"{x.seconds:.2f}", f"{x.peak_mib:.0f}",
+                f"{x.recorded:g}", x.data, f"{x.seconds:.2f}", f"{x.peak_mib:.0f}",
                 f"{1e3 * x.seconds / x.recorded:.0f}", x.verdict,
             ]
             for x in r.lengths
         ]  # fmt: skip
-        names = ["recorded s", "seconds", "peak MiB", "ms per recorded s", "verdict"]
+        names = ["recorded s", "data", "seconds", "peak MiB", "ms per recorded s", "verdict"]
         lines += ["", "hil diagnose, one cold run each in a process of its own", ""]
         lines.append(common.table(names, grown))
     return "\n".join(lines)
