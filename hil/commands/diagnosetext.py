@@ -11,17 +11,17 @@ from hil.compare.findings import Diagnosis, Finding
 from hil.compare.multistep import MultiStep
 from hil.compare.sessions import CODE as DIFFER
 from hil.compare.tables import at_issue_of
-from hil.compare.words import floor_says
+from hil.compare.words import floor_says, remains
 from hil.models import catalogue
 from hil.models.told import remark
 
 SENTENCES = {
     "adequate": "adequate: the model explains the data down to the noise floor.",
-    "missing-effect": "missing effect found.",
-    "ambiguous": "something is missing, but these data cannot say which of several effects it is.",
-    "unexplained": "something is missing, and no effect of the catalogue explains it.",
-    "not-identifiable": "nothing can be concluded from these data.",
-    "bad-data": "the recording has faults; nothing fitted to it would mean anything.",
+    "missing-effect": "missing-effect: the model lacks what is named below.",
+    "ambiguous": "ambiguous: something is missing; these data leave open which of several effects.",
+    "unexplained": "unexplained: something is missing, and no effect of the catalogue explains it.",
+    "not-identifiable": "not-identifiable: nothing can be concluded from these data.",
+    "bad-data": "bad-data: the recording has faults; nothing fitted to it would mean anything.",
 }
 
 
@@ -35,6 +35,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     if d.partial:
         names = ", ".join(f"{f.effect} on {f.joint}" for f in d.partial)
         lines.append(f"  best partial explanation: {names} (explains too little to be the cause)")
+    lines += _left(d)
     lines += [f"  {w}." for code, w in d.warnings if code == DIFFER]
     if d.verdict == "adequate":
         lines += [f"  {floor_says(d.beyond)}"]
@@ -52,6 +53,14 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     notes = _notes(d)
     lines += ["", *(f"  note: {w}" for w in notes)] if notes else []
     return "\n".join(lines)
+
+
+def _left(d: Diagnosis) -> list[str]:
+    """What all that was named leaves."""
+    if not d.findings:
+        return []
+    left = remains(d.ladder[-1].heldout.rms / d.noise, d.result.problem.joints)
+    return ["", f"  {left}"] if left else []
 
 
 def verdict(name: str, warnings: list[tuple[str, str]]) -> str:

@@ -171,7 +171,8 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
     if planner is not None and len(s.among):
         names = tuple(c.name for c in s.among)
         choice = planner.plan(_group(s, sets), names)
-    shown = "; ".join(dict.fromkeys(catalogue.get(c.name).shown_by for c in s.among))
+    ways = [w for c in s.among for w in catalogue.get(c.name).shown_by.split("; ")]
+    shown = "; ".join(dict.fromkeys(ways))
     if choice is None or planner is None:
         reason = STRUCTURAL if len(s.among) == 1 else EXCITATION
         return Indistinguishable(s.effects, s.why, shown or s.effects[0], reason)
@@ -180,6 +181,8 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
             f"{s.why}; structural: after all motions of the menu together the other would still "
             f"imitate {100 * (1 - choice.everything.share):.1f} % of it"
         )
+        if len(s.among) > 1:
+            return Indistinguishable(s.effects, why, "no motion of this robot alone")
         return Indistinguishable(s.effects, why, f"no motion of this robot alone; {shown}")
     return _by_motion(s, choice, planner)
 

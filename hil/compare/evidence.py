@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hil.compare.candidate import Candidate, try_all
 from hil.compare.detect import detect
 from hil.compare.floor import Floor, measure
-from hil.identify.design import Term, coefficients
+from hil.identify.design import Term
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.timing import LATE, real_delay
@@ -150,8 +150,3 @@ def _judge(found: list[Candidate], floor: Floor, result: FitResult) -> None:
         c.errors = tuple(float(e * np.sqrt(noise[j])) for e in c.errors)
         c.spare = float(effective[j] * (1.1**2 - 1) * (floor.rms[j] / floor.scale[j]) ** 2)
         c.price = max(c.dof - replaced, 1) * float(np.log(max(effective[j], 2.0)))
-
-
-def labels(c: Candidate, result: FitResult) -> list[str]:
-    """Full names of a candidate's coefficients."""
-    return [n for n, _ in coefficients(c.term, result.problem)]

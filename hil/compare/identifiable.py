@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.contact import penetration
 
+FloatArray = NDArray[np.float64]
 #: A contact law is undetermined when forward and reverse regression differ by this factor.
 DISAGREEMENT = 1.5
 #: Rows with at least this share of the deepest penetration count as contact.
 TOUCHING = 0.02
 
+#: Least rms speed, in units of its noise, that is motion.
+SLOWEST = 4.0
 #: Shortest recording from which effects are named, all runs without the filter's edges [s].
 SHORTEST = 4.0
 
@@ -31,10 +35,26 @@ def undetermined(result: FitResult) -> list[tuple[str, str]]:
     if result.model.explains == "external":
         return _rigid(result)
     speed = np.sqrt(np.mean(problem.qd**2, axis=1))
-    if np.all(speed < 4 * problem.speed_noise):
-        names = ", ".join(problem.joints)
-        return [("no-motion", f"{names}: no motion above what the encoders resolve; record motion")]
+    if np.all(speed < SLOWEST * problem.speed_noise):
+        return [("no-motion", _slow(problem, speed))]
     return _short(problem)
+
+
+def _slow(problem: Problem, speed: FloatArray) -> str:
+    """What the joints move, what that drowns in, and what helps."""
+    parts = [
+        f"{joint} moves at {v:.2g} {unit}/s (rms) and its encoder's steps alone make {noise:.2g}"
+        for joint, v, noise, unit in zip(
+            problem.joints, speed, problem.speed_noise, problem.robot.units, strict=True
+        )
+    ]
+    band = problem.rates
+    return (
+        f"{'; '.join(parts)} behind the filter of {band.position:.3g} Hz: too little motion for so "
+        f"coarse a position. Move faster or wider, use a finer encoder, or narrow the band in the "
+        f"model file, under [signal]: position_hz = {band.position / 3:.2g}, "
+        f"effort_hz = {band.effort / 3:.2g}"
+    )
 
 
 def _short(problem: Problem) -> list[tuple[str, str]]:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hil.compare.ambiguity import CONFIDENT
 from hil.compare.findings import Finding
@@ -17,6 +21,7 @@ from hil.models import catalogue
 from hil.models.model import Value
 from hil.models.told import in_words, without_error
 
+FloatArray = NDArray[np.float64]
 #: Colour of the verdict's bar.
 TONES = {
     "adequate": "#009E73", "missing-effect": "#0072B2", "ambiguous": "#E69F00",
@@ -47,6 +52,25 @@ def where(f: Finding) -> str:
 
 def _list(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def remains(ratios: FloatArray, joints: Sequence[str]) -> str:
+    """What all that was added leaves above the floor; empty if nothing.
+
+    Parameters
+    ----------
+    ratios : ndarray (d,)
+        Held-out error over the noise floor, with everything added.
+    joints : sequence of str
+        Names.
+    """
+    j = int(np.argmax(ratios))
+    if ratios[j] <= ADEQUATE:
+        return ""
+    return (
+        f"With all this added, the error of {joints[j]} is still {ratios[j]:.2f} times the noise "
+        "floor: no single effect of the catalogue accounts for what remains."
+    )
 
 
 def worst(m: Material) -> int:
@@ -105,13 +129,8 @@ def details(m: Material) -> list[str]:
             f"{100 * f.excess_explained:.0f} % of what was above the noise floor, and less than "
             f"{100 * EXPLAINED:.0f} % is explained in all, so it is not named as the cause)."
         )
-    left = float(m.ratio(m.after).max()) if m.findings else 1.0
-    if left > ADEQUATE:
-        j = int(m.ratio(m.after).argmax())
-        out.append(
-            f"With all this added, the error of {m.joints[j]} is still {left:.2f} times the noise "
-            "floor: no single effect of the catalogue accounts for what remains."
-        )
+    if m.findings and (left := remains(m.ratio(m.after), m.joints)):
+        out.append(left)
     if m.verdict == "not-identifiable" or not m.rungs:
         out += [text for _, text in m.warnings]
     if m.rungs and not (m.findings or m.partial or m.verdict == "not-identifiable"):

@@ -24,6 +24,8 @@ _SPONG = "Spong, J. Dyn. Syst. Meas. Control 109, 1987"
 ZETAS = (0.1, 0.3)
 #: ... and once a resonance is found.
 MORE_ZETAS = (*ZETAS, 0.02, 0.05, 0.15, 0.5, 0.8)
+#: Damping ratio from which on a mass on a spring loses five sixths of its swing at each one.
+SWINGING = 0.5
 #: Lowest resonance tried [Hz], and the step to the next in half-power widths 2 zeta f.
 LOWEST, STEP = 2.0, 1.75
 
@@ -237,6 +239,16 @@ class VibrationMode(_Resonance):
         # unit mass: k = w^2, c = 2 zeta w
         passed, _ = sprung(qdd, np.ones(motion.n), motion.dt, w * w, 2 * float(shape[1]) * w)
         return (passed - qdd)[:, None]
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """A structure that rings: one damped more than `SWINGING` is an inertia that fades.
+
+        That is also what the filtered noise of a coarse position looks like.
+        """
+        return shape[1] < SWINGING and super().credible(motion, j, shape, beta, error)
 
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """See the elastic transmission."""

@@ -185,7 +185,7 @@ def test_not_identifiable(tmp_path: Path) -> None:
     assert d.verdict == "not-identifiable"
     page = written(d, tmp_path)
     assert "Nothing can be concluded" in page.text
-    assert "record motion" in page.text
+    assert "Move faster or wider" in page.text
 
 
 def test_bad_data_has_no_figures(tmp_path: Path) -> None:

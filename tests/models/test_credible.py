@@ -92,6 +92,11 @@ def test_a_stop_pushes_and_friction_at_the_end_of_the_range_is_none(side: float)
     assert not allowed("end-stop", (q0, side), (1.0, -9.0, 0.0))  # pulls beyond a depth
 
 
+def test_a_structure_rings() -> None:
+    assert allowed("vibration-mode", (5.0, 0.3), (0.1,))
+    assert not allowed("vibration-mode", (5.0, 0.5), (0.1,))
+
+
 def test_loops_without_a_part_of_the_friction_are_a_blunt_sign() -> None:
     shape = (2e-4, 0.0, 0.01, 0.0)
     assert not allowed("presliding", shape, (0.9, 0.0, 0.0, 0.002), (0.004, 0.008, 0.006, 0.001))
