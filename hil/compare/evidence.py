@@ -17,7 +17,7 @@ from hil.identify.timing import LATE, real_delay
 from hil.models import catalogue
 
 __all__ = [
-    "NOTHING", "Candidate", "Evidence", "floor_of", "gather", "in_time", "labels", "possible_terms",
+    "NOTHING", "Candidate", "Evidence", "floor_of", "gather", "in_time", "possible_terms",
 ]  # fmt: skip
 
 FloatArray = NDArray[np.float64]
