@@ -140,9 +140,11 @@ def multi_text(rungs: list[Rung]) -> str:
     joints = first.step.result.problem.joints
     rows = [[r.step.label, *_cells(r.multi_step), *_cells(r.multi_step.closed_loop)] for r in rungs]
     head = [f"multi-step error, {first.multi_step.horizon:g} s", *(f"{j} %" for j in joints)]
+    meaning = "rms error of the position simulated from measured states, in % of its motion"
     if first.multi_step.closed_loop is not None:
         head += [f"{j} replay %" for j in joints]
-    lines = [common.table(head, rows)]
+        meaning += "; replay: over longer windows, a 1 Hz servo holding it"
+    lines = [common.table(head, rows), f"  {meaning}"]
     for r in rungs:
         m = r.multi_step
         if m.diverged:
