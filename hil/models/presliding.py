@@ -142,6 +142,10 @@ class Presliding(Effect):
         ),
     )
     replaces = ("coulomb",)
+    caveat = (
+        "dry friction of a link behind a stiff cable or belt builds up over a displacement, too: "
+        "below the resonance a motor's data do not say which of the two gives"
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[sign, z(q; s), z(q; 3 s), z(q; 9 s)]: nested loops; or LuGre's three parts."""
