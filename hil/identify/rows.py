@@ -71,7 +71,7 @@ class Rows:
         self.robot: Robot = make_robot(robot, first)
         self.joints, self.explains = first.joints, explains
         self.recordings = recordings
-        self.rates = rates or bands.choose(recordings, band)
+        self.rates = rates or bands.choose(recordings, band, explains == "motor")
         lows = np.min([r.q.min(axis=0) for r in recordings], axis=0)
         highs = np.max([r.q.max(axis=0) for r in recordings], axis=0)
         self.span = np.stack([lows, highs], axis=1) if span is None else span
