@@ -29,7 +29,7 @@ def test_json_contract(report: identify.Report) -> None:
     out = json.loads(json.dumps(identifytable.data(report), allow_nan=False))
     assert {"machine", "recorded_s", "repeats", "rows", "lengths"} == set(out)
     assert {"peer", "data", "seconds", "wall", "ratio", "floor", "note"} == set(out["rows"][0])
-    assert {"recorded", "seconds", "wall", "peak_mib", "verdict"} == set(out["lengths"][0])
+    assert {"recorded", "data", "seconds", "wall", "peak_mib", "verdict"} == set(out["lengths"][0])
     assert out["lengths"][0]["peak_mib"] > 50
     diagnosed = [r for r in out["rows"] if r["peer"] == "hil diagnose"]
     assert all("candidates" in r["note"] for r in diagnosed)
