@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from hil.compare.ambiguity import Indistinguishable, at_issue, concerned, pairs
@@ -10,6 +11,7 @@ from hil.compare.analysis import Comparison, Rung
 from hil.compare.attribute import plausible
 from hil.compare.candidate import Candidate
 from hil.compare.evidence import Evidence
+from hil.compare.fallback import Share
 from hil.compare.findings import Diagnosis, Finding, joint_of
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep
@@ -17,6 +19,10 @@ from hil.compare.rivals import weights
 from hil.identify.result import FitResult
 from hil.models.model import Value
 from hil.models.told import in_words
+
+#: Fields of an indistinguishable set, and of what a motion could not show.
+SETS = ("effects", "why", "experiment", "reason", "motion", "command")
+UNSEEN = ("effects", "joints", "why", "command")
 
 
 def number(x: float, digits: int = 6) -> float | None:
@@ -137,52 +143,43 @@ def at_issue_of(d: Diagnosis) -> tuple[list[Indistinguishable], list[Indistingui
 
 def diagnosis_json(d: Diagnosis) -> dict[str, object]:
     """`hil diagnose --json`."""
-    last = d.ladder[-1] if d.ladder else None
-    structure = [
-        {"joint": r.joint, "feature": r.feature, "share": number(r.share, 3), "text": r.text}
-        for items in (regions(last.result, d.last.floor, 3) if last else {}).values()
-        for r in items
-    ]
-    structure += [
-        {"joint": s.joint, "feature": s.feature, "share": number(s.share, 3), "text": s.text}
-        for s in d.network
-    ]
     return {
         "schema": "hil.diagnose/1",
         "verdict": d.verdict,
         "findings": [finding_json(f) for f in d.findings],
         "candidates": [candidate_json(c, d.first, d) for c in d.first.candidates[:20]],
-        "remaining": {
-            "relative": by_joint(last.result, last.heldout.relative) if last else {},
-            "rms": by_joint(last.result, last.heldout.rms) if last else {},
-            "noise_floor": by_joint(last.result, d.noise) if last else {},
-            "noise_floor_from": d.last.floor.method,
-            "structure": structure,
-            "any_function": None if d.beyond is None else number(d.beyond, 3),
-            "best_partial": [finding_json(f) for f in d.partial],
-        },
-        "indistinguishable": [
-            {
-                "effects": list(s.effects),
-                "why": s.why,
-                "experiment": s.experiment,
-                "reason": s.reason,
-                "motion": s.motion,
-                "command": s.command,
-            }
-            for s in sets_of(d)
-        ],
-        "could_not_show": [
-            {
-                "effects": list(u.effects),
-                "joints": list(u.joints),
-                "why": u.why,
-                "command": u.command,
-            }
-            for u in d.unseen
-        ],
+        "remaining": _remaining(d),
+        "indistinguishable": [_fields(s, SETS) for s in sets_of(d)],
+        "could_not_show": [_fields(u, UNSEEN) for u in d.unseen],
         "warnings": [{"code": code, "text": text} for code, text in d.warnings],
     }
+
+
+def _remaining(d: Diagnosis) -> dict[str, object]:
+    """What is left after the last rung, and where it lives."""
+    last = d.ladder[-1] if d.ladder else None
+    places = (regions(last.result, d.last.floor, 3) if last else {}).values()
+    structure = [_structure(r) for items in places for r in items]
+    structure += [_structure(s) for s in d.network]
+    return {
+        "relative": by_joint(last.result, last.heldout.relative) if last else {},
+        "rms": by_joint(last.result, last.heldout.rms) if last else {},
+        "noise_floor": by_joint(last.result, d.noise) if last else {},
+        "noise_floor_from": d.last.floor.method,
+        "structure": structure,
+        "any_function": None if d.beyond is None else number(d.beyond, 3),
+        "best_partial": [finding_json(f) for f in d.partial],
+    }
+
+
+def _structure(x: Region | Share) -> dict[str, object]:
+    return {"joint": x.joint, "feature": x.feature, "share": number(x.share, 3), "text": x.text}
+
+
+def _fields(x: object, names: Sequence[str]) -> dict[str, object]:
+    """Fields of an answer by name, tuples as lists."""
+    values = ((n, getattr(x, n)) for n in names)
+    return {n: list(v) if isinstance(v, tuple) else v for n, v in values}
 
 
 def ladder_json(rungs: list[Rung]) -> list[dict[str, object]]:

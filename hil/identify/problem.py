@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
-from hil.identify import bands
-from hil.identify.kept import Kept, Seen, watched
-from hil.identify.rows import AUTOMATIC, Rows
+from hil.identify.kept import Seen, watched
+from hil.identify.rows import Rows
 from hil.models.effect import Effect
-from hil.models.model import Band
 from hil.models.motion import Motion
-from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
 #: Raw columns of the motion alone are kept up to this size [bytes], else made again.
@@ -26,24 +22,6 @@ BATCH = 2**22
 
 class Problem(Rows):
     """Runs of one arm, ready for regression; parameters and rows as of `Rows`."""
-
-    def __init__(
-        self,
-        recordings: list[Recording],
-        robot: RobotSource,
-        explains: str = "motor",
-        band: Band = AUTOMATIC,
-        rates: bands.Rates | None = None,
-        span: FloatArray | None = None,
-    ) -> None:
-        super().__init__(recordings, robot, explains, band, rates, span)
-        self.shift = 0.0
-        #: Least first shape value of an effect on a joint, where other runs have shown it.
-        self.least: dict[tuple[str, int], float] = {}
-        #: What others have computed from the motion alone.
-        self.memo: dict[tuple[object, ...], Any] = {}
-        self._kept = Kept()
-        self._raw: dict[tuple[object, ...], list[FloatArray]] = {}
 
     def shift_effort(self, seconds: float) -> None:
         """Take the motor effort `seconds` later: tau(t) <- tau(t - s), to first order in s."""

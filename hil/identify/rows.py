@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError
 from hil.identify import bands, standstill
+from hil.identify.kept import Kept
 from hil.identify.prepare import prepare
 from hil.models.model import Band
 from hil.models.motion import Motion
@@ -85,6 +87,13 @@ class Rows:
             self._filters.append(decimator)
         self._share_slips()
         self._assemble()
+        self.shift = 0.0
+        #: Least first shape value of an effect on a joint, where other runs have shown it.
+        self.least: dict[tuple[str, int], float] = {}
+        #: What others have computed from the motion alone.
+        self.memo: dict[tuple[object, ...], Any] = {}
+        self._kept = Kept()
+        self._raw: dict[tuple[object, ...], list[FloatArray]] = {}
 
     @property
     def d(self) -> int:
