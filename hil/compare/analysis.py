@@ -14,6 +14,7 @@ from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep, both, each
 from hil.compare.sessions import differences
+from hil.compare.settle import settled
 from hil.errors import ConfigError, DataError
 from hil.identify.errors import complete
 from hil.identify.fit import fit as fit_problem
@@ -115,13 +116,14 @@ def compare(
         another robot, or is one of the fitted ones.
     """
     problem = make_problem(recordings, model)
-    result = complete(fit_aligned(problem, model))
     examine = Examiner(problem, holdout or [])
+    step = settled(fit_aligned(problem, model), examine, "model")
+    result, heldout = complete(step.result), step.heldout
     evidence = gather(result)
     where = regions(result, evidence.floor)
     beyond = outside(model.valid, problem) + examine.outside(result)
     faults = [*faults_of(recordings), *(Fault("outside-range", "warning", "", x) for x in beyond)]
-    heldout, floor = examine(result), examine.floor(result, evidence)
+    floor = examine.floor(result, evidence)
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
     faults += [Fault(code, "warning", "", x) for code, x in differences(alike, examine)]
@@ -168,13 +170,13 @@ def add(
     """
     kind = catalogue.get(effect)
     problem = make_problem(recordings, model)
-    before = fit_aligned(problem, model)
     examine = Examiner(problem, holdout or [])
+    before = settled(fit_aligned(problem, model), examine, "before")
     joints = _usable(effect, joints, problem)
     own: dict[str, object] = {"per_run": True} if kind.per_run and len(recordings) > 1 else {}
-    larger = before.model + Use(effect, joints, own)
+    larger = before.result.model + Use(effect, joints, own)
     after = complete(fit_problem(problem, larger))
-    steps = (Step("before", before, examine(before)), Step(f"+ {effect}", after, examine(after)))
+    steps = (before, Step(f"+ {effect}", after, examine(after)))
     first, second = each([s.result for s in steps], problem)
     return Rung(steps[0], first), Rung(steps[1], second)
 

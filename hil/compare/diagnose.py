@@ -18,7 +18,7 @@ from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.identifiable import undetermined
 from hil.compare.judge import ADEQUATE, EXPLAINED, judge
-from hil.compare.settle import blunt
+from hil.compare.settle import settled
 from hil.identify.design import head
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -93,7 +93,7 @@ def diagnose(
     if wrong:
         return Diagnosis("bad-data", warnings=wrong)
     examine = Examiner(problem, holdout or [])
-    ladder = [_settled(Step("base model", result, examine(result)), problem, examine)]
+    ladder = [settled(result, examine, "base model")]
     evidence = first = gather(ladder[0].result, seed)
     reasons = undetermined(ladder[0].result)
     if reasons:
@@ -108,14 +108,6 @@ def diagnose(
         _retest(found, ladder, examine, problem)
     out = judge(ladder, found, first, evidence, examine.floor(ladder[-1].result, evidence))
     return finish(out, examine, model, recordings, faults)
-
-
-def _settled(step: Step, problem: Problem, examine: Examiner) -> Step:
-    """The base model with signs as blunt as the held-out runs ask for."""
-    problem.least.update(blunt(step.result, step.heldout, examine))
-    if not problem.least:
-        return step
-    return Step(step.label, *_refit(step.result.model, problem, examine, step.result.sigma))
 
 
 def _next(

@@ -12,11 +12,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare.findings import Step
 from hil.compare.heldout import Examiner, HeldOut
 from hil.identify.assemble import assemble
 from hil.identify.context import set_context
 from hil.identify.design import Term
 from hil.identify.result import FitResult
+from hil.identify.timing import fit_aligned
 from hil.identify.trial import CLOSE
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +29,17 @@ APART = 1.1
 WORTH = 0.04
 #: Ratio of one resolution to the next that is tried.
 STEP = 1.25
+
+
+def settled(result: FitResult, examine: Examiner, label: str) -> Step:
+    """A first rung: the fit with signs as blunt as the held-out runs ask for, and its errors."""
+    step = Step(label, result, examine(result))
+    found = blunt(result, step.heldout, examine)
+    if not found:
+        return step
+    result.problem.least.update(found)
+    again = fit_aligned(result.problem, result.model, result.sigma)
+    return Step(label, again, examine(again))
 
 
 def blunt(result: FitResult, heldout: HeldOut, examine: Examiner) -> dict[tuple[str, int], float]:
@@ -44,8 +57,8 @@ def blunt(result: FitResult, heldout: HeldOut, examine: Examiner) -> dict[tuple[
     Returns
     -------
     dict
-        For joints whose error is larger on the other runs, the sharpest of the effect's own
-        grid that explains the fitted runs as well as the present one and lowers the held-out
+        For joints whose error is larger on the other runs, the sharpest value, in steps of
+        `STEP`, that explains the fitted runs as well as the present one and lowers the held-out
         error by more than `WORTH`, to within 1 % of the best one's.  Empty without other runs.
     """
     if heldout.kind != "holdout":

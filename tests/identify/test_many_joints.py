@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hil.compare import analysis
 from hil.compare.diagnose import diagnose
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -70,3 +71,7 @@ def test_a_run_that_lingers_shows_how_blunt_a_sign_is_that_fast_runs_hardly_see(
     found = d.ladder[0].result.values["j1.coulomb.v0"].value
     assert found == pytest.approx(SIGN, rel=0.15)
     assert d.ladder[0].heldout.rms[0] < 1.4 * d.ladder[0].result.rms[0]
+    # compare and add start from the very same model
+    before, _ = analysis.add([fast], AXES, "quadratic-drag", holdout=[slow])
+    for heldout in (analysis.compare([fast], AXES, [slow]).heldout, before.step.heldout):
+        np.testing.assert_allclose(heldout.rms, d.ladder[0].heldout.rms, rtol=1e-6)
