@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from controllers.estimators import forces, network, transmission, wavelets
+from controllers.estimators.transmission_config import NAMES, TransmissionConfig
 from controllers.lawrence_config import PREMIUM
 from hil import app, companions
 from hil.cli import main
@@ -55,7 +56,7 @@ def test_the_tables_of_the_documentation_are_taken():
     assert tables["push"]["parameters"]["method"] == "inverse-dynamics"
     assert "model" not in tables["push"]["parameters"]
     open_rig(rig(tables), 0).close()
-    for kind in (forces.ForcesConfig, network.NetworkConfig, transmission.TransmissionConfig):
+    for kind in (forces.ForcesConfig, network.NetworkConfig, TransmissionConfig):
         assert kind().model == PREMIUM  # as the page says: neither arm's own
 
 
@@ -102,12 +103,12 @@ def test_the_forces_are_those_of_the_sensor(session):
 
 def test_the_filters_see_the_cables(session):
     values = decode_numbers(read(session).topics["/estimate/filters"])
-    found = dict(zip(transmission.NAMES, values[-1], strict=True))
+    found = dict(zip(NAMES, values[-1], strict=True))
     # data sheet: 3.5 N/mm at 0.2 m is 140 N m/rad
     for j in (1, 2, 3):
         assert 90 < found[f"stiffness{j}"] < 260
     run = load(session, "follower")
-    names = transmission.NAMES
+    names = NAMES
     cable = values[5000:, [names.index(f"cable{j}") for j in (1, 2, 3)]]
     assert np.corrcoef(cable[:, 0], run.tau[5000:, 0])[0, 1] > 0.8
 
