@@ -7,191 +7,19 @@ operator -> leader --c1 motion, c3 force--> follower -> environment
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
-from typing import Any
 
-import numba as nb
 import numpy as np
 
-from controllers import channel, compensation, dynamics, ela, geometry, observer
-from controllers.lawrence_config import AXES, SHAPES, LawrenceConfig
+from controllers import channel, ela, lawrence_kernels, lawrence_records, lawrence_state
+from controllers.lawrence_config import LawrenceConfig
 from hil.errors import ConfigError
-from hil.estimate import online
-from hil.models import catalogue
 from hil.signals.device import FloatArray
 from hil.teleop.files import loops_of
 from hil.teleop.refuse import refuse
 
-#: Where the momentum observer's memory starts in the state.
-FIRST_OBSERVED = 43
-#: Where the memory of friction with a state starts.
-FIRST_SLIP = 61
-
-
-@nb.njit(cache=True, nogil=True)
-def measure(a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
-    """Tip of arm `a` into w.jacobian, w.tip, and its filtered signals into w.signals (3, 4)."""
-    geometry.forward(q, c.lengths, w.tip[a])
-    geometry.jacobian(q, c.lengths, w.jacobian[a])
-    for i in range(3):
-        at = 1 + 18 * a + 6 * i
-        speed = 0.0
-        for j in range(3):
-            speed += w.jacobian[a, i, j] * v[j]
-        x_next[at] = x[at] if x[0] > 0.0 else w.tip[a, i]
-        # f_m = +F, f_s = -F with F ON the robot
-        force = wrench[i] if a == 0 else -wrench[i]
-        ela.sense(
-            w.tip[a, i] - x_next[at], speed, force, c.shares, c.period,
-            x[at + 1 : at + 6], x_next[at + 1 : at + 6], w.signals[a, i],
-        )  # fmt: skip
-
-
-@nb.njit(cache=True, nogil=True)
-def rub(a: int, q: Any, v: Any, t: float, x: Any, c: Any, tables: Any, w: Any, y: Any,
-        x_next: Any) -> None:  # fmt: skip
-    """Friction of arm `a` by its models into w.rub[a], and its share added to `y` (3,) [N m].
-
-    `y` holds the torque before, which is the load that a joint transmits.
-    """
-    w.goal[:] = 0.0
-    dynamics.inverse_dynamics(q, w.goal, w.goal, c.models[a], w.bend)
-    for j in range(3):
-        w.known[j], w.known[3 + j], w.known[6 + j], w.known[9 + j] = q[j], v[j], y[j], w.bend[j]
-        w.rub[a, j] = dynamics.interpolate(v[j], c.speeds, c.friction[a, j])
-    w.known[12] = t
-    at = FIRST_SLIP + compensation.MEMORY * a
-    terms, slips, values = tables[a]
-    compensation.friction(
-        x[0] > 0.0, w.known, terms, slips, values, x[at : at + compensation.MEMORY],
-        x_next[at : at + compensation.MEMORY], w.rub[a],
-    )  # fmt: skip
-    for j in range(3):
-        y[j] += c.share * w.rub[a, j]
-
-
-@nb.njit(cache=True, nogil=True)
-def torque(a: int, q: Any, v: Any, force: Any, c: Any, w: Any, y: Any) -> None:
-    """Joint torques (3,) of arm `a` that give the commanded tip force (3,) [N]; friction apart.
-
-    natural        tau = J^T F_c + C q' + N
-    force          tau = M J^-1 (Mw^-1 (F_c + F_s) - J' q') + C q' + N - J^T F_s
-    acceleration   tau = M q'' + C q' + N - J^T (Mw p'' - F_c)
-    """
-    sign = 1.0 if a == 0 else -1.0
-    for i in range(3):
-        w.push[i] = force[i]
-        w.goal[i] = 0.0
-        if c.shape == 1:
-            w.push[i] = -sign * w.signals[a, i, 3]
-            w.goal[i] = (force[i] + sign * w.signals[a, i, 3]) / c.masses[a, i]
-        elif c.shape == 2:
-            w.push[i] = force[i] - c.masses[a, i] * w.signals[a, i, 2]
-            w.goal[i] = w.signals[a, i, 2]
-        w.bend[i] = 0.0
-    if c.shape > 0:
-        dynamics.drift(q, v, c.lengths, w.bend)
-        for i in range(3):
-            w.bend[i] = w.goal[i] - w.bend[i]
-        dynamics.solve(w.jacobian[a], w.bend, w.goal)
-    else:
-        w.goal[:] = 0.0
-    dynamics.inverse_dynamics(q, v, w.goal, c.models[a], y)
-    for j in range(3):
-        for i in range(3):
-            y[j] += w.jacobian[a, i, j] * w.push[i]
-
-
-@nb.njit(cache=True, nogil=True)
-def believe(u: Any, c: Any, w: Any) -> None:
-    """Forces of both arms in w.signals replaced by those that their motion betrays (class II).
-
-    p = J^-T M(q) J^-1 (p'' - J' q') of the natural arm, in its pose and with all its axes; of the
-    shaped one the point masses.
-    """
-    for a in range(2):
-        q, v = u[a, :3], u[a, 3:6]
-        for i in range(3):
-            w.pull[a, i] = c.masses[a, i] * w.signals[a, i, 2]
-        if c.shape == 0:
-            dynamics.drift(q, v, c.lengths, w.bend)
-            for i in range(3):
-                w.bend[i] = w.signals[a, i, 2] - w.bend[i]
-            dynamics.solve(w.jacobian[a], w.bend, w.goal)
-            dynamics.momentum(q, w.goal, c.models[a], w.room[:2], w.impulse)
-            dynamics.solve_transposed(w.jacobian[a], w.impulse, w.square, w.pull[a])
-    for i in range(3):
-        w.signals[0, i, 3], w.signals[1, i, 3] = ela.believe(
-            c.gains[i], w.signals[0, i], w.signals[1, i], w.pull[0, i], w.pull[1, i]
-        )
-
-
-@nb.njit(cache=True, nogil=True)
-def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
-    """Momentum observer of arm `a`: the force ON its tip without a sensor.
-
-    F = J^-T r with r of `controllers.observer`.  Memory per arm: integral (3,), torque sent (3,),
-    force (3,); the torque of this tick is written by `law`.
-    """
-    at = FIRST_OBSERVED + 9 * a
-    observer.advance(
-        x[0] > 0.0, q, v, x[at + 3 : at + 6], w.rub[a], c.models[a], c.observer, c.period,
-        x[at : at + 3], x_next[at : at + 3], w.room, w.impulse, w.goal, w.bend,
-    )  # fmt: skip
-    dynamics.solve_transposed(w.jacobian[a], w.bend, w.square, x_next[at + 6 : at + 9])
-
-
-@nb.njit(cache=True, nogil=True)
-def law(
-    tick: int, x: Any, u: Any, c: Any, tables: Any, w: Any, line: Any, ages: Any, x_next: Any,
-    y: Any,
-) -> None:  # fmt: skip
-    """One period; see `Lawrence`.
-
-    Parameters
-    ----------
-    tick : int
-        Number of the tick, from 1.
-    tables : tuple of (terms, slips, values)
-        Friction of leader, follower; see `controllers.compensation`.
-    line : ndarray (2, length, 3, 4)
-        What each arm has sent; slot tick % length.
-    ages : ndarray (2, CYCLE)
-        Age in ticks of what the follower, the leader acts on.
-    """
-    x_next[0] = 1.0
-    length = line.shape[1]
-    for a in range(2):
-        measure(a, u[a, :3], u[a, 3:6], u[a, 6:9], x, c, w, x_next)
-    if c.estimated:
-        believe(u, c, w)
-    for a in range(2):
-        line[a, tick % length] = w.signals[a]
-    for a in range(2):
-        age = ages[a, tick % ages.shape[1]]
-        if tick - age < 1:
-            w.heard[:] = 0.0
-        else:
-            w.heard[:] = line[1 - a, (tick - age) % length]
-        for i in range(3):
-            if a == 0:
-                w.force[i] = ela.master(c.gains[i], w.signals[0, i], w.heard[i])
-            else:
-                w.force[i] = ela.slave(c.gains[i], w.heard[i], w.signals[1, i])
-            # what the law believes: f_m = m a_m - f_cm, f_s = f_cs - m a_s
-            pull = c.masses[a, i] * w.signals[a, i, 2] - w.force[i]
-            x_next[37 + 3 * a + i] = pull if a == 0 else -pull
-            if c.estimated:
-                x_next[37 + 3 * a + i] = w.signals[a, i, 3]
-        torque(a, u[a, :3], u[a, 3:6], w.force, c, w, y[a])
-        rub(a, u[a, :3], u[a, 3:6], tick * c.period, x, c, tables, w, y[a], x_next)
-        observe(a, u[a, :3], u[a, 3:6], x, c, w, x_next)
-        for j in range(3):
-            x_next[FIRST_OBSERVED + 9 * a + 3 + j] = y[a, j]
-
 
 class Lawrence:
-    """The law with its parameters; see `law`.
+    """The law with its parameters; see `lawrence_kernels.law`.
 
     Parameters
     ----------
@@ -208,33 +36,7 @@ class Lawrence:
         If the design must not run: improper gains, an unstable loop, a delay beyond the margin.
     """
 
-    state_names = (
-        "started",
-        *(
-            f"{arm}_{what}_{axis}"
-            for arm in ("leader", "follower")
-            for axis in AXES
-            for what in ("origin", "velocity", "raw", "acceleration", "force", "on")
-        ),
-        *(f"{arm}_estimate_{axis}" for arm in ("leader", "follower") for axis in AXES),
-        *(
-            f"{arm}_{what}"
-            for arm in ("leader", "follower")
-            for what in (
-                *(f"impulse{j}" for j in (1, 2, 3)),
-                *(f"sent{j}" for j in (1, 2, 3)),
-                *(f"observed_{axis}" for axis in AXES),
-            )
-        ),
-        *(
-            f"{arm}_{what}"
-            for arm in ("leader", "follower")
-            for what in (
-                *(f"last{j}" for j in (1, 2, 3)),
-                *(f"slip{j}_{e}" for j in (1, 2, 3) for e in (1, 2, 3)),
-            )
-        ),
-    )
+    state_names = lawrence_state.NAMES
 
     def __init__(self, config: LawrenceConfig, arms: tuple[str, ...], period: float) -> None:
         if len(arms) != 2:
@@ -247,9 +49,9 @@ class Lawrence:
             for k, way in enumerate((config.backward, config.forward))
         ])  # fmt: skip
         self._line = np.zeros((2, int(self._ages.max()) + 2, 3, ela.SIGNALS))
-        self._c = constants(config, period)
-        self._tables = friction_of(config)
-        self._w = np.zeros(1, _WORK)[0]
+        self._c = lawrence_records.constants(config, period)
+        self._tables = lawrence_records.friction_of(config)
+        self._w = np.zeros(1, lawrence_records.WORK)[0]
 
     def judge(self, corner_hz: float) -> None:
         """Refuse the law if it is not stable with forces that are seen through one more low-pass.
@@ -273,56 +75,9 @@ class Lawrence:
         The channel's memory is filled by tick number: the same call gives the same answer.
         """
         tick = round(t / self.period)
-        law(tick, x, u, self._c, self._tables, self._w, self._line, self._ages, x_next, y)
-
-
-_F = np.float64
-_WORK = np.dtype([
-    ("tip", _F, (2, 3)), ("jacobian", _F, (2, 3, 3)), ("signals", _F, (2, 3, ela.SIGNALS)),
-    ("heard", _F, (3, ela.SIGNALS)), ("force", _F, (3,)), ("push", _F, (3,)),
-    ("goal", _F, (3,)), ("bend", _F, (3,)), ("impulse", _F, (3,)), ("room", _F, (6, 3)),
-    ("pull", _F, (2, 3)), ("square", _F, (3, 3)), ("rub", _F, (2, 3)),
-    ("known", _F, (len(compensation.VARIABLES),)),
-])  # fmt: skip
-
-
-def constants(config: LawrenceConfig, period: float) -> Any:
-    """Record of what does not change, for the kernels."""
-    n = len(config.friction_speeds)
-    kind = np.dtype([
-        ("gains", _F, (3, ela.GAINS)), ("masses", _F, (2, 3)), ("models", _F, (2, 8)),
-        ("shares", _F, (3,)), ("lengths", _F, (2,)), ("period", _F), ("shape", np.int64),
-        ("observer", _F), ("share", _F), ("estimated", np.int64),
-        ("speeds", _F, (max(n, 1),)), ("friction", _F, (2, 3, max(n, 1))),
-    ])  # fmt: skip
-    c = np.zeros(1, kind)[0]
-    c["gains"], c["masses"] = config.gains(), config.masses()
-    c["models"] = np.stack([config.leader_model, config.follower_model])
-    c["shares"], c["lengths"], c["period"] = config.shares(period), config.lengths, period
-    c["observer"] = 2 * np.pi * config.observer_hz
-    c["share"], c["estimated"] = config.friction_share, config.forces == "estimated"
-    c["shape"] = SHAPES.index(config.shape)
-    if n:
-        c["speeds"] = config.friction_speeds
-        c["friction"][0] = np.reshape(config.leader_friction, (3, n))
-        c["friction"][1] = np.reshape(config.follower_friction, (3, n))
-    return c
-
-
-def friction_of(config: LawrenceConfig) -> tuple[tuple[Any, Any, Any], ...]:
-    """Terms, presliding and table values of leader and follower, for the kernels."""
-    catalogue.load_files(config.plugins)
-    both = (
-        (config.leader_effects, config.leader_span), (config.follower_effects, config.follower_span)
-    )  # fmt: skip
-    found = (_tables(tuple(effects.items()), tuple(span)) for effects, span in both)
-    return tuple((t.terms, t.slips, t.values) for t in found)
-
-
-@lru_cache(maxsize=8)
-def _tables(values: tuple[tuple[str, float], ...], span: tuple[float, ...]) -> online.Tables:
-    """Tables, made once: an operator who sets a parameter makes a new law while the loop runs."""
-    return online.tables(dict(values), span)
+        lawrence_kernels.law(
+            tick, x, u, self._c, self._tables, self._w, self._line, self._ages, x_next, y
+        )
 
 
 Config = LawrenceConfig

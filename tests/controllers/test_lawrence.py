@@ -8,7 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers import channel, dynamics, ela, geometry, lawrence, lawrence_config
+from controllers import (
+    channel,
+    dynamics,
+    ela,
+    geometry,
+    lawrence,
+    lawrence_config,
+    lawrence_kernels,
+    lawrence_records,
+)
 from controllers.channel import ChannelConfig
 from controllers.lawrence import Lawrence, LawrenceConfig
 from hil.cli import main
@@ -143,8 +152,8 @@ def test_computed_torque_makes_a_point_mass_of_the_arm(shape):
     """Mw p'' = F_c + F_s to rounding, at any pose, speed and force (ideal signals)."""
     rng = np.random.default_rng(2)
     law = config(shape=shape, leader_mass=(0.1, 0.2, 0.3), follower_mass=(0.15,))
-    c = lawrence.constants(law, T)
-    w, pi = np.zeros(1, lawrence._WORK)[0], np.array(lawrence_config.PREMIUM)
+    c = lawrence_records.constants(law, T)
+    w, pi = np.zeros(1, lawrence_records.WORK)[0], np.array(lawrence_config.PREMIUM)
     arm, out = Premium(()), np.zeros(3)
     for arm_index in (0, 1):
         for _ in range(40):
@@ -160,7 +169,7 @@ def test_computed_torque_makes_a_point_mass_of_the_arm(shape):
             if shape == "acceleration":
                 # the acceleration that the point mass would have, fed back
                 w["signals"][arm_index, :, 2] = (fc + fs) / c["masses"][arm_index]
-            lawrence.torque(arm_index, q, v, fc, c, w, out)
+            lawrence_kernels.torque(arm_index, q, v, fc, c, w, out)
             qdd, jac = accelerated(q, v, out, fs, pi)
             got = jac @ qdd + bend
             np.testing.assert_allclose(c["masses"][arm_index] * got, fc + fs, atol=1e-6)
@@ -351,7 +360,7 @@ def test_momentum_terms_of_the_loop_are_those_of_the_library():
         np.testing.assert_allclose(flow, rest[k], atol=1e-7)
 
 
-@pytest.mark.parametrize("shape", lawrence.SHAPES)
+@pytest.mark.parametrize("shape", lawrence_config.SHAPES)
 def test_every_way_to_a_point_mass_runs_on_the_rig(shape, tmp_path):
     pull, back = [130.0, 0.8, 0.0], [-130.0, -0.8, 0.0]
     law = {"c1": pull, "c4": back, "c7": pull, "c8": pull, "shape": shape,
