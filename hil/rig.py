@@ -18,7 +18,7 @@ from hil.excite.limits import of_arm
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 from hil.runtime import watch
-from hil.runtime.loop import ArmPort
+from hil.runtime.port import ArmPort
 from hil.signals.device import (
     Controller,
     Device,

@@ -18,7 +18,7 @@ from hil.errors import ConfigError, DeviceError
 from hil.rig import Rig, open_rig
 from hil.runtime import safety
 from hil.runtime.clock import Clock
-from hil.runtime.loop import ArmPort
+from hil.runtime.port import ArmPort
 from hil.signals.device import Device, FloatArray, Status
 
 #: Torques that may be asked for [N m].

@@ -7,74 +7,25 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from hil import companions
 from hil.record.ring import Ring
-from hil.runtime import safety, watch
+from hil.runtime.arms import Arms
 from hil.runtime.clock import Clock
 from hil.runtime.commands import Command
 from hil.runtime.conditions import BITS, FAULTING, PAUSING
 from hil.runtime.frame import FrameLayout
 from hil.runtime.overload import Overload
-from hil.signals.device import (
-    Controller,
-    FloatArray,
-    IntArray,
-    MeasuredCf,
-    MeasuredJs,
-    ServoJf,
-    Status,
-)
+from hil.runtime.port import ArmPort
+from hil.signals.device import Controller
 from hil.signals.state import OperatingState, StateCommand, StateMachine
 
-_LIMITED, _INVALID = BITS["effort-limited"], BITS["effort-invalid"]
-_REFUSED, _OVERRUN, _OUT = BITS["motor-refused"], BITS["overrun"], BITS["workspace"]
-_OK = int(Status.OK)
+_LIMITED, _OVERRUN = BITS["effort-limited"], BITS["overrun"]
 _ENABLED, _FAULT = OperatingState.ENABLED, OperatingState.FAULT
 #: These pause when they begin; a command may go on while they last.
 _LASTING = BITS["position"] | BITS["workspace"]
-
-
-@dataclass(frozen=True)
-class ArmPort:
-    """What the loop needs of one arm: capabilities and words, whoever provides them.
-
-    Parameters
-    ----------
-    joints : MeasuredJs
-        Joint state.
-    efforts : ServoJf
-        Takes joint efforts.
-    force : MeasuredCf or None
-        Force at the tip.
-    counts, codes : ndarray (3,) of int
-        Words of the last exchange.
-    gauges : ndarray (6,) of int
-        Words of the force sensor.
-    torque_limit, speed_limit : ndarray (3,)
-        [N m], [rad/s].
-    limits : ndarray
-        Of `hil.runtime.watch.limits`.
-    tip : callable or None
-        Writes the tip position [m] of a posture into an array (3,), where there is a `box`.
-    box : ndarray (2, 3) or None
-        Workspace of the tip [m].
-    """
-
-    joints: MeasuredJs
-    efforts: ServoJf
-    force: MeasuredCf | None
-    counts: IntArray
-    codes: IntArray
-    gauges: IntArray
-    torque_limit: FloatArray
-    speed_limit: FloatArray
-    limits: FloatArray
-    tip: Callable[[FloatArray, FloatArray], None] | None = None
-    box: FloatArray | None = None
 
 
 class Loop:
@@ -115,17 +66,12 @@ class Loop:
         self._period_ns, self._origin_ns = period_ns, origin_ns
         self.frame = layout.zeros()
         self._u, self._state, self._timing = layout.views(self.frame)
-        self._y = np.zeros((len(ports), 3))
-        self._arms = [
-            (p, *layout.arm(self.frame, i), self._y[i], np.zeros(watch.MEMORY), np.zeros(3))
-            for i, p in enumerate(ports)
-        ]
+        self._arms = Arms(ports, layout, self.frame, period_ns)
+        self._y = self._arms.efforts
         self._x = np.zeros(len(controller.state_names))
         self._x_next = np.zeros_like(self._x)
         self._shown = self._state.size
         self._overload = Overload(missed_limit, round(1e9 / period_ns))
-        self._steps = 1
-        self._worst, self._hot = _OK, 0.0
         self.machine = StateMachine("the loop")
         self.mailbox: deque[Command] = deque()
         self.applied: deque[tuple[int, str, OperatingState, OperatingState]] = deque()
@@ -142,12 +88,10 @@ class Loop:
 
         Loads compiled code before the first deadline; leaves no trace in the controller.
         """
-        self._read(self._origin_ns, 1)
-        self._write()
+        self._arms.read(self._origin_ns, 1)
+        self._arms.write(self.machine.state)
         self._controller.update(0.0, self._x, self._u, self._x_next, self._y)
-        self._y[:] = 0.0
-        for *_, memory, _tip in self._arms:
-            memory[:] = 0.0
+        self._arms.forget()
 
     def step(self) -> None:
         """One tick."""
@@ -158,7 +102,7 @@ class Loop:
         while self.mailbox:
             self._obey(self.mailbox.popleft())
         steps = tick - last
-        mask = self._read(t_ns + self._origin_ns, steps)
+        mask = self._arms.read(t_ns + self._origin_ns, steps)
         if self._overload.over(tick, steps - 1):
             mask |= _OVERRUN
         # who was outside already may be driven back in
@@ -171,7 +115,7 @@ class Loop:
             self._x, self._x_next = self._x_next, self._x
         else:
             self._y[:] = 0.0
-        mask |= self._write()
+        mask |= self._arms.write(self.machine.state)
         if mask & FAULTING and self.machine.state is not _FAULT:
             self._react(mask)
         done = clock.since_start()
@@ -185,11 +129,11 @@ class Loop:
         timing[1] = done - woken
         timing[2] = self._clock.missed
         timing[3] = self._ring.dropped
-        timing[4] = self._worst
+        timing[4] = self._arms.worst
         timing[5] = self.machine.state
         timing[6] = self.conditions = mask
         timing[7] = len(self._ring)
-        timing[8] = self._hot
+        timing[8] = self._arms.hottest
         self._ring.push(tick, t_ns + self._clock.epoch_ns, self.frame)
         if self.heart is not None:
             self.heart(tick)
@@ -198,49 +142,6 @@ class Loop:
         if mask & _LIMITED:
             self.clamped += 1
 
-    def _read(self, t_ns: int, steps: int) -> int:
-        """Measured joint states and forces of all arms; the conditions that they show."""
-        mask, worst, hot = 0, _OK, 0.0
-        single = steps == 1 and self._steps == 1
-        dt, self._steps = steps * self._period_ns * 1e-9, steps
-        for port, q, qd, wrench, sent, _words, _y, memory, tip in self._arms:
-            js = int(port.joints.measured_js(t_ns, q, qd))
-            force = port.force
-            cf = _OK if force is None else int(force.measured_cf(t_ns, q, wrench))
-            mask |= watch.examine(
-                dt, single, js, cf, q, qd, wrench, sent, memory, port.limits
-            )  # fmt: skip
-            if port.tip is not None:
-                port.tip(q, tip)
-                if watch.outside(tip, port.box):
-                    mask |= _OUT
-            if js > worst or cf > worst:
-                worst = max(js, cf)
-            hot = max(hot, memory.item(watch.HOTTEST))
-        self._worst, self._hot = worst, hot
-        return mask
-
-    def _write(self) -> int:
-        """Limited efforts to all arms, words into the row; the conditions found on the way."""
-        # plain integers: an enumeration beside a number of numpy costs a microsecond
-        mask, worst, state = 0, self._worst, self.machine.state
-        enabled, faulted = state is _ENABLED, state is OperatingState.FAULT
-        for port, _q, qd, _wrench, sent, words, y, _memory, _tip in self._arms:
-            safe = safety.limit(y, qd, port.torque_limit, port.speed_limit)
-            if safe == safety.INVALID:
-                port.efforts.fault()
-                mask |= _INVALID if enabled else 0
-            said = int(port.efforts.servo_jf(y, sent))
-            if safe == safety.CLAMPED or said == safety.CLAMPED:
-                mask |= _LIMITED
-            elif said >= safety.INVALID and safe != safety.INVALID and not faulted:
-                mask |= _REFUSED
-            if said > worst or safe > worst:
-                worst = max(said, safe)
-            watch.leave(sent, port.counts, port.codes, port.gauges, words)
-        self._worst = worst
-        return mask
-
     def _react(self, mask: int) -> None:
         """Let go: FAULT is latched in every arm and sent again, PAUSED needs a command."""
         state = self.machine.state
@@ -248,11 +149,7 @@ class Loop:
             if state is not OperatingState.FAULT:
                 self.machine.command(StateCommand.FAULT)
                 self.since, self.reason = self.tick, mask & FAULTING
-            self._y[:] = 0.0
-            for port, _q, _qd, _wrench, sent, words, y, *_ in self._arms:
-                port.efforts.fault()
-                port.efforts.servo_jf(y, sent)
-                words[3:6] = port.codes
+            self._arms.let_go()
         elif state is OperatingState.ENABLED:
             self.machine.command(StateCommand.PAUSE)
             self.since, self.reason = self.tick, mask & PAUSING

@@ -21,8 +21,9 @@ from hil.runtime.clock import VirtualClock
 from hil.runtime.commands import Command
 from hil.runtime.conditions import BITS, FAULTING, PAUSING, TABLE, named, sentence
 from hil.runtime.frame import FrameLayout
-from hil.runtime.loop import ArmPort, Loop
+from hil.runtime.loop import Loop
 from hil.runtime.overload import Overload
+from hil.runtime.port import ArmPort
 from hil.signals.device import Status
 from hil.signals.state import OperatingState as State
 
