@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from hil.teleop import optimise
 from hil.teleop.design import Realisation
 from hil.teleop.hybrid import Impedance
-from hil.teleop.optimise import Problem
+from hil.teleop.problem import Problem
 
 #: Tasks: name -> what differs from the default problem.
 TASKS: dict[str, Problem] = {

@@ -14,6 +14,7 @@ from hil.teleop import files, named, optimise
 from hil.teleop.design import Design, Robot
 from hil.teleop.hybrid import Impedance
 from hil.teleop.named import Wish
+from hil.teleop.problem import Problem
 
 #: What a design is made from, and what of the law can be set beside it.
 WISHES = tuple(f.name for f in fields(Wish) if f.name not in ("master", "slave"))
@@ -21,7 +22,7 @@ REAL = (
     "shape", "forces", "leader_mass", "follower_mass", "velocity_hz", "acceleration_hz", "force_hz",
     "forward", "backward",
 )  # fmt: skip
-#: What an optimised design is made from: bounds and tolerances of `optimise.Problem`.
+#: What an optimised design is made from: bounds and tolerances of `hil.teleop.problem.Problem`.
 TASK = ("max_stiffness", "max_force", "corner", "free", "contact", "kappa")
 #: Masses of the sensors on the tip [kg] (data sheets), reflected inertia of the rotors [kg m^2].
 SENSORS = {"nano17": 0.009, "nano25": 0.063}
@@ -112,7 +113,7 @@ def optimised(task: Mapping[str, float], arms: Arms, law: Any) -> list[optimise.
     chosen: dict[str, Any] = _ON_THE_RIG | {names.get(k, k): v for k, v in task.items()}
     found: list[optimise.Found] = []
     for m, s in zip(arms.master, arms.slave, strict=True):
-        problem = optimise.Problem(
+        problem = Problem(
             master=Robot(m), slave=Robot(s), environment=Impedance(*law.environment),
             operator=Impedance(*law.operator), real=files.realisation(law),
         )  # fmt: skip

@@ -9,7 +9,8 @@ from hil.errors import ConfigError
 from hil.teleop import fsf, hybrid, optimise, passivity
 from hil.teleop.design import Realisation
 from hil.teleop.hybrid import Impedance
-from hil.teleop.optimise import Problem
+from hil.teleop.problem import ORDER, Problem
+from hil.teleop.search import Search
 from hil.teleop.summary import tracking
 
 REAL = Realisation(velocity_hz=32, acceleration_hz=30, force_hz=32)
@@ -32,21 +33,21 @@ def test_the_optimum_keeps_every_constraint_on_a_finer_grid(found):
     assert tracking(hs, PROBLEM.environment(hybrid.jw(slow)), 1.0).max() < 0.6 * 1.01
     assert fsf.conditioning(d) < 1.5 * 1.001
     assert hybrid.poles(d, PROBLEM.operator, PROBLEM.environment, REAL).real.max() < 0
-    for name in optimise.ORDER:
+    for name in ORDER:
         value = getattr(d, name)
         size = value if isinstance(value, float) else value.b * (-1 if name == "c4" else 1)
-        assert -1e-9 <= size <= PROBLEM.bounds()[optimise.ORDER.index(name)] + 1e-9
+        assert -1e-9 <= size <= PROBLEM.bounds()[ORDER.index(name)] + 1e-9
 
 
 def test_nothing_near_it_is_better(found):
     """The corners beat the anchor of the theory, and random neighbours do not beat the optimum."""
-    search, rng = optimise._Search(PROBLEM), np.random.default_rng(0)
+    search, rng = Search(PROBLEM), np.random.default_rng(0)
     x = np.array(found.theta) / search.top
     assert found.sensitivity > 0.489
     better = 0
     for _ in range(400):
         y = np.clip(x + 0.05 * rng.normal(size=8), 0, 1)
-        if optimise._worst(search, y)[1] > 0 and search.sensitivity(y) > 1.01 * found.sensitivity:
+        if search.worst(y)[1] > 0 and search.sensitivity(y) > 1.01 * found.sensitivity:
             better += 1
     assert better == 0
     assert found.agreeing >= 2
