@@ -10,7 +10,8 @@ from types import ModuleType
 from hil import registry, wiring
 from hil.config import SIMULATED, RigConfig
 from hil.errors import ConfigError, HilError
-from hil.rig import bench_of, check_tables, open_rig
+from hil.rig import bench_of, open_rig
+from hil.rigcheck import check_tables
 from hil.signals.bus import Bus
 
 Row = dict[str, str]

@@ -2,33 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from hil import companions, registry, wiring
-from hil.boxwire import BoxWire, check_roles
+from hil.armport import port_of
+from hil.boxwire import BoxWire
 from hil.config import SIMULATED, RigConfig
-from hil.errors import ConfigError
-from hil.excite import files, margins
-from hil.excite.limits import of_arm
-from hil.models.robots import bare_robot
-from hil.record.recording import RobotSource
-from hil.runtime import watch
+from hil.rigcheck import check_tables, check_trajectory, device_options
 from hil.runtime.port import ArmPort
-from hil.signals.device import (
-    Controller,
-    Device,
-    FloatArray,
-    MeasuredCf,
-    MeasuredJs,
-    ServoJf,
-    Tareable,
-    Wire,
-)
+from hil.signals.device import Controller, Device, Tareable, Wire
 from hil.tapping import Taps
 from hil.tomltable import parse, within
 
@@ -88,25 +73,6 @@ class Rig:
         self.stack.close()
 
 
-def require_boxes(config: RigConfig) -> None:
-    """Refuse devices that are to go through boxes and are wired to none.
-
-    Raises
-    ------
-    ConfigError
-        Names the devices and what to add.
-    """
-    for backend in dict.fromkeys(map(config.backend_of, config.devices)):
-        bare = [n for n, d in config.devices.items()
-                if not d.channels and config.backend_of(n) == backend != "sim"]  # fmt: skip
-        if bare:
-            raise ConfigError(
-                f"back end {backend!r} needs boxes, and wired to none is {', '.join(bare)}; add "
-                f"[devices.{bare[0]}.channels] and the [boxes.NAME] that it names, as "
-                'rigs/teleop.toml has them, or set backend = "sim", ideal wires.'
-            )
-
-
 def open_rig(config: RigConfig, seed: int, bench: Any = None) -> Rig:
     """Open all boxes and devices, tare the force sensors, and build the controller.
 
@@ -147,64 +113,12 @@ def _open(config: RigConfig, bench: Any, stack: ExitStack, controller: Controlle
         with within(f"devices.{name}"):
             devices[name] = opened = driver.open_device(name, wire, options, period)
         stack.callback(opened.close)
-    ports = [_port(arm, config, devices) for arm in config.controller.arms]
+    ports = [port_of(arm, config, devices) for arm in config.controller.arms]
     rig = Rig(devices, ports, controller)
     rig.boxes, rig.taps, rig.bench = boxes, taps, bench
     rig.origin_ns = bench.now_ns if bench is not None else 0
     _tare(rig)
     return rig
-
-
-def check_tables(config: RigConfig) -> None:
-    """Refuse mistakes in the tables of devices and boxes, before anything is opened or simulated.
-
-    Raises
-    ------
-    ConfigError
-        Names the table.
-    """
-    require_boxes(config)
-    wiring.check_channels(config)
-    for name in config.devices:
-        device_options(config, name)
-        spots = wiring.places(config, name)
-        if "gauges" in spots:
-            wiring.only_gauges(name, spots)
-        elif spots:
-            check_roles(name, spots)
-    for box in wiring.backends(config):
-        wiring.box_options(config, box)
-
-
-def device_options(config: RigConfig, name: str) -> Any:
-    """Options of a device, checked."""
-    device = config.devices[name]
-    with within(f"devices.{name}"):
-        driver = registry.load("hil.drivers", device.driver)
-    return parse(driver.Config, device.options, f"devices.{name}.options")
-
-
-def check_trajectory(config: RigConfig) -> None:
-    """Refuse a trajectory that an arm's limits, joints or the loop's rate do not allow.
-
-    Raises
-    ------
-    ConfigError
-        Before any device is opened.
-    """
-    path = config.controller.parameters.get("trajectory")
-    if not isinstance(path, str) or not path:
-        return
-    motion = files.read(path)
-    for arm in config.controller.arms:
-        table = config.arms[arm]
-        source = RobotSource(table.robot, tip=table.tip)
-        robot = bare_robot(source, table.joints)
-        limits = of_arm(table, source)
-        try:
-            margins.check(motion, limits, robot, config.loop.rate_hz)
-        except ConfigError as error:
-            raise ConfigError(f"{path}, arm {arm!r}: {error}") from error
 
 
 def build_controller(config: RigConfig) -> Controller:
@@ -251,38 +165,6 @@ def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any], ta
     world = None if bench is None else bench.advance
     names = {p.box for row in spots.values() for p in row}
     return BoxWire(name, rows, taps.advance(sorted(names), world))
-
-
-def _port(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPort:
-    """Capabilities of one arm, from whichever of its devices has them."""
-    mine = {n: d for n, d in devices.items() if config.devices[n].arm == arm}
-    joints = [d for d in mine.values() if isinstance(d, MeasuredJs)]
-    efforts = [d for d in mine.values() if isinstance(d, ServoJf)]
-    force = [d for d in mine.values() if isinstance(d, MeasuredCf)]
-    if len(joints) != 1 or len(efforts) != 1 or len(force) > 1:
-        raise ConfigError(
-            f"arm {arm!r}: one device that measures joints and takes efforts is needed, and at "
-            f"most one force sensor; it has {', '.join(mine) or 'no device'}."
-        )
-    zeros = np.zeros(6, np.int64)
-    limits = config.arms[arm]
-    robot = of_arm(limits, RobotSource(limits.robot, tip=limits.tip))
-    boxed = bool(limits.workspace_min or limits.workspace_max)
-    force_range = float(getattr(force[0], "max_force", np.inf)) if force else np.inf
-    return ArmPort(
-        joints[0], efforts[0], force[0] if force else None,
-        getattr(joints[0], "counts", zeros[:3]), getattr(efforts[0], "codes", zeros[:3]),
-        getattr(force[0], "gauges", zeros) if force else zeros,
-        np.array(limits.torque_limit), np.array(limits.speed_limit),
-        watch.limits(limits, robot, config.safety, force_range),
-        _tip(limits.robot) if boxed else None, robot.box if boxed else None,
-    )  # fmt: skip
-
-
-def _tip(robot: str) -> Callable[[FloatArray, FloatArray], None]:
-    """Tip position of a posture, compiled; for the workspace of the loop."""
-    forward, lengths = registry.load("hil.kinematics", robot)()
-    return lambda q, out: forward(q, lengths, out)
 
 
 def _tare(rig: Rig) -> None:
