@@ -13,23 +13,13 @@ from tqdm import tqdm
 
 from hil.bench import loop, records, sameness
 from hil.bench.faults import cases, process, runner, tables
-from hil.commands import common
-from hil.errors import ConfigError
-
-Found = tuple[str, dict[str, object]]
-
-
-def _page(args: argparse.Namespace, text: str) -> None:
-    """Write the page that --report asks for."""
-    if not args.report:
-        return
-    if Path(args.report).suffix != ".md":
-        raise ConfigError(f"--report {args.report}: a file that ends in .md is needed")
-    Path(args.report).write_text(text, encoding="utf-8")
+from hil.commands import benchpage, common
+from hil.commands.benchpage import Found
 
 
 def _faults(args: argparse.Namespace) -> Found:
     """Every fault of device, data and process, and the state each leads to."""
+    benchpage.check(args.report)
     live = [] if args.quick else list(process.CASES)
     total = len(cases.FAULTS) + len(live)
     with tempfile.TemporaryDirectory() as folder, tqdm(
@@ -39,16 +29,19 @@ def _faults(args: argparse.Namespace) -> Found:
         for name in live:
             found.append(process.one(name, Path(folder)))
             bar.update()
-    _page(args, tables.report(found, f"hil bench faults{' --quick' if args.quick else ''}"))
+    benchpage.write(
+        args.report, tables.report(found, f"hil bench faults{' --quick' if args.quick else ''}")
+    )
     text = common.table(list(tables.HEAD), [tables.row(o) for o in found])
     return f"{text}\n\n{tables.verdict(found)}", {"faults": [asdict(o) for o in found]}
 
 
 def _loop(args: argparse.Namespace) -> Found:
     """The loop under load: how late its ticks are, beside cyclictest."""
+    benchpage.check(args.report)
     found = loop.compare(args.seconds)
     text = loop.table(found)
-    _page(args, loop.page(found, f"hil bench loop --seconds {args.seconds:g}"))
+    benchpage.write(args.report, loop.page(found, f"hil bench loop --seconds {args.seconds:g}"))
     return text, {"runs": [asdict(r) for r in found]}
 
 
@@ -60,9 +53,13 @@ def _record(args: argparse.Namespace) -> Found:
 
 def _determinism(args: argparse.Namespace) -> Found:
     """Lockstep sessions by several Pythons: the same bytes, or the first difference."""
+    benchpage.check(args.report)
     found = sameness.compare([sys.executable, *args.python], args.seconds)
     others = " --python PYTHON" * len(args.python)
-    _page(args, sameness.page(found, f"hil bench determinism --seconds {args.seconds:g}{others}"))
+    benchpage.write(
+        args.report,
+        sameness.page(found, f"hil bench determinism --seconds {args.seconds:g}{others}"),
+    )
     text = common.table(list(sameness.HEAD), sameness.rows(found))
     return text, {"sessions": [asdict(s) for s in found]}
 

@@ -1,0 +1,98 @@
+"""`hil bench emps`, `contact` and `wrist`: what the public recordings give."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+from hil.bench import recordings
+from hil.commands import common
+from hil.commands.benchpage import Found
+
+
+def _emps(args: argparse.Namespace) -> Found:
+    """Public recording of the EMPS drive: identification, and what is missing."""
+    p, e = recordings.emps_published(), recordings.emps_diagnosed()
+    lines = ["Published identification", *_published(p), "", "What is missing", *_missing(e)]
+    data: dict[str, object] = {
+        "published": p.values, "error": p.error, "heldout": e.heldout,
+        "open_loop_mm": e.open_loop_mm, "models": [s.label for s in e.diagnosis.ladder],
+    }  # fmt: skip
+    return "\n".join(lines), data
+
+
+def _published(p: recordings.Published) -> list[str]:
+    """Parameters beside those of the publication."""
+    rows = []
+    for name, value in p.values.items():
+        told = recordings.PUBLISHED[name]
+        rows.append([name, f"{value:.3f}", f"{told:.2f}", f"{100 * (value / told - 1):+.2f} %"])
+    return [
+        common.table(["parameter", "here", "published", ""], rows),
+        f"  relative force error {p.error:.2f} % (published {recordings.PUBLISHED_ERROR} %), "
+        f"on the record with pulses {p.heldout:.2f} %",
+    ]
+
+
+def _missing(e: recordings.Emps) -> list[str]:
+    """Both errors of every rung, and where one rises as the other falls."""
+    steps = zip(e.diagnosis.ladder, e.heldout, e.open_loop_mm, strict=True)
+    table = [[s.label, f"{h:.2f}", f"{mm:.1f}"] for s, h, mm in steps]
+    lines = [common.table(["model", "held-out %", "open loop mm"], table)]
+    gain = 100 * (1 - e.heldout[-1] / e.heldout[0])
+    lines.append(f"  held-out force error falls by {gain:.0f} %")
+    for k in range(1, len(table)):
+        if e.open_loop_mm[k] > 1.05 * e.open_loop_mm[k - 1]:
+            lines.append(
+                f"  warning: {table[k][0]} lowers the force error, but the open-loop position "
+                f"error rises from {e.open_loop_mm[k - 1]:.1f} to {e.open_loop_mm[k]:.1f} mm"
+            )
+    return lines
+
+
+def _contact(args: argparse.Namespace) -> Found:
+    """Public recordings of a teleoperation rig against foam, springs and walls."""
+    lines, data = [], {}
+    for kind in ("foam", "spring", "rigid"):
+        found = [recordings.contact(r) for r in recordings.contact_runs(kind)]
+        rows = [
+            [
+                c.run, c.verdict, f"{c.spring:.1f}", f"{c.final:.1f}", ", ".join(c.named) or "-",
+                f"{c.hysteresis - c.damping:+.0f}",
+            ]
+            for c in found
+        ]  # fmt: skip
+        head = ["run", "verdict", "spring %", "final %", "named", "hysteresis - damping"]
+        lines += [kind, common.table(head, rows)]
+        spring, final = (
+            recordings.median([getattr(c, x) for c in found]) for x in ("spring", "final")
+        )
+        lines.append(
+            f"  median held-out error {spring:.1f} % with a linear spring, "
+            f"{final:.1f} % with the law found\n"
+        )
+        data[kind] = [vars(c) | {"named": list(c.named)} for c in found]
+    return "\n".join(lines), dict(data)
+
+
+def _wrist(args: argparse.Namespace) -> Found:
+    """Public recording of the Staubli TX40: the coupling of its wrist."""
+    lines, data = [], {}
+    for split in ("fifths", "halves"):
+        w = recordings.wrist(split)
+        joints = w.diagnosis.result.problem.joints
+        rows = [[s.label, *(f"{x:.1f}" for x in s.heldout.relative)] for s in w.diagnosis.ladder]
+        what = {
+            "fifths": "Contiguous fifths, each held out",
+            "halves": "First half fits, second half tests",
+        }[split]
+        lines += [f"{what}: held-out error %", common.table(["model", *joints], rows), ""]
+        data[split] = {s.label: s.heldout.relative.tolist() for s in w.diagnosis.ladder}
+    return "\n".join(lines), dict(data)
+
+
+BENCHES: dict[str, Callable[[argparse.Namespace], Found]] = {
+    "emps": _emps,
+    "contact": _contact,
+    "wrist": _wrist,
+}
