@@ -47,24 +47,29 @@ def _horizon(c: Comparison) -> str:
 
 def text(c: Comparison) -> str:
     """The comparison for a terminal."""
-    floor, result = c.noise, c.result
+    lines = [_errors(c), f"\n{_judged(c)}", "\nWhere it fails", *_places(c)]
+    return "\n".join([*lines, *(f"  warning: {f.sentence}" for f in c.faults)])
+
+
+def _errors(c: Comparison) -> str:
+    """Both errors of every joint beside its noise floor."""
+    floor = c.noise
     rows = [
         [
             name, f"{c.heldout.rms[j]:.4g}", f"{c.heldout.relative[j]:.2f}", f"{floor[j]:.4g}",
             f"{c.heldout.rms[j] / floor[j]:.2f}", f"{c.multi_step.relative[j]:.2f}", _replay(c, j),
         ]
-        for j, name in enumerate(result.problem.joints)
+        for j, name in enumerate(c.result.problem.joints)
     ]  # fmt: skip
     head = [
-        "joint",
-        "rms error",
-        "relative %",
-        "noise floor",
-        "error/floor",
-        "multi-step %",
+        "joint", "rms error", "relative %", "noise floor", "error/floor", "multi-step %",
         "replay %",
-    ]
-    lines = [common.table(head, rows)]
+    ]  # fmt: skip
+    return common.table(head, rows)
+
+
+def _judged(c: Comparison) -> str:
+    """On what the errors are taken, and what the floor is from."""
     method = {
         "repeats": "repeated motion",
         "largest-model": "what the largest model cannot predict",
@@ -72,15 +77,16 @@ def text(c: Comparison) -> str:
     judged = (
         "held-out sessions" if c.heldout.kind == "holdout" else "contiguous fifths, each held out"
     )
-    lines.append(
-        f"\n  errors on {judged}; noise floor from {method[c.evidence.floor.method]}; "
+    return (
+        f"  errors on {judged}; noise floor from {method[c.evidence.floor.method]}; "
         f"multi-step: simulated position over {c.multi_step.horizon:g} s, and over "
         f"{_horizon(c)} under a soft servo to the measured motion (replay)"
     )
-    lines.append("\nWhere it fails")
+
+
+def _places(c: Comparison) -> list[str]:
+    """The strongest places first."""
     places = [r for items in c.where.values() for r in items]
-    lines += [f"  - {r.text}" for r in sorted(places, key=lambda r: -r.strength)[:8]]
     if not places:
-        lines.append("  nowhere above the noise band")
-    lines += [f"  warning: {f.sentence}" for f in c.faults]
-    return "\n".join(lines)
+        return ["  nowhere above the noise band"]
+    return [f"  - {r.text}" for r in sorted(places, key=lambda r: -r.strength)[:8]]

@@ -120,11 +120,7 @@ def _separate(
     found = decide(survey(asked, stage, joint), asked, ())
     best = next((o for o in found.options if o.motion.name == args.motion), found.best)
     if found.structural:
-        raise ConfigError(
-            f"no motion of this robot separates {_versus(names)}: whatever it does, the one "
-            "imitates the other (structural); a different measurement is needed: "
-            + "; ".join(dict.fromkeys(catalogue.get(n).shown_by for n in names))
-        )
+        raise ConfigError(_inseparable(names))
     motion = _named(best.motion, names)
     what = f"separates {_versus(names)}: {menu.describe(best.motion.name)}"
     rows = _write(args, motion, stage, what)
@@ -144,6 +140,15 @@ def _separate(
         f"{excitetext.beside(args)}"
     )
     return 0
+
+
+def _inseparable(names: tuple[str, ...]) -> str:
+    """Why no motion answers, and what would."""
+    return (
+        f"no motion of this robot separates {_versus(names)}: whatever it does, the one "
+        "imitates the other (structural); a different measurement is needed: "
+        + "; ".join(dict.fromkeys(catalogue.get(n).shown_by for n in names))
+    )
 
 
 def _versus(names: tuple[str, ...]) -> str:

@@ -17,6 +17,24 @@ TITLE = "# Speed of identification and diagnosis"
 
 def text(r: Report) -> str:
     """Both tables with what they were measured on."""
+    lines = [
+        f"3 joints, {r.recorded:g} s at 1 kHz, 42 parameters, on a {machine()}",
+        f"processor seconds on one thread, median of {r.repeats} after a warm-up; ratio to the "
+        "reference of the same run",
+        "",
+        _peers(r),
+        "",
+        "held-out / floor: rms error on the second motion, at 1 kHz, over the effort's noise of "
+        "5 mN m;\nof hil diagnose: in its own band, over the floor that it measured itself. The "
+        "reference and\nFIGAROH get the exact motion, hil only positions.",
+    ]
+    if r.lengths:
+        lines += ["", "hil diagnose, one cold run each in a process of its own", "", _lengths(r)]
+    return "\n".join(lines)
+
+
+def _peers(r: Report) -> str:
+    """Times of all peers on the same data."""
     rows = [
         [
             row.peer, row.data, _number(row.seconds), _number(row.ratio),
@@ -24,30 +42,20 @@ def text(r: Report) -> str:
         ]
         for row in r.rows
     ]  # fmt: skip
-    head = ["peer", "data", "seconds", "ratio", "held-out / floor", ""]
-    lines = [
-        f"3 joints, {r.recorded:g} s at 1 kHz, 42 parameters, on a {machine()}",
-        f"processor seconds on one thread, median of {r.repeats} after a warm-up; ratio to the "
-        "reference of the same run",
-        "",
-        common.table(head, rows),
-        "",
-        "held-out / floor: rms error on the second motion, at 1 kHz, over the effort's noise of "
-        "5 mN m;\nof hil diagnose: in its own band, over the floor that it measured itself. The "
-        "reference and\nFIGAROH get the exact motion, hil only positions.",
-    ]
-    if r.lengths:
-        grown = [
-            [
-                f"{x.recorded:g}", x.data, f"{x.seconds:.2f}", f"{x.peak_mib:.0f}",
-                f"{1e3 * x.seconds / x.recorded:.0f}", x.verdict,
-            ]
-            for x in r.lengths
-        ]  # fmt: skip
-        names = ["recorded s", "data", "seconds", "peak MiB", "ms per recorded s", "verdict"]
-        lines += ["", "hil diagnose, one cold run each in a process of its own", ""]
-        lines.append(common.table(names, grown))
-    return "\n".join(lines)
+    return common.table(["peer", "data", "seconds", "ratio", "held-out / floor", ""], rows)
+
+
+def _lengths(r: Report) -> str:
+    """Time and memory of the diagnosis over the length of the recording."""
+    grown = [
+        [
+            f"{x.recorded:g}", x.data, f"{x.seconds:.2f}", f"{x.peak_mib:.0f}",
+            f"{1e3 * x.seconds / x.recorded:.0f}", x.verdict,
+        ]
+        for x in r.lengths
+    ]  # fmt: skip
+    names = ["recorded s", "data", "seconds", "peak MiB", "ms per recorded s", "verdict"]
+    return common.table(names, grown)
 
 
 def _number(x: float) -> str:

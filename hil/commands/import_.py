@@ -13,13 +13,12 @@ from typing import TypeVar
 
 from tqdm import tqdm
 
-from hil.commands import outputs, plugins
-from hil.errors import ConfigError, plural
+from hil.commands import importtext, outputs, plugins
+from hil.errors import ConfigError
 from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.robots import make_robot
 from hil.record import datasets
-from hil.record.checks import Finding, check
 from hil.record.export import write_recordings
 from hil.record.mapfile import builtin_maps, read_map
 from hil.record.recording import Recording
@@ -79,9 +78,9 @@ def run(args: argparse.Namespace) -> int:
     _write(output, found, table)
     model = _model(place, found.recordings)
     if args.json:
-        sys.stdout.write(json.dumps(_as_dict(output, found, model)) + "\n")
+        sys.stdout.write(json.dumps(importtext.as_dict(output, found, model)) + "\n")
     else:
-        sys.stdout.write(_text(output, found, *model))
+        sys.stdout.write(importtext.text(output, found, *model))
     return 0
 
 
@@ -99,10 +98,7 @@ def _every_run(
     names = run_names(table, mapping.columns if mapping else ())
     if not names:
         raise ConfigError(f"table {table} does not hold several runs; leave --all-runs out")
-    if folder.exists() and not folder.is_dir():
-        raise ConfigError(f"cannot write into {folder}: with --all-runs it must be a folder")
-    if not folder.resolve().parent.is_dir():
-        raise ConfigError(f"cannot write {folder}: its parent folder does not exist; make it first")
+    _refuse_folder(folder)
     found = {folder / f"{n}.mcap": _read(args, table, mapping, n) for n in _bar("read", names)}
     _refuse_urdf(folder / "model.toml", next(iter(found.values())).recordings)
     folder.mkdir(exist_ok=True)
@@ -112,21 +108,19 @@ def _every_run(
         _write(path, found[path], table)
     model = _model(folder / "model.toml", next(iter(found.values())).recordings)
     if args.json:
-        sessions = [_as_dict(path, one, model) for path, one in found.items()]
-        text = json.dumps({"schema": "hil.import-all/1", "sessions": sessions})
+        text = json.dumps(importtext.every_as_dict(found, model))
     else:
-        faults = {p: [f for r in one.recordings for f in check(r)] for p, one in found.items()}
-        bad = [p.name for p, some in faults.items() if any(f.severity == "error" for f in some)]
-        state = "base model written" if model[1] else "model kept as it was"
-        text = (
-            f"{folder}: {plural(len(found), 'session')}, "
-            f"{plural(sum(map(len, faults.values())), 'data fault')}\n{model[0]}: {state}\n"
-            f"next:\n  hil info {folder / (bad[0] if bad else next(iter(found)).name)}"
-        )
-        if bad:
-            text += f"\n{len(bad)} of them cannot be fitted: {', '.join(bad)}"
+        text = importtext.every(folder, found, *model)
     sys.stdout.write(text + "\n")
     return 0
+
+
+def _refuse_folder(folder: Path) -> None:
+    """Refuse a place where no folder is or can be made."""
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"cannot write into {folder}: with --all-runs it must be a folder")
+    if not folder.resolve().parent.is_dir():
+        raise ConfigError(f"cannot write {folder}: its parent folder does not exist; make it first")
 
 
 def _bar(what: str, items: list[_Item]) -> Iterable[_Item]:
@@ -188,65 +182,3 @@ def _model(path: Path, recordings: tuple[Recording, ...]) -> tuple[Path, bool]:
         return path, False
     write_model(base_model(recordings[0].robot), path)
     return path, True
-
-
-def _as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[str, object]:
-    return {
-        "schema": "hil.import/1",
-        "session": str(output),
-        "model": str(model[0]),
-        "model_written": model[1],
-        "arms": [
-            {"name": r.arm, "joints": list(r.joints), "samples": r.n, "rate_hz": r.rate}
-            for r in found.recordings
-        ],
-        "unused": list(found.unused),
-        "warnings": [
-            {"code": f.code, "severity": f.severity, "text": f.text}
-            for r in found.recordings for f in check(r)
-        ],
-    }  # fmt: skip
-
-
-def _text(output: Path, found: Imported, model: Path, written: bool) -> str:
-    lines = []
-    for r in found.recordings:
-        lines.append(
-            f"{output}: arm {r.arm}, {plural(r.n, 'sample')} at {r.rate:.5g} Hz, "
-            f"{plural(r.d, 'joint')} ({', '.join(r.joints)})"
-        )
-    if shift := found.recordings[0].metadata.get("time_shift_s"):
-        lines.append(f"time begins before 0: shifted by {float(shift):.6g} s")
-    if found.unused:
-        lines.append(f"not used: {', '.join(found.unused)}")
-    lines.append(f"{model}: {'base model written' if written else _kept(model, found)}")
-    faults = [f for r in found.recordings for f in check(r)]
-    lines += [_fault(f) for f in faults if f.severity != "error"]
-    return "\n".join([*lines, *_next(output, model, faults)]) + "\n"
-
-
-def _kept(model: Path, found: Imported) -> str:
-    """What is said of a model that was there already, and whether it is of another robot."""
-    beside, urdf = model.with_suffix(".urdf"), found.recordings[0].robot.urdf
-    if not urdf or (beside.is_file() and beside.read_text(encoding="utf-8") == urdf):
-        return "model kept as it was"
-    return (
-        f"model kept as it was, of another robot than this session; delete it and {beside.name} "
-        "for a new one"
-    )
-
-
-def _next(output: Path, model: Path, faults: list[Finding]) -> list[str]:
-    """What to do with the session: look at it and diagnose it, or mend it where it is worthless."""
-    errors = [f for f in faults if f.severity == "error"]
-    if not errors:
-        return ["next:", f"  hil info {output}", f"  hil diagnose {output} --model {model}"]
-    return [
-        *map(_fault, errors),
-        f"{output} is written but cannot be fitted: {plural(len(errors), 'error')}, see above; "
-        "mend the table and import it again",
-    ]
-
-
-def _fault(f: Finding) -> str:
-    return f"{f.severity} [{f.code}] {f.sentence}"
