@@ -86,6 +86,18 @@ def motion(t: float, omega: float, c: Any) -> tuple[float, float, float]:
 
 
 @nb.njit(cache=True, nogil=True)
+def aimed(
+    t: float, i: int, c: Any, table: Any, center: Any, times: Any
+) -> tuple[float, float, float]:
+    """Place, speed and acceleration of joint `i` at time `t`, of the trajectory or the series."""
+    if table.shape[0] > 0:
+        row = round(t / times[3]) % table.shape[0]
+        return table[row, i, 0], table[row, i, 1], table[row, i, 2]
+    place, speed, push = motion(t, 2.0 * pi / times[0], c)
+    return place + center[i], speed, push
+
+
+@nb.njit(cache=True, nogil=True)
 def law(
     t: float, x: Any, u: Any, c: Any, table: Any, center: Any, gains: Any, times: Any,
     x_next: Any, y: Any,
@@ -114,15 +126,9 @@ def law(
     ramp = min(1.0, t / times[1])
     rate = (pi / times[1]) / 2.0 * sin(pi * ramp) if ramp < 1.0 else 0.0
     ramp = (1.0 - cos(pi * ramp)) / 2.0
-    omega = 2.0 * pi / times[0]
     for a in range(arms):
         for i in range(3):
-            if table.shape[0] > 0:
-                row = round(t / times[3]) % table.shape[0]
-                place, speed, push = table[row, i, 0], table[row, i, 1], table[row, i, 2]
-            else:
-                place, speed, push = motion(t, omega, c[a, i])
-                place += center[i]
+            place, speed, push = aimed(t, i, c[a, i], table, center, times)
             start = x[1 + 3 * a + i] if x[0] > 0.0 else u[a, i]
             # r = q0 + ramp (motion - q0)
             aim = start + ramp * (place - start)

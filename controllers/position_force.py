@@ -82,6 +82,17 @@ def transpose(jacobian: Any, force: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
+def apart(i: int, u: Any, workspace: bool, work: Any) -> tuple[float, float]:
+    """Leader minus follower in joint [rad] or along axis [m] `i`, and the rate of it."""
+    if not workspace:
+        return u[0, i] - u[1, i], u[0, 3 + i] - u[1, 3 + i]
+    rate = 0.0
+    for j in range(3):
+        rate += work[0, i, j] * u[0, 3 + j] - work[1, i, j] * u[1, 3 + j]
+    return work[0, 3, i] - work[1, 3, i], rate
+
+
+@nb.njit(cache=True, nogil=True)
 def law(
     x: Any, u: Any, workspace: bool, gains: Any, gravity: Any, lengths: Any, scalars: Any,
     work: Any, x_next: Any, y: Any,
@@ -108,12 +119,7 @@ def law(
         geometry.jacobian(u[a], lengths, work[a])
     x_next[0] = 1.0
     for i in range(3):
-        if workspace:
-            gap, rate = work[0, 3, i] - work[1, 3, i], 0.0
-            for j in range(3):
-                rate += work[0, i, j] * u[0, 3 + j] - work[1, i, j] * u[1, 3 + j]
-        else:
-            gap, rate = u[0, i] - u[1, i], u[0, 3 + i] - u[1, 3 + i]
+        gap, rate = apart(i, u, workspace, work)
         x_next[1 + i] = x[1 + i] if x[0] > 0.0 else -gap
         # f <- f + a (f_measured - f)
         x_next[4 + i] = x[4 + i] + scalars[1] * (u[1, 6 + i] - x[4 + i])

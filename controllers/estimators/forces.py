@@ -68,12 +68,28 @@ class ForcesConfig:
 
 
 @nb.njit(cache=True, nogil=True)
+def differentiate(
+    running: bool, q: Any, v: Any, sent: Any, c: Any, w: Any, past: Any, now: Any
+) -> None:
+    """Inverse dynamics with the speed differentiated, through a low-pass, into w.r (3,) [N m]."""
+    share = c.gain * c.period / (1.0 + c.gain * c.period)
+    for j in range(3):
+        w.goal[j] = (v[j] - past[j]) / c.period if running else 0.0
+        now[j] = v[j]
+    dynamics.inverse_dynamics(q, v, w.goal, c.model, w.flow)
+    for j in range(3):
+        # r <- r + share (tau_s - r)
+        push = w.flow[j] + w.rub[j] - sent[j]
+        w.r[j] = past[3 + j] + share * (push - past[3 + j]) if running else 0.0
+
+
+@nb.njit(cache=True, nogil=True)
 def estimate(
     phase: int, q: Any, v: Any, sent: Any, c: Any, terms: Any, slips: Any, values: Any, w: Any,
     past: Any, now: Any, out: Any,
 ) -> None:  # fmt: skip
     """One period; see `Forces.update`."""
-    z, share = w.known, c.gain * c.period / (1.0 + c.gain * c.period)
+    z = w.known
     w.goal[:] = 0.0
     dynamics.inverse_dynamics(q, w.goal, w.goal, c.model, w.flow)
     for j in range(3):
@@ -88,14 +104,7 @@ def estimate(
             w.impulse, w.flow, w.r,
         )  # fmt: skip
     else:
-        for j in range(3):
-            w.goal[j] = (v[j] - past[j]) / c.period if phase == 2 else 0.0
-            now[j] = v[j]
-        dynamics.inverse_dynamics(q, v, w.goal, c.model, w.flow)
-        for j in range(3):
-            # r <- r + share (tau_s - r)
-            push = w.flow[j] + w.rub[j] - sent[j]
-            w.r[j] = past[3 + j] + share * (push - past[3 + j]) if phase == 2 else 0.0
+        differentiate(phase == 2, q, v, sent, c, w, past, now)
     geometry.jacobian(q, c.lengths, w.jacobian)
     dynamics.solve_transposed(w.jacobian, w.r, w.square, out)
     for j in range(3):
