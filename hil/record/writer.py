@@ -58,10 +58,7 @@ class SessionWriter:
         self._file = create(path, overwrite)
         self._writer = mcap_writer(self._file, largest)
         self._end_chunk = chunk_closer(self._writer)
-        for name, record in metadata.items():
-            self._writer.add_metadata(name, dict(record))
-        for name, data in (attachments or {}).items():
-            self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
+        self._describe(metadata, attachments or {})
         self._encode: dict[str, tuple[int, int, Callable[[int, Sequence[float]], bytes]]] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         for channel in channels:
@@ -76,6 +73,15 @@ class SessionWriter:
         self._chunk_start = 0
         self.messages = 0
         self.flush()
+
+    def _describe(
+        self, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
+    ) -> None:
+        """What the session is, before its first message."""
+        for name, record in metadata.items():
+            self._writer.add_metadata(name, dict(record))
+        for name, data in attachments.items():
+            self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
 
     def _register(self, channel: Channel, encode: Callable[[int, Sequence[float]], bytes]) -> None:
         name, text = channel.schema()

@@ -77,6 +77,23 @@ CASES: dict[str, tuple[Callable[[Path], None], int, int, float, str]] = {
 }
 
 
+def _every_tenth() -> Callable[[object], None]:
+    """A hook on the law that prints the number of every tenth tick."""
+    ticks = [0]
+
+    def law(y: object) -> None:
+        ticks[0] += 1
+        if ticks[0] % 10 == 0:
+            sys.stdout.write(f"{ticks[0]}\n")
+            sys.stdout.flush()
+
+    return law
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(text + "\n")
+
+
 def child(name: str, path: Path) -> int:
     """The session of a case; prints every tenth tick, and the power as it goes off."""
     act, _, _, seconds, _ = CASES[name]
@@ -86,21 +103,9 @@ def child(name: str, path: Path) -> int:
     config = load_rig(rig_path("teleop"), {"safety": safety})
     tampered = Tampered(lambda t: None)
     act(path)
-    ticks = [0]
-
-    def law(y: object) -> None:
-        ticks[0] += 1
-        if ticks[0] % 10 == 0:
-            sys.stdout.write(f"{ticks[0]}\n")
-            sys.stdout.flush()
-
-    tampered.law = law
-
-    def say(text: str) -> None:
-        sys.stderr.write(text + "\n")
-
+    tampered.law = _every_tenth()
     try:
-        operator = app.Operator(say=say)
+        operator = app.Operator(say=_say)
         done = app.run(config, seconds, 1, "real", path, opener=tampered.open, operator=operator)
         sys.stdout.write(f"end {done.ticks + done.missed}\n")
     except KeyboardInterrupt:
