@@ -11,9 +11,9 @@ from plotly.io import to_html
 from hil.commands import common
 from hil.compare import page as html
 from hil.teleop import plots
+from hil.teleop.axis import Loop
 from hil.teleop.design import FORCE, MOTION, Design
 from hil.teleop.optimise import Found
-from hil.teleop.sampled import Loop
 from hil.teleop.summary import Summary
 
 TITLE = "Design of a teleoperation controller"

@@ -10,9 +10,9 @@ import numpy as np
 
 from hil.models.phantom import Premium
 from hil.teleop import fsf
+from hil.teleop.axis import Cable, Loop
 from hil.teleop.design import FORCE, MOTION, Design, Realisation, Robot, Term
 from hil.teleop.hybrid import FREE, FloatArray, Impedance
-from hil.teleop.sampled import Cable, Loop
 
 AXES = ("x", "y", "z")
 

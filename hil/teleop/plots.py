@@ -9,9 +9,9 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from hil.teleop import hybrid, passivity
+from hil.teleop.axis import Loop
 from hil.teleop.design import IDEAL
 from hil.teleop.hybrid import GRID
-from hil.teleop.sampled import Loop
 from hil.teleop.summary import LARGEST
 
 COLORS = ("#0072B2", "#D55E00", "#009E73")

@@ -13,9 +13,9 @@ import numpy as np
 
 from hil.errors import ConfigError
 from hil.teleop import hybrid, sampled
+from hil.teleop.axis import Loop
 from hil.teleop.design import MOTION
 from hil.teleop.hybrid import Impedance
-from hil.teleop.sampled import Loop
 
 __all__ = ["Loop", "Margins", "margins", "proper", "refuse"]
 #: Beyond this per period a mode grows; a free position is a mode of exactly 1.

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from hil.teleop import fsf, hybrid, passivity, transparency
+from hil.teleop.axis import Loop
 from hil.teleop.hybrid import FREE, GRID, FloatArray, Impedance
 from hil.teleop.refuse import Margins, margins
-from hil.teleop.sampled import Loop
 
 #: Band over which the sensitivity is averaged, and up to which tracking counts [Hz].
 BAND, TRACKING = (0.2, 5.0), 1.0

@@ -28,7 +28,7 @@ from hil.models.phantom import Premium
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.reader import load
-from hil.teleop import files, named, refuse, sampled, transparency
+from hil.teleop import axis, files, named, refuse, transparency
 from hil.teleop.design import Design, Robot, Term
 from hil.tomltable import parse
 
@@ -86,7 +86,7 @@ def test_the_law_is_pure_also_with_a_channel():
 
 def test_the_two_laws_on_an_axis():
     d = Design(Term(1, 2, 3), 0.4, 0.5, Term(4, 5, 6), 0.6, 0.7, Term(7, 8, 9), Term(10, 11, 12))
-    g = sampled.gains(d)
+    g = axis.gains(d)
     m, s = np.array([0.1, 0.2, 0.3, 0.4]), np.array([0.5, 0.6, 0.7, 0.8])
     terms = {n: np.array([getattr(d, n).k, getattr(d, n).b, getattr(d, n).a])
              for n in ("c1", "c4", "c7", "c8")}  # fmt: skip

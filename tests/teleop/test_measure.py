@@ -7,18 +7,19 @@ from teleop_designs import anchor
 from hil.errors import DataError
 from hil.experiments import transparency
 from hil.teleop import measure, named, sampled
+from hil.teleop.axis import Axis, Loop
 from hil.teleop.design import Realisation
 from hil.teleop.hybrid import Impedance
 from hil.teleop.measure import Experiment
 
 T, PERIODS, N = 1e-3, 6, 1000
 HARMONICS = (1, 2, 5)
-LOOP = sampled.Loop(anchor(), Realisation(80, 30, 60))
+LOOP = Loop(anchor(), Realisation(80, 30, 60))
 
 
 def run(ze, seed, noise=1.0):
     """Sampled loop under a multisine of operator's force, after its transient, with noise."""
-    axis = sampled.Axis(LOOP, Impedance(0.4, 6.0, 150.0), ze, T)
+    axis = Axis(LOOP, Impedance(0.4, 6.0, 150.0), ze, T)
     a, b = axis.matrix(), axis.advance(np.zeros(axis.size), 1.0)
     t = np.arange((PERIODS + 4) * N) * T
     push = sum(np.sin(2 * np.pi * h * t + h) for h in HARMONICS)
