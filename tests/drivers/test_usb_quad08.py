@@ -259,8 +259,8 @@ def test_an_fpga_that_does_not_take_its_image(images):
 
 def test_an_fpga_that_does_not_prove_itself():
     world = World()
-    real = world.box._read_register
-    world.box._read_register = lambda r: 0x20 if r == 0x5D else real(r)
+    real = world.box.fpga.read
+    world.box.fpga.read = lambda r: 0x20 if r == 0x5D else real(r)
     with pytest.raises(DeviceError, match="returned 0x20 for 0xfe"):
         world.open()
 
@@ -322,7 +322,7 @@ def test_a_stall_is_stale_then_lost():
     seen = []
     world.advance(world.now + MS)
     quad.receive(world.now)
-    world.box._running = False
+    world.box.fpga.running = False
     for _ in range(80):
         world.advance(world.now + MS)
         seen.append(quad.receive(world.now))
