@@ -11,7 +11,7 @@ from hil.compare.findings import Diagnosis, Finding
 from hil.compare.multistep import MultiStep
 from hil.compare.sessions import CODE as DIFFER
 from hil.compare.tables import at_issue_of
-from hil.compare.words import floor_says, remains
+from hil.compare.words import LEADING, floor_says, remains
 from hil.models import catalogue
 from hil.models.told import remark
 
@@ -36,7 +36,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
         names = ", ".join(f"{f.effect} on {f.joint}" for f in d.partial)
         lines.append(f"  best partial explanation: {names} (explains too little to be the cause)")
     lines += _left(d)
-    lines += [f"  {w}." for code, w in d.warnings if code == DIFFER]
+    lines += [f"  {w}." for code, w in d.warnings if code in LEADING]
     if d.verdict == "adequate":
         lines += [f"  {floor_says(d.beyond)}"]
     if d.network:
@@ -80,7 +80,7 @@ def _notes(d: Diagnosis) -> list[str]:
     shown = {n for f in d.findings for n in f.parameters}
     return [
         text for code, text in d.warnings
-        if not code.startswith("impossible") and code != DIFFER
+        if not code.startswith("impossible") and code not in LEADING
         and not (code == "at-bound" and text.split()[1] in shown)
     ]  # fmt: skip
 

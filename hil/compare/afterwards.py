@@ -40,6 +40,7 @@ def finish(
         What the checks say of them.
     """
     result = out.ladder[-1].result
+    out.unseen = unseen(result, out.last)
     out.valid = model.valid
     # before the held-out runs are predicted anew: their loads are those of their own fit
     differ = differences(out, examine)
@@ -50,7 +51,6 @@ def finish(
     out.warnings += lost_counts(out.findings, recordings, out.warnings)
     out.network = explainable(result, out.last.floor)
     out.beyond = beyond(result) if out.verdict == "adequate" else None
-    out.unseen = unseen(result, out.last)
     _with_errors(out)
     return out
 

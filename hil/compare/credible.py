@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hil.compare.candidate import Candidate
 from hil.compare.findings import Step
-from hil.compare.judge import ADEQUATE
+from hil.compare.floor import ADEQUATE
 from hil.identify.design import Term, coefficients, head
 from hil.identify.projector import Projector
 from hil.identify.regression import basis

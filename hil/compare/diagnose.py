@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hil.compare.afterwards import finish
 from hil.compare.attribute import choose, kindred, plausible, possible, simplest_first
 from hil.compare.candidate import Candidate
+from hil.compare.changes import with_changes
 from hil.compare.columns import mistaken
 from hil.compare.credible import credible
 from hil.compare.evidence import Evidence, gather, in_time
@@ -17,7 +18,7 @@ from hil.compare.findings import Accepted, Diagnosis, Step, describe
 from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.identifiable import undetermined
-from hil.compare.judge import ADEQUATE, EXPLAINED, judge
+from hil.compare.judge import EXPLAINED, judge
 from hil.compare.settle import settled
 from hil.identify.design import head
 from hil.identify.problem import Problem
@@ -39,8 +40,6 @@ SHARE = 0.10
 FORM = 0.0125
 #: Held-out standard errors by which a candidate that did not help is out of the question.
 REFUTED = 2.0
-#: Error in units of the largest model's residual that is above the floor in any case.
-APART = 1.2
 MOST = 4
 #: Paired standard errors by which a held-out error must fall: one-sided, 7 % by chance, beside
 #: detection at 1 % of the whole family.
@@ -107,7 +106,7 @@ def diagnose(
         evidence = gather(step.result, seed)
         _retest(found, ladder, examine, problem)
     out = judge(ladder, found, first, evidence, examine.floor(ladder[-1].result, evidence))
-    return finish(out, examine, model, recordings, faults)
+    return finish(with_changes(out), examine, model, recordings, faults)
 
 
 def _next(
@@ -124,7 +123,8 @@ def _next(
     candidates = [
         c
         for c in candidates
-        if _unsettled(c.joint, now.result, evidence) or not (found or c.term.effect.jointless)
+        if evidence.floor.exceeded(now.result.rms, c.joint)
+        or not (found or c.term.effect.jointless)
     ]
     if found:
         candidates = [c for c in candidates if not any(kindred(c, f) for f, _, _ in found)]
@@ -146,16 +146,6 @@ def _next(
 def _worse(failed: Step, step: Step, j: int) -> bool:
     """Whether a candidate that did not help is refuted by the held-out data, not just smaller."""
     return step.heldout.gain(failed.heldout, j) > REFUTED
-
-
-def _unsettled(j: int, result: FitResult, evidence: Evidence) -> bool:
-    """Whether a joint is still above the floor: what is down to it needs no second name.
-
-    The floor of short or very repetitive data holds what the model lacks, too; the residual of
-    the largest model is then far lower.
-    """
-    floor = evidence.floor
-    return bool(result.rms[j] > min(ADEQUATE * floor.rms[j], APART * floor.scale[j]))
 
 
 def _worth(step: Step, now: Step, first: Step, c: Candidate, floor: FloatArray) -> bool:

@@ -34,6 +34,10 @@ EFFORT_ACCURACY = 0.003
 RANK = 1e-6
 #: Times that normal equations are solved, from the second on for what is left.
 STEPS = 2
+#: Errors within this factor of the floor count as adequate ...
+ADEQUATE = 1.10
+#: ... and above this many times the largest model's residual they never do.
+APART = 1.2
 #: Ridges that are tried.
 STRENGTHS = (1e-4, 1e-3, 1e-2, 1e-1)
 
@@ -65,6 +69,14 @@ class Floor:
     def effective(self, problem: Problem) -> FloatArray:
         """Number of independent instants by joint (d,)."""
         return problem.count / self.inflation
+
+    def exceeded(self, rms: FloatArray, j: int) -> bool:
+        """Whether an error (d,) of joint j is above the floor: what is down to it needs no name.
+
+        The floor of short or very repetitive data holds what the model lacks, too; the residual of
+        the largest model is then far lower.
+        """
+        return bool(rms[j] > min(ADEQUATE * self.rms[j], APART * self.scale[j]))
 
 
 def smooth_features(problem: Problem, j: int) -> FloatArray:

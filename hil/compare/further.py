@@ -6,7 +6,7 @@ from hil.compare import words
 from hil.compare.ambiguity import Indistinguishable, at_issue, concerned
 from hil.compare.material import COMPARED, Material
 from hil.compare.page import folded, items, paragraph, section, table
-from hil.compare.sessions import CODE as DIFFER
+from hil.compare.words import LEADING
 
 
 def further(m: Material) -> str:
@@ -25,7 +25,8 @@ def further(m: Material) -> str:
         parts += [paragraph("What to measure next, to confirm each effect:"), items(steps)]
     notes = [
         text for code, text in m.warnings
-        if not code.startswith("impossible") and code != DIFFER and m.verdict != "not-identifiable"
+        if m.verdict != "not-identifiable"
+        and not code.startswith("impossible") and code not in LEADING
     ]  # fmt: skip
     if notes:
         parts += ["<h3>Notes</h3>", items(notes)]

@@ -8,16 +8,15 @@ from numpy.typing import NDArray
 from hil.compare.ambiguity import CONFIDENT
 from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
+from hil.compare.floor import ADEQUATE
 from hil.identify.problem import Problem
 from hil.identify.standstill import HELD
 
 FloatArray = NDArray[np.float64]
 #: Below this share of the excess explained, no name is given.
 EXPLAINED = 0.70
-#: Errors within this factor of the floor count as adequate.
-ADEQUATE = 1.10
-#: Confidence below which a name is no name.
-WORTHLESS = 0.05
+#: Confidence below which a name among rivals is no name, and one that stands alone.
+WORTHLESS, ALONE = 0.05, 0.5
 #: Shares of a joint's excess that all its names explain: worth nothing, and worth all.
 HALF, WHOLE = 0.45, 0.80
 #: Standard errors that a share on held-out runs may lack.
@@ -47,28 +46,14 @@ def judge(
         Noise floor of the held-out runs, where there are any.
     """
     problem = ladder[0].result.problem
-    held = problem.holds
     floor = np.minimum(last.floor.rms, ladder[-1].result.rms)
     other = None if heldout_floor is None else np.minimum(heldout_floor, ladder[-1].heldout.rms)
     findings = _findings(ladder, found, floor, other)
-    start, end = ladder[0].result.rms, ladder[-1].result.rms
-    excess, left = start**2 - floor**2, np.maximum(end**2 - floor**2, 0.0)
-    open_joints = [
-        j for j in range(problem.d)
-        if (
-            not held[j]
-            and end[j] > ADEQUATE * floor[j]
-            and left[j] > (1 - EXPLAINED) * excess[j]
-        )
-        or (
-            any(c.joint == j for c, _, _ in found)
-            and _there(ladder, found, heldout_floor, j) < EXPLAINED
-        )
-    ]  # fmt: skip
+    open_joints = _open(ladder, found, findings, floor, heldout_floor)
     failed = {problem.joints[j] for j in open_joints}
     partial = [
         f for f in findings
-        if f.confidence < WORTHLESS or f.joint in failed or (f.joint is None and failed)
+        if _worthless(f) or f.joint in failed or (f.joint is None and failed)
     ]  # fmt: skip
     findings = [f for f in findings if f not in partial]
     if findings:
@@ -80,6 +65,30 @@ def judge(
     out = Diagnosis(verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial)
     out.heldout_floor = other
     return out
+
+
+def _open(
+    ladder: list[Step], found: list[Accepted], findings: list[Finding], floor: FloatArray,
+    heldout_floor: FloatArray | None,
+) -> list[int]:  # fmt: skip
+    """Joints whose names do not account for what stands above the floor."""
+    problem = ladder[0].result.problem
+    start, end = ladder[0].result.rms, ladder[-1].result.rms
+    excess, left = start**2 - floor**2, np.maximum(end**2 - floor**2, 0.0)
+    here = ~problem.holds & (end > ADEQUATE * floor) & (left > (1 - EXPLAINED) * excess)
+    named = {c.joint for c, _, _ in found}
+    worthless = {f.joint for f in findings if _worthless(f)}
+    return [
+        j for j, joint in enumerate(problem.joints)
+        if here[j]
+        or (j in named and _there(ladder, found, heldout_floor, j) < EXPLAINED)
+        or (joint in worthless and start[j] > ADEQUATE * floor[j])
+    ]  # fmt: skip
+
+
+def _worthless(f: Finding) -> bool:
+    """Whether a name is none: without a rival, one that is sooner wrong than right."""
+    return f.confidence < (WORTHLESS if f.rivals else ALONE)
 
 
 def _there(

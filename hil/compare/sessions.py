@@ -22,10 +22,9 @@ from numpy.typing import NDArray
 
 from hil.compare.attribute import choose, plausible
 from hil.compare.candidate import Candidate
-from hil.compare.evidence import gather
+from hil.compare.evidence import Evidence, gather, in_time
 from hil.compare.findings import Diagnosis
 from hil.compare.heldout import Examiner, HeldOut
-from hil.compare.judge import ADEQUATE
 from hil.compare.shifted import explanation, foretold
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
@@ -61,6 +60,10 @@ class _Pair:
     alone: FitResult
 
     @property
+    def joints(self) -> tuple[str, ...]:
+        return self.fitted.problem.joints
+
+    @property
     def ours(self) -> str:
         return ", ".join(r.name for r in self.fitted.problem.recordings)
 
@@ -75,7 +78,7 @@ def differences(out: Diagnosis, examine: Examiner) -> list[tuple[str, str]]:
     Parameters
     ----------
     out : Diagnosis
-        With its verdict.
+        With its verdict, and what its motion could not show.
     examine : Examiner
         Has fitted the last model to the held-out runs alone.
     """
@@ -119,15 +122,16 @@ def _theirs(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, s
     louder = [j for j in joints if pair.alone.rms[j] > LOUDER * quiet[j]]
     if not louder:
         return []
-    evidence, known = gather(pair.alone), plausible(out.last, pair.fitted)
+    evidence, known = gather(pair.alone), _real(out.last, pair.fitted)
     texts = []
     for j in louder:
-        above = pair.alone.rms[j] > ADEQUATE * evidence.floor.rms[j]
-        named = [c for c in plausible(evidence, pair.alone) if c.joint == j and above]
+        above = evidence.floor.exceeded(pair.alone.rms, j)
+        named = [c for c in _real(evidence, pair.alone) if c.joint == j and above]
         if named and (named[0].name, j) not in {(k.name, k.joint) for k in known}:
-            floor = float(evidence.floor.rms[j])
+            floor = float(min(evidence.floor.rms[j], evidence.floor.scale[j]))
             told = (_names(named, evidence.projector), pair.theirs, pair.ours)
-            texts.append((j, _only(named[0], floor, told, pair.alone)))
+            blind = any(u.hides(named[0].name, pair.joints[j]) for u in out.unseen)
+            texts.append((j, _only(named[0], floor, told, pair.alone, blind)))
     return texts
 
 
@@ -135,16 +139,21 @@ def _ours(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, str
     """Sentences for what only the fitted sessions hold, where no name stands."""
     if out.verdict not in ("unexplained", "ambiguous"):
         return []
-    texts, candidates = [], plausible(out.last, pair.fitted)
+    texts, candidates = [], _real(out.last, pair.fitted)
     beside = Projector(pair.alone.problem, pair.alone.terms, pair.alone.sigma)
     for j in joints:
         named = [c for c in candidates if c.joint == j and not c.term.per_run]
         if not named or _power(named[0], beside) > LACKS * _here(named[0], pair.fitted):
             continue
-        floor = float(out.last.floor.rms[j])
+        floor = float(min(out.last.floor.rms[j], out.last.floor.scale[j]))
         told = (_names(named, out.last.projector), pair.ours, pair.theirs)
         texts.append((j, _only(named[0], floor, told, pair.fitted)))
     return texts
+
+
+def _real(evidence: Evidence, result: FitResult) -> list[Candidate]:
+    """Candidates that could be named beside a fit."""
+    return [c for c in plausible(evidence, result) if in_time(c, result)]
 
 
 def _names(named: list[Candidate], projector: Projector | None) -> str:
@@ -167,15 +176,20 @@ def _power(c: Candidate, beside: Projector) -> float:
     return float(beside.gain(c.term) * beside.sigma[j] ** 2 / max(problem.count[j], 1.0))
 
 
-def _only(c: Candidate, floor: float, told: tuple[str, str, str], where: FitResult) -> str:
-    """Sentence for an effect that the first of two sessions holds alone; empty if it is little."""
+def _only(
+    c: Candidate, floor: float, told: tuple[str, str, str], where: FitResult, blind: bool = False
+) -> str:
+    """Sentence for an effect that the first of two sessions holds alone; empty if it is little.
+
+    Of the other one's motion it is known whether it was blind to the effect.
+    """
     name, here, there = told
     excess = max(float(where.rms[c.joint]) ** 2 - floor**2, 1e-300)
     share = min(_here(c, where) / excess, 1.0)
     if share < MOST:
         return ""
     joint = where.problem.joints[c.joint]
-    return (
-        f"{joint}: {SAID}: {name} would explain {100 * share:.0f} % of what stands above the noise "
-        f"in {here}, and {there} shows nothing of it"
-    )
+    text = f"{name} would explain {100 * share:.0f} % of what stands above the noise in {here}"
+    if blind:
+        return f"{joint}: {text}; the motion of {there} could hardly show it"
+    return f"{joint}: {SAID}: {text}, and {there} shows nothing of it"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.evidence import possible_terms
+from hil.identify.assemble import in_units
 from hil.identify.blocks import time_blocks
 from hil.identify.design import Term, coefficients
 from hil.identify.projector import Projector
@@ -92,9 +93,7 @@ def _words(term: Term, known: bool, beta: FloatArray, bare: Projector) -> str:
     """E.g. ``torque-offset on joint2 (0.3 N m)``, ``another value of j2.coulomb.fc (by 0.1)``."""
     problem = bare.problem
     joints, named = problem.joints, coefficients(term, problem)
-    unit = named[0][1].unit
-    linear = problem.robot.units[term.joint] == "m"
-    unit = unit.replace("{F}", "N" if linear else "N m").replace("{x}", "m" if linear else "rad")
+    unit = in_units(named[0][1].unit, problem, term.joint)
     size = f"{beta[0]:+.3g} {unit}".removesuffix(" 1") if beta.size == 1 else ""
     if known:
         if beta.size == 1:

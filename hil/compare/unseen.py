@@ -59,6 +59,10 @@ class Unseen:
     why: str
     command: str = ""
 
+    def hides(self, effect: str, joint: str) -> bool:
+        """Whether it is this effect on this joint that could not be shown."""
+        return effect in self.effects and (not self.joints or joint in self.joints)
+
     @property
     def text(self) -> str:
         """One line for people."""

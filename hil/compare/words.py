@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.ambiguity import CONFIDENT
+from hil.compare.changes import CODE as CHANGED
 from hil.compare.findings import Finding
-from hil.compare.floor import EFFORT_ACCURACY, SENSOR_ACCURACY
-from hil.compare.judge import ADEQUATE, EXPLAINED
+from hil.compare.floor import ADEQUATE, EFFORT_ACCURACY, SENSOR_ACCURACY
+from hil.compare.judge import EXPLAINED
 from hil.compare.material import COMPARED, Material
 from hil.compare.page import number
 from hil.compare.sessions import ADVICE, BOTH, SAID
@@ -35,6 +36,8 @@ ORIGIN = {
     "left out of the fit, of the largest model at hand (every effect of the catalogue and "
     "smooth functions of all positions and speeds).",
 }
+#: Codes of warnings that stand beside the verdict.
+LEADING = (DIFFER, CHANGED)
 
 
 def meaning(effect: str) -> str:
@@ -83,6 +86,11 @@ def apart(m: Material) -> list[str]:
     return [f"{text}." for code, text in m.warnings if code == DIFFER]
 
 
+def changed(m: Material) -> list[str]:
+    """Sentences on values that changed at once."""
+    return [f"{text}." for code, text in m.warnings if code == CHANGED]
+
+
 def tone(m: Material) -> str:
     """Colour of the verdict's bar."""
     return TONES["ambiguous" if m.verdict == "adequate" and apart(m) else m.verdict]
@@ -122,7 +130,7 @@ def headline(m: Material) -> str:
 
 def details(m: Material) -> list[str]:
     """Sentences below the headline: effect, confidence, error before and after, floor."""
-    out = [_finding(m, f) for f in m.findings] + apart(m)
+    out = [_finding(m, f) for f in m.findings] + apart(m) + changed(m)
     for f in m.partial:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it accounts for "

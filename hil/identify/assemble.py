@@ -14,7 +14,6 @@ from hil.identify.result import FitResult
 from hil.identify.solve import prior, solve
 from hil.identify.spread import ShapeError, spread
 from hil.identify.validity import identified
-from hil.models.effect import Param
 from hil.models.model import RobotModel, Use, Value
 
 FloatArray = NDArray[np.float64]
@@ -60,7 +59,7 @@ def _linear(
         out[name] = Value(
             float(value),
             float(err) if ok and not term.fixed else float("nan"),
-            _unit(problem, term, p), p.lower, p.upper,
+            in_units(p.unit, problem, term.joint), p.lower, p.upper,
             at_bound=bool(moves and (value <= p.lower or value >= p.upper)),
             identifiable=bool(ok) or term.fixed,
             source="given" if term.fixed else source,
@@ -75,13 +74,14 @@ def _shapes(
     head = prefix(term, problem.joints)
     return {
         f"{head}.{p.name}": Value(
-            float(value), error.stderr, _unit(problem, term, p), p.lower, p.upper,
+            float(value), error.stderr, in_units(p.unit, problem, term.joint), p.lower, p.upper,
             error.at_bound, error.identifiable, source,
         )
         for p, value, error in zip(term.effect.shape, term.shape, found, strict=True)
     }  # fmt: skip
 
 
-def _unit(problem: Problem, term: Term, p: Param) -> str:
-    linear = problem.robot.units[term.joint] == "m"
-    return p.unit.replace("{F}", "N" if linear else "N m").replace("{x}", "m" if linear else "rad")
+def in_units(unit: str, problem: Problem, j: int) -> str:
+    """A unit with joint j's own for {F} and {x}, e.g. N s/m for {F} s/{x}."""
+    linear = problem.robot.units[j] == "m"
+    return unit.replace("{F}", "N" if linear else "N m").replace("{x}", "m" if linear else "rad")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil.models.effect import Effect, Param, margins
+from hil.models.effect import Effect, Param, brakes, margins
 from hil.models.friction import harmonics, position_orders
 from hil.models.motion import FloatArray, Motion
 from hil.models.param import JOINT
@@ -123,8 +123,8 @@ class CoupledTransmission(Effect):
         error: Sequence[float] = (),
     ) -> bool:  # fmt: skip
         """Friction brakes the relative motion; the inertia is shared with the arm's own."""
-        slack = margins(beta, error)
-        return all(b >= -e for b, e in zip(beta[1:], slack[1:], strict=True))
+        w = motion.qd[:, j] + shape[1] * motion.qd[:, int(shape[0]) - 1]
+        return brakes(w, beta[1:], margins(beta, error)[1:])
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Every later joint (the pair is unordered), equal or opposite."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil.models.effect import Effect, Param, margins
+from hil.models.effect import Effect, Param, brakes, margins
 from hil.models.motion import FloatArray, Motion
 from hil.models.param import JOINT
 
@@ -90,8 +90,8 @@ class CoupledFriction(Effect):
         error: Sequence[float] = (),
     ) -> bool:  # fmt: skip
         """Friction of a relative motion brakes it; which way another joint's cable rubs is open."""
-        slack = margins(beta, error)
-        return not shape[1] or all(b >= -e for b, e in zip(beta, slack, strict=True))
+        w = motion.qd[:, j] + shape[1] * motion.qd[:, int(shape[0]) - 1]
+        return not shape[1] or brakes(w, beta, margins(beta, error))
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Every other joint, alone and relative to this one."""

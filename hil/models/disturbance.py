@@ -14,6 +14,8 @@ from hil.models.motion import FloatArray, Motion
 FASTEST = 25.0
 #: Fewest periods in a run: what is slower is a drift.
 PERIODS = 4.0
+#: Parts of a run in which a law's values may differ.
+PARTS = 8
 #: Shortest time constant of a drift, in lengths of the run.
 SHORTEST = 0.1
 
@@ -95,6 +97,16 @@ class PeriodicDisturbance(Effect):
         """[sin 2 pi f t, cos 2 pi f t]."""
         angle = 2 * np.pi * float(shape[0]) * motion.since
         return np.stack([np.sin(angle), np.cos(angle)], axis=1)
+
+    def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+        """Inertia, friction or stiffness that is another one in each part of the run.
+
+        What changes once leaves the motion's own lines, a little shifted.
+        """
+        part = np.floor(PARTS * motion.since / max(float(motion.since[-1]), 1e-9))
+        here = part[:, None].clip(0, PARTS - 1) == np.arange(PARTS)
+        own = (motion.qdd[:, j], motion.qd[:, j], motion.sign(j), motion.q[:, j])
+        return [here * x[:, None] for x in own]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Every half period over the run; read off the residual's spectrum, not tried one by one.

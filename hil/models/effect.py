@@ -222,6 +222,22 @@ def margins(beta: Sequence[float], error: Sequence[float]) -> list[float]:
     return [SURE * e if math.isfinite(e) else 0.0 for e in known]
 
 
+def brakes(w: FloatArray, beta: Sequence[float], slack: Sequence[float]) -> bool:
+    """Whether friction  F = c tanh(w / v0) + v w  takes power,  w F >= 0,  at every speed seen.
+
+    Beside the joints' own friction the viscous part alone may come out below zero.
+
+    Parameters
+    ----------
+    w : ndarray (n,)
+        Relative speed [rad/s or m/s].
+    beta, slack : sequence of float
+        c and v, and what each may lack.
+    """
+    (c, v), (dc, dv), top = beta, slack, float(np.max(np.abs(w), initial=0.0))
+    return c >= -dc and c + v * top >= -dc - dv * top
+
+
 def log_grid(low: float, high: float, count: int) -> list[tuple[float, ...]]:
     """`count` logarithmically spaced one-parameter shapes from low to high."""
     return [(float(x),) for x in np.geomspace(low, max(high, low * 1.001), count)]

@@ -1,0 +1,186 @@
+"""A value of the model that is another one from some instant of a run on.
+
+A load that was picked up, a screw that came loose, a gain that was set: no law of the catalogue
+changes at once, and nothing else shows it, for the noise floor holds what no candidate explains.
+So the columns x of a few values of each joint, cut at instants s of every run, are tried beside
+the fit with residual r and orthonormal columns Q:
+
+    c = x [t > s],   gain = (c' r)^2 / (c'c - |Q'c|^2),   value = c' r / (c'c - |Q'c|^2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from hil.compare.findings import Diagnosis
+from hil.compare.floor import ADEQUATE
+from hil.identify.assemble import in_units
+from hil.identify.projector import Projector
+from hil.identify.regression import inflation
+from hil.identify.result import FitResult
+
+FloatArray = NDArray[np.float64]
+#: A run and an instant of it [s].
+Cut = tuple[int, float]
+CODE = "changed"
+#: Instants of a run that are tried, and those around the best of them.
+INSTANTS, AROUND = 15, 16
+#: False alarms a report.
+LEVEL = 0.01
+#: Share of a column below which it is the model's own.
+NEW = 1e-4
+ADVICE = (
+    "nothing in the catalogue changes at once: a load picked up, a screw come loose, a gain set? "
+    "Give what was recorded before and after as two sessions"
+)
+#: What may change, and its unit.
+VALUES = (
+    ("effort at rest", "{F}"),
+    ("Coulomb friction", "{F}"),
+    ("viscous friction", "{F} s/{x}"),
+    ("inertia", "{F} s^2/{x}"),
+    ("stiffness", "{F}/{x}"),
+    ("scale of all efforts", "1"),
+)
+
+
+@dataclass(frozen=True)
+class Change:
+    """One value that changed once on one joint.
+
+    Parameters
+    ----------
+    joint, what, unit : str
+        Joint, the value in words, its unit.
+    run : str
+        Name of the run.
+    at : float
+        Instant, since the start of the run [s]; zero where the whole run differs from others.
+    value : float
+        By how much it changed.
+    share : float
+        Share of the squared error that goes with it.
+    """
+
+    joint: str
+    what: str
+    unit: str
+    run: str
+    at: float
+    value: float
+    share: float
+
+    @property
+    def text(self) -> str:
+        """One sentence without its full stop."""
+        when = f"from {self.at:.3g} s of {self.run} on" if self.at else f"in {self.run}"
+        size = f"{self.value:+.3g}" + ("" if self.unit == "1" else f" {self.unit}")
+        fall = 100 * (1 - np.sqrt(1 - self.share))
+        return (
+            f"{self.joint}: another {self.what} {when} ({size}) would lower the error by "
+            f"{fall:.0f} %, and the noise floor hides it"
+        )
+
+
+def with_changes(out: Diagnosis) -> Diagnosis:
+    """The diagnosis with what changed at once; what is adequate but for that is not.
+
+    Parameters
+    ----------
+    out : Diagnosis
+        With its verdict.
+    """
+    texts = [c.text for c in changes(out.ladder[-1].result)]
+    out.warnings += [(CODE, t) for t in texts[:-1]] + [(CODE, f"{t}; {ADVICE}") for t in texts[-1:]]
+    if texts and out.verdict == "adequate":
+        out.verdict = "unexplained"
+    return out
+
+
+def changes(result: FitResult) -> list[Change]:
+    """The change that explains most, joint by joint, where the error falls by a tenth or more.
+
+    Parameters
+    ----------
+    result : FitResult
+        A fit.
+    """
+    if result.model.explains != "motor":
+        return []
+    projector = Projector(result.problem, result.terms, result.sigma)
+    moves = np.flatnonzero(~result.problem.holds).tolist()
+    found = (_of_joint(projector, result, j) for j in moves)
+    return [c for c in found if c is not None]
+
+
+def _of_joint(projector: Projector, result: FitResult, j: int) -> Change | None:
+    """What changed on joint j, if it is more than chance and matters."""
+    problem, columns = result.problem, _columns(result, j)
+    cuts = _coarse(result)
+    gain, value, what, cut = _best(projector, j, columns, range(len(VALUES)), cuts)
+    if cut[1]:
+        # the instant itself, between its neighbours
+        gain, value, what, cut = _best(projector, j, columns, [what], _fine(result, cut))
+    n = problem.n
+    r = projector.residual[j * n : (j + 1) * n]
+    rss = float(r @ r)
+    share = gain / max(rss, 1e-300)
+    tried = len(cuts) * len(VALUES) * problem.d
+    # gain / (noise * inflation) ~ chi2(1), Bonferroni over all that was tried
+    noise = (rss - gain) / max(float(problem.count[j]), 1.0) * inflation(r, problem.run)
+    chance = gain < chi2.isf(LEVEL / tried, 1) * max(noise, 1e-300)
+    if chance or share < 1 - 1 / ADEQUATE**2:
+        return None
+    name, unit = VALUES[what]
+    run, at = problem.recordings[cut[0]].name, cut[1]
+    return Change(problem.joints[j], name, in_units(unit, problem, j), run, at, value, share)
+
+
+def _columns(result: FitResult, j: int) -> FloatArray:
+    """Columns (n, 6) of `VALUES` on joint j, weighted as the rows are."""
+    problem = result.problem
+    raw = [
+        np.stack([np.ones(m.n), m.sign(j), m.qd[:, j], m.qdd[:, j], m.q[:, j]], axis=1)
+        for m in problem.motions
+    ]
+    made = np.column_stack([problem.gated(raw, j), problem.y[j] - result.residual[j]])
+    return np.asarray(made / result.sigma[j], dtype=np.float64)
+
+
+def _coarse(result: FitResult) -> list[Cut]:
+    """Instants over every run; of several runs each one as a whole, too."""
+    motions = result.problem.motions
+    whole = [(k, 0.0) for k in range(1, len(motions))]
+    inside = np.arange(1, INSTANTS + 1) / (INSTANTS + 1)
+    return whole + [(k, float(m.since[-1] * x)) for k, m in enumerate(motions) for x in inside]
+
+
+def _fine(result: FitResult, cut: Cut) -> list[Cut]:
+    """Instants around one of the coarse ones, itself among them."""
+    step = float(result.problem.motions[cut[0]].since[-1]) / (INSTANTS + 1) / AROUND
+    return [(cut[0], cut[1] + step * x) for x in range(1 - AROUND, AROUND)]
+
+
+def _best(
+    projector: Projector, j: int, columns: FloatArray, which: Sequence[int], cuts: list[Cut]
+) -> tuple[float, float, int, Cut]:
+    """Gain, value, number of the value and cut of what explains most on joint j."""
+    problem = projector.problem
+    rows = slice(j * problem.n, (j + 1) * problem.n)
+    begin = [float(problem.t[problem.run == k].min()) for k in range(len(problem.motions))]
+    later = [(problem.run == k) & (problem.t >= begin[k] + s) for k, s in cuts]
+    found = [(0.0, 0.0, which[0], cuts[0])]
+    for k in which:
+        c = columns[:, k : k + 1] * np.stack(later, axis=1)
+        whole = np.sum(c**2, axis=0)
+        free = whole - np.sum(projector.inner(rows, c) ** 2, axis=0)
+        free = np.where(free > NEW * whole, free, np.inf)
+        along = c.T @ projector.residual[rows]
+        b = int(np.argmax(along**2 / free))
+        found.append((float(along[b] ** 2 / free[b]), float(along[b] / free[b]), k, cuts[b]))
+    return max(found, key=lambda x: x[0])
