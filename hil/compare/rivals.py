@@ -74,6 +74,7 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
     an eighth of that allowance if it explains less all the same, and none if it explains little
     more: then it merely contains the best one.  A rival whose columns coincide with the best
     one's to a cosine of 0.98 gets ten times the allowance: the data hardly see the difference.
+    So does the simple effect of which the best one is the bent form, for no real part is straight.
     A twin, with the same columns by its equation, is as likely as the best one; a rival that
     contains another and cannot be put aside for its price is as likely as that one.
     """
@@ -91,7 +92,9 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
             share = RICHER if r.chi2 <= best.chi2 else 0.0
         elif late(best, r):
             share = TEMPER / 4  # their forms are those of real drives
-        elif r.dof == best.dof and overlap(best, r, projector) > COINCIDE:
+        elif r.name == best.term.effect.limit or (
+            r.dof == best.dof and overlap(best, r, projector) > COINCIDE
+        ):
             share = 10 * TEMPER
         if mirrored(best, r):
             share = 1.0  # which of the two joints it is was decided by the base model's errors

@@ -47,6 +47,7 @@ class HardeningCable(Effect):
     uses_load = True
     replayed = strict = True
     rounds = 2
+    limit = "elastic-transmission"
     name, family = "hardening-cable", "transmission"
     equation = (
         "tau = a (P - L),  L = load + fl sgn(v - d'),  I d'' + P = L,  P = T + c T',  "

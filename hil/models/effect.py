@@ -89,6 +89,8 @@ class Effect(ABC):
     relative: ClassVar[bool] = False
     #: Whether all coefficients must lie within their bounds for the effect to be proposed.
     strict: ClassVar[bool] = False
+    #: Simpler effect that this one becomes in a limit; real parts are near it, not at it.
+    limit: ClassVar[str] = ""
     #: What the law leaves out, where that moves its values by more than their standard errors,
     #: which count noise alone; said beside the values.
     caveat: ClassVar[str] = ""
