@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivers.links.can import CanLink, can_channels, shared, split_address
+from drivers.links.can import CanLink, shared, split_address
+from drivers.links.can_open import can_channels
 from drivers.links.polled import Patience, PolledGauges
 from drivers.netcanoem import codec
 from drivers.netcanoem.config import NetCanOemConfig

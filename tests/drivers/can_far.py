@@ -6,7 +6,8 @@ import numpy as np
 
 from drivers import netft_can, netft_rdt
 from drivers.ft_sensor import ForceSensor
-from drivers.links.can import CanLink, open_bus
+from drivers.links.can import CanLink
+from drivers.links.can_open import open_bus
 from drivers.netcanoem import NetCanOem, NetCanOemConfig
 from drivers.netft_can import NetFtCanConfig
 from drivers.netft_rdt import NetFtRdtConfig

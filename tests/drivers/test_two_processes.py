@@ -8,7 +8,7 @@ import sys
 import can
 import pytest
 
-from drivers.links.can import open_bus
+from drivers.links.can_open import open_bus
 from drivers.netcanoem import NetCanOemConfig, open_box
 from hil.errors import DeviceError
 from hil.signals.bus import Bus
