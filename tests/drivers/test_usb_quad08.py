@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.usb_quad08 import Quad08, Quad08Config, codec, startup
-from drivers.usb_quad08.box import arm, configure, read_count
+from drivers.usb_quad08.acquisition import arm, configure, read_count
 from drivers.usb_quad08.link import Link, find
 from drivers.usb_quad08.scan import ScanClock
 from hil.errors import ConfigError, DeviceError
