@@ -18,7 +18,8 @@ from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.runtime.conditions import sentence
 from hil.runtime.loop import Loop
 from hil.runtime.realtime import Arrangement, accompany, arranged
-from hil.runtime.slow import SlowSide, SlowThread
+from hil.runtime.slow import SlowSide
+from hil.runtime.slowthread import SlowThread
 from hil.runtime.statistics import Statistics
 from hil.runtime.watchdog import Watchdog, guarded
 from hil.shop import Shop
