@@ -205,7 +205,7 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     whole = all(c.term.effect.whole_robot for c in s.among)
     motion = best.motion.name
     now = "" if choice.now is None else f", {choice.now.odds:.1f} now"
-    words = ["hil", "excite", robot_word(problem.source), "--for", ",".join(names)]
+    words = ["hil", "excite", robot_word(problem), "--for", ",".join(names)]
     words += [] if whole else ["--joint", joint]
     command = " ".join([*words, "--motion", motion, "-o", "next.toml"])
     where = "" if whole else f" of {joint}"

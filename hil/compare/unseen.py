@@ -105,7 +105,7 @@ def _command(effect: str, problem: Problem, joints: Sequence[str]) -> str:
     if effect == "load-friction" and not loaded:
         return ""
     where = f" --joint {joints[0]}" if len(joints) == 1 and problem.d > 1 else ""
-    return f"hil excite {robot_word(problem.source)} --for {effect}{where} -o next.toml"
+    return f"hil excite {robot_word(problem)} --for {effect}{where} -o next.toml"
 
 
 def _low_speed(result: FitResult, evidence: Evidence) -> list[Unseen]:

@@ -9,7 +9,6 @@ from hil.excite.space import explore
 from hil.excite.stage import Stage
 from hil.identify import standstill
 from hil.identify.problem import Problem
-from hil.record.recording import RobotSource
 
 #: Length of a motion of the menu [s]: of a described robot, whose rigid body costs time, and else.
 DESCRIBED, BARE = 12.0, 30.0
@@ -51,8 +50,10 @@ def room(problem: Problem) -> bool:
     return limits.center.size == problem.d and not np.any(limits.high <= limits.low)
 
 
-def robot_word(source: RobotSource) -> str:
-    """What stands for a robot in a command of `hil excite`: without a description, a session."""
+def robot_word(problem: Problem) -> str:
+    """What stands for a robot in a command of `hil excite`: without a description, the session."""
+    source = problem.source
     if source.urdf:
         return "ROBOT.urdf"
-    return "SESSION.mcap" if source.preset in ("", "single-axis") else "RIG.toml"
+    session = f"{problem.recordings[0].name}.mcap"
+    return session if source.preset in ("", "single-axis") else "RIG.toml"
