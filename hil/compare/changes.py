@@ -1,9 +1,9 @@
 """A value of the model that is another one from some instant of a run on.
 
-A load that was picked up, a screw that came loose, a gain that was set: no law of the catalogue
-changes at once, and nothing else shows it, for the noise floor holds what no candidate explains.
-So the columns x of a few values of each joint, cut at instants s of every run, are tried beside
-the fit with residual r and orthonormal columns Q:
+A gain that was set, a screw that came loose, a load that was picked up: laws that hold throughout
+can but imitate it, and the noise floor hides what no candidate explains.  So the columns x of a few
+values of each joint, cut at instants s of every run, are tried beside the fit with residual r and
+orthonormal columns Q:
 
     c = x [t > s],   gain = (c' r)^2 / (c'c - |Q'c|^2),   value = c' r / (c'c - |Q'c|^2).
 """
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from hil.compare.findings import Diagnosis
 from hil.compare.floor import ADEQUATE
 from hil.identify.assemble import in_units
+from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.regression import inflation
 from hil.identify.result import FitResult
@@ -35,8 +35,8 @@ LEVEL = 0.01
 #: Share of a column below which it is the model's own.
 NEW = 1e-4
 ADVICE = (
-    "nothing in the catalogue changes at once: a load picked up, a screw come loose, a gain set? "
-    "Give what was recorded before and after as two sessions"
+    "a gain that was set, a screw come loose, something that leans on it? Give what was recorded "
+    "before and after as two sessions"
 )
 #: What may change, and its unit.
 VALUES = (
@@ -65,6 +65,8 @@ class Change:
         By how much it changed.
     share : float
         Share of the squared error that goes with it.
+    fall : float
+        The same as the fall of the weighted residual sum of squares.
     """
 
     joint: str
@@ -74,6 +76,7 @@ class Change:
     at: float
     value: float
     share: float
+    fall: float
 
     @property
     def text(self) -> str:
@@ -87,35 +90,22 @@ class Change:
         )
 
 
-def with_changes(out: Diagnosis) -> Diagnosis:
-    """The diagnosis with what changed at once; what is adequate but for that is not.
-
-    Parameters
-    ----------
-    out : Diagnosis
-        With its verdict.
-    """
-    texts = [c.text for c in changes(out.ladder[-1].result)]
-    out.warnings += [(CODE, t) for t in texts[:-1]] + [(CODE, f"{t}; {ADVICE}") for t in texts[-1:]]
-    if texts and out.verdict == "adequate":
-        out.verdict = "unexplained"
-    return out
-
-
-def changes(result: FitResult) -> list[Change]:
+def changes(result: FitResult, projector: Projector | None = None) -> tuple[Change, ...]:
     """The change that explains most, joint by joint, where the error falls by a tenth or more.
 
     Parameters
     ----------
     result : FitResult
         A fit.
+    projector : Projector, optional
+        That of the same fit.
     """
     if result.model.explains != "motor":
-        return []
-    projector = Projector(result.problem, result.terms, result.sigma)
+        return ()
+    projector = projector or Projector(result.problem, result.terms, result.sigma)
     moves = np.flatnonzero(~result.problem.holds).tolist()
     found = (_of_joint(projector, result, j) for j in moves)
-    return [c for c in found if c is not None]
+    return tuple(c for c in found if c is not None)
 
 
 def _of_joint(projector: Projector, result: FitResult, j: int) -> Change | None:
@@ -126,19 +116,35 @@ def _of_joint(projector: Projector, result: FitResult, j: int) -> Change | None:
     if cut[1]:
         # the instant itself, between its neighbours
         gain, value, what, cut = _best(projector, j, columns, [what], _fine(result, cut))
-    n = problem.n
-    r = projector.residual[j * n : (j + 1) * n]
-    rss = float(r @ r)
-    share = gain / max(rss, 1e-300)
+    rows = slice(j * problem.n, (j + 1) * problem.n)
+    r = projector.residual[rows]
+    left = r - value * _beside(projector, j, columns[:, what] * _later(problem, cut))
+    rss, rest = float(r @ r), float(left @ left)
     tried = len(cuts) * len(VALUES) * problem.d
     # gain / (noise * inflation) ~ chi2(1), Bonferroni over all that was tried
-    noise = (rss - gain) / max(float(problem.count[j]), 1.0) * inflation(r, problem.run)
+    noise = rest / max(float(problem.count[j]), 1.0) * inflation(r, problem.run)
     chance = gain < chi2.isf(LEVEL / tried, 1) * max(noise, 1e-300)
-    if chance or share < 1 - 1 / ADEQUATE**2:
+    if chance or rest * ADEQUATE**2 > rss:
         return None
     name, unit = VALUES[what]
     run, at = problem.recordings[cut[0]].name, cut[1]
-    return Change(problem.joints[j], name, in_units(unit, problem, j), run, at, value, share)
+    unit = in_units(unit, problem, j)
+    return Change(problem.joints[j], name, unit, run, at, value, 1 - rest / rss, rss - rest)
+
+
+def _beside(projector: Projector, j: int, c: FloatArray) -> FloatArray:
+    """Part of a column (n,) of joint j that the base does not do, on the same rows."""
+    n, (q, u) = projector.problem.n, projector.parts[j]
+    known = projector.inner(slice(j * n, (j + 1) * n), c[:, None])
+    out: FloatArray = c - (q @ (u @ known))[:, 0]
+    return out
+
+
+def _later(problem: Problem, cut: Cut) -> NDArray[np.bool_]:
+    """Rows (n,) of a run from an instant on."""
+    own = problem.run == cut[0]
+    out: NDArray[np.bool_] = own & (problem.t >= float(problem.t[own].min()) + cut[1])
+    return out
 
 
 def _columns(result: FitResult, j: int) -> FloatArray:
@@ -172,8 +178,7 @@ def _best(
     """Gain, value, number of the value and cut of what explains most on joint j."""
     problem = projector.problem
     rows = slice(j * problem.n, (j + 1) * problem.n)
-    begin = [float(problem.t[problem.run == k].min()) for k in range(len(problem.motions))]
-    later = [(problem.run == k) & (problem.t >= begin[k] + s) for k, s in cuts]
+    later = [_later(problem, cut) for cut in cuts]
     found = [(0.0, 0.0, which[0], cuts[0])]
     for k in which:
         c = columns[:, k : k + 1] * np.stack(later, axis=1)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from hil.compare.afterwards import finish
 from hil.compare.attribute import choose, kindred, plausible, possible, simplest_first
 from hil.compare.candidate import Candidate
-from hil.compare.changes import with_changes
 from hil.compare.columns import mistaken
 from hil.compare.credible import credible
 from hil.compare.evidence import Evidence, gather, in_time
@@ -41,6 +40,8 @@ FORM = 0.0125
 #: Held-out standard errors by which a candidate that did not help is out of the question.
 REFUTED = 2.0
 MOST = 4
+#: Factor by which a change at one instant must explain more than a candidate to put it aside.
+MORE = 1.1
 #: Paired standard errors by which a held-out error must fall: one-sided, 7 % by chance, beside
 #: detection at 1 % of the whole family.
 BEYOND = 1.5
@@ -106,7 +107,7 @@ def diagnose(
         evidence = gather(step.result, seed)
         _retest(found, ladder, examine, problem)
     out = judge(ladder, found, first, evidence, examine.floor(ladder[-1].result, evidence))
-    return finish(with_changes(out), examine, model, recordings, faults)
+    return finish(out, examine, model, recordings, faults)
 
 
 def _next(
@@ -126,6 +127,7 @@ def _next(
         if evidence.floor.exceeded(now.result.rms, c.joint)
         or not (found or c.term.effect.jointless)
     ]
+    candidates = [c for c in candidates if not _sudden(c, evidence, now.result)]
     if found:
         candidates = [c for c in candidates if not any(kindred(c, f) for f, _, _ in found)]
     failed: list[tuple[Candidate, Step]] = []
@@ -141,6 +143,12 @@ def _next(
             return step
         failed.append((c, step))
     return None
+
+
+def _sudden(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
+    """Whether a value that changes at once explains more of a candidate's joint than it does."""
+    joint = result.problem.joints[c.joint]
+    return any(x.joint == joint and x.fall > MORE * c.parts[c.joint] for x in evidence.changes)
 
 
 def _worse(failed: Step, step: Step, j: int) -> bool:

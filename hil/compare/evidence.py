@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.candidate import Candidate, try_all
+from hil.compare.changes import Change, changes
 from hil.compare.detect import detect
 from hil.compare.floor import Floor, measure
 from hil.identify.design import Term
@@ -35,6 +36,7 @@ class Evidence:
     floor: Floor
     projector: Projector | None
     impossible: list[tuple[str, str]]
+    changes: tuple[Change, ...] = ()
 
 
 _NONE = np.zeros(0)
@@ -79,13 +81,16 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
     """
     projector = Projector(result.problem, result.terms, result.sigma)
     terms, impossible = possible_terms(result)
+    changed = changes(result, projector)
+    if not changed:
+        terms = [t for t in terms if not t.effect.sudden]
     found = try_all(projector, result, terms)
     floor = _floor(found, projector, result)
     _judge(found, floor, result)
     detect(found, projector, floor, result, seed)
     # scores that agree to four digits keep the order of the catalogue
     found.sort(key=lambda c: -float(f"{c.score:.4g}"))
-    return Evidence(found, floor, projector, impossible)
+    return Evidence(found, floor, projector, impossible, changed)
 
 
 def floor_of(result: FitResult, evidence: Evidence) -> Floor:
@@ -95,7 +100,10 @@ def floor_of(result: FitResult, evidence: Evidence) -> Floor:
     """
     projector = Projector(result.problem, result.terms, result.sigma)
     known = {c.term.key: c.term.shape for c in evidence.candidates if not c.term.effect.spectral}
-    terms = [replace(t, shape=known.get(t.key, ())) for t in possible_terms(result)[0]]
+    terms = [
+        replace(t, shape=known.get(t.key, ())) for t in possible_terms(result)[0]
+        if t.key in known or not t.effect.sudden
+    ]  # fmt: skip
     return _floor(try_all(projector, result, terms), projector, result)
 
 

@@ -163,6 +163,8 @@ def _parts(result: FitResult, motion: Motion) -> list[Part]:
             own = by_run(t, theta, len(motions))
             known = [own[k] for k, m in enumerate(motions) if m is motion]
             theta = np.asarray(known[0]) if known else np.zeros(own.shape[1])
+        elif t.effect.belongs(t.shape) and all(m is not motion for m in result.problem.motions):
+            theta = np.zeros_like(theta)
         out.append((t, theta))
     return out
 

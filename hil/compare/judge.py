@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.ambiguity import CONFIDENT
+from hil.compare.changes import ADVICE
+from hil.compare.changes import CODE as CHANGED
 from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
 from hil.compare.floor import ADEQUATE
@@ -64,6 +66,16 @@ def judge(
         verdict = "unexplained" if open_joints else "adequate"
     out = Diagnosis(verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial)
     out.heldout_floor = other
+    return _with_changes(out)
+
+
+def _with_changes(out: Diagnosis) -> Diagnosis:
+    """The diagnosis with what changed at once; what is adequate but for that is not."""
+    texts = [c.text for c in out.last.changes]
+    out.warnings += [(CHANGED, t) for t in texts[:-1]]
+    out.warnings += [(CHANGED, f"{t}; {ADVICE}") for t in texts[-1:]]
+    if texts and out.verdict == "adequate":
+        out.verdict = "unexplained"
     return out
 
 

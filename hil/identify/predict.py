@@ -18,11 +18,12 @@ def predict(result: FitResult, problem: Problem) -> FloatArray:
     """Residual (d, n) of a fitted model on another problem (held-out runs).
 
     The other problem must have been made with the same rates and span.  Coefficients of a
-    single run (per-run offsets) are estimated on the new runs, for they belong to a run.
+    single run (per-run offsets, a hum's phase) are estimated on the new runs, for they belong to
+    a run.
     """
     source = result.problem.motions[0]
     problem.set_context(v0=source.v0, contact=source.contact)
-    flat = [t for t in result.terms if not t.per_run]
+    flat = [t for t in result.terms if not _own(t)]
     keep = {t.key for t in flat}
     theta = np.concatenate(
         [result.theta[s] for t, s in zip(result.terms, result.slices, strict=True) if t.key in keep]
@@ -33,9 +34,14 @@ def predict(result: FitResult, problem: Problem) -> FloatArray:
     residual: FloatArray
     residual = (problem.y.reshape(-1) - x @ theta).reshape(problem.d, problem.n)
     for t in result.terms:
-        if t.per_run:
+        if _own(t):
             residual = _without(residual, t, problem, result.sigma)
     return residual
+
+
+def _own(t: Term) -> bool:
+    """Whether every run has its own coefficients."""
+    return t.per_run or t.effect.belongs(t.shape)
 
 
 def _without(r: FloatArray, term: Term, problem: Problem, sigma: FloatArray) -> FloatArray:

@@ -98,6 +98,10 @@ class PeriodicDisturbance(Effect):
         angle = 2 * np.pi * float(shape[0]) * motion.since
         return np.stack([np.sin(angle), np.cos(angle)], axis=1)
 
+    def belongs(self, shape: Sequence[float]) -> bool:
+        """Its phase does."""
+        return True
+
     def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
         """Inertia, friction or stiffness that is another one in each part of the run.
 

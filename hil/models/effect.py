@@ -85,6 +85,8 @@ class Effect(ABC):
     replayed: ClassVar[bool] = False
     #: Whether every run has its own coefficients where there are several.
     per_run: ClassVar[bool] = False
+    #: Whether it is tried only where a value of the model changes at one instant.
+    sudden: ClassVar[bool] = False
     #: Whether only differences between runs can be seen: the first run's coefficients are zero.
     relative: ClassVar[bool] = False
     #: Whether all coefficients must lie within their bounds for the effect to be proposed.
@@ -208,6 +210,10 @@ class Effect(ABC):
     def remark(self, values: Mapping[str, float], errors: Mapping[str, float]) -> str:
         """What its fitted values say that a reader might miss, by short names; empty if nothing."""
         return ""
+
+    def belongs(self, shape: Sequence[float]) -> bool:
+        """Whether coefficients are of one run alone, so that any other run has its own."""
+        return False
 
     def dated(self, shape: Sequence[float]) -> bool:
         """Whether it acts at instants of a run that are seen there: no other run can confirm it."""

@@ -160,6 +160,10 @@ class MissedCounts(Effect):
         """Recorded jumps are."""
         return tuple(shape) == SEEN
 
+    def belongs(self, shape: Sequence[float]) -> bool:
+        """A shift does, to the run in which it happened."""
+        return not self.dated(shape)
+
     def available(self, motion: Motion, j: int) -> str:
         """Needs gravity or a spring, unless the jumps are recorded."""
         if motion.response is None:

@@ -68,6 +68,11 @@ class _Phantom:
         effort: FloatArray = np.einsum("nkd,nk->nd", jac, acceleration)
         return effort
 
+    def tip_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
+        """Of one kilogram alone, shape (n, 3, 1)."""
+        mass = self.tip_mass(q, qd, qdd)
+        return None if mass is None else mass[:, :, None]
+
 
 def _inertia_rows(q: FloatArray, qd: FloatArray, qdd: FloatArray, y: FloatArray) -> None:
     """Columns pi1..pi4 that both arms share: M11 and the coupling M23, with Coriolis terms."""

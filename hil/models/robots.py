@@ -38,6 +38,12 @@ class Robot(Protocol):
     def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
         """Effort of one kilogram at the tip, shape (n, d); None without a tip."""
 
+    def tip_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
+        """Effort of a load at the tip: of one kilogram, and of its first moments if known.
+
+        Shape (n, d, 1 or 4), moments about the tip in axes of the last link; None without a tip.
+        """
+
     def tip_axes(self, q: FloatArray) -> FloatArray | None:
         """Axes of the tip's frame as columns in base axes, (n, 3, 3); None without a tip."""
 
@@ -73,6 +79,10 @@ class IndependentAxes:
         )
 
     def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
+        """No tip."""
+        return None
+
+    def tip_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
         """No tip."""
         return None
 

@@ -140,11 +140,30 @@ class UrdfRobot:
 
     def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
         """Effort J^T (p'' + g e_z) of one kilogram at the tip, shape (n, d)."""
-        frame, pin = self._model.frames[self._tip], self._pin
-        mass = np.zeros(self.prior.size)
-        if frame.parentJoint:
-            point = pin.Inertia(1.0, frame.placement.translation, np.zeros((3, 3)))
-            first = 10 * (frame.parentJoint - 1)
-            mass[first : first + 10] = point.toDynamicParameters()
-        effort: FloatArray = self.regressor(q, qd, qdd) @ mass
+        effort: FloatArray = self.tip_load(q, qd, qdd)[:, :, 0]
         return effort
+
+    def tip_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Effort of one kilogram at the tip and of its moments, shape (n, d, 4).
+
+        With p the tip in its link and h the moments about it, the link gets  m, m p + h  and
+        S = m p p' + p h' + h p',  inertia tr(S) 1 - S.
+        """
+        frame = self._model.frames[self._tip]
+        out: FloatArray = np.zeros((len(q), q.shape[1], 4))
+        if frame.parentJoint:
+            first = 10 * (frame.parentJoint - 1)
+            own = self.regressor(q, qd, qdd)[:, :, first : first + 10]
+            out = own @ _load(np.asarray(frame.placement.translation))
+        return out
+
+
+def _load(p: FloatArray) -> FloatArray:
+    """Pinocchio's parameters of a link (10, 4) for a unit mass at p and unit moments about it."""
+    out = np.zeros((10, 4))
+    for k in range(4):
+        m, h = float(k == 0), np.eye(4)[k, 1:]
+        s = m * np.outer(p, p) + np.outer(p, h) + np.outer(h, p)
+        i = np.trace(s) * np.eye(3) - s
+        out[:, k] = m, *(m * p + h), i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2]
+    return out

@@ -26,6 +26,7 @@ IMPOSSIBLE = {
     "filter-lag": ((0.01, 1.0), (0.3,)),
     "end-stop": ((0.3, 1.0), (0.0, 0.0, 5.0)),
     "missed-counts": ((1.0,), (0.8,)),
+    "payload-change": ((1.0,), (0.2, 0.2, 0.0, 0.0)),
     "vibration-mode": ((5.0, 0.3), (-0.1,)),
     "force-gain": ((0.0,), (0.0, 0.7)),
     "force-crosstalk": ((0.0,), (1.5, 0.0)),
