@@ -243,6 +243,7 @@ def test_premium_s_tip_mass_is_the_added_body() -> None:
         for x in ((TREE @ a, TREE @ b, TREE @ c) for a, b, c in zip(q, qd, qdd, strict=True))
     ]
     got = PREMIUM.tip_mass(q, qd, qdd)
+    np.testing.assert_array_equal(PREMIUM.tip_load(q, qd, qdd)[:, :, 0], got)
     np.testing.assert_allclose(got, expected, rtol=1e-7, atol=1e-8)
 
 
@@ -314,6 +315,32 @@ def test_urdf_tip_mass_is_the_added_body() -> None:
         for a, b, c in zip(q, qd, qdd, strict=True)
     ]
     np.testing.assert_allclose(robot.tip_mass(q, qd, qdd), expected, rtol=1e-9, atol=1e-10)
+
+
+def test_urdf_tip_load_is_a_body_whose_centre_lies_apart_from_the_tip() -> None:
+    robot, mass = UrdfRobot(ARM), 0.8
+    centre = np.array([0.03, -0.05, 0.11])
+    bare, loaded = pin.buildModelFromXML(ARM), pin.buildModelFromXML(ARM)
+    frame = loaded.frames[loaded.getFrameId("tip")]
+    place = pin.SE3(np.eye(3), frame.placement.translation)
+    # second moments about the tip belong to no parameter: m c c' is taken out
+    s = -mass * np.outer(centre, centre)
+    spread = np.trace(s) * np.eye(3) - s
+    point = pin.Inertia(mass, centre, np.zeros((3, 3)))
+    added = pin.Inertia.FromDynamicParameters(
+        point.toDynamicParameters()
+        + np.r_[np.zeros(4), spread[0, 0], spread[0, 1], spread[1, 1], spread[0, 2], spread[1, 2],
+                spread[2, 2]]
+    )  # fmt: skip
+    loaded.appendBodyToJoint(frame.parentJoint, added, place)
+    one, two = bare.createData(), loaded.createData()
+    q, qd, qdd = states(30)
+    expected = [
+        pin.rnea(loaded, two, pin_state(a), b, c) - pin.rnea(bare, one, pin_state(a), b, c)
+        for a, b, c in zip(q, qd, qdd, strict=True)
+    ]
+    got = robot.tip_load(q, qd, qdd) @ np.r_[mass, mass * centre]
+    np.testing.assert_allclose(got, expected, rtol=1e-8, atol=1e-9)
 
 
 def test_urdf_tip_is_named_or_the_frame_tip_or_the_last() -> None:
@@ -413,6 +440,7 @@ def test_independent_axes_have_one_inertia_each() -> None:
     np.testing.assert_allclose(y @ [2.0, 3.0], qdd * [2.0, 3.0])
     assert axes.names == ("m1", "m2") and axes.param_units == ("kg", "kg")
     assert axes.tip_mass(qdd, qdd, qdd) is None
+    assert axes.tip_load(qdd, qdd, qdd) is None
     with pytest.raises(ConfigError, match="record tauext1"):
         axes.external(qdd, np.zeros((7, 6)))
 
