@@ -71,6 +71,8 @@ def guarded(config: SafetyConfig, session: Path) -> Iterator[Watchdog | None]:
             dog = Watchdog(page)
             told = json.dumps(
                 {
+                    # told, not asked: the loop may be gone before this process has begun
+                    "parent": os.getpid(),
                     "timeout": config.watchdog,
                     "cut": list(config.cut),
                     "report": str(beside(session)),
@@ -109,10 +111,9 @@ def watch(page: mmap.mmap, parent: int, timeout: float) -> str:
 
 def main(argv: Sequence[str]) -> int:
     """Watch, and cut the power where the loop stops."""
-    parent = os.getppid()
     told = json.loads(argv[1])
     with mmap.mmap(int(argv[0]), mmap.PAGESIZE) as page:
-        why = watch(page, parent, float(told["timeout"]))
+        why = watch(page, int(told["parent"]), float(told["timeout"]))
         beat_ns, tick, _ = _BEAT.unpack_from(page)
         if not why:
             return 0

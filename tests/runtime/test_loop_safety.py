@@ -1,6 +1,7 @@
 """Conditions of the loop: what is wrong leads to a defined state, and the motors get zero."""
 
 import json
+import mmap
 import os
 import signal
 import subprocess
@@ -344,6 +345,17 @@ def test_the_watchdog_cuts_the_power_of_a_killed_and_of_a_hung_process(tmp_path)
         assert mark.exists()
         assert ("gone" if kind == "killed" else "tick") in told["why"]
         assert told["silent_s"] < 10.0
+
+
+def test_a_loop_that_is_gone_before_its_watchdog_has_begun_is_gone(tmp_path):
+    from hil.runtime import watchdog
+
+    mark, report = tmp_path / "cut", tmp_path / "s.mcap.watchdog.json"
+    told = {"parent": -1, "timeout": 1.0, "cut": ["touch", str(mark)], "report": str(report)}
+    with (tmp_path / "page").open("w+b") as file:
+        file.truncate(mmap.PAGESIZE)
+        assert watchdog.main([str(file.fileno()), json.dumps(told)]) == 1
+    assert mark.exists() and "gone" in json.loads(report.read_text())["why"]
 
 
 def test_the_watchdog_keeps_still_where_the_session_ends(tmp_path):
