@@ -77,8 +77,10 @@ def _judged(c: Comparison) -> str:
     judged = (
         "held-out sessions" if c.heldout.kind == "holdout" else "contiguous fifths, each held out"
     )
+    fixed = all(t.fixed for t in c.result.terms)
+    values = "the model's values as they are" if fixed else "all values fitted again to these data"
     return (
-        f"  errors on {judged}; noise floor from {method[c.evidence.floor.method]}; "
+        f"  {values}; errors on {judged}; noise floor from {method[c.evidence.floor.method]}; "
         f"multi-step: simulated position over {c.multi_step.horizon:g} s, and over "
         f"{_horizon(c)} under a soft servo to the measured motion (replay)"
     )

@@ -1,13 +1,14 @@
 """What is said of a diagnosis after its verdict: errors of all values, ranges, notes, what is left.
 
-Nothing here changes a verdict, a name or a confidence.
+Nothing here changes a name or a confidence, nor a verdict but one: an error at its floor that a
+function of positions or speeds foretells on left-out data is not adequate.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from hil.compare.fallback import beyond, explainable
+from hil.compare.fallback import beyond, explainable, hidden
 from hil.compare.findings import Diagnosis
 from hil.compare.heldout import Examiner
 from hil.compare.lost import lost_counts
@@ -50,7 +51,10 @@ def finish(
     out.warnings += [(f.code, f.sentence) for f in faults]
     out.warnings += lost_counts(out.findings, recordings, out.warnings)
     out.network = explainable(result, out.last.floor)
-    out.beyond = beyond(result) if out.verdict == "adequate" else None
+    if out.verdict == "adequate":
+        out.beyond, out.network = beyond(result), hidden(result)
+        if out.network:
+            out.verdict = "unexplained"
     _with_errors(out)
     return out
 

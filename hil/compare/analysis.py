@@ -32,7 +32,7 @@ from hil.record.recording import Recording
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """A model against measurements.
 
@@ -63,6 +63,10 @@ class Comparison:
     heldout_floor: FloatArray | None = None
     #: What the given model had been identified on.
     valid: tuple[Range, ...] = ()
+
+    def __repr__(self) -> str:
+        each = zip(self.result.problem.joints, self.heldout.rms / self.noise, strict=True)
+        return f"Comparison(error over noise floor: {', '.join(f'{k} {x:.2f}' for k, x in each)})"
 
     @property
     def noise(self) -> FloatArray:
@@ -168,6 +172,11 @@ def add(
     ConfigError
         If the effect or a joint is unknown, already there, or impossible with these data.
     """
+    if not isinstance(effect, str):
+        raise ConfigError(
+            f"hil.add takes (recordings, model, effect); effect is {type(effect).__name__}, "
+            "expected its name, e.g. hil.add([run], model, 'stribeck')"
+        )
     kind = catalogue.get(effect)
     problem = make_problem(recordings, model)
     examine = Examiner(problem, holdout or [])

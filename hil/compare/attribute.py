@@ -73,6 +73,7 @@ def possible(evidence: Evidence, result: FitResult) -> list[Candidate]:
         if c.p_value <= LEVEL
         and physical(c, result.problem.motions[0])
         and c.score > 0
+        and not c.smoother
         and c.absorbed < 0.9999
         and alone(c, evidence, result)
     ]

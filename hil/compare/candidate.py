@@ -45,6 +45,8 @@ class Candidate:
         Its coefficients if it is added, and their standard errors.
     joint : int
         Its joint; of an effect of the whole robot, the joint where it explains most.
+    smoother : bool
+        Whether all that it does is to smooth the noise of the positions.
     parts : ndarray (d,)
         `net` by joint.
     """
@@ -61,6 +63,7 @@ class Candidate:
     coefficients: tuple[float, ...] = (0.0,)
     errors: tuple[float, ...] = ()
     joint: int = 0
+    smoother: bool = False
     parts: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
     null: FloatArray = field(default_factory=lambda: np.zeros(FLIPS), repr=False)
 

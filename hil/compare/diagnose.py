@@ -129,6 +129,8 @@ def _next(
     ]
     candidates = [c for c in candidates if not _sudden(c, evidence, now.result)]
     if found:
+        late = [c for c in possible(evidence, now.result) if c not in pool]
+        candidates = [c for c in candidates if not any(_imitates(c, x) for x in late)]
         candidates = [c for c in candidates if not any(kindred(c, f) for f, _, _ in found)]
     failed: list[tuple[Candidate, Step]] = []
     for c in candidates[:3]:
@@ -149,6 +151,11 @@ def _sudden(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
     """Whether a value that changes at once explains more of a candidate's joint than it does."""
     joint = result.problem.joints[c.joint]
     return any(x.joint == joint and x.fall > MORE * c.parts[c.joint] for x in evidence.changes)
+
+
+def _imitates(c: Candidate, other: Candidate) -> bool:
+    """Whether one that explains more, and is no finding, stands on the same joint."""
+    return other.joint == c.joint and other.parts[c.joint] > MORE * c.parts[c.joint]
 
 
 def _worse(failed: Step, step: Step, j: int) -> bool:

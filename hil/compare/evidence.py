@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare import denoise
 from hil.compare.candidate import Candidate, try_all
 from hil.compare.changes import Change, changes
 from hil.compare.detect import detect
@@ -88,6 +89,7 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
     floor = _floor(found, projector, result)
     _judge(found, floor, result)
     detect(found, projector, floor, result, seed)
+    denoise.mark(found, projector)
     # scores that agree to four digits keep the order of the catalogue
     found.sort(key=lambda c: -float(f"{c.score:.4g}"))
     return Evidence(found, floor, projector, impossible, changed)

@@ -67,9 +67,12 @@ class Step:
     heldout: HeldOut
 
 
-@dataclass
+@dataclass(repr=False)
 class Diagnosis:
-    """Verdict, findings and everything they rest on."""
+    """Verdict, findings and everything they rest on.
+
+    Printed, it is its verdict and its names: ``Diagnosis(missing-effect: delay on j2, 0.98)``.
+    """
 
     verdict: str
     findings: list[Finding] = field(default_factory=list)
@@ -92,6 +95,15 @@ class Diagnosis:
     sets: list[Indistinguishable] | None = field(default=None, init=False)
     #: Simulated errors of the rungs; made when first asked for (see `analysis.ladder`).
     multi_steps: list[MultiStep] | None = field(default=None, init=False)
+
+    def __repr__(self) -> str:
+        names = [
+            f"{f.effect}{f' on {f.joint}' if f.joint else ''}, {f.confidence:.2f}"
+            for f in self.findings
+        ]
+        return (
+            f"Diagnosis({': '.join([self.verdict, '; '.join(names)] if names else [self.verdict])})"
+        )
 
     @property
     def noise(self) -> FloatArray:

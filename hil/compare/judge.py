@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from hil.compare.ambiguity import CONFIDENT
 from hil.compare.changes import ADVICE
 from hil.compare.changes import CODE as CHANGED
+from hil.compare.denoise import shaken, smoothed
 from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
 from hil.compare.floor import ADEQUATE
@@ -51,7 +52,7 @@ def judge(
     floor = np.minimum(last.floor.rms, ladder[-1].result.rms)
     other = None if heldout_floor is None else np.minimum(heldout_floor, ladder[-1].heldout.rms)
     findings = _findings(ladder, found, floor, other)
-    open_joints = _open(ladder, found, findings, floor, heldout_floor)
+    open_joints = _open(ladder, found, findings, last, floor, heldout_floor)
     failed = {problem.joints[j] for j in open_joints}
     partial = [
         f for f in findings
@@ -74,20 +75,22 @@ def _with_changes(out: Diagnosis) -> Diagnosis:
     texts = [c.text for c in out.last.changes]
     out.warnings += [(CHANGED, t) for t in texts[:-1]]
     out.warnings += [(CHANGED, f"{t}; {ADVICE}") for t in texts[-1:]]
+    out.warnings += shaken(out.last, out.ladder[-1].result)
     if texts and out.verdict == "adequate":
         out.verdict = "unexplained"
     return out
 
 
 def _open(
-    ladder: list[Step], found: list[Accepted], findings: list[Finding], floor: FloatArray,
-    heldout_floor: FloatArray | None,
+    ladder: list[Step], found: list[Accepted], findings: list[Finding], last: Evidence,
+    floor: FloatArray, heldout_floor: FloatArray | None,
 ) -> list[int]:  # fmt: skip
     """Joints whose names do not account for what stands above the floor."""
     problem = ladder[0].result.problem
     start, end = ladder[0].result.rms, ladder[-1].result.rms
     excess, left = start**2 - floor**2, np.maximum(end**2 - floor**2, 0.0)
     here = ~problem.holds & (end > ADEQUATE * floor) & (left > (1 - EXPLAINED) * excess)
+    here &= smoothed(last, ladder[-1].result) < EXPLAINED * left
     named = {c.joint for c, _, _ in found}
     worthless = {f.joint for f in findings if _worthless(f)}
     return [

@@ -18,6 +18,9 @@ FloatArray = NDArray[np.float64]
 #: Rms speed in units of its noise from which names of what varies fast are not the noise's: a
 #: clean joint of 2000 counts got them at 10 and 25, and none at 18 and 30 behind narrower filters.
 CLEAR = 30.0
+#: Noise of the acceleration, in units of itself, from which the band is narrowed, and to which:
+#: a model's effort holds it times the inertia.  From a half on the joint does not move.
+NOISY, QUIET, IDLE = 0.125, 0.03, 0.5
 #: Narrowest effort filter that is chosen [Hz].
 NARROWEST = 4.0
 
@@ -60,7 +63,8 @@ def choose(recordings: list[Recording], band: Band, moving: bool = False) -> Rat
     The position filter is three times wider, so that what remains of a reversal is sharp
     against the effort filter and the acceleration noise is still bounded.  Where the model is of
     what moves (`moving`) and the positions are so coarse that no joint's speed stands clear of
-    their noise, both are narrower, down to `NARROWEST`.
+    their noise, or that it is a good part of any moving joint's acceleration, both are narrower,
+    down to `NARROWEST`.
     """
     slowest = min(r.rate for r in recordings)
     effort = band.effort_hz or float(
@@ -70,6 +74,9 @@ def choose(recordings: list[Recording], band: Band, moving: bool = False) -> Rat
         widest = max(clear(r, 3 * effort) for r in recordings)
         if widest < 3 * effort:
             effort = max(widest / 3, NARROWEST)
+        noise = max(shaken(r, effort) for r in recordings)
+        if noise > NOISY:
+            effort = max(effort * (QUIET / noise) ** 0.4, NARROWEST)
     effort = min(effort, slowest / 6)
     position = band.position_hz or min(3 * effort, 0.35 * slowest)
     return Rates(min(position, 0.45 * slowest), effort)
@@ -88,6 +95,17 @@ def clear(r: Recording, cutoff: float) -> float:
     noise = np.maximum(position_noise(r.q), 1e-300)
     most = (speed / CLEAR / (2 * np.pi * noise) * np.sqrt(1.5 * r.rate)) ** (2 / 3)
     return min(cutoff, float(np.max(most)))
+
+
+def shaken(r: Recording, cutoff: float) -> float:
+    """Noise of the acceleration behind a cut-off, in units of its rms; worst joint that moves.
+
+    White noise s_q of positions gives  s_a = s_q (2 pi)^2 sqrt(2 f^5 / (5 fs)).
+    """
+    noise = position_noise(r.q) * (2 * np.pi) ** 2 * np.sqrt(0.4 * cutoff**5 / r.rate)
+    rms = np.sqrt(np.mean(derivatives(r.q, r.rate, min(cutoff, 0.35 * r.rate))[2] ** 2, axis=0))
+    share = noise / np.maximum(rms, 1e-300)
+    return float(np.max(share[share < IDLE], initial=0.0))
 
 
 def derivatives(q: FloatArray, fs: float, cutoff: float) -> tuple[FloatArray, ...]:

@@ -16,7 +16,7 @@ from hil.models.told import in_words
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FitResult:
     """A fitted model.
 
@@ -58,6 +58,11 @@ class FitResult:
     slices: list[slice] = field(repr=False, default_factory=list)
     #: Code and sentence of what the user should know, e.g. ``outside-range``.
     warnings: list[tuple[str, str]] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        each = zip(self.problem.joints, self.relative, strict=True)
+        errors = ", ".join(f"{joint} {x:.2f} %" for joint, x in each)
+        return f"FitResult({len(self.values)} values, relative error {errors})"
 
     @property
     def rms(self) -> FloatArray:

@@ -45,7 +45,7 @@ class HardeningCable(Effect):
     """A cable that is soft about zero tension and stiffer the more it carries."""
 
     uses_load = True
-    replayed = strict = True
+    replayed = strict = smooths = True
     rounds = 2
     limit = "elastic-transmission"
     name, family = "hardening-cable", "transmission"

@@ -85,6 +85,8 @@ class Effect(ABC):
     replayed: ClassVar[bool] = False
     #: Whether every run has its own coefficients where there are several.
     per_run: ClassVar[bool] = False
+    #: Whether it passes the load on smoother, and the noise of the positions less with it.
+    smooths: ClassVar[bool] = False
     #: Whether it is tried only where a value of the model changes at one instant.
     sudden: ClassVar[bool] = False
     #: Whether only differences between runs can be seen: the first run's coefficients are zero.

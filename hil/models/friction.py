@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -133,6 +133,14 @@ class QuadraticDrag(Effect):
     shown_by = "fast strokes beside slow ones"
     source = "Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5), 2007"
     params = (Param("fd", "{F} s^2/{x}^2", "quadratic drag"),)
+
+    def remark(self, values: Mapping[str, float], errors: Mapping[str, float]) -> str:
+        """A negative one."""
+        if values["fd"] >= 0.0:
+            return ""
+        return (
+            "negative: friction that bends downwards with speed, by a law of its own, and no drag"
+        )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Signed square v |v|."""

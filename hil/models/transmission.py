@@ -73,7 +73,7 @@ def spring(motion: Motion, j: int, shape: Sequence[float]) -> tuple[float, float
 class _Resonance(Effect):
     """What rings at one frequency: f [Hz] and a damping ratio are its shape."""
 
-    replayed = strict = True
+    replayed = strict = smooths = True
     rounds = 2
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:

@@ -29,7 +29,7 @@ class RobotSource:
     tip: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """One run of one arm, n samples of d joints, SI units throughout.
 
@@ -74,6 +74,10 @@ class Recording:
     temperature: FloatArray | None = None
     robot: RobotSource = field(default_factory=RobotSource)
     metadata: dict[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        length = f"{self.t[-1] - self.t[0]:.4g} s" if self.n else "empty"
+        return f"Recording({self.name!r}, {', '.join(self.joints)}: {length}, {self.n} samples)"
 
     @property
     def n(self) -> int:
