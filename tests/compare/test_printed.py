@@ -1,0 +1,32 @@
+"""What is printed of results at the prompt, and of arguments in another order."""
+
+import compare_plants as plants
+import pytest
+
+import hil
+from hil.commands.compare import text
+from hil.errors import ConfigError
+
+
+@pytest.fixture(scope="module")
+def run():
+    return plants.axis(1, 12.0)
+
+
+def test_results_print_as_one_line(run):
+    model = hil.base_model(run.robot)
+    printed = [run, hil.fit([run], model), hil.compare([run], model), hil.diagnose([run], model)]
+    for x in map(repr, printed):
+        assert "\n" not in x and len(x) < 200
+    assert repr(printed[0]).startswith("Recording('axis', joint1: 1")
+    assert "relative error joint1" in repr(printed[1]) and "joint1" in repr(printed[2])
+    assert repr(printed[3]) == "Diagnosis(adequate)"
+
+
+def test_compare_says_that_it_fits_again(run):
+    assert "all values fitted again" in text(hil.compare([run], hil.base_model(run.robot)))
+
+
+def test_an_effect_in_the_wrong_place_is_a_sentence(run):
+    with pytest.raises(ConfigError, match=r"hil.add takes \(recordings, model, effect\)"):
+        hil.add("stribeck", [run], hil.base_model(run.robot))
