@@ -17,12 +17,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     common.add_sessions(parser)
     common.add_report(parser)
+    parser.add_argument(
+        "--as-is", action="store_true",
+        help="keep the model's values; without it all are fitted again to these sessions",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
     """Compare and print."""
     runs, held, model = common.load(args)
-    found = analysis.compare(runs, model, held)
+    found = analysis.compare(runs, model.as_it_is() if args.as_is else model, held)
     common.deliver(
         args, lambda path: _report(found, path), lambda: comparison_json(found), lambda: text(found)
     )

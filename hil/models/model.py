@@ -126,6 +126,27 @@ class RobotModel:
     urdf_path: str = ""
     valid: tuple[Range, ...] = ()
 
+    def as_it_is(self) -> RobotModel:
+        """The model with all its values kept: a fit of it fits nothing.
+
+        Raises
+        ------
+        ConfigError
+            If an effect has no values.
+        """
+        empty = [u.type for u in self.effects if not u.values]
+        # a rotor that is part of an axis' only inertia has none, and a description its own masses
+        needed = [name for name in empty if name not in ("rigid-body", "armature")]
+        if needed or len(empty) == len(self.effects):
+            raise ConfigError(
+                f"the model has no values of {', '.join(empty)}, so it foretells nothing as it is; "
+                "'hil fit SESSION.mcap --model M.toml -o FITTED.toml' finds them"
+            )
+        kept = {"fixed": True, "fixed_shape": True}
+        return replace(
+            self, effects=tuple(replace(u, options=u.options | kept) for u in self.effects)
+        )
+
     def __add__(self, other: Use | str) -> RobotModel:
         """Model with one more effect (what it replaces steps back on the same joints).
 

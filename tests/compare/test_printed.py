@@ -30,3 +30,20 @@ def test_compare_says_that_it_fits_again(run):
 def test_an_effect_in_the_wrong_place_is_a_sentence(run):
     with pytest.raises(ConfigError, match=r"hil.add takes \(recordings, model, effect\)"):
         hil.add("stribeck", [run], hil.base_model(run.robot))
+
+
+def test_a_fitted_model_is_compared_as_it_is(run):
+    other, model = plants.axis(2, 12.0), hil.base_model(run.robot)
+    fitted = hil.fit([run], model).model
+    seen = hil.compare([other], fitted.as_it_is())
+    assert "the model's values as they are" in text(seen)
+    again = hil.compare([other], fitted)
+    assert seen.result.values["j1.coulomb.fc"].value == fitted_value(fitted)
+    assert again.result.values["j1.coulomb.fc"].value != fitted_value(fitted)
+    assert seen.result.rms[0] > again.result.rms[0]
+    with pytest.raises(ConfigError, match="foretells nothing as it is"):
+        model.as_it_is()
+
+
+def fitted_value(model):
+    return next(u for u in model.effects if u.type == "coulomb").values["j1.coulomb.fc"].value
