@@ -91,7 +91,8 @@ def _apart(d: Diagnosis, verbose: bool) -> list[str]:
     if verbose:
         sets, standing = [*sets, *standing], []
     lines = ["", "What these data cannot tell apart"] if sets else []
-    lines += [f"  - {' / '.join(s.effects)}: {s.why}. Would show it: {s.experiment}." for s in sets]
+    told = [f"  - {' / '.join(s.effects)}: {s.why}. Would show it: {s.experiment}." for s in sets]
+    lines += dict.fromkeys(told)
     if standing:
         pairs = "; ".join(f"{s.effects[0]} from {', '.join(s.effects[1:])}" for s in standing)
         lines += ["", f"  no motion alone tells apart: {pairs} (--verbose: why, and what would)"]

@@ -125,6 +125,6 @@ def beside(args: argparse.Namespace) -> str:
     if not args.joint:
         return ""
     return (
-        "\nJoints that only hold their place say little: diagnose it together with a session in "
-        "which all of them move,\n  hil diagnose FIRST.mcap SESSION.mcap --model M.toml"
+        "\nJoints that only hold their place beside it say little: diagnose it together with a "
+        "session in which all of them move,\n  hil diagnose FIRST.mcap SESSION.mcap --model M.toml"
     )

@@ -84,7 +84,8 @@ def pairs(
     sets = _absorbed(evidence, {e for x in out for e in x.effects})
     for name, others in rivals:
         if others:
-            why = "both explain this residual nearly equally well with this motion"
+            every = "both" if len(others) == 1 else f"all {len(others) + 1}"
+            why = f"{every} explain this residual nearly equally well with this motion"
             sets.append(_Set(_named(evidence, (name, *others)), (name, *others), why))
     sets += _collinear(evidence, sets, {n for name, others in rivals for n in (name, *others)})
     planner = Planner(result, evidence) if sets and result is not None else None

@@ -138,17 +138,21 @@ def _strongest(items: list[Region], most: int) -> list[Region]:
     return (heads + tail)[:most]
 
 
+def _since(low: float, high: float, unit: str, bounded: bool) -> str:
+    """How long or how far after a reversal."""
+    if bounded:
+        return f"{interval(low, high)} {unit} after a reversal"
+    where = f"more than {low:.2g}" if low > 0 else f"up to {high:.2g}"
+    return f"{where} {unit} after a reversal"
+
+
 def _region(view: View, k: int, strength: float, share: float) -> Region:
     low, high = float(view.edges[k]), float(view.edges[k + 1])
     between = interval(low, high)
     what = {
         "speed": f"at speeds from {between} {view.unit}",
-        "since-reversal": f"{between} s after a reversal"
-        if high < 100
-        else f"more than {low:.2g} s after a reversal",
-        "distance-since-reversal": f"{between} {view.unit} after a reversal"
-        if high < 5 * max(low, 1e-12)
-        else f"more than {low:.2g} {view.unit} after a reversal",
+        "since-reversal": _since(low, high, "s", high < 100),
+        "distance-since-reversal": _since(low, high, view.unit, high < 5 * low),
         "position": f"at positions from {between} {view.unit}",
         "load": f"at transmitted loads from {between} {view.unit}",
         "time": f"from {between} s into the run",

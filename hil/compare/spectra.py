@@ -135,7 +135,7 @@ def lines(result: FitResult, floor: Floor, j: int) -> list[Line]:
 def _what(s: Spectrum, k: int, low: float, result: FitResult, j: int) -> str:
     x = float(s.x[k])
     if s.feature == "frequency":
-        return f"at {interval(low, x)} Hz the error is"
+        return f"at {interval(low, x) if low < x else f'{x:.3g}'} Hz the error is"
     if s.feature == "line":
         where = "which the motion has, too," if _in_motion(result, j, x) else "not in the motion,"
         return f"the residual has a line at {x:.3g} Hz, {where} of"
