@@ -24,6 +24,7 @@ from hil.compare.attribute import choose, plausible
 from hil.compare.candidate import Candidate
 from hil.compare.evidence import Evidence, gather, in_time
 from hil.compare.findings import Diagnosis
+from hil.compare.floor import ADEQUATE
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.shifted import explanation, foretold
 from hil.identify.projector import Projector
@@ -88,7 +89,9 @@ def differences(out: Diagnosis, examine: Examiner) -> list[tuple[str, str]]:
     pair = _Pair(step.result, step.heldout, examine.alone)
     moves = np.flatnonzero(~pair.fitted.problem.holds & ~pair.alone.problem.holds).tolist()
     found = _ours(out, pair, moves) + _theirs(out, pair, moves)
-    found += [(j, _values(pair, j)) for j in moves if j not in {k for k, text in found if text}]
+    told = {k for k, text in found if text}
+    above = step.heldout.rms > ADEQUATE * out.noise
+    found += [(j, _values(pair, j)) for j in moves if above[j] and j not in told]
     texts = [text for _, text in sorted(found) if text]
     what = ADVICE if any(SAID in t for t in texts) else BOTH
     return [(CODE, text) for text in [*texts[:-1], *(f"{t}. {what}" for t in texts[-1:])]]

@@ -99,13 +99,12 @@ def tone(m: Material) -> str:
 def headline(m: Material) -> str:
     """The verdict in one sentence."""
     names = _list([where(f) for f in m.findings]) if m.findings else ""
-    several = len(m.findings) > 1
     if m.verdict == "missing-effect":
-        return (
-            f"The model lacks {len(m.findings)} effects: {names}."
-            if several
-            else f"The model lacks {names}."
-        )
+        sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
+        perhaps = [where(f) for f in m.findings if f.confidence < CONFIDENT]
+        lead = f"{len(sure)} effects: " if len(sure) > 1 else ""
+        tail = f", and perhaps {_list(perhaps)}" if perhaps else ""
+        return f"The model lacks {lead}{_list(sure)}{tail}."
     if m.verdict == "ambiguous":
         return (
             f"Something is missing, most likely {names}, but these data do not settle which effect "
@@ -183,8 +182,8 @@ def next_steps(m: Material) -> list[str]:
     rivals = [s for s in m.sets if named & set(s.effects)]
     motions = [f"{' or '.join(s.effects)}: record {s.experiment}." for s in rivals]
     if m.verdict == "missing-effect":
-        which = "effects" if len(m.findings) > 1 else "effect"
-        steps = [f"Accept the {which} as shown below; all parameters are fitted again."]
+        sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
+        steps = [f"Accept {_list(sure)} as shown below; all parameters are fitted again."]
         steps += [
             f"Confirm {where(f)} on a new recording: {shown_by(f.effect)}." for f in m.findings
         ]
