@@ -25,7 +25,8 @@ SHAPES = {
     "stribeck": (0.12, 2.0), "coulomb": (0.02,),
 }  # fmt: skip
 REFUSED = {
-    "rigid-body", "armature", "payload", "payload-change", "coupled-transmission", "contact-stiffness",
+    "rigid-body", "armature", "payload", "payload-change",
+    "coupled-transmission", "contact-stiffness",
     "contact-damping", "contact-hardening", "contact-hysteresis", "contact-inclusion",
     "periodic-disturbance", "force-bias", "force-drift", "force-gain", "force-crosstalk",
     "encoder-eccentricity", "missed-counts", "filter-lag", "elastic-transmission",
