@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hil import registry, wiring
+from hil import wiring
 from hil.boxwire import check_roles
 from hil.config import RigConfig
 from hil.errors import ConfigError
@@ -12,7 +12,6 @@ from hil.excite import files, margins
 from hil.excite.limits import of_arm
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
-from hil.tomltable import parse, within
 
 
 def check_tables(config: RigConfig) -> None:
@@ -57,10 +56,7 @@ def require_boxes(config: RigConfig) -> None:
 
 def device_options(config: RigConfig, name: str) -> Any:
     """Options of a device, checked."""
-    device = config.devices[name]
-    with within(f"devices.{name}"):
-        driver = registry.load("hil.drivers", device.driver)
-    return parse(driver.Config, device.options, f"devices.{name}.options")
+    return wiring.options_of("hil.drivers", config.devices[name], f"devices.{name}")
 
 
 def check_trajectory(config: RigConfig) -> None:

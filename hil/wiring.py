@@ -186,10 +186,14 @@ def open_box(
 
 def box_options(config: RigConfig, name: str) -> Any:
     """Options of a box, checked."""
-    table = config.boxes[name]
-    with within(f"boxes.{name}"):
-        driver = registry.load("hil.boxes", table.driver)
-    return parse(driver.Config, table.options, f"boxes.{name}.options")
+    return options_of("hil.boxes", config.boxes[name], f"boxes.{name}")
+
+
+def options_of(group: str, table: BoxConfig | DeviceConfig, where: str) -> Any:
+    """Options in a table of a rig file, checked by the driver that it names."""
+    with within(where):
+        driver = registry.load(group, table.driver)
+    return parse(driver.Config, table.options, f"{where}.options")
 
 
 def describe(box: Any) -> str:

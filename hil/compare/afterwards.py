@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hil.compare.fallback import beyond, explainable, hidden
+from hil.compare.fallback import explainable, foretold, hidden
 from hil.compare.findings import Diagnosis
 from hil.compare.heldout import Examiner
 from hil.compare.lost import lost_counts
@@ -52,7 +52,9 @@ def finish(
     out.warnings += lost_counts(out.findings, recordings, out.warnings)
     out.network = explainable(result, out.last.floor)
     if out.verdict == "adequate":
-        out.beyond, out.network = beyond(result), hidden(result)
+        falls = foretold(result)
+        out.beyond = None if falls is None else max([0.0, *falls.values()])
+        out.network = hidden(result, falls or {})
         if out.network:
             out.verdict = "unexplained"
     _with_errors(out)

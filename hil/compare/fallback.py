@@ -91,41 +91,37 @@ def told(shares: list[Share]) -> list[str]:
     return out
 
 
-def beyond(result: FitResult) -> float | None:
-    """Largest share of a joint's left-out error that a function of positions and speed removes.
+def foretold(result: FitResult) -> dict[int, float] | None:
+    """Largest fall of each joint's left-out error by a function of positions and its own speed.
 
-    Of an error at the floor, too, where `explainable` finds nothing to share out; zero where no
-    function helps, None where the runs are so long that this would take its time.
+    Asked of an error at the floor, where `explainable` finds nothing to share out.  None where the
+    runs are so long that this would take its time.
     """
-    falls = _falls(result)
-    return None if falls is None else max([0.0, *falls.values()])
-
-
-def hidden(result: FitResult) -> list[Share]:
-    """Shares on joints at their floor of whose error a function removes a tenth or more.
-
-    The floor hides what no candidate explains; that it can be foretold shows that it is no noise.
-    Shares are of the whole squared error.
-    """
-    falls = _falls(result) or {}
-    return [s for j, fall in falls.items() if fall > HIDDEN for s in _of_joint(result, 0.0, j)]
-
-
-def _falls(result: FitResult) -> dict[int, float] | None:
-    """Largest fall of each joint's left-out error by a function of positions and its own speed."""
     problem = result.problem
     if problem.n * problem.d > ROWS or result.model.explains != "motor":
         return None
-    if ("falls", id(result)) in problem.memo:
-        known: dict[int, float] = problem.memo["falls", id(result)]
-        return known
     out = {}
     for j in np.flatnonzero(~problem.holds).tolist():
         before = max(_left_out(result, np.zeros((problem.n, 0)), j), 1e-300)
         sets = (c for what, _, c in _sets(problem, j) if what != "t" and " and " not in what)
         out[j] = max(1.0 - _left_out(result, c, j) / before for c in sets)
-    problem.memo["falls", id(result)] = out
     return out
+
+
+def hidden(result: FitResult, falls: dict[int, float]) -> list[Share]:
+    """Shares on joints at their floor of whose error a function removes a tenth or more.
+
+    The floor hides what no candidate explains; that it can be foretold shows that it is no noise.
+    Shares are of the whole squared error.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit.
+    falls : dict of int to float
+        What `foretold` says of it.
+    """
+    return [s for j, fall in falls.items() if fall > HIDDEN for s in _of_joint(result, 0.0, j)]
 
 
 def _of_joint(result: FitResult, floor: float, j: int) -> list[Share]:
@@ -159,7 +155,7 @@ def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, FloatArray]]:
     for k in range(problem.d) if problem.d <= NEAR else ():
         if k != j:
             rubs = problem.gated([_rubs(m, j, k) for m in problem.motions], j)
-            yield f"q of {problem.joints[k]}", f"the angle of {problem.joints[k]}", rubs
+            yield f"q of {problem.joints[k]}", f"the position of {problem.joints[k]}", rubs
     trend = problem.gated([_trend(m.since, m.sign(j), m.qd[:, j]) for m in problem.motions], j)
     yield "t", "time (offset, dry and viscous friction that change slowly)", trend
 

@@ -230,9 +230,9 @@ def floor_says(beyond: float | None) -> str:
     if beyond is None:
         return f"{text}."
     if beyond < 0.005:
-        return f"{text}; no function of positions and a joint's own speed would lower the error."
+        return f"{text}; no function of a joint's own position and speed would lower the error."
     return (
-        f"{text}; a function of positions and a joint's own speed would lower its error by "
+        f"{text}; a function of a joint's own position and speed would lower its error by "
         f"{100 * beyond:.2g} % at most."
     )
 
