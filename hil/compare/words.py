@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hil.compare.ambiguity import CONFIDENT
 from hil.compare.changes import CODE as CHANGED
+from hil.compare.fallback import told
 from hil.compare.findings import Finding
 from hil.compare.floor import ADEQUATE, EFFORT_ACCURACY, SENSOR_ACCURACY
 from hil.compare.judge import EXPLAINED
@@ -144,6 +145,7 @@ def details(m: Material) -> list[str]:
         j = worst(m)
         held, ratio = m.before.heldout, float(m.ratio(m.before)[j])
         out += [floor_says(m.beyond)] if m.verdict == "adequate" else []
+        out += [f"{line[:1].upper()}{line[1:]}." for line in told(m.network)]
         out.append(
             f"Largest error against the floor: {m.joints[j]} with {held.relative[j]:.2f} % of the "
             f"effort; noise floor {m.relative_floor(j):.2f} % (ratio {ratio:.2f})."
@@ -202,6 +204,9 @@ def next_steps(m: Material) -> list[str]:
     if m.verdict in ("adequate", "unexplained") and apart(m):
         what = ADVICE if any(SAID in x for x in apart(m)) else BOTH
         return [f"{what}.", "Diagnose again."]
+    if m.verdict == "unexplained" and changed(m):
+        return ["Give what was recorded before and after that instant as two sessions.",
+                "Diagnose again."]  # fmt: skip
     if m.verdict == "ambiguous":
         wait = "Do not add an effect yet; record the motion that separates the rivals."
         return [wait, *motions[:3]]
