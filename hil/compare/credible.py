@@ -16,19 +16,22 @@ from hil.models.model import Value
 FloatArray = NDArray[np.float64]
 #: Shape parameters that are a size.
 SCALES = ("T", "f", "b", "s", "p", "vs")
+#: Share of an excess that is as good as nothing: a scale beyond the edge would explain little more.
+REST = 0.10
 
 
-def credible(step: Step, c: Candidate, floor: FloatArray) -> bool:
+def credible(step: Step, before: Step, c: Candidate, floor: FloatArray) -> bool:
     """Whether an added effect's values can be physics after everything was fitted again.
 
     Its own law must allow them (`Effect.credible`), its scales (a time, a width, a frequency)
     must exceed their standard errors, and a scale on the edge of what was searched must leave
-    nothing above the floor: else it stands for something else.
+    nothing, or next to nothing of what it found, above the floor: else it stands for something
+    else.
 
     Parameters
     ----------
-    step : Step
-        The refit with the effect.
+    step, before : Step
+        The refit with the effect, and the rung without it.
     c : Candidate
         The effect.
     floor : ndarray (d,)
@@ -38,7 +41,7 @@ def credible(step: Step, c: Candidate, floor: FloatArray) -> bool:
     if any(v.stderr > abs(v.value) for name, v in shapes.items() if name in SCALES):
         return False
     if any(v.at_bound for name, v in shapes.items() if name in SCALES) and _left(
-        step, c.joint, floor
+        step, before, c.joint, float(floor[c.joint])
     ):
         return False
     term = next((t for t in step.result.terms if t.key == c.term.key), None)
@@ -51,9 +54,10 @@ def _shapes(step: Step, c: Candidate) -> dict[str, Value]:
     return {n: values[f"{start}.{n}"] for n in names if f"{start}.{n}" in values}
 
 
-def _left(step: Step, j: int, floor: FloatArray) -> bool:
-    """Whether joint j is still above its floor."""
-    return bool(step.result.rms[j] > ADEQUATE * floor[j])
+def _left(step: Step, before: Step, j: int, floor: float) -> bool:
+    """Whether joint j is still above its floor, by more than a REST of what it was."""
+    rms, first = step.result.rms[j], before.result.rms[j]
+    return bool(rms > ADEQUATE * floor and rms**2 - floor**2 > REST * (first**2 - floor**2))
 
 
 def _allowed(step: Step, term: Term) -> bool:

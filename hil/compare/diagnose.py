@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,17 +13,16 @@ from hil.compare.credible import credible
 from hil.compare.evidence import Evidence, gather, in_time
 from hil.compare.findings import Accepted, Diagnosis, Step, describe
 from hil.compare.floor import SENSOR_ACCURACY
-from hil.compare.heldout import Examiner, HeldOut
+from hil.compare.heldout import Examiner
 from hil.compare.identifiable import undetermined
 from hil.compare.judge import EXPLAINED, judge
+from hil.compare.retest import as_use, drop_superfluous, look_again, refitted
 from hil.compare.settle import settled
-from hil.identify.design import head
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
-from hil.identify.solve import solve
 from hil.identify.threads import single_threaded
 from hil.identify.timing import fit_aligned
-from hil.models.model import RobotModel, Use, Value
+from hil.models.model import RobotModel
 from hil.record.checks import check
 from hil.record.recording import Recording
 
@@ -45,8 +42,6 @@ MORE = 1.1
 #: Paired standard errors by which a held-out error must fall: one-sided, 7 % by chance, beside
 #: detection at 1 % of the whole family.
 BEYOND = 1.5
-#: An effect without which its joint's error rises by this factor is not superfluous.
-NEEDED = 1.05
 
 
 @single_threaded
@@ -105,7 +100,9 @@ def diagnose(
             break
         ladder.append(step)
         evidence = gather(step.result, seed)
-        _retest(found, ladder, examine, problem)
+        drop_superfluous(found, ladder, examine)
+    if look_again(found, ladder, evidence.floor, examine):
+        evidence = gather(ladder[-1].result, seed)
     out = judge(ladder, found, first, evidence, examine.floor(ladder[-1].result, evidence))
     return finish(out, examine, model, recordings, faults)
 
@@ -135,10 +132,9 @@ def _next(
     failed: list[tuple[Candidate, Step]] = []
     for c in candidates[:3]:
         model = now.result.model + as_use(c, problem)
-        fitted = _refit(model, problem, examine, now.result.sigma)
-        step = Step(f"+ {describe(c, problem)}", *fitted)
+        step = refitted(f"+ {describe(c, problem)}", model, examine, now)
         pays = _worth(step, now, ladder[0], c, evidence.floor.rms)
-        if pays and credible(step, c, evidence.floor.rms):
+        if pays and credible(step, now, c, evidence.floor.rms):
             worse = [x for x, other in failed if _worse(other, step, c.joint)]
             rest = [x for x in pool if x is not c and x not in worse]
             found.append((c, *choose([c, *rest], projector)[1:]))
@@ -192,59 +188,3 @@ def _sure(step: Step, now: Step, j: int, floor: float) -> bool:
     gain = step.heldout.gain(now.heldout, j)
     before, after = (s.heldout.rms[j] ** 2 - floor**2 for s in (now, step))
     return bool(gain > (1.0 if after < (1 - EXPLAINED) * before else BEYOND))
-
-
-def _refit(
-    model: RobotModel, problem: Problem, examine: Examiner, scale: FloatArray
-) -> tuple[FitResult, HeldOut]:
-    result = fit_aligned(problem, model, scale)
-    return result, examine(result)
-
-
-def as_use(c: Candidate, problem: Problem) -> Use:
-    """A candidate as a part of a model, its shape as the starting value."""
-    effect = c.term.effect
-    start = head(effect, c.term.joint)
-    values = {
-        f"{start}.{p.name}": Value(v, unit=p.unit)
-        for p, v in zip(effect.shape, c.term.shape, strict=True)
-    }
-    whole = effect.of_robot
-    options: dict[str, object] = {"per_run": True} if c.term.per_run else {}
-    joints = ("*",) if whole else (problem.joints[c.term.joint],)
-    return Use(effect.name, joints, options, values)
-
-
-def _retest(
-    found: list[Accepted], ladder: list[Step],
-    examine: Examiner, problem: Problem,
-) -> None:  # fmt: skip
-    """Take out an accepted effect that later ones have made superfluous."""
-    for k, (candidate, _, _) in enumerate(found[:-1]):
-        use = as_use(candidate, problem)
-        model = ladder[-1].result.model
-        rest = tuple(u for u in model.effects if (u.type, u.joints) != (use.type, use.joints))
-        j = candidate.joint
-        if len(rest) == len(model.effects) or _needed(candidate, found[k + 1 :], ladder[-1]):
-            continue
-        scale = ladder[-1].result.sigma
-        result, heldout = _refit(replace(model, effects=rest), problem, examine, scale)
-        if heldout.rms[j] <= 1.002 * ladder[-1].heldout.rms[j]:
-            found.pop(k)
-            ladder.append(Step(f"- {describe(candidate, problem)} (superfluous)", result, heldout))
-            return
-
-
-def _needed(candidate: Candidate, later: list[Accepted], now: Step) -> bool:
-    """Whether an effect is plainly needed, so that no full fit without it has to show it.
-
-    The coefficients alone are fitted without it; shapes may only make up for it where a later
-    effect shares its joint.
-    """
-    j, result = candidate.joint, now.result
-    near = any(c.joint == j or c.term.effect.whole_robot for c, _, _ in later)
-    if near or candidate.term.effect.whole_robot or candidate.term.effect.replaces:
-        return False
-    terms = [t for t in result.terms if t.key != candidate.term.key]
-    *_, residual = solve(result.problem, terms, result.model, result.sigma)
-    return bool(result.problem.rms(residual)[j] > NEEDED * result.rms[j])

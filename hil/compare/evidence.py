@@ -19,7 +19,7 @@ from hil.identify.timing import LATE, real_delay
 from hil.models import catalogue
 
 __all__ = [
-    "NOTHING", "Candidate", "Evidence", "floor_of", "gather", "in_time", "possible_terms",
+    "NOTHING", "Candidate", "Evidence", "floor_of", "gather", "in_time", "possible_terms", "priced",
 ]  # fmt: skip
 
 FloatArray = NDArray[np.float64]
@@ -87,7 +87,7 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
         terms = [t for t in terms if not t.effect.sudden]
     found = try_all(projector, result, terms)
     floor = _floor(found, projector, result)
-    _judge(found, floor, result)
+    priced(found, floor, result)
     detect(found, projector, floor, result, seed)
     denoise.mark(found, projector)
     # scores that agree to four digits keep the order of the catalogue
@@ -149,7 +149,8 @@ def _collect(d: int, term: Term, problem: object, extra: list[list[FloatArray]])
             extra[j].append(part)
 
 
-def _judge(found: list[Candidate], floor: Floor, result: FitResult) -> None:
+def priced(found: list[Candidate], floor: Floor, result: FitResult) -> None:
+    """Put chi2, standard errors and price of candidates in units of the floor's noise."""
     effective = floor.effective(result.problem)
     noise = np.maximum((floor.scale / result.sigma) ** 2 * floor.inflation, 1e-300)
     for c in found:

@@ -12,8 +12,9 @@ variables carry the missing structure; a small one everywhere says that it is no
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy.linalg
@@ -28,6 +29,8 @@ from hil.models.motion import Motion
 from hil.models.network import PLACE, SPEED, dictionary, input_sets
 
 FloatArray = NDArray[np.float64]
+#: Makes columns (n, m).
+Make = Callable[[], FloatArray]
 FOLDS, SECONDS, STRENGTHS = 5, 0.5, (1e-4, 1e-3, 1e-2, 1e-1)
 #: Errors within this factor of the floor leave nothing to explain.
 REST = 1.10
@@ -103,8 +106,8 @@ def foretold(result: FitResult) -> dict[int, float] | None:
     out = {}
     for j in np.flatnonzero(~problem.holds).tolist():
         before = max(_left_out(result, np.zeros((problem.n, 0)), j), 1e-300)
-        sets = (c for what, _, c in _sets(problem, j) if what != "t" and " and " not in what)
-        out[j] = max(1.0 - _left_out(result, c, j) / before for c in sets)
+        sets = (make for what, _, make in _sets(problem, j) if what != "t" and " and " not in what)
+        out[j] = max(1.0 - _left_out(result, make(), j) / before for make in sets)
     return out
 
 
@@ -127,7 +130,7 @@ def hidden(result: FitResult, falls: dict[int, float]) -> list[Share]:
 def _of_joint(result: FitResult, floor: float, j: int) -> list[Share]:
     problem, joint = result.problem, result.problem.joints[j]
     before = _left_out(result, np.zeros((problem.n, 0)), j)
-    found = [(what, words, _left_out(result, c, j)) for what, words, c in _sets(problem, j)]
+    found = [(what, words, _left_out(result, make(), j)) for what, words, make in _sets(problem, j)]
     least = min([floor, *(e for _, _, e in found)])
     out = []
     for what, words, after in found:
@@ -138,26 +141,34 @@ def _of_joint(result: FitResult, floor: float, j: int) -> list[Share]:
     return out
 
 
-def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, FloatArray]]:
-    """Short name, words and filtered columns (n, m) of every set of inputs."""
-    own = problem.joints[j]
+def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, Make]]:
+    """Short name, words and filtered columns (n, m), made when asked, of every set of inputs."""
+    own, names = problem.joints[j], problem.joints
+
+    def seen(raw: Callable[[Motion], FloatArray]) -> Make:
+        return lambda: problem.gated([raw(m) for m in problem.motions], j)
+
     for shape in input_sets(problem.motions[0], j):
-        columns = problem.gated([dictionary(m, j, shape) for m in problem.motions], j)
+        columns = seen(partial(dictionary, j=j, shape=shape))
         if shape[0] == SPEED:
             yield f"qd of {own}", "its own speed", columns
         elif shape[0] == PLACE:
             yield f"q,qd of {own}", "its position and speed", columns
         else:
-            other = problem.joints[int(shape[0]) - 1]
+            other = names[int(shape[0]) - 1]
             yield f"qd of {own} and {other}", f"its speed and that of {other}", columns
-    place = problem.gated([_bumps(m.q[:, j], m.span[j], FINE) for m in problem.motions], j)
-    yield f"q of {own}", "its position in detail", place
+    yield f"q of {own}", "its position in detail", seen(partial(_places, j=j))
     for k in range(problem.d) if problem.d <= NEAR else ():
         if k != j:
-            rubs = problem.gated([_rubs(m, j, k) for m in problem.motions], j)
-            yield f"q of {problem.joints[k]}", f"the position of {problem.joints[k]}", rubs
-    trend = problem.gated([_trend(m.since, m.sign(j), m.qd[:, j]) for m in problem.motions], j)
+            rubs = seen(partial(_rubs, j=j, k=k))
+            yield f"q of {names[k]}", f"the position of {names[k]}", rubs
+    trend = seen(partial(_trend, j=j))
     yield "t", "time (offset, dry and viscous friction that change slowly)", trend
+
+
+def _places(m: Motion, j: int) -> FloatArray:
+    """Functions of joint j's position."""
+    return _bumps(m.q[:, j], m.span[j], FINE)
 
 
 def _bumps(q: FloatArray, span: FloatArray, count: int) -> FloatArray:
@@ -174,8 +185,9 @@ def _rubs(m: Motion, j: int, k: int) -> FloatArray:
     return np.concatenate([each, each * m.sign(j)[:, None]], axis=1)
 
 
-def _trend(t: FloatArray, sign: FloatArray, v: FloatArray) -> FloatArray:
+def _trend(m: Motion, j: int) -> FloatArray:
     """cos(pi k t / T) times 1, sgn v and v, shape (n, 3 (TREND + 1))."""
+    t, sign, v = m.since, m.sign(j), m.qd[:, j]
     waves = np.cos(np.pi * np.arange(TREND + 1) * t[:, None] / max(float(t[-1]), 1e-9))
     return np.concatenate([waves, waves * sign[:, None], waves * v[:, None]], axis=1)
 

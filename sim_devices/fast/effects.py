@@ -57,7 +57,8 @@ EFFECTS: dict[str, Law] = {
     "position-friction": Law("triangular", {"rub": 0.006}, {"rub_cycles": 14.0}),
     "load-friction": Law("|load|^1.3", {"load_rub": 0.01}),
     "coupled-friction": Law("friction state of another joint", {"couple": 0.005}, needs="arm"),
-    "friction-drift": Law("t / (t + 8 s)", {"fade": 0.006}),
+    # no more can be lost than the motors' 8.5 mN m and more
+    "friction-drift": Law("t / (t + 8 s)", {"fade": 0.006}, most=1.4),
     "elastic-transmission": Law("two masses", {"give": 0.01}, most=20.0),
     "hardening-cable": Law("rational softness at zero", {"soft": 4.0}, {"soft_at": 1e-3}),
     "backlash": Law("dead zone between two masses", {"slack": 2e-3}, most=10.0),

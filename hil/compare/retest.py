@@ -1,0 +1,170 @@
+"""Accepted effects tested again beside all that came after them.
+
+An effect is named against what the model still lacks at that time.  What is found later on the
+same joint clears the view: the effect may have become superfluous, or another one may do better
+in its place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hil.compare import denoise
+from hil.compare.attribute import choose, kindred, physical, simplest_first
+from hil.compare.candidate import Candidate, try_all
+from hil.compare.credible import credible
+from hil.compare.evidence import possible_terms, priced
+from hil.compare.findings import Accepted, Step, describe
+from hil.compare.floor import Floor
+from hil.compare.heldout import Examiner
+from hil.identify.design import Term, head
+from hil.identify.problem import Problem
+from hil.identify.projector import Projector
+from hil.identify.solve import solve
+from hil.identify.timing import LATE, fit_aligned
+from hil.models.model import RobotModel, Use, Value
+
+#: An effect without which its joint's error rises by this factor is not superfluous.
+NEEDED = 1.05
+#: Factor within which two held-out errors are the same.
+SAME = 1.002
+
+
+def as_use(c: Candidate, problem: Problem) -> Use:
+    """A candidate as a part of a model, its shape as the starting value."""
+    effect = c.term.effect
+    start = head(effect, c.term.joint)
+    values = {
+        f"{start}.{p.name}": Value(v, unit=p.unit)
+        for p, v in zip(effect.shape, c.term.shape, strict=True)
+    }
+    options: dict[str, object] = {"per_run": True} if c.term.per_run else {}
+    joints = ("*",) if effect.of_robot else (problem.joints[c.term.joint],)
+    return Use(effect.name, joints, options, values)
+
+
+def refitted(label: str, model: RobotModel, examine: Examiner, now: Step) -> Step:
+    """Rung of another model, fitted from the residual scales of the present one."""
+    result = fit_aligned(now.result.problem, model, now.result.sigma)
+    return Step(label, result, examine(result))
+
+
+def drop_superfluous(found: list[Accepted], ladder: list[Step], examine: Examiner) -> None:
+    """Take out an accepted effect that later ones have made superfluous."""
+    now = ladder[-1]
+    for k, (c, _, _) in enumerate(found[:-1]):
+        use = as_use(c, now.result.problem)
+        model = now.result.model
+        rest = tuple(u for u in model.effects if (u.type, u.joints) != (use.type, use.joints))
+        if len(rest) == len(model.effects) or _needed(c, found[k + 1 :], now):
+            continue
+        label = f"- {describe(c, now.result.problem)} (superfluous)"
+        step = refitted(label, replace(model, effects=rest), examine, now)
+        if step.heldout.rms[c.joint] <= SAME * now.heldout.rms[c.joint]:
+            found.pop(k)
+            ladder.append(step)
+            return
+
+
+def _needed(candidate: Candidate, later: list[Accepted], now: Step) -> bool:
+    """Whether an effect is plainly needed, so that no full fit without it has to show it.
+
+    The coefficients alone are fitted without it; shapes may only make up for it where a later
+    effect shares its joint.
+    """
+    j, result = candidate.joint, now.result
+    near = any(c.joint == j or c.term.effect.whole_robot for c, _, _ in later)
+    if near or candidate.term.effect.whole_robot or candidate.term.effect.replaces:
+        return False
+    terms = [t for t in result.terms if t.key != candidate.term.key]
+    *_, residual = solve(result.problem, terms, result.model, result.sigma)
+    return bool(result.problem.rms(residual)[j] > NEEDED * result.rms[j])
+
+
+def look_again(
+    found: list[Accepted], ladder: list[Step], floor: Floor, examine: Examiner
+) -> bool:  # fmt: skip
+    """Choose again among all forms of an effect, beside those found after it on its joint.
+
+    Confidence and rivals become what the whole model says; a name that another one beats is
+    changed if the model with the other one does at least as well on the held-out data, else the
+    other one is a rival.  The ladder then shows the new names.
+
+    Returns
+    -------
+    bool
+        Whether the ladder has changed.
+    """
+    changed = False
+    for k in range(len(found) - 1):
+        order, projector = _forms(found, k, ladder[-1], floor)
+        if not order:
+            continue
+        now = found[k][0]
+        if order[0].term.key != now.term.key and _swap(
+            found, k, choose(order, projector), ladder, examine, floor
+        ):
+            changed = True
+            continue
+        own = [x for x in order if x.term.key == now.term.key]
+        if own:
+            rest = [x for x in order if x is not own[0]]
+            found[k] = (now, *choose([*own, *rest], projector)[1:])
+    return changed
+
+
+def _forms(
+    found: list[Accepted], k: int, now: Step, floor: Floor
+) -> tuple[list[Candidate], Projector]:
+    """All that could stand in the place of an accepted effect, best first; none where it shares
+    its joint with no later one, or stands for terms that the model would need again.
+    """
+    result, c = now.result, found[k][0]
+    later = [x for x, _, _ in found[k + 1 :]]
+    rest = [t for t in result.terms if t.key != c.term.key]
+    projector = Projector(result.problem, rest, result.sigma)
+    near = any(x.joint == c.joint for x in later)
+    if not near or c.term.effect.of_robot or c.term.effect.replaces:
+        return [], projector
+    own = [t for t in result.terms if t.key == c.term.key]
+    terms = [t for t in possible_terms(result)[0] if t.joint == c.joint and _comparable(t, c)]
+    tried = try_all(projector, result, [t.reshaped(()) for t in own] + terms)
+    priced(tried, floor, result)
+    denoise.mark(tried, projector)
+    motion = result.problem.motions[0]
+    sound = [
+        x for x in tried
+        if x.score > 0 and not x.smoother and x.absorbed < 0.9999 and physical(x, motion)
+        and not any(kindred(x, y) for y in later)
+    ]  # fmt: skip
+    return simplest_first(sorted(sound, key=lambda x: -float(f"{x.score:.4g}"))), projector
+
+
+def _comparable(term: Term, c: Candidate) -> bool:
+    """Whether a term may take the place of an accepted effect.
+
+    A line over time stands alone or not at all, and the slow motion has shown a lateness or not.
+    """
+    effect = term.effect
+    if effect.of_robot or effect.spectral or effect.sudden or effect.replaces:
+        return False
+    return effect.name not in LATE or c.name in LATE
+
+
+def _swap(
+    found: list[Accepted], k: int, other: Accepted, ladder: list[Step], examine: Examiner,
+    floor: Floor,
+) -> bool:  # fmt: skip
+    """Give an accepted effect another name, and make the ladder anew; whether that holds."""
+    problem, j = ladder[0].result.problem, found[k][0].joint
+    names = [*found[:k], other, *found[k + 1 :]]
+    steps = ladder[:1]
+    for c, _, _ in names:
+        model = steps[-1].result.model + as_use(c, problem)
+        steps.append(refitted(f"+ {describe(c, problem)}", model, examine, steps[-1]))
+        if c is other[0] and not credible(steps[-1], steps[-2], c, floor.rms):
+            return False
+    if steps[-1].heldout.rms[j] > SAME * ladder[-1].heldout.rms[j]:
+        return False
+    found[:], ladder[:] = names, steps
+    return True
