@@ -135,7 +135,8 @@ def _next(
         step = refitted(f"+ {describe(c, problem)}", model, examine, now)
         pays = _worth(step, now, ladder[0], c, evidence.floor.rms)
         if pays and credible(step, now, c, evidence.floor.rms):
-            worse = [x for x, other in failed if _worse(other, step, c.joint)]
+            floor = float(evidence.floor.rms[c.joint])
+            worse = [x for x, other in failed if _worse(other, step, now, c.joint, floor)]
             rest = [x for x in pool if x is not c and x not in worse]
             found.append((c, *choose([c, *rest], projector)[1:]))
             return step
@@ -154,9 +155,15 @@ def _imitates(c: Candidate, other: Candidate) -> bool:
     return other.joint == c.joint and other.parts[c.joint] > MORE * c.parts[c.joint]
 
 
-def _worse(failed: Step, step: Step, j: int) -> bool:
-    """Whether a candidate that did not help is refuted by the held-out data, not just smaller."""
-    return step.heldout.gain(failed.heldout, j) > REFUTED
+def _worse(failed: Step, step: Step, now: Step, j: int, floor: float) -> bool:
+    """Whether the held-out data refute a candidate that did not help.
+
+    Beyond chance, and by a share of the excess that matters: two forms of one cause differ by less,
+    and every time in the same direction.
+    """
+    other, own, before = (s.heldout.rms[j] ** 2 for s in (failed, step, now))
+    matters = other - own > SHARE * (before - floor**2)
+    return bool(matters and step.heldout.gain(failed.heldout, j) > REFUTED)
 
 
 def _worth(step: Step, now: Step, first: Step, c: Candidate, floor: FloatArray) -> bool:

@@ -22,6 +22,8 @@ from hil.identify.regression import basis
 from hil.models.effect import Effect
 
 FloatArray = NDArray[np.float64]
+#: Relative error of a coefficient that was put on its bound in other units.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -213,8 +215,11 @@ def _kept(
 
 
 def within(effect: Effect, beta: FloatArray) -> bool:
-    """Whether all coefficients (m,) lie within their bounds."""
-    return all(p.lower <= b <= p.upper for p, b in zip(effect.params, beta, strict=False))
+    """Whether all coefficients (m,) lie within their bounds, or on them but for rounding."""
+    return all(
+        p.lower - ROUNDING * abs(p.lower) <= b <= p.upper + ROUNDING * abs(p.upper)
+        for p, b in zip(effect.params, beta, strict=False)
+    )
 
 
 def _counted(effect: Effect, scores: Scores) -> FloatArray:

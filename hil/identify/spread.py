@@ -2,7 +2,8 @@
 
 At the optimum the model is linear in both:  d y = X d theta + J d s.  The sandwich covariance
 over blocks of time is taken of [X, J], so a shape that is uncertain widens the coefficients
-that trade off with it, and coloured residuals count as what they are.
+that trade off with it, and coloured residuals count as what they are.  A coefficient b
+that its bound holds does not trade off:  var(s | b) = V_ss - V_sb V_bb^-1 V_bs.
 
 Source: Golub and Pereyra, Inverse Problems 19, 2003 (separable least squares); Liang and
 Zeger, Biometrika 73, 1986.
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.identify.blocks import time_blocks
+from hil.identify.bounds import limits
 from hil.identify.design import Term
 from hil.identify.jacobian import end_of_range, searched, with_shapes
 from hil.identify.problem import Problem
@@ -74,8 +76,13 @@ def spread(
     b = with_shapes(problem, terms, theta, slices, b, sigma, free)
     blocks = np.tile(time_blocks(problem), problem.d)
     weighted = (residual / sigma[:, None]).reshape(-1)
-    stderr = np.sqrt(np.diag(cluster_covariance(weighted, b, blocks)))
+    covariance = cluster_covariance(weighted, b, blocks)
+    stderr = np.sqrt(np.diag(covariance))
     known, p = b.identifiable(), theta.size
+    low, high = limits(terms, problem)
+    held = (theta <= low) | (theta >= high)
+    for i, k in enumerate(free):
+        stderr[p + i] = _given(covariance, p + i, slices[k].start + np.flatnonzero(held[slices[k]]))
     found = {
         k: ShapeError(float(stderr[p + i]) if known[p + i] else float("nan"), False, bool(ok))
         for i, (k, ok) in enumerate(zip(free, known[p:], strict=True))
@@ -90,3 +97,12 @@ def spread(
         for k, t in enumerate(terms)
     ]
     return Spread(stderr[:p], known[:p], shapes)
+
+
+def _given(covariance: FloatArray, s: int, held: NDArray[np.int_]) -> float:
+    """Standard error of value number s, given others that are held."""
+    across = covariance[s, held]
+    own = covariance[np.ix_(held, held)]
+    # V_ss - V_sb V_bb^-1 V_bs
+    left = covariance[s, s] - across @ np.linalg.pinv(own, hermitian=True) @ across
+    return float(np.sqrt(max(left, 0.0)))
