@@ -8,6 +8,7 @@ from hil.commands import common
 from hil.compare.analysis import Rung
 from hil.compare.fallback import told
 from hil.compare.findings import Diagnosis, Finding
+from hil.compare.judge import only_there
 from hil.compare.multistep import MultiStep
 from hil.compare.sessions import CODE as DIFFER
 from hil.compare.tables import at_issue_of
@@ -27,7 +28,7 @@ SENTENCES = {
 
 def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     """The diagnosis for a terminal; `verbose` also explains what no motion could ever tell."""
-    lines = [f"Verdict: {verdict(d.verdict, d.warnings)}"]
+    lines = [f"Verdict: {verdict(d)}"]
     if d.verdict == "not-identifiable":
         lines += [f"  {w}." for _, w in d.warnings]
     for f in d.findings:
@@ -63,14 +64,19 @@ def _left(d: Diagnosis) -> list[str]:
     return ["", f"  {left}"] if left else []
 
 
-def verdict(name: str, warnings: list[tuple[str, str]]) -> str:
-    """A verdict as a sentence."""
-    if name == "adequate" and any(code == DIFFER for code, _ in warnings):
+def verdict(d: Diagnosis) -> str:
+    """The verdict as a sentence."""
+    if d.verdict == "adequate" and any(code == DIFFER for code, _ in d.warnings):
         return (
             "adequate for what was fitted: the model explains that down to the noise floor, but "
             "not the held-out data."
         )
-    return SENTENCES[name]
+    if d.verdict == "unexplained" and only_there(d.ladder[-1], d.last, d.noise):
+        return (
+            "unexplained: the model explains what was fitted down to the noise floor, but not the "
+            "held-out data."
+        )
+    return SENTENCES[d.verdict]
 
 
 def _notes(d: Diagnosis) -> list[str]:

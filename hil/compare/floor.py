@@ -78,6 +78,10 @@ class Floor:
         """
         return bool(rms[j] > min(ADEQUATE * self.rms[j], APART * self.scale[j]))
 
+    def met(self, rms: FloatArray) -> bool:
+        """Whether all errors (d,) are down to the floor."""
+        return bool(np.all(rms <= ADEQUATE * self.rms))
+
 
 def smooth_features(problem: Problem, j: int) -> FloatArray:
     """Smooth functions of position and speeds for joint j, filtered, shape (n, m); made once."""

@@ -24,6 +24,9 @@ WORTHLESS, ALONE = 0.05, 0.5
 HALF, WHOLE = 0.45, 0.80
 #: Standard errors that a share on held-out runs may lack.
 CHANCE = 2.0
+#: Factor over their own floor from which held-out runs refute a model that nothing was added to:
+#: their floor and their error are each known to a factor of ADEQUATE, and there is chance.
+REFUTED = 1.25
 #: Share of time at standstill that is worth a note.
 STILL = 0.05
 
@@ -85,12 +88,14 @@ def _open(
     ladder: list[Step], found: list[Accepted], findings: list[Finding], last: Evidence,
     floor: FloatArray, heldout_floor: FloatArray | None,
 ) -> list[int]:  # fmt: skip
-    """Joints whose names do not account for what stands above the floor."""
+    """Joints whose names do not account for what stands above the floor, here or held out."""
     problem = ladder[0].result.problem
     start, end = ladder[0].result.rms, ladder[-1].result.rms
     excess, left = start**2 - floor**2, np.maximum(end**2 - floor**2, 0.0)
     here = ~problem.holds & (end > ADEQUATE * floor) & (left > (1 - EXPLAINED) * excess)
     here &= smoothed(last, ladder[-1].result) < EXPLAINED * left
+    if not found and heldout_floor is not None:
+        here |= refuted(ladder[-1], heldout_floor)
     named = {c.joint for c, _, _ in found}
     worthless = {f.joint for f in findings if _worthless(f)}
     return [
@@ -99,6 +104,20 @@ def _open(
         or (j in named and _there(ladder, found, heldout_floor, j) < EXPLAINED)
         or (joint in worthless and start[j] > ADEQUATE * floor[j])
     ]  # fmt: skip
+
+
+def refuted(step: Step, floor: FloatArray) -> NDArray[np.bool_]:
+    """Joints (d,) where held-out runs are far above their own floor; none without such runs."""
+    moves = ~step.result.problem.holds & (step.heldout.kind == "holdout")
+    return np.asarray(moves & (step.heldout.rms > REFUTED * floor))
+
+
+def only_there(step: Step, last: Evidence, floor: FloatArray) -> bool:
+    """Whether the fitted runs are down to their floor, and held-out ones far above theirs.
+
+    Something acts where the fitted motion does not go, or the rig has changed.
+    """
+    return last.floor.met(step.result.rms) and bool(np.any(refuted(step, floor)))
 
 
 def _worthless(f: Finding) -> bool:

@@ -13,7 +13,7 @@ from hil.compare.changes import CODE as CHANGED
 from hil.compare.fallback import told
 from hil.compare.findings import Finding
 from hil.compare.floor import ADEQUATE, EFFORT_ACCURACY, SENSOR_ACCURACY
-from hil.compare.judge import EXPLAINED
+from hil.compare.judge import EXPLAINED, only_there
 from hil.compare.material import COMPARED, Material
 from hil.compare.page import number
 from hil.compare.sessions import ADVICE, BOTH, SAID
@@ -117,6 +117,10 @@ def headline(m: Material) -> str:
         return "The model is adequate: it explains the data down to the noise floor."
     if m.verdict == "unexplained":
         j = m.concerned(1)[0]
+        if only_there(m.after, m.last, m.floor):
+            return (
+                f"The model explains what was fitted, but not {m.joints[j]} in the held-out data."
+            )
         return f"Something is missing on {m.joints[j]}, and no effect of the catalogue explains it."
     if m.verdict == "not-identifiable":
         return "Nothing can be concluded from these data, neither for nor against the model."
