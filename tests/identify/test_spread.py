@@ -50,6 +50,20 @@ def test_stated_errors_are_the_scatter(noise: float, rho: float) -> None:
         assert not any(r[name].at_bound for r in results)
 
 
+def test_a_coefficient_on_its_bound_does_not_widen_its_shape() -> None:
+    # the whole effort is late: share and delay trade off until the share's bound holds it
+    def late(seed: int) -> dict[str, Value]:
+        run = axis(seed, noise=0.2)
+        moved = Recording("axis", "arm", run.joints, run.t[:-3], run.q[:-3], run.tau[3:])
+        return fitted(moved, AXIS + "stribeck" + "delay").values
+
+    results = [late(s) for s in range(20)]
+    assert sum(r["j1.delay.a"].at_bound for r in results) > 15
+    held = [r["j1.delay.T"] for r in results if r["j1.delay.a"].at_bound]
+    stated = np.sqrt(np.mean([v.stderr**2 for v in held]))
+    assert 1 / 1.5 < stated / np.std([v.value for v in held]) < 2.0
+
+
 def test_an_uncertain_shape_widens_the_coefficients() -> None:
     free = fitted(axis(0), AXIS + "stribeck").values
     held = {n: Value(free[n].value) for n in ("j1.stribeck.vs", "j1.stribeck.n")}

@@ -6,12 +6,14 @@ import pytest
 from controllers import multisine
 from controllers.joint_tracking import JointTracking, JointTrackingConfig
 from hil.bench import hidden
+from hil.bench.diagnosis import amplitudes
 from hil.bench.diagnosis.amplitudes import base_rms
 from hil.record.reader import load
 from hil.record.recording import Recording
 from hil.rigs import rig_path
-from sim_devices.fast import session
+from sim_devices.fast import laws, session
 from sim_devices.fast.effects import EFFECTS
+from sim_devices.plants import friction
 
 SECONDS = 30.0
 
@@ -67,6 +69,25 @@ def test_every_effect_changes_the_session(effect):
     loud = session.simulate(reference, push, [row], "white", 4)
     assert any(not np.array_equal(quiet[k], loud[k]) for k in quiet)
     assert all(np.isfinite(x).all() for x in loud.values())
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+@pytest.mark.parametrize("effect", ["friction-drift", "position-friction", "load-friction"])
+def test_friction_brakes_at_any_amplitude(effect, joint):
+    # what is lost of friction cannot be more than there is
+    own = f"{effect}/{joint + 1}/"
+    most = max(max(a) for name, a in amplitudes.table().items() if name.startswith(own))
+    row = {"effect": effect, "joint": joint, "amplitude": most}
+    p = session.plant([row], "white", locked=False)[0]
+    x = session.start(p, np.zeros(3))
+    for side in (-1.0, 1.0):
+        x["vm"][0, joint], x["sm"][0, joint] = side, side
+        for place in np.linspace(-0.6, 0.6, 25):
+            x["qm"][0, joint] = place
+            for t in (0.0, 5.0, 25.0):
+                total = friction.motor_side(p[0], x[0], joint, 0.02)
+                total += laws.motor_friction(p[0], x[0], joint, t, 0.02, 1e-4)
+                assert total * side > 0
 
 
 def test_a_locked_arm_is_a_single_axis():
