@@ -7,6 +7,7 @@ import argparse
 from hil.commands import common
 from hil.commands.diagnose import add_verbose, code, show
 from hil.compare import analysis
+from hil.compare.ambiguity import CONFIDENT
 
 HELP = "diagnose and add effects until nothing more is justified; the error ladder"
 EXAMPLE = "hil improve run.mcap --model arm.toml -o better.toml --report ladder.html"
@@ -30,4 +31,8 @@ def run(args: argparse.Namespace) -> int:
     show(args, result)
     if args.output and result.ladder and not args.json:
         common.out(f"{'improved model' if result.findings else 'model, refitted'}: {args.output}")
+        for f in result.findings:
+            if f.confidence < CONFIDENT:
+                names = " or ".join([f"{f.effect} on {f.joint or 'the robot'}", *f.rivals])
+                common.out(f"  not settled: {names}; these data fit either")
     return code(result)

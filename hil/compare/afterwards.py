@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from hil.compare.common import common
 from hil.compare.fallback import explainable, foretold, hidden
 from hil.compare.findings import Diagnosis
 from hil.compare.heldout import Examiner
@@ -58,6 +59,8 @@ def finish(
         if out.network:
             out.verdict = "unexplained"
     _with_errors(out)
+    holds = zip(result.problem.joints, result.problem.holds, strict=True)
+    out.warnings += common(out.findings, [name for name, still in holds if not still])
     return out
 
 

@@ -11,6 +11,7 @@ from hil.compare.diagnose import diagnose
 from hil.compare.evidence import Evidence, gather
 from hil.compare.findings import Diagnosis, Step
 from hil.compare.heldout import Examiner, HeldOut
+from hil.compare.judge import noticed
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep, both, each
 from hil.compare.sessions import differences
@@ -130,7 +131,8 @@ def compare(
     floor = examine.floor(result, evidence)
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
-    faults += [Fault(code, "warning", "", x) for code, x in differences(alike, examine)]
+    notes = differences(alike, examine) + noticed(evidence, result)
+    faults += [Fault(code, "warning", "", x) for code, x in notes]
     return Comparison(
         result, heldout, evidence, where, both(result, problem), faults, floor, model.valid
     )

@@ -90,6 +90,12 @@ class Change:
         )
 
 
+def told(found: Sequence[Change]) -> list[tuple[str, str]]:
+    """Notes (code, sentence), the last with what to do."""
+    texts = [c.text for c in found]
+    return [(CODE, t) for t in [*texts[:-1], *(f"{t}; {ADVICE}" for t in texts[-1:])]]
+
+
 def changes(result: FitResult, projector: Projector | None = None) -> tuple[Change, ...]:
     """The change that explains most, joint by joint, where the error falls by a tenth or more.
 

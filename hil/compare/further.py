@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hil.compare import words
+from hil.compare import advice
 from hil.compare.ambiguity import Indistinguishable, at_issue, concerned
 from hil.compare.material import COMPARED, Material
 from hil.compare.page import folded, items, paragraph, section, table
@@ -20,7 +20,7 @@ def further(m: Material) -> str:
         parts.append(paragraph("No two of the plausible effects coincide with this motion."))
     if m.unseen:
         parts += [paragraph("What this motion could not show:"), items([u.text for u in m.unseen])]
-    steps = [f"{f.effect}: {words.shown_by(f.effect)}" for f in (*m.findings, *m.partial)]
+    steps = [f"{f.effect}: {advice.shown_by(f.effect)}" for f in (*m.findings, *m.partial)]
     if steps:
         parts += [paragraph("What to measure next, to confirm each effect:"), items(steps)]
     notes = [

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.ambiguity import CONFIDENT
-from hil.compare.changes import ADVICE
-from hil.compare.changes import CODE as CHANGED
+from hil.compare.changes import told
 from hil.compare.denoise import shaken, smoothed
 from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
 from hil.compare.floor import ADEQUATE
 from hil.identify.problem import Problem
+from hil.identify.result import FitResult
 from hil.identify.standstill import HELD
 
 FloatArray = NDArray[np.float64]
@@ -75,13 +75,15 @@ def judge(
 
 def _with_changes(out: Diagnosis) -> Diagnosis:
     """The diagnosis with what changed at once; what is adequate but for that is not."""
-    texts = [c.text for c in out.last.changes]
-    out.warnings += [(CHANGED, t) for t in texts[:-1]]
-    out.warnings += [(CHANGED, f"{t}; {ADVICE}") for t in texts[-1:]]
-    out.warnings += shaken(out.last, out.ladder[-1].result)
-    if texts and out.verdict == "adequate":
+    out.warnings += noticed(out.last, out.ladder[-1].result)
+    if out.last.changes and out.verdict == "adequate":
         out.verdict = "unexplained"
     return out
+
+
+def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
+    """Notes (code, sentence) on values that changed at once and on noise that is no physics."""
+    return told(evidence.changes) + shaken(evidence, result)
 
 
 def _open(
@@ -204,15 +206,7 @@ def _warnings(ladder: list[Step], last: Evidence) -> list[tuple[str, str]]:
         (f"impossible-{name}", f"{name} cannot be tested: {why}") for name, why in last.impossible
     ]
     result = ladder[-1].result
-    held = [j for j, h in zip(result.problem.joints, result.problem.holds, strict=True) if h]
-    if held:
-        out.append(
-            (
-                "holds",
-                f"{', '.join(held)}: only held in place (within {HELD:.0f} steps of the encoder), "
-                "so nothing is named there; diagnose it together with a session that moves it",
-            )
-        )
+    out += _held(result)
     still = 1.0 - result.problem.count / result.problem.n
     for j in np.flatnonzero(still > STILL):
         out.append(
@@ -235,3 +229,21 @@ def _warnings(ladder: list[Step], last: Evidence) -> list[tuple[str, str]]:
             )
         )
     return out
+
+
+def _held(result: FitResult) -> list[tuple[str, str]]:
+    """Notes on joints that hold their place; one that reads the same throughout may be blind."""
+    problem = result.problem
+    held = [j for j, holds in enumerate(problem.holds) if holds]
+    if not held:
+        return []
+    names = [problem.joints[j] for j in held]
+    dead = [
+        problem.joints[j] for j in held if all(np.ptp(r.q[:, j]) == 0 for r in problem.recordings)
+    ]
+    blind = f"; {', '.join(dead)} never changes by a single count: a brake, or a dead encoder?"
+    text = (
+        f"{', '.join(names)}: only held in place (within {HELD:.0f} steps of the encoder), so "
+        "nothing is named there; diagnose it together with a session that moves it"
+    )
+    return [("holds", text + (blind if dead else ""))]

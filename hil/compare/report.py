@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from hil.compare import words
+from hil.compare import advice, words
 from hil.compare.adding import Files, command
 from hil.compare.analysis import Comparison, Rung
 from hil.compare.candidateplot import candidates_figure, candidates_table
@@ -73,7 +73,7 @@ def top(m: Material, files: Files | None = None) -> str:
     )
     lines_to_type = command(m, files)
     pre = f"<pre>{escape(lines_to_type)}</pre>" if lines_to_type else ""
-    after = f'<div class="next"><b>What to do next</b>{items(words.next_steps(m))}{pre}</div>'
+    after = f'<div class="next"><b>What to do next</b>{items(advice.next_steps(m))}{pre}</div>'
     return box + after
 
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from hil.compare.ambiguity import CONFIDENT
 from hil.compare.changes import CODE as CHANGED
+from hil.compare.common import CODE as COMMON
 from hil.compare.fallback import told
 from hil.compare.findings import Finding
 from hil.compare.floor import ADEQUATE, EFFORT_ACCURACY, SENSOR_ACCURACY
 from hil.compare.judge import EXPLAINED, only_there
 from hil.compare.material import COMPARED, Material
 from hil.compare.page import number
-from hil.compare.sessions import ADVICE, BOTH, SAID
 from hil.compare.sessions import CODE as DIFFER
 from hil.errors import ConfigError
 from hil.models import catalogue
@@ -38,7 +38,7 @@ ORIGIN = {
     "smooth functions of all positions and speeds).",
 }
 #: Codes of warnings that stand beside the verdict.
-LEADING = (DIFFER, CHANGED)
+LEADING = (DIFFER, CHANGED, COMMON)
 
 
 def meaning(effect: str) -> str:
@@ -54,7 +54,8 @@ def where(f: Finding) -> str:
     return f"{f.effect} on {f.joint}" if f.joint else f.effect
 
 
-def _list(names: list[str]) -> str:
+def listed(names: list[str]) -> str:
+    """Names as a sentence lists them: a, b and c."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -84,12 +85,16 @@ def worst(m: Material) -> int:
 
 def apart(m: Material) -> list[str]:
     """Sentences on held-out sessions that differ from the fitted ones."""
-    return [f"{text}." for code, text in m.warnings if code == DIFFER]
+    return _said(m, DIFFER)
 
 
 def changed(m: Material) -> list[str]:
     """Sentences on values that changed at once."""
-    return [f"{text}." for code, text in m.warnings if code == CHANGED]
+    return _said(m, CHANGED)
+
+
+def _said(m: Material, which: str) -> list[str]:
+    return [f"{text}." for code, text in m.warnings if code == which]
 
 
 def tone(m: Material) -> str:
@@ -99,13 +104,13 @@ def tone(m: Material) -> str:
 
 def headline(m: Material) -> str:
     """The verdict in one sentence."""
-    names = _list([where(f) for f in m.findings]) if m.findings else ""
+    names = listed([where(f) for f in m.findings]) if m.findings else ""
     if m.verdict == "missing-effect":
         sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
         perhaps = [where(f) for f in m.findings if f.confidence < CONFIDENT]
         lead = f"{len(sure)} effects: " if len(sure) > 1 else ""
-        tail = f", and perhaps {_list(perhaps)}" if perhaps else ""
-        return f"The model lacks {lead}{_list(sure)}{tail}."
+        tail = f", and perhaps {listed(perhaps)}" if perhaps else ""
+        return f"The model lacks {lead}{listed(sure)}{tail}."
     if m.verdict == "ambiguous":
         return (
             f"Something is missing, most likely {names}, but these data do not settle which effect "
@@ -134,7 +139,7 @@ def headline(m: Material) -> str:
 
 def details(m: Material) -> list[str]:
     """Sentences below the headline: effect, confidence, error before and after, floor."""
-    out = [_finding(m, f) for f in m.findings] + apart(m) + changed(m)
+    out = [_finding(m, f) for f in m.findings] + apart(m) + changed(m) + _said(m, COMMON)
     for f in m.partial:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it accounts for "
@@ -180,49 +185,6 @@ def _errors(m: Material, f: Finding) -> str:
     if f.joint in m.joints:
         text += f", noise floor {m.relative_floor(m.joints.index(str(f.joint))):.2f} %"
     return text
-
-
-def next_steps(m: Material) -> list[str]:
-    """What to do now, in plain words."""
-    named = {f.effect for f in m.findings}
-    rivals = [s for s in m.sets if named & set(s.effects)]
-    motions = [f"{' or '.join(s.effects)}: record {s.experiment}." for s in rivals]
-    if m.verdict == "missing-effect":
-        sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
-        steps = [f"Accept {_list(sure)} as shown below; all parameters are fitted again."]
-        steps += [
-            f"Confirm {where(f)} on a new recording: {shown_by(f.effect)}." for f in m.findings
-        ]
-        return steps
-    fixed = {
-        "adequate": ["Use the model within the range of motion that was recorded.",
-                     "To be sure beyond it, record faster, slower and wider motion."],
-        "unexplained": ["See below where the model fails: there the missing physics sits.",
-                        "Record more motion there; if the cause is known, write it as an effect of "
-                        "your own (one file) and diagnose again."],
-        "not-identifiable": ["Record again as the sentence above says; a fit of these data would "
-                             "give numbers without meaning."],
-        "bad-data": ["Run 'hil info' on the recording; mend, cut or repeat it."],
-        COMPARED: ["Run 'hil diagnose' on the same files to learn which effect is missing."],
-    }  # fmt: skip
-    if m.verdict in ("adequate", "unexplained") and apart(m):
-        what = ADVICE if any(SAID in x for x in apart(m)) else BOTH
-        return [f"{what}.", "Diagnose again."]
-    if m.verdict == "unexplained" and changed(m):
-        return ["Give what was recorded before and after that instant as two sessions.",
-                "Diagnose again."]  # fmt: skip
-    if m.verdict == "ambiguous":
-        wait = "Do not add an effect yet; record the motion that separates the rivals."
-        return [wait, *motions[:3]]
-    return fixed[m.verdict]
-
-
-def shown_by(effect: str) -> str:
-    """Motion that shows an effect."""
-    try:
-        return catalogue.get(effect).shown_by
-    except ConfigError:
-        return "see the effect's own documentation"
 
 
 def origin(m: Material) -> str:

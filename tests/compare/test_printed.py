@@ -52,7 +52,7 @@ def fitted_value(model):
 def test_the_headline_keeps_apart_what_is_sure(run):
     from dataclasses import replace
 
-    from hil.compare import words
+    from hil.compare import advice, words
     from hil.compare.findings import Finding
     from hil.compare.material import from_diagnosis
 
@@ -62,4 +62,4 @@ def test_the_headline_keeps_apart_what_is_sure(run):
     d = replace(d, verdict="missing-effect", findings=[sure, perhaps])
     m = from_diagnosis(d)
     assert words.headline(m) == "The model lacks stribeck on joint1, and perhaps cogging on joint1."
-    assert words.next_steps(m)[0].startswith("Accept stribeck on joint1 as shown")
+    assert advice.next_steps(m)[0].startswith("Accept stribeck on joint1 as shown")
