@@ -17,16 +17,8 @@ import numpy as np
 
 from hil.models.effect import Effect, Param
 from hil.models.motion import FloatArray, Motion
-from hil.models.transmission import (
-    FRICTIONS,
-    LOWEST,
-    MOST,
-    highest,
-    inside,
-    load_size,
-    passing,
-    spring,
-)  # fmt: skip
+from hil.models.passing import load_size, passing
+from hil.models.transmission import FRICTIONS, LOWEST, MOST, highest, inside, spring
 
 #: Tensions that take up half the soft range, in units of the load's standard deviation: tried at
 #: first, and once a resonance is found.  At the largest such a load makes the cable hardly more

@@ -16,8 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.models.effect import Effect, Param, log_grid
-from hil.models.kernels import softened, sprung
+from hil.models.kernels import sprung
 from hil.models.motion import FloatArray, Motion
+from hil.models.passing import link_inertia, load_size, passing
 
 _SPONG = "Spong, J. Dyn. Syst. Meas. Control 109, 1987"
 #: Damping ratios tried.
@@ -58,8 +59,6 @@ FRICTIONS = (0.03, 0.06, 0.1, 0.15, 0.25)
 HARD = 3e-3
 #: Times in which a flank is relieved that are tried [s], the usual one first.
 LAGS = (0.01, 0.003, 0.0055)
-#: Longest step of the integration [s].
-LONGEST = 2e-3
 
 
 def spring(motion: Motion, j: int, shape: Sequence[float]) -> tuple[float, float, FloatArray]:
@@ -192,32 +191,6 @@ class Backlash(Effect):
     ) -> bool:  # fmt: skip
         """A good part of the load lies behind the play; a small one is friction under load."""
         return beta[0] > MOST and super().credible(motion, j, shape, beta, error)
-
-
-def passing(
-    motion: Motion, j: int, soft: tuple[float, float], lag: float, rub: float
-) -> FloatArray:
-    """What a cable (stretch, tension: `softened`) or a play passes, less the load, (n, 1)."""
-    load, speed = (np.ascontiguousarray(x[:, j]) for x in (motion.load, motion.qd))
-    slow, parts = float(motion.resolution[j]), int(np.ceil(motion.dt / LONGEST))
-    inertia = link_inertia(motion, j)
-    passed = softened(load, speed, inertia, motion.dt, *soft, lag, rub, slow, parts)
-    return (passed - load - rub * np.clip(speed / slow, -1.0, 1.0))[:, None]
-
-
-def load_size(motion: Motion, j: int) -> float:
-    """Standard deviation of the load; 1 where there is none."""
-    return float(np.std(motion.load[:, j])) or 1.0
-
-
-def link_inertia(motion: Motion, j: int) -> FloatArray:
-    """Inertia of the link as the joint feels it (n,): of the model, or load by acceleration."""
-    if motion.response is not None:
-        own = motion.response.inertia[:, j, j]
-        if np.min(own) > 0:
-            return np.ascontiguousarray(own)
-    slope = float(np.std(motion.load[:, j]) / max(float(np.std(motion.qdd[:, j])), 1e-12))
-    return np.full(motion.n, max(slope, 1e-12))
 
 
 class VibrationMode(_Resonance):

@@ -10,6 +10,7 @@ import numpy as np
 from hil.errors import DataError
 from hil.record import consistency as physics
 from hil.record import limitcheck
+from hil.record.balance import balance
 from hil.record.finding import Finding
 from hil.record.jumps import described
 from hil.record.jumps import jumps as find_jumps
@@ -151,7 +152,7 @@ def _signs(r: Recording) -> Iterator[Finding]:
     for k in range(r.d):
         if physics.swings(r.q[:, k]) >= 2 and np.ptp(r.tau[:, k]) > 0:
             ext = None if r.tau_ext is None else r.tau_ext[:, k]
-            found[k] = physics.balance(r.t, r.q[:, k], r.tau[:, k], ext)
+            found[k] = balance(r.t, r.q[:, k], r.tau[:, k], ext)
     power = np.diff(r.q, axis=0) * r.tau[:-1]
     total = float(power.sum() / (np.abs(power).sum() or 1.0))
     for k, b in found.items():

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from hil.record.block import Block, appender
+from hil.record.block import Block
+from hil.record.chunk import appender
 from hil.record.frames import SCHEMA, SCHEMA_NAME, TOPIC, FrameLog, encode
 from hil.record.schema import EVENT_SCHEMA, Channel, encoder
 from hil.record.sessionfile import CHUNK_BYTES, FRAME, chunk_closer, create, mcap_writer

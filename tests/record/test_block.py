@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.errors import ConfigError
-from hil.record import block
+from hil.record import chunk
 from hil.record.schema import Channel, encoder, places
 from hil.record.writer import SessionWriter
 
@@ -61,7 +61,7 @@ def test_slow_ticks_close_chunks_by_time(tmp_path):
 def test_another_release_of_mcap_gets_messages(tmp_path, monkeypatch):
     bursts = [(100, 1_000_000, 1), (40, 1_000_000, 2)]
     fast = write(tmp_path / "a.mcap", bursts, True)
-    monkeypatch.setattr("hil.record.writer.appender", lambda w, full: block._one_by_one(w))
+    monkeypatch.setattr("hil.record.writer.appender", lambda w, full: chunk._one_by_one(w))
     assert write(tmp_path / "b.mcap", bursts, True) == fast
 
 
