@@ -1,0 +1,208 @@
+"""A session in progress: loop, slow side and file over an open rig, until it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from hil import companions, session
+from hil.config import RigConfig
+from hil.errors import ConfigError, DeviceError
+from hil.record.ring import Ring
+from hil.rig import Rig
+from hil.runtime import commands
+from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
+from hil.runtime.conditions import sentence
+from hil.runtime.loop import Loop
+from hil.runtime.realtime import Arrangement, accompany, arranged
+from hil.runtime.slow import SlowSide
+from hil.runtime.slowthread import SlowThread
+from hil.runtime.statistics import Statistics
+from hil.runtime.watchdog import Watchdog
+from hil.shop import Shop
+from hil.summary import Operator, Summary, cut_short
+
+CLOCKS: dict[str, Callable[[int], Clock]] = {"lockstep": VirtualClock, "real": MonotonicClock}
+#: Ticks that a session goes on after a FAULT, with the motors at zero: the record shows it.
+AFTERMATH = 20
+
+
+class Session:
+    """Loop, slow side and file over an open rig; see `run`."""
+
+    ring_type = Ring
+
+    def __init__(
+        self, rig: Rig, config: RigConfig, seed: int, output: Path, operator: Operator,
+        model: str | Path | None, timer: Callable[[int], Clock] | None,
+        aside: Callable[[Path], None],
+    ) -> None:  # fmt: skip
+        self.config, self.output, self.operator, self.rig = config, output, operator, rig
+        layout = companions.layout(len(rig.ports), rig.controller)
+        loop = config.loop
+        self.ring = ring = self.ring_type(loop.ring_rows, layout.width)
+        self.timer = (timer or CLOCKS[loop.clock])(loop.period_ns)
+        self.loop = Loop(
+            rig.ports, rig.controller, self.timer, ring, layout, loop.period_ns, rig.origin_ns,
+            config.safety.missed_limit,
+        )  # fmt: skip
+        self.statistics = Statistics(loop.period_ns)
+        self.arrangement = Arrangement()
+        self.ticks = round(loop.seconds * loop.rate_hz)
+        self.writer = session.open_writer(output, config, rig, seed, model, aside)
+        self.slow = SlowSide(
+            self.loop, ring, self.writer, session.topics(config, layout, rig.controller),
+            session.slow_topics(layout), layout, self.statistics, Shop(rig, config),
+            operator.schedule, operator.say,
+        )  # fmt: skip
+        self.left, self.shown = 0.0, 0
+        self.watchdog: Watchdog | None = None
+
+    def run(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
+        """Until the time is up, an arm faults, or the operator stops."""
+        loop = self.loop
+        loop.heart = None if watchdog is None else watchdog.beat
+        self.watchdog = watchdog
+        told: dict[str, object] = {}
+        name = "broken off"
+        try:
+            loop.rehearse()
+            if self.operator.lines is not None:
+                self.operator.lines(self.slow.inbox.append)
+                self.operator.say(commands.usage(self.slow.shop.settable()))
+            (self._lockstep if self.config.loop.clock == "lockstep" else self._real)(progress)
+            name = "fault" if loop.unsafe else "done"
+        except Exception as error:
+            told = {"error": f"{type(error).__name__}: {error}"}
+            raise
+        finally:
+            self._finish(name, told)
+
+    def _enable(self) -> None:
+        """Devices and loop ENABLED, unless the operator is waited for; tick 0 is now."""
+        waits = self.operator.wait
+        if not waits:
+            self.rig.enable()
+            self.loop.begin()
+        self.timer.start()
+        self.slow.note(0, self.timer.epoch_ns, "waiting" if waits else "enabled")
+
+    def over(self) -> bool:
+        """Whether this tick was the last."""
+        loop = self.loop
+        if loop.unsafe:
+            return loop.tick >= min(loop.since + AFTERMATH, self.ticks)
+        return loop.finished or loop.tick >= self.ticks
+
+    def _lockstep(self, progress: Callable[[int], None] | None) -> None:
+        """Both loops in this thread: the slow side after every tenth tick, say."""
+        config, loop = self.config.loop, self.loop
+        self._enable()
+        ratio = max(1, round(config.rate_hz / config.slow_hz))
+        while not self.over():
+            done = 0
+            while done < ratio and not self.over():
+                loop.step()
+                done += 1
+            self._live(loop.tick / config.rate_hz)
+            self.slow.step(loop.tick / config.rate_hz)
+            if progress is not None:
+                progress(done)
+
+    def _real(self, progress: Callable[[int], None] | None) -> None:
+        """Fast loop in this thread, arranged for real time; the slow side in its own."""
+        config, loop = self.config.loop, self.loop
+        thread = SlowThread(
+            self.slow, self.timer, 1.0 / config.slow_hz, 1.0 / config.rate_hz,
+            lambda seconds: self._live(seconds, progress), lambda: accompany(self.arrangement),
+        )  # fmt: skip
+        try:
+            with arranged(config.realtime) as self.arrangement:
+                for text in self.arrangement.refused:
+                    self.operator.say(text)
+                # no tick may be missing between the amplifiers' power and the loop
+                thread.start()
+                self._enable()
+                thread.go()
+                while not self.over():
+                    loop.step()
+        finally:
+            # motors off first: the slow side may need long to drain to a slow disk
+            try:
+                self._release()
+            finally:
+                thread.stop()
+        if progress is not None:
+            progress(loop.tick - self.shown)
+
+    def _release(self) -> None:
+        """Torque and power off; the watchdog has nothing to watch any more."""
+        try:
+            self.rig.close()
+        finally:
+            if self.watchdog is not None:
+                self.watchdog.end()
+
+    def _live(self, seconds: float, progress: Callable[[int], None] | None = None) -> None:
+        """Live figures a few times a second, from the slow side; `progress` since the last time."""
+        if seconds < self.left:
+            return
+        self.left, loop = seconds + 0.25, self.loop
+        if progress is not None:
+            now = loop.tick
+            progress(now - self.shown)
+            self.shown = now
+        if self.operator.live is not None:
+            why = f" {sentence(loop.conditions)}" if loop.conditions else ""
+            self.operator.live(f"{loop.machine.state.name}{why}; {self.statistics.line()}")
+
+    def _finish(self, name: str, told: dict[str, object]) -> None:
+        """Close the file with what the session was; it may be that it takes nothing more."""
+        loop, timer = self.loop, self.timer
+        if self.slow.trouble is not None:
+            return
+        end_ns = timer.epoch_ns + loop.tick * self.config.loop.period_ns
+        said = {"missed": timer.missed, "dropped": loop.dropped, **told}
+        if timer.set_back:
+            said["clock_set_back"] = timer.set_back
+        try:
+            self.writer.event(loop.tick, end_ns, name, said)
+            session.conclude(self.writer, self.statistics, self.arrangement)
+            self.writer.close()
+        except OSError as error:
+            self.slow.trouble = error
+            self.writer.abandon()
+
+    def figures(self) -> dict[str, float]:
+        """Of the ticks so far."""
+        return self.statistics.figures().as_dict()
+
+    def summary(self, seed: int, wall: float) -> Summary:
+        """What it was; raises where it ended badly."""
+        loop, config = self.loop, self.config.loop
+        reason = sentence(loop.reason) if loop.reason else ""
+        if self.slow.trouble is not None:
+            raise ConfigError(
+                cut_short(self.output, self.slow.trouble, self.slow.unwritten)
+            ) from self.slow.trouble
+        if loop.unsafe:
+            ended = self.rig.outrun(loop.since)
+            if ended:
+                raise ConfigError(
+                    f"session stopped at tick {loop.since}: {reason}; {ended}, take --seconds no "
+                    f"longer than that. {self.output} holds what was replayed until then."
+                )
+            told = self.rig.trouble()
+            raise DeviceError(
+                f"session stopped at tick {loop.since}: FAULT, because {reason}"
+                f"{f' ({told})' if told else ''}; the motors got no torque from that tick on, and "
+                f"{self.output} holds what was recorded."
+            )
+        return Summary(
+            path=str(self.output), clock=config.clock, seed=seed,
+            ticks=loop.tick - self.timer.missed, missed=self.timer.missed, dropped=loop.dropped,
+            limited=loop.clamped, seconds=loop.tick * config.period_ns * 1e-9, wall_seconds=wall,
+            longest_tick_us=loop.longest_ns * 1e-3, state=loop.machine.state.name, reason=reason,
+            unwritten=self.slow.unwritten, figures=self.figures(),
+            granted=self.arrangement.granted, refused=self.arrangement.refused,
+        )  # fmt: skip
