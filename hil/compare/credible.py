@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from hil.compare.candidate import Candidate
 from hil.compare.findings import Step
 from hil.compare.floor import ADEQUATE
+from hil.compare.significance import by_chance
 from hil.identify.design import Term, coefficients, head
 from hil.identify.projector import Projector
 from hil.identify.regression import basis
@@ -24,9 +25,9 @@ def credible(step: Step, before: Step, c: Candidate, floor: FloatArray) -> bool:
     """Whether an added effect's values can be physics after everything was fitted again.
 
     Its own law must allow them (`Effect.credible`), its scales (a time, a width, a frequency)
-    must exceed their standard errors, and a scale on the edge of what was searched must leave
-    nothing, or next to nothing of what it found, above the floor: else it stands for something
-    else.
+    must exceed their standard errors and its coefficients chance, and a scale on the edge of what
+    was searched must leave nothing, or next to nothing of what it found, above the floor: else it
+    stands for something else.
 
     Parameters
     ----------
@@ -39,6 +40,8 @@ def credible(step: Step, before: Step, c: Candidate, floor: FloatArray) -> bool:
     """
     shapes = _shapes(step, c)
     if any(v.stderr > abs(v.value) for name, v in shapes.items() if name in SCALES):
+        return False
+    if by_chance(step.result, c.term.key):
         return False
     if any(v.at_bound for name, v in shapes.items() if name in SCALES) and _left(
         step, before, c.joint, float(floor[c.joint])

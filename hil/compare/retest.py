@@ -17,6 +17,7 @@ from hil.compare.evidence import possible_terms, priced
 from hil.compare.findings import Accepted, Step, describe
 from hil.compare.floor import Floor
 from hil.compare.heldout import Examiner
+from hil.compare.significance import by_chance
 from hil.identify.design import Term, head
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
@@ -60,7 +61,8 @@ def drop_superfluous(found: list[Accepted], ladder: list[Step], examine: Examine
             continue
         label = f"- {describe(c, now.result.problem)} (superfluous)"
         step = refitted(label, replace(model, effects=rest), examine, now)
-        if step.heldout.rms[c.joint] <= SAME * now.heldout.rms[c.joint]:
+        same = step.heldout.rms[c.joint] <= SAME * now.heldout.rms[c.joint]
+        if same or by_chance(now.result, c.term.key):
             found.pop(k)
             ladder.append(step)
             return
