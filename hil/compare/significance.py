@@ -20,6 +20,10 @@ from hil.identify.blocks import time_blocks
 from hil.identify.regression import cluster_covariance
 from hil.identify.result import FitResult
 
+#: Blocks, beside one for each coefficient, from which their scatter says anything: of three blocks
+#: not even coefficients of ten standard errors are more than chance.
+FEWEST = 10
+
 
 def by_chance(result: FitResult, key: tuple[str, int]) -> bool:
     """Whether an effect (name, joint) of a fit may as well be none."""
@@ -50,7 +54,7 @@ def chance(result: FitResult, key: tuple[str, int]) -> float:
         return 0.0
     where = result.slices[number]
     count, m = int(blocks.max()) + 1, where.stop - where.start
-    if count <= m + 1:
+    if count - m < FEWEST:
         return 0.0
     weighted = (result.residual / result.sigma[:, None]).reshape(-1)
     every = cluster_covariance(weighted, result.basis, np.tile(blocks, result.problem.d))
