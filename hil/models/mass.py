@@ -125,6 +125,15 @@ class PositionTorque(Effect):
         values = np.polynomial.chebyshev.chebvander(np.clip(motion.scaled(j), -1, 1), 6)
         return np.asarray(values, dtype=np.float64)
 
+    def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+        """An inertia that varies with position, M' = 1 or q:  M qdd + M' v^2 / 2.
+
+        About a spring-like swing the acceleration is a function of the position.
+        """
+        q, v, a = motion.q[:, j], motion.qd[:, j], motion.qdd[:, j]
+        first, second = q * a + v * v / 2, q * q * a + q * v * v
+        return [first[:, None], np.stack([first, second], axis=1)]
+
 
 #: Share of a stop's squared effort that may pull: noise, and the form of its law.
 PULL = 0.05

@@ -9,6 +9,7 @@ from hil.compare.diagnose import diagnose
 from hil.identify.projector import within
 from hil.models import catalogue
 from hil.models.model import base_model
+from hil.record.recording import Recording
 
 
 def named(*hidden: Hidden, noise: str, excitation: str, seed: int) -> dict[str, set[str]]:
@@ -44,3 +45,18 @@ def test_a_coefficient_on_its_bound_is_within_it_in_any_unit(bound: float) -> No
     for unit in np.geomspace(1e-3, 1e3, 997):
         assert within(delay, np.array([bound * unit]) / unit)
         assert not within(delay, np.array([bound + np.copysign(1e-6, bound - 1)]))
+
+
+def test_an_inertia_that_varies_with_position_is_no_torque_over_position():
+    rng, t = np.random.default_rng(3), np.arange(12000) / 500.0
+    w = 2 * np.pi * np.array([0.11, 0.53, 1.3])
+    angle, size = np.outer(t, w) + np.array([0.0, 1.0, 2.0]), np.array([0.6, 0.35, 0.12])
+    q, v, a = (
+        (size * x).sum(axis=1) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle))
+    )
+    # L = M(q) v^2 / 2 with M = 0.02 + 0.012 sin 2q
+    effort = (0.02 + 0.012 * np.sin(2 * q)) * a + 0.012 * np.cos(2 * q) * v**2
+    effort += 0.15 * np.tanh(v / 0.01) + 0.05 * v + 0.004 * rng.standard_normal(t.size)
+    run = Recording("crank", "arm", ("joint1",), t, q[:, None], effort[:, None])
+    d = diagnose([run], base_model(run.robot))
+    assert d.verdict == "unexplained" and not d.findings
