@@ -10,7 +10,7 @@ from hil.compare.experiment import ABSORBED, MOST, Planner
 from hil.compare.rivals import overlap
 from hil.excite import menu
 from hil.excite.choose import Choice
-from hil.excite.recorded import robot_word
+from hil.excite.recorded import model_words, robot_word
 from hil.identify.result import FitResult
 from hil.identify.timing import LATE
 from hil.models import catalogue
@@ -207,6 +207,7 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     motion = best.motion.name
     now = "" if choice.now is None else f", {choice.now.odds:.1f} now"
     words = ["hil", "excite", robot_word(problem), "--for", ",".join(names)]
+    words += model_words(c.term.effect for c in s.among)
     words += [] if whole else ["--joint", joint]
     command = " ".join([*words, "--motion", motion, "-o", "next.toml"])
     where = "" if whole else f" of {joint}"

@@ -11,9 +11,9 @@ from hil.compare.diagnose import diagnose
 from hil.compare.evidence import Evidence, gather
 from hil.compare.findings import Diagnosis, Step
 from hil.compare.heldout import Examiner, HeldOut
-from hil.compare.judge import noticed
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep, both, each
+from hil.compare.notes import noticed
 from hil.compare.sessions import differences
 from hil.compare.settle import settled
 from hil.errors import ConfigError, DataError

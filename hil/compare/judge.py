@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.ambiguity import CONFIDENT
-from hil.compare.changes import told
-from hil.compare.denoise import shaken, smoothed
+from hil.compare.denoise import smoothed
 from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
 from hil.compare.floor import ADEQUATE
+from hil.compare.notes import emptied, notes, noticed
+from hil.compare.significance import by_chance
 from hil.identify.problem import Problem
-from hil.identify.result import FitResult
-from hil.identify.standstill import HELD
 
 FloatArray = NDArray[np.float64]
 #: Below this share of the excess explained, no name is given.
@@ -27,8 +26,6 @@ CHANCE = 2.0
 #: Factor over their own floor from which held-out runs refute a model that nothing was added to:
 #: their floor and their error are each known to a factor of ADEQUATE, and there is chance.
 REFUTED = 1.25
-#: Share of time at standstill that is worth a note.
-STILL = 0.05
 
 
 def judge(
@@ -54,7 +51,8 @@ def judge(
     problem = ladder[0].result.problem
     floor = np.minimum(last.floor.rms, ladder[-1].result.rms)
     other = None if heldout_floor is None else np.minimum(heldout_floor, ladder[-1].heldout.rms)
-    findings = _findings(ladder, found, floor, other)
+    empty = [c for c, _, _ in found if by_chance(ladder[-1].result, c.term.key)]
+    findings = _findings(ladder, [f for f in found if f[0] not in empty], floor, other)
     open_joints = _open(ladder, found, findings, last, floor, heldout_floor)
     failed = {problem.joints[j] for j in open_joints}
     partial = [
@@ -68,8 +66,11 @@ def judge(
         verdict = "missing-effect" if sure else "ambiguous"
     else:
         verdict = "unexplained" if open_joints else "adequate"
-    out = Diagnosis(verdict, findings, ladder, first, last, floor, _warnings(ladder, last), partial)
+    out = Diagnosis(
+        verdict, findings, ladder, first, last, floor, notes(ladder[-1].result, last), partial
+    )
     out.heldout_floor = other
+    out.warnings += [("emptied", emptied(c, problem)) for c in empty]
     return _with_changes(out)
 
 
@@ -79,11 +80,6 @@ def _with_changes(out: Diagnosis) -> Diagnosis:
     if out.last.changes and out.verdict == "adequate":
         out.verdict = "unexplained"
     return out
-
-
-def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
-    """Notes (code, sentence) on values that changed at once and on noise that is no physics."""
-    return told(evidence.changes) + shaken(evidence, result)
 
 
 def _open(
@@ -203,51 +199,3 @@ def _whole(share: float) -> float:
 def _rival(r: Candidate, c: Candidate, problem: Problem) -> str:
     """Name of a rival, with its joint where that is what is in doubt."""
     return describe(r, problem) if r.name == c.name else r.name
-
-
-def _warnings(ladder: list[Step], last: Evidence) -> list[tuple[str, str]]:
-    out = [
-        (f"impossible-{name}", f"{name} cannot be tested: {why}") for name, why in last.impossible
-    ]
-    result = ladder[-1].result
-    out += _held(result)
-    still = 1.0 - result.problem.count / result.problem.n
-    for j in np.flatnonzero(still > STILL):
-        out.append(
-            (
-                "standstill",
-                f"{result.problem.joints[j]} stands still for {100 * still[j]:.0f} % of the time: "
-                "left out, for static friction balances any effort there",
-            )
-        )
-    for name, v in result.values.items():
-        if v.at_bound:
-            out.append(("at-bound", f"parameter {name} lies on its bound {v.value:g} {v.unit}"))
-    lost = result.not_identifiable()
-    if lost:
-        out.append(
-            (
-                "not-identifiable",
-                f"{len(lost)} parameters are determined only in combination, e.g. "
-                f"{', '.join(lost[:4])}; no prediction of such motions depends on it",
-            )
-        )
-    return out
-
-
-def _held(result: FitResult) -> list[tuple[str, str]]:
-    """Notes on joints that hold their place; one that reads the same throughout may be blind."""
-    problem = result.problem
-    held = [j for j, holds in enumerate(problem.holds) if holds]
-    if not held:
-        return []
-    names = [problem.joints[j] for j in held]
-    dead = [
-        problem.joints[j] for j in held if all(np.ptp(r.q[:, j]) == 0 for r in problem.recordings)
-    ]
-    blind = f"; {', '.join(dead)} never changes by a single count: a brake, or a dead encoder?"
-    text = (
-        f"{', '.join(names)}: only held in place (within {HELD:.0f} steps of the encoder), so "
-        "nothing is named there; diagnose it together with a session that moves it"
-    )
-    return [("holds", text + (blind if dead else ""))]

@@ -15,7 +15,7 @@ from hil.compare.candidate import Candidate, try_all
 from hil.compare.credible import credible
 from hil.compare.evidence import possible_terms, priced
 from hil.compare.findings import Accepted, Step, describe
-from hil.compare.floor import Floor
+from hil.compare.floor import ADEQUATE, Floor
 from hil.compare.heldout import Examiner
 from hil.compare.significance import by_chance
 from hil.identify.design import Term, head
@@ -51,7 +51,11 @@ def refitted(label: str, model: RobotModel, examine: Examiner, now: Step) -> Ste
 
 
 def drop_superfluous(found: list[Accepted], ladder: list[Step], examine: Examiner) -> None:
-    """Take out an accepted effect that later ones have made superfluous."""
+    """Take out an accepted effect that later ones have made superfluous.
+
+    One that they have emptied may cost a little on the held-out data, but not more: without it the
+    fit may no longer find their shapes.
+    """
     now = ladder[-1]
     for k, (c, _, _) in enumerate(found[:-1]):
         use = as_use(c, now.result.problem)
@@ -61,8 +65,8 @@ def drop_superfluous(found: list[Accepted], ladder: list[Step], examine: Examine
             continue
         label = f"- {describe(c, now.result.problem)} (superfluous)"
         step = refitted(label, replace(model, effects=rest), examine, now)
-        same = step.heldout.rms[c.joint] <= SAME * now.heldout.rms[c.joint]
-        if same or by_chance(now.result, c.term.key):
+        more = ADEQUATE if by_chance(now.result, c.term.key) else SAME
+        if step.heldout.rms[c.joint] <= more * now.heldout.rms[c.joint]:
             found.pop(k)
             ladder.append(step)
             return

@@ -134,6 +134,7 @@ def _theirs(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, s
             floor = float(min(evidence.floor.rms[j], evidence.floor.scale[j]))
             told = (_names(named, evidence.projector), pair.theirs, pair.ours)
             blind = any(u.hides(named[0].name, pair.joints[j]) for u in out.unseen)
+            blind |= bool(leaves(identified(pair.fitted.problem), pair.alone.problem, j))
             texts.append((j, _only(named[0], floor, told, pair.alone, blind)))
     return texts
 

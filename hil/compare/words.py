@@ -74,7 +74,7 @@ def remains(ratios: FloatArray, joints: Sequence[str]) -> str:
         return ""
     return (
         f"With all this added, the error of {joints[j]} is still {ratios[j]:.2f} times the noise "
-        "floor: no single effect of the catalogue accounts for what remains."
+        "floor: no effect that the fitted sessions determine accounts for what remains."
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from hil.excite.limits import Limits, of_data, of_robot
@@ -9,6 +11,7 @@ from hil.excite.space import explore
 from hil.excite.stage import Stage
 from hil.identify import standstill
 from hil.identify.problem import Problem
+from hil.models.effect import Effect
 
 #: Length of a motion of the menu [s]: of a described robot, whose rigid body costs time, and else.
 DESCRIBED, BARE = 12.0, 30.0
@@ -57,3 +60,9 @@ def robot_word(problem: Problem) -> str:
         return "ROBOT.urdf"
     session = f"{problem.recordings[0].name}.mcap"
     return session if source.preset in ("", "single-axis") else "RIG.toml"
+
+
+def model_words(effects: Iterable[Effect]) -> list[str]:
+    """What a command of `hil excite` needs besides, where an effect is a user's own."""
+    own = any(not type(e).__module__.startswith("hil.models.") for e in effects)
+    return ["--model", "M.toml"] if own else []

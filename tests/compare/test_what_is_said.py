@@ -59,3 +59,31 @@ def test_an_improved_model_says_which_of_its_names_are_not_settled(tmp_path, cap
     assert main(["improve", str(tmp_path / "a.mcap"), "-o", str(tmp_path / "m.toml")]) == 0
     shown = capsys.readouterr().out
     assert "not settled: delay on joint1 or actuator-lag; these data fit either" in shown
+
+
+def against_a_stop(swing: float, seed: int) -> Recording:
+    """One axis that swings up to 0.65 rad times `swing`, with a stop at 0.5 rad."""
+    rng, t = np.random.default_rng(seed), np.arange(20000) / 1000.0
+    w, phase = 2 * np.pi * np.array([0.11, 0.53, 1.3]), np.array([0.0, 1.0, 2.0]) * seed
+    size, angle = swing * np.array([0.35, 0.2, 0.1]), np.outer(t, w) + phase
+    q, v, a = (
+        (size * x).sum(axis=1) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle))
+    )
+    effort = 0.02 * a + 0.15 * np.tanh(v / 0.01) + 0.05 * v + 8.0 * np.maximum(q - 0.5, 0.0)
+    effort += 0.004 * rng.standard_normal(t.size)
+    return Recording(f"stop{seed}", "arm", ("joint1",), t, q[:, None], effort[:, None])
+
+
+def test_an_effect_that_later_ones_have_emptied_gets_no_name():
+    # a torque over position stands in for a stop until the stop is found
+    run = against_a_stop(1.0, 1)
+    assert [f.effect for f in diagnose([run], base_model(run.robot)).findings] == ["end-stop"]
+
+
+def test_a_held_out_session_that_goes_farther_is_no_other_rig():
+    near, far = against_a_stop(0.7, 1), against_a_stop(1.0, 2)
+    d = diagnose([near], base_model(near.robot), [far])
+    told = " ".join(x for _, x in d.warnings)
+    assert d.verdict == "unexplained" and "end-stop would explain" in told
+    assert "the motion of stop1 could hardly show it" in told
+    assert "the sessions differ" not in told and "[offsets]" not in told
