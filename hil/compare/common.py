@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from hil.compare.findings import Finding
+from hil.identify.timing import LATE
 
 CODE = "common-cause"
-LATE = ("delay", "actuator-lag")
 #: Spread of times, relative to their mean, within which they are one: late forms differ by as much.
 ALIKE = 0.2
 

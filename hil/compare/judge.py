@@ -25,7 +25,7 @@ HALF, WHOLE = 0.45, 0.80
 CHANCE = 2.0
 #: Factor over their own floor from which held-out runs refute a model that nothing was added to:
 #: their floor and their error are each known to a factor of ADEQUATE, and there is chance.
-REFUTED = 1.25
+FAR = 1.25
 
 
 def judge(
@@ -111,7 +111,7 @@ def refuted(step: Step, floor: FloatArray) -> NDArray[np.bool_]:
     """
     told = step.heldout.kind == "holdout" and step.result.model.explains == "motor"
     moves = ~step.result.problem.holds & told
-    return np.asarray(moves & (step.heldout.rms > REFUTED * floor))
+    return np.asarray(moves & (step.heldout.rms > FAR * floor))
 
 
 def only_there(step: Step, last: Evidence, floor: FloatArray) -> bool:

@@ -103,10 +103,15 @@ def look_again(
     """
     changed = False
     for k in range(len(found) - 1):
+        now = found[k][0]
+        effect = now.term.effect
+        near = any(x.joint == now.joint for x, _, _ in found[k + 1 :])
+        # what stands for other terms leaves the model without them if it goes
+        if not near or effect.of_robot or effect.replaces:
+            continue
         order, projector = _forms(found, k, ladder[-1], floor)
         if not order:
             continue
-        now = found[k][0]
         if order[0].term.key != now.term.key and _swap(
             found, k, choose(order, projector), ladder, examine, floor
         ):
@@ -122,16 +127,13 @@ def look_again(
 def _forms(
     found: list[Accepted], k: int, now: Step, floor: Floor
 ) -> tuple[list[Candidate], Projector]:
-    """All that could stand in the place of an accepted effect, best first; none where it shares
-    its joint with no later one, or stands for terms that the model would need again.
+    """What could stand in the place of an accepted effect, best first, and what it was tried on.
+
+    All of its joint are tried beside the present model without it.
     """
     result, c = now.result, found[k][0]
-    later = [x for x, _, _ in found[k + 1 :]]
     rest = [t for t in result.terms if t.key != c.term.key]
     projector = Projector(result.problem, rest, result.sigma)
-    near = any(x.joint == c.joint for x in later)
-    if not near or c.term.effect.of_robot or c.term.effect.replaces:
-        return [], projector
     own = [t for t in result.terms if t.key == c.term.key]
     terms = [t for t in possible_terms(result)[0] if t.joint == c.joint and _comparable(t, c)]
     tried = try_all(projector, result, [t.reshaped(()) for t in own] + terms)
@@ -141,7 +143,7 @@ def _forms(
     sound = [
         x for x in tried
         if x.score > 0 and not x.smoother and x.absorbed < 0.9999 and physical(x, motion)
-        and not any(kindred(x, y) for y in later)
+        and not any(kindred(x, y) for y, _, _ in found[k + 1 :])
     ]  # fmt: skip
     return simplest_first(sorted(sound, key=lambda x: -float(f"{x.score:.4g}"))), projector
 
