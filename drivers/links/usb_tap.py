@@ -12,9 +12,10 @@ from array import array
 from types import SimpleNamespace
 from typing import Any
 
-from usb.backend import IBackend, libusb1
+from usb.backend import IBackend
 from usb.core import NoBackendError, USBError, USBTimeoutError
 
+from drivers.links import libusb
 from drivers.usb_quad08.codec import VENDOR
 from hil.signals.bus import Bus, FrameLog, Replay
 
@@ -40,7 +41,7 @@ def recorded(bus: Bus, log: FrameLog) -> Any:
     NoBackendError
         If there is no libusb.
     """
-    real = bus.handle or libusb1.get_backend()
+    real = libusb.backend(bus.handle)
     if real is None:
         raise NoBackendError("No backend available")
     return _Recorded(real, log)

@@ -9,6 +9,7 @@ from typing import Any
 import usb.core
 import usb.util
 
+from drivers.links import libusb
 from drivers.usb_quad08 import codec
 from hil.errors import DeviceError, DeviceTimeoutError
 from hil.signals.bus import Attached, Bus
@@ -36,13 +37,13 @@ def find(backend: Any, product: int, serial: str) -> list[Any]:
     """
     try:
         found = usb.core.find(
-            find_all=True, idVendor=codec.VENDOR, idProduct=product, backend=backend
+            find_all=True, idVendor=codec.VENDOR, idProduct=product, backend=libusb.backend(backend)
         )
         devices = list(found)
     except usb.core.NoBackendError:
         raise DeviceError(
-            "libusb is missing, so that pyusb finds no device; install it: "
-            "'sudo apt install libusb-1.0-0'."
+            "libusb is missing, so that pyusb finds no device; install it: 'pip install "
+            "libusb-package', or the system's own, 'sudo apt install libusb-1.0-0'."
         ) from None
     return [d for d in devices if not serial or serial_of(d) == serial]
 

@@ -15,19 +15,17 @@ from pathlib import Path
 
 from hil.compare.analysis import diagnose
 from hil.compare.findings import Diagnosis
-from hil.compare.localise import regions
 from hil.compare.report import diagnosis_report
 from hil.models.model import base_model
 from hil.record.reader import load
 
 
 def once(report: str, train: str, holdout: list[str]) -> tuple[float, float, Diagnosis]:
-    """Load, fit, rank all candidates, test held out, localise, write the report."""
+    """Load, fit, rank all candidates, test held out; the report says where the model fails."""
     start, clock = time.process_time(), time.perf_counter()
     run = load(train)
     model = base_model(run.robot) + "torque-offset"
     d = diagnose([run], model, [load(path) for path in holdout])
-    regions(d.result, d.last.floor)
     diagnosis_report(d, report)
     return time.process_time() - start, time.perf_counter() - clock, d
 

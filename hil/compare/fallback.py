@@ -17,13 +17,11 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from hil.compare.floor import Floor
-from hil.identify.blocks import time_blocks
+from hil.compare.leftout import Folds
 from hil.identify.problem import Problem
-from hil.identify.regression import basis
 from hil.identify.result import FitResult
 from hil.models.motion import Motion
 from hil.models.network import PLACE, SPEED, dictionary, input_sets
@@ -31,7 +29,6 @@ from hil.models.network import PLACE, SPEED, dictionary, input_sets
 FloatArray = NDArray[np.float64]
 #: Makes columns (n, m).
 Make = Callable[[], FloatArray]
-FOLDS, SECONDS, STRENGTHS = 5, 0.5, (1e-4, 1e-3, 1e-2, 1e-1)
 #: Errors within this factor of the floor leave nothing to explain.
 REST = 1.10
 #: Share that is worth a word.
@@ -103,11 +100,11 @@ def foretold(result: FitResult) -> dict[int, float] | None:
     problem = result.problem
     if problem.n * problem.d > ROWS or result.model.explains != "motor":
         return None
-    out = {}
+    out, folds = {}, Folds(result)
     for j in np.flatnonzero(~problem.holds).tolist():
-        before = max(_left_out(result, np.zeros((problem.n, 0)), j), 1e-300)
+        before = max(folds.left_out(np.zeros((problem.n, 0)), j), 1e-300)
         sets = (make for what, _, make in _sets(problem, j) if what != "t" and " and " not in what)
-        out[j] = max(1.0 - _left_out(result, make(), j) / before for make in sets)
+        out[j] = max(1.0 - folds.left_out(make(), j) / before for make in sets)
     return out
 
 
@@ -128,9 +125,9 @@ def hidden(result: FitResult, falls: dict[int, float]) -> list[Share]:
 
 
 def _of_joint(result: FitResult, floor: float, j: int) -> list[Share]:
-    problem, joint = result.problem, result.problem.joints[j]
-    before = _left_out(result, np.zeros((problem.n, 0)), j)
-    found = [(what, words, _left_out(result, make(), j)) for what, words, make in _sets(problem, j)]
+    problem, joint, folds = result.problem, result.problem.joints[j], Folds(result)
+    before = folds.left_out(np.zeros((problem.n, 0)), j)
+    found = [(what, words, folds.left_out(make(), j)) for what, words, make in _sets(problem, j)]
     least = min([floor, *(e for _, _, e in found)])
     out = []
     for what, words, after in found:
@@ -190,41 +187,3 @@ def _trend(m: Motion, j: int) -> FloatArray:
     t, sign, v = m.since, m.sign(j), m.qd[:, j]
     waves = np.cos(np.pi * np.arange(TREND + 1) * t[:, None] / max(float(t[-1]), 1e-9))
     return np.concatenate([waves, waves * sign[:, None], waves * v[:, None]], axis=1)
-
-
-def _free(result: FitResult) -> FloatArray:
-    """Orthonormal weighted columns (d n, r) of the parameters that are not on a bound."""
-    free = np.array([not (n in result.values and result.values[n].at_bound) for n in result.names])
-    if free.all():
-        return result.basis.q
-    w = np.repeat(1.0 / result.sigma, result.problem.n)
-    return basis(result.x[:, free] * w[:, None]).q
-
-
-def _left_out(result: FitResult, more: FloatArray, j: int) -> float:
-    """Rms error of joint j on every fifth block, left out in turn; best of four ridges on `more`.
-
-    The model's own parameters are fitted again each time, on all joints together; those on a
-    bound stay there.
-    """
-    problem, q = result.problem, _free(result)
-    norm = np.linalg.norm(more, axis=0)
-    more = more[:, norm > 1e-12 * max(float(norm.max(initial=0.0)), 1e-300)]
-    wide = np.zeros((problem.d, problem.n, more.shape[1]))
-    wide[j] = more / np.maximum(np.linalg.norm(more, axis=0), 1e-300)
-    x = np.concatenate([q, wide.reshape(problem.d * problem.n, -1 if more.size else 0)], axis=1)
-    y = (result.residual / result.sigma[:, None]).reshape(-1)
-    fold = np.tile(time_blocks(problem, SECONDS) % FOLDS, problem.d)
-    own = np.repeat(np.arange(problem.d) == j, problem.n)
-    parts = [(x[fold == k], y[fold == k], own[fold == k]) for k in range(FOLDS)]
-    grams, rights = [a.T @ a for a, _, _ in parts], [a.T @ b for a, b, _ in parts]
-    penalised = np.arange(x.shape[1]) >= q.shape[1]
-    errors = []
-    for strength in STRENGTHS if more.shape[1] else STRENGTHS[:1]:
-        ridge, total = np.diag(np.where(penalised, strength, 1e-10)), 0.0
-        for k, (a, b, here) in enumerate(parts):
-            gram, right = sum(grams) - grams[k] + ridge, sum(rights) - rights[k]
-            theta = scipy.linalg.solve(gram, right, assume_a="sym")
-            total += float(np.sum((b - a @ theta)[here] ** 2))
-        errors.append(total)
-    return float(result.sigma[j] * np.sqrt(min(errors) / max(float(problem.count[j]), 1.0)))

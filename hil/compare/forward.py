@@ -12,16 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.identify.design import Term, by_run
-from hil.identify.kept import watched
+from hil.compare.states import looked_at, parts_of, replayed, shared
 from hil.identify.result import FitResult
+from hil.models.mass import RigidBody
 from hil.models.motion import Motion
+from hil.models.robots import Balanced
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int_]
-Part = tuple[Term, FloatArray]
-#: Instants of a run that show which fields a term looks at.
-SOME = 200
 
 
 @dataclass(frozen=True)
@@ -54,8 +52,14 @@ class _Forward:
 
     def __init__(self, jobs: Sequence[Windows], motion: Motion, owner: IntArray) -> None:
         self.motion, self.owner = motion, owner
-        self._parts = _shared([_parts(job.result, motion) for job in jobs], owner)
-        self._seen = [_looked_at(t, motion) for t, _ in self._parts]
+        every = shared([parts_of(job.result, motion) for job in jobs], owner)
+        robot = motion.robot
+        #: Rigid-body parameters, of a robot that gives its balance at once; no parts of the rest.
+        self._bodies = robot if isinstance(robot, Balanced) else None
+        own = [self._bodies is not None and isinstance(t.effect, RigidBody) for t, _ in every]
+        self._masses = [theta for (_, theta), mine in zip(every, own, strict=True) if mine]
+        self._parts = [part for part, mine in zip(every, own, strict=True) if not mine]
+        self._seen = [looked_at(t, motion) for t, _ in self._parts]
 
     def slope(
         self, q: FloatArray, qd: FloatArray, step: FloatArray, load: FloatArray
@@ -79,14 +83,23 @@ class _Forward:
         unit = np.zeros((1 + d, w, d))
         unit[np.arange(1, 1 + d), :, np.arange(d)] = 1.0
         each = self.effort(q, qd, unit, load)
-        return each[0], np.moveaxis(each[1:] - each[0], 0, -1)
+        rest, mass = each[0], np.moveaxis(each[1:] - each[0], 0, -1)
+        if self._bodies is not None:
+            for pi in self._masses:
+                still, heavy = self._bodies.balance(q, qd, pi)
+                rest, mass = rest + still, mass + heavy
+        return rest, mass
 
     def solve(self, mass: FloatArray, push: FloatArray) -> FloatArray:
         """Acceleration (w, d); NaN for all windows of a job that has a singular one."""
+        try:
+            out = np.asarray(np.linalg.solve(mass, push[..., None])[..., 0])
+        except np.linalg.LinAlgError:
+            out = np.full_like(push, np.nan)
+        if np.isfinite(out).all():
+            return out
         size = np.abs(np.linalg.det(mass))
         bad = ~(np.isfinite(size) & (size > 1e-300) & np.isfinite(mass).all(axis=(1, 2)))
-        if not bad.any():
-            return np.asarray(np.linalg.solve(mass, push[..., None])[..., 0])
         lost = np.isin(self.owner, self.owner[bad])
         safe = np.where(lost[:, None, None], np.eye(mass.shape[1]), mass)
         out = np.linalg.solve(safe, push[..., None])[..., 0]
@@ -95,7 +108,7 @@ class _Forward:
     def effort(
         self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, mass: bool = True
     ) -> FloatArray:
-        """Effort (r, w, d) of the other terms at q (w, d), qd (w, d) or (r, w, d), qdd (r, w, d).
+        """Effort (r, w, d) but for `_masses`, at q (w, d), qd (w, d) or (r, w, d), qdd (r, w, d).
 
         Without the mass' on demand.  `load` (w, 2, d): all that is transmitted as measured, and
         its static part.
@@ -125,58 +138,6 @@ class _Forward:
                 own = columns * theta
                 out[..., t.joint] += own[..., 0] if own.shape[2] == 1 else own.sum(axis=2)
         return out
-
-
-def _looked_at(term: Term, motion: Motion) -> set[str]:
-    """Fields of unconnected states that a term looks at."""
-    few = slice(None, None, max(1, motion.n // SOME))
-    rows = [x[few] for x in (motion.q, motion.qd, motion.qdd, motion.load, motion.static)]
-    return {
-        name
-        for name, _ in watched(term.effect, [motion.at_states(*rows)], term.joint, term.shape)[1]
-    }
-
-
-def _shared(parts: Sequence[Sequence[Part]], owner: IntArray) -> list[Part]:
-    """Terms of all models that follow the state, with the coefficients (w, m) of each row.
-
-    Zero where a row's model has no such term.
-    """
-    found: dict[tuple[object, ...], Part] = {}
-    for k, own in enumerate(parts):
-        for t, theta in own:
-            if not t.effect.replayed:
-                key = (*t.key, t.shape)
-                if key not in found:
-                    found[key] = (t, np.zeros((len(owner), theta.size)))
-                found[key][1][owner == k] = theta
-    return list(found.values())
-
-
-def _parts(result: FitResult, motion: Motion) -> list[Part]:
-    """Terms of a model with their coefficients in a run; zero in a run that was not fitted."""
-    out = []
-    for t, where in zip(result.terms, result.slices, strict=True):
-        theta = result.theta[where]
-        if t.per_run:
-            motions = result.problem.motions
-            own = by_run(t, theta, len(motions))
-            known = [own[k] for k, m in enumerate(motions) if m is motion]
-            theta = np.asarray(known[0]) if known else np.zeros(own.shape[1])
-        elif t.effect.belongs(t.shape) and all(m is not motion for m in result.problem.motions):
-            theta = np.zeros_like(theta)
-        out.append((t, theta))
-    return out
-
-
-def _replayed(result: FitResult, motion: Motion) -> FloatArray:
-    """Effort (n, d) of states and measured derivatives, taken from the measured run."""
-    out = np.zeros_like(motion.q)
-    for t, theta in _parts(result, motion):
-        if t.effect.replayed:
-            where = slice(None) if t.effect.whole_robot else t.joint
-            out[:, where] += t.effect.columns(motion, t.joint, t.shape) @ theta
-    return out
 
 
 def forward(motion: Motion, jobs: Sequence[Windows]) -> list[tuple[FloatArray, FloatArray]]:
@@ -222,7 +183,7 @@ def _drives(
     results = list({id(job.result): job.result for job in jobs}.values())
     place = {id(r): k for k, r in enumerate(results)}
     which = np.array([place[id(job.result)] for job in jobs])[owner]
-    every = motion.tau + motion.tau_ext - np.stack([_replayed(r, motion) for r in results])
+    every = motion.tau + motion.tau_ext - np.stack([replayed(r, motion) for r in results])
     return lambda rows, now: np.asarray(every[which[rows], now])
 
 

@@ -136,15 +136,13 @@ def _alarms(m: Material) -> list[str]:
 
 def fails(m: Material) -> str:
     """Views of the residual, strongest regions as sentences."""
-    before = regions(m.before.result, m.last.floor)
-    after = regions(m.after.result, m.last.floor)
-    first = _strongest(before, 6)
+    first = _strongest(regions(m.before.result, m.last.floor), 6)
     text = items(first) if first else paragraph("Nowhere above the noise band.")
     several = len(m.rungs) > 1
     lead = "Before any effect was added, strongest first:" if several else "Strongest first:"
     parts = [paragraph(lead) if first else "", text]
     if several:
-        left = _strongest(after, 5)
+        left = _strongest(regions(m.after.result, m.last.floor), 5)
         nothing = "With the added effects nothing stands above the noise band."
         parts.append(paragraph("Left over with all added effects:" if left else nothing))
         parts.append(items(left))

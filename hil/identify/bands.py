@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
 import scipy.signal
 from numpy.typing import NDArray
 
@@ -132,58 +131,3 @@ def smooth(x: FloatArray, fs: float, cutoff: float) -> FloatArray:
     sos = scipy.signal.butter(4, cutoff / (fs / 2), output="sos")
     out: FloatArray = scipy.signal.sosfiltfilt(sos, x, axis=0)
     return out
-
-
-class Decimator:
-    """The one linear operator that every column and the effort pass: low-pass and decimate.
-
-    Done in the frequency domain, so that it is exactly linear, exactly zero-phase and the
-    same for all: y = X theta before it means y = X theta after it.
-
-    Parameters
-    ----------
-    n : int
-        Instants before.
-    fs : float
-        Their rate [Hz].
-    cutoff : float
-        Cut-off (half power) [Hz]; output rate is about three times that.
-    """
-
-    def __init__(self, n: int, fs: float, cutoff: float) -> None:
-        self._good = int(scipy.fft.next_fast_len(n, real=True))
-        duration = self._good / fs
-        self._keep = max(8, min(int(duration * 1.5 * cutoff), self._good // 2)) + 1
-        f = np.arange(self._keep) / duration
-        # |H|^2 of a 4th order Butterworth, forward and backward
-        self._gain = 1.0 / (1.0 + (f / cutoff) ** 8)
-        self._out = 2 * (self._keep - 1)
-        self._n = n
-        self.rate = self._out / duration
-        edge = max(2, int(np.ceil(1.5 / cutoff * self.rate)))
-        last = int(np.floor((n - 1) / fs * self.rate)) - edge
-        self._slice = slice(edge, max(last, edge + 1))
-        self.times = np.arange(self._out)[self._slice] / self.rate
-
-    def __call__(self, x: FloatArray) -> FloatArray:
-        """Filter and decimate along axis 0; (n, ...) to (n_out, ...)."""
-        # pad by a straight line back to the start: linear in x, and without a step
-        pad = self._good - self._n
-        if pad:
-            ramp = np.arange(1, pad + 1).reshape(-1, *[1] * (x.ndim - 1)) / (pad + 1)
-            x = np.concatenate([x, x[-1:] + (x[:1] - x[-1:]) * ramp])
-        spectrum = scipy.fft.rfft(x, axis=0)[: self._keep]
-        spectrum *= self._gain.reshape(-1, *[1] * (x.ndim - 1))
-        out = scipy.fft.irfft(spectrum, n=self._out, axis=0) * (self._out / self._good)
-        result: FloatArray = out[self._slice]
-        return result
-
-    def adjoint(self, y: FloatArray) -> FloatArray:
-        """Transpose of the operator but for the padding: x'(F' y) = (F x)' y; (n_out,) to (n,)."""
-        full = np.zeros(self._out)
-        full[self._slice] = y
-        spectrum = np.zeros(self._good // 2 + 1, dtype=np.complex128)
-        spectrum[: self._keep] = scipy.fft.rfft(full)[: self._keep] * self._gain
-        spectrum[self._keep - 1] *= 0.5  # the highest frequency has no mirror image after it
-        out: FloatArray = scipy.fft.irfft(spectrum, n=self._good)[: self._n]
-        return out

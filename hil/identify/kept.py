@@ -39,15 +39,17 @@ class Watched(Motion):
                 seen.add((name, None))
         return object.__getattribute__(self, name)
 
-    def sign(self, j: int) -> FloatArray:
-        """As of any motion; only this joint's resolution counts as looked at.
+    def sign(self, j: int, v0: float | None = None) -> FloatArray:
+        """As of any motion; only this joint's resolution counts as looked at, if it is used.
 
         The acceleration counts where signs are averaged.
         """
-        self._seen.update({("qd", None), ("average", None), ("v0", j)})
+        self._seen.update({("qd", None), ("average", None)})
+        if v0 is None:
+            self._seen.add(("v0", j))
         if self._plain.average:
             self._seen.add(("qdd", None))
-        return self._plain.sign(j)
+        return self._plain.sign(j, v0)
 
 
 def watched(

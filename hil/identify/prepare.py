@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError
 from hil.identify import bands, standstill
+from hil.identify.decimator import Decimator
 from hil.models.motion import Motion
 from hil.models.robots import Robot
 from hil.record.jumps import jumps
@@ -19,7 +20,7 @@ SHORTEST = 6.0
 
 def prepare(
     r: Recording, robot: Robot, rates: bands.Rates, span: FloatArray, explains: str
-) -> tuple[Motion, FloatArray, bands.Decimator]:
+) -> tuple[Motion, FloatArray, Decimator]:
     """Motion of a run, where each joint stands (n, d; 1 there), and the run's effort filter.
 
     Raises
@@ -49,7 +50,7 @@ def prepare(
         grain=standstill.position_noise(r.q) * np.sqrt(12), slips=_slips(r, pick, rates),
     )  # fmt: skip
     still = standstill.standing(r.q, qdd, fs, 0.5 / rates.effort, rates.position)
-    return motion, still[pick], bands.Decimator(t.size, 1 / step, rates.effort)
+    return motion, still[pick], Decimator(t.size, 1 / step, rates.effort)
 
 
 def _slips(r: Recording, pick: slice, rates: bands.Rates) -> FloatArray:

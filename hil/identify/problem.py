@@ -58,6 +58,9 @@ class Problem(Rows):
         known = self._kept.get(key, self.motions)
         if known is not None:
             return known
+        if first is not None and first >= len(self.motions):
+            # one run alone shows no difference between runs
+            return np.zeros((self.d, self.n, 0) if effect.whole_robot else (self.n, 0))
         raw, fields = self._made(effect, j, shape)
         out = self.acting(raw, None if effect.whole_robot else j)
         if first is not None:
@@ -81,7 +84,7 @@ class Problem(Rows):
             now, missing = missing[:room], missing[room:]
             made += [self._made(effect, j, s) for s in now[1:]]
             runs = zip(*(raw for raw, _ in made), strict=True)
-            wide = [np.concatenate(parts, axis=-1) for parts in runs]
+            wide = [_beside(parts) for parts in runs]
             out = self.acting(wide, None if effect.whole_robot else j)
             edges = np.cumsum([raw[0].shape[-1] for raw, _ in made])[:-1]
             parts = zip(now, np.split(out, edges, axis=-1), made, strict=True)
@@ -125,6 +128,11 @@ class Problem(Rows):
         return np.concatenate([np.where(mask == k, x, 0.0) for k in runs] or [x[..., :0]], axis=-1)
 
 
+def _beside(parts: Sequence[FloatArray]) -> FloatArray:
+    """Columns of several arrays in one, each column's instants side by side in memory."""
+    return np.concatenate([x.T for x in parts]).T if parts[0].ndim == 2 else np.dstack(parts)
+
+
 def _sound(effect: Effect, j: int, motion: Motion, columns: FloatArray) -> None:
     """Refuse columns of a shape that was not declared, or with a number that is none."""
     rows = (motion.n, motion.d) if effect.whole_robot else (motion.n,)
@@ -136,7 +144,9 @@ def _sound(effect: Effect, j: int, motion: Motion, columns: FloatArray) -> None:
         )
     if not expected[-1]:
         raise ConfigError(f"effect {effect.name!r} has no params, so there is nothing to fit")
-    if not np.isfinite(columns).all() and not effect.available(motion, j):
+    # a sum is cheap; one that is no number may still be an overflow
+    sound = np.isfinite(np.sum(columns)) or np.isfinite(columns).all()
+    if not sound and not effect.available(motion, j):
         raise ConfigError(
             f"effect {effect.name!r}: its columns hold NaN or infinity on joint {j + 1}; "
             "guard its equation (division by zero, power of a negative number)"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError
 from hil.identify import bands, standstill
+from hil.identify.decimator import Decimator
 from hil.identify.kept import Kept
 from hil.identify.prepare import prepare
 from hil.models.model import Band
@@ -78,7 +79,7 @@ class Rows:
         highs = np.max([r.q.max(axis=0) for r in recordings], axis=0)
         self.span = np.stack([lows, highs], axis=1) if span is None else span
         self.motions: list[Motion] = []
-        self._filters: list[bands.Decimator] = []
+        self._filters: list[Decimator] = []
         self._still: list[FloatArray] = []
         for r in recordings:
             motion, still, decimator = prepare(r, self.robot, self.rates, self.span, explains)

@@ -68,7 +68,7 @@ class Screen:
         starts = np.flatnonzero(np.diff(number, prepend=-1))
         total = np.zeros((len(self.size[0]), len(signs)))
         for wave, size in ((self.wave, self.size[0]), (self.twice, self.size[1])):
-            parts = np.add.reduceat(wave * b, starts, axis=1)
+            parts = _stretches(wave, b.astype(np.complex64), starts)
             total += _turned(parts, signs[:, number[starts]]) / size[:, None]
         return np.asarray(total.max(axis=0))
 
@@ -104,10 +104,8 @@ class Ripples:
     def _sums(self, b: FloatArray, starts: NDArray[np.int_]) -> NDArray[np.complex128]:
         """sum_m k^m wave w_m b over the stretches that begin at `starts`, (orders, stretches)."""
         own = (self.factors * b[:, None]).astype(np.complex64)
-        edges = [*starts.tolist(), len(b)]
-        parts = [self.wave[:, s:e] @ own[s:e] for s, e in pairwise(edges)]
         powers = self.k[:, None] ** np.arange(self.factors.shape[1])
-        return np.asarray(np.einsum("om,som->os", powers, np.stack(parts)))
+        return np.asarray(np.einsum("om,osm->os", powers, _stretches(self.wave, own, starts)))
 
     def gains(self, back: FloatArray) -> FloatArray:
         """Approximate gains (orders,) of back-projected rows (n,), overtones and all."""
@@ -122,6 +120,14 @@ class Ripples:
         parts = self._sums(back[:: self.stride], starts)
         gains = _turned(parts, signs[:, number[starts]]) / self.size[:, None]
         return np.asarray(gains.max(axis=0))
+
+
+def _stretches(
+    wave: NDArray[np.complex64], x: NDArray[np.complex64], starts: NDArray[np.int_]
+) -> NDArray[np.complex64]:
+    """Products (orders, stretches, ...) with x (n, ...), over the stretches that begin there."""
+    edges = [*starts.tolist(), len(x)]
+    return np.stack([wave[:, s:e] @ x[s:e] for s, e in pairwise(edges)], axis=1)
 
 
 def _turned(parts: NDArray[np.complexfloating], signs: FloatArray) -> FloatArray:
@@ -165,10 +171,18 @@ def screen(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Scree
     """Screen of a term whose columns are harmonics over position; None for any other."""
     if len(grid) < MANY:
         return None
+    key = ("screen", *term.key)
+    known = problem.memo.get(key)
+    if known is None or known[0] is not problem.motions or known[1] != grid:
+        made = _ripples(problem, term, grid) or _screen(problem, term, grid)
+        known = problem.memo[key] = (problem.motions, grid, made)
+    found: Screen | Ripples | None = known[2]
+    return found
+
+
+def _screen(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Screen | None:
+    """Screen of a term with a `carrier`; None for any other."""
     j, effect = term.joint, term.effect
-    ripples = _ripples(problem, term, grid)
-    if ripples is not None:
-        return ripples
     carriers = [effect.carrier(m, j) for m in problem.motions]
     if any(c is None for c in carriers):
         return None

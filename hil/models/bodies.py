@@ -22,13 +22,6 @@ IntArray = NDArray[np.int64]
 
 
 @numba.njit(cache=True)
-def _cross(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
-@numba.njit(cache=True)
 def _rotation(axis: FloatArray, angle: float, out: FloatArray) -> None:
     """Rodrigues' formula."""
     c, s = np.cos(angle), np.sin(angle)
@@ -51,40 +44,30 @@ def _into(r: FloatArray, p: FloatArray, old: FloatArray, new: FloatArray) -> Non
 
 
 @numba.njit(cache=True)
-def _wrenches(v: FloatArray, a: FloatArray, spare: FloatArray, out: FloatArray) -> None:
-    """Force and moment (6, 10) of unit parameters m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
-    w, b = v[3:], a[3:]
-    lin, e, t = spare[0], spare[1], spare[2]
-    _cross(w, v[:3], lin)
-    lin += a[:3]
-    ww = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-    out[:] = 0.0
-    out[:3, 0] = lin
-    for k in range(3):
-        for i in range(3):
-            out[i, 1 + k] = w[i] * w[k]
-        out[k, 1 + k] -= ww
-    # [alpha x] and -[lin x]
-    for k, i, sign in ((0, 1, 1.0), (1, 2, 1.0), (2, 0, 1.0)):
-        o = 3 - k - i
-        out[i, 1 + k] += sign * b[o]
-        out[k, 1 + i] -= sign * b[o]
-        out[3 + i, 1 + k] = -sign * lin[o]
-        out[3 + k, 1 + i] = sign * lin[o]
-    column = 4
-    for i in range(3):
-        for k in range(i + 1):
-            # E = e_i e_k' (+ e_k e_i'): moment E alpha + w x E w
-            e[:] = 0.0
-            e[i] = w[k]
-            if i != k:
-                e[k] = w[i]
-            _cross(w, e, t)
-            t[i] += b[k]
-            if i != k:
-                t[k] += b[i]
-            out[3:, column] = t
-            column += 1
+def _wrenches(v: FloatArray, a: FloatArray, out: FloatArray) -> None:
+    """Force and moment (6, 10) of unit parameters m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+
+    What is zero for any motion, moments of m and forces of I, is left as it is.
+    """
+    x, y, z, bx, by, bz = v[3], v[4], v[5], a[3], a[4], a[5]
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    # of m: a + w x v
+    fx, fy, fz = a[0] + y * v[2] - z * v[1], a[1] + z * v[0] - x * v[2], a[2] + x * v[1] - y * v[0]
+    out[0, 0], out[1, 0], out[2, 0] = fx, fy, fz
+    # of mc: the force [alpha x] + [w x]^2, the moment -[(a + w x v) x]
+    out[0, 1], out[0, 2], out[0, 3] = -yy - zz, xy - bz, xz + by
+    out[1, 1], out[1, 2], out[1, 3] = xy + bz, -xx - zz, yz - bx
+    out[2, 1], out[2, 2], out[2, 3] = xz - by, yz + bx, -xx - yy
+    out[3, 1], out[3, 2], out[3, 3] = 0.0, fz, -fy
+    out[4, 1], out[4, 2], out[4, 3] = -fz, 0.0, fx
+    out[5, 1], out[5, 2], out[5, 3] = fy, -fx, 0.0
+    # of I: the moment E alpha + w x E w, with E = e_i e_k' (+ e_k e_i')
+    out[3, 4], out[4, 4], out[5, 4] = bx, xz, -xy
+    out[3, 5], out[4, 5], out[5, 5] = by - xz, bx + yz, xx - yy
+    out[3, 6], out[4, 6], out[5, 6] = -yz, by, xy
+    out[3, 7], out[4, 7], out[5, 7] = bz + xy, zz - xx, bx - yz
+    out[3, 8], out[4, 8], out[5, 8] = yy - zz, bz - xy, by + xz
+    out[3, 9], out[4, 9], out[5, 9] = yz, -xz, bz
 
 
 @numba.njit(cache=True)
@@ -93,7 +76,8 @@ def _pose(
     p: FloatArray,
 ) -> None:  # fmt: skip
     """Pose (R, p) of a joint's frame within its parent's at position q."""
-    _rotation(s[3:], q if s[3:].any() else 0.0, spin)
+    turns = s[3] != 0.0 or s[4] != 0.0 or s[5] != 0.0
+    _rotation(s[3:], q if turns else 0.0, spin)
     for x in range(3):
         p[x] = place[x]
         for y in range(3):
@@ -141,7 +125,7 @@ def regressor(
     out = np.zeros((n, d, 10 * d))
     v, a, seen = np.zeros((d, 6)), np.zeros((d, 6)), np.zeros((d, d, 6))
     base, spin, r, p = np.zeros(6), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    forces, still, spare = np.empty((6, 10)), np.zeros(6), np.empty((3, 3))
+    forces, still = np.zeros((6, 10)), np.zeros(6)
     base[:3] = -gravity
     for k in range(n):
         for i in range(d):
@@ -150,7 +134,7 @@ def regressor(
             _into(r, p, v[before] if before >= 0 else still, v[i])
             _into(r, p, a[before] if before >= 0 else base, a[i])
             _own(axis[i], qd[k, i], qdd[k, i], v[i], a[i])
-            _wrenches(v[i], a[i], spare, forces)
+            _wrenches(v[i], a[i], forces)
             above = before
             while above >= 0:
                 _into(r, p, seen[before, above], seen[i, above])
@@ -158,10 +142,74 @@ def regressor(
             seen[i, i] = axis[i]
             above = i
             while above >= 0:
-                for c in range(10):
-                    total = 0.0
-                    for x in range(6):
-                        total += seen[i, above, x] * forces[x, c]
-                    out[k, above, 10 * i + c] = total
+                for x in range(6):
+                    for c in range(10):
+                        out[k, above, 10 * i + c] += seen[i, above, x] * forces[x, c]
                 above = parent[above]
     return out
+
+
+@numba.njit(cache=True)
+def balance(
+    parent: IntArray, turn: FloatArray, place: FloatArray, axis: FloatArray, gravity: FloatArray,
+    q: FloatArray, qd: FloatArray, pi: FloatArray,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Effort (n, d) without acceleration, and mass matrix (n, d, d), for parameters pi (n, 10 d).
+
+        M = sum_i J_i' I_i J_i,
+
+    with J_i the axes of the chain below body i, seen from it, and I_i its spatial inertia.  The
+    rest as of `regressor`.
+    """
+    n, d = q.shape
+    rest, mass = np.zeros((n, d)), np.zeros((n, d, d))
+    v, a, seen = np.zeros((d, 6)), np.zeros((d, 6)), np.zeros((d, d, 6))
+    base, spin, r, p = np.zeros(6), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    forces, still, own = np.zeros((6, 10)), np.zeros(6), np.empty(6)
+    base[:3] = -gravity
+    for k in range(n):
+        for i in range(d):
+            before, mine = parent[i], pi[k, 10 * i : 10 * i + 10]
+            _pose(turn[i], place[i], axis[i], q[k, i], spin, r, p)
+            _into(r, p, v[before] if before >= 0 else still, v[i])
+            _into(r, p, a[before] if before >= 0 else base, a[i])
+            _own(axis[i], qd[k, i], 0.0, v[i], a[i])
+            above = before
+            while above >= 0:
+                _into(r, p, seen[before, above], seen[i, above])
+                above = parent[above]
+            seen[i, i] = axis[i]
+            _wrenches(v[i], a[i], forces)
+            for x in range(6):
+                own[x] = 0.0
+                for c in range(10):
+                    own[x] += forces[x, c] * mine[c]
+            _felt(parent, i, seen[i], own, rest[k])
+            above = i
+            while above >= 0:
+                _moved(seen[i, above], mine, own)
+                _felt(parent, i, seen[i], own, mass[k, above])
+                above = parent[above]
+    return rest, mass
+
+
+@numba.njit(cache=True)
+def _moved(s: FloatArray, pi: FloatArray, out: FloatArray) -> None:
+    """Force and moment (6,) of an acceleration [b, alpha]: m b + alpha x mc, mc x b + I alpha."""
+    b, u, mc = s[:3], s[3:], pi[1:4]
+    out[0] = pi[0] * b[0] + u[1] * mc[2] - u[2] * mc[1]
+    out[1] = pi[0] * b[1] + u[2] * mc[0] - u[0] * mc[2]
+    out[2] = pi[0] * b[2] + u[0] * mc[1] - u[1] * mc[0]
+    out[3] = mc[1] * b[2] - mc[2] * b[1] + pi[4] * u[0] + pi[5] * u[1] + pi[7] * u[2]
+    out[4] = mc[2] * b[0] - mc[0] * b[2] + pi[5] * u[0] + pi[6] * u[1] + pi[8] * u[2]
+    out[5] = mc[0] * b[1] - mc[1] * b[0] + pi[7] * u[0] + pi[8] * u[1] + pi[9] * u[2]
+
+
+@numba.njit(cache=True)
+def _felt(parent: IntArray, i: int, seen: FloatArray, own: FloatArray, out: FloatArray) -> None:
+    """Add what the chain below body i feels of a force and moment on it, to out (d,)."""
+    above = i
+    while above >= 0:
+        for x in range(6):
+            out[above] += seen[above, x] * own[x]
+        above = parent[above]

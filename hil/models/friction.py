@@ -32,7 +32,7 @@ class Coulomb(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """tanh(v / v0)."""
-        return _column(motion.sign_of(motion.qd[:, j], motion.qdd[:, j], float(shape[0])))
+        return _column(motion.sign(j, float(shape[0])))
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From the velocity resolution up to a tenth of the typical speed."""
@@ -195,7 +195,7 @@ def harmonics(q: FloatArray, p: float) -> FloatArray:
     """[sin kq, cos kq, sin 2kq, cos 2kq] with k = 2 pi p, shape (n, 4)."""
     phase = 2 * np.pi * p * q
     s, c = np.sin(phase), np.cos(phase)
-    return np.stack([s, c, 2 * s * c, c * c - s * s], axis=1)
+    return np.stack([s, c, 2 * s * c, c * c - s * s]).T
 
 
 EFFECTS: tuple[Effect, ...] = (

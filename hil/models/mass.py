@@ -170,7 +170,7 @@ class EndStop(Effect):
         """[d, d |d|, |d| v]."""
         side = 1.0 if shape[1] > 0 else -1.0
         depth = side * np.maximum(0.0, side * (motion.q[:, j] - shape[0]))
-        return np.stack([depth, depth * np.abs(depth), np.abs(depth) * motion.qd[:, j]], axis=1)
+        return np.stack([depth, depth * np.abs(depth), np.abs(depth) * motion.qd[:, j]]).T
 
     def credible(
         self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],

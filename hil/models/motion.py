@@ -126,10 +126,10 @@ class Motion:
         out: FloatArray = self.t - self.t[0]
         return out
 
-    def sign(self, j: int) -> FloatArray:
-        """Sign of joint j's velocity, resolved to `v0[j]`: tanh(v / v0), shape (n,)."""
+    def sign(self, j: int, v0: float | None = None) -> FloatArray:
+        """Sign of joint j's velocity, resolved to `v0[j]` or as given: tanh(v / v0), shape (n,)."""
         signs: dict[tuple[int, float], FloatArray] = self.__dict__["_signs"]
-        key = (j, float(self.v0[j]))
+        key = (j, float(self.v0[j]) if v0 is None else v0)
         if key not in signs:
             if len(signs) >= 4 * self.d:
                 signs.clear()
@@ -151,8 +151,11 @@ class Motion:
             return np.tanh(v / v0)
         h = np.maximum(h, 0.01 * v0)
         up, down = np.abs(v + h) / v0, np.abs(v - h) / v0
-        # ln cosh x = |x| + ln(1 + exp(-2 |x|)) - ln 2
-        rise = up - down + np.log1p(np.exp(-2 * up)) - np.log1p(np.exp(-2 * down))
+        rise = up - down
+        # ln cosh x = |x| + ln(1 + exp(-2 |x|)) - ln 2, of which far away |x| alone is left
+        near = np.flatnonzero(np.minimum(up, down) < 20.0)
+        few = np.exp(-2 * up[near]), np.exp(-2 * down[near])
+        rise[near] = rise[near] + np.log1p(few[0]) - np.log1p(few[1])
         return v0 / (2 * h) * rise
 
     def scaled(self, j: int) -> FloatArray:

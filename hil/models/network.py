@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import product
 
 import numpy as np
 
@@ -24,27 +23,34 @@ WIDE = 2.0
 
 
 @lru_cache(maxsize=8)
-def nodes(dim: int) -> FloatArray:
-    """Levels and centres of the dictionary, shape (nodes, 1 + dim); finer where all are small.
+def lines(dim: int) -> tuple[FloatArray, ...]:
+    """Centres along each input, level by level; finer where all are small.
 
     Coarse levels cover the range, fine ones the neighbourhood of zero, where friction changes.
     """
-    out = []
-    for level in range(4 if dim == 1 else 2):
-        reach = (1.0, 1.5, 0.5, 0.25)[level]
-        line = np.arange(-reach, reach + 1e-9, 2.0**-level)
-        out += [(float(level), *c) for c in product(line, repeat=dim)]
-    return np.array(out)
+    reaches = (1.0, 1.5, 0.5, 0.25)[: 4 if dim == 1 else 2]
+    return tuple(np.arange(-r, r + 1e-9, 2.0**-m) for m, r in enumerate(reaches))
 
 
 def wavelets(x: FloatArray) -> FloatArray:
-    """Mexican hats of inputs x (n, dim), shape (n, nodes)."""
-    table = nodes(x.shape[1])
-    # z = 2^m (x - c)
-    z = 2.0 ** table[:, 0, None] * (x[:, None] - table[:, 1:])
-    square = np.sum(z**2, axis=2)
-    out: FloatArray = (x.shape[1] - square) * np.exp(-square / 2)
-    return out
+    """Mexican hats of inputs x (n, dim), one at every crossing of centres: shape (n, nodes)."""
+    n, dim = x.shape
+    out = []
+    for level, line in enumerate(lines(dim)):
+        # z = 2^m (x - c); |z|^2 is a sum over the inputs, and its exponential a product
+        square = (2.0**level * (x[:, :, None] - line)) ** 2
+        bell = np.exp(-square / 2)
+        total, hat = square[:, 0], bell[:, 0]
+        for k in range(1, dim):
+            total = (total[:, :, None] + square[:, k, None]).reshape(n, -1)
+            hat = (hat[:, :, None] * bell[:, k, None]).reshape(n, -1)
+        out.append((dim - total) * hat)
+    return np.concatenate(out, axis=1)
+
+
+def nodes(dim: int) -> int:
+    """Wavelets of `dim` inputs."""
+    return sum(len(line) ** dim for line in lines(dim))
 
 
 def dictionary(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -111,7 +117,7 @@ class FrictionNetwork(Effect):
 
     def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
         """One weight a wavelet of the largest set of inputs."""
-        one, two = len(nodes(1)), len(nodes(2))
+        one, two = nodes(1), nodes(2)
         most = 2 * one + two if motion.d > 1 else one + two
         return tuple(Param(f"w{k + 1}", "{F}", "weight of a wavelet") for k in range(most))
 

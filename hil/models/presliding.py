@@ -155,8 +155,7 @@ class Presliding(Effect):
         else:
             state = slip_state if shape[1] == 0.0 else dahl_state
             loops = [state(q, k * s) for k in (1.0, 3.0, 9.0)]
-        sign = motion.sign_of(motion.qd[:, j], motion.qdd[:, j], float(shape[2]))
-        return np.stack([sign, *loops], axis=1)
+        return np.stack([motion.sign(j, float(shape[2])), *loops]).T
 
     def remark(self, values: Mapping[str, float], errors: Mapping[str, float]) -> str:
         """LuGre's law without a rise of its level is Dahl's."""

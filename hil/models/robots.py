@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,16 @@ class Robot(Protocol):
 
     def tip_axes(self, q: FloatArray) -> FloatArray | None:
         """Axes of the tip's frame as columns in base axes, (n, 3, 3); None without a tip."""
+
+
+@runtime_checkable
+class Balanced(Protocol):
+    """A robot that gives its rigid-body balance without a regressor."""
+
+    def balance(
+        self, q: FloatArray, qd: FloatArray, pi: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Effort without acceleration (n, d), mass matrix (n, d, d), for parameters (n, p)."""
 
 
 class IndependentAxes:

@@ -125,7 +125,7 @@ class ElasticTransmission(_Resonance):
         passed, rate = sprung(load, inertia, motion.dt, k, c)
         side = np.tanh((motion.qd[:, j] - rate) / motion.resolution[j])
         rung, _ = sprung(side, inertia, motion.dt, k, c)
-        return np.stack([passed - load, rung - motion.sign(j)], axis=1)
+        return np.stack([passed - load, rung - motion.sign(j)]).T
 
     def credible(
         self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],

@@ -107,6 +107,15 @@ class UrdfRobot:
         every: FloatArray = bodies.regressor(*(*self._tree, *states))
         return every if self._same else back @ every
 
+    def balance(
+        self, q: FloatArray, qd: FloatArray, pi: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Effort without acceleration (n, d) and mass matrix (n, d, d) for parameters (n, p)."""
+        back = self._all.T
+        states = (q @ back + self._shift, qd @ back)
+        rest, mass = bodies.balance(*(*self._tree, *states, pi))
+        return (rest, mass) if self._same else (rest @ self._all, back @ mass @ self._all)
+
     def tip(self, q: FloatArray) -> FloatArray:
         """Tip position in base axes (n, 3) [m]."""
         out = np.empty((len(q), 3))

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from hil.compare.forward import Windows, _Forward, _looked_at
+from hil.compare.forward import Windows, _Forward
 from hil.compare.multistep import each, simulate
+from hil.compare.states import looked_at
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models.model import base_model
@@ -51,7 +52,7 @@ def test_several_accelerations_of_a_state_as_each_of_them_alone() -> None:
     load = np.stack([motion.load[starts], motion.static[starts]], axis=1)
     alone = np.concatenate([model.effort(q, qd, row[None], load) for row in qdd])
     assert model.effort(q, qd, qdd, load) == pytest.approx(alone, rel=1e-12)
-    looked_at = {t.effect.name: _looked_at(t, motion) for t in result.terms}
-    assert "qdd" not in looked_at["viscous"] | looked_at["torque-offset"]
-    assert "qd" not in looked_at["torque-offset"]
-    assert {"qd"} <= looked_at["viscous"] & looked_at["quadratic-drag"] & looked_at["coulomb"]
+    seen = {t.effect.name: looked_at(t, motion) for t in result.terms}
+    assert "qdd" not in seen["viscous"] | seen["torque-offset"]
+    assert "qd" not in seen["torque-offset"]
+    assert {"qd"} <= seen["viscous"] & seen["quadratic-drag"] & seen["coulomb"]

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hil.errors import DataError
-from hil.identify.bands import Decimator, choose, derivatives, motion_bandwidth, smooth
+from hil.identify.bands import choose, derivatives, motion_bandwidth, smooth
+from hil.identify.decimator import Decimator
 from hil.models.model import Band
 from hil.record.recording import Recording
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.identify import bands
+from hil.identify.decimator import Decimator
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
@@ -17,7 +17,7 @@ from hil.record.recording import Recording
 
 def test_adjoint_of_the_decimator() -> None:
     rng = np.random.default_rng(1)
-    f = bands.Decimator(1024, 200.0, 15.0)
+    f = Decimator(1024, 200.0, 15.0)
     x, y = rng.normal(size=1024), rng.normal(size=f.times.size)
     assert f(x) @ y == pytest.approx(x @ f.adjoint(y), rel=1e-9)
 

@@ -47,3 +47,22 @@ def test_regressor_and_tip_mass_are_pinocchios() -> None:
         a = pin.getFrameClassicalAcceleration(model, data, frame, world).linear
         jacobian = pin.computeFrameJacobian(model, data, state, frame, world)[:3]
         np.testing.assert_allclose(tip[k], jacobian.T @ (a - model.gravity.linear), atol=1e-12)
+
+
+def test_balance_is_pinocchios() -> None:
+    robot = UrdfRobot(tree())
+    model = pin.buildModelFromXML(tree())
+    data = model.createData()
+    rng = np.random.default_rng(1)
+    q, qd = rng.normal(size=(2, 40, 4))
+    # each state with bodies of its own
+    pi = robot.prior * rng.uniform(0.5, 2.0, (40, 1))
+    rest, mass = robot.balance(q, qd, pi)
+    for k in range(len(q)):
+        for i, inertia in enumerate(np.split(pi[k], 4)):
+            model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(inertia)
+        state = pin.integrate(model, pin.neutral(model), q[k])
+        np.testing.assert_allclose(rest[k], pin.nle(model, data, state, qd[k]), atol=1e-12)
+        upper = np.triu(pin.crba(model, data, state))
+        theirs = upper + np.triu(upper, 1).T
+        np.testing.assert_allclose(mass[k], theirs, atol=1e-12)

@@ -390,6 +390,8 @@ def test_a_mimic_joint_follows_and_all_bodies_count() -> None:
         for a, b, c in zip(q, qd, qdd, strict=True)
     ]
     np.testing.assert_allclose(got, expected, rtol=1e-10, atol=1e-11)
+    rest, mass = robot.balance(q, qd, np.tile(robot.prior, (len(q), 1)))
+    np.testing.assert_allclose(rest + np.einsum("nij,nj->ni", mass, qdd), got, rtol=1e-10)
     whole = UrdfRobot(ARM)
     everything = q @ FOLLOW.T + SHIFT, qd @ FOLLOW.T, qdd @ FOLLOW.T
     np.testing.assert_allclose(robot.jacobian(q), whole.jacobian(everything[0]) @ FOLLOW)
