@@ -172,8 +172,8 @@ def _bumps(q: FloatArray, span: FloatArray, count: int) -> FloatArray:
     """Gaussian bumps over a range, as wide as they are apart, shape (n, count)."""
     centres = np.linspace(span[0], span[1], count)
     width = max(float(span[1] - span[0]), 1e-9) / (count - 1)
-    out: FloatArray = np.exp(-0.5 * ((q[:, None] - centres) / width) ** 2)
-    return out
+    out: FloatArray = np.exp(-0.5 * ((q - centres[:, None]) / width) ** 2)
+    return out.T
 
 
 def _rubs(m: Motion, j: int, k: int) -> FloatArray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from hil.identify.blocks import time_blocks
@@ -41,13 +40,13 @@ class Folds:
         own = [np.hstack([a[j], more[self.fold == k]]) for k, (a, _) in enumerate(self.parts)]
         aims = [b[j] for _, b in self.parts]
         grams, rights = self._products(own, aims)
-        r, errors = self.grams[0].shape[0], []
+        gram, right, r = np.sum(grams, axis=0), np.sum(rights, axis=0), self.grams[0].shape[0]
+        errors = []
         for strength in STRENGTHS if more.shape[1] else STRENGTHS[:1]:
-            ridge = np.diag(np.where(np.arange(len(rights[0])) >= r, strength, 1e-10))
+            ridge = np.diag(np.where(np.arange(len(right)) >= r, strength, 1e-10))
             total = 0.0
             for k, (a, b) in enumerate(zip(own, aims, strict=True)):
-                gram, right = sum(grams) - grams[k] + ridge, sum(rights) - rights[k]
-                theta = scipy.linalg.solve(gram, right, assume_a="sym")
+                theta = np.linalg.solve(gram - grams[k] + ridge, right - rights[k])
                 total += float(np.sum((b - a @ theta) ** 2))
             errors.append(total)
         return float(result.sigma[j] * np.sqrt(min(errors) / max(result.problem.count[j], 1.0)))

@@ -58,9 +58,10 @@ class Decimator:
         self._out = 2 * (self._keep - 1)
         most = self._good // max(2 * (self._keep - 1), 1)
         self._parts = next(p for p in range(max(most, 1), 0, -1) if self._good % p == 0)
-        # exp(-2 pi i k d / N) times the gain
+        # exp(-2 pi i k d / N) times the gain, and what the shorter transform back asks for
         phase = np.outer(np.arange(self._keep), np.arange(self._parts)) / self._good
-        self._turns = self._gain[:, None] * np.exp(-2j * np.pi * phase)
+        size = self._gain[:, None] * (self._out / self._good)
+        self._turns = size * np.exp(-2j * np.pi * phase)
         self._n = n
         self.rate = self._out / duration
         edge = max(2, int(np.ceil(1.5 / cutoff * self.rate)))
@@ -80,7 +81,7 @@ class Decimator:
         parts = scipy.fft.rfft(flat.T.reshape(flat.shape[1], -1, self._parts), axis=1)
         spectrum = np.empty((self._keep, flat.shape[1]), dtype=np.complex128)
         _joined(parts, self._turns, spectrum)
-        out = scipy.fft.irfft(spectrum, n=self._out, axis=0) * (self._out / self._good)
+        out = scipy.fft.irfft(spectrum, n=self._out, axis=0)
         result: FloatArray = out[self._slice].reshape(-1, *x.shape[1:])
         return result
 

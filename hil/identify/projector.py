@@ -164,13 +164,14 @@ class Projector:
         Directions of the term of which less than a millionth is new are not counted.
         """
         rows, (n, g, m) = self.rows(term), c.shape
-        norm = np.sqrt(np.einsum("ngm,ngm->gm", c, c))
+        by = c.transpose(1, 2, 0)
+        own = by @ by.transpose(0, 2, 1)
+        norm = np.sqrt(np.diagonal(own, axis1=1, axis2=2))
         norm = np.where(norm > 1e-300, norm, 1.0)
         right = ((self.residual[rows] @ c.reshape(n, -1)).reshape(g, m)) / norm
         qc = self.inner(rows, c.reshape(n, -1)).reshape(-1, g, m)
         unit = qc / norm
-        by = c.transpose(1, 2, 0)
-        own = by @ by.transpose(0, 2, 1) / (norm[:, :, None] * norm[:, None, :])
+        own /= norm[:, :, None] * norm[:, None, :]
         across = unit.transpose(1, 2, 0)
         gram = own - across @ across.transpose(0, 2, 1)
         value, vector = np.linalg.eigh(gram)

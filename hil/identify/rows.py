@@ -204,4 +204,5 @@ class Rows:
 
     def filtered(self, parts: Sequence[FloatArray]) -> FloatArray:
         """Effort filter of one array a run, runs stacked along axis 0."""
-        return np.concatenate([f(x) for f, x in zip(self._filters, parts, strict=True)])
+        runs = [f(x) for f, x in zip(self._filters, parts, strict=True)]
+        return np.concatenate(runs) if len(runs) > 1 else runs[0]

@@ -38,14 +38,14 @@ def wavelets(x: FloatArray) -> FloatArray:
     out = []
     for level, line in enumerate(lines(dim)):
         # z = 2^m (x - c); |z|^2 is a sum over the inputs, and its exponential a product
-        square = (2.0**level * (x[:, :, None] - line)) ** 2
+        square = (2.0**level * (x.T[:, None] - line[:, None])) ** 2
         bell = np.exp(-square / 2)
-        total, hat = square[:, 0], bell[:, 0]
+        total, hat = square[0], bell[0]
         for k in range(1, dim):
-            total = (total[:, :, None] + square[:, k, None]).reshape(n, -1)
-            hat = (hat[:, :, None] * bell[:, k, None]).reshape(n, -1)
+            total = (total[:, None] + square[k]).reshape(-1, n)
+            hat = (hat[:, None] * bell[k]).reshape(-1, n)
         out.append((dim - total) * hat)
-    return np.concatenate(out, axis=1)
+    return np.concatenate(out).T
 
 
 def nodes(dim: int) -> int:
