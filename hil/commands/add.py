@@ -7,6 +7,7 @@ import argparse
 from hil.commands import common
 from hil.compare import analysis
 from hil.compare.analysis import Rung
+from hil.compare.credible import impossible
 from hil.compare.tables import ladder_json
 from hil.compare.warn import rising, useless
 from hil.errors import ConfigError
@@ -49,15 +50,19 @@ def run(args: argparse.Namespace) -> int:
     if args.output:
         common.save_model(rungs[1].step.result.model, args.output)
     idle, worse = _idle(args.joint, *rungs), rising(list(rungs))
+    odd = impossible(rungs[1].step.result, args.effect)
     if args.json:
         data = {"schema": "hil.add/1", "ladder": ladder_json(list(rungs))}
         warnings = [{"code": "no-benefit", "text": w} for w in idle]
         warnings += [{"code": "multi-step", "text": w} for w in worse]
+        warnings += [{"code": "no-physics", "text": w} for w in odd]
         common.emit({**data, "warnings": warnings})
         return 0
     common.out(_table(*rungs))
     for name, value in _new(*rungs).items():
         common.out(f"  {common.value_line(name, value, rungs[1].step.result.problem.joints)}")
+    for line in odd:
+        common.out(f"  warning: {line}")
     for line in idle:
         common.out(f"  {line}")
     for warning in worse:

@@ -132,7 +132,11 @@ def ladder_text(d: Diagnosis) -> str:
     floor = 100 * d.noise / d.ladder[-1].heldout.effort_rms
     rows.append(["noise floor", *(f"{x:.2f}" for x in (*floor, *np.ones(len(joints))))])
     head = ["held-out error", *(f"{j} %" for j in joints), *(f"{j}/floor" for j in joints)]
-    return common.table(head, rows)
+    band = d.result.problem.rates.effort
+    return common.table(head, rows) + (
+        f"\n  efforts up to {band:.3g} Hz: the band follows the fitted motion, and errors of two "
+        "reports compare where it is the same"
+    )
 
 
 def _cells(m: MultiStep | None) -> list[str]:

@@ -31,8 +31,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     parser.add_argument(
         "rig", metavar="RIG.toml",
-        help="rig file, the URDF of a robot of your own, or a session (S.mcap) of a robot that "
-        "has neither: the motion keeps to the range, twice the speed and twice the effort recorded",
+        help="rig file, the URDF of a robot of your own, or a session (S.mcap): without a URDF in "
+        "it the motion keeps to the range, twice the speed and twice the effort recorded",
     )  # fmt: skip
     parser.add_argument(
         "--for", dest="effects", default="", metavar="EFFECT[,EFFECT]",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hil.compare.attribute import physical
 from hil.compare.candidate import Candidate
 from hil.compare.evidence import Evidence
 from hil.compare.experiment import ABSORBED, MOST, Planner
@@ -19,6 +20,8 @@ from hil.models import catalogue
 SAME = 0.98
 #: Confidence from which a name is one.
 CONFIDENT = 0.75
+#: Log odds below which a motion is as good as none.
+SOME = 1.0
 #: Why a set cannot be told apart.
 STRUCTURAL, EXCITATION = "structural", "excitation"
 
@@ -47,6 +50,10 @@ class Indistinguishable:
     command: str = ""
 
 
+#: A name, its rivals, and the number of its joint; -1 of the whole robot.
+Undecided = tuple[str, list[str], int]
+
+
 @dataclass(frozen=True)
 class _Set:
     """A set before anything is planned: candidates on one joint, and what is known of it."""
@@ -54,10 +61,12 @@ class _Set:
     among: tuple[Candidate, ...]
     effects: tuple[str, ...]
     why: str
+    #: Whether nobody asked for it: then it is left out where what is recorded decides.
+    aside: bool = False
 
 
 def pairs(
-    evidence: Evidence, rivals: list[tuple[str, list[str]]], result: FitResult | None = None
+    evidence: Evidence, rivals: list[Undecided], result: FitResult | None = None
 ) -> list[Indistinguishable]:
     """Indistinguishable sets: structural, absorbed by the base, and by this excitation.
 
@@ -65,8 +74,8 @@ def pairs(
     ----------
     evidence : Evidence
         Candidates of one fit.
-    rivals : list of (effect, rivals)
-        Sets that attribution could not decide.
+    rivals : list of (effect, rivals, joint)
+        Sets that attribution could not decide; the joint by its number, -1 of the whole robot.
     result : FitResult, optional
         That fit; without it nothing is planned.
     """
@@ -75,21 +84,23 @@ def pairs(
         for name, why in evidence.impossible
         if name == "torque-gain"
     ]
-    late = [n for n, _ in rivals if n in LATE]
+    late = [n for n, *_ in rivals if n in LATE]
     out += [
         Indistinguishable((late[0], name), why, catalogue.get(name).shown_by)
         for name, why in evidence.impossible
         if name == "filter-lag" and late
     ]
     sets = _absorbed(evidence, {e for x in out for e in x.effects})
-    for name, others in rivals:
+    for name, others, j in rivals:
         if others:
             every = "both" if len(others) == 1 else f"all {len(others) + 1}"
-            why = f"{every} explain this residual nearly equally well with this motion"
-            sets.append(_Set(_named(evidence, (name, *others)), (name, *others), why))
-    sets += _collinear(evidence, sets, {n for name, others in rivals for n in (name, *others)})
+            where = f" of {result.problem.joints[j]}" if result is not None and j >= 0 else ""
+            why = f"{every} explain this residual{where} nearly equally well with this motion"
+            sets.append(_Set(_named(evidence, (name, *others), j), (name, *others), why))
+    sets += _collinear(evidence, sets, {n for name, others, _ in rivals for n in (name, *others)})
     planner = Planner(result, evidence) if sets and result is not None else None
-    return out + [_planned(s, sets, planner) for s in sets]
+    planned = (_planned(s, sets, planner) for s in sets)
+    return out + [x for x in planned if x is not None]
 
 
 def concerned(named: list[tuple[str, list[str], float]], *evidence: Evidence) -> set[str]:
@@ -122,13 +133,13 @@ def at_issue(
     return [s for s in sets if s not in standing], standing
 
 
-def _named(evidence: Evidence, names: tuple[str, ...]) -> tuple[Candidate, ...]:
-    """Best candidate of each name, on the joint of the first where it is there."""
+def _named(evidence: Evidence, names: tuple[str, ...], j: int) -> tuple[Candidate, ...]:
+    """Best candidate of each name, on joint j, or else on that of the first, where it is there."""
     out: list[Candidate] = []
     for name in names:
         own = [c for c in evidence.candidates if c.name == name]
-        near = [c for c in own if not out or c.term.joint == out[0].term.joint]
-        out += (near or own)[:1]
+        where = out[0].term.joint if out else j
+        out += ([c for c in own if c.term.joint == where] or own)[:1]
     return tuple(out)
 
 
@@ -151,7 +162,11 @@ def _collinear(evidence: Evidence, known: list[_Set], named: set[str]) -> list[_
     if evidence.projector is None:
         return []
     out: list[_Set] = []
-    top = [c for c in evidence.candidates if c.score > 0 and c.absorbed < ABSORBED][:8]
+    motion = evidence.projector.problem.motions[0]
+    top = [
+        c for c in evidence.candidates
+        if c.score > 0 and c.absorbed < ABSORBED and physical(c, motion)
+    ][:8]  # fmt: skip
     seen = {frozenset((a, b)) for x in known for a in x.effects for b in x.effects}
     for a_index, a in enumerate(top):
         for b in top[a_index + 1 :]:
@@ -162,12 +177,14 @@ def _collinear(evidence: Evidence, known: list[_Set], named: set[str]) -> list[_
             if cosine > SAME:
                 seen.add(frozenset((a.name, b.name)))
                 why = f"with this motion their signatures coincide (cosine {cosine:.3f})"
-                out.append(_Set((a, b), (a.name, b.name), why))
+                out.append(_Set((a, b), (a.name, b.name), why, True))
     return out
 
 
-def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguishable:
-    """The set with its reason and the motion that separates it best."""
+def _planned(
+    s: _Set, sets: list[_Set], planner: Planner | None
+) -> Indistinguishable | None:  # fmt: skip
+    """The set with its reason and the motion that separates it best; None if it is told apart."""
     choice = None
     if planner is not None and len(s.among):
         names = tuple(c.name for c in s.among)
@@ -185,6 +202,8 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
         if len(s.among) > 1:
             return Indistinguishable(s.effects, why, "no motion of this robot alone")
         return Indistinguishable(s.effects, why, f"no motion of this robot alone; {shown}")
+    if s.aside and choice.now is not None and choice.now.decided:
+        return None
     return _by_motion(s, choice, planner)
 
 
@@ -216,7 +235,12 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
         + ("" if best.verdict.decided else "; with the values fitted here too little to decide")
         + f"): {command}"
     )
+    if best.verdict.odds < SOME:
+        why = f"{s.why}; as large as it is here, no motion of the menu shows a difference"
+        return Indistinguishable(s.effects, why, "the same effect, larger", EXCITATION)
     why = f"{s.why}; it is this excitation, not the structure"
+    if choice.now is not None and choice.now.decided:
+        why = f"{s.why}: they differ by less than real parts depart from such laws"
     if choice.never:
         why += f" (but no motion tells {names[0]} from {' or '.join(choice.never)})"
     return Indistinguishable(s.effects, why, text, EXCITATION, motion, command)

@@ -183,11 +183,12 @@ def add(
     problem = make_problem(recordings, model)
     examine = Examiner(problem, holdout or [])
     before = settled(fit_aligned(problem, model), examine, "before")
+    where = "" if joints == ("*",) else f" on {', '.join(joints)}"
     joints = _usable(effect, joints, problem)
     own: dict[str, object] = {"per_run": True} if kind.per_run and len(recordings) > 1 else {}
     larger = before.result.model + Use(effect, joints, own)
     after = complete(fit_problem(problem, larger))
-    steps = (before, Step(f"+ {effect}", after, examine(after)))
+    steps = (before, Step(f"+ {effect}{where}", after, examine(after)))
     first, second = each([s.result for s in steps], problem)
     return Rung(steps[0], first), Rung(steps[1], second)
 

@@ -88,6 +88,11 @@ class Candidate:
         return self.chi2 - self.price
 
 
+def ranking(c: Candidate) -> tuple[float, int, float]:
+    """Sort key: the higher score first, of equals (in four digits) the one with less to fit."""
+    return -float(f"{c.score:.4g}"), c.dof, -float(f"{c.score:.8g}")
+
+
 def try_all(projector: Projector, result: FitResult, terms: list[Term]) -> list[Candidate]:
     """Candidates for terms, without those that have no shape here, or nothing but zeros."""
     tried = [_try(projector, result, t) for t in terms]

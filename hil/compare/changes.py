@@ -82,7 +82,9 @@ class Change:
     def text(self) -> str:
         """One sentence without its full stop."""
         when = f"from {self.at:.3g} s of {self.run} on" if self.at else f"in {self.run}"
-        size = f"{self.value:+.3g}" + ("" if self.unit == "1" else f" {self.unit}")
+        size = f"{self.value:+.3g} {self.unit}"
+        if self.unit == "1":
+            size = f"{100 * self.value:+.3g} % against the rest"
         fall = 100 * (1 - np.sqrt(1 - self.share))
         return (
             f"{self.joint}: another {self.what} {when} ({size}) would lower the error by "

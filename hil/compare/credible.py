@@ -12,6 +12,7 @@ from hil.compare.significance import by_chance
 from hil.identify.design import Term, coefficients, head
 from hil.identify.projector import Projector
 from hil.identify.regression import basis
+from hil.identify.result import FitResult
 from hil.models.model import Value
 
 FloatArray = NDArray[np.float64]
@@ -48,7 +49,7 @@ def credible(step: Step, before: Step, c: Candidate, floor: FloatArray) -> bool:
     ):
         return False
     term = next((t for t in step.result.terms if t.key == c.term.key), None)
-    return term is None or (_allowed(step, term) and not _outdone(step, term))
+    return term is None or (_allowed(step.result, term) and not _outdone(step, term))
 
 
 def _shapes(step: Step, c: Candidate) -> dict[str, Value]:
@@ -63,9 +64,20 @@ def _left(step: Step, before: Step, j: int, floor: float) -> bool:
     return bool(rms > ADEQUATE * floor and rms**2 - floor**2 > REST * (first**2 - floor**2))
 
 
-def _allowed(step: Step, term: Term) -> bool:
+def impossible(result: FitResult, effect: str) -> list[str]:
+    """Sentences on an effect's values that its own law does not allow, joint by joint."""
+    joints = result.problem.joints
+    return [
+        f"{effect}{'' if t.effect.of_robot else f' on {joints[t.joint]}'}: values that fit best "
+        "cannot be physics (a stop that pulls, friction that drives, a cause that is another one); "
+        "'hil diagnose' would not name it"
+        for t in result.terms
+        if t.effect.name == effect and not _allowed(result, t)
+    ]
+
+
+def _allowed(result: FitResult, term: Term) -> bool:
     """Whether the effect's own law allows its values, in every run that has its own."""
-    result = step.result
     values = [result.values[n] for n, _ in coefficients(term, result.problem)]
     runs = len(result.problem.recordings) if term.per_run else 1
     each = np.array([[v.value, v.stderr] for v in values]).reshape(-1, 2)

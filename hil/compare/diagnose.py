@@ -9,6 +9,7 @@ from hil.compare.afterwards import finish
 from hil.compare.attribute import choose, kindred, plausible, possible, simplest_first
 from hil.compare.candidate import Candidate
 from hil.compare.columns import mistaken
+from hil.compare.complement import other_gains
 from hil.compare.credible import credible
 from hil.compare.evidence import Evidence, gather, in_time
 from hil.compare.findings import Accepted, Diagnosis, Step, describe
@@ -16,6 +17,7 @@ from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner
 from hil.compare.identifiable import undetermined
 from hil.compare.judge import EXPLAINED, judge
+from hil.compare.overtones import overtone
 from hil.compare.retest import as_use, drop_superfluous, look_again, refitted
 from hil.compare.settle import settled
 from hil.identify.problem import Problem
@@ -101,7 +103,8 @@ def diagnose(
         ladder.append(step)
         evidence = gather(step.result, seed)
         drop_superfluous(found, ladder, examine)
-    if look_again(found, ladder, evidence.floor, examine):
+    renamed = look_again(found, ladder, evidence.floor, examine)
+    if other_gains(found, first.candidates, ladder, examine) or renamed:
         evidence = gather(ladder[-1].result, seed)
     out = judge(ladder, found, first, evidence, examine.floor(ladder[-1].result, evidence))
     return finish(out, examine, model, recordings, faults)
@@ -125,6 +128,8 @@ def _next(
         or not (found or c.term.effect.jointless)
     ]
     candidates = [c for c in candidates if not _sudden(c, evidence, now.result)]
+    motion = now.result.problem.motions[0]
+    candidates = [c for c in candidates if not overtone(c, found, motion)[0]]
     if found:
         late = [c for c in possible(evidence, now.result) if c not in pool]
         candidates = [c for c in candidates if not any(_imitates(c, x) for x in late)]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare import denoise
-from hil.compare.candidate import Candidate, try_all
+from hil.compare.candidate import Candidate, ranking, try_all
 from hil.compare.changes import Change, changes
 from hil.compare.detect import detect
 from hil.compare.floor import Floor, measure
@@ -91,7 +91,7 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
     detect(found, projector, floor, result, seed)
     denoise.mark(found, projector)
     # scores that agree to four digits keep the order of the catalogue
-    found.sort(key=lambda c: -float(f"{c.score:.4g}"))
+    found.sort(key=ranking)
     return Evidence(found, floor, projector, impossible, changed)
 
 

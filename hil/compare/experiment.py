@@ -52,7 +52,7 @@ class Planner:
     evidence: Evidence
 
     def __post_init__(self) -> None:
-        self._seen: dict[tuple[str, ...], tuple[Survey, Question]] = {}
+        self._seen: dict[tuple[tuple[str, int], ...], tuple[Survey, Question]] = {}
         self._stage = _stage(self.result)
 
     def plan(self, among: tuple[Candidate, ...], pair: tuple[str, ...]) -> Choice | None:
@@ -61,7 +61,7 @@ class Planner:
         among = tuple(c for c in among if not c.term.effect.jointless)
         if self._stage is None or not among or not set(pair) <= {c.name for c in among}:
             return None
-        key = tuple(c.name for c in among)
+        key = tuple((c.name, c.term.joint) for c in among)
         if key not in self._seen:
             self._seen[key] = self._look(among, self._stage)
         seen, question = self._seen[key]

@@ -11,6 +11,7 @@ from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
 from hil.compare.floor import ADEQUATE
 from hil.compare.notes import emptied, notes, noticed
+from hil.compare.overtones import overtones
 from hil.compare.significance import by_chance
 from hil.identify.problem import Problem
 
@@ -71,6 +72,7 @@ def judge(
     )
     out.heldout_floor = other
     out.warnings += [("emptied", emptied(c, problem)) for c in empty]
+    out.warnings += overtones(found, last, ladder[-1].result)
     return _with_changes(out)
 
 

@@ -1,8 +1,8 @@
 """Accepted effects tested again beside all that came after them.
 
-An effect is named against what the model still lacks at that time.  What is found later on the
-same joint clears the view: the effect may have become superfluous, or another one may do better
-in its place.
+An effect is named against what the model still lacks at that time.  What is found later, on any
+joint, for they share the links, clears the view: the effect may have become superfluous, or
+another one may do better in its place.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from hil.compare import denoise
 from hil.compare.attribute import choose, kindred, physical, simplest_first
-from hil.compare.candidate import Candidate, try_all
+from hil.compare.candidate import Candidate, ranking, try_all
 from hil.compare.credible import credible
 from hil.compare.evidence import possible_terms, priced
 from hil.compare.findings import Accepted, Step, describe
@@ -27,8 +27,9 @@ from hil.models.model import RobotModel, Use, Value
 
 #: An effect without which its joint's error rises by this factor is not superfluous.
 NEEDED = 1.05
-#: Factor within which two held-out errors are the same.
-SAME = 1.002
+#: Factor within which two held-out errors are the same, and standard errors by which a larger
+#: one refutes another name.
+SAME, REFUTED = 1.002, 2.0
 
 
 def as_use(c: Candidate, problem: Problem) -> Use:
@@ -90,7 +91,7 @@ def _needed(candidate: Candidate, later: list[Accepted], now: Step) -> bool:
 def look_again(
     found: list[Accepted], ladder: list[Step], floor: Floor, examine: Examiner
 ) -> bool:  # fmt: skip
-    """Choose again among all forms of an effect, beside those found after it on its joint.
+    """Choose again among all forms of an effect, beside those found after it.
 
     Confidence and rivals become what the whole model says; a name that another one beats is
     changed if the model with the other one does at least as well on the held-out data, else the
@@ -105,9 +106,10 @@ def look_again(
     for k in range(len(found) - 1):
         now = found[k][0]
         effect = now.term.effect
-        near = any(x.joint == now.joint for x, _, _ in found[k + 1 :])
-        # what stands for other terms leaves the model without them if it goes
-        if not near or effect.of_robot or effect.replaces:
+        # what stands for other terms leaves the model without them if it goes; of gains that
+        # only ratios determine none is better than those of the other joints
+        elsewhere = any(x.term.joint != now.term.joint for x in found[k][2])
+        if effect.of_robot or effect.replaces or elsewhere:
             continue
         order, projector = _forms(found, k, ladder[-1], floor)
         if not order:
@@ -145,7 +147,7 @@ def _forms(
         if x.score > 0 and not x.smoother and x.absorbed < 0.9999 and physical(x, motion)
         and not any(kindred(x, y) for y, _, _ in found[k + 1 :])
     ]  # fmt: skip
-    return simplest_first(sorted(sound, key=lambda x: -float(f"{x.score:.4g}"))), projector
+    return simplest_first(sorted(sound, key=ranking)), projector
 
 
 def _comparable(term: Term, c: Candidate) -> bool:
@@ -172,7 +174,8 @@ def _swap(
         steps.append(refitted(f"+ {describe(c, problem)}", model, examine, steps[-1]))
         if c is other[0] and not credible(steps[-1], steps[-2], c, floor.rms):
             return False
-    if steps[-1].heldout.rms[j] > SAME * ladder[-1].heldout.rms[j]:
+    new, old = steps[-1].heldout, ladder[-1].heldout
+    if new.rms[j] > SAME * old.rms[j] and old.gain(new, j) > REFUTED:
         return False
     found[:], ladder[:] = names, steps
     return True

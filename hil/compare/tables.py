@@ -130,8 +130,11 @@ def _confidence(c: Candidate, evidence: Evidence, d: Diagnosis) -> float:
 def sets_of(d: Diagnosis) -> list[Indistinguishable]:
     """Indistinguishable sets of a diagnosis."""
     if d.sets is None:
-        rivals = [(f.effect, f.rivals) for f in [*d.findings, *d.partial]]
-        d.sets = pairs(d.first, rivals, d.ladder[0].result if d.ladder else None)
+        result = d.ladder[0].result if d.ladder else None
+        place = {name: j for j, name in enumerate(result.problem.joints)} if result else {}
+        named = [*d.findings, *d.partial]
+        rivals = [(f.effect, f.rivals, place.get(f.joint or "", -1)) for f in named]
+        d.sets = pairs(d.first, rivals, result)
     return d.sets
 
 

@@ -174,7 +174,7 @@ def _of_all(problem: Problem) -> list[Unseen]:
     out = []
     length = max(float(r.t[-1] - r.t[0]) for r in problem.recordings)
     if length < MINUTE:
-        why = f"the longest recording has {length:.3g} s, and warming takes minutes"
+        why = f"the longest recording has {length:.3g} s, and warming mostly takes minutes"
         out.append(Unseen(("friction-drift",), (), why))
     if not any(np.any(m.tau_ext) or np.any(m.wrench) for m in problem.motions):
         why = "no external force was measured; without one it scales all parameters alike"

@@ -10,7 +10,8 @@ from hil.compare.analysis import Rung
 def rising(rungs: list[Rung], factor: float = 1.01) -> list[str]:
     """Sentences where a step lowers the effort error but the simulated motion gets worse.
 
-    A rise counts from one percent on, and beyond its standard error over the same windows.
+    A rise counts from one percent on, and beyond its standard error over the same windows, where
+    no later step takes it back.
 
     Parameters
     ----------
@@ -24,7 +25,8 @@ def rising(rungs: list[Rung], factor: float = 1.01) -> list[str]:
         if after.step.result.model.explains != "motor":  # a law of contact has no motion
             continue
         for j in range(after.step.result.problem.d):
-            if after.multi_step.rises(before.multi_step, j, factor):
+            steps = (after.multi_step, rungs[-1].multi_step)
+            if all(m.rises(before.multi_step, j, factor) for m in steps):
                 out.append(_sentence(before, after, j))
     return out
 
@@ -64,4 +66,6 @@ def _sentence(before: Rung, after: Rung, j: int) -> str:
             f"{after.step.label}: the one-step error of {joint} falls but its {rise}; the effect "
             "helps the effort prediction, not the simulation"
         )
+    if errors[1] > 1.01 * errors[0]:
+        return f"{after.step.label}: the one-step error of {joint} rises, too, and its {rise}"
     return f"{after.step.label}: the one-step error of {joint} stays but its {rise}"

@@ -54,12 +54,14 @@ def room(problem: Problem) -> bool:
 
 
 def robot_word(problem: Problem) -> str:
-    """What stands for a robot in a command of `hil excite`: without a description, the session."""
-    source = problem.source
+    """What stands for a robot in a command of `hil excite`: the session, where that says enough.
+
+    Of a preset it is the rig; of a robot that only the model describes, its URDF.
+    """
+    source, first = problem.source, problem.recordings[0]
     if source.urdf:
-        return "ROBOT.urdf"
-    session = f"{problem.recordings[0].name}.mcap"
-    return session if source.preset in ("", "single-axis") else "RIG.toml"
+        return f"{first.name}.mcap" if first.robot.urdf == source.urdf else "ROBOT.urdf"
+    return f"{first.name}.mcap" if source.preset in ("", "single-axis") else "RIG.toml"
 
 
 def model_words(effects: Iterable[Effect]) -> list[str]:

@@ -41,6 +41,13 @@ def _add(module: ModuleType, origin: str) -> None:
                 f"EFFECTS of {origin} holds {effect!r}, which is not an Effect instance; "
                 "write EFFECTS = (MyEffect(),)"
             )
+        for name in ("confused_with", "replaces"):
+            listed = getattr(effect, name)
+            if not isinstance(listed, tuple):
+                raise ConfigError(
+                    f"effect {effect.name!r} of {origin}: {name} is {listed!r}, expected a tuple "
+                    'of names, e.g. ("stribeck",)'
+                )
         known = _table.get(effect.name)
         if known is not None and type(known).__module__ != type(effect).__module__:
             raise ConfigError(

@@ -9,6 +9,9 @@ import numpy as np
 from hil.models.effect import Effect, Param, margins
 from hil.models.motion import FloatArray, Motion
 
+#: Share of an effort at mid-range by which it must vary over the range to depend on the position.
+VARIES = 0.1
+
 
 class RigidBody(Effect):
     """The robot's links: inertia, Coriolis and gravity efforts, all parameters free."""
@@ -105,6 +108,15 @@ class Spring(Effect):
         centred = motion.q[:, j] - motion.span[j].mean()
         return np.stack([centred, np.ones_like(centred)], axis=1)
 
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """A spring whose rest position is not far beyond the range: else it is an offset."""
+        half, sure = 0.5 * float(np.ptp(motion.span[j])), margins(beta, error)
+        varies = (abs(beta[0]) + sure[0]) * half >= VARIES * abs(beta[1])
+        return varies and super().credible(motion, j, shape, beta, error)
+
 
 class PositionTorque(Effect):
     """Smooth effort over position: an umbilical, a cable bundle, a bent hose."""
@@ -124,6 +136,15 @@ class PositionTorque(Effect):
         """Chebyshev polynomials T0..T6."""
         values = np.polynomial.chebyshev.chebvander(np.clip(motion.scaled(j), -1, 1), 6)
         return np.asarray(values, dtype=np.float64)
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """An effort that may vary over the range: else it is an offset."""
+        most = sum(abs(b) + e for b, e in zip(beta[1:], margins(beta, error)[1:], strict=True))
+        varies = most >= VARIES * abs(beta[0])
+        return varies and super().credible(motion, j, shape, beta, error)
 
     def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
         """An inertia that varies with position, M' = 1 or q:  M qdd + M' v^2 / 2.

@@ -9,7 +9,8 @@ from dataclasses import fields
 
 import numpy as np
 
-from hil.errors import HilError
+from hil.errors import HilError, unknown
+from hil.models import catalogue
 from hil.models.effect import Effect, Param
 from hil.models.motion import Motion
 from hil.testing.motions import sample_motions
@@ -92,6 +93,14 @@ def _declaration(effect: Effect) -> None:
         )
     if effect.name in effect.replaces or effect.name in effect.confused_with:
         raise ConformanceError(f"effect {effect.name!r} replaces or is confused with itself")
+    known = {*catalogue.table(), effect.name}
+    for name in (*effect.confused_with, *effect.replaces):
+        if name not in known:
+            raise ConformanceError(
+                f"effect {effect.name!r} names "
+                + unknown("effect", name, known)
+                + "; of a file of your own load all effects first (catalogue.load_plugin)"
+            )
     _parameters(effect, (*effect.params, *effect.shape))
 
 

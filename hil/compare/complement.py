@@ -1,0 +1,80 @@
+"""Which joints' gains it is: of all of them only the ratios are determined.
+
+Scaled efforts of all joints but one are, to a model whose masses are free, one effort that is
+scaled the other way: a gain g on some joints is the same as  1 / (1 + g) - 1  on all others
+(Gautier, Briot, J. Dynamic Systems, Measurement, and Control 136(5), 2014, 051025: gains need a
+known payload or force).  Beside a first fit, whose loads are wrong by the gain itself, the joint
+that explains most need not be the one; a refit with each of the others tells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from hil.compare.candidate import Candidate
+from hil.compare.findings import Accepted, Step, describe
+from hil.compare.heldout import Examiner, HeldOut
+from hil.compare.retest import REFUTED, SAME, as_use, refitted
+from hil.compare.rivals import MIRROR
+
+GAIN = "torque-gain"
+
+
+def other_gains(
+    found: list[Accepted], candidates: list[Candidate], ladder: list[Step], examine: Examiner
+) -> bool:
+    """Name other joints' gains where they do better, or as well and are fewer; whether that is so.
+
+    Each is then as likely as not, with those that were named as its rivals.
+
+    Parameters
+    ----------
+    found : list of Accepted
+        Names in the order of the ladder; changed in place, as the ladder is.
+    candidates : list of Candidate
+        What was tried beside the first rung.
+    """
+    gains = [c for c, _, _ in found if c.name == GAIN]
+    if not gains or min(c.absorbed for c in gains) <= MIRROR:
+        return False
+    rest = [x for x in found if x[0].name != GAIN]
+    joints = np.flatnonzero(~ladder[0].result.problem.holds).tolist()
+    for others in _others(gains, candidates, joints):
+        names: list[Accepted] = [*((c, 0.5, gains) for c in others), *rest]
+        steps = _ladder(names, ladder[0], examine)
+        if _outdoes(steps[-1].heldout, ladder[-1].heldout, joints, len(others) < len(gains)):
+            found[:], ladder[:] = names, steps
+            return True
+    return False
+
+
+def _others(
+    gains: list[Candidate], candidates: list[Candidate], joints: list[int]
+) -> Iterator[list[Candidate]]:
+    """Gains of the other joints that move: each alone, and all of them if they are not more."""
+    named = {c.joint for c in gains}
+    others = [
+        c for c in candidates
+        if c.name == GAIN and c.joint in joints and c.joint not in named and c.absorbed > MIRROR
+    ]  # fmt: skip
+    yield from ([c] for c in others)
+    if 1 < len(others) <= len(gains):
+        yield others
+
+
+def _ladder(names: list[Accepted], first: Step, examine: Examiner) -> list[Step]:
+    """Rungs with these names, one after the other."""
+    problem, steps = first.result.problem, [first]
+    for c, _, _ in names:
+        model = steps[-1].result.model + as_use(c, problem)
+        steps.append(refitted(f"+ {describe(c, problem)}", model, examine, steps[-1]))
+    return steps
+
+
+def _outdoes(new: HeldOut, old: HeldOut, joints: list[int], fewer: bool) -> bool:
+    """Whether held-out errors are larger on no joint, and smaller on one unless there are fewer."""
+    worse = any(new.rms[j] > SAME * old.rms[j] and old.gain(new, j) > REFUTED for j in joints)
+    better = any(SAME * new.rms[j] < old.rms[j] and new.gain(old, j) > REFUTED for j in joints)
+    return not worse and (fewer or better)
