@@ -138,7 +138,8 @@ def _forms(
     projector = Projector(result.problem, rest, result.sigma)
     own = [t for t in result.terms if t.key == c.term.key]
     terms = [t for t in possible_terms(result)[0] if t.joint == c.joint and _comparable(t, c)]
-    tried = try_all(projector, result, [t.reshaped(()) for t in own] + terms)
+    with result.problem.aside():
+        tried = try_all(projector, result, [t.reshaped(()) for t in own] + terms)
     priced(tried, floor, result)
     denoise.mark(tried, projector)
     motion = result.problem.motions[0]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,16 @@ class Problem(Rows):
         else:
             self.motions = [m.with_(**changes) for m in self.motions]
         self._kept = self._kept.pruned(self.motions)
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Columns that are made within are forgotten at its end."""
+        before = self._kept
+        self._kept = before.pruned(self.motions)
+        try:
+            yield
+        finally:
+            self._kept = before
 
     def columns(
         self, effect: Effect, j: int, shape: Sequence[float], per_run: bool = False,
