@@ -181,9 +181,7 @@ def _collinear(evidence: Evidence, known: list[_Set], named: set[str]) -> list[_
     return out
 
 
-def _planned(
-    s: _Set, sets: list[_Set], planner: Planner | None
-) -> Indistinguishable | None:  # fmt: skip
+def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguishable | None:
     """The set with its reason and the motion that separates it best; None if it is told apart."""
     choice = None
     if planner is not None and len(s.among):
@@ -220,6 +218,9 @@ def _group(s: _Set, sets: list[_Set]) -> tuple[Candidate, ...]:
 
 def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     best, problem = choice.best, planner.result.problem
+    if best.verdict.odds < SOME:
+        why = f"{s.why}; as large as it is here, no motion of the menu shows a difference"
+        return Indistinguishable(s.effects, why, "the same effect, larger", EXCITATION)
     names = tuple(c.name for c in s.among)
     joint = problem.joints[s.among[0].term.joint]
     whole = all(c.term.effect.whole_robot for c in s.among)
@@ -235,9 +236,6 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
         + ("" if best.verdict.decided else "; with the values fitted here too little to decide")
         + f"): {command}"
     )
-    if best.verdict.odds < SOME:
-        why = f"{s.why}; as large as it is here, no motion of the menu shows a difference"
-        return Indistinguishable(s.effects, why, "the same effect, larger", EXCITATION)
     why = f"{s.why}; it is this excitation, not the structure"
     if choice.now is not None and choice.now.decided:
         why = f"{s.why}: they differ by less than real parts depart from such laws"

@@ -14,9 +14,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from hil.compare.candidate import Candidate
-from hil.compare.findings import Accepted, Step, describe
+from hil.compare.findings import Accepted, Step
 from hil.compare.heldout import Examiner, HeldOut
-from hil.compare.retest import REFUTED, SAME, as_use, refitted
+from hil.compare.retest import larger, remade
 from hil.compare.rivals import MIRROR
 
 GAIN = "torque-gain"
@@ -43,7 +43,7 @@ def other_gains(
     joints = np.flatnonzero(~ladder[0].result.problem.holds).tolist()
     for others in _others(gains, candidates, joints):
         names: list[Accepted] = [*((c, 0.5, gains) for c in others), *rest]
-        steps = _ladder(names, ladder[0], examine)
+        steps = remade(names, ladder[0], examine)
         if _outdoes(steps[-1].heldout, ladder[-1].heldout, joints, len(others) < len(gains)):
             found[:], ladder[:] = names, steps
             return True
@@ -64,17 +64,7 @@ def _others(
         yield others
 
 
-def _ladder(names: list[Accepted], first: Step, examine: Examiner) -> list[Step]:
-    """Rungs with these names, one after the other."""
-    problem, steps = first.result.problem, [first]
-    for c, _, _ in names:
-        model = steps[-1].result.model + as_use(c, problem)
-        steps.append(refitted(f"+ {describe(c, problem)}", model, examine, steps[-1]))
-    return steps
-
-
 def _outdoes(new: HeldOut, old: HeldOut, joints: list[int], fewer: bool) -> bool:
     """Whether held-out errors are larger on no joint, and smaller on one unless there are fewer."""
-    worse = any(new.rms[j] > SAME * old.rms[j] and old.gain(new, j) > REFUTED for j in joints)
-    better = any(SAME * new.rms[j] < old.rms[j] and new.gain(old, j) > REFUTED for j in joints)
-    return not worse and (fewer or better)
+    worse = any(larger(new, old, j) for j in joints)
+    return not worse and (fewer or any(larger(old, new, j) for j in joints))

@@ -18,7 +18,7 @@ from hil.compare.heldout import Examiner
 from hil.compare.identifiable import undetermined
 from hil.compare.judge import EXPLAINED, judge
 from hil.compare.overtones import overtone
-from hil.compare.retest import as_use, drop_superfluous, look_again, refitted
+from hil.compare.retest import REFUTED, as_use, drop_superfluous, look_again, refitted
 from hil.compare.settle import settled
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -36,8 +36,6 @@ SHARE = 0.10
 #: ... and, after a first effect on the joint, this share of all that was above the floor:
 #: library equations miss real effects by about a percent of their power, which is no new effect.
 FORM = 0.0125
-#: Held-out standard errors by which a candidate that did not help is out of the question.
-REFUTED = 2.0
 MOST = 4
 #: Factor by which a change at one instant must explain more than a candidate to put it aside.
 MORE = 1.1

@@ -90,7 +90,6 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
     priced(found, floor, result)
     detect(found, projector, floor, result, seed)
     denoise.mark(found, projector)
-    # scores that agree to four digits keep the order of the catalogue
     found.sort(key=ranking)
     return Evidence(found, floor, projector, impossible, changed)
 

@@ -16,7 +16,7 @@ from hil.compare.credible import credible
 from hil.compare.evidence import possible_terms, priced
 from hil.compare.findings import Accepted, Step, describe
 from hil.compare.floor import ADEQUATE, Floor
-from hil.compare.heldout import Examiner
+from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.significance import by_chance
 from hil.identify.design import Term, head
 from hil.identify.problem import Problem
@@ -27,8 +27,8 @@ from hil.models.model import RobotModel, Use, Value
 
 #: An effect without which its joint's error rises by this factor is not superfluous.
 NEEDED = 1.05
-#: Factor within which two held-out errors are the same, and standard errors by which a larger
-#: one refutes another name.
+#: Factor within which two held-out errors are the same, and standard errors of a difference from
+#: which the larger one is out of the question.
 SAME, REFUTED = 1.002, 2.0
 
 
@@ -167,16 +167,25 @@ def _swap(
     floor: Floor,
 ) -> bool:  # fmt: skip
     """Give an accepted effect another name, and make the ladder anew; whether that holds."""
-    problem, j = ladder[0].result.problem, found[k][0].joint
     names = [*found[:k], other, *found[k + 1 :]]
-    steps = ladder[:1]
-    for c, _, _ in names:
-        model = steps[-1].result.model + as_use(c, problem)
-        steps.append(refitted(f"+ {describe(c, problem)}", model, examine, steps[-1]))
-        if c is other[0] and not credible(steps[-1], steps[-2], c, floor.rms):
-            return False
-    new, old = steps[-1].heldout, ladder[-1].heldout
-    if new.rms[j] > SAME * old.rms[j] and old.gain(new, j) > REFUTED:
+    steps = remade(names, ladder[0], examine)
+    if not credible(steps[k + 1], steps[k], other[0], floor.rms):
+        return False
+    if larger(steps[-1].heldout, ladder[-1].heldout, found[k][0].joint):
         return False
     found[:], ladder[:] = names, steps
     return True
+
+
+def remade(names: list[Accepted], first: Step, examine: Examiner) -> list[Step]:
+    """Ladder with these names, one after the other."""
+    problem, steps = first.result.problem, [first]
+    for c, _, _ in names:
+        model = steps[-1].result.model + as_use(c, problem)
+        steps.append(refitted(f"+ {describe(c, problem)}", model, examine, steps[-1]))
+    return steps
+
+
+def larger(one: HeldOut, other: HeldOut, j: int) -> bool:
+    """Whether one held-out error of joint j is larger than the other, beyond chance."""
+    return bool(one.rms[j] > SAME * other.rms[j] and other.gain(one, j) > REFUTED)
