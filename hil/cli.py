@@ -7,37 +7,74 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from types import ModuleType
+from typing import NamedTuple
 
 from hil.commands.failures import explain
 from hil.commands.usage import Parser, refuse_rest, refuse_unknown
 from hil.errors import unknown
 
-#: name -> module with `HELP`, `EXAMPLE`, `configure(parser)` and `run(args) -> int`; in the
-#: order of a day's work.  A command stands here when it works, not before.
-COMMANDS: dict[str, str] = {
-    "demo": "hil.commands.demo",
-    "run": "hil.commands.run",
-    "devices": "hil.commands.devices",
-    "selftest": "hil.commands.selftest",
-    "replay": "hil.commands.replay",
-    "import": "hil.commands.import_",
-    "info": "hil.commands.info",
-    "fit": "hil.commands.fit",
-    "compare": "hil.commands.compare",
-    "diagnose": "hil.commands.diagnose",
-    "add": "hil.commands.add",
-    "improve": "hil.commands.improve",
-    "effects": "hil.commands.effects",
-    "excite": "hil.commands.excite",
-    "design": "hil.commands.design",
-    "experiment": "hil.commands.experiment",
-    "bench": "hil.commands.bench",
+
+class Command(NamedTuple):
+    """Row of the table: a module with `EXAMPLE`, `configure(parser)` and `run(args) -> int`."""
+
+    module: str
+    #: Kept here, so that the list of commands loads none of them.
+    help: str
+
+
+#: In the order of a day's work.  A command stands here when it works, not before.
+COMMANDS: dict[str, Command] = {
+    "demo": Command(
+        "hil.commands.demo",
+        "the whole story on simulated devices: a hidden effect, found from the recording alone",
+    ),
+    "run": Command("hil.commands.run", "run a session of a rig and record it"),
+    "devices": Command(
+        "hil.commands.devices",
+        "show what is attached, what of a rig is reachable, and what is missing and why",
+    ),
+    "selftest": Command(
+        "hil.commands.selftest",
+        "test a rig device by device, first without motor power, then at a small torque",
+    ),
+    "replay": Command(
+        "hil.commands.replay",
+        "re-run the controller of a session on its recorded inputs and compare its commands",
+    ),
+    "import": Command(
+        "hil.commands.import_", "bring a CSV, NPZ or MAT recording of any rig into a session"
+    ),
+    "info": Command("hil.commands.info", "channels, rates, gaps and data faults of sessions"),
+    "fit": Command("hil.commands.fit", "identify all parameters of a model jointly"),
+    "compare": Command(
+        "hil.commands.compare", "model against measurement: error, noise floor, where it fails"
+    ),
+    "diagnose": Command("hil.commands.diagnose", "which physical effect is missing"),
+    "add": Command(
+        "hil.commands.add",
+        "add one effect to a model, fit all anew, and print the held-out error before and after",
+    ),
+    "improve": Command(
+        "hil.commands.improve",
+        "diagnose and add effects until nothing more is justified; the error ladder",
+    ),
+    "effects": Command("hil.commands.effects", "the catalogue of physical effects"),
+    "excite": Command(
+        "hil.commands.excite",
+        "the safe motion that identifies the model or separates rival effects",
+    ),
+    "design": Command(
+        "hil.commands.design",
+        "a teleoperation controller's gains, margins, sensitivity and conditioning, before it runs",
+    ),
+    "experiment": Command(
+        "hil.commands.experiment", "a study of the thesis end to end, with its table"
+    ),
+    "bench": Command(
+        "hil.commands.bench",
+        "the published benchmarks: hidden effects, speed, and the three public recordings",
+    ),
 }
-
-
-def _module(name: str) -> ModuleType:
-    return importlib.import_module(COMMANDS[name])
 
 
 def build_parser(only: str | None = None) -> Parser:
@@ -49,12 +86,15 @@ def build_parser(only: str | None = None) -> Parser:
     )
     parser.add_argument("--debug", action="store_true", help=debug)
     sub = parser.add_subparsers(dest="command", metavar="COMMAND")
-    for name in [only] if only else COMMANDS:
-        module = _module(name)
+    for name in COMMANDS:
+        if name != only:
+            sub.add_parser(name, help=COMMANDS[name].help)
+            continue
+        module = importlib.import_module(COMMANDS[name].module)
         command = sub.add_parser(
             name,
-            help=module.HELP,
-            description=module.HELP,
+            help=COMMANDS[name].help,
+            description=COMMANDS[name].help,
             epilog=f"example:\n  {module.EXAMPLE}",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )

@@ -13,10 +13,6 @@ from hil.compare.warn import rising, useless
 from hil.errors import ConfigError
 from hil.models.model import Value
 
-HELP = (
-    "add one effect to a model, fit all parameters again to the sessions, and print the "
-    "held-out error before and after"
-)
 EXAMPLE = "hil add stribeck run.mcap --joint joint2 --model arm.toml -o arm2.toml"
 
 

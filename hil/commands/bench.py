@@ -8,7 +8,6 @@ from collections.abc import Callable
 from hil.commands import benchhidden, benchloop, benchrecorded, benchspeed, common, plugins
 from hil.commands.benchpage import Found
 
-HELP = "the published benchmarks: hidden effects, speed, and the three public recordings"
 EXAMPLE = "hil bench diagnosis --quick"
 
 

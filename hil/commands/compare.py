@@ -9,7 +9,6 @@ from hil.compare import analysis
 from hil.compare.analysis import Comparison
 from hil.compare.tables import comparison_json
 
-HELP = "model against measurement: error, noise floor, where it fails"
 EXAMPLE = "hil compare run.mcap --model arm.toml --report out.html"
 
 

@@ -22,7 +22,6 @@ from hil.models.model import base_model
 from hil.record.reader import load
 from hil.rigs import rig_path
 
-HELP = "the whole story on simulated devices: a hidden effect, found from the recording alone"
 EXAMPLE = "hil demo --seed 7 -o out/demo"
 SESSIONS = ("first.mcap", "second.mcap", "heldout.mcap")
 MODEL, REPORT = "improved.toml", "report.html"

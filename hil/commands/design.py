@@ -17,7 +17,6 @@ from hil.teleop.make import Arms
 from hil.teleop.summary import Summary, summarise
 from hil.tomltable import parse
 
-HELP = "a teleoperation controller's gains, margins, sensitivity and conditioning, before it runs"
 EXAMPLE = (
     "hil design rigs/lawrence.toml --design position-force --set stiffness=200 -o own.toml\n"
     "  hil run own.toml -o s.mcap"

@@ -10,7 +10,6 @@ from hil import reach
 from hil.commands import rigfile
 from hil.config import load_rig
 
-HELP = "show what is attached, what of a rig is reachable, and what is missing and why"
 EXAMPLE = "hil devices rigs/teleop.toml"
 
 

@@ -14,7 +14,6 @@ from hil.compare.findings import Diagnosis
 from hil.compare.tables import diagnosis_json, ladder_json
 from hil.compare.warn import rising
 
-HELP = "which physical effect is missing"
 EXAMPLE = "hil diagnose run.mcap --model arm.toml --holdout other.mcap --report why.html"
 
 

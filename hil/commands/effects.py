@@ -9,7 +9,6 @@ from hil.errors import ConfigError, unknown
 from hil.models import catalogue
 from hil.models.effect import Effect
 
-HELP = "the catalogue of physical effects"
 EXAMPLE = "hil effects stribeck"
 
 

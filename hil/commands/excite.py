@@ -18,7 +18,6 @@ from hil.identify.threads import single_threaded
 from hil.models import catalogue
 from hil.models.model import RobotModel
 
-HELP = "the safe motion that identifies the model or separates rival effects"
 EXAMPLE = (
     "hil excite rigs/identify.toml --for stribeck,quadratic-drag --joint joint2 -o next.toml\n"
     "  hil run rigs/identify.toml --trajectory next.toml -o next.mcap"

@@ -19,7 +19,6 @@ from hil.experiments import (
     without_sensors,
 )
 
-HELP = "a study of the thesis end to end, with its table"
 EXAMPLE = "hil experiment elastic-ukf"
 
 

@@ -10,7 +10,6 @@ from hil.identify.result import FitResult
 from hil.models.model import Value
 from hil.models.told import in_words, without_error
 
-HELP = "identify all parameters of a model jointly"
 EXAMPLE = "hil fit run1.mcap run2.mcap --model arm.toml -o fitted.toml"
 
 

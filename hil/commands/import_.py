@@ -27,7 +27,6 @@ from hil.record.tablefile import run_names
 from hil.record.tablemap import TableMap
 
 _Item = TypeVar("_Item")
-HELP = "bring a CSV, NPZ or MAT recording of any rig into a session"
 EXAMPLE = "hil import run1.csv --robot arm.urdf -o run1.mcap"
 
 

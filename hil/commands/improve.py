@@ -9,7 +9,6 @@ from hil.commands.diagnose import add_verbose, code, show
 from hil.compare import analysis
 from hil.compare.ambiguity import CONFIDENT
 
-HELP = "diagnose and add effects until nothing more is justified; the error ladder"
 EXAMPLE = "hil improve run.mcap --model arm.toml -o better.toml --report ladder.html"
 
 

@@ -16,7 +16,6 @@ from hil.record.reader import ChannelSummary, SessionSummary, load, summary
 from hil.record.recording import Recording
 from hil.record.recovery import recover
 
-HELP = "channels, rates, gaps and data faults of sessions"
 EXAMPLE = "hil info run1.mcap run2.mcap"
 
 

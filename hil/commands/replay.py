@@ -10,7 +10,6 @@ from hil.errors import ConfigError
 from hil.record.difference import first_difference
 from hil.replay import Replayed, replay
 
-HELP = "re-run the controller of a session on its recorded inputs and compare its commands"
 EXAMPLE = (
     "hil replay s.mcap\n  hil replay s.mcap --set force_scale=0.5\n"
     "  hil replay s.mcap --against t.mcap"

@@ -21,7 +21,6 @@ from hil.excite import files
 from hil.record import reader
 from hil.runtime.commands import COMMANDS, scheduled
 
-HELP = "run a session of a rig and record it"
 EXAMPLE = "hil run rigs/teleop.toml --clock lockstep --seconds 10 -o s.mcap"
 #: A short trajectory is repeated to fill about this time [s].
 MEASURED = 30.0

@@ -12,7 +12,6 @@ from hil.config import RigConfig, load_rig
 from hil.exits import unwinding_signals
 from hil.selftest import USUAL, selftest
 
-HELP = "test a rig device by device, first without motor power, then at a small torque"
 EXAMPLE = "hil selftest rigs/teleop.toml --torque 0.1"
 
 

@@ -1,6 +1,8 @@
 """The program as a user meets it: JSON contracts, exit codes, help with an example."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -196,6 +198,12 @@ def test_every_command_has_help_with_an_example(name, capsys):
     with pytest.raises(SystemExit) as stop:
         main([name, "--help"])
     assert stop.value.code == 0 and f"hil {name}" in capsys.readouterr().out.split("example:")[1]
+
+
+def test_the_list_of_commands_loads_none_of_them():
+    ask = "import sys, hil.cli; hil.cli.build_parser().format_help(); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True)
+    assert not {"numpy", "scipy", "numba"} & set(done.stdout.split())
 
 
 def test_results_are_the_same_twice(session, capsys):
