@@ -110,7 +110,7 @@ def _finding(f: Finding, joints: tuple[str, ...]) -> list[str]:
     lines = [
         f"  {f.effect}{where}  (confidence {f.confidence:.2f})",
         f"    held-out error {f.relative_before:.2f} % -> {f.relative_after:.2f} % "
-        f"(se {f.se:.2g}), {100 * f.excess_explained:.0f} % of what was above the noise floor",
+        f"(se {f.se:.2g}), {100 * f.excess_explained:.0f} % of the squared error above the floor",
     ]
     lines += [f"    {common.value_line(name, v, joints)}" for name, v in f.parameters.items()]
     if said := remark(f.effect, f.parameters):

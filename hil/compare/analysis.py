@@ -141,12 +141,20 @@ def compare(
 __all__ = ["add", "compare", "diagnose", "fit", "ladder"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Rung:
-    """One model of an error ladder with both of its errors."""
+    """One model of an error ladder with both of its errors.
+
+    Printed, it is its label and those errors, by joint.
+    """
 
     step: Step
     multi_step: MultiStep
+
+    def __repr__(self) -> str:
+        errors = (self.step.heldout.relative, self.multi_step.relative)
+        one, several = (", ".join(f"{x:.2f}" for x in e) for e in errors)
+        return f"Rung({self.step.label}: held-out error {one} %, multi-step error {several} %)"
 
 
 @single_threaded

@@ -58,13 +58,17 @@ class Finding:
     rivals: list[str]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Step:
     """One rung of the error ladder."""
 
     label: str
     result: FitResult
     heldout: HeldOut
+
+    def __repr__(self) -> str:
+        errors = ", ".join(f"{x:.2f}" for x in self.heldout.relative)
+        return f"Step({self.label}: held-out error {errors} %)"
 
 
 @dataclass(repr=False)

@@ -143,7 +143,7 @@ def details(m: Material) -> list[str]:
     for f in m.partial:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it accounts for "
-            f"{100 * f.excess_explained:.0f} % of what was above the noise floor, and less than "
+            f"{100 * f.excess_explained:.0f} % of the squared error above the floor, and less than "
             f"{100 * EXPLAINED:.0f} % is explained in all, so it is not named as the cause)."
         )
     if m.findings and (left := remains(m.ratio(m.after), m.joints)):
@@ -169,7 +169,7 @@ def _finding(m: Material, f: Finding) -> str:
     return (
         f"{where(f)[:1].upper()}{where(f)[1:]}{f': {text[:1].lower()}{text[1:]}' if text else ''}. "
         f"Confidence {_chance(f.confidence)}{sure}. {_errors(m, f).capitalize()}; this explains "
-        f"{100 * f.excess_explained:.0f} % of what was above the floor.{rivals}"
+        f"{100 * f.excess_explained:.0f} % of the squared error above the floor.{rivals}"
     )
 
 

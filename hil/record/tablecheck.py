@@ -40,10 +40,11 @@ def refuse_not_finite(
         if bad.size:
             source = ", ".join(rules[target].terms) if target in rules else target
             first = ", ".join(str(table.first_row + k) for k in bad[:5])
-            more = ", ..." if bad.size > 5 else ""
+            some = f"rows {first}, ..." if bad.size > 5 else f"rows {first}"
+            where, these = (f"row {first}", "it") if bad.size == 1 else (some, "these rows")
             raise DataError(
                 f"table {table.path}: column {source!r} has {bad.size} missing, NaN or infinite "
-                f"values of {column.size}, first in rows {first}{more}; cut or repair these rows"
+                f"values of {column.size}, in {where}; cut or repair {these}"
             )
 
 

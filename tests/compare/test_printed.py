@@ -21,6 +21,10 @@ def test_results_print_as_one_line(run):
     assert repr(printed[0]).startswith("Recording('axis', joint1: 1")
     assert "relative error joint1" in repr(printed[1]) and "joint1" in repr(printed[2])
     assert repr(printed[3]) == "Diagnosis(adequate)"
+    before, after = map(repr, hil.add([run], model, "stribeck"))
+    assert before.startswith("Rung(before: held-out error ") and "multi-step error" in after
+    step = repr(printed[3].ladder[0])
+    assert step.startswith("Step(") and max(map(len, (before, after, step))) < 200
 
 
 def test_compare_says_that_it_fits_again(run):
