@@ -6,11 +6,16 @@ from hil.compare.ambiguity import CONFIDENT
 from hil.compare.judge import only_there
 from hil.compare.material import COMPARED, Material
 from hil.compare.sessions import ADVICE, BOTH, SAID
-from hil.compare.words import apart, changed, listed, where
+from hil.compare.words import apart, changed, listed, unlike, where
 from hil.errors import ConfigError
 from hil.models import catalogue
 
 AGAIN = "Diagnose again."
+#: Where what is left swings by itself.
+ELSEWHERE = (
+    "Record this joint at rest with its motor on: what swings by itself (a supply, a neighbouring "
+    "machine, a loop that hunts) is there, too; take it away there."
+)
 #: Verdict -> what follows from it alone.
 FIXED = {
     "adequate": ["Use the model within the range of motion that was recorded.",
@@ -45,6 +50,8 @@ def next_steps(m: Material) -> list[str]:
     if m.verdict == "unexplained" and changed(m):
         return ["Give what was recorded before and after that instant as two sessions.",
                 AGAIN]  # fmt: skip
+    if m.verdict == "unexplained" and unlike(m) and not m.network:
+        return [ELSEWHERE, AGAIN]
     if m.verdict == "ambiguous":
         wait = "Do not add an effect yet; record the motion that separates the rivals."
         return [wait, *motions[:3]]

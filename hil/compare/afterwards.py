@@ -1,7 +1,8 @@
 """What is said of a diagnosis after its verdict: errors of all values, ranges, notes, what is left.
 
 Nothing here changes a name or a confidence, nor a verdict but one: an error at its floor that a
-function of positions or speeds foretells on left-out data is not adequate.
+function of positions or speeds foretells on left-out data, or that keeps to two sides as no noise
+does, is not adequate.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from hil.compare.findings import Diagnosis
 from hil.compare.heldout import Examiner
 from hil.compare.lost import lost_counts
 from hil.compare.sessions import differences
+from hil.compare.unlike import notes as unlike_notes
+from hil.compare.unlike import unlike
 from hil.compare.unseen import unseen
 from hil.identify.errors import complete
 from hil.identify.validity import outside
@@ -58,10 +61,20 @@ def finish(
         out.network = hidden(result, falls or {})
         if out.network:
             out.verdict = "unexplained"
+    _with_unlike(out)
     _with_errors(out)
     holds = zip(result.problem.joints, result.problem.holds, strict=True)
     out.warnings += common(out.findings, [name for name, still in holds if not still])
     return out
+
+
+def _with_unlike(out: Diagnosis) -> None:
+    """What is left where that is no noise; who leaves a wave or a switch is not adequate."""
+    step = out.ladder[-1]
+    found = unlike(step.result, step.heldout.rms, out.noise)
+    out.warnings += unlike_notes(found)
+    if out.verdict == "adequate" and any(u.swings for u in found):
+        out.verdict = "unexplained"
 
 
 def _with_errors(out: Diagnosis) -> None:

@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 
 from hil.compare.ambiguity import Indistinguishable, pairs
 from hil.compare.analysis import Comparison, Rung, ladder
+from hil.compare.changes import CODE as CHANGED
 from hil.compare.evidence import Evidence
 from hil.compare.fallback import Share
 from hil.compare.findings import Diagnosis, Finding, Step
+from hil.compare.floor import ADEQUATE
 from hil.compare.multistep import MultiStep
 from hil.compare.tables import sets_of
+from hil.compare.unlike import CODE as UNLIKE
 from hil.compare.unseen import Unseen
 from hil.identify.problem import Problem
 from hil.models.model import Range
@@ -103,10 +106,20 @@ class Material:
         return out
 
     def concerned(self, most: int = 3) -> list[int]:
-        """Joints worth looking at: those of the findings, else the worst against the floor."""
+        """Joints worth looking at: those of the findings, else the worst against the floor.
+
+        Where every joint is at its floor, those of which something is said nevertheless.
+        """
         names = [f.joint for f in (*self.findings, *self.partial) if f.joint in self.joints]
+        ratio = self.ratio(self.before)
+        if not names and float(ratio.max()) <= ADEQUATE:
+            said = [s.joint for s in self.network]
+            said += [
+                text.split(":")[0] for code, text in self.warnings if code in (CHANGED, UNLIKE)
+            ]
+            names = [joint for joint in said if joint in self.joints]
         named = list(dict.fromkeys(self.joints.index(n) for n in names if n is not None))
-        worst = [int(j) for j in np.argsort(-self.ratio(self.before))]
+        worst = [int(j) for j in np.argsort(-ratio)]
         return named[:most] if named else worst[:most]
 
 

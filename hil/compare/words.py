@@ -18,6 +18,7 @@ from hil.compare.judge import EXPLAINED, only_there
 from hil.compare.material import COMPARED, Material
 from hil.compare.page import number
 from hil.compare.sessions import CODE as DIFFER
+from hil.compare.unlike import CODE as UNLIKE
 from hil.errors import ConfigError
 from hil.models import catalogue
 from hil.models.model import Value
@@ -38,7 +39,7 @@ ORIGIN = {
     "smooth functions of all positions and speeds).",
 }
 #: Codes of warnings that stand beside the verdict.
-LEADING = (DIFFER, CHANGED, COMMON)
+LEADING = (DIFFER, CHANGED, UNLIKE, COMMON)
 
 
 def meaning(effect: str) -> str:
@@ -93,6 +94,11 @@ def changed(m: Material) -> list[str]:
     return _said(m, CHANGED)
 
 
+def unlike(m: Material) -> list[str]:
+    """Sentences on what is left at the floor and is no noise."""
+    return _said(m, UNLIKE)
+
+
 def _said(m: Material, which: str) -> list[str]:
     return [f"{text}." for code, text in m.warnings if code == which]
 
@@ -139,7 +145,9 @@ def headline(m: Material) -> str:
 
 def details(m: Material) -> list[str]:
     """Sentences below the headline: effect, confidence, error before and after, floor."""
-    out = [_finding(m, f) for f in m.findings] + apart(m) + changed(m) + _said(m, COMMON)
+    out = (
+        [_finding(m, f) for f in m.findings] + apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
+    )
     for f in m.partial:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it accounts for "
