@@ -36,6 +36,8 @@ SHARE = 0.10
 #: ... and, after a first effect on the joint, this share of all that was above the floor:
 #: library equations miss real effects by about a percent of their power, which is no new effect.
 FORM = 0.0125
+#: Share of all, held out, below which an effect is small.
+SMALL = 0.05
 MOST = 4
 #: Factor by which a change at one instant must explain more than a candidate to put it aside.
 MORE = 1.1
@@ -186,15 +188,20 @@ def _worth(step: Step, now: Step, first: Step, c: Candidate, floor: FloatArray) 
     if step.result.model.explains == "external":
         # half the force sensor's accuracy, in percent of the effort
         better &= step.heldout.relative[j] < now.heldout.relative[j] - 50 * SENSOR_ACCURACY
-    return bool(better and share > SHARE and _sure(step, now, j, float(floor[j])))
+    return bool(better and share > SHARE and _sure(step, now, first, j, float(floor[j])))
 
 
-def _sure(step: Step, now: Step, j: int, floor: float) -> bool:
+def _sure(step: Step, now: Step, first: Step, j: int, floor: float) -> bool:
     """Whether the fall of the held-out error is beyond chance.
 
     An effect that acts in a few stretches only (a stop, a play) spreads its own gains, which is
-    not chance: one that takes EXPLAINED of the excess passes with one standard error.
+    not chance: one that takes EXPLAINED of the excess passes with one standard error.  One that
+    is SMALL beside a first effect must be sure and take EXPLAINED: else it is a part of what the
+    first one's form misses.
     """
     gain = step.heldout.gain(now.heldout, j)
-    before, after = (s.heldout.rms[j] ** 2 - floor**2 for s in (now, step))
-    return bool(gain > (1.0 if after < (1 - EXPLAINED) * before else BEYOND))
+    whole, before, after = (s.heldout.rms[j] ** 2 - floor**2 for s in (first, now, step))
+    most = after < (1 - EXPLAINED) * before
+    if before - after < SMALL * whole:
+        return bool(most and gain > BEYOND)
+    return bool(gain > (1.0 if most else BEYOND))

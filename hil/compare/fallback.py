@@ -37,6 +37,8 @@ LEAST = 0.005
 ROWS = 10_000
 #: Bumps over a joint's own range and over another one's, and joints up to which those are asked.
 FINE, COARSE, NEAR = 40, 12, 4
+#: Bumps over each of two joints' ranges.
+POSES = 7
 #: Fall of an error from which it is no noise.
 HIDDEN = 1 - 1 / REST
 #: Cosines over time; the same blocks as elsewhere are left out in turn, so it interpolates.
@@ -92,7 +94,7 @@ def told(shares: list[Share]) -> list[str]:
 
 
 def foretold(result: FitResult) -> dict[int, float] | None:
-    """Largest fall of each joint's left-out error by a function of positions and its own speed.
+    """Largest fall of each joint's left-out error by functions of positions and of its own speed.
 
     Asked of an error at the floor, where `explainable` finds nothing to share out.  None where the
     runs are so long that this would take its time.
@@ -103,9 +105,14 @@ def foretold(result: FitResult) -> dict[int, float] | None:
     out, folds = {}, Folds(result)
     for j in np.flatnonzero(~problem.holds).tolist():
         before = max(folds.left_out(np.zeros((problem.n, 0)), j), 1e-300)
-        sets = (make for what, _, make in _sets(problem, j) if what != "t" and " and " not in what)
+        sets = (make for what, _, make in _sets(problem, j) if what != "t" and not _of_speeds(what))
         out[j] = max(1.0 - folds.left_out(make(), j) / before for make in sets)
     return out
+
+
+def _of_speeds(what: str) -> bool:
+    """Whether a set of inputs is the speeds of two joints: the largest model has those."""
+    return what.startswith("qd of ") and " and " in what
 
 
 def hidden(result: FitResult, falls: dict[int, float]) -> list[Share]:
@@ -159,6 +166,8 @@ def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, Make]]:
         if k != j:
             rubs = seen(partial(_rubs, j=j, k=k))
             yield f"q of {names[k]}", f"the position of {names[k]}", rubs
+            both = seen(partial(_poses, j=j, k=k))
+            yield f"q of {own} and {names[k]}", f"its position and that of {names[k]}", both
     trend = seen(partial(_trend, j=j))
     yield "t", "time (offset, dry and viscous friction that change slowly)", trend
 
@@ -180,6 +189,12 @@ def _rubs(m: Motion, j: int, k: int) -> FloatArray:
     """Functions of joint k's position, alone and with the sign of joint j's speed."""
     each = _bumps(m.q[:, k], m.span[k], COARSE)
     return np.concatenate([each, each * m.sign(j)[:, None]], axis=1)
+
+
+def _poses(m: Motion, j: int, k: int) -> FloatArray:
+    """Functions of the positions of joints j and k together."""
+    a, b = (_bumps(m.q[:, i], m.span[i], POSES) for i in (j, k))
+    return np.asarray(a[:, :, None] * b[:, None, :]).reshape(len(m.q), -1)
 
 
 def _trend(m: Motion, j: int) -> FloatArray:

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.floor import ADEQUATE
 from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
@@ -31,6 +30,8 @@ SWINGS, SURE = -0.5, -2.3
 SWITCH = -1.6
 #: The same above which it comes in bursts; noise of turning encoders reaches 0.9.
 BURSTS, CLEAR = 1.0, 5.0
+#: Errors up to so many floors may be called adequate.
+NEAR = 1.25
 #: Fewer instants tell nothing.
 FEWEST = 200
 #: Autocorrelations counted; share of the time that is called bursts; their length [s].
@@ -72,7 +73,7 @@ def unlike(result: FitResult, error: FloatArray, floor: FloatArray) -> list[Unli
         Held-out error and the noise floor it is compared with [N m or N].
     """
     problem, out = result.problem, []
-    moves = ~problem.holds & (error <= ADEQUATE * floor) & (result.model.explains == "motor")
+    moves = ~problem.holds & (error <= NEAR * floor) & (result.model.explains == "motor")
     for j in np.flatnonzero(moves).tolist():
         runs = [_scaled(result, j, k) for k in range(len(problem.recordings))]
         r = np.concatenate(runs)

@@ -12,6 +12,8 @@ from hil.models.param import Param
 
 #: Shape parameter over which a sign is resolved.
 SIGN = "v0"
+#: Standard error in units of its value from which a coefficient is loose.
+LOOSE = 0.5
 _NAME = re.compile(r"(?:j\d+\.)?(?P<effect>[^.]+)\.(?P<param>[^\[]+)")
 
 
@@ -73,4 +75,20 @@ def remark(effect: str, parameters: Mapping[str, Value]) -> str:
     if not all(p.name in short for p in (*kind.params, *kind.shape)):
         return ""
     values, errors = ({n: getattr(v, k) for n, v in short.items()} for k in ("value", "stderr"))
-    return kind.remark(values, errors)
+    said = [kind.remark(values, errors), _loose(kind, values, errors)]
+    return "; ".join(x for x in said if x)
+
+
+def _loose(kind: Effect, values: Mapping[str, float], errors: Mapping[str, float]) -> str:
+    """What to make of a single coefficient that is loose with a shape of its own."""
+    if len(kind.params) != 1 or not kind.shape:
+        return ""
+    name = kind.params[0].name
+    loose = [n for n in errors if errors[n] > LOOSE * abs(values[n])]
+    if name not in loose or len(loose) < 2:
+        return ""
+    others = ", ".join(n for n in loose if n != name)
+    return (
+        f"{name} trades off with {others}: sure is the law that they make together, in the range "
+        "that was recorded, and none of them alone"
+    )

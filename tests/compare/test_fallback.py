@@ -76,3 +76,14 @@ def test_one_line_a_joint_tells_the_shares():
         "a: any function of speed could explain 90 %, of time 20 %",
         "b: functions of time explain none of it",
     ]
+
+
+def test_a_torque_over_two_positions_is_found_in_the_floor():
+    run = plants.arm(1)
+    tau = run.tau.copy()
+    tau[:, 1] += 0.02 * np.sin(5 * run.q[:, 0]) * np.cos(4 * run.q[:, 1])
+    d = hil.diagnose([replace(run, tau=tau)], hil.base_model(run.robot))
+    assert d.verdict == "unexplained"
+    best = max(d.network, key=lambda s: s.share)
+    assert best.feature == "network: q of joint2 and joint1" and best.joint == "joint2"
+    assert "its position and that of joint1" in best.text

@@ -102,3 +102,13 @@ def test_lugre_without_a_rise_is_called_dahl():
     full["j1.presliding.form"] = Value(1.0)
     assert remark("presliding", full) == ""
     assert remark("viscous", {}) == ""
+
+
+def test_values_that_trade_off_are_said_to():
+    def curve(*errors):
+        values = {"fs": (0.14, errors[0]), "vs": (0.05, errors[1]), "n": (1.0, errors[2])}
+        return {f"j1.stribeck.{n}": Value(v, e) for n, (v, e) in values.items()}
+
+    assert "fs trades off with vs: sure is the law" in remark("stribeck", curve(0.11, 0.04, 0.47))
+    assert remark("stribeck", curve(0.01, 0.04, 0.47)) == ""
+    assert remark("stribeck", curve(0.11, 0.01, 0.1)) == ""
