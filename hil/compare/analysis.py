@@ -16,6 +16,8 @@ from hil.compare.multistep import MultiStep, both, each
 from hil.compare.notes import noticed
 from hil.compare.sessions import differences
 from hil.compare.settle import settled
+from hil.compare.unlike import notes as unlike_notes
+from hil.compare.unlike import unlike
 from hil.errors import ConfigError, DataError
 from hil.identify.errors import complete
 from hil.identify.fit import fit as fit_problem
@@ -131,7 +133,9 @@ def compare(
     floor = examine.floor(result, evidence)
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
+    level = evidence.floor.rms if floor is None else floor
     notes = differences(alike, examine) + noticed(evidence, result)
+    notes += unlike_notes(unlike(result, heldout.rms, level))
     faults += [Fault(code, "warning", "", x) for code, x in notes]
     return Comparison(
         result, heldout, evidence, where, both(result, problem), faults, floor, model.valid

@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 import hil
+from hil.commands.compare import text as compared
 from hil.commands.diagnosetext import text
 from hil.compare.analysis import ladder
 from hil.compare.report import diagnosis_report
@@ -46,6 +47,8 @@ def test_a_wave_whose_frequency_rises_is_told_with_its_frequencies(tmp_path):
     assert 2.0 < at[0] < 5.0 < at[1] < 8.0 < at[2] < 10.0
     shown = text(d, ladder(d))
     assert shown.count(said) == 1 and shown.index(said) < shown.index("held-out error")
+    run = recorded(np.sin(2 * np.pi * (2.0 * T + 0.16 * T**2)))
+    assert said in compared(hil.compare([run], hil.base_model(run.robot)))
     page = tmp_path / "r.html"
     diagnosis_report(d, page)
     html = page.read_text(encoding="utf-8")
