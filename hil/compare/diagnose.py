@@ -119,23 +119,8 @@ def _next(
     if projector is None:
         return None
     pool = [c for c in possible(evidence, now.result) if in_time(c, now.result)]
-    candidates = simplest_first([c for c in plausible(evidence, now.result) if c in pool])
-    # many coefficients on many joints find something in any floor
-    candidates = [
-        c
-        for c in candidates
-        if evidence.floor.exceeded(now.result.rms, c.joint)
-        or not (found or c.term.effect.jointless)
-    ]
-    candidates = [c for c in candidates if not _sudden(c, evidence, now.result)]
-    motion = now.result.problem.motions[0]
-    candidates = [c for c in candidates if not overtone(c, found, motion)[0]]
-    if found:
-        late = [c for c in possible(evidence, now.result) if c not in pool]
-        candidates = [c for c in candidates if not any(_imitates(c, x) for x in late)]
-        candidates = [c for c in candidates if not any(kindred(c, f) for f, _, _ in found)]
     failed: list[tuple[Candidate, Step]] = []
-    for c in candidates[:3]:
+    for c in _eligible(evidence, now.result, pool, found)[:3]:
         model = now.result.model + as_use(c, problem)
         step = refitted(f"+ {describe(c, problem)}", model, examine, now)
         pays = _worth(step, now, ladder[0], c, evidence.floor.rms)
@@ -147,6 +132,27 @@ def _next(
             return step
         failed.append((c, step))
     return None
+
+
+def _eligible(
+    evidence: Evidence, now: FitResult, pool: list[Candidate], found: list[Accepted]
+) -> list[Candidate]:
+    """Plausible candidates of a pool that stand for themselves, simplest first."""
+    candidates = simplest_first([c for c in plausible(evidence, now) if c in pool])
+    # many coefficients on many joints find something in any floor
+    candidates = [
+        c
+        for c in candidates
+        if evidence.floor.exceeded(now.rms, c.joint) or not (found or c.term.effect.jointless)
+    ]
+    candidates = [c for c in candidates if not _sudden(c, evidence, now)]
+    motion = now.problem.motions[0]
+    candidates = [c for c in candidates if not overtone(c, found, motion)[0]]
+    if found:
+        late = [c for c in possible(evidence, now) if c not in pool]
+        candidates = [c for c in candidates if not any(_imitates(c, x) for x in late)]
+        candidates = [c for c in candidates if not any(kindred(c, f) for f, _, _ in found)]
+    return candidates
 
 
 def _sudden(c: Candidate, evidence: Evidence, result: FitResult) -> bool:

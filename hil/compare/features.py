@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
+#: Name, unit, values (n,) and edges of bins.
+View = tuple[str, str, FloatArray, FloatArray]
 
 
 def since_reversal(v: FloatArray, v0: float, t: FloatArray, run: NDArray[np.int_]) -> FloatArray:
@@ -34,8 +37,8 @@ def path(q: FloatArray, run: NDArray[np.int_]) -> FloatArray:
     return out
 
 
-def features(result: FitResult, j: int) -> list[tuple[str, str, FloatArray, FloatArray]]:
-    """Views of joint j: name, unit, values (n,), bin edges."""
+def features(result: FitResult, j: int) -> list[View]:
+    """Views of joint j."""
     problem = result.problem
     unit = problem.robot.units[j]
     v, q = problem.qd[j], problem.q[j]
@@ -61,16 +64,11 @@ def features(result: FitResult, j: int) -> list[tuple[str, str, FloatArray, Floa
         out.append(
             ("load", "N" if unit == "m" else "N m", load, np.quantile(load, np.linspace(0, 1, 7)))
         )
-    for k in range(problem.d):
-        if k != j:
-            top = max(float(np.quantile(np.abs(problem.qd[k]), 0.95)), 1e-9)
-            edges = top * np.array([-1.5, -0.5, -0.1, 0, 0.1, 0.5, 1.5])
-            out.append(
-                (
-                    f"speed of {problem.joints[k]}",
-                    f"{problem.robot.units[k]}/s",
-                    problem.qd[k],
-                    edges,
-                )
-            )
-    return out
+    return out + [_of_other(problem, k) for k in range(problem.d) if k != j]
+
+
+def _of_other(problem: Problem, k: int) -> View:
+    """Another joint's speed."""
+    top = max(float(np.quantile(np.abs(problem.qd[k]), 0.95)), 1e-9)
+    edges = top * np.array([-1.5, -0.5, -0.1, 0, 0.1, 0.5, 1.5])
+    return f"speed of {problem.joints[k]}", f"{problem.robot.units[k]}/s", problem.qd[k], edges

@@ -127,12 +127,10 @@ def headline(m: Material) -> str:
     if m.verdict == "adequate":
         return "The model is adequate: it explains the data down to the noise floor."
     if m.verdict == "unexplained":
-        j = m.concerned(1)[0]
+        joint = m.joints[m.concerned(1)[0]]
         if only_there(m.after, m.last, m.floor):
-            return (
-                f"The model explains what was fitted, but not {m.joints[j]} in the held-out data."
-            )
-        return f"Something is missing on {m.joints[j]}, and no effect of the catalogue explains it."
+            return f"The model explains what was fitted, but not {joint} in the held-out data."
+        return f"Something is missing on {joint}, and no effect of the catalogue explains it."
     if m.verdict == "not-identifiable":
         return "Nothing can be concluded from these data, neither for nor against the model."
     if m.verdict == "bad-data":

@@ -24,6 +24,17 @@ FloatArray = NDArray[np.float64]
 AUTOMATIC = Band()
 
 
+def _alike(recordings: list[Recording]) -> None:
+    """Refuse recordings of robots with different numbers of joints."""
+    first = recordings[0]
+    for r in recordings:
+        if r.d != first.d:
+            raise DataError(
+                f"recording {r.name!r} has {r.d} joints but {first.name!r} has {first.d}; "
+                "give sessions of one robot"
+            )
+
+
 class Rows:
     """Filtered target and motion of the runs of one arm.
 
@@ -64,12 +75,7 @@ class Rows:
         if not recordings:
             raise DataError("no recording given")
         first = recordings[0]
-        for r in recordings:
-            if r.d != first.d:
-                raise DataError(
-                    f"recording {r.name!r} has {r.d} joints but {first.name!r} has {first.d}; "
-                    "give sessions of one robot"
-                )
+        _alike(recordings)
         self.source = robot
         self.robot: Robot = make_robot(robot, first)
         self.joints, self.explains = first.joints, explains

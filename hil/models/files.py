@@ -64,12 +64,6 @@ def _model(data: dict[str, Any], path: Path) -> RobotModel:
     explains = robot.get("explains", "motor")
     if explains not in _EXPLAINS:
         raise ConfigError(unknown("value of robot.explains", str(explains), _EXPLAINS))
-    effects = data["effects"] if "effects" in data else _base(explains)
-    if not isinstance(effects, list) or not effects:
-        raise ConfigError(
-            "no [[effects]]; leave effects out altogether for the base model "
-            f"({', '.join(BASE_EFFECTS)}), or write one [[effects]] table with type = ... for each"
-        )
     model = RobotModel(
         robot=_source(robot, path),
         effects=(),
@@ -80,9 +74,20 @@ def _model(data: dict[str, Any], path: Path) -> RobotModel:
         urdf_path=str(robot.get("urdf", "")),
         valid=_valid(data.get("valid", {})),
     )
-    for entry in effects:
+    for entry in _effects(data, explains):
         model = model + _use(entry)
     return model
+
+
+def _effects(data: dict[str, Any], explains: str) -> list[Any]:
+    """Tables of the effects, those of the base model where the file lists none."""
+    effects = data["effects"] if "effects" in data else _base(explains)
+    if not isinstance(effects, list) or not effects:
+        raise ConfigError(
+            "no [[effects]]; leave effects out altogether for the base model "
+            f"({', '.join(BASE_EFFECTS)}), or write one [[effects]] table with type = ... for each"
+        )
+    return effects
 
 
 def _base(explains: str) -> list[dict[str, str]]:

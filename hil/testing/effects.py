@@ -91,6 +91,11 @@ def _declaration(effect: Effect) -> None:
         raise ConformanceError(
             f"{kind}.explains is {effect.explains!r}; expected 'motor', 'external' or both"
         )
+    _names_of_others(effect)
+    _parameters(effect, (*effect.params, *effect.shape))
+
+
+def _names_of_others(effect: Effect) -> None:
     if effect.name in effect.replaces or effect.name in effect.confused_with:
         raise ConformanceError(f"effect {effect.name!r} replaces or is confused with itself")
     known = {*catalogue.table(), effect.name}
@@ -101,7 +106,6 @@ def _declaration(effect: Effect) -> None:
                 + unknown("effect", name, known)
                 + "; of a file of your own load all effects first (catalogue.load_plugin)"
             )
-    _parameters(effect, (*effect.params, *effect.shape))
 
 
 def _parameters(effect: Effect, params: Sequence[Param]) -> None:
