@@ -10,6 +10,7 @@ from hil.compare.fallback import told
 from hil.compare.findings import Diagnosis, Finding
 from hil.compare.judge import only_there
 from hil.compare.multistep import MultiStep
+from hil.compare.outdone import beaten
 from hil.compare.sessions import CODE as DIFFER
 from hil.compare.tables import at_issue_of
 from hil.compare.words import LEADING, floor_says, remains
@@ -33,9 +34,11 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
         lines += [f"  {w}." for _, w in d.warnings]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
-    if d.partial:
-        names = ", ".join(f"{f.effect} on {f.joint}" for f in d.partial)
-        lines.append(f"  best partial explanation: {names} (explains too little to be the cause)")
+    for few in (False, True):
+        some = [f for f in d.partial if beaten(f, d.warnings) != few]
+        names = ", ".join(f"{f.effect} on {f.joint}" if f.joint else f.effect for f in some)
+        why = "explains too little to be the cause" if few else "a function explains more"
+        lines += [f"  best partial explanation: {names} ({why})"] if some else []
     lines += _left(d)
     lines += [f"  {w}." for code, w in d.warnings if code in LEADING]
     if d.verdict == "adequate":

@@ -54,7 +54,8 @@ def finish(
     out.warnings += differ
     out.warnings += [(f.code, f.sentence) for f in faults]
     out.warnings += lost_counts(out.findings, recordings, out.warnings)
-    out.network = explainable(result, out.last.floor)
+    told = {s.joint for s in out.network}
+    out.network += [s for s in explainable(result, out.last.floor) if s.joint not in told]
     if out.verdict == "adequate":
         falls = foretold(result)
         out.beyond = None if falls is None else max([0.0, *falls.values()])
@@ -73,7 +74,7 @@ def _with_unlike(out: Diagnosis) -> None:
     step = out.ladder[-1]
     found = unlike(step.result, step.heldout.rms, out.noise)
     out.warnings += unlike_notes(found)
-    if out.verdict == "adequate" and any(u.swings for u in found):
+    if out.verdict == "adequate" and any(u.matters for u in found):
         out.verdict = "unexplained"
 
 

@@ -20,8 +20,11 @@ from numpy.typing import NDArray
 
 from hil.compare.candidate import Candidate
 from hil.compare.detect import LEVEL
+from hil.identify import standstill
+from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
+from hil.identify.timing import LATE, real_delay
 
 if TYPE_CHECKING:
     from hil.compare.evidence import Evidence
@@ -30,6 +33,8 @@ FloatArray = NDArray[np.float64]
 CODE = "position-noise"
 #: Share of the squared error that is worth a word.
 MUCH = 0.17
+#: Steps of an encoder from row to row below which it is coarse.
+COUNTS = 3.0
 #: Cut-offs of smoothers [Hz].
 CUTS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
 #: Share of a law's gain that smoothing must leave to it: clean arms and axes behind encoders of
@@ -99,9 +104,36 @@ def smoothed(evidence: Evidence, result: FitResult) -> FloatArray:
     return out
 
 
+def coarse(problem: Problem) -> NDArray[np.bool_]:
+    """Joints (d,) that mostly move by less than COUNTS steps of their encoder from row to row."""
+    out = np.zeros(problem.d, dtype=bool)
+    for m, r in zip(problem.motions, problem.recordings, strict=True):
+        moved = np.median(np.abs(m.qd), axis=0) * m.dt
+        out |= moved < COUNTS * standstill.quanta(r.q)
+    return out
+
+
+def returned(evidence: Evidence, result: FitResult) -> FloatArray:
+    """Part of the squared error (d,) that a lateness takes away which the slow motion denies.
+
+    A controller answers the noise of a coarse encoder a little later: so a delay of the effort
+    lowers the error, though nothing is late.
+    """
+    out, rough = np.zeros(result.problem.d), coarse(result.problem)
+    for c in evidence.candidates:
+        j = c.term.joint
+        if not (rough[j] and c.name in LATE and c.p_value <= LEVEL):
+            continue
+        if not real_delay(result, j, c.late):
+            power = c.parts[j] * result.sigma[j] ** 2 / max(result.problem.count[j], 1.0)
+            out[j] = max(out[j], float(power))
+    return out
+
+
 def shaken(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
     """Warnings (code, sentence) for joints where that is a good part of the error."""
-    share = smoothed(evidence, result) / np.maximum(result.rms**2, 1e-300)
+    power = np.maximum(smoothed(evidence, result), returned(evidence, result))
+    share = power / np.maximum(result.rms**2, 1e-300)
     return [
         (
             CODE,

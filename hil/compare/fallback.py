@@ -12,7 +12,7 @@ variables carry the missing structure; a small one everywhere says that it is no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -66,6 +66,15 @@ class Share:
     share: float
     text: str
     words: str = ""
+
+
+@dataclass(frozen=True)
+class Function:
+    """A set of inputs: short name, words, and the left-out error with a function of them."""
+
+    what: str
+    words: str
+    error: float
 
 
 def explainable(result: FitResult, floor: Floor) -> list[Share]:
@@ -132,16 +141,34 @@ def hidden(result: FitResult, falls: dict[int, float]) -> list[Share]:
 
 
 def _of_joint(result: FitResult, floor: float, j: int) -> list[Share]:
-    problem, joint, folds = result.problem, result.problem.joints[j], Folds(result)
-    before = folds.left_out(np.zeros((problem.n, 0)), j)
-    found = [(what, words, folds.left_out(make(), j)) for what, words, make in _sets(problem, j)]
-    least = min([floor, *(e for _, _, e in found)])
+    before = Folds(result).left_out(np.zeros((result.problem.n, 0)), j)
+    return shares(
+        _asked(result, j, _sets(result.problem, j)), before, floor, result.problem.joints[j]
+    )
+
+
+def functions(result: FitResult, j: int) -> list[Function]:
+    """Left-out error of joint j with functions of positions, of its own speed, and of time."""
+    sets = (x for x in _sets(result.problem, j) if not _of_speeds(x[0]))
+    return _asked(result, j, sets)
+
+
+def _asked(result: FitResult, j: int, sets: Iterable[tuple[str, str, Make]]) -> list[Function]:
+    folds = Folds(result)
+    return [Function(what, words, folds.left_out(make(), j)) for what, words, make in sets]
+
+
+def shares(found: list[Function], before: float, floor: float, joint: str) -> list[Share]:
+    """Shares of a joint's excess from left-out errors, `before` that without a function."""
+    least = min([floor, *(f.error for f in found)])
     out = []
-    for what, words, after in found:
+    for f in found:
         excess = max(before**2 - least**2, 1e-300)
-        share = float(np.clip((before**2 - after**2) / excess, 0.0, 1.0))
-        text = f"{joint}: any function of {words} could explain {100 * share:.0f} % of what is left"
-        out.append(Share(joint, f"network: {what}", share, text, words))
+        share = float(np.clip((before**2 - f.error**2) / excess, 0.0, 1.0))
+        text = (
+            f"{joint}: any function of {f.words} could explain {100 * share:.0f} % of what is left"
+        )
+        out.append(Share(joint, f"network: {f.what}", share, text, f.words))
     return out
 
 

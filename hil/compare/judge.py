@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.ambiguity import CONFIDENT
-from hil.compare.denoise import smoothed
+from hil.compare.denoise import returned, smoothed
 from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
 from hil.compare.floor import ADEQUATE
 from hil.compare.notes import emptied, notes, noticed
+from hil.compare.outdone import CODE as OUTDONE
+from hil.compare.outdone import outdone
 from hil.compare.overtones import overtones
 from hil.compare.significance import by_chance
 from hil.identify.problem import Problem
@@ -54,8 +56,9 @@ def judge(
     other = None if heldout_floor is None else np.minimum(heldout_floor, ladder[-1].heldout.rms)
     empty = [c for c, _, _ in found if by_chance(ladder[-1].result, c.term.key)]
     findings = _findings(ladder, [f for f in found if f[0] not in empty], floor, other)
-    open_joints = _open(ladder, found, findings, last, floor, heldout_floor)
-    failed = {problem.joints[j] for j in open_joints}
+    open_joints = _open(ladder, found, findings, first, last, floor, heldout_floor)
+    beaten = outdone(ladder, findings, last.floor.rms)
+    failed = {problem.joints[j] for j in open_joints} | {x.joint for x in beaten}
     partial = [
         f for f in findings
         if _worthless(f) or f.joint in failed or (f.joint is None and failed)
@@ -66,11 +69,14 @@ def judge(
         sure = max(findings, key=lambda f: f.excess_explained).confidence >= CONFIDENT
         verdict = "missing-effect" if sure else "ambiguous"
     else:
-        verdict = "unexplained" if open_joints else "adequate"
+        verdict = "unexplained" if failed else "adequate"
+        partial = partial if failed else []
     out = Diagnosis(
         verdict, findings, ladder, first, last, floor, notes(ladder[-1].result, last), partial
     )
     out.heldout_floor = other
+    out.network = [s for x in beaten for s in x.shares]
+    out.warnings += [(OUTDONE, x.text) for x in beaten]
     out.warnings += [("emptied", emptied(c, problem)) for c in empty]
     out.warnings += overtones(found, last, ladder[-1].result)
     return _with_changes(out)
@@ -85,25 +91,37 @@ def _with_changes(out: Diagnosis) -> Diagnosis:
 
 
 def _open(
-    ladder: list[Step], found: list[Accepted], findings: list[Finding], last: Evidence,
-    floor: FloatArray, heldout_floor: FloatArray | None,
+    ladder: list[Step], found: list[Accepted], findings: list[Finding], first: Evidence,
+    last: Evidence, floor: FloatArray, heldout_floor: FloatArray | None,
 ) -> list[int]:  # fmt: skip
     """Joints whose names do not account for what stands above the floor, here or held out."""
     problem = ladder[0].result.problem
     start, end = ladder[0].result.rms, ladder[-1].result.rms
     excess, left = start**2 - floor**2, np.maximum(end**2 - floor**2, 0.0)
     here = ~problem.holds & (end > ADEQUATE * floor) & (left > (1 - EXPLAINED) * excess)
-    here &= smoothed(last, ladder[-1].result) < EXPLAINED * left
+    here &= ~_of_noise(ladder[-1], last, floor)
     if not found and heldout_floor is not None:
         here |= refuted(ladder[-1], heldout_floor)
     named = {c.joint for c, _, _ in found}
+    noisy = _of_noise(ladder[0], first, floor)
     worthless = {f.joint for f in findings if _worthless(f)}
     return [
         j for j, joint in enumerate(problem.joints)
         if here[j]
-        or (j in named and _there(ladder, found, heldout_floor, j) < EXPLAINED)
-        or (joint in worthless and start[j] > ADEQUATE * floor[j])
+        or (j in named and not noisy[j] and _there(ladder, found, heldout_floor, j) < EXPLAINED)
+        or (joint in worthless and start[j] > ADEQUATE * floor[j] and not noisy[j])
     ]  # fmt: skip
+
+
+def _of_noise(step: Step, evidence: Evidence, floor: FloatArray) -> NDArray[np.bool_]:
+    """Joints (d,) of which what stands above the floor is the noise of the measured positions.
+
+    Smoothed in the model's load, or, where that is little, returned late by the controller.
+    """
+    end, result = step.result.rms, step.result
+    most = EXPLAINED * np.maximum(end**2 - floor**2, 0.0)
+    late = (end <= FAR * floor) & (returned(evidence, result) >= most)
+    return np.asarray((smoothed(evidence, result) >= most) | late)
 
 
 def refuted(step: Step, floor: FloatArray) -> NDArray[np.bool_]:

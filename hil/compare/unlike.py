@@ -2,8 +2,8 @@
 
 Noise that many small causes add up to is Gaussian, whatever its colour.  A wave, or a torque that
 switches, keeps to its two sides, and bursts stand out; no function of the motion need foretell
-them, and a floor that is measured holds them.  So of the residual r of n instants, each run by its
-own mean and rms, with the autocorrelation rho:
+them, and a floor that is measured holds them.  So of the residual r of n instants, less its mean,
+over its rms around each instant, with the autocorrelation rho:
 
     k = mean(r^4) / mean(r^2)^2 - 3,   se = sqrt(24 / n (1 + 2 sum rho^4)).
 
@@ -15,23 +15,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare.denoise import coarse
 from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
 CODE = "unlike-noise"
-#: Kurtosis, and its standard errors, below which a residual keeps to two sides: one of a thousand
-#: joints with Gaussian noise of any colour.
-SWINGS, SURE = -0.5, -2.3
+#: Kurtosis, and its standard errors, below which a residual keeps to two sides: less than one of a
+#: thousand joints with Gaussian noise of any colour.
+SWINGS, SURE = -0.6, -2.5
 #: Kurtosis that no wave has.
 SWITCH = -1.6
 #: The same above which it comes in bursts; noise of turning encoders reaches 0.9.
 BURSTS, CLEAR = 1.0, 5.0
+#: Kurtosis above which bursts are all that there is.
+ONLY = 10.0
 #: Errors up to so many floors may be called adequate.
 NEAR = 1.25
+#: Parts of a run that have an rms of their own, and its growth that is worth a word.
+PARTS, GROWS = 6, 2.0
 #: Fewer instants tell nothing.
 FEWEST = 200
 #: Autocorrelations counted; share of the time that is called bursts; their length [s].
@@ -50,15 +56,15 @@ class Unlike:
         Name.
     kurtosis : float
         Of the residual; noise has 0.
-    swings : bool
-        Whether it keeps to two sides; else it comes in bursts.
+    matters : bool
+        Whether it is most of what is left, so that the model is not adequate.
     text : str
         One sentence without its full stop.
     """
 
     joint: str
     kurtosis: float
-    swings: bool
+    matters: bool
     text: str
 
 
@@ -75,17 +81,33 @@ def unlike(result: FitResult, error: FloatArray, floor: FloatArray) -> list[Unli
     problem, out = result.problem, []
     moves = ~problem.holds & (error <= NEAR * floor) & (result.model.explains == "motor")
     for j in np.flatnonzero(moves).tolist():
-        runs = [_scaled(result, j, k) for k in range(len(problem.recordings))]
-        r = np.concatenate(runs)
-        if r.size < FEWEST:
-            continue
-        k, se = kurtosis(r)
-        joint = problem.joints[j]
-        if k < SWINGS and k < SURE * se:
-            out.append(Unlike(joint, k, True, f"{joint}: {_swings(k, runs, problem.rate)}"))
-        elif k > BURSTS and k > CLEAR * se:
-            out.append(Unlike(joint, k, False, f"{joint}: {_bursts(result, j, k, runs)}"))
+        own = _of_joint(result, j)
+        out += [own] if own else []
     return out
+
+
+def _of_joint(result: FitResult, j: int) -> Unlike | None:
+    """What is left on joint j, if it is no noise."""
+    problem = result.problem
+    raw = [_residual(result, j, k) for k in range(len(problem.recordings))]
+    raw = [r for r in raw if r.size >= FEWEST]
+    if not raw:
+        return None
+    even = [r / _around(r) for r in raw]
+    (k, se), (whole, _) = kurtosis(np.concatenate(even)), kurtosis(np.concatenate(raw))
+    joint, rate = problem.joints[j], problem.rate
+    if k < SWINGS and k < SURE * se:
+        return Unlike(joint, k, True, f"{joint}: {_swings(k, even, rate)}")
+    if k > BURSTS and k > CLEAR * se:
+        # where the speed passes a count a row, a coarse encoder bursts
+        if coarse(problem)[j]:
+            return None
+        return Unlike(joint, k, k > ONLY, f"{joint}: {_bursts(result, j, k)}")
+    longest = max(raw, key=len)
+    size = _around(longest)
+    if whole > BURSTS and size.max() > GROWS * size.min():
+        return Unlike(joint, whole, False, f"{joint}: {_uneven(longest)}")
+    return None
 
 
 def notes(found: Sequence[Unlike]) -> list[tuple[str, str]]:
@@ -94,20 +116,29 @@ def notes(found: Sequence[Unlike]) -> list[tuple[str, str]]:
 
 
 def kurtosis(r: FloatArray) -> tuple[float, float]:
-    """Excess kurtosis of r (n,) of mean 0 and rms 1, and its standard error for Gaussian noise."""
-    n = r.size
+    """Excess kurtosis of r (n,) of mean 0, and its standard error for Gaussian noise."""
+    n, r = r.size, r / max(float(np.sqrt(np.mean(r**2))), 1e-300)
     power = np.abs(np.fft.rfft(r, 2 * n)) ** 2
     rho = np.clip(np.fft.irfft(power)[1 : min(LAGS, n // 4)] / n, -1.0, 1.0)
     # k = mean(r^4) - 3,   se = sqrt(24 / n (1 + 2 sum rho^4))
     return float(np.mean(r**4)) - 3.0, float(np.sqrt(24.0 / n * (1.0 + 2.0 * np.sum(rho**4))))
 
 
-def _scaled(result: FitResult, j: int, k: int) -> FloatArray:
+def _residual(result: FitResult, j: int, k: int) -> FloatArray:
     """Residual of joint j in run k, of mean 0 and rms 1."""
     problem = result.problem
     r = result.residual[j, (problem.run == k) & problem.live[j]]
     out: FloatArray = (r - r.mean()) / max(float(r.std()), 1e-300) if r.size else r
     return out
+
+
+def _around(r: FloatArray) -> FloatArray:
+    """Rms of r (n,) around each instant, between those of PARTS parts."""
+    edges = np.linspace(0, r.size, PARTS + 1).astype(int)
+    power = [float(np.mean(r[a:b] ** 2)) for a, b in pairwise(edges.tolist())]
+    middle = (edges[1:] + edges[:-1]) / 2
+    out: FloatArray = np.sqrt(np.interp(np.arange(r.size), middle, power))
+    return np.maximum(out, 1e-300)
 
 
 def _swings(k: float, runs: list[FloatArray], rate: float) -> str:
@@ -130,19 +161,29 @@ def _frequency(r: FloatArray, rate: float) -> float:
     return float(np.argmax(size) * rate / (PADDED * r.size))
 
 
-def _bursts(result: FitResult, j: int, k: float, runs: list[FloatArray]) -> str:
+def _bursts(result: FitResult, j: int, k: float) -> str:
     """Sentence on a residual that comes in bursts, with where it is largest."""
     problem = result.problem
-    squares = np.sort(np.concatenate(runs) ** 2)[::-1]
-    share = float(squares[: round(TENTH * squares.size)].sum() / squares.sum())
-    run = int(np.argmax([len(r) for r in runs]))
+    run = int(np.argmax(np.bincount(problem.run)))
     own = problem.run == run
+    squares = np.sort(result.residual[j, problem.live[j]] ** 2)[::-1]
+    share = float(squares[: round(TENTH * squares.size)].sum() / squares.sum())
     when = problem.t[own & problem.live[j]] - float(problem.t[own].min())
-    where = ", ".join(f"{x:.2f}" for x in _largest(runs[run], when, problem.rate))
+    where = ", ".join(f"{x:.2f}" for x in _largest(_residual(result, j, run), when, problem.rate))
     return (
         f"what is left comes in bursts: a tenth of the time holds {100 * share:.0f} % of its "
         f"square (kurtosis {k:.2g}; noise has 0 and 44 %). The largest are at {where} s of "
         f"{problem.recordings[run].name}: look what happens there"
+    )
+
+
+def _uneven(r: FloatArray) -> str:
+    """Sentence on noise that is not of one size throughout."""
+    thirds = [float(np.sqrt(np.mean(x**2))) for x in np.array_split(r, 3)]
+    size = ", ".join(f"{x / thirds[0]:.2g}" for x in thirds)
+    return (
+        f"what is left is like noise, and not of one size: {size} times as large in the thirds of "
+        "the run; standard errors and the floor are of the whole"
     )
 
 
