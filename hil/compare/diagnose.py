@@ -20,6 +20,7 @@ from hil.compare.judge import EXPLAINED, judge
 from hil.compare.overtones import overtone
 from hil.compare.retest import REFUTED, as_use, drop_superfluous, look_again, refitted
 from hil.compare.settle import settled
+from hil.identify.context import renew
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.threads import single_threaded
@@ -104,7 +105,9 @@ def diagnose(
         evidence = gather(step.result, seed)
         drop_superfluous(found, ladder, examine)
     renamed = look_again(found, ladder, evidence.floor, examine)
-    if other_gains(found, first.candidates, ladder, examine) or renamed:
+    changed = other_gains(found, first.candidates, ladder, examine) or renamed
+    renew(ladder[-1].result)
+    if changed:
         evidence = gather(ladder[-1].result, seed)
     out = judge(ladder, found, first, evidence, examine.floor(ladder[-1].result, evidence))
     return finish(out, examine, model, recordings, faults)

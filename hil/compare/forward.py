@@ -36,12 +36,15 @@ class Windows:
         Instants of each window.
     servo : float
         Bandwidth [Hz] of a servo that leads the model back to the measured motion; 0 = none.
+    motion : Motion, optional
+        The run with the load of this model, where that is another one.
     """
 
     result: FitResult
     starts: IntArray
     horizon: int
     servo: float = 0.0
+    motion: Motion | None = None
 
 
 class _Forward:
@@ -158,7 +161,8 @@ def forward(motion: Motion, jobs: Sequence[Windows]) -> list[tuple[FloatArray, F
     owner = np.repeat(np.arange(len(jobs)), [len(job.starts) for job in jobs])
     starts = np.concatenate([job.starts for job in jobs])
     horizon = np.array([job.horizon for job in jobs])[owner]
-    drive, w = _drives(jobs, motion, owner), 2 * np.pi * np.array([job.servo for job in jobs])
+    drive, loads = _drives(jobs, motion, owner), _loads(jobs, motion, owner)
+    w = 2 * np.pi * np.array([job.servo for job in jobs])
     path = np.full((len(starts), int(horizon.max()), motion.d), np.nan)
     rows, begin, q, qd = np.arange(len(starts)), 0, motion.q[starts], motion.qd[starts]
     with np.errstate(all="ignore"):
@@ -168,7 +172,7 @@ def forward(motion: Motion, jobs: Sequence[Windows]) -> list[tuple[FloatArray, F
             model, servo = _Forward(jobs, motion, owner[rows]), w[owner[rows], None]
             for k in range(begin, end):
                 now = starts[rows] + k
-                q, qd = _step(model, q, qd, drive(rows, now), servo, now)
+                q, qd = _step(model, q, qd, drive(rows, now), loads(rows, now), servo, now)
                 path[rows, k] = q
             begin = end
     return [
@@ -183,16 +187,37 @@ def _drives(
     results = list({id(job.result): job.result for job in jobs}.values())
     place = {id(r): k for k, r in enumerate(results)}
     which = np.array([place[id(job.result)] for job in jobs])[owner]
-    every = motion.tau + motion.tau_ext - np.stack([replayed(r, motion) for r in results])
+    own = {id(job.result): job.motion for job in jobs}
+    felt = np.stack([replayed(r, motion, own[id(r)]) for r in results])
+    every = motion.tau + motion.tau_ext - felt
     return lambda rows, now: np.asarray(every[which[rows], now])
 
 
+def _loads(
+    jobs: Sequence[Windows], motion: Motion, owner: IntArray
+) -> Callable[[IntArray, IntArray], FloatArray]:
+    """Load of rows (w,) at instants (w,) and its part at rest, (w, 2, d): each model's own."""
+    carried = [job.motion or motion for job in jobs]
+    if all(m is carried[0] for m in carried):
+        m = carried[0]
+        return lambda rows, now: np.stack([m.load[now], m.static[now]], axis=1)
+
+    def each(rows: IntArray, now: IntArray) -> FloatArray:
+        out = np.empty((len(rows), 2, motion.d))
+        for k, m in enumerate(carried):
+            own = owner[rows] == k
+            out[own, 0], out[own, 1] = m.load[now[own]], m.static[now[own]]
+        return out
+
+    return each
+
+
 def _step(
-    model: _Forward, q: FloatArray, qd: FloatArray, drive: FloatArray, w: FloatArray, now: IntArray
-) -> tuple[FloatArray, FloatArray]:
+    model: _Forward, q: FloatArray, qd: FloatArray, drive: FloatArray, load: FloatArray,
+    w: FloatArray, now: IntArray,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Positions and speeds (rows, d) one instant after `now` (rows,)."""
     m = model.motion
-    load = np.stack([m.load[now], m.static[now]], axis=1)
     rest, mass = model.balance(q, qd, load)
     push = drive - rest
     qdd = model.solve(mass, push)

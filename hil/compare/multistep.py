@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.forward import Windows, forward
+from hil.identify.context import carrying
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.motion import Motion
@@ -129,9 +130,10 @@ def _simulated(
 ) -> list[MultiStep]:
     """Errors of models over horizons [s] under servos [Hz], over all runs."""
     found: list[list[tuple[FloatArray, FloatArray]]] = [[] for _ in asked]
-    for motion in problem.motions:
+    carried = {id(r): carrying(r, problem) for r, _, _ in asked}
+    for i, motion in enumerate(problem.motions):
         jobs = {
-            k: Windows(result, starts, horizon, servo)
+            k: Windows(result, starts, horizon, servo, carried[id(result)][i])
             for k, (result, seconds, servo) in enumerate(asked)
             for starts, horizon in [_windows(motion, seconds, servo)]
             if starts.size

@@ -62,11 +62,14 @@ def parts_of(result: FitResult, motion: Motion) -> list[Part]:
     return out
 
 
-def replayed(result: FitResult, motion: Motion) -> FloatArray:
-    """Effort (n, d) of states and measured derivatives, taken from the measured run."""
+def replayed(result: FitResult, motion: Motion, own: Motion | None = None) -> FloatArray:
+    """Effort (n, d) of states and measured derivatives, taken from the measured run.
+
+    `own` is the run with this model's load, where that is another one.
+    """
     out = np.zeros_like(motion.q)
     for t, theta in parts_of(result, motion):
         if t.effect.replayed:
             where = slice(None) if t.effect.whole_robot else t.joint
-            out[:, where] += t.effect.columns(motion, t.joint, t.shape) @ theta
+            out[:, where] += t.effect.columns(own or motion, t.joint, t.shape) @ theta
     return out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,16 @@ from hil.identify.design import Term, block
 from hil.identify.problem import Problem
 from hil.identify.response import Response
 from hil.identify.shapes import search_shapes
+from hil.models.motion import Motion
+
+if TYPE_CHECKING:
+    from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
 #: Families whose effort depends on posture and acceleration alone.
 SOLID = ("mass", "stiffness")
+#: Share of a load's range within which two loads are the same.
+SAME = 1e-3
 
 
 def impossible(term: Term, problem: Problem, reason: str) -> FitError:
@@ -62,14 +69,55 @@ def update_load(
     problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
 ) -> None:
     """Transmitted load = rigid-body effort minus external effort; its static part at rest."""
+    loads, still = _loads(problem, terms, theta, slices)
+    problem.set_context(load=np.concatenate(loads), static=np.concatenate(still))
+    problem.motions = _responding(problem.motions, terms, theta, slices)
+
+
+def carrying(result: FitResult, problem: Problem) -> list[Motion]:
+    """Motions of a problem with the load of a fit, where a term of it asks for the load.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit.
+    problem : Problem
+        Its own, or one of other runs; stays as it is.
+    """
+    if not any(t.effect.uses_load for t in result.terms):
+        return problem.motions
+    fitted = result.terms, result.theta, result.slices
+    parts = zip(problem.motions, *_loads(problem, *fitted), strict=True)
+    return _responding([m.with_(load=x, static=z) for m, x, z in parts], *fitted)
+
+
+def renew(result: FitResult) -> None:
+    """Give the problem of a fit what that fit found, where other fits have been tried since."""
+    problem, fitted = result.problem, (result.terms, result.theta, result.slices)
+    set_context(problem, result.terms)
+    loads, _ = _loads(problem, *fitted)
+    now = zip(loads, problem.motions, strict=True)
+    if any(np.ptp(x - m.load) > SAME * max(float(np.ptp(x)), 1e-300) for x, m in now):
+        update_load(problem, *fitted)
+
+
+def _loads(
+    problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Transmitted load and its part at rest (n, d), run by run."""
     mass = [
         (t, theta[where])
         for t, where in zip(terms, slices, strict=True)
         if t.effect.family == "mass" and not t.per_run
     ]
     moving, still = (_carried(problem, mass, rest) for rest in (False, True))
-    loads = [x - m.tau_ext for x, m in zip(moving, problem.motions, strict=True)]
-    problem.set_context(load=np.concatenate(loads), static=np.concatenate(still))
+    return [x - m.tau_ext for x, m in zip(moving, problem.motions, strict=True)], still
+
+
+def _responding(
+    motions: list[Motion], terms: list[Term], theta: FloatArray, slices: list[slice]
+) -> list[Motion]:
+    """Motions with what the terms say of the joints' response."""
     solid = [
         (t, theta[where])
         for t, where in zip(terms, slices, strict=True)
@@ -81,7 +129,7 @@ def update_load(
         if t.effect.family == "friction" and t.effect.name != "viscous"
         and not (t.per_run or t.effect.replayed or t.effect.uses_load)
     ]  # fmt: skip
-    problem.motions = [replace(m, response=Response(m, solid, more)) for m in problem.motions]
+    return [replace(m, response=Response(m, solid, more)) for m in motions]
 
 
 def _carried(problem: Problem, mass: list[tuple[Term, FloatArray]], rest: bool) -> list[FloatArray]:
