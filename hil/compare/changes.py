@@ -30,6 +30,8 @@ Cut = tuple[int, float]
 CODE = "changed"
 #: Instants of a run that are tried, and those around the best of them.
 INSTANTS, AROUND = 15, 16
+#: Factor by which a change must explain more than the same throughout.
+MORE = 1.1
 #: False alarms a report.
 LEVEL = 0.01
 #: Share of a column below which it is the model's own.
@@ -121,6 +123,8 @@ def _of_joint(projector: Projector, result: FitResult, j: int) -> Change | None:
     problem, columns = result.problem, _columns(result, j)
     cuts = _coarse(result)
     gain, value, what, cut = _best(projector, j, columns, range(len(VALUES)), cuts)
+    if gain < MORE * _throughout(projector, j, columns[:, what]):
+        return None
     if cut[1]:
         # the instant itself, between its neighbours
         gain, value, what, cut = _best(projector, j, columns, [what], _fine(result, cut))
@@ -138,6 +142,15 @@ def _of_joint(projector: Projector, result: FitResult, j: int) -> Change | None:
     run, at = problem.recordings[cut[0]].name, cut[1]
     unit = in_units(unit, problem, j)
     return Change(problem.joints[j], name, unit, run, at, value, 1 - rest / rss, rss - rest)
+
+
+def _throughout(projector: Projector, j: int, c: FloatArray) -> float:
+    """Gain of a column (n,) of joint j that acts throughout: what an offset does is no change."""
+    rows = slice(j * projector.problem.n, (j + 1) * projector.problem.n)
+    whole = float(c @ c)
+    free = whole - float(np.sum(projector.inner(rows, c[:, None]) ** 2))
+    along = float(c @ projector.residual[rows])
+    return along**2 / free if free > NEW * whole else 0.0
 
 
 def _beside(projector: Projector, j: int, c: FloatArray) -> FloatArray:

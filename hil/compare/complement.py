@@ -27,7 +27,8 @@ def other_gains(
 ) -> bool:
     """Name other joints' gains where they do better, or as well and are fewer; whether that is so.
 
-    Each is then as likely as not, with those that were named as its rivals.
+    Each is then as likely as not, with those that were named as its rivals.  Where as many do as
+    well, as of a robot with two joints they always do, the names stay and have those as rivals.
 
     Parameters
     ----------
@@ -47,6 +48,9 @@ def other_gains(
         if _outdoes(steps[-1].heldout, ladder[-1].heldout, joints, len(others) < len(gains)):
             found[:], ladder[:] = names, steps
             return True
+        if len(others) == len(gains) and not _worse(steps[-1].heldout, ladder[-1].heldout, joints):
+            found[:] = [(c, 0.5, others) if c.name == GAIN else (c, p, r) for c, p, r in found]
+            return False
     return False
 
 
@@ -66,5 +70,10 @@ def _others(
 
 def _outdoes(new: HeldOut, old: HeldOut, joints: list[int], fewer: bool) -> bool:
     """Whether held-out errors are larger on no joint, and smaller on one unless there are fewer."""
-    worse = any(larger(new, old, j) for j in joints)
-    return not worse and (fewer or any(larger(old, new, j) for j in joints))
+    better = fewer or any(larger(old, new, j) for j in joints)
+    return better and not _worse(new, old, joints)
+
+
+def _worse(new: HeldOut, old: HeldOut, joints: list[int]) -> bool:
+    """Whether held-out errors are larger on any joint."""
+    return any(larger(new, old, j) for j in joints)

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from hil.compare import denoise
 from hil.compare.attribute import choose, kindred, physical, simplest_first
 from hil.compare.candidate import Candidate, ranking, try_all
@@ -55,7 +57,7 @@ def drop_superfluous(found: list[Accepted], ladder: list[Step], examine: Examine
     """Take out an accepted effect that later ones have made superfluous.
 
     One that they have emptied may cost a little on the held-out data, but not more: without it the
-    fit may no longer find their shapes.
+    fit may no longer find their shapes.  No joint may get worse: they share the links.
     """
     now = ladder[-1]
     for k, (c, _, _) in enumerate(found[:-1]):
@@ -67,7 +69,8 @@ def drop_superfluous(found: list[Accepted], ladder: list[Step], examine: Examine
         label = f"- {describe(c, now.result.problem)} (superfluous)"
         step = refitted(label, replace(model, effects=rest), examine, now)
         more = ADEQUATE if by_chance(now.result, c.term.key) else SAME
-        if step.heldout.rms[c.joint] <= more * now.heldout.rms[c.joint]:
+        factor = np.where(np.arange(now.result.problem.d) == c.joint, more, ADEQUATE)
+        if np.all(step.heldout.rms <= factor * now.heldout.rms):
             found.pop(k)
             ladder.append(step)
             return
