@@ -79,8 +79,12 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
     contains another and cannot be put aside for its price is as likely as that one.
     """
     logs = [0.0]
+    runs = len(projector.problem.recordings)
     for r in rivals:
-        delta = max(best.score - r.score, 0.0)
+        # what every run has anew is of one kind: it is no richer for that
+        dof, copies = (_once(c, runs) for c in (r, best))
+        spared = r.price * (1 - dof / r.dof) - best.price * (1 - copies / best.dof)
+        delta = max(best.score - r.score - max(spared, 0.0), 0.0)
         if late(best, r):
             # a controller answers noise late: what lies below the floor does not count
             delta = max(delta - ECHO * best.spare, 0.0)
@@ -88,12 +92,12 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
             logs.append(0.0)
             continue
         share = TEMPER
-        if r.dof > best.dof:
+        if dof > copies:
             share = RICHER if r.chi2 <= best.chi2 else 0.0
         elif late(best, r):
             share = TEMPER / 4  # their forms are those of real drives
         elif r.name == best.term.effect.limit or (
-            r.dof == best.dof and overlap(best, r, projector) > COINCIDE
+            dof == copies and overlap(best, r, projector) > COINCIDE
         ):
             share = 10 * TEMPER
         if mirrored(best, r):
@@ -107,6 +111,11 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
         )  # fmt: skip
     p = np.exp(np.array(logs))
     return {k: float(x) for k, x in enumerate(p / p.sum())}
+
+
+def _once(c: Candidate, runs: int) -> int:
+    """Coefficients of a candidate in one run."""
+    return max(c.dof // runs, 1) if c.term.per_run else c.dof
 
 
 def begins(poorer: Candidate, richer: Candidate, projector: Projector) -> bool:
