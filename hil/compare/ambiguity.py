@@ -11,7 +11,7 @@ from hil.compare.experiment import ABSORBED, MOST, Planner
 from hil.compare.rivals import overlap
 from hil.excite import menu
 from hil.excite.choose import Choice
-from hil.excite.recorded import model_words, robot_word
+from hil.excite.recorded import model_words, output_words, robot_word
 from hil.identify.result import FitResult
 from hil.identify.timing import LATE
 from hil.models import catalogue
@@ -229,7 +229,7 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     words = ["hil", "excite", robot_word(problem), "--for", ",".join(names)]
     words += model_words(c.term.effect for c in s.among)
     words += [] if whole else ["--joint", joint]
-    command = " ".join([*words, "--motion", motion, "-o", "next.toml"])
+    command = " ".join([*words, "--motion", motion, *output_words(problem)])
     where = "" if whole else f" of {joint}"
     text = (
         f"{motion}{where}: {menu.describe(motion)} (log odds {best.verdict.odds:.1f} foreseen{now}"

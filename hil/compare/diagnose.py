@@ -25,7 +25,7 @@ from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.threads import single_threaded
 from hil.identify.timing import fit_aligned
-from hil.models.model import RobotModel
+from hil.models.model import BASE_EFFECTS, RobotModel
 from hil.record.checks import check
 from hil.record.recording import Recording
 
@@ -91,7 +91,8 @@ def diagnose(
     if wrong:
         return Diagnosis("bad-data", warnings=wrong)
     examine = Examiner(problem, holdout or [])
-    ladder = [settled(result, examine, "base model")]
+    more = {u.type for u in model.effects} - {*BASE_EFFECTS, "torque-offset"}
+    ladder = [settled(result, examine, "given model" if more else "base model")]
     evidence = first = gather(ladder[0].result, seed)
     reasons = undetermined(ladder[0].result)
     if reasons:

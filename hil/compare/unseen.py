@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from hil.compare.evidence import Evidence
 from hil.excite.limits import of_robot
-from hil.excite.recorded import robot_word
+from hil.excite.recorded import output_words, robot_word
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -105,7 +105,8 @@ def _command(effect: str, problem: Problem, joints: Sequence[str]) -> str:
     if effect == "load-friction" and not loaded:
         return ""
     where = f" --joint {joints[0]}" if len(joints) == 1 and problem.d > 1 else ""
-    return f"hil excite {robot_word(problem)} --for {effect}{where} -o next.toml"
+    out = " ".join(output_words(problem))
+    return f"hil excite {robot_word(problem)} --for {effect}{where} {out}"
 
 
 def _low_speed(result: FitResult, evidence: Evidence) -> list[Unseen]:
@@ -120,10 +121,15 @@ def _low_speed(result: FitResult, evidence: Evidence) -> list[Unseen]:
         return []
     why = (
         f"too little motion is slower than {100 * LOW:g} % of the top speed; friction that rises "
-        f"only there goes unseen up to {100 * max(missed.values()):.2g} % of Coulomb friction"
+        f"only there goes unseen{_up_to(max(missed.values()))}"
     )
     command = _command(Stribeck.name, problem, list(missed))
     return [Unseen((Stribeck.name, "presliding"), tuple(missed), why, command)]
+
+
+def _up_to(share: float) -> str:
+    """How much of Coulomb friction is missed, where that says anything."""
+    return f" up to {100 * share:.2g} % of Coulomb friction" if share < 1.0 else ", however large"
 
 
 def _missed(result: FitResult, evidence: Evidence, j: int) -> float:

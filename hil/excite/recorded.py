@@ -64,6 +64,12 @@ def robot_word(problem: Problem) -> str:
     return f"{first.name}.mcap" if source.preset in ("", "single-axis") else "RIG.toml"
 
 
+def output_words(problem: Problem) -> list[str]:
+    """Where `hil excite` writes; of a robot that `hil run` cannot move also a table."""
+    own = robot_word(problem) != "RIG.toml"
+    return ["-o", "next.toml", *(["--csv", "next.csv"] if own else [])]
+
+
 def model_words(effects: Iterable[Effect]) -> list[str]:
     """What a command of `hil excite` needs besides, where an effect is a user's own."""
     own = any(not type(e).__module__.startswith("hil.models.") for e in effects)
