@@ -1,0 +1,53 @@
+"""Gains and offsets of an arm with two joints: what the data cannot tell is said, not guessed."""
+
+import numpy as np
+import pytest
+from compare_planar import planar
+
+import hil
+from hil.compare.analysis import ladder
+from hil.compare.changes import changes
+
+
+@pytest.fixture(scope="module")
+def gained():
+    run = planar(1, gain=(1.0, 1.2))
+    return run, hil.diagnose([run], hil.base_model(run.robot))
+
+
+def test_with_nothing_hidden_the_model_is_adequate():
+    run = planar(1)
+    assert hil.diagnose([run], hil.base_model(run.robot)).verdict == "adequate"
+
+
+def test_of_two_joints_each_ones_gain_is_the_others_rival(gained):
+    _, d = gained
+    (f,) = d.findings
+    assert d.verdict == "ambiguous" and f.effect == "torque-gain" and f.confidence == 0.5
+    other = {"shoulder": "elbow", "elbow": "shoulder"}[str(f.joint)]
+    assert f.rivals == [f"torque-gain on {other}"]
+    g = next(v.value for n, v in f.parameters.items() if n.endswith(".g"))
+    assert g == pytest.approx(0.2 if f.joint == "elbow" else 1 / 1.2 - 1, rel=0.05)
+
+
+def test_every_rung_is_simulated_with_its_own_load(gained):
+    run, d = gained
+    last = ladder(d)[-1].multi_step
+    again = hil.compare([run], d.model).multi_step
+    assert last.relative == pytest.approx(again.relative, rel=0.35)
+    assert np.all(last.relative < ladder(d)[0].multi_step.relative)
+
+
+def test_an_offset_is_no_change_at_the_beginning():
+    run = planar(1, offset=(0.3, -0.2))
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    assert not changes(d.ladder[0].result)
+    assert not [text for code, text in d.warnings if code == "changed"]
+
+
+def test_an_offset_in_both_runs_is_no_richer_than_friction_that_differs_by_direction():
+    runs = [planar(k, offset=(0.0, -0.2)) for k in (1, 2)]
+    d = hil.diagnose(runs, hil.base_model(runs[0].robot))
+    (f,) = d.findings
+    assert f.joint == "elbow" and {f.effect, *f.rivals} >= {"torque-offset", "asymmetric-coulomb"}
+    assert f.confidence == pytest.approx(0.5, abs=0.1)
