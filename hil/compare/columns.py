@@ -19,8 +19,9 @@ from hil.identify.result import FitResult
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
-#: Relative error from which on a fit is none [%].
-HOPELESS = 50.0
+#: Relative error from which on a fit is none, and from which on columns are tried in another way;
+#: a joint's that may be the other one of two [%].
+HOPELESS, DOUBTFUL, OTHER = 50.0, 30.0, 10.0
 #: Share of the error that is left when the columns are put right, at most.
 RIGHT = 1 / 3
 
@@ -38,8 +39,8 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         The runs.
     """
     pushed = any(r.wrench is not None or r.tau_ext is not None for r in recordings)
-    hopeless = float(np.max(result.relative)) >= HOPELESS or driven(result)
-    if result.model.explains != "motor" or pushed or not hopeless:
+    doubtful = float(np.max(result.relative)) >= DOUBTFUL or driven(result)
+    if result.model.explains != "motor" or pushed or not doubtful:
         return []
     before, found = _size(result), []
     for code, text, columns, signs in _changes(result.problem.joints, result.relative):
@@ -72,12 +73,12 @@ def _changes(
 
     A joint whose effort is another one's fits badly, and so does the other one's.
     """
-    d, bad, poor = len(joints), error > HOPELESS, error > HOPELESS / 2
+    d, bad, poor = len(joints), error > DOUBTFUL, error > OTHER
     order, fits = list(range(d)), "turned round, the model fits; change its sign in a map"
     for k, joint in ((k, x) for k, x in enumerate(joints) if bad[k]):
         signs = np.where(np.arange(d) == k, -1.0, 1.0)
         yield "sign", f"tau{k + 1} ({joint}) has the wrong sign: {fits}", order, signs
-    if d > 1 and (2 * np.sum(poor) >= d or not np.any(bad)):
+    if d > 1 and (2 * np.sum(error > HOPELESS / 2) >= d or not np.any(bad)):
         text = "all efforts have the wrong sign: turned round, the model fits; change them in a map"
         yield "sign", text, order, np.full(d, -1.0)
     for a, b in combinations(np.flatnonzero(poor).tolist(), 2):

@@ -156,7 +156,7 @@ def _of_joint(problem: Problem, j: int) -> Iterator[tuple[tuple[str, ...], str]]
     if limits is not None and np.ptp(problem.q[j]) < RANGE * (limits.high[j] - limits.low[j]):
         yield ("position-torque", "cogging", "end-stop"), "less than half of its range was visited"
     if _steady(problem, j):
-        yield ("load-friction",), "no static or external load that changes"
+        yield ("load-friction",), "its static and external load hardly change"
 
 
 def _reversals(problem: Problem, j: int) -> int:

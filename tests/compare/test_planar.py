@@ -1,5 +1,7 @@
 """Gains and offsets of an arm with two joints: what the data cannot tell is said, not guessed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from compare_planar import planar
@@ -51,3 +53,11 @@ def test_an_offset_in_both_runs_is_no_richer_than_friction_that_differs_by_direc
     (f,) = d.findings
     assert f.joint == "elbow" and {f.effect, *f.rivals} >= {"torque-offset", "asymmetric-coulomb"}
     assert f.confidence == pytest.approx(0.5, abs=0.1)
+
+
+def test_exchanged_efforts_are_bad_data():
+    run = planar(1)
+    d = hil.diagnose([replace(run, tau=run.tau[:, ::-1])], hil.base_model(run.robot))
+    assert d.verdict == "bad-data" and "tau1 and tau2 (shoulder, elbow) are swapped" in str(
+        d.warnings
+    )
