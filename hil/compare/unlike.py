@@ -7,8 +7,8 @@ over its rms around each instant, with the autocorrelation rho:
 
     k = mean(r^4) / mean(r^2)^2 - 3,   se = sqrt(24 / n (1 + 2 sum rho^4)).
 
-A wave has k = -3/2, a switch -2, noise 0.  Source: Bai and Ng, J. Business & Economic Statistics
-23, 2005, 49-60 (tests of k for data that depend on each other).
+A wave has k = -3/2, a switch -2, noise 0.  Source: Lomnicki, Metrika 4, 1961, 37-62 (the standard
+error for a Gaussian process).
 """
 
 from __future__ import annotations
