@@ -11,10 +11,10 @@ from hil.errors import ConfigError
 from hil.models import catalogue
 
 AGAIN = "Diagnose again."
-#: Where what is left swings by itself.
+#: Where what is left acts by itself.
 ELSEWHERE = (
-    "Record this joint at rest with its motor on: what swings by itself (a supply, a neighbouring "
-    "machine, a loop that hunts) is there, too; take it away there."
+    "Record this joint at rest with its motor on: what acts by itself (a supply, a neighbouring "
+    "machine, a loop that hunts, a knock) is there, too; take it away there."
 )
 #: Verdict -> what follows from it alone.
 FIXED = {

@@ -42,15 +42,19 @@ def other_gains(
         return False
     rest = [x for x in found if x[0].name != GAIN]
     joints = np.flatnonzero(~ladder[0].result.problem.holds).tolist()
+    alike: list[Candidate] = []
     for others in _others(gains, candidates, joints):
         names: list[Accepted] = [*((c, 0.5, gains) for c in others), *rest]
         steps = remade(names, ladder[0], examine)
-        if _outdoes(steps[-1].heldout, ladder[-1].heldout, joints, len(others) < len(gains)):
+        new, old = steps[-1].heldout, ladder[-1].heldout
+        if _outdoes(new, old, joints, len(others) < len(gains)):
             found[:], ladder[:] = names, steps
             return True
-        if len(others) == len(gains) and not _worse(steps[-1].heldout, ladder[-1].heldout, joints):
-            found[:] = [(c, 0.5, others) if c.name == GAIN else (c, p, r) for c, p, r in found]
-            return False
+        if len(others) == len(gains) and not _worse(new, old, joints):
+            alike += others
+    if alike:
+        share = 1.0 / (1 + len(alike) // len(gains))
+        found[:] = [(c, share, alike) if c.name == GAIN else (c, p, r) for c, p, r in found]
     return False
 
 

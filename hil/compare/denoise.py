@@ -106,11 +106,14 @@ def smoothed(evidence: Evidence, result: FitResult) -> FloatArray:
 
 def coarse(problem: Problem) -> NDArray[np.bool_]:
     """Joints (d,) that mostly move by less than COUNTS steps of their encoder from row to row."""
-    out = np.zeros(problem.d, dtype=bool)
-    for m, r in zip(problem.motions, problem.recordings, strict=True):
-        moved = np.median(np.abs(m.qd), axis=0) * m.dt
-        out |= moved < COUNTS * standstill.quanta(r.q)
-    return out
+    if ("coarse",) not in problem.memo:
+        out = np.zeros(problem.d, dtype=bool)
+        for m, r in zip(problem.motions, problem.recordings, strict=True):
+            moved = np.median(np.abs(m.qd), axis=0) * m.dt
+            out |= moved < COUNTS * standstill.quanta(r.q)
+        problem.memo["coarse",] = out
+    found: NDArray[np.bool_] = problem.memo["coarse",]
+    return found
 
 
 def returned(evidence: Evidence, result: FitResult) -> FloatArray:
@@ -138,8 +141,9 @@ def shaken(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
         (
             CODE,
             f"{joint}: {100 * share[j]:.0f} % of the squared error is the noise of the measured "
-            "positions in the model's accelerations, and no physics: a finer encoder, more motion "
-            "or a narrower [band] in the model file would show more",
+            "positions, in the model's accelerations or as the controller answers it, and no "
+            "physics: a finer encoder, more motion or a narrower [band] in the model file would "
+            "show more",
         )
         for j, joint in enumerate(result.problem.joints)
         if share[j] > MUCH

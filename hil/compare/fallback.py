@@ -141,20 +141,18 @@ def hidden(result: FitResult, falls: dict[int, float]) -> list[Share]:
 
 
 def _of_joint(result: FitResult, floor: float, j: int) -> list[Share]:
-    before = Folds(result).left_out(np.zeros((result.problem.n, 0)), j)
-    return shares(
-        _asked(result, j, _sets(result.problem, j)), before, floor, result.problem.joints[j]
-    )
+    problem, folds = result.problem, Folds(result)
+    before = folds.left_out(np.zeros((problem.n, 0)), j)
+    return shares(_asked(folds, j, _sets(problem, j)), before, floor, problem.joints[j])
 
 
-def functions(result: FitResult, j: int) -> list[Function]:
+def functions(folds: Folds, j: int) -> list[Function]:
     """Left-out error of joint j with functions of positions, of its own speed, and of time."""
-    sets = (x for x in _sets(result.problem, j) if not _of_speeds(x[0]))
-    return _asked(result, j, sets)
+    sets = (x for x in _sets(folds.result.problem, j) if not _of_speeds(x[0]))
+    return _asked(folds, j, sets)
 
 
-def _asked(result: FitResult, j: int, sets: Iterable[tuple[str, str, Make]]) -> list[Function]:
-    folds = Folds(result)
+def _asked(folds: Folds, j: int, sets: Iterable[tuple[str, str, Make]]) -> list[Function]:
     return [Function(what, words, folds.left_out(make(), j)) for what, words, make in sets]
 
 

@@ -103,7 +103,7 @@ def _open(
     if not found and heldout_floor is not None:
         here |= refuted(ladder[-1], heldout_floor)
     named = {c.joint for c, _, _ in found}
-    noisy = _of_noise(ladder[0], first, floor)
+    noisy = _of_noise(ladder[0], first, floor) & (start <= FAR * floor)
     worthless = {f.joint for f in findings if _worthless(f)}
     return [
         j for j, joint in enumerate(problem.joints)
@@ -119,9 +119,9 @@ def _of_noise(step: Step, evidence: Evidence, floor: FloatArray) -> NDArray[np.b
     Smoothed in the model's load, or, where that is little, returned late by the controller.
     """
     end, result = step.result.rms, step.result
-    most = EXPLAINED * np.maximum(end**2 - floor**2, 0.0)
+    most = EXPLAINED * (end**2 - floor**2)
     late = (end <= FAR * floor) & (returned(evidence, result) >= most)
-    return np.asarray((smoothed(evidence, result) >= most) | late)
+    return np.asarray((most > 0.0) & ((smoothed(evidence, result) >= most) | late))
 
 
 def refuted(step: Step, floor: FloatArray) -> NDArray[np.bool_]:
