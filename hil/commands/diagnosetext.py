@@ -10,7 +10,7 @@ from hil.compare.fallback import told
 from hil.compare.findings import Diagnosis, Finding
 from hil.compare.judge import only_there
 from hil.compare.multistep import MultiStep
-from hil.compare.outdone import beaten
+from hil.compare.overruled import why
 from hil.compare.sessions import CODE as DIFFER
 from hil.compare.tables import at_issue_of
 from hil.compare.words import LEADING, floor_says, remains
@@ -34,11 +34,13 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
         lines += [f"  {w}." for _, w in d.warnings]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
-    for few in (False, True):
-        some = [f for f in d.partial if beaten(f, d.warnings) != few]
-        names = ", ".join(f"{f.effect} on {f.joint}" if f.joint else f.effect for f in some)
-        why = "explains too little to be the cause" if few else "a function explains more"
-        lines += [f"  best partial explanation: {names} ({why})"] if some else []
+    by_reason: dict[str, list[str]] = {}
+    for f in d.partial:
+        reason = why(f, d.warnings) or "explains too little to be the cause"
+        name = f"{f.effect} on {f.joint}" if f.joint else f.effect
+        by_reason.setdefault(reason, []).append(name)
+    for reason, names in by_reason.items():
+        lines += [f"  best partial explanation: {', '.join(names)} ({reason})"]
     lines += _left(d)
     lines += [f"  {w}." for code, w in d.warnings if code in LEADING]
     if d.verdict == "adequate":

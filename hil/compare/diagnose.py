@@ -17,7 +17,7 @@ from hil.compare.floor import SENSOR_ACCURACY
 from hil.compare.heldout import Examiner
 from hil.compare.identifiable import undetermined
 from hil.compare.judge import EXPLAINED, judge
-from hil.compare.overtones import overtone
+from hil.compare.overtones import harmonic
 from hil.compare.retest import REFUTED, as_use, drop_superfluous, look_again, refitted
 from hil.compare.settle import settled
 from hil.identify.context import renew
@@ -151,8 +151,9 @@ def _eligible(
     ]
     candidates = [c for c in candidates if not _sudden(c, evidence, now)]
     motion = now.problem.motions[0]
-    candidates = [c for c in candidates if not overtone(c, found, motion)[0]]
-    if found:
+    if found and evidence.projector is not None:
+        made = evidence.projector
+        candidates = [c for c in candidates if not harmonic(c, found, motion, made)]
         late = [c for c in possible(evidence, now) if c not in pool]
         candidates = [c for c in candidates if not any(_imitates(c, x) for x in late)]
         candidates = [c for c in candidates if not any(kindred(c, f) for f, _, _ in found)]

@@ -11,8 +11,7 @@ from hil.compare.evidence import Candidate, Evidence
 from hil.compare.findings import Accepted, Diagnosis, Finding, Step, describe, joint_of
 from hil.compare.floor import ADEQUATE
 from hil.compare.notes import emptied, notes, noticed
-from hil.compare.outdone import CODE as OUTDONE
-from hil.compare.outdone import outdone
+from hil.compare.overruled import overruled
 from hil.compare.overtones import overtones
 from hil.compare.significance import by_chance
 from hil.identify.problem import Problem
@@ -57,8 +56,8 @@ def judge(
     empty = [c for c, _, _ in found if by_chance(ladder[-1].result, c.term.key)]
     findings = _findings(ladder, [f for f in found if f[0] not in empty], floor, other)
     open_joints = _open(ladder, found, findings, first, last, floor, heldout_floor)
-    beaten = outdone(ladder, findings, last.floor.rms)
-    failed = {problem.joints[j] for j in open_joints} | {x.joint for x in beaten}
+    against = overruled(ladder, findings, last.floor.rms)
+    failed = {problem.joints[j] for j in open_joints} | against.joints
     partial = [
         f for f in findings
         if _worthless(f) or f.joint in failed or (f.joint is None and failed)
@@ -75,8 +74,8 @@ def judge(
         verdict, findings, ladder, first, last, floor, notes(ladder[-1].result, last), partial
     )
     out.heldout_floor = other
-    out.network = [s for x in beaten for s in x.shares]
-    out.warnings += [(OUTDONE, x.text) for x in beaten]
+    out.network, out.multi_steps = against.shares, against.simulated
+    out.warnings += against.warnings
     out.warnings += [("emptied", emptied(c, problem)) for c in empty]
     out.warnings += overtones(found, last, ladder[-1].result)
     return _with_changes(out)

@@ -89,10 +89,5 @@ def outdone(steps: Sequence[Step], findings: Sequence[Finding], floor: FloatArra
     return out
 
 
-def beaten(f: Finding, warnings: Sequence[tuple[str, str]]) -> bool:
-    """Whether warnings (code, sentence) say so of a finding's joint."""
-    return any(code == CODE and text.startswith(f"{f.joint}: ") for code, text in warnings)
-
-
 def _percent(share: float) -> str:
     return f"{100 * float(np.clip(share, 0.0, 1.0)):.0f} %"

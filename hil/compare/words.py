@@ -16,8 +16,8 @@ from hil.compare.findings import Finding
 from hil.compare.floor import ADEQUATE, EFFORT_ACCURACY, SENSOR_ACCURACY
 from hil.compare.judge import EXPLAINED, only_there
 from hil.compare.material import COMPARED, Material
-from hil.compare.outdone import CODE as OUTDONE
-from hil.compare.outdone import beaten
+from hil.compare.overruled import REASONS
+from hil.compare.overruled import why as overruled
 from hil.compare.page import number
 from hil.compare.sessions import CODE as DIFFER
 from hil.compare.unlike import CODE as UNLIKE
@@ -41,7 +41,7 @@ ORIGIN = {
     "smooth functions of all positions and speeds).",
 }
 #: Codes of warnings that stand beside the verdict.
-LEADING = (DIFFER, OUTDONE, CHANGED, UNLIKE, COMMON)
+LEADING = (DIFFER, *REASONS, CHANGED, UNLIKE, COMMON)
 
 
 def meaning(effect: str) -> str:
@@ -145,12 +145,11 @@ def headline(m: Material) -> str:
 
 def details(m: Material) -> list[str]:
     """Sentences below the headline: effect, confidence, error before and after, floor."""
-    out = [_finding(m, f) for f in m.findings] + _said(m, OUTDONE)
+    out = [_finding(m, f) for f in m.findings]
+    out += [line for code in REASONS for line in _said(m, code)]
     out += apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
     for f in m.partial:
-        why = f"less than {100 * EXPLAINED:.0f} % is explained in all"
-        if beaten(f, m.warnings):
-            why = "a function without a name explains more"
+        why = overruled(f, m.warnings) or f"less than {100 * EXPLAINED:.0f} % is explained in all"
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it accounts for "
             f"{100 * f.excess_explained:.0f} % of the squared error above the floor, and {why}, so "

@@ -115,6 +115,15 @@ class Projector:
         """By how much the term lowers the weighted residual sum of squares."""
         return float(self.gains(term, [term.shape])[0])
 
+    def gain_of(self, term: Term, columns: FloatArray) -> float:
+        """The same of weighted columns (N, m) on the term's rows, whatever their signs."""
+        right, known = (
+            columns.T @ self.residual[self.rows(term)],
+            self.inner(self.rows(term), columns),
+        )
+        gram = columns.T @ columns - known.T @ known
+        return float(right @ np.linalg.lstsq(gram, right, rcond=1e-9)[0])
+
     def gains(self, term: Term, shapes: Sequence[tuple[float, ...]]) -> FloatArray:
         """The same for several shapes of the term."""
         return np.concatenate([_counted(term.effect, s) for s in self.scores(term, shapes)])

@@ -54,12 +54,15 @@ def test_of_what_is_beaten_the_answer_says_so(monkeypatch):
     shares = [outdone.Share("joint1", "network: t", 0.9, "joint1: any function of time", "time")]
     sentence = "joint1: quadratic-drag would explain 40 % and a function 90 %"
     beaten = outdone.Outdone("joint1", shares, sentence)
-    monkeypatch.setattr("hil.compare.judge.outdone", lambda *a: [beaten])
+    monkeypatch.setattr("hil.compare.outdone.outdone", lambda *a: [beaten])
     d = hil.diagnose([run], model)
     assert d.verdict == "unexplained" and not d.findings and d.network == shares
     assert [f.effect for f in d.partial] == ["quadratic-drag"]
     shown = text(d, ladder(d))
-    assert "quadratic-drag on joint1 (a function explains more)" in shown and sentence in shown
+    assert (
+        "quadratic-drag on joint1 (a function without a name explains more)" in shown
+        and sentence in shown
+    )
     assert any(
         "a function without a name explains more" in x for x in words.details(from_diagnosis(d))
     )
