@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,9 @@ class RobotSource:
     preset: str = "single-axis"
     urdf: str = ""
     tip: str = ""
+
+#: Measured channels, a column a joint or component.
+COLUMNS = ("q", "tau", "qd", "wrench", "tau_ext", "current", "temperature")
 
 
 @dataclass(frozen=True, repr=False)
@@ -75,6 +79,12 @@ class Recording:
     robot: RobotSource = field(default_factory=RobotSource)
     metadata: dict[str, str] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        # nearly all that looks at a recording goes through one column after the other
+        for key in COLUMNS:
+            if (value := getattr(self, key)) is not None:
+                object.__setattr__(self, key, np.asfortranarray(value))
+
     def __repr__(self) -> str:
         length = f"{self.t[-1] - self.t[0]:.4g} s" if self.n else "empty"
         return f"Recording({self.name!r}, {', '.join(self.joints)}: {length}, {self.n} samples)"
@@ -89,7 +99,7 @@ class Recording:
         """Number of joints."""
         return int(self.q.shape[1])
 
-    @property
+    @cached_property
     def rate(self) -> float:
         """Sample rate [Hz] from the median period."""
         return float(1.0 / np.median(np.diff(self.t)))
@@ -98,7 +108,7 @@ class Recording:
         """Samples start..stop as a recording of their own."""
         arrays = {
             key: value[start:stop]
-            for key in ("t", "q", "tau", "qd", "wrench", "tau_ext", "current", "temperature")
+            for key in ("t", *COLUMNS)
             if (value := getattr(self, key)) is not None
         }
         return replace(self, **arrays)
