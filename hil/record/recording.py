@@ -29,6 +29,7 @@ class RobotSource:
     urdf: str = ""
     tip: str = ""
 
+
 #: Measured channels, a column a joint or component.
 COLUMNS = ("q", "tau", "qd", "wrench", "tau_ext", "current", "temperature")
 
