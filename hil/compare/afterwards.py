@@ -72,7 +72,7 @@ def finish(
 def _with_unlike(out: Diagnosis) -> None:
     """What is left where that is no noise; who leaves a wave or a switch is not adequate."""
     step = out.ladder[-1]
-    found = unlike(step.result, step.heldout.rms, out.noise)
+    found = unlike(step.result, step.heldout.rms, out.noise, out.last.projector)
     out.warnings += unlike_notes(found)
     if out.verdict == "adequate" and any(u.matters for u in found):
         out.verdict = "unexplained"

@@ -135,7 +135,7 @@ def compare(
     alike.floor = evidence.floor.rms
     level = evidence.floor.rms if floor is None else floor
     notes = differences(alike, examine) + noticed(evidence, result)
-    notes += unlike_notes(unlike(result, heldout.rms, level))
+    notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))
     faults += [Fault(code, "warning", "", x) for code, x in notes]
     return Comparison(
         result, heldout, evidence, where, both(result, problem), faults, floor, model.valid

@@ -74,6 +74,7 @@ def possible(evidence: Evidence, result: FitResult) -> list[Candidate]:
         and physical(c, result.problem.motions[0])
         and c.score > 0
         and not c.smoother
+        and not c.blurred
         and c.absorbed < 0.9999
         and alone(c, evidence, result)
     ]

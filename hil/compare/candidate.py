@@ -47,6 +47,8 @@ class Candidate:
         Its joint; of an effect of the whole robot, the joint where it explains most.
     smoother : bool
         Whether all that it does is to smooth the noise of the positions.
+    blurred : bool
+        Whether all that it explains is reversals that the motion's filter blurs.
     parts : ndarray (d,)
         `net` by joint.
     """
@@ -64,6 +66,7 @@ class Candidate:
     errors: tuple[float, ...] = ()
     joint: int = 0
     smoother: bool = False
+    blurred: bool = False
     parts: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
     null: FloatArray = field(default_factory=lambda: np.zeros(FLIPS), repr=False)
 

@@ -90,7 +90,7 @@ class Change:
         fall = 100 * (1 - np.sqrt(1 - self.share))
         return (
             f"{self.joint}: another {self.what} {when} ({size}) would lower the error by "
-            f"{fall:.0f} %, and the noise floor hides it"
+            f"{fall:.0f} %"
         )
 
 

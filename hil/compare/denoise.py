@@ -142,7 +142,7 @@ def shaken(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
             CODE,
             f"{joint}: {100 * share[j]:.0f} % of the squared error is the noise of the measured "
             "positions, in the model's accelerations or as the controller answers it, and no "
-            "physics: a finer encoder, more motion or a narrower [band] in the model file would "
+            "physics: a finer encoder, more motion or a narrower [signal] in the model file would "
             "show more",
         )
         for j, joint in enumerate(result.problem.joints)

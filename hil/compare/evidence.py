@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare import denoise
+from hil.compare import blur, denoise
 from hil.compare.candidate import Candidate, ranking, try_all
 from hil.compare.changes import Change, changes
 from hil.compare.detect import detect
@@ -90,6 +90,7 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
     priced(found, floor, result)
     detect(found, projector, floor, result, seed)
     denoise.mark(found, projector)
+    blur.mark(found, result, projector)
     found.sort(key=ranking)
     return Evidence(found, floor, projector, impossible, changed)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare import blur
 from hil.compare.ambiguity import CONFIDENT
 from hil.compare.denoise import returned, smoothed
 from hil.compare.evidence import Candidate, Evidence
@@ -23,6 +24,8 @@ EXPLAINED = 0.70
 WORTHLESS, ALONE = 0.05, 0.5
 #: Shares of a joint's excess that all its names explain: worth nothing, and worth all.
 HALF, WHOLE = 0.45, 0.80
+#: Factor of an error by which it falls by nothing.
+IDLE = 0.998
 #: Standard errors that a share on held-out runs may lack.
 CHANCE = 2.0
 #: Factor over their own floor from which held-out runs refute a model that nothing was added to:
@@ -53,7 +56,10 @@ def judge(
     problem = ladder[0].result.problem
     floor = np.minimum(last.floor.rms, ladder[-1].result.rms)
     other = None if heldout_floor is None else np.minimum(heldout_floor, ladder[-1].heldout.rms)
-    empty = [c for c, _, _ in found if by_chance(ladder[-1].result, c.term.key)]
+    empty = [
+        c for c, _, _ in found
+        if by_chance(ladder[-1].result, c.term.key) or _idle(c, ladder)
+    ]  # fmt: skip
     findings = _findings(ladder, [f for f in found if f[0] not in empty], floor, other)
     open_joints = _open(ladder, found, findings, first, last, floor, heldout_floor)
     against = overruled(ladder, findings, last.floor.rms)
@@ -79,6 +85,18 @@ def judge(
     out.warnings += [("emptied", emptied(c, problem)) for c in empty]
     out.warnings += overtones(found, last, ladder[-1].result)
     return _with_changes(out)
+
+
+def _idle(c: Candidate, ladder: list[Step]) -> bool:
+    """Whether a rung lowers neither error of its joint: names found later have changed the way."""
+    k = next(k for k, s in enumerate(ladder) if s.label == _label(c, ladder[0].result.problem))
+    pairs = [(s.result.rms[c.joint], s.heldout.rms[c.joint]) for s in ladder[k - 1 : k + 1]]
+    return all(after > IDLE * before for before, after in zip(*pairs, strict=True))
+
+
+def _label(c: Candidate, problem: Problem) -> str:
+    """Label of the rung that a candidate has."""
+    return f"+ {describe(c, problem)}"
 
 
 def _with_changes(out: Diagnosis) -> Diagnosis:
@@ -113,14 +131,16 @@ def _open(
 
 
 def _of_noise(step: Step, evidence: Evidence, floor: FloatArray) -> NDArray[np.bool_]:
-    """Joints (d,) of which what stands above the floor is the noise of the measured positions.
+    """Joints (d,) of which what stands above the floor comes of how the positions are measured.
 
-    Smoothed in the model's load, or, where that is little, returned late by the controller.
+    Their noise smoothed in the model's load or, where that is little, returned late by the
+    controller; or reversals that their filter blurs.
     """
     end, result = step.result.rms, step.result
     most = EXPLAINED * (end**2 - floor**2)
     late = (end <= FAR * floor) & (returned(evidence, result) >= most)
-    return np.asarray((most > 0.0) & ((smoothed(evidence, result) >= most) | late))
+    excused = (smoothed(evidence, result) >= most) | (blur.parts(evidence, result) >= most) | late
+    return np.asarray((most > 0.0) & excused)
 
 
 def refuted(step: Step, floor: FloatArray) -> NDArray[np.bool_]:
@@ -179,7 +199,7 @@ def _findings(
     first, final = ladder[0].result.rms ** 2, ladder[-1].result.rms ** 2
     total = (first - final) / np.maximum(first - floor**2, 1e-300)
     for c, confidence, rivals in found:
-        k, j = rungs[f"+ {describe(c, problem)}"], c.joint
+        k, j = rungs[_label(c, problem)], c.joint
         before, after = ladder[k - 1], ladder[k]
         confidence *= _whole(min(float(total[j]), _there(ladder, found, other, j)))
         share = _share(ladder, k, j, floor, None if _dated(c) else other)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hil.compare import blur
 from hil.compare.candidate import Candidate
 from hil.compare.changes import told
 from hil.compare.denoise import shaken
@@ -67,7 +68,7 @@ def _held(result: FitResult) -> list[tuple[str, str]]:
 
 def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
     """Notes (code, sentence) on values that changed at once and on noise that is no physics."""
-    return told(evidence.changes) + shaken(evidence, result)
+    return told(evidence.changes) + shaken(evidence, result) + blur.notes(evidence, result)
 
 
 def emptied(c: Candidate, problem: Problem) -> str:

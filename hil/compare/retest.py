@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.compare import denoise
+from hil.compare import blur, denoise
 from hil.compare.attribute import choose, kindred, physical, simplest_first
 from hil.compare.candidate import Candidate, ranking, try_all
 from hil.compare.credible import credible
@@ -145,10 +145,12 @@ def _forms(
         tried = try_all(projector, result, [t.reshaped(()) for t in own] + terms)
     priced(tried, floor, result)
     denoise.mark(tried, projector)
+    blur.mark(tried, result, projector)
     motion = result.problem.motions[0]
     sound = [
         x for x in tried
-        if x.score > 0 and not x.smoother and x.absorbed < 0.9999 and physical(x, motion)
+        if x.score > 0 and not (x.smoother or x.blurred) and x.absorbed < 0.9999
+        and physical(x, motion)
         and not any(kindred(x, y) for y, _, _ in found[k + 1 :])
     ]  # fmt: skip
     return simplest_first(sorted(sound, key=ranking)), projector

@@ -20,7 +20,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare.blur import blur
 from hil.compare.denoise import coarse
+from hil.identify.problem import Problem
+from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
@@ -30,14 +33,15 @@ CODE = "unlike-noise"
 SWINGS, SURE = -0.6, -2.5
 #: Kurtosis that no wave has.
 SWITCH = -1.6
-#: The same above which it comes in bursts; noise of turning encoders reaches 0.9.
-BURSTS, CLEAR = 1.0, 5.0
+#: The same above which it comes in bursts: a tenth of the time then holds more than half of its
+#: square.  Noise of turning encoders reaches 0.9, starts and exact dry friction 3.
+BURSTS, CLEAR = 3.0, 5.0
 #: Kurtosis above which bursts are all that there is.
 ONLY = 10.0
 #: Errors up to so many floors may be called adequate.
 NEAR = 1.25
-#: Parts of a run that have an rms of their own, and its growth that is worth a word.
-PARTS, GROWS = 6, 2.0
+#: Parts of a run that have an rms of their own; its growth that is worth a word, and kurtosis.
+PARTS, GROWS, UNEVEN = 6, 2.0, 1.0
 #: Fewer instants tell nothing.
 FEWEST = 200
 #: Autocorrelations counted; share of the time that is called bursts; their length [s].
@@ -68,7 +72,9 @@ class Unlike:
     text: str
 
 
-def unlike(result: FitResult, error: FloatArray, floor: FloatArray) -> list[Unlike]:
+def unlike(
+    result: FitResult, error: FloatArray, floor: FloatArray, projector: Projector | None = None
+) -> list[Unlike]:
     """Joints that move, are at their floor, and leave something other than noise.
 
     Parameters
@@ -77,35 +83,39 @@ def unlike(result: FitResult, error: FloatArray, floor: FloatArray) -> list[Unli
         The last fit, of motor efforts; of others nothing is said.
     error, floor : ndarray (d,)
         Held-out error and the noise floor it is compared with [N m or N].
+    projector : Projector, optional
+        Of the fit: bursts that are no more than blurred reversals are then left out.
     """
     problem, out = result.problem, []
     moves = ~problem.holds & (error <= NEAR * floor) & (result.model.explains == "motor")
     for j in np.flatnonzero(moves).tolist():
-        own = _of_joint(result, j)
+        own = _of_joint(result, j, projector)
         out += [own] if own else []
     return out
 
 
-def _of_joint(result: FitResult, j: int) -> Unlike | None:
+def _of_joint(result: FitResult, j: int, projector: Projector | None) -> Unlike | None:
     """What is left on joint j, if it is no noise."""
-    problem = result.problem
-    raw = [_residual(result, j, k) for k in range(len(problem.recordings))]
-    raw = [r for r in raw if r.size >= FEWEST]
+    problem, left = result.problem, result.residual[j]
+    raw = _runs(problem, j, left)
     if not raw:
         return None
-    even = [r / _around(r) for r in raw]
-    (k, se), (whole, _) = kurtosis(np.concatenate(even)), kurtosis(np.concatenate(raw))
+    (k, se), (whole, _) = _even(raw), kurtosis(np.concatenate(raw))
+    if k > BURSTS and k > CLEAR * se and projector is not None:
+        left = left - blur(result, projector, j).effort
+        raw = _runs(problem, j, left)
+        k, se = _even(raw)
     joint, rate = problem.joints[j], problem.rate
     if k < SWINGS and k < SURE * se:
-        return Unlike(joint, k, True, f"{joint}: {_swings(k, even, rate)}")
+        return Unlike(joint, k, True, f"{joint}: {_swings(k, [r / _around(r) for r in raw], rate)}")
     if k > BURSTS and k > CLEAR * se:
         # where the speed passes a count a row, a coarse encoder bursts
         if coarse(problem)[j]:
             return None
-        return Unlike(joint, k, k > ONLY, f"{joint}: {_bursts(result, j, k)}")
+        return Unlike(joint, k, k > ONLY, f"{joint}: {_bursts(problem, j, left, k)}")
     longest = max(raw, key=len)
     size = _around(longest)
-    if whole > BURSTS and size.max() > GROWS * size.min():
+    if whole > UNEVEN and size.max() > GROWS * size.min():
         return Unlike(joint, whole, False, f"{joint}: {_uneven(longest)}")
     return None
 
@@ -124,10 +134,20 @@ def kurtosis(r: FloatArray) -> tuple[float, float]:
     return float(np.mean(r**4)) - 3.0, float(np.sqrt(24.0 / n * (1.0 + 2.0 * np.sum(rho**4))))
 
 
-def _residual(result: FitResult, j: int, k: int) -> FloatArray:
-    """Residual of joint j in run k, of mean 0 and rms 1."""
-    problem = result.problem
-    r = result.residual[j, (problem.run == k) & problem.live[j]]
+def _runs(problem: Problem, j: int, left: FloatArray) -> list[FloatArray]:
+    """What is left on joint j (n,), run by run, where there is enough of it."""
+    parts = [_residual(problem, j, left, k) for k in range(len(problem.recordings))]
+    return [r for r in parts if r.size >= FEWEST]
+
+
+def _even(runs: list[FloatArray]) -> tuple[float, float]:
+    """Kurtosis over the rms around each instant, and its standard error."""
+    return kurtosis(np.concatenate([r / _around(r) for r in runs]))
+
+
+def _residual(problem: Problem, j: int, left: FloatArray, k: int) -> FloatArray:
+    """What is left on joint j in run k, of mean 0 and rms 1."""
+    r = left[(problem.run == k) & problem.live[j]]
     out: FloatArray = (r - r.mean()) / max(float(r.std()), 1e-300) if r.size else r
     return out
 
@@ -161,15 +181,16 @@ def _frequency(r: FloatArray, rate: float) -> float:
     return float(np.argmax(size) * rate / (PADDED * r.size))
 
 
-def _bursts(result: FitResult, j: int, k: float) -> str:
+def _bursts(problem: Problem, j: int, left: FloatArray, k: float) -> str:
     """Sentence on a residual that comes in bursts, with where it is largest."""
-    problem = result.problem
     run = int(np.argmax(np.bincount(problem.run)))
     own = problem.run == run
-    squares = np.sort(result.residual[j, problem.live[j]] ** 2)[::-1]
+    squares = np.sort(left[problem.live[j]] ** 2)[::-1]
     share = float(squares[: round(TENTH * squares.size)].sum() / squares.sum())
     when = problem.t[own & problem.live[j]] - float(problem.t[own].min())
-    where = ", ".join(f"{x:.2f}" for x in _largest(_residual(result, j, run), when, problem.rate))
+    where = ", ".join(
+        f"{x:.2f}" for x in _largest(_residual(problem, j, left, run), when, problem.rate)
+    )
     return (
         f"what is left comes in bursts: a tenth of the time holds {100 * share:.0f} % of its "
         f"square (kurtosis {k:.2g}; noise has 0 and 44 %). The largest are at {where} s of "

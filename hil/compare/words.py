@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.ambiguity import CONFIDENT
+from hil.compare.blur import CODE as BLURRED
 from hil.compare.changes import CODE as CHANGED
 from hil.compare.common import CODE as COMMON
 from hil.compare.fallback import told
@@ -41,7 +42,7 @@ ORIGIN = {
     "smooth functions of all positions and speeds).",
 }
 #: Codes of warnings that stand beside the verdict.
-LEADING = (DIFFER, *REASONS, CHANGED, UNLIKE, COMMON)
+LEADING = (DIFFER, *REASONS, BLURRED, CHANGED, UNLIKE, COMMON)
 
 
 def meaning(effect: str) -> str:
@@ -147,7 +148,7 @@ def details(m: Material) -> list[str]:
     """Sentences below the headline: effect, confidence, error before and after, floor."""
     out = [_finding(m, f) for f in m.findings]
     out += [line for code in REASONS for line in _said(m, code)]
-    out += apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
+    out += _said(m, BLURRED) + apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
     for f in m.partial:
         why = overruled(f, m.warnings) or f"less than {100 * EXPLAINED:.0f} % is explained in all"
         out.append(
