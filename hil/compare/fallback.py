@@ -187,6 +187,8 @@ def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, Make]]:
             other = names[int(shape[0]) - 1]
             yield f"qd of {own} and {other}", f"its speed and that of {other}", columns
     yield f"q of {own}", "its position in detail", seen(partial(_places, j=j))
+    spots = seen(partial(_spots, j=j))
+    yield f"sgn qd,q of {own}", "its direction and its position in detail", spots
     for k in range(problem.d) if problem.d <= NEAR else ():
         if k != j:
             rubs = seen(partial(_rubs, j=j, k=k))
@@ -200,6 +202,11 @@ def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, Make]]:
 def _places(m: Motion, j: int) -> FloatArray:
     """Functions of joint j's position."""
     return _bumps(m.q[:, j], m.span[j], FINE)
+
+
+def _spots(m: Motion, j: int) -> FloatArray:
+    """Friction of any size along joint j's position."""
+    return np.asarray(_places(m, j) * m.sign(j)[:, None])
 
 
 def _bumps(q: FloatArray, span: FloatArray, count: int) -> FloatArray:

@@ -51,3 +51,5 @@ def test_a_tight_spot_is_no_ripple_beside_its_friction() -> None:
         found = diagnose([train], base_model(train.robot), holdout)
         assert [f.effect for f in found.findings] == ["position-friction"]
         assert any("of its position-friction" in text for _, text in found.warnings)
+    most = max(found.network, key=lambda s: s.share)
+    assert most.words == "its direction and its position in detail" and most.share > 0.5
