@@ -6,6 +6,7 @@ import numpy as np
 
 from hil.commands import common
 from hil.compare.analysis import Rung
+from hil.compare.blur import CODE as BLURRED
 from hil.compare.fallback import told
 from hil.compare.findings import Diagnosis, Finding
 from hil.compare.judge import only_there
@@ -13,7 +14,7 @@ from hil.compare.multistep import MultiStep
 from hil.compare.overruled import why
 from hil.compare.sessions import CODE as DIFFER
 from hil.compare.tables import at_issue_of
-from hil.compare.words import LEADING, floor_says, remains
+from hil.compare.words import LEADING, explains, floor_says, remains
 from hil.models import catalogue
 from hil.models.told import remark
 
@@ -81,6 +82,9 @@ def verdict(d: Diagnosis) -> str:
             "unexplained: the model explains what was fitted down to the noise floor, but not the "
             "held-out data."
         )
+    if d.verdict == "adequate" and any(code == BLURRED for code, _ in d.warnings):
+        worst = float((d.ladder[-1].heldout.rms / d.noise).max())
+        return f"adequate: {explains(worst).replace('it ', 'the model ', 1)}"
     return SENTENCES[d.verdict]
 
 

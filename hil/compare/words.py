@@ -128,7 +128,8 @@ def headline(m: Material) -> str:
     if m.verdict == "adequate" and apart(m):
         return "The model is adequate for what was fitted, but not for the held-out data."
     if m.verdict == "adequate":
-        return "The model is adequate: it explains the data down to the noise floor."
+        above = any(code == BLURRED for code, _ in m.warnings) and float(m.ratio(m.after).max())
+        return f"The model is adequate: {explains(float(above))}"
     if m.verdict == "unexplained":
         joint = m.joints[m.concerned(1)[0]]
         if only_there(m.after, m.last, m.floor):
@@ -142,6 +143,13 @@ def headline(m: Material) -> str:
     ratio = float(m.ratio(m.before)[j])
     tail = "all joints are at the noise floor" if ratio <= 1.1 else f"{m.joints[j]} is worst"
     return f"Held-out error is up to {ratio:.2f} times the noise floor: {tail}."
+
+
+def explains(above: float) -> str:
+    """What an adequate model explains, where reversals leave an error of so many floors."""
+    if above > ADEQUATE:
+        return "what it leaves above the noise floor is at reversals, and no missing physics."
+    return "it explains the data down to the noise floor."
 
 
 def details(m: Material) -> list[str]:

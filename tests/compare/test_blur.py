@@ -63,6 +63,15 @@ def test_exact_dry_friction_at_quick_reversals_is_adequate(seed):
     assert said in text(d, ladder(d)) and f"{said}." in words.details(from_diagnosis(d))
 
 
+def test_an_adequate_error_above_its_floor_is_called_what_it_is():
+    d = diagnosed(axis(2))
+    above = float((d.ladder[-1].heldout.rms / d.noise)[0]) > 1.1
+    shown = text(d, ladder(d)).splitlines()[0]
+    assert ("above the noise floor is at reversals" in shown) == above
+    assert ("is at reversals" in words.headline(from_diagnosis(d))) == above
+    assert "is at reversals" in words.explains(1.4) and "down to" in words.explains(1.05)
+
+
 def test_smooth_friction_leaves_nothing_to_blur():
     d = diagnosed(axis(1, width=0.02))
     assert d.verdict == "adequate" and share(d) < 0.1
