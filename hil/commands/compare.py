@@ -11,9 +11,6 @@ from hil.compare.tables import comparison_json
 
 EXAMPLE = "hil compare run.mcap --model arm.toml --report out.html"
 
-#: Error over the floor that seems to be right, and strength of a place that says it is not.
-NEAR, PLAIN = 1.25, 4.0
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
@@ -53,7 +50,7 @@ def _horizon(c: Comparison) -> str:
 
 def text(c: Comparison) -> str:
     """The comparison for a terminal."""
-    lines = [_errors(c), f"\n{_judged(c)}", "\nWhere it fails", *_places(c), *_hidden(c)]
+    lines = [_errors(c), f"\n{_judged(c)}", "\nWhere it fails", *_places(c)]
     return "\n".join([*lines, *(f"  warning: {f.sentence}" for f in c.faults)])
 
 
@@ -90,21 +87,6 @@ def _judged(c: Comparison) -> str:
         f"multi-step: simulated position over {c.multi_step.horizon:g} s, and over "
         f"{_horizon(c)} under a soft servo to the measured motion (replay)"
     )
-
-
-def _hidden(c: Comparison) -> list[str]:
-    """Joints at their floor that fail all the same, and so only seem to be right."""
-    ratio = dict(zip(c.result.problem.joints, c.heldout.rms / c.noise, strict=True))
-    places = [r for items in c.where.values() for r in items]
-    seem = [j for j, x in ratio.items() if x <= NEAR]
-    failing = {j: max((r.strength for r in places if r.joint == j), default=0.0) for j in seem}
-    return [
-        f"  {j}: its error is near a floor that no model at hand goes below, and {x:.1f} times its "
-        "noise band in places: the floor holds something systematic; 'hil diagnose' measures it "
-        "anew beside what it adds"
-        for j, x in failing.items()
-        if x > PLAIN
-    ]
 
 
 def _places(c: Comparison) -> list[str]:

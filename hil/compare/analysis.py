@@ -14,6 +14,7 @@ from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep, both, each
 from hil.compare.notes import noticed
+from hil.compare.seeming import seeming
 from hil.compare.sessions import differences
 from hil.compare.settle import settled
 from hil.compare.unlike import notes as unlike_notes
@@ -137,9 +138,12 @@ def compare(
     notes = differences(alike, examine) + noticed(evidence, result)
     notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))
     faults += [Fault(code, "warning", "", x) for code, x in notes]
-    return Comparison(
+    out = Comparison(
         result, heldout, evidence, where, both(result, problem), faults, floor, model.valid
     )
+    ratio = dict(zip(problem.joints, (heldout.rms / out.noise).tolist(), strict=True))
+    out.faults.extend(Fault(code, "warning", "", x) for code, x in seeming(ratio, where))
+    return out
 
 
 __all__ = ["add", "compare", "diagnose", "fit", "ladder"]
