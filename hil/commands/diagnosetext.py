@@ -6,7 +6,7 @@ import numpy as np
 
 from hil.commands import common
 from hil.compare.analysis import Rung
-from hil.compare.blur import CODE as BLURRED
+from hil.compare.blur import above
 from hil.compare.fallback import told
 from hil.compare.findings import Diagnosis, Finding
 from hil.compare.judge import only_there
@@ -19,7 +19,6 @@ from hil.models import catalogue
 from hil.models.told import remark
 
 SENTENCES = {
-    "adequate": "adequate: the model explains the data down to the noise floor.",
     "missing-effect": "missing-effect: the model lacks what is named below.",
     "ambiguous": "ambiguous: something is missing; these data leave open which of several effects.",
     "unexplained": "unexplained: something is missing, and no effect of the catalogue explains it.",
@@ -82,9 +81,10 @@ def verdict(d: Diagnosis) -> str:
             "unexplained: the model explains what was fitted down to the noise floor, but not the "
             "held-out data."
         )
-    if d.verdict == "adequate" and any(code == BLURRED for code, _ in d.warnings):
-        worst = float((d.ladder[-1].heldout.rms / d.noise).max())
-        return f"adequate: {explains(worst).replace('it ', 'the model ', 1)}"
+    if d.verdict == "adequate":
+        error = d.ladder[-1].heldout.rms / d.noise
+        ratio = dict(zip(d.result.problem.joints, error.tolist(), strict=True))
+        return f"adequate: {explains(above(d.warnings, ratio), 'the model')}"
     return SENTENCES[d.verdict]
 
 

@@ -12,6 +12,7 @@ lowers the error then; friction that builds up after a reversal, as before slidi
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ from scipy.ndimage import uniform_filter1d
 
 from hil.compare.candidate import Candidate
 from hil.compare.detect import LEVEL
+from hil.compare.floor import ADEQUATE
 from hil.identify import bands
 from hil.identify.design import Term
 from hil.identify.problem import Problem
@@ -62,11 +64,19 @@ class Blur:
 
 def blur(result: FitResult, projector: Projector, j: int) -> Blur:
     """The wider filter that explains most of joint j's residual, with a positive coefficient."""
-    problem, n = result.problem, result.problem.n
-    best = Blur(np.zeros(n), np.zeros(n), 0.0)
     term = next((t for t in result.terms if t.effect.name == "coulomb" and t.joint == j), None)
     if term is None:
-        return best
+        return Blur(np.zeros(result.problem.n), np.zeros(result.problem.n), 0.0)
+    key = ("blur", j, term.shape)
+    if key not in projector.memo:
+        projector.memo[key] = _best(result.problem, term, projector)
+    found: Blur = projector.memo[key]
+    return found
+
+
+def _best(problem: Problem, term: Term, projector: Projector) -> Blur:
+    best = Blur(np.zeros(problem.n), np.zeros(problem.n), 0.0)
+    j = term.joint
     rows, sigma = projector.rows(term), float(projector.sigma[j])
     r = projector.residual[rows]
     for wider in WIDER:
@@ -145,6 +155,20 @@ def parts(evidence: Evidence, result: FitResult) -> FloatArray:
             gain = blur(result, evidence.projector, j).gain
             out[j] = gain * evidence.projector.sigma[j] ** 2 / max(problem.count[j], 1.0)
     return out
+
+
+def above(warnings: Sequence[tuple[str, str]], ratio: Mapping[str, float]) -> bool:
+    """Whether a joint of which warnings (code, sentence) say so is above its floor.
+
+    Parameters
+    ----------
+    warnings : sequence of (str, str)
+        Of a diagnosis.
+    ratio : mapping of str to float
+        Error over the noise floor, by joint.
+    """
+    told = [text.split(":")[0] for code, text in warnings if code == CODE]
+    return any(ratio.get(joint, 0.0) > ADEQUATE for joint in told)
 
 
 def notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:

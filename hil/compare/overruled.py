@@ -61,12 +61,10 @@ def overruled(
     beaten = outdone.outdone(ladder, findings, floor)
     simulated = each([s.result for s in ladder], ladder[0].result.problem)
     worse = worsened.worsened(ladder, simulated, findings)
-    return Overruled(
-        {x.joint for x in beaten} | {x.joint for x in worse},
-        [s for x in beaten for s in x.shares],
-        [(outdone.CODE, x.text) for x in beaten] + [(worsened.CODE, x.text) for x in worse],
-        simulated,
-    )
+    warnings = [(outdone.CODE, x.text) for x in beaten]
+    warnings += [(worsened.CODE, text) for text in worse.values()]
+    shares = [s for x in beaten for s in x.shares]
+    return Overruled({x.joint for x in beaten} | set(worse), shares, warnings, simulated)
 
 
 def why(f: Finding, warnings: Sequence[tuple[str, str]]) -> str:

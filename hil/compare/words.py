@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hil.compare.ambiguity import CONFIDENT
 from hil.compare.blur import CODE as BLURRED
+from hil.compare.blur import above
 from hil.compare.changes import CODE as CHANGED
 from hil.compare.common import CODE as COMMON
 from hil.compare.fallback import told
@@ -128,8 +129,8 @@ def headline(m: Material) -> str:
     if m.verdict == "adequate" and apart(m):
         return "The model is adequate for what was fitted, but not for the held-out data."
     if m.verdict == "adequate":
-        above = any(code == BLURRED for code, _ in m.warnings) and float(m.ratio(m.after).max())
-        return f"The model is adequate: {explains(float(above))}"
+        errors = dict(zip(m.joints, m.ratio(m.after).tolist(), strict=True))
+        return f"The model is adequate: {explains(above(m.warnings, errors), 'it')}"
     if m.verdict == "unexplained":
         joint = m.joints[m.concerned(1)[0]]
         if only_there(m.after, m.last, m.floor):
@@ -145,11 +146,11 @@ def headline(m: Material) -> str:
     return f"Held-out error is up to {ratio:.2f} times the noise floor: {tail}."
 
 
-def explains(above: float) -> str:
-    """What an adequate model explains, where reversals leave an error of so many floors."""
-    if above > ADEQUATE:
-        return "what it leaves above the noise floor is at reversals, and no missing physics."
-    return "it explains the data down to the noise floor."
+def explains(blurred: bool, model: str) -> str:
+    """What an adequate model explains, whether or not reversals leave an error above its floor."""
+    if blurred:
+        return f"what {model} leaves above the noise floor is at reversals, and no missing physics."
+    return f"{model} explains the data down to the noise floor."
 
 
 def details(m: Material) -> list[str]:

@@ -9,7 +9,6 @@ first and raise the second.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from hil.compare.findings import Finding, Step
 from hil.compare.multistep import MultiStep
@@ -20,22 +19,6 @@ CODE = "worsened"
 RISE = 1.3
 
 
-@dataclass(frozen=True)
-class Worsened:
-    """A joint whose motion is simulated worse with what is named than without.
-
-    Parameters
-    ----------
-    joint : str
-        Name.
-    text : str
-        One sentence without its full stop.
-    """
-
-    joint: str
-    text: str
-
-
 def moves_worse(before: MultiStep, after: MultiStep, j: int) -> bool:
     """Whether joint j is simulated worse, over short horizons or in the closed-loop replay."""
     pairs = [(before, after), (before.closed_loop, after.closed_loop)]
@@ -44,8 +27,8 @@ def moves_worse(before: MultiStep, after: MultiStep, j: int) -> bool:
 
 def worsened(
     steps: Sequence[Step], simulated: Sequence[MultiStep], findings: Sequence[Finding]
-) -> list[Worsened]:
-    """Joints that the last model simulates worse than the first one.
+) -> dict[str, str]:
+    """Joints that the last model simulates worse than the first one, each with a sentence.
 
     Parameters
     ----------
@@ -57,18 +40,17 @@ def worsened(
         What would be named; effects of the whole robot are not asked.
     """
     problem = steps[0].result.problem
-    out = []
+    out = {}
     for joint in dict.fromkeys(f.joint for f in findings if f.joint is not None):
         j = problem.joints.index(joint)
         if not moves_worse(simulated[0], simulated[-1], j):
             continue
         names = " and ".join(f.effect for f in findings if f.joint == joint)
         rise = _rise(simulated[0], simulated[-1], j, problem.robot.units[j])
-        text = (
+        out[joint] = (
             f"{joint}: {names} would lower the error of the effort, and the simulated position "
             f"error {rise}: a cause lowers both, that is not the cause"
         )
-        out.append(Worsened(joint, text))
     return out
 
 

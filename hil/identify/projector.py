@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.optimize
@@ -78,6 +79,8 @@ class Projector:
         self.residual = y - self.spanned(self.inner(slice(0, y.size), y[:, None])[:, 0])
         self.rss = float(self.residual @ self.residual)
         self._found: dict[tuple[object, ...], Scores] = {}
+        #: What others have computed beside this base.
+        self.memo: dict[tuple[object, ...], Any] = {}
 
     @property
     def q(self) -> FloatArray:
@@ -117,10 +120,8 @@ class Projector:
 
     def gain_of(self, term: Term, columns: FloatArray) -> float:
         """The same of weighted columns (N, m) on the term's rows, whatever their signs."""
-        right, known = (
-            columns.T @ self.residual[self.rows(term)],
-            self.inner(self.rows(term), columns),
-        )
+        rows = self.rows(term)
+        right, known = columns.T @ self.residual[rows], self.inner(rows, columns)
         gram = columns.T @ columns - known.T @ known
         return float(right @ np.linalg.lstsq(gram, right, rcond=1e-9)[0])
 

@@ -65,11 +65,19 @@ def test_exact_dry_friction_at_quick_reversals_is_adequate(seed):
 
 def test_an_adequate_error_above_its_floor_is_called_what_it_is():
     d = diagnosed(axis(2))
-    above = float((d.ladder[-1].heldout.rms / d.noise)[0]) > 1.1
+    ratio = float((d.ladder[-1].heldout.rms / d.noise)[0])
+    above = ratio > 1.1
     shown = text(d, ladder(d)).splitlines()[0]
     assert ("above the noise floor is at reversals" in shown) == above
     assert ("is at reversals" in words.headline(from_diagnosis(d))) == above
-    assert "is at reversals" in words.explains(1.4) and "down to" in words.explains(1.05)
+    assert above == blur.above(d.warnings, {"joint1": ratio})
+
+
+def test_only_a_joint_that_is_said_to_be_blurred_counts():
+    said = [(blur.CODE, "joint1: 40 % of the squared error is at reversals")]
+    assert blur.above(said, {"joint1": 1.3, "joint2": 1.0})
+    assert not blur.above(said, {"joint1": 1.05, "joint2": 1.3})
+    assert not blur.above([], {"joint1": 1.3})
 
 
 def test_smooth_friction_leaves_nothing_to_blur():

@@ -86,7 +86,7 @@ def test_a_right_name_lowers_both_errors(effect, extra):
     before, after = hil.add([run], hil.base_model(run.robot), effect)
     named = [Finding(effect, "joint1", 1.0, 5.0, 2.0, 0.1, 0.8, {}, [])]
     steps, simulated = zip(*((r.step, r.multi_step) for r in (before, after)), strict=True)
-    assert worsened.worsened(steps, simulated, named) == []
+    assert worsened.worsened(steps, simulated, named) == {}
 
 
 def test_the_replay_counts_where_short_horizons_do_not_show_it(geared_axis):
@@ -94,6 +94,6 @@ def test_the_replay_counts_where_short_horizons_do_not_show_it(geared_axis):
     named = [replace(geared_axis.partial[0])]
     steps = geared_axis.ladder
     replayed = replace(first, closed_loop=last.closed_loop)
-    (found,) = worsened.worsened(steps, [first, replayed], named)
-    assert "under a servo of 1 Hz" in found.text
-    assert worsened.worsened(steps, [first, first], named) == []
+    found = worsened.worsened(steps, [first, replayed], named)
+    assert list(found) == ["joint1"] and "under a servo of 1 Hz" in found["joint1"]
+    assert worsened.worsened(steps, [first, first], named) == {}
