@@ -8,6 +8,7 @@ the left-out errors of the first model, with the names, and with the function,
     E^2 - F^2 > BETTER (E0^2 - floor^2)   and   E^2 > MORE F^2.
 
 Laws with a memory, of loads or of several joints' speeds are no such functions, and lose nothing.
+Nor does one that acts at one place of the recording alone: left out there, it is not to be learnt.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from numpy.typing import NDArray
 from hil.compare.fallback import ROWS, Share, functions, shares
 from hil.compare.findings import Finding, Step
 from hil.compare.leftout import Folds
+from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int_]
 CODE = "outdone"
 #: Share of the excess by which a function must do better: from ASKED on, none of 108 right names
 #: that were looked at was beaten by more than 0.15, and six of eight wrong ones were.
@@ -30,6 +33,8 @@ BETTER = 0.20
 #: The same as a factor of its squared error, and errors over the floor from which it is asked:
 #: smaller ones and their differences are chance.
 MORE, ASKED = 1.10, 1.20
+#: Share of what a name does that falls into one fold, from which on the others do not show it.
+ALONE = 0.6
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,8 @@ def outdone(steps: Sequence[Step], findings: Sequence[Finding], floor: FloatArra
     out = []
     for joint in dict.fromkeys(f.joint for f in findings if f.joint is not None):
         j = problem.joints.index(joint)
+        if any(_alone(last, f, j, one.fold) for f in findings if f.joint == joint):
+            continue
         start, now = one.left_out(nothing, j), other.left_out(nothing, j)
         if start < ASKED * floor[j]:
             continue
@@ -87,6 +94,14 @@ def outdone(steps: Sequence[Step], findings: Sequence[Finding], floor: FloatArra
             )
             out.append(Outdone(joint, shares(found, start, float(floor[j]), joint), text))
     return out
+
+
+def _alone(last: FitResult, finding: Finding, j: int, fold: IntArray) -> bool:
+    """Whether most of what a name does on joint j falls into one fold (n,)."""
+    own = [k for k, name in enumerate(last.names) if name in finding.parameters]
+    x = last.x.reshape(last.problem.d, last.problem.n, -1)[j][:, own]
+    power = np.bincount(fold, np.sum(x**2, axis=1))
+    return bool(power.max() > ALONE * power.sum())
 
 
 def _percent(share: float) -> str:

@@ -51,7 +51,9 @@ class Decimator:
     def __init__(self, n: int, fs: float, cutoff: float) -> None:
         self._good = int(scipy.fft.next_fast_len(n, real=True))
         duration = self._good / fs
-        self._keep = max(8, min(int(duration * 1.5 * cutoff), self._good // 2)) + 1
+        # a length without large prime factors, so that the transform back is quick
+        wanted = scipy.fft.next_fast_len(max(int(duration * 1.5 * cutoff), 8), real=True)
+        self._keep = min(int(wanted), self._good // 2) + 1
         f = np.arange(self._keep) / duration
         # |H|^2 of a 4th order Butterworth, forward and backward
         self._gain = 1.0 / (1.0 + (f / cutoff) ** 8)

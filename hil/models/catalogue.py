@@ -28,6 +28,7 @@ MODULES = (
     "hil.models.transmission",
     "hil.models.cable",
     "hil.models.drive",
+    "hil.models.amplifier",
     "hil.models.network",
 )
 _table: dict[str, Effect] = {}

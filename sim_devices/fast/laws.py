@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import asin, cos, exp, fabs, pi, sin, sqrt
+from math import asin, cos, exp, fabs, pi, sin, sqrt, tanh
 from typing import Any
 
 import numba as nb
@@ -56,6 +56,14 @@ def motor_torque(p: Any, x: Any, i: int, elapsed: float, tick: float, dt: float)
     if p.ripple[i] != 0.0:
         # commutation: |cos(phase / 2)| less its mean, times the torque
         value += p.ripple[i] * fed * (fabs(cos(0.5 * p.ripple_cycles[i] * x.qm[i])) - 2.0 / pi)
+    if p.choke[i] != 0.0:
+        # beyond L a tenth of what is asked for comes through, by a knee of L / 20
+        beyond = fabs(fed) - 1.0 / p.choke[i]
+        if beyond > 0.0:
+            most = 0.9 * (beyond - 0.05 / p.choke[i] * tanh(20.0 * beyond * p.choke[i]))
+            value -= most if fed > 0.0 else -most
+    if p.leak[i] != 0.0:
+        value += p.leak[i] * x.drive[(i + 1) % 3]
     if p.detent[i] != 0.0:
         # phase-modulated wave: all harmonics
         phase = p.detent_cycles[i] * x.qm[i]

@@ -21,6 +21,7 @@ _MORE = np.dtype([
     ("ripple", _F, _J), ("ripple_cycles", _F, _J),  # 1, [rad/rad]
     ("detent", _F, _J), ("detent_cycles", _F, _J),  # [N m], [rad/rad]
     ("slow_drive", _F, _J), ("jitter", _F, _J), ("offset", _F, _J),  # [s], [s], [N m]
+    ("leak", _F, _J), ("choke", _F, _J),  # 1, [1/(N m)]
     ("oscillator", _F, _J), ("oscillator_rate", _F, _J),  # [kg m^2], [rad/s]
     ("hum", _F, _J), ("hum_rate", _F, _J),  # [N m], [rad/s]
     ("wobble", _F, _J), ("wobble_cycles", _F, _J), ("slips", _F, _J),  # [rad], 1, [counts]

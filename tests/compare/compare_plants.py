@@ -28,10 +28,11 @@ def axis(
     push: Callable[[float], float] = ZERO,
     seen: Callable[[float, float], float] = lambda t, q: q,
     sensor: Callable[[float, float], float] = lambda t, w: w,
+    gives: Callable[[float], float] = lambda u: u,
 ) -> Recording:  # fmt: skip
     """One axis under PD control with exact dry friction, simulated forward.
 
-    J q'' = tau + push(t) - extra(t, q, q') - warm(t) (Fv q' + Fc sgn q');
+    J q'' = gives(tau) + push(t) - extra(t, q, q') - warm(t) (Fv q' + Fc sgn q');
     measured: seen(t, q), sensor(t, push).
     """
     rng = np.random.default_rng(100 + seed)
@@ -48,7 +49,7 @@ def axis(
         rows[k] = t[k], seen(t[k], q), tau, sensor(t[k], push(t[k]))
         for s in range(steps):
             now = t[k] + s * h
-            force = tau + push(now) - extra(now, q, qd)
+            force = gives(tau) + push(now) - extra(now, q, qd)
             free = (qd + h * force / J) / (1 + h * FV * warm(now) / J)
             drop = h * FC * warm(now) / J
             qd = np.sign(free) * max(abs(free) - drop, 0.0)

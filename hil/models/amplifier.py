@@ -1,0 +1,132 @@
+"""What the motors' amplifiers do to their commands: run into a limit, leak into each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.models.effect import Effect, Param, margins
+from hil.models.motion import FloatArray, Motion
+from hil.models.param import JOINT
+
+#: How round a knee can be: its words, the largest limit worth trying as a share of the largest
+#: effort, and how many of them.
+KNEES = {0.0: ("clipped", 0.98, 10), 4.0: ("a round knee", 1.8, 9), 2.0: ("gradually", 4.0, 7)}
+#: Share of the rows below the least limit: beyond a limit an effort tells nothing, and with too
+#: many such rows nothing is left to be explained.
+FREE = 0.8
+#: Share of the effort that a limit that acts takes at the largest command, at least.
+LEAST = 0.01
+#: Rows by which the command must be beyond a limit.
+ROWS = 10
+
+
+class TorqueSaturation(Effect):
+    """The motor gives less than it is asked for: its amplifier clips, or its iron saturates."""
+
+    replayed = strict = True
+    name, family = "torque-saturation", "actuator"
+    equation = (
+        "tau = model + a (tau - s(tau)),  s = tau / (1 + |tau/L|^p)^(1/p) or clip(tau, -L, L)"
+    )
+    signature = "what is missing grows with the command beyond a limit, in both directions"
+    confused_with = ("load-friction", "torque-gain", "actuator-lag")
+    shown_by = "the same motion slower, or with less load: what the limit cuts off is gone"
+    source = "Krause, Wasynczuk, Sudhoff, Pekarek, Analysis of Electric Machinery, 2013 (saturation)"
+    params = (Param("a", "1", "share of what the limit takes: 1 but for errors", 0.75, 1.33),)
+    shape = (
+        Param("L", "{F}", "limit", 0.0),
+        Param(
+            "p",
+            "1",
+            "order of the knee; 0: clipped",
+            0.0,
+            4.0,
+            codes=tuple((p, words) for p, (words, *_) in KNEES.items()),
+            choice=True,
+        ),
+    )
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Command less what is given of it."""
+        tau = motion.tau[:, j]
+        return (tau - given(tau, float(shape[0]), float(shape[1])))[:, None]
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Limits from about the largest effort down to the least, by knee."""
+        size = np.abs(motion.tau[:, j])
+        top = max(float(size.max(initial=0.0)), 1e-12)
+        return [
+            (float(limit), p)
+            for p, (_, most, count) in KNEES.items()
+            for limit in np.geomspace(most * top, least_limit(size, p), count)
+        ]
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """It takes something of the largest efforts, and more than a few rows meet it.
+
+        At the least limit that was tried another law is meant: one that bends everywhere.
+        """
+        limit, order = float(shape[0]), float(shape[1])
+        size = np.sort(np.abs(motion.tau[:, j]))
+        lost = size[-ROWS:][:1] - given(size[-ROWS:][:1], limit, order)
+        felt = bool(np.all(lost > LEAST * size[-ROWS:][:1]))
+        inside = limit > 1.02 * least_limit(size, order)
+        return felt and inside and super().credible(motion, j, shape, beta, error)
+
+
+def least_limit(size: FloatArray, order: float) -> float:
+    """Least limit worth trying for efforts of these sizes (n,) and a knee of this order."""
+    top = max(float(size.max(initial=0.0)), 1e-12)
+    return top if order == 2.0 else max(float(np.quantile(size, FREE)), 1e-3 * top)
+
+
+def given(wanted: FloatArray, limit: float, order: float) -> FloatArray:
+    """Effort (n,) that an amplifier with this `limit` and knee gives of what is `wanted` (n,)."""
+    if not order:
+        return np.clip(wanted, -limit, limit)
+    # s(u) = u / (1 + |u / L|^p)^(1/p)
+    out: FloatArray = wanted / (1.0 + np.abs(wanted / limit) ** order) ** (1.0 / order)
+    return out
+
+
+class TorqueCrosstalk(Effect):
+    """A part of another motor's command reaches this one: a common ground, cables side by side."""
+
+    replayed = True
+    name, family = "torque-crosstalk", "actuator"
+    equation = "tau_j = model - e tau_k"
+    signature = "residual that follows another motor's whole effort, its friction included"
+    confused_with = ("coupled-friction", "rigid-body", "torque-gain")
+    shown_by = "one joint at a time, the others holding different loads"
+    source = "as in a force sensor: Cao, Laws, Rodriguez y Baena, IEEE Sensors J. 21(18), 2021"
+    params = (Param("e", "1", "share of the other motor's command"),)
+    shape = (Param(JOINT, "1", "number of the other joint", 1.0, choice=True),)
+    refine = False
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Less the other motor's command."""
+        k = int(shape[0]) - 1
+        return -motion.tau[:, k : k + 1]
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Every other joint."""
+        return [(float(k + 1),) for k in range(motion.d) if k != j]
+
+    def credible(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+        error: Sequence[float] = (),
+    ) -> bool:  # fmt: skip
+        """A channel that follows another one more than its own is swapped, not crossed."""
+        return abs(beta[0]) < 1.0 + margins(beta, error)[0]
+
+    def available(self, motion: Motion, j: int) -> str:
+        """Needs a second joint."""
+        return "" if motion.d > 1 else "the robot has one joint"
+
+
+EFFECTS: tuple[Effect, ...] = (TorqueSaturation(), TorqueCrosstalk())

@@ -1,0 +1,65 @@
+"""An amplifier at its limit and one that leaks, hidden in plants of their own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import compare_plants as plants
+import numpy as np
+import pytest
+
+import hil
+from hil.identify.problem import Problem
+from hil.models.catalogue import get
+
+
+@pytest.mark.parametrize(
+    ("gives", "limit", "order", "accuracy"),
+    [
+        (lambda u: min(max(u, -1.0), 1.0), 1.0, 0.0, 0.02),
+        # another law than any of the catalogue: as steep at zero, a tenth more bent at the top
+        (lambda u: 1.5 * np.tanh(u / 1.5), 1.5, 2.0, 0.25),
+    ],
+    ids=["clips", "bends"],
+)
+def test_a_limit_is_named_and_found(gives, limit, order, accuracy) -> None:
+    train, other = (plants.axis(k, gives=gives) for k in (3, 4))
+    d = hil.diagnose([train], hil.base_model(train.robot), [other])
+    assert d.verdict == "missing-effect"
+    assert [f.effect for f in d.findings] == ["torque-saturation"]
+    values = {k.rsplit(".")[-1]: v.value for k, v in d.findings[0].parameters.items()}
+    assert values["p"] == order
+    assert values["L"] == pytest.approx(limit, rel=accuracy)
+    last = d.ladder[-1].heldout.rms / d.noise
+    assert last.max() < 1.1
+
+
+def test_a_limit_that_is_not_reached_is_not_named() -> None:
+    train, other = (plants.axis(k, gives=lambda u: min(max(u, -2.0), 2.0)) for k in (3, 4))
+    d = hil.diagnose([train], hil.base_model(train.robot), [other])
+    assert d.verdict == "adequate"
+
+
+@pytest.mark.parametrize(("j", "k", "share"), [(0, 1, 0.08), (1, 2, -0.1), (2, 1, 0.05)])
+def test_a_leak_is_named_with_its_source_and_its_size(j: int, k: int, share: float) -> None:
+    def leaks(seed: int):
+        run = plants.arm(seed)
+        mix = np.eye(3)
+        mix[j, k] = share
+        return replace(run, tau=run.tau @ np.linalg.inv(mix).T)
+
+    train, other = leaks(1), leaks(2)
+    d = hil.diagnose([train], hil.base_model(train.robot), [other])
+    assert d.verdict == "missing-effect"
+    (found,) = d.findings
+    assert (found.effect, found.joint) == ("torque-crosstalk", f"joint{j + 1}")
+    values = {key.rsplit(".")[-1]: v.value for key, v in found.parameters.items()}
+    assert values["joint"] == k + 1
+    assert values["e"] == pytest.approx(share, rel=0.15)
+
+
+def test_of_one_motor_nothing_leaks() -> None:
+    run = plants.axis(0, seconds=4.0)
+    motion = Problem([run], hil.base_model(run.robot).robot).motions[0]
+    assert "one joint" in get("torque-crosstalk").available(motion, 0)
+    assert get("torque-saturation").available(motion, 0) == ""
