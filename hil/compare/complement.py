@@ -10,6 +10,8 @@ that explains most need not be the one; a refit with each of the others tells.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -48,7 +50,8 @@ def other_gains(
         steps = remade(names, ladder[0], examine)
         new, old = steps[-1].heldout, ladder[-1].heldout
         if _outdoes(new, old, joints, len(others) < len(gains)):
-            found[:], ladder[:] = names, steps
+            shown = [_shown(c, *pair) for c, pair in zip(others, pairwise(steps), strict=False)]
+            found[:], ladder[:] = [*((c, 0.5, gains) for c in shown), *rest], steps
             return True
         if len(others) == len(gains) and not _worse(new, old, joints):
             alike += others
@@ -56,6 +59,12 @@ def other_gains(
         share = 1.0 / (1 + len(alike) // len(gains))
         found[:] = [(c, share, alike) if c.name == GAIN else (c, p, r) for c, p, r in found]
     return False
+
+
+def _shown(c: Candidate, before: Step, after: Step) -> Candidate:
+    """A gain with the joint whose error falls with it, which need not be its own."""
+    fall = before.result.rms**2 - after.result.rms**2
+    return replace(c, joint=int(np.argmax(fall / before.result.rms**2)))
 
 
 def _others(

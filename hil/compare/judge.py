@@ -120,11 +120,14 @@ def _open(
     if not found and heldout_floor is not None:
         here |= refuted(ladder[-1], heldout_floor)
     named = {c.joint for c, _, _ in found}
-    noisy = _of_noise(ladder[0], first, floor) & (start <= FAR * floor)
+    noise = _of_noise(ladder[0], first, floor)
+    noisy = noise & (start <= FAR * floor)
+    # what the ladder takes and no name stands for is not explained
+    unnamed = (start > FAR * floor) & ~noise & bool(found and not findings)
     worthless = {f.joint for f in findings if _worthless(f)}
     return [
         j for j, joint in enumerate(problem.joints)
-        if here[j]
+        if here[j] or unnamed[j]
         or (j in named and not noisy[j] and _there(ladder, found, heldout_floor, j) < EXPLAINED)
         or (joint in worthless and start[j] > ADEQUATE * floor[j] and not noisy[j])
     ]  # fmt: skip

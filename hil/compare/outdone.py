@@ -34,7 +34,7 @@ BETTER = 0.20
 #: smaller ones and their differences are chance.
 MORE, ASKED = 1.10, 1.20
 #: Share of what a name does that falls into one fold, from which on the others do not show it.
-ALONE = 0.6
+ALONE = 0.9
 
 
 @dataclass(frozen=True)

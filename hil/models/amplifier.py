@@ -33,7 +33,9 @@ class TorqueSaturation(Effect):
     signature = "what is missing grows with the command beyond a limit, in both directions"
     confused_with = ("load-friction", "torque-gain", "actuator-lag")
     shown_by = "the same motion slower, or with less load: what the limit cuts off is gone"
-    source = "Krause, Wasynczuk, Sudhoff, Pekarek, Analysis of Electric Machinery, 2013 (saturation)"
+    source = (
+        "Krause, Wasynczuk, Sudhoff, Pekarek, Analysis of Electric Machinery, 2013 (saturation)"
+    )
     params = (Param("a", "1", "share of what the limit takes: 1 but for errors", 0.75, 1.33),)
     shape = (
         Param("L", "{F}", "limit", 0.0),

@@ -9,6 +9,7 @@ from hil.commands.diagnosetext import text
 from hil.compare import outdone, words
 from hil.compare.analysis import ladder
 from hil.compare.findings import Finding
+from hil.compare.leftout import Folds
 from hil.compare.material import from_diagnosis
 
 
@@ -66,3 +67,14 @@ def test_of_what_is_beaten_the_answer_says_so(monkeypatch):
     assert any(
         "a function without a name explains more" in x for x in words.details(from_diagnosis(d))
     )
+
+
+def test_what_acts_at_one_place_of_the_recording_alone_is_not_to_be_learnt_elsewhere():
+    run = plants.axis(1, extra=lambda t, q, v: 4.0 * max(q - 0.6, 0.0) ** 1.3)
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    (stop,), last = d.findings, d.ladder[-1].result
+    j, fold = 0, Folds(last).fold
+    assert not outdone._alone(last, stop, j, fold)
+    own = [k for k, name in enumerate(last.names) if name in stop.parameters]
+    acts = np.any(last.x.reshape(-1, last.x.shape[1])[:, own] != 0, axis=1)
+    assert outdone._alone(last, stop, j, np.where(acts, 0, fold))

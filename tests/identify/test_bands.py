@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.fft import next_fast_len
 
 from hil.errors import DataError
 from hil.identify.bands import choose, derivatives, motion_bandwidth, smooth
@@ -115,3 +116,11 @@ def test_band_is_given_or_chosen_and_never_above_the_rate() -> None:
     coarse = recording(np.sin(2 * np.pi * 0.5 * t[::20]), 50.0)
     rates = choose([slow, coarse], Band(100.0, 100.0))
     assert rates.effort <= 50.0 / 6 and rates.position < 25.0
+
+
+@given(n=st.integers(60, 90_000), cutoff=st.floats(3.0, 40.0))
+def test_the_transform_back_has_no_large_prime_factor(n: int, cutoff: float) -> None:
+    decimator = Decimator(n, 500.0, cutoff)
+    rows = decimator._out
+    assert rows == next_fast_len(rows, real=True) or rows >= n - 1
+    assert decimator.rate > 2.0 * cutoff or rows >= n - 1
