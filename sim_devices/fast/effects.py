@@ -66,7 +66,7 @@ EFFECTS: dict[str, Law] = {
     "torque-gain": Law("gain of the drive", {"gain": 0.1}, needs="force"),
     "torque-offset": Law("constant", {"offset": 0.004}, most=5.0),
     "torque-ripple": Law("|cos|, times the torque", {"ripple": 0.3}, {"ripple_cycles": 40.0}),
-    "torque-saturation": Law("knee of sixth order", {"choke": 5.0}),
+    "torque-saturation": Law("a tenth comes through beyond it", {"choke": 20.0}),
     "torque-crosstalk": Law("share of the next motor's torque", {"leak": 0.05}, needs="arm"),
     "cogging": Law("sin(a + 0.4 sin a)", {"detent": 0.004}, {"detent_cycles": 33.6}),
     "actuator-lag": Law("second order", {"slow_drive": 4e-3}, least=0.4),
