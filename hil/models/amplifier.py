@@ -115,6 +115,11 @@ class TorqueCrosstalk(Effect):
         k = int(shape[0]) - 1
         return -motion.tau[:, k : k + 1]
 
+    def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+        """What hangs on both joints' positions: a hose or a bundle of cables between them."""
+        a, b = motion.q[:, j], motion.q[:, int(shape[0]) - 1]
+        return [np.stack([b, b * b, a * b, a * a, b**3, a * b * b, a * a * b], axis=1)]
+
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Every other joint."""
         return [(float(k + 1),) for k in range(motion.d) if k != j]

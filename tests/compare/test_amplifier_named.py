@@ -58,6 +58,22 @@ def test_a_leak_is_named_with_its_source_and_its_size(j: int, k: int, share: flo
     assert values["e"] == pytest.approx(share, rel=0.15)
 
 
+@pytest.mark.parametrize(("j", "k"), [(1, 2), (2, 1), (0, 1)])
+def test_a_hose_between_two_joints_is_no_leak(j: int, k: int) -> None:
+    def hose(seed: int):
+        run = plants.arm(seed)
+        tau = run.tau.copy()
+        stretch = 1.5 * run.q[:, k] - 0.8 * run.q[:, j] + 0.2
+        tau[:, j] -= 0.8 * 0.02 * stretch * np.abs(stretch)
+        tau[:, k] += 1.5 * 0.02 * stretch * np.abs(stretch)
+        return replace(run, tau=tau)
+
+    train, other = hose(1), hose(2)
+    d = hil.diagnose([train], hil.base_model(train.robot), [other])
+    assert d.verdict != "adequate"
+    assert "torque-crosstalk" not in [f.effect for f in d.findings]
+
+
 def test_of_one_motor_nothing_leaks() -> None:
     run = plants.axis(0, seconds=4.0)
     motion = Problem([run], hil.base_model(run.robot).robot).motions[0]
