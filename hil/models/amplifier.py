@@ -20,6 +20,8 @@ FREE = 0.8
 LEAST = 0.01
 #: Rows by which the command must be beyond a limit.
 ROWS = 10
+#: Order of the polynomial of two positions that a leak is set against.
+CUBIC = 3
 
 
 class TorqueSaturation(Effect):
@@ -75,8 +77,8 @@ class TorqueSaturation(Effect):
         """
         limit, order = float(shape[0]), float(shape[1])
         size = np.sort(np.abs(motion.tau[:, j]))
-        lost = size[-ROWS:][:1] - given(size[-ROWS:][:1], limit, order)
-        felt = bool(np.all(lost > LEAST * size[-ROWS:][:1]))
+        met = size[-ROWS:][:1]
+        felt = bool(np.all(met - given(met, limit, order) > LEAST * met))
         inside = limit > 1.02 * least_limit(size, order)
         return felt and inside and super().credible(motion, j, shape, beta, error)
 
@@ -117,8 +119,9 @@ class TorqueCrosstalk(Effect):
 
     def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
         """What hangs on both joints' positions: a hose or a bundle of cables between them."""
-        a, b = motion.q[:, j], motion.q[:, int(shape[0]) - 1]
-        return [np.stack([b, b * b, a * b, a * a, b**3, a * b * b, a * a * b], axis=1)]
+        a, b = motion.scaled(j), motion.scaled(int(shape[0]) - 1)
+        powers = [(m, n) for m in range(CUBIC + 1) for n in range(CUBIC + 1 - m) if m or n]
+        return [np.stack([a**m * b**n for m, n in powers], axis=1)]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Every other joint."""

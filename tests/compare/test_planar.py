@@ -44,7 +44,7 @@ def test_a_gain_is_judged_on_the_joint_whose_error_falls(gained):
             assert shown.joint == np.argmax(falls / before.result.rms**2)
             assert shown.term == c.term
     (f,) = d.findings
-    assert f.relative_before > 2 * f.relative_after
+    assert f.relative_before > 2 * f.relative_after and f.excess_explained > 0.9
 
 
 def test_every_rung_is_simulated_with_its_own_load(gained):

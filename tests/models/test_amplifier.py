@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from hil.models.amplifier import KNEES, TorqueCrosstalk, TorqueSaturation
 from hil.models.amplifier import given as gives
 from hil.models.catalogue import get
+from hil.models.motion import Motion
+from hil.models.robots import IndependentAxes
 
 
 @given(st.floats(0.1, 10.0), st.sampled_from(sorted(KNEES)))
@@ -34,3 +36,23 @@ def test_the_catalogue_has_them() -> None:
     assert isinstance(get("torque-saturation"), TorqueSaturation)
     assert isinstance(get("torque-crosstalk"), TorqueCrosstalk)
     assert TorqueSaturation.strict, "of a gain, a small share of a low limit would be an imitation"
+
+
+def test_what_a_leak_is_set_against_knows_no_zero_and_no_unit_of_the_positions() -> None:
+    n = 200
+    q = np.random.default_rng(1).uniform(-0.4, 0.7, (n, 2))
+    zero, one = np.zeros((n, 2)), np.ones(2)
+
+    def law(scale: float, shift: float) -> np.ndarray:
+        moved = scale * q + shift
+        motion = Motion(
+            t=np.arange(n) / 100.0, q=moved, qd=zero, qdd=zero, tau=zero, tau_ext=zero, load=zero,
+            static=zero, v0=one, resolution=one, contact=np.array([[0.0, 1.0]] * 2),
+            span=np.stack([moved.min(axis=0), moved.max(axis=0)], axis=1),
+            robot=IndependentAxes(("a", "b")),
+        )  # fmt: skip
+        (columns,) = TorqueCrosstalk().foils(motion, 0, (2.0,))
+        return columns
+
+    assert law(1.0, 0.0).shape == (n, 9)
+    np.testing.assert_allclose(law(1e-3, 3.0), law(1.0, 0.0), atol=1e-9)
