@@ -76,29 +76,16 @@ def test_sensors_that_fail_stop_the_motors_within_two_ticks():
     assert all(name.startswith("force board") for name in late[2:])
 
 
-def in_real_time(name, folder, tries=6):
-    """Outcome of a case of its own process, struck again where the machine held it up.
-
-    What other programs take of the machine stops the loop before the fault does; what the loop
-    itself does wrong it does every time.
-    """
-    for k in range(tries):
-        own = folder / str(k)
-        own.mkdir()
-        found = process.one(name, own)
-        if found.right and "PAUSED" not in found.note:
-            break
-    return found
-
-
+@pytest.mark.real_time
 def test_a_killed_process_loses_a_tenth_of_a_second_and_its_power(tmp_path):
-    found = in_real_time("process killed (-9)", tmp_path)
+    found = process.one("process killed (-9)", tmp_path)
     assert found.lost <= 100 and found.right, found
     assert "gone" in tables.row(found)[4]
 
 
+@pytest.mark.real_time
 def test_a_full_disk_stops_the_record_and_not_the_loop(tmp_path):
-    found = in_real_time("disk full", tmp_path)
+    found = process.one("disk full", tmp_path)
     assert found.right and found.lost > 0, found
 
 

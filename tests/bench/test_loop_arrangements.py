@@ -16,6 +16,7 @@ from hil.rigs import rig_path
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
 
+@pytest.mark.real_time
 @needs_fork
 def test_a_slow_side_in_a_process_writes_the_whole_session(tmp_path):
     path = tmp_path / "s.mcap"
@@ -46,6 +47,7 @@ def test_the_shared_ring_is_a_ring_across_processes():
     assert len(ring) == 0
 
 
+@pytest.mark.real_time
 @needs_fork
 def test_a_process_that_dies_is_an_error_and_not_a_figure(tmp_path, monkeypatch):
     monkeypatch.setattr("hil.bench.apart.session.conclude", lambda *a: 1 / 0)
@@ -54,6 +56,7 @@ def test_a_process_that_dies_is_an_error_and_not_a_figure(tmp_path, monkeypatch)
         app.run(config, 0.05, 1, "real", tmp_path / "s.mcap", kind=Apart)
 
 
+@pytest.mark.real_time
 def test_the_rows_are_those_that_are_promised():
     names = [run.__name__ for run in loop.RUNS]
     assert names[0] == names[-1] == "cyclictest" and len(names) == 8

@@ -1,5 +1,7 @@
 """`hil bench wire`: every driver has its row, and no time is counted twice."""
 
+import pytest
+
 from hil.bench import wire
 
 
@@ -17,6 +19,7 @@ def test_every_driver_and_box_has_a_row():
     assert found[wire.WORLD].median > 0
 
 
+@pytest.mark.real_time
 def test_a_session_in_real_time_says_what_its_ticks_took():
     found = wire.session(seconds=0.3)
     assert found.name == wire.SESSION

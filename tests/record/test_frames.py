@@ -202,6 +202,7 @@ def test_an_encoder_box_that_was_unplugged_is_unplugged_again(tmp_path, monkeypa
     assert desk == field
 
 
+@pytest.mark.real_time
 def test_frames_have_the_log_time_of_their_tick(tmp_path):
     over = {"devices": {**ARMS, "follower-force": {"backend": "sim-wire"}},
             "record": {"frames": True}}  # fmt: skip

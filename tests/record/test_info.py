@@ -92,6 +92,7 @@ def test_unreadable(tmp_path, capsys, content):
     assert "hil import" in capsys.readouterr().err
 
 
+@pytest.mark.real_time
 def test_a_session_in_real_time_has_a_date_and_the_figures_of_its_loop(tmp_path, capsys):
     path = tmp_path / "s.mcap"
     rig = str(Path(__file__).parents[2] / "rigs" / "teleop.toml")

@@ -1,5 +1,6 @@
 """Conditions of the loop: what is wrong leads to a defined state, and the motors get zero."""
 
+import contextlib
 import json
 import mmap
 import os
@@ -301,22 +302,30 @@ run(config, 20.0, 1, "real", sys.argv[1], opener=opener)
 """
 
 
+@contextlib.contextmanager
 def live(tmp_path, over=None):
+    """A session in its own process whose motors have torque; nothing is left of it after."""
     words = [sys.executable, "-c", LIVE, str(tmp_path / "s.mcap"), repr(over or {})]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    torque = 0
-    for line in process.stdout:
-        torque += line.startswith("codes") and set(line.split()[1:]) != {"0"}
-        if torque > 100:
-            return process
-    raise AssertionError(process.stderr.read())
+    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(words, **piped) as process:
+        try:
+            torque = 0
+            for line in process.stdout:
+                torque += line.startswith("codes") and set(line.split()[1:]) != {"0"}
+                if torque > 100:
+                    break
+            assert torque > 100, process.stderr.read()
+            yield process
+        finally:
+            process.kill()
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_signal_takes_the_torque_and_the_power_off(tmp_path, number):
-    process = live(tmp_path)
-    process.send_signal(number)
-    said, _ = process.communicate(timeout=30)
+    with live(tmp_path) as process:
+        process.send_signal(number)
+        said, _ = process.communicate(timeout=30)
     lines = said.splitlines()
     assert process.returncode != 0
     assert lines[-1] == "power False" and lines.count("power False") == 2
@@ -327,24 +336,20 @@ def test_a_signal_takes_the_torque_and_the_power_off(tmp_path, number):
     assert load(tmp_path / "s.mcap", "leader").n > 0
 
 
-def test_the_watchdog_cuts_the_power_of_a_killed_and_of_a_hung_process(tmp_path):
-    for kind in ("killed", "hung"):
-        folder = tmp_path / kind
-        folder.mkdir()
-        mark = folder / "cut"
-        over = {"safety": {"watchdog": 1.0, "cut": ["touch", str(mark)]}}
-        process = live(folder, over)
+@pytest.mark.real_time
+@pytest.mark.parametrize("kind", ["killed", "hung"])
+def test_the_watchdog_cuts_the_power_of_a_killed_and_of_a_hung_process(tmp_path, kind):
+    mark, report = tmp_path / "cut", tmp_path / "s.mcap.watchdog.json"
+    over = {"safety": {"watchdog": 1.0, "cut": ["touch", str(mark)]}}
+    with live(tmp_path, over) as process:
         process.send_signal(signal.SIGKILL if kind == "killed" else signal.SIGSTOP)
-        report = folder / "s.mcap.watchdog.json"
         until = time.monotonic() + 20
         while not report.exists() and time.monotonic() < until:
             os.sched_yield()
-        process.kill()
-        process.communicate()
-        told = json.loads(report.read_text())
-        assert mark.exists()
-        assert ("gone" if kind == "killed" else "tick") in told["why"]
-        assert told["silent_s"] < 10.0
+    told = json.loads(report.read_text())
+    assert mark.exists()
+    assert ("gone" if kind == "killed" else "tick") in told["why"]
+    assert told["silent_s"] < 10.0
 
 
 def test_a_loop_that_is_gone_before_its_watchdog_has_begun_is_gone(tmp_path):
@@ -358,6 +363,7 @@ def test_a_loop_that_is_gone_before_its_watchdog_has_begun_is_gone(tmp_path):
     assert mark.exists() and "gone" in json.loads(report.read_text())["why"]
 
 
+@pytest.mark.real_time
 def test_the_watchdog_keeps_still_where_the_session_ends(tmp_path):
     from hil.app import run
 

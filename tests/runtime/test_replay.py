@@ -20,6 +20,7 @@ def test_lockstep_sessions_are_reproduced_to_the_last_bit(rig, tmp_path):
     assert (done.compared, done.differ, done.first) == (1000, 0, None)
 
 
+@pytest.mark.real_time
 def test_a_session_in_real_time_is_reproduced_whatever_it_missed(tmp_path):
     path = record(tmp_path / "s.mcap", seconds=0.5, clock="real")
     assert replay(path).differ == 0

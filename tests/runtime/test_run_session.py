@@ -90,6 +90,7 @@ def test_trajectory_noise_and_hidden_effect_have_seeds_of_their_own(tmp_path):
     assert small < np.abs(hidden - base).max()
 
 
+@pytest.mark.real_time
 def test_real_clock_runs_and_counts(tmp_path):
     config = load_rig(RIGS / "identify.toml")
     done = run(config, 0.2, seed=1, clock="real", output=tmp_path / "s.mcap")
@@ -99,6 +100,7 @@ def test_real_clock_runs_and_counts(tmp_path):
     assert load(tmp_path / "s.mcap", "leader").n == done.ticks
 
 
+@pytest.mark.real_time
 def test_progress_and_live_figures_come_while_the_loop_runs(tmp_path):
     done, said = [], []
     operator = Operator(live=said.append)
