@@ -53,9 +53,9 @@ def played(box: Container, folder: Path) -> Played:
               for c in ("measured_js", "setpoint_jf", "measured_cf")]  # fmt: skip
     needed += ["/rig/raw", "/loop/timing"]
     for name in needed:
-        if name not in box.topics or not box.topics[name].times:
+        if name not in box.topics or not len(box.topics[name]):
             raise DataError(f"session {box.path} holds nothing on {name}; it cannot be replayed")
-    n = min(len(box.topics[name].times) for name in needed)
+    n = min(len(box.topics[name]) for name in needed)
     if any(box.topics[name].sequence[:n] != box.topics[needed[0]].sequence[:n] for name in needed):
         raise DataError(f"session {box.path}: its channels do not hold the same ticks")
     return _arrays(box, config, n)
@@ -80,8 +80,8 @@ def _arrays(box: Container, config: RigConfig, n: int) -> Played:
     if "/controller/state" in box.topics and box.topics["/controller/state"].times:
         topic = box.topics["/controller/state"]
         states = dict(zip(topic.sequence, decode_numbers(topic), strict=True))
-    ticks = np.array(box.topics["/loop/timing"].sequence[:n], np.int64)
-    times = np.array(box.topics["/loop/timing"].times[:n], np.float64)
+    ticks = box.topics["/loop/timing"].ticks[:n]
+    times = box.topics["/loop/timing"].stamps[:n].astype(np.float64)
     return Played(
         config, ticks, times, u, sent, np.stack(codes, axis=1), timing, states, _commands(box)
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
-from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,31 +79,28 @@ def _common(box: Container, arm: str) -> dict[str, Topic]:
     found = {
         name.split("/")[2]: topic
         for name, topic in box.topics.items()
-        if name.startswith(f"/{arm}/") and name.count("/") == 2 and topic.times
+        if name.startswith(f"/{arm}/") and name.count("/") == 2 and len(topic)
     }
     state = found.get("measured_js")
     if state is None:
         return found
-    fast = [t for n, t in found.items() if n in _COLUMNS and 2 * len(t.times) > len(state.times)]
-    if all(t.times == state.times for t in fast):
+    fast = [t for n, t in found.items() if n in _COLUMNS and 2 * len(t) > len(state)]
+    if all(np.array_equal(t.stamps, state.stamps) for t in fast):
         return found
-    shared = set(state.times).intersection(*(t.times for t in fast))
-    if len(shared) < 0.9 * len(state.times):  # channels with clocks of their own
-        first = max(t.times[0] for t in (state, *fast))
-        last = min(t.times[-1] for t in (state, *fast))
-        shared = {t for t in state.times if first <= t <= last}
+    shared = reduce(np.intersect1d, [t.stamps for t in fast], state.stamps)
+    if len(shared) < 0.9 * len(state):  # channels with clocks of their own
+        first = max(t.stamps[0] for t in (state, *fast))
+        last = min(t.stamps[-1] for t in (state, *fast))
+        shared = state.stamps[(first <= state.stamps) & (state.stamps <= last)]
         fast = []
     return {n: _only(t, shared) if t is state or t in fast else t for n, t in found.items()}
 
 
-def _only(topic: Topic, times: set[int]) -> Topic:
-    keep = [k for k, t in enumerate(topic.times) if t in times]
-    if not keep:
+def _only(topic: Topic, stamps: NDArray[np.uint64]) -> Topic:
+    keep = np.isin(topic.stamps, stamps)
+    if not keep.any():
         raise DataError(f"topic {topic.name} and the others of its arm share no time")
-    return replace(
-        topic, times=[topic.times[k] for k in keep], data=[topic.data[k] for k in keep],
-        sequence=[topic.sequence[k] for k in keep],
-    )  # fmt: skip
+    return topic.only(keep)
 
 
 def _on(topic: Topic, state: Topic, joints: tuple[str, ...]) -> FloatArray:
@@ -112,7 +109,7 @@ def _on(topic: Topic, state: Topic, joints: tuple[str, ...]) -> FloatArray:
     As they are if the stamps agree, else linearly interpolated.
     """
     values = decode(topic, joints)
-    if topic.times == state.times:
+    if np.array_equal(topic.stamps, state.stamps):
         return values
-    t, at = np.array(topic.times, float), np.array(state.times, float)
+    t, at = topic.stamps.astype(np.float64), state.stamps.astype(np.float64)
     return np.stack([np.interp(at, t, column) for column in values.T], axis=1)

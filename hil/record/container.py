@@ -7,6 +7,7 @@ to the last complete chunk.  Payloads stay bytes: decoding is done a channel at 
 from __future__ import annotations
 
 import struct
+import sys
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,42 +17,22 @@ import zstandard
 from numpy.typing import NDArray
 
 from hil.errors import DataError
+from hil.record.topic import Found, Topic
+
+__all__ = ["Container", "Topic", "read"]
 
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _SCHEMA, _CHANNEL, _MSG, _CHUNK, _ATTACHMENT, _METADATA, _DATA_END = 3, 4, 5, 6, 9, 12, 15
 _UNREADABLE = (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError)
+#: From this size on [byte] the compiled walk is worth the import of the compiler, where nothing
+#: else has needed that.
+_LARGE = 2**24
 #: No writer makes chunks so large [byte]; a damaged length must not claim the memory.
 _LARGEST_CHUNK = 2**31
 #: Times from here on (1973) count from 1970, not from the start of a session [ns].
 EPOCH_NS = 10**17
-
-
-@dataclass
-class Topic:
-    """One channel's messages.
-
-    Parameters
-    ----------
-    name, schema, encoding : str
-        Topic, schema name, message encoding.
-    times, sequence : list of int
-        Log time [ns] and sequence number of each message.
-    data : list of bytes
-        Payloads.
-    schema_encoding, schema_text : str, bytes
-        The schema as it stands in the file.
-    """
-
-    name: str
-    schema: str
-    encoding: str
-    times: list[int] = field(default_factory=list)
-    sequence: list[int] = field(default_factory=list)
-    data: list[bytes] = field(default_factory=list)
-    schema_encoding: str = ""
-    schema_text: bytes = b""
 
 
 @dataclass
@@ -87,12 +68,12 @@ class Container:
 
         A number of 64 bits has steps of 0.24 us at such times, and of a millionth of that here.
         """
-        first = min((t.times[0] for t in self.topics.values() if t.times), default=0)
+        first = min((int(t.stamps[0]) for t in self.topics.values() if len(t)), default=0)
         return first if first >= EPOCH_NS else 0
 
     def seconds(self, topic: Topic) -> NDArray[np.float64]:
         """Log times of a topic [s], from `zero_ns` on, shape (n,)."""
-        return np.asarray((np.array(topic.times, np.int64) - self.zero_ns) * 1e-9, np.float64)
+        return np.asarray((topic.stamps.astype(np.int64) - self.zero_ns) * 1e-9, np.float64)
 
 
 def read(path: str | Path, messages: bool = True) -> Container:
@@ -119,7 +100,9 @@ def read(path: str | Path, messages: bool = True) -> Container:
         what = "is empty" if not raw else "is not an MCAP file"
         raise DataError(f"session {path} {what}; import a CSV, NPZ or MAT table with 'hil import'")
     out = Container(path, size=len(raw))
-    stop, ended = _Reader(out, messages).records(raw, len(MAGIC))
+    reader = _Reader(out, messages, len(raw) >= _LARGE or "numba" in sys.modules)
+    stop, ended = reader.records(raw, len(MAGIC))
+    reader.found.hand_out(reader.channels)
     out.truncated = not (ended and raw.endswith(MAGIC))
     out.unread = 0 if ended else len(raw) - stop
     return out
@@ -140,10 +123,11 @@ def _pairs(data: bytes, at: int) -> dict[str, str]:
 
 
 class _Reader:
-    def __init__(self, out: Container, messages: bool) -> None:
+    def __init__(self, out: Container, messages: bool, large: bool) -> None:
         self.out, self.messages = out, messages
         self.schemas: dict[int, tuple[str, str, bytes]] = {}
         self.channels: dict[int, Topic] = {}
+        self.found = Found(large)
 
     def records(self, raw: bytes, at: int) -> tuple[int, bool]:
         """Walk records; where the last complete one ends, and if the data section ended."""
@@ -187,17 +171,19 @@ class _Reader:
         return data
 
     def inner(self, data: bytes) -> None:
-        at, size, channels = 0, len(data), self.channels
-        unpack, message = _RECORD.unpack_from, _MESSAGE.unpack_from
+        at, size, base = 0, len(data), self.found.add(data)
         while at + 9 <= size:
-            code, length = unpack(data, at)
+            at = self.found.walk(data, at, base)
+            if at + 9 > size:
+                break
+            code, length = _RECORD.unpack_from(data, at)
             at += 9
             if code == _MSG:
-                number, sequence, log_time, _ = message(data, at)
-                topic = channels[number]
-                topic.times.append(log_time)
-                topic.sequence.append(sequence)
-                topic.data.append(data[at + 22 : at + length])
+                number, sequence, log_time, _ = _MESSAGE.unpack_from(data, at)
+                if number not in self.channels or not _MESSAGE.size <= length <= size - at:
+                    raise struct.error("message of no channel, or not whole")
+                start = base + at + _MESSAGE.size
+                self.found.note(number, sequence, log_time, start, length - _MESSAGE.size)
             else:
                 self.record(code, data[at : at + length])
             at += length
@@ -216,6 +202,7 @@ class _Reader:
                 topic = Topic(name, kind, _text(data, at)[0])
                 topic.schema_encoding, topic.schema_text = language, text
                 self.channels[number] = self.out.topics.setdefault(name, topic)
+                self.found.known[number] = True
         elif code == _MSG:
             self.inner(_RECORD.pack(code, len(data)) + data)
         elif code == _METADATA:

@@ -47,9 +47,9 @@ def decode_numbers(topic: Topic) -> FloatArray:
     """
     _refuse_encoding(topic)
     if _is_wrench(topic):
-        (n,) = struct.unpack_from("<I", topic.data[0], 12)
+        (n,) = struct.unpack_from("<I", topic.payload(0), 12)
         return _numbers(topic, 4 + -(-(12 + n) // 8) * 8, 6)
-    return _numbers(topic, 12, (len(topic.data[0]) - 12) // 8)
+    return _numbers(topic, 12, (int(topic.sizes[0]) - 12) // 8)
 
 
 def _is_wrench(topic: Topic) -> bool:
@@ -81,7 +81,7 @@ def decode_joint_state(
         raise DataError(
             f"topic {topic.name} is of type {topic.schema!r}; expected sensor_msgs/msg/JointState"
         )
-    data = topic.data[0]
+    data = topic.payload(0)
     _, at = _string(data, 8)
     count, at = _count(data, at)
     names = []
@@ -98,7 +98,7 @@ def decode_joint_state(
 
 
 def _refuse_encoding(topic: Topic) -> None:
-    if topic.encoding != "cdr" or topic.data[0][:2] != b"\x00\x01":
+    if topic.encoding != "cdr" or topic.payload(0)[:2] != b"\x00\x01":
         raise DataError(
             f"topic {topic.name} is encoded as {topic.encoding!r}; "
             "expected ROS 2 CDR, little endian"
@@ -119,10 +119,11 @@ def _string(data: bytes, at: int) -> tuple[str, int]:
 
 def _numbers(topic: Topic, start: int, count: int) -> FloatArray:
     """`count` doubles at byte `start` of every message, shape (n, count)."""
-    size = len(topic.data[0])
-    if set(map(len, topic.data)) != {size}:
+    if count <= 0:
+        return np.zeros((len(topic), 0))
+    size = int(topic.sizes[0])
+    if np.any(topic.sizes != size):
         raise DataError(f"topic {topic.name}: messages of different sizes; expected one layout")
     if start + 8 * count > size:
         raise DataError(f"topic {topic.name}: a message ends before its numbers")
-    raw = np.frombuffer(b"".join(topic.data), dtype=np.uint8).reshape(-1, size)
-    return np.ascontiguousarray(raw[:, start : start + 8 * count]).view("<f8").astype(np.float64)
+    return topic.cut(start, 8 * count).view("<f8").astype(np.float64)

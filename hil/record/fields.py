@@ -45,7 +45,7 @@ def read_fields(path: str | Path, topic: str) -> tuple[FloatArray, dict[str, Flo
         raise DataError(f"session {path}: " + unknown("topic", topic, box.topics))
     channel = box.topics[topic]
     t = box.seconds(channel)
-    if not channel.data:
+    if not len(channel):
         raise DataError(f"session {path}: topic {topic} has no messages")
     try:
         return t, numbers(channel)

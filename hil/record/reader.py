@@ -70,7 +70,7 @@ def summary(path: str | Path) -> SessionSummary:
 def _channel(topic: Topic, box: Container) -> ChannelSummary:
     t = box.seconds(topic)
     rate = float(1 / np.median(np.diff(t))) if t.size > 2 and np.median(np.diff(t)) > 0 else 0.0
-    sequence = np.array(topic.sequence, dtype=np.int64)
+    sequence = topic.ticks
     # in steps of its own: a slow channel has a message every so many ticks
     steps = np.diff(sequence) if sequence.size > 1 else np.ones(1, np.int64)
     missing = int(np.sum(np.maximum(steps // max(1, int(np.median(steps))) - 1, 0)))

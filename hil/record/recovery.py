@@ -35,12 +35,12 @@ def recover(source: str | Path, target: str | Path) -> int:
         If the target exists or cannot be created.
     """
     box = read(source)
-    kept = sum(len(t.data) for t in box.topics.values())
+    kept = sum(len(t) for t in box.topics.values())
     if not kept:
         raise DataError(f"session {source} holds no complete message; nothing to recover")
     if Path(target).exists():
         raise ConfigError(f"{target} exists; name a new file to recover into")
-    largest = max(len(x) for t in box.topics.values() for x in t.data)
+    largest = max(int(t.sizes.max()) for t in box.topics.values() if len(t))
     with create(target, overwrite=False) as file:
         writer = mcap_writer(file, largest)
         numbers = _head(writer, box)
@@ -70,6 +70,6 @@ def _head(writer: Writer, box: Container) -> dict[str, int]:
 
 def _in_order(box: Container) -> list[tuple[str, int]]:
     """Topic and index of every message, by time, then by the order of the channels."""
-    names = [(t.name, k) for t in box.topics.values() for k in range(len(t.times))]
-    times = np.concatenate([np.array(t.times, dtype=np.uint64) for t in box.topics.values()])
+    names = [(t.name, k) for t in box.topics.values() for k in range(len(t))]
+    times = np.concatenate([t.stamps for t in box.topics.values()])
     return [names[k] for k in np.argsort(times, kind="stable").tolist()]

@@ -1,0 +1,106 @@
+"""The compiled walk finds what the plain one does, in whole, cut and damaged files."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hil.errors import DataError
+from hil.record import container, walk
+from hil.record.topic import Topic
+
+SMALL = (Path(__file__).parent / "small.mcap").read_bytes()
+
+
+def both(path, monkeypatch):
+    found = []
+    monkeypatch.delitem(sys.modules, "numba", raising=False)
+    for large in (0, 2**62):
+        monkeypatch.setattr(container, "_LARGE", large)
+        found.append(container.read(path))
+    return found
+
+
+def alike(a, b):
+    assert (a.truncated, a.unread, a.damaged) == (b.truncated, b.unread, b.damaged)
+    assert list(a.topics) == list(b.topics)
+    for name, one in a.topics.items():
+        other = b.topics[name]
+        assert (one.times, one.sequence, one.data) == (other.times, other.sequence, other.data)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("walk")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_both_walks_find_the_same_in_any_file(folder, data):
+    raw = bytearray(SMALL[: data.draw(st.integers(9, len(SMALL)))])
+    for _ in range(data.draw(st.integers(0, 3))):
+        raw[data.draw(st.integers(8, len(raw) - 1))] = data.draw(st.integers(0, 255))
+    path = folder / "s.mcap"
+    path.write_bytes(raw)
+    with pytest.MonkeyPatch.context() as patch:
+        try:
+            found = both(path, patch)
+        except DataError:  # e.g. another compression
+            return
+    alike(*found)
+
+
+def plain(n=40, channels=3, broken=None):
+    """An uncompressed chunk of messages of all sizes, one of them with what `broken` does."""
+    out = bytearray()
+    for k in range(channels):
+        name = f"/c{k}".encode()
+        body = k.to_bytes(2, "little") + bytes(2) + len(name).to_bytes(4, "little") + name
+        out += container._RECORD.pack(4, len(body) + 8) + body + bytes(8)
+    for k in range(n):
+        body = container._MESSAGE.pack(k % channels, k, 10**18 + k, k) + bytes(range(k))
+        length = len(body)
+        if k == 20 and broken == "no channel":
+            body = container._MESSAGE.pack(channels, k, 0, 0)
+            length = len(body)
+        elif k == 20 and broken == "too short":
+            body, length = body[:10], 10
+        elif k == 20 and broken == "endless":
+            length = 2**40
+        out += container._RECORD.pack(walk.MESSAGE, length) + body
+    chunk = bytes(16) + len(out).to_bytes(8, "little") + bytes(8) + len(out).to_bytes(8, "little")
+    return container.MAGIC + container._RECORD.pack(6, len(chunk) + len(out)) + chunk + out
+
+
+@pytest.mark.parametrize("broken", [None, "no channel", "too short", "endless"])
+def test_both_walks_stop_at_the_same_damage(tmp_path, monkeypatch, broken):
+    path = tmp_path / "s.mcap"
+    path.write_bytes(plain(broken=broken))
+    one, other = both(path, monkeypatch)
+    alike(one, other)
+    found = sum(len(t) for t in one.topics.values())
+    assert found == (40 if broken is None else 20)
+    assert one.damaged == (broken is not None)
+    assert one.topics["/c1"].data[1] == bytes(range(4))
+    assert one.topics["/c1"].times[1] == 10**18 + 4
+
+
+def test_more_messages_than_the_walk_takes_at_once(tmp_path, monkeypatch):
+    monkeypatch.setattr("hil.record.topic.AT_ONCE", 7)
+    path = tmp_path / "s.mcap"
+    path.write_bytes(plain())
+    alike(*both(path, monkeypatch))
+    assert sum(len(t) for t in container.read(path).topics.values()) == 40
+
+
+def test_a_slice_of_every_payload_is_inside_it():
+    topic = Topic("/x", "", "", raw=bytearray(range(30)))
+    topic.stamps, topic.ticks = np.arange(3, dtype=np.uint64), np.arange(3)
+    topic.starts, topic.sizes = np.array([0, 9, 25]), np.array([5, 5, 5])
+    assert topic.cut(1, 3).tolist() == [[1, 2, 3], [10, 11, 12], [26, 27, 28]]
+    with pytest.raises(IndexError, match="ends before byte 6"):
+        topic.cut(3, 3)
+    assert topic.only(np.array([False, False, True])).data == [bytes(range(25, 30))]
