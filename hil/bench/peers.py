@@ -93,15 +93,26 @@ def timed(call: Callable[[], Any]) -> tuple[float, float]:
     return time.process_time() - start, time.perf_counter() - clock
 
 
-def child(words: list[str], python: str = sys.executable) -> dict[str, Any]:
-    """Result of a script in a process of its own, on one thread.
+def child(
+    words: list[str], python: str = sys.executable, limits: dict[str, str] = ONE_THREAD
+) -> dict[str, Any]:
+    """Result of a script in a process of its own.
+
+    Parameters
+    ----------
+    words : list of str
+        What the interpreter is given.
+    python : str
+        The interpreter.
+    limits : dict of str
+        Environment variables that say how many threads it may have; one, if not given.
 
     Raises
     ------
     ConfigError
         If it fails.
     """
-    environment = {**os.environ, **ONE_THREAD}
+    environment = {**os.environ, **limits}
     done = subprocess.run(
         [python, *words], capture_output=True, text=True, env=environment, check=False
     )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.detect import FLIPS
+from hil.identify.abreast import abreast
 from hil.identify.design import Term
 from hil.identify.projector import Projector
 from hil.identify.refine import COARSE
@@ -98,7 +99,7 @@ def ranking(c: Candidate) -> tuple[float, int, float]:
 
 def try_all(projector: Projector, result: FitResult, terms: list[Term]) -> list[Candidate]:
     """Candidates for terms, without those that have no shape here, or nothing but zeros."""
-    tried = [_try(projector, result, t) for t in terms]
+    tried = abreast(lambda t: _try(projector, result, t), terms, projector.problem.instants)
     return [c for c in tried if c is not None]
 
 

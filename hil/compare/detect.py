@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hil.compare.floor import Floor
 from hil.identify import timelines
+from hil.identify.abreast import abreast
 from hil.identify.design import Term
 from hil.identify.fit import time_blocks
 from hil.identify.projector import Projector
@@ -51,8 +52,9 @@ def detect(
     rows = np.tile(blocks, problem.d)
     each = zip(projector.parts, noise.reshape(problem.d, -1), strict=True)
     qb = np.asarray(sum(block_sums(q * x[:, None], blocks, count) @ u for (q, u), x in each))
-    for c in found:
-        c.null = _null(c, projector, noise, rows, signs, qb)
+    nulls = abreast(lambda c: _null(c, projector, noise, rows, signs, qb), found, problem.instants)
+    for c, null in zip(found, nulls, strict=True):
+        c.null = null
     quantile = {id(c): max(float(np.quantile(c.null, 0.95)), 1e-300) for c in found}
     usable = [c for c in found if c.absorbed < 1 - 1e-6]
     if not usable:

@@ -12,7 +12,7 @@ variables carry the missing structure; a small one everywhere says that it is no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from hil.compare.floor import Floor
 from hil.compare.leftout import Folds
+from hil.identify.abreast import abreast
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.motion import Motion
@@ -114,8 +115,8 @@ def foretold(result: FitResult) -> dict[int, float] | None:
     out, folds = {}, Folds(result)
     for j in np.flatnonzero(~problem.holds).tolist():
         before = max(folds.left_out(np.zeros((problem.n, 0)), j), 1e-300)
-        sets = (make for what, _, make in _sets(problem, j) if what != "t" and not _of_speeds(what))
-        out[j] = max(1.0 - folds.left_out(make(), j) / before for make in sets)
+        sets = [make for what, _, make in _sets(problem, j) if what != "t" and not _of_speeds(what)]
+        out[j] = 1.0 - min(_errors(folds, j, sets)) / before
     return out
 
 
@@ -153,7 +154,15 @@ def functions(folds: Folds, j: int) -> list[Function]:
 
 
 def _asked(folds: Folds, j: int, sets: Iterable[tuple[str, str, Make]]) -> list[Function]:
-    return [Function(what, words, folds.left_out(make(), j)) for what, words, make in sets]
+    found = list(sets)
+    errors = _errors(folds, j, [make for _, _, make in found])
+    named = zip(found, errors, strict=True)
+    return [Function(what, words, error) for (what, words, _), error in named]
+
+
+def _errors(folds: Folds, j: int, sets: Sequence[Make]) -> list[float]:
+    """Left-out error of joint j with each set of columns."""
+    return abreast(lambda make: folds.left_out(make(), j), sets, folds.result.problem.instants)
 
 
 def shares(found: list[Function], before: float, floor: float, joint: str) -> list[Share]:

@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _joined(parts: ComplexArray, turns: ComplexArray, out: ComplexArray) -> None:
     """Sum over d of turns (k, d) and parts (columns, M, d), to out (k, columns)."""
     for j in range(out.shape[1]):

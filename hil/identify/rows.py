@@ -113,6 +113,11 @@ class Rows:
         return int(self.run.size)
 
     @property
+    def instants(self) -> int:
+        """Instants before the filter, all runs together."""
+        return sum(m.n for m in self.motions)
+
+    @property
     def count(self) -> FloatArray:
         """Instants at which each joint moves (d,)."""
         return np.asarray(np.sum(self.live, axis=1), dtype=np.float64)

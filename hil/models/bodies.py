@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _rotation(axis: FloatArray, angle: float, out: FloatArray) -> None:
     """Rodrigues' formula."""
     c, s = np.cos(angle), np.sin(angle)
@@ -32,7 +32,7 @@ def _rotation(axis: FloatArray, angle: float, out: FloatArray) -> None:
     out[2, 0], out[2, 1], out[2, 2] = u * x * z - s * y, u * y * z + s * x, c + u * z * z
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _into(r: FloatArray, p: FloatArray, old: FloatArray, new: FloatArray) -> None:
     """Motion vector [linear, angular] of the parent's frame, seen from (R, p) within it."""
     x = old[0] + old[4] * p[2] - old[5] * p[1]
@@ -43,7 +43,7 @@ def _into(r: FloatArray, p: FloatArray, old: FloatArray, new: FloatArray) -> Non
         new[k + 3] = r[0, k] * old[3] + r[1, k] * old[4] + r[2, k] * old[5]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _wrenches(v: FloatArray, a: FloatArray, out: FloatArray) -> None:
     """Force and moment (6, 10) of unit parameters m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
 
@@ -70,7 +70,7 @@ def _wrenches(v: FloatArray, a: FloatArray, out: FloatArray) -> None:
     out[3, 9], out[4, 9], out[5, 9] = yz, -xz, bz
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _pose(
     turn: FloatArray, place: FloatArray, s: FloatArray, q: float, spin: FloatArray, r: FloatArray,
     p: FloatArray,
@@ -87,7 +87,7 @@ def _pose(
             p[x] += turn[x, y] * s[y] * q
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _own(s: FloatArray, qd: float, qdd: float, v: FloatArray, a: FloatArray) -> None:
     """Add the joint's own motion: v += S qd, a += S qdd + v x S qd."""
     for x in range(6):
@@ -101,7 +101,7 @@ def _own(s: FloatArray, qd: float, qdd: float, v: FloatArray, a: FloatArray) -> 
         a[3 + x] += s[3 + x] * qdd + turning * qd
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def regressor(
     parent: IntArray, turn: FloatArray, place: FloatArray, axis: FloatArray, gravity: FloatArray,
     q: FloatArray, qd: FloatArray, qdd: FloatArray,
@@ -149,7 +149,7 @@ def regressor(
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def balance(
     parent: IntArray, turn: FloatArray, place: FloatArray, axis: FloatArray, gravity: FloatArray,
     q: FloatArray, qd: FloatArray, pi: FloatArray,
@@ -193,7 +193,7 @@ def balance(
     return rest, mass
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _moved(s: FloatArray, pi: FloatArray, out: FloatArray) -> None:
     """Force and moment (6,) of an acceleration [b, alpha]: m b + alpha x mc, mc x b + I alpha."""
     b, u, mc = s[:3], s[3:], pi[1:4]
@@ -205,7 +205,7 @@ def _moved(s: FloatArray, pi: FloatArray, out: FloatArray) -> None:
     out[5] = mc[0] * b[1] - mc[1] * b[0] + pi[7] * u[0] + pi[8] * u[1] + pi[9] * u[2]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _felt(parent: IntArray, i: int, seen: FloatArray, own: FloatArray, out: FloatArray) -> None:
     """Add what the chain below body i feels of a force and moment on it, to out (d,)."""
     above = i

@@ -127,7 +127,7 @@ class ContactHardening(_ContactLaw):
         return [(n,) for n in (1.5, 2.0, 3.0, 4.0, 6.0)]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def slip_state(x: FloatArray, width: float) -> FloatArray:
     """Elastoplastic element: z follows x but saturates, z <- clip(z + dx, -width, width)."""
     z = np.zeros(x.size)

@@ -8,7 +8,7 @@ import numpy as np
 from hil.models.motion import FloatArray
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def sprung(
     load: FloatArray, inertia: FloatArray, dt: float, stiffness: float, damping: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -45,7 +45,7 @@ def sprung(
     return effort, rate
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def lag(u: FloatArray, dt: float, time: float) -> FloatArray:
     """First-order low-pass  T y' + y = u,  exact for straight inputs, (n,)."""
     decay = np.exp(-dt / time)
@@ -79,7 +79,7 @@ def delayed(u: FloatArray, samples: float) -> FloatArray:
     return np.asarray(out, dtype=np.float64)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def softened(
     load: FloatArray, speed: FloatArray, inertia: FloatArray, dt: float, stretch: float,
     tension: float, lag: float, friction: float, slow: float, parts: int,
@@ -133,7 +133,7 @@ def softened(
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def eccentric(
     sin: FloatArray, cos: FloatArray, k: float, speed: FloatArray, acceleration: FloatArray,
     inertia: FloatArray, stiffness: FloatArray, damping: float, j: int, out: FloatArray,

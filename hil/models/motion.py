@@ -130,12 +130,14 @@ class Motion:
         """Sign of joint j's velocity, resolved to `v0[j]` or as given: tanh(v / v0), shape (n,)."""
         signs: dict[tuple[int, float], FloatArray] = self.__dict__["_signs"]
         key = (j, float(self.v0[j]) if v0 is None else v0)
-        if key not in signs:
+        found = signs.get(key)
+        if found is None:
             if len(signs) >= 4 * self.d:
                 signs.clear()
-            signs[key] = self.sign_of(self.qd[:, j], self.qdd[:, j], key[1])
-            signs[key].flags.writeable = False
-        return signs[key]
+            found = self.sign_of(self.qd[:, j], self.qdd[:, j], key[1])
+            found.flags.writeable = False
+            signs[key] = found
+        return found
 
     def sign_of(self, v: FloatArray, a: FloatArray, v0: float) -> FloatArray:
         """tanh(v / v0), averaged over `average` around each instant, shape (n,).

@@ -20,7 +20,7 @@ FORMS = ((0.0, "Maxwell slip"), (1.0, "Dahl"), (LUGRE, "LuGre"))
 LEAST = 0.02
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def dahl_state(q: FloatArray, scale: float) -> FloatArray:
     """Dahl's state for a measured position, exact between samples.
 
@@ -46,7 +46,7 @@ def dahl_state(q: FloatArray, scale: float) -> FloatArray:
     return z
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def slip_state(q: FloatArray, scale: float) -> FloatArray:
     """State of a Maxwell-slip element: a spring that slips at the displacement `scale`.
 
@@ -70,7 +70,7 @@ def slip_state(q: FloatArray, scale: float) -> FloatArray:
     return z
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def lugre_state(q: FloatArray, level: FloatArray, scale: float) -> FloatArray:
     """LuGre's bristles for a measured position, exact for a level that is constant over a step.
 

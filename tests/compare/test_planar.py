@@ -10,6 +10,7 @@ import hil
 from hil.compare import complement
 from hil.compare.analysis import ladder
 from hil.compare.changes import changes
+from hil.identify import abreast
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +77,20 @@ def test_exchanged_efforts_are_bad_data():
     assert d.verdict == "bad-data" and "tau1 and tau2 (shoulder, elbow) are swapped" in str(
         d.warnings
     )
+
+
+@pytest.mark.parametrize("gain", [(1.0, 1.0), (1.0, 1.2)])
+def test_what_is_found_does_not_depend_on_the_threads(gain, monkeypatch):
+    run = planar(1, gain=gain)
+    with abreast.alone():
+        one = hil.diagnose([run], hil.base_model(run.robot))
+    monkeypatch.setattr(abreast, "LONG", 0)
+    monkeypatch.setattr(abreast, "threads", lambda: 2)
+    two = hil.diagnose([run], hil.base_model(run.robot))
+    assert one.verdict == two.verdict
+    assert [(f.effect, f.joint) for f in one.findings] == [
+        (f.effect, f.joint) for f in two.findings
+    ]
+    for a, b in zip(one.first.candidates, two.first.candidates, strict=True):
+        assert (a.term.key, a.term.shape, a.p_value) == (b.term.key, b.term.shape, b.p_value)
+        assert a.gain == pytest.approx(b.gain, rel=1e-9, abs=1e-9)

@@ -7,6 +7,7 @@ import multiprocessing
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from tqdm import tqdm
 
 from hil.bench.diagnosis import amplitudes, cases, judge, session
 from hil.errors import DataError
+from hil.identify.abreast import alone
 
 Row = dict[str, Any]
 
@@ -55,9 +57,15 @@ def spread(
     """Results of `work` in any order, with a progress bar on a terminal's stderr."""
     bar = tqdm(total=len(todo), unit=unit, disable=not sys.stderr.isatty())
     with bar, multiprocessing.get_context("spawn").Pool(max(1, min(jobs, len(todo) or 1))) as pool:
-        for result in pool.imap_unordered(work, todo):
+        for result in pool.imap_unordered(partial(_alone, work), todo):
             bar.update()
             yield result
+
+
+def _alone(work: Callable[[Any], Any], thing: Any) -> Any:
+    """One of several processes: the others have the other processors."""
+    with alone():
+        return work(thing)
 
 
 def revision() -> str:
