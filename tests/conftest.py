@@ -3,6 +3,13 @@
 import tracemalloc
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# how long an example takes is the machine's affair, and measured in benchmarks
+settings.register_profile(
+    "any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("any machine")
 
 #: A loop on the clock of a machine that other programs use faults where they hold it up; what
 #: it does wrong itself it does every time.
