@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from hil.bench.diagnosis import cases, excitation, figures, judge, runner, tables
+from hil.bench.diagnosis import cases, excitation, figures, judge, runner, session, tables
 from hil.errors import DataError
 
 
@@ -81,3 +81,6 @@ def test_plan_is_as_large_as_promised():
     assert sum(c.kind == "none" for c in plan) >= 40
     quick = cases.plan(quick=True)
     assert {c.kind for c in quick} == {"one", "two", "none", "outside"}
+    assert {h.effect for c in quick for h in c.hidden} == set(session.kinds())
+    # five minutes at 20 a minute
+    assert len(quick) <= 100
