@@ -22,8 +22,9 @@ from hil.identify.timing import fit_aligned
 from hil.identify.trial import CLOSE
 
 FloatArray = NDArray[np.float64]
-#: Ratio of held-out to fitted residual from which the two runs see different things.
-APART = 1.1
+#: Ratio of held-out to fitted residual from which the two runs see different things: no less than
+#: what must be gained.
+APART = 1.04
 #: Share by which the held-out error must fall.  One place where a joint lingers may hold all of it,
 #: so that its spread over blocks says nothing; the fitted runs must bear it as well.
 WORTH = 0.04

@@ -20,6 +20,8 @@ FREE = 0.8
 LEAST = 0.01
 #: Rows by which the command must be beyond a limit.
 ROWS = 10
+#: Share of the joint's largest command that a leak from the other one's largest is, at least.
+LEAK = 0.01
 #: Order of the polynomial of two positions that a leak is set against.
 CUBIC = 3
 
@@ -131,8 +133,14 @@ class TorqueCrosstalk(Effect):
         self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
         error: Sequence[float] = (),
     ) -> bool:  # fmt: skip
-        """A channel that follows another one more than its own is swapped, not crossed."""
-        return abs(beta[0]) < 1.0 + margins(beta, error)[0]
+        """A channel that follows another one more than its own is swapped, not crossed.
+
+        What is less than `LEAK` of the largest effort is no leak: forces are measured to a
+        percent or two, and within a sample of the motion.
+        """
+        most = np.max(np.abs(motion.tau), axis=0)
+        felt = abs(beta[0]) * most[int(shape[0]) - 1] >= LEAK * most[j]
+        return bool(felt and abs(beta[0]) < 1.0 + margins(beta, error)[0])
 
     def available(self, motion: Motion, j: int) -> str:
         """Needs a second joint."""

@@ -38,20 +38,38 @@ def test_the_catalogue_has_them() -> None:
     assert TorqueSaturation.strict, "of a gain, a small share of a low limit would be an imitation"
 
 
+def made(q: np.ndarray, tau: np.ndarray | None = None) -> Motion:
+    """A motion of two axes through positions (n, 2) with efforts (n, 2)."""
+    zero, one = np.zeros(q.shape), np.ones(2)
+    return Motion(
+        t=np.arange(len(q)) / 100.0, q=q, qd=zero, qdd=zero, tau=zero if tau is None else tau,
+        tau_ext=zero, load=zero, static=zero, v0=one, resolution=one,
+        contact=np.array([[0.0, 1.0]] * 2), span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
+        robot=IndependentAxes(("a", "b")),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3])
+def test_a_leak_of_less_than_a_percent_of_what_it_reaches_is_none(unit: float) -> None:
+    """Whatever the units, and however much stronger the other motor is."""
+    t = np.linspace(0, 9, 300)
+    motion = made(np.stack([t, t], axis=1), np.stack([np.sin(t), 20 * np.cos(t)], axis=1) * unit)
+    leak = TorqueCrosstalk()
+
+    def credible(j: int, share: float) -> bool:
+        return leak.credible(motion, j, (2.0 - j,), (share,), (1e-6,))
+
+    assert credible(0, 0.0006) and credible(0, -0.0006) and not credible(0, 0.0004)
+    assert credible(1, 0.21) and not credible(1, 0.19)
+    assert not credible(1, 1.5), "that is another channel"
+
+
 def test_what_a_leak_is_set_against_knows_no_zero_and_no_unit_of_the_positions() -> None:
     n = 200
     q = np.random.default_rng(1).uniform(-0.4, 0.7, (n, 2))
-    zero, one = np.zeros((n, 2)), np.ones(2)
 
     def law(scale: float, shift: float) -> np.ndarray:
-        moved = scale * q + shift
-        motion = Motion(
-            t=np.arange(n) / 100.0, q=moved, qd=zero, qdd=zero, tau=zero, tau_ext=zero, load=zero,
-            static=zero, v0=one, resolution=one, contact=np.array([[0.0, 1.0]] * 2),
-            span=np.stack([moved.min(axis=0), moved.max(axis=0)], axis=1),
-            robot=IndependentAxes(("a", "b")),
-        )  # fmt: skip
-        (columns,) = TorqueCrosstalk().foils(motion, 0, (2.0,))
+        (columns,) = TorqueCrosstalk().foils(made(scale * q + shift), 0, (2.0,))
         return columns
 
     assert law(1.0, 0.0).shape == (n, 9)

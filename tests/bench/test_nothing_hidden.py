@@ -1,0 +1,20 @@
+"""Sessions of the diagnosis benchmark with nothing hidden that once got a name."""
+
+import pytest
+
+from hil.bench.diagnosis import cases, judge
+
+NAMED = {
+    # a sign so sharp that the other run's low speeds looked like presliding
+    "none/axis/white/repeated/2": "presliding",
+    # force and motion a part of a sample apart: half a percent of another motor's command
+    "none/arm/coloured/strokes/5/force": "torque-crosstalk",
+    "none/arm/white/repeated/7/force": "torque-crosstalk",
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_nothing_is_named_where_nothing_is_hidden(name):
+    (case,) = (c for c in cases.plan() if c.name == name)
+    row = judge.judge(case)
+    assert (row["outcome"], row["verdict"]) == ("right", "adequate"), row["named"]
