@@ -1,8 +1,8 @@
 """Work on several things at once: threads, while their large arrays need no interpreter.
 
 Each thing is computed as it would be alone, so that results do not depend on how many there are.
-Of ten minutes at 1 kHz a quarter of a diagnosis' time goes; of one minute threads cost more in
-waiting for the interpreter than they gain, so that short runs have one.
+A diagnosis of some minutes takes a seventh to a quarter less with two; the many small steps of a
+short one wait for the interpreter, so that it has one.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ T = TypeVar("T")
 R = TypeVar("R")
 #: More than two have not been measured; each needs memory for its columns.
 MOST = 2
-#: Instants of all runs from which on they gain.
-LONG = 2**17
+#: Instants of all runs (200 a second, mostly) from which on they gain.
+LONG = 2**14
 _limit: contextvars.ContextVar[int] = contextvars.ContextVar("threads", default=MOST)
 
 
