@@ -48,7 +48,8 @@ def messages(
     """
     count, size = 0, data.size
     while count < stamps.size and at + HEAD + BEFORE <= size and data[at] == MESSAGE:
-        length = _number(data, at + 1, 8)
+        # one beyond 2^63 is negative, and as wrong as any that is too long
+        length = np.int64(_number(data, at + 1, 8))
         if length < BEFORE or length > size - at - HEAD:
             break
         body = at + HEAD
@@ -60,6 +61,6 @@ def messages(
         where[count, 2] = body + BEFORE
         where[count, 3] = length - BEFORE
         stamps[count] = _number(data, body + 6, 8)
-        at = body + int(length)
+        at = int(body + length)
         count += 1
     return count, at

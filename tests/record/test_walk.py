@@ -53,6 +53,9 @@ def test_both_walks_find_the_same_in_any_file(folder, data):
     alike(*found)
 
 
+ENDLESS = {"longer than the chunk": 2**40, "longer than a signed number": 2**63 + 30}
+
+
 def plain(n=40, channels=3, broken=None):
     """An uncompressed chunk of messages of all sizes, one of them with what `broken` does."""
     out = bytearray()
@@ -68,14 +71,14 @@ def plain(n=40, channels=3, broken=None):
             length = len(body)
         elif k == 20 and broken == "too short":
             body, length = body[:10], 10
-        elif k == 20 and broken == "endless":
-            length = 2**40
+        elif k == 20 and broken in ENDLESS:
+            length = ENDLESS[broken]
         out += container._RECORD.pack(walk.MESSAGE, length) + body
     chunk = bytes(16) + len(out).to_bytes(8, "little") + bytes(8) + len(out).to_bytes(8, "little")
     return container.MAGIC + container._RECORD.pack(6, len(chunk) + len(out)) + chunk + out
 
 
-@pytest.mark.parametrize("broken", [None, "no channel", "too short", "endless"])
+@pytest.mark.parametrize("broken", [None, "no channel", "too short", *ENDLESS])
 def test_both_walks_stop_at_the_same_damage(tmp_path, monkeypatch, broken):
     path = tmp_path / "s.mcap"
     path.write_bytes(plain(broken=broken))
