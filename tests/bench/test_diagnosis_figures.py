@@ -49,6 +49,9 @@ def test_wilson_interval():
     low, high = figures.Share(9, 10).interval
     # Brown, Cai, DasGupta 2001: 0.596 to 0.982
     assert (round(low, 3), round(high, 3)) == (0.596, 0.982)
+    for n in range(1, 60):
+        assert figures.Share(0, n).interval[0] >= 0.0 and "-0" not in str(figures.Share(0, n))
+        assert figures.Share(n, n).interval[1] <= 1.0
 
 
 def test_report_and_resume(tmp_path):
