@@ -77,7 +77,7 @@ def _arrays(box: Container, config: RigConfig, n: int) -> Played:
     timing = {name: columns[:, k] for k, name in enumerate(TIMING[: columns.shape[1]])}
     timing.setdefault("state", np.full(n, float(_ENABLED)))
     states = {}
-    if "/controller/state" in box.topics and box.topics["/controller/state"].times:
+    if "/controller/state" in box.topics and len(box.topics["/controller/state"]):
         topic = box.topics["/controller/state"]
         states = dict(zip(topic.sequence, decode_numbers(topic), strict=True))
     ticks = box.topics["/loop/timing"].ticks[:n]

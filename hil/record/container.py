@@ -17,7 +17,8 @@ import zstandard
 from numpy.typing import NDArray
 
 from hil.errors import DataError
-from hil.record.topic import Found, Topic
+from hil.record.found import Found
+from hil.record.topic import Topic
 
 __all__ = ["Container", "Topic", "read"]
 
@@ -179,14 +180,17 @@ class _Reader:
             code, length = _RECORD.unpack_from(data, at)
             at += 9
             if code == _MSG:
-                number, sequence, log_time, _ = _MESSAGE.unpack_from(data, at)
-                if number not in self.channels or not _MESSAGE.size <= length <= size - at:
-                    raise struct.error("message of no channel, or not whole")
-                start = base + at + _MESSAGE.size
-                self.found.note(number, sequence, log_time, start, length - _MESSAGE.size)
+                self.message(data, at, length, base)
             else:
                 self.record(code, data[at : at + length])
             at += length
+
+    def message(self, data: bytes, at: int, length: int, base: int) -> None:
+        number, sequence, log_time, _ = _MESSAGE.unpack_from(data, at)
+        if number not in self.channels or not _MESSAGE.size <= length <= len(data) - at:
+            raise struct.error("message of no channel, or not whole")
+        start = base + at + _MESSAGE.size
+        self.found.note(number, sequence, log_time, start, length - _MESSAGE.size)
 
     def record(self, code: int, data: bytes) -> None:
         if code == _SCHEMA:
@@ -204,7 +208,7 @@ class _Reader:
                 self.channels[number] = self.out.topics.setdefault(name, topic)
                 self.found.known[number] = True
         elif code == _MSG:
-            self.inner(_RECORD.pack(code, len(data)) + data)
+            self.message(data, 0, len(data), self.found.add(data))
         elif code == _METADATA:
             name, at = _text(data, 0)
             self.out.metadata[name] = _pairs(data, at)
