@@ -1,4 +1,4 @@
-"""Measurements that tests of several folders share."""
+"""What tests of several folders share."""
 
 import tracemalloc
 

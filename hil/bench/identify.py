@@ -170,9 +170,11 @@ def _diagnoses(
     return rows
 
 
-def _oneshot(folder: Path, repeats: int, paths: list[str], **limits: str) -> dict[str, Any]:
+def _oneshot(
+    folder: Path, repeats: int, paths: list[str], limits: dict[str, str] = peers.ONE_THREAD
+) -> dict[str, Any]:
     words = ["-m", "hil.bench.oneshot", str(repeats), str(folder / "report.html"), *paths]
-    return peers.child(words, limits=limits or peers.ONE_THREAD)
+    return peers.child(words, limits=limits)
 
 
 def _length(folder: Path, seconds: float, stribeck: bool) -> Length:
@@ -180,6 +182,6 @@ def _length(folder: Path, seconds: float, stribeck: bool) -> Length:
     path = str(folder / "long.mcap")
     write_recordings(path, [arm.simulate(seconds, 1, stribeck).recording("long")])
     # a long recording gets as many threads as a user's would
-    found = _oneshot(folder, 0, [path], OPENBLAS_NUM_THREADS="1")
+    found = _oneshot(folder, 0, [path], {"OPENBLAS_NUM_THREADS": "1"})
     times, peak = (found["seconds"][0], found["wall"][0]), found["peak"] / 2**20
     return Length(seconds, *times, peak, found["verdict"], DATA[stribeck])

@@ -22,12 +22,11 @@ from hil.identify.timing import fit_aligned
 from hil.identify.trial import CLOSE
 
 FloatArray = NDArray[np.float64]
-#: Ratio of held-out to fitted residual from which the two runs see different things: no less than
-#: what must be gained.
-APART = 1.04
 #: Share by which the held-out error must fall.  One place where a joint lingers may hold all of it,
 #: so that its spread over blocks says nothing; the fitted runs must bear it as well.
 WORTH = 0.04
+#: Ratio of held-out to fitted residual from which so much is there to be gained.
+APART = 1 + WORTH
 #: Ratio of one resolution to the next that is tried.
 STEP = 1.25
 

@@ -41,9 +41,8 @@ class Share:
         # (p + z^2/2n +- z sqrt(p (1-p)/n + z^2/4n^2)) / (1 + z^2/n)
         middle, half = p + z * z / (2 * n), z * sqrt(p * (1 - p) / n + z * z / (4 * n * n))
         # of none or all, rounding would leave the range by its last digit
-        return max((middle - half) / (1 + z * z / n), 0.0), min(
-            (middle + half) / (1 + z * z / n), 1.0
-        )
+        low, high = ((middle + side * half) / (1 + z * z / n) for side in (-1, 1))
+        return max(low, 0.0), min(high, 1.0)
 
     def __str__(self) -> str:
         """E.g. ``97.1 % (66/68, 90..99)``."""
