@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hil.compare.findings import Finding
-from hil.record.jumps import described, jumps
+from hil.record.jumps import described
 from hil.record.recording import Recording
 
 
@@ -17,7 +17,7 @@ def lost_counts(
             continue
         for r in recordings:
             j = r.joints.index(f.joint)
-            lost = jumps(r.t, r.q[:, j])
+            lost = r.jumps[j]
             text = f"{f.joint}: q{j + 1} {described(r.t, lost)}"
             if lost.at.size and ("step", text) not in said:
                 out.append(("step", text if len(recordings) == 1 else f"{r.name}, {text}"))

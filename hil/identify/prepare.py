@@ -10,7 +10,6 @@ from hil.identify import bands, standstill
 from hil.identify.decimator import Decimator
 from hil.models.motion import Motion
 from hil.models.robots import Robot
-from hil.record.jumps import jumps
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +54,7 @@ def prepare(
 
 def _slips(r: Recording, pick: slice, rates: bands.Rates) -> FloatArray:
     """What jumps of the positions add to q, qd and qdd after the filter, (3, n, d) or (3, 0, 0)."""
-    error = np.stack([jumps(r.t, r.q[:, j]).shift(r.n) for j in range(r.d)], axis=1)
+    error = np.stack([found.shift(r.n) for found in r.jumps], axis=1)
     if not np.any(error):
         return np.zeros((3, 0, 0))
     return np.stack([x[pick] for x in bands.derivatives(error, r.rate, rates.position)])

@@ -52,10 +52,10 @@ def balance(t: FloatArray, q: FloatArray, tau: FloatArray, ext: FloatArray | Non
     acceleration = smooth(np.gradient(speed, t), width)
     scale = 0.1 * float(np.sqrt(np.mean(speed**2))) or 1.0
     direction = smooth(np.tanh(speed / scale), width)
-    terms = [acceleration, direction, np.ones_like(q), position, np.sin(position), np.cos(position)]
     trim = slice(3 * width, -3 * width, max(width // 2, 1))
-    y, v = effort[trim], speed[trim]
-    known = np.stack(terms, axis=1)[trim]
+    y, v, x = effort[trim], speed[trim], position[trim]
+    terms = [acceleration[trim], direction[trim], np.ones_like(x), x, np.sin(x), np.cos(x)]
+    known = np.stack(terms, axis=1)
     work = float(np.sum(y * v) / (np.sum(np.abs(y * v)) or 1.0))
     external, certainty = float("nan"), 0.0
     if ext is not None and np.ptp(ext) > 0:

@@ -7,7 +7,7 @@ trust than a missed one.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,12 +47,13 @@ def steps(t: FloatArray, q: FloatArray) -> NDArray[np.intp]:
         Indices k with a jump from k to k + 1; empty where there are too many to be faults.
     """
     dt, dq = np.diff(t), np.diff(q)
+    none = np.empty(0, dtype=np.intp)
     if dq.size < 50 or not np.any(dq):
-        return np.empty(0, dtype=np.intp)
-    period = float(np.median(dt))
-    dq = np.where(dt > 1.5 * period, 0.0, dq)
-    if not np.any(dq):
-        return np.empty(0, dtype=np.intp)
+        return none
+    dq = np.where(dt > 1.5 * float(np.median(dt)), 0.0, dq)
+    # a step is at most twice the largest from its neighbours' median, and must be 3 times `fastest`
+    if reached(np.abs(dq), 2 / 3 * float(np.abs(dq).max())):
+        return none
     size = np.abs(dq - median_filter(dq, 9))
     count = float(np.min(np.abs(dq[dq != 0])))
     before = np.concatenate(([0.0], maximum_filter1d(size, 25, origin=12)[:-1]))
@@ -64,7 +65,12 @@ def steps(t: FloatArray, q: FloatArray) -> NDArray[np.intp]:
     return found if found.size <= max(20, dq.size // 1000) else found[:0]
 
 
-def clipping(values: FloatArray, moving: NDArray[np.bool_]) -> list[Clipping]:
+def reached(size: FloatArray, level: float) -> bool:
+    """Whether the 99 % quantile of sizes (n,) is a level or more; at once, where it is by far."""
+    return bool(np.count_nonzero(size >= level) > 0.01 * size.size + 2)
+
+
+def clipping(values: FloatArray, moving: Callable[[], NDArray[np.bool_]]) -> list[Clipping]:
     """Extremes at which a column (n,) is cut off while the joint moves.
 
     A cut-off extreme is visited at least twice, each time for several samples, and holds far more
@@ -74,19 +80,23 @@ def clipping(values: FloatArray, moving: NDArray[np.bool_]) -> list[Clipping]:
     ----------
     values : ndarray (n,)
         Effort or force.
-    moving : ndarray (n,) of bool
-        Where the joint moves.
+    moving : callable
+        Gives where the joint moves, (n,) of bool; asked only where an extreme is held at all.
     """
     out: list[Clipping] = []
     span, n = float(np.ptp(values)), values.size
+    least = max(20, 0.002 * n)
     for level in (float(values.max()), float(values.min())):
         away = np.abs(values - level)
-        at = (away <= 1e-9 * span) & moving
+        at = away <= 1e-9 * span
+        if np.count_nonzero(at) < least:
+            continue
+        at &= moving()
         edges = np.flatnonzero(np.diff(np.concatenate(([False], at, [False])).astype(np.int8)))
         lengths = edges[1::2] - edges[::2]
         held = int(lengths[lengths >= 4].sum())
         visits = int(np.count_nonzero(lengths >= 4))
-        if held < max(20, 0.002 * n) or visits < 2 or abs(level) <= 0.05 * span:
+        if held < least or visits < 2 or abs(level) <= 0.05 * span:
             continue
         near = np.count_nonzero((away > 1e-9 * span) & (away <= 0.01 * span))
         if held > 3 * near:
@@ -186,14 +196,16 @@ def unit_doubt(q: FloatArray, joint: UrdfJoint, described: bool) -> bool:
 
 def stuck(t: FloatArray, q: FloatArray) -> Iterator[tuple[float, float]]:
     """Start and length [s] of intervals in which a fast position (n,) freezes, then catches up."""
-    dq, period = np.abs(np.diff(q)), float(np.median(np.diff(t)))
-    if not np.any(dq):
-        return
-    usual = float(np.quantile(dq, 0.9))
+    dq = np.abs(np.diff(q))
     edges = np.flatnonzero(np.diff(np.concatenate(([False], dq == 0, [False])).astype(np.int8)))
-    for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    starts, stops = edges[::2], edges[1::2]
+    long = (stops - starts >= 5) & (starts > 0) & (stops < dq.size)
+    if not np.any(long):
+        return
+    usual, period = float(np.quantile(dq, 0.9)), float(np.median(np.diff(t)))
+    for start, stop in zip(starts[long].tolist(), stops[long].tolist(), strict=True):
         length = stop - start
-        if length * period >= 0.02 and length >= 5 and 0 < start and stop < dq.size:
+        if length * period >= 0.02:
             before = float(np.median(dq[max(start - 5, 0) : start]))
             catch_up = float(dq[stop])
             if before > 0.3 * usual and catch_up > 0.5 * length * before:

@@ -115,9 +115,10 @@ def jumps(t: FloatArray, q: FloatArray) -> Jumps:
         return none
     step = np.zeros(dq.size)
     least = max(UNEVEN * float(np.quantile(np.abs(dq), 0.99)), OUT * count / np.sqrt(6))
-    whole = np.abs(np.diff(t) / np.median(np.diff(t)) - 1) < 0.5
     for _ in range(ROUNDS):
-        found = _standing_out(dq - step, least) & whole
+        found = _standing_out(dq - step, least)
+        if np.any(found):
+            found &= _whole(t)
         if not np.any(found):
             break
         # again from the neighbours without their own jumps
@@ -129,6 +130,12 @@ def jumps(t: FloatArray, q: FloatArray) -> Jumps:
     if not 0 < np.sum(kept) <= max(3.0, MOST * dq.size):
         return none
     return Jumps(at[kept] + 1, size[kept], count)
+
+
+def _whole(t: FloatArray) -> NDArray[np.bool_]:
+    """Steps (n - 1,) of a time (n,) across which no sample is missing."""
+    dt = np.diff(t)
+    return np.asarray(np.abs(dt / np.median(dt) - 1) < 0.5)
 
 
 def _standing_out(dq: FloatArray, least: float) -> NDArray[np.bool_]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from hil.record import limitcheck
 from hil.record.balance import balance
 from hil.record.finding import Finding
 from hil.record.jumps import described
-from hil.record.jumps import jumps as find_jumps
 from hil.record.recording import Recording
 from hil.record.spikes import check_spikes
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
@@ -45,9 +45,9 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
             yield from _effort(recording, k, joint)
             yield from _velocity(recording, k, joint)
     if recording.wrench is not None:
+        always = np.ones(recording.n, dtype=np.bool_)
         for k, name in enumerate(("fx", "fy", "fz", "tx", "ty", "tz")):
-            always = np.ones(recording.n, dtype=np.bool_)
-            for clip in physics.clipping(recording.wrench[:, k], always):
+            for clip in physics.clipping(recording.wrench[:, k], lambda: always):
                 yield _clipped(name, "", clip)
     yield from _signs(recording)
 
@@ -91,9 +91,9 @@ def _position(r: Recording, k: int, joint: str) -> Iterator[Finding]:
             f"q{k + 1} freezes {len(frozen)} times while moving, the longest for {length:.3g} s at "
             f"{start:.6g} s, and catches up in one sample; samples were lost before recording",
         )  # fmt: skip
-    lost = find_jumps(r.t, q)
+    lost = r.jumps[k]
     # what is less than the fastest ordinary step may be a sample that came late
-    if np.any(np.abs(lost.size) > np.quantile(np.abs(np.diff(q)), 0.99)):
+    if lost.at.size and np.abs(lost.size).max() > np.quantile(np.abs(np.diff(q)), 0.99):
         yield Finding("step", "warning", joint, f"q{k + 1} {described(r.t, lost)}")
     elif jumps:
         size = float(q[jumps[0] + 1] - q[jumps[0]])
@@ -109,7 +109,7 @@ def _ends(frozen: list[tuple[float, float]], at: float) -> bool:
 
 
 def _effort(r: Recording, k: int, joint: str) -> Iterator[Finding]:
-    moving = physics.moves(r.t, r.q[:, k])
+    moving = partial(physics.moves, r.t, r.q[:, k])
     for clip in physics.clipping(r.tau[:, k], moving):
         yield _clipped(f"tau{k + 1}", joint, clip)
     if r.tau_ext is not None:

@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.record.jumps import Jumps, jumps
+
 FloatArray = NDArray[np.float64]
 
 
@@ -101,9 +103,19 @@ class Recording:
         return int(self.q.shape[1])
 
     @cached_property
+    def period(self) -> float:
+        """Median time from one sample to the next [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    @cached_property
     def rate(self) -> float:
         """Sample rate [Hz] from the median period."""
         return float(1.0 / np.median(np.diff(self.t)))
+
+    @cached_property
+    def jumps(self) -> tuple[Jumps, ...]:
+        """Jumps that each joint's position cannot have made (`hil.record.jumps`)."""
+        return tuple(jumps(self.t, self.q[:, k]) for k in range(self.d))
 
     def slice(self, start: int, stop: int) -> Recording:
         """Samples start..stop as a recording of their own."""

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.record.consistency import reached
 from hil.record.finding import Finding
 from hil.record.recording import Recording
 
@@ -32,13 +33,16 @@ def spikes(x: FloatArray) -> NDArray[np.intp]:
     ndarray of int
         Indices; empty below 1000 samples, where the ordinary bend is not known.
     """
+    none = np.empty(0, dtype=np.intp)
     if x.size < 1000:
-        return np.empty(0, dtype=np.intp)
+        return none
     bend = np.abs(x[1:-1] - (x[:-2] + x[2:]) / 2)
+    if reached(bend, float(bend.max()) / OUT):
+        return none
     usual = float(np.quantile(bend, 0.99))
     moved = np.abs(np.diff(x))
     if not np.any(moved):
-        return np.empty(0, dtype=np.intp)
+        return none
     count = float(np.min(moved[moved > 0]))
     limit = max(OUT * usual, 5 * count, 0.02 * float(np.subtract(*np.quantile(x, [0.99, 0.01]))))
     found: NDArray[np.intp] = 1 + np.flatnonzero(bend > limit)

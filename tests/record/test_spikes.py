@@ -2,7 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
+from hil.record.consistency import reached
 from hil.record.spikes import spikes
 
 T = np.arange(4000) * 1e-3
@@ -30,3 +34,10 @@ def test_noise_steps_and_dry_friction_are_none(seed):
     assert not spikes(x + 2 * np.sign(np.cos(2 * np.pi * T))).size
     assert not spikes(signal(seed, 0.05)).size
     assert not spikes(np.zeros(4000)).size
+
+
+@given(arrays(np.float64, st.integers(1, 400), elements=st.floats(0, 1, width=16)), st.floats(0, 1))
+def test_what_is_reached_at_once_is_reached_by_the_quantile(sizes, level):
+    if reached(sizes, level):
+        assert np.quantile(sizes, 0.99) >= level
+    assert reached(np.full(1000, level), level)
