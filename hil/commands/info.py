@@ -118,8 +118,7 @@ def _number(value: float) -> float | None:
 
 
 def _rate(r: Recording) -> float:
-    period = float(np.median(np.diff(r.t))) if r.n > 1 else 0.0
-    return 1.0 / period if period > 0 else 0.0
+    return r.rate if r.n > 1 and r.period > 0 else 0.0
 
 
 def _robot(r: Recording) -> str:

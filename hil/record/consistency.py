@@ -66,7 +66,7 @@ def steps(t: FloatArray, q: FloatArray) -> NDArray[np.intp]:
 
 
 def reached(size: FloatArray, level: float) -> bool:
-    """Whether the 99 % quantile of sizes (n,) is a level or more; at once, where it is by far."""
+    """Whether a count alone says that the 99 % quantile of sizes (n,) is a level or more."""
     return bool(np.count_nonzero(size >= level) > 0.01 * size.size + 2)
 
 

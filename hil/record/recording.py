@@ -110,7 +110,7 @@ class Recording:
     @cached_property
     def rate(self) -> float:
         """Sample rate [Hz] from the median period."""
-        return float(1.0 / np.median(np.diff(self.t)))
+        return float(np.divide(1.0, self.period))
 
     @cached_property
     def jumps(self) -> tuple[Jumps, ...]:

@@ -10,8 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from record_tables import URDF, columns, recording
 
+from hil.record import consistency, spikes
 from hil.record.checks import check, joint_units
+from hil.record.consistency import smooth
+from hil.record.limitcheck import speed_and_effort
 from hil.record.recording import Recording, RobotSource
+from hil.record.urdf_joints import UrdfJoint
 
 
 def faults(r: Recording) -> list[tuple[str, str, str]]:
@@ -276,3 +280,38 @@ def test_a_single_sample_beyond_a_limit_is_noise():
         return {"tau": tau}
 
     assert [f.code for f in of_arm(spike) if "limit" in f.code] == []
+
+
+@given(st.data())
+def test_what_is_passed_over_at_a_cheap_look_has_no_fault(data):
+    rng = np.random.default_rng(data.draw(st.integers(0, 10_000)))
+    r = recording(2, 6.0, 500.0, int(rng.integers(1000)))
+    q, tau = np.array(r.q), np.array(r.tau)
+    for name in data.draw(st.sets(st.sampled_from(["counts", "spike", "step", "stuck", "cut"]))):
+        at, size = int(rng.integers(200, r.n - 200)), 10.0 ** rng.uniform(-5, 0)
+        if name == "counts":
+            q = np.round(q / size) * size
+        elif name == "spike":
+            q[at, 0] += size
+        elif name == "step":
+            q[at:, 1] += size
+        elif name == "stuck":
+            q[at : at + 50, 0] = q[at, 0]
+        else:
+            tau = np.clip(tau, -size * np.max(tau), size * np.max(tau))
+    broken = replace(r, q=q, tau=tau)
+    with pytest.MonkeyPatch.context() as patch:
+        found = check(broken)
+        for module in (consistency, spikes):
+            patch.setattr(module, "reached", lambda *_: False)
+        assert check(broken) == found
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_a_speed_just_beyond_its_limit_is_seen(joint):
+    r = recording(2, 6.0, 500.0, 1)
+    fastest = float(np.abs(np.gradient(smooth(r.q[:, joint], 5), r.t)).max())
+    for share, beyond in ((0.9, True), (0.97, False), (1.1, False)):
+        listed = UrdfJoint("j", "rad", velocity=share * fastest)
+        found = [f.code for f in speed_and_effort(r, joint, listed)]
+        assert ("velocity-limit" in found) == beyond
