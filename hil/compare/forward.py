@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.compare.elimination import eliminated
 from hil.compare.states import looked_at, parts_of, replayed, shared
 from hil.identify.result import FitResult
 from hil.models.mass import RigidBody
 from hil.models.motion import Motion
-from hil.models.robots import Balanced
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int_]
@@ -56,13 +56,13 @@ class _Forward:
     def __init__(self, jobs: Sequence[Windows], motion: Motion, owner: IntArray) -> None:
         self.motion, self.owner = motion, owner
         every = shared([parts_of(job.result, motion) for job in jobs], owner)
-        robot = motion.robot
-        #: Rigid-body parameters, of a robot that gives its balance at once; no parts of the rest.
-        self._bodies = robot if isinstance(robot, Balanced) else None
-        own = [self._bodies is not None and isinstance(t.effect, RigidBody) for t, _ in every]
+        #: Rigid-body parameters: the robot gives their balance at once; no parts of the rest.
+        own = [isinstance(t.effect, RigidBody) for t, _ in every]
         self._masses = [theta for (_, theta), mine in zip(every, own, strict=True) if mine]
         self._parts = [part for part, mine in zip(every, own, strict=True) if not mine]
         self._seen = [looked_at(t, motion) for t, _ in self._parts]
+        #: Whether anything but the rigid bodies has a mass.
+        self._heavy = any("qdd" in seen for seen in self._seen)
 
     def slope(
         self, q: FloatArray, qd: FloatArray, step: FloatArray, load: FloatArray
@@ -82,31 +82,29 @@ class _Forward:
     ) -> tuple[FloatArray, FloatArray]:
         """Effort (w, d) without acceleration, and mass matrix (w, d, d), at states (w, d)."""
         w, d = q.shape
-        # no acceleration, then one of each joint: all states at once
-        unit = np.zeros((1 + d, w, d))
-        unit[np.arange(1, 1 + d), :, np.arange(d)] = 1.0
+        # no acceleration, then one of each joint where it matters: all states at once
+        unit = np.zeros((1 + d * self._heavy, w, d))
+        for j in range(len(unit) - 1):
+            unit[1 + j, :, j] = 1.0
         each = self.effort(q, qd, unit, load)
-        rest, mass = each[0], np.moveaxis(each[1:] - each[0], 0, -1)
-        if self._bodies is not None:
-            for pi in self._masses:
-                still, heavy = self._bodies.balance(q, qd, pi)
-                rest, mass = rest + still, mass + heavy
+        rest, mass = each[0], np.zeros((w, d, d))
+        if self._heavy:
+            mass = np.moveaxis(each[1:] - each[0], 0, -1)
+        for pi in self._masses:
+            still, heavy = self.motion.robot.balance(q, qd, pi)
+            rest, mass = rest + still, mass + heavy
         return rest, mass
 
     def solve(self, mass: FloatArray, push: FloatArray) -> FloatArray:
         """Acceleration (w, d); NaN for all windows of a job that has a singular one."""
-        try:
-            out = np.asarray(np.linalg.solve(mass, push[..., None])[..., 0])
-        except np.linalg.LinAlgError:
-            out = np.full_like(push, np.nan)
+        out = eliminated(mass, push)
         if np.isfinite(out).all():
             return out
         size = np.abs(np.linalg.det(mass))
         bad = ~(np.isfinite(size) & (size > 1e-300) & np.isfinite(mass).all(axis=(1, 2)))
         lost = np.isin(self.owner, self.owner[bad])
         safe = np.where(lost[:, None, None], np.eye(mass.shape[1]), mass)
-        out = np.linalg.solve(safe, push[..., None])[..., 0]
-        return np.where(lost[:, None], np.nan, out)
+        return np.where(lost[:, None], np.nan, eliminated(safe, push))
 
     def effort(
         self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, mass: bool = True
@@ -118,29 +116,35 @@ class _Forward:
         """
         shape = qdd.shape
         flat = (q, qd, load[:, 0], load[:, 1])
-        wide = [
-            np.concatenate([x] * shape[0]) if x.ndim == 2 else x.reshape(-1, shape[2]) for x in flat
-        ]
-        positions, speeds, fully, static = wide
-        every = self.motion.at_states(
+        positions, speeds, fully, static = (
+            x.reshape(-1, shape[2]) if x.ndim == 3 else _times(x, shape[0]) for x in flat
+        )
+        every = few = self.motion.at_states(
             positions, speeds, qdd.reshape(positions.shape), fully, static
         )
-        # one state each is enough for what no acceleration changes
-        few = every if qd.ndim == 3 else self.motion.at_states(q, qd, qdd[0], *flat[2:])
+        if qd.ndim == 2 and shape[0] > 1:
+            # one state each is enough for what no acceleration changes
+            few = self.motion.at_states(q, qd, qdd[0], *flat[2:])
         out = np.zeros(shape)
         for (t, theta), seen in zip(self._parts, self._seen, strict=True):
             if not mass and (t.effect.whole_robot or "qd" not in seen):
                 continue
             m = every if "qdd" in seen else few
             columns = t.effect.columns(m, t.joint, t.shape)
-            columns = columns.reshape(-1, shape[1], *columns.shape[1:])
             if t.effect.whole_robot:
+                columns = columns.reshape(-1, shape[1], *columns.shape[1:])
                 out += np.einsum("rwdm,wm->rwd", columns, theta)
+            elif theta.shape[1] == 1:
+                out[..., t.joint] += columns.reshape(-1, shape[1]) * theta[:, 0]
             else:
-                # a sum over m, without its cost where there is one column, as there mostly is
-                own = columns * theta
-                out[..., t.joint] += own[..., 0] if own.shape[2] == 1 else own.sum(axis=2)
+                columns = columns.reshape(-1, *theta.shape)
+                out[..., t.joint] += (columns * theta).sum(axis=2)
         return out
+
+
+def _times(x: FloatArray, count: int) -> FloatArray:
+    """States (w, d) that many times, one after the other."""
+    return x if count == 1 else np.concatenate([x] * count)
 
 
 def forward(motion: Motion, jobs: Sequence[Windows]) -> list[tuple[FloatArray, FloatArray]]:

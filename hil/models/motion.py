@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -148,6 +147,8 @@ class Motion:
 
             v0 / (2 h) [ln cosh((v + h) / v0) - ln cosh((v - h) / v0)].
         """
+        if not self.average:
+            return np.tanh(v / v0)
         h = np.abs(a) * self.average / 2
         if not np.any(h > 0.1 * v0):
             return np.tanh(v / v0)
@@ -178,11 +179,11 @@ class Motion:
         self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, static: FloatArray
     ) -> Motion:
         """Unconnected states (w, d) in place of the run: no time, effort or averaging of signs."""
-        # a plain copy: `replace` would cost more than most effects
-        out, none = copy(self), np.zeros_like(q)
+        # its fields at once: `replace`, or `copy`, would cost more than most effects
+        out, none = object.__new__(type(self)), np.zeros(q.shape)
         out.__dict__.update(
-            t=np.arange(len(q), dtype=np.float64), q=q, qd=qd, qdd=qdd, load=load, static=static,
-            tau=none, tau_ext=none, average=0.0, _signs={},
+            self.__dict__, t=np.arange(len(q), dtype=np.float64), q=q, qd=qd, qdd=qdd, load=load,
+            static=static, tau=none, tau_ext=none, average=0.0, _signs={},
         )  # fmt: skip
         return out
 

@@ -11,6 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.models import closed_form
+
 FloatArray = NDArray[np.float64]
 G = 9.81
 
@@ -23,11 +25,28 @@ class _Phantom:
     #: pi1, pi5, pi6 (k1, k6, k7) already hold the rotors' inertias.
     has_armature = False
     units: tuple[str, ...] = ("rad", "rad", "rad")
+    names: tuple[str, ...]
+    #: Whether the equations are the Omni's.
+    omni = False
 
     def __init__(self, joints: tuple[str, ...]) -> None:
         self.joints: tuple[str, ...] = (
             joints if len(joints) == 3 else ("joint1", "joint2", "joint3")
         )
+
+    def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Minimal regressor Y (n, 3, p), tau = Y pi."""
+        x, v, a = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, qd, qdd))
+        out: FloatArray = closed_form.regressor(self.omni, x, v, a, len(self.names))
+        return out
+
+    def balance(
+        self, q: FloatArray, qd: FloatArray, pi: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Effort without acceleration (n, 3) and mass matrix (n, 3, 3) for parameters (n, p)."""
+        x, v, p = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, qd, pi))
+        found: tuple[FloatArray, FloatArray] = closed_form.balance(self.omni, x, v, p)
+        return found
 
     def tip(self, q: FloatArray) -> FloatArray:
         """Tip position p = (r c1, r s1, l1 s2 - l2 c3), r = l1 c2 + l2 s3, shape (n, 3) [m]."""
@@ -74,24 +93,6 @@ class _Phantom:
         return None if mass is None else mass[:, :, None]
 
 
-def _inertia_rows(q: FloatArray, qd: FloatArray, qdd: FloatArray, y: FloatArray) -> None:
-    """Columns pi1..pi4 that both arms share: M11 and the coupling M23, with Coriolis terms."""
-    (s2, s3), (c2, c3) = np.sin(q[:, 1:]).T, np.cos(q[:, 1:]).T
-    (v1, v2, v3), (a1, a2, a3) = qd.T, qdd.T
-    (s22, s23), (c22, c23) = np.sin(2 * q[:, 1:]).T, np.cos(2 * q[:, 1:]).T
-    sd, cd = np.sin(q[:, 1] - q[:, 2]), np.cos(q[:, 1] - q[:, 2])
-    # M11 = pi1 + pi2 cos 2th2 + pi3 cos 2th3 + pi4 cos th2 sin th3
-    y[:, 0, 0] = a1
-    y[:, 0, 1] = a1 * c22 - 2 * v1 * v2 * s22
-    y[:, 0, 2] = a1 * c23 - 2 * v1 * v3 * s23
-    y[:, 0, 3] = a1 * c2 * s3 - v1 * v2 * s2 * s3 + v1 * v3 * c2 * c3
-    y[:, 1, 1] = v1**2 * s22
-    y[:, 2, 2] = v1**2 * s23
-    # M23 = -(pi4 / 2) sin(th2 - th3)
-    y[:, 1, 3] = (v1**2 * s2 * s3 + v3**2 * cd - a3 * sd) / 2
-    y[:, 2, 3] = (-(v1**2) * c2 * c3 - v2**2 * cd - a2 * sd) / 2
-
-
 class Premium(_Phantom):
     """PHANTOM Premium 1.5: eight parameters, tau = Y pi."""
 
@@ -101,15 +102,6 @@ class Premium(_Phantom):
     prior = np.array(
         [2.8328e-3, 1.1319e-3, -3.9120e-4, 9.1230e-4, 2.4264e-3, 9.3189e-4, -1.6298e-2, -7.3755e-2]
     )
-
-    def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Minimal regressor (n, 3, 8) of Cavusoglu's model."""
-        y = np.zeros((len(q), 3, 8))
-        _inertia_rows(q, qd, qdd, y)
-        y[:, 1, 4], y[:, 2, 5] = qdd[:, 1], qdd[:, 2]
-        # N = [0, pi7 cos th2, pi8 sin th3]
-        y[:, 1, 6], y[:, 2, 7] = np.cos(q[:, 1]), np.sin(q[:, 2])
-        return y
 
 
 class Omni(_Phantom):
@@ -121,17 +113,4 @@ class Omni(_Phantom):
     prior = 1e-3 * np.array(
         [1.798, 0.864, 0.486, 2.766, 0.308, 2.526, 0.652, 164.458, 94.050, 117.294]
     )
-
-    def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Regressor (n, 3, 10): Premium's form, M12 = k5 sin th2, spring on joint 2."""
-        y = np.zeros((len(q), 3, 10))
-        _inertia_rows(q, qd, qdd, y)
-        s2, c2 = np.sin(q[:, 1]), np.cos(q[:, 1])
-        # M12 = k5 sin th2
-        y[:, 0, 4] = s2 * qdd[:, 1] + c2 * qd[:, 1] ** 2
-        y[:, 1, 4] = s2 * qdd[:, 0]
-        y[:, 1, 5], y[:, 2, 6] = qdd[:, 1], qdd[:, 2]
-        # N2 = k8 cos th2 + k10 (th2 - pi/2),  N3 = k9 sin th3
-        y[:, 1, 7], y[:, 2, 8] = c2, np.sin(q[:, 2])
-        y[:, 1, 9] = q[:, 1] - np.pi / 2
-        return y
+    omni = True

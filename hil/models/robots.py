@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,11 @@ class Robot(Protocol):
     def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
         """Regressor Y with tau = Y pi, shape (n, d, p), from arrays (n, d)."""
 
+    def balance(
+        self, q: FloatArray, qd: FloatArray, pi: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Effort without acceleration (n, d), mass matrix (n, d, d), for parameters (n, p)."""
+
     def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Joint effort J^T w of a wrench (n, 6) ON the tip, base frame; shape (n, d)."""
 
@@ -46,16 +51,6 @@ class Robot(Protocol):
 
     def tip_axes(self, q: FloatArray) -> FloatArray | None:
         """Axes of the tip's frame as columns in base axes, (n, 3, 3); None without a tip."""
-
-
-@runtime_checkable
-class Balanced(Protocol):
-    """A robot that gives its rigid-body balance without a regressor."""
-
-    def balance(
-        self, q: FloatArray, qd: FloatArray, pi: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Effort without acceleration (n, d), mass matrix (n, d, d), for parameters (n, p)."""
 
 
 class IndependentAxes:
@@ -80,6 +75,15 @@ class IndependentAxes:
         out = np.zeros((n, d, d))
         out[:, np.arange(d), np.arange(d)] = qdd
         return out
+
+    def balance(
+        self, q: FloatArray, qd: FloatArray, pi: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """No effort without acceleration (n, d), mass matrix diag(m) (n, d, d), of pi (n, d)."""
+        n, d = q.shape
+        mass = np.zeros((n, d, d))
+        mass[:, np.arange(d), np.arange(d)] = pi
+        return np.zeros((n, d)), mass
 
     def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Refuse: an axis without geometry has no Jacobian."""

@@ -214,6 +214,20 @@ def test_omni_is_the_published_form() -> None:
     np.testing.assert_allclose(n[:, 2], k[8] * s3, atol=1e-15)
 
 
+@pytest.mark.parametrize(
+    "robot", [PREMIUM, OMNI, IndependentAxes(JOINTS)], ids=["premium", "omni", "axes"]
+)
+def test_balance_is_the_regressor_s(robot: Robot) -> None:
+    rng = np.random.default_rng(4)
+    q, qd, qdd = rng.normal(size=(3, 50, 3))
+    # each state with bodies of its own
+    pi = rng.normal(size=(50, robot.prior.size))
+    rest, mass = robot.balance(q, qd, pi)
+    tau = np.einsum("ndp,np->nd", robot.regressor(q, qd, qdd), pi)
+    np.testing.assert_allclose(rest + np.einsum("nij,nj->ni", mass, qdd), tau, atol=1e-12)
+    np.testing.assert_allclose(mass, mass.transpose(0, 2, 1), atol=1e-12)
+
+
 @pytest.mark.parametrize("robot", [PREMIUM, OMNI], ids=["premium", "omni"])
 def test_phantom_jacobian_is_the_derivative_of_the_tip(robot: Premium | Omni) -> None:
     def tip(q: np.ndarray) -> np.ndarray:
