@@ -132,7 +132,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
 
 def _free(term: Term, projector: Projector) -> int:
     """Shape values that were searched; a choice of two forms is none."""
-    grid = term.effect.grid(projector.problem.motions[0], term.joint)
+    grid = projector.problem.grid(term.effect, term.joint)
     return sum(len(set(values)) > 2 for values in zip(*grid, strict=True))
 
 

@@ -70,8 +70,7 @@ def _null(
 ) -> FloatArray:  # fmt: skip
     """Gains of a candidate on sign-flipped noise, the best over its grid, shape (FLIPS,)."""
     best = np.zeros(len(signs))
-    motion = projector.problem.motions[0]
-    grid = c.term.effect.grid(motion, c.term.joint) or [c.term.shape]
+    grid = projector.problem.grid(c.term.effect, c.term.joint) or [c.term.shape]
     if c.term.effect.spectral:
         own = projector.rows(c.term)
         return timelines.flipped(projector.problem, c.term, noise[own], rows[own], signs)

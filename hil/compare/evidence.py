@@ -124,8 +124,8 @@ def _picked(c: Candidate, projector: Projector) -> bool:
     What was found on all rows predicts the left-out ones, too: it would lower the floor for
     nothing.
     """
-    motion, own = projector.problem.motions[0], projector.rows(c.term)
-    many = len(c.term.effect.grid(motion, c.term.joint)) > MANY
+    own = projector.rows(c.term)
+    many = len(projector.problem.grid(c.term.effect, c.term.joint)) > MANY
     least = LINE if c.term.effect.spectral else LITTLE
     return many and c.gain < least * float(np.sum(projector.residual[own] ** 2))
 

@@ -91,7 +91,7 @@ def _sharpest(term: Term, result: FitResult, heldout: HeldOut, examine: Examiner
 
 def _blunter(term: Term, result: FitResult) -> list[float]:
     """Resolutions blunter than the present one, in steps of `STEP` to the end of its grid."""
-    (most,) = term.effect.grid(result.problem.motions[0], term.joint)[-1]
+    (most,) = result.problem.grid(term.effect, term.joint)[-1]
     v0 = float(term.shape[0])
     return [float(v0 * STEP**k) for k in range(1, int(np.log(most / v0) / np.log(STEP)) + 1)]
 

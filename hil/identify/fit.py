@@ -77,7 +77,7 @@ def fit(
 
 
 def _start(term: Term, problem: Problem) -> tuple[float, ...]:
-    grid = term.effect.grid(problem.motions[0], term.joint)
+    grid = problem.grid(term.effect, term.joint)
     if not grid:
         reason = term.effect.available(problem.motions[0], term.joint) or "no shape to try"
         raise impossible(term, problem, reason)

@@ -27,7 +27,7 @@ def line(problem: Problem, term: Term) -> FloatArray:
 
     All values where the others were changed to what the grid does not hold (`Effect.across`).
     """
-    grid = term.effect.grid(problem.motions[0], term.joint)
+    grid = problem.grid(term.effect, term.joint)
     own = [s[0] for s in grid if s[1:] == term.shape[1:]]
     return np.unique(own or [s[0] for s in grid])
 

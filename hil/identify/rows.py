@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import weakref
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +15,14 @@ from hil.identify import bands, standstill
 from hil.identify.decimator import Decimator
 from hil.identify.kept import Kept
 from hil.identify.prepare import prepare
+from hil.models.effect import Effect
 from hil.models.model import Band
 from hil.models.motion import Motion
 from hil.models.robots import Robot, make_robot
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
+T = TypeVar("T")
 #: Band chosen from the data.
 AUTOMATIC = Band()
 
@@ -33,6 +36,11 @@ def _alike(recordings: list[Recording]) -> None:
                 f"recording {r.name!r} has {r.d} joints but {first.name!r} has {first.d}; "
                 "give sessions of one robot"
             )
+
+
+def _same(old: Sequence[weakref.ref[Any]], new: Sequence[object]) -> bool:
+    """Whether these are the same objects, and still there."""
+    return len(old) == len(new) and all(a() is b for a, b in zip(old, new, strict=True))
 
 
 class Rows:
@@ -74,6 +82,8 @@ class Rows:
     ) -> None:
         if not recordings:
             raise DataError("no recording given")
+        #: What others have computed from the motion alone.
+        self.memo: dict[tuple[object, ...], Any] = {}
         first = recordings[0]
         _alike(recordings)
         self.source = robot
@@ -97,8 +107,6 @@ class Rows:
         self.shift = 0.0
         #: Least first shape value of an effect on a joint, where other runs have shown it.
         self.least: dict[tuple[str, int], float] = {}
-        #: What others have computed from the motion alone.
-        self.memo: dict[tuple[object, ...], Any] = {}
         self._kept = Kept()
         self._raw: dict[tuple[object, ...], list[FloatArray]] = {}
 
@@ -127,8 +135,29 @@ class Rows:
         """Joints (d,) that only hold their place in every run: nothing is to be learnt of them."""
         if self.explains != "motor":
             return np.zeros(self.d, dtype=bool)
-        held = [standstill.holding(m.q, m.grain) for m in self.motions]
+        motions = [(m.q, m.grain) for m in self.motions]
+        held = self.remembered(
+            ("holds",), sum(motions, ()), lambda: [standstill.holding(*m) for m in motions]
+        )
         return np.asarray(np.all(held, axis=0))
+
+    def remembered(
+        self, key: tuple[object, ...], made_of: Sequence[object], make: Callable[[], T]
+    ) -> T:
+        """What `make` gave for the very same objects before, else what it gives now.
+
+        The objects are not kept alive for it.
+        """
+        known = self.memo.get(key)
+        if known is None or not _same(known[0], made_of):
+            known = self.memo[key] = ([weakref.ref(x) for x in made_of], make())
+        out: T = known[1]
+        return out
+
+    def grid(self, effect: Effect, j: int) -> list[tuple[float, ...]]:
+        """Shapes of an effect that are worth trying on joint j, from the first run."""
+        first = self.motions[0]
+        return self.remembered(("grid", effect, j), [first], lambda: effect.grid(first, j))
 
     def rms(self, x: FloatArray) -> FloatArray:
         """Root mean square over the instants at which each joint moves, (d, n) to (d,)."""

@@ -37,7 +37,7 @@ ANSWER = 3.0
 
 def frequencies(problem: Problem, term: Term) -> FloatArray:
     """The term's grid [Hz], less what the effort filter hardly passes."""
-    grid = term.effect.grid(problem.motions[0], term.joint)
+    grid = problem.grid(term.effect, term.joint)
     f = np.array([s[0] for s in grid])
     return f[f <= problem.rates.effort]
 

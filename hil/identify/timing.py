@@ -68,6 +68,13 @@ def slow_delay(result: FitResult, j: int, whole: bool = False) -> tuple[float, f
     effort filter's cut-off the commanded motion dominates: y and all columns are low-passed
     once more, and  y = X theta + T dtau/dt  is solved there.
     """
+    made_of = [result.x, result.problem.y]
+    return result.problem.remembered(
+        ("slow delay", j, whole), made_of, lambda: _slow_delay(result, j, whole)
+    )
+
+
+def _slow_delay(result: FitResult, j: int, whole: bool) -> tuple[float, float]:
     problem = result.problem
     x = result.x.reshape(problem.d, problem.n, -1)[j]
     late = block(problem, Term(_WholeRate() if whole else _Rate(), j))

@@ -19,7 +19,7 @@ CLOSE = 1.01
 
 def grid_of(problem: Problem, term: Term) -> list[tuple[float, ...]]:
     """The effect's grid, from its least value on where one is known."""
-    grid = term.effect.grid(problem.motions[0], term.joint)
+    grid = problem.grid(term.effect, term.joint)
     least = problem.least.get(term.key)
     if least is None:
         return grid

@@ -21,20 +21,33 @@ TAIL, MARGIN, WORTH = 0.005, 0.05, 0.02
 QUANTITIES = ("position", "speed", "load")
 
 
+def _every(problem: Problem, what: str) -> list[FloatArray]:
+    """One quantity of all joints, run by run (instants, d)."""
+    name = {"position": "q", "speed": "qd", "load": "load"}[what]
+    return [getattr(m, name) for m in problem.motions]
+
+
 def _values(problem: Problem, j: int, what: str) -> FloatArray:
     """All values of one quantity of joint j (instants,)."""
-    name = {"position": "q", "speed": "qd", "load": "load"}[what]
-    return np.concatenate([getattr(m, name)[:, j] for m in problem.motions])
+    return np.concatenate([x[:, j] for x in _every(problem, what)])
+
+
+def _ends(problem: Problem, j: int, what: str) -> tuple[float, float]:
+    """Quantiles of one quantity of joint j."""
+
+    def made() -> tuple[float, float]:
+        low, high = np.quantile(_values(problem, j, what), [TAIL, 1 - TAIL]).tolist()
+        return low, high
+
+    return problem.remembered(("ends", j, what), _every(problem, what), made)
 
 
 def identified(problem: Problem) -> tuple[Range, ...]:
     """Range of every joint over the runs of a fit, the load as the fit has it."""
-    out = []
-    for j, joint in enumerate(problem.joints):
-        ends = [np.quantile(_values(problem, j, w), [TAIL, 1 - TAIL]) for w in QUANTITIES]
-        position, speed, load = ((float(low), float(high)) for low, high in ends)
-        out.append(Range(joint, position, speed, load))
-    return tuple(out)
+    return tuple(
+        Range(joint, *(_ends(problem, j, what) for what in QUANTITIES))
+        for j, joint in enumerate(problem.joints)
+    )
 
 
 def limits(known: Range, what: str) -> tuple[float, float]:
