@@ -14,6 +14,7 @@ from hil.compare.fallback import explainable, foretold, hidden
 from hil.compare.findings import Diagnosis
 from hil.compare.heldout import Examiner
 from hil.compare.lost import lost_counts
+from hil.compare.otherrobot import other_robot
 from hil.compare.sessions import differences
 from hil.compare.unlike import notes as unlike_notes
 from hil.compare.unlike import unlike
@@ -50,6 +51,7 @@ def finish(
     # before the held-out runs are predicted anew: their loads are those of their own fit
     differ = differences(out, examine)
     left = outside(model.valid, result.problem) + examine.outside(result)
+    out.warnings += other_robot(model, recordings)
     out.warnings += [("outside-range", text) for text in left]
     out.warnings += differ
     out.warnings += [(f.code, f.sentence) for f in faults]

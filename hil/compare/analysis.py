@@ -14,6 +14,7 @@ from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.localise import Region, regions
 from hil.compare.multistep import MultiStep, both, each
 from hil.compare.notes import noticed
+from hil.compare.otherrobot import other_robot
 from hil.compare.seeming import seeming
 from hil.compare.sessions import differences
 from hil.compare.settle import settled
@@ -107,8 +108,8 @@ def make_problem(recordings: list[Recording], model: RobotModel) -> Problem:
 def fit(recordings: list[Recording], model: RobotModel) -> FitResult:
     """Fit all parameters of a model jointly to some runs."""
     result = complete(fit_problem(make_problem(recordings, model), model))
-    beyond = outside(model.valid, result.problem)
-    return replace(result, warnings=[("outside-range", text) for text in beyond])
+    beyond = [("outside-range", text) for text in outside(model.valid, result.problem)]
+    return replace(result, warnings=other_robot(model, recordings) + beyond)
 
 
 @single_threaded
@@ -135,7 +136,7 @@ def compare(
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
     level = evidence.floor.rms if floor is None else floor
-    notes = differences(alike, examine) + noticed(evidence, result)
+    notes = other_robot(model, recordings) + differences(alike, examine) + noticed(evidence, result)
     notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))
     faults += [Fault(code, "warning", "", x) for code, x in notes]
     out = Comparison(

@@ -138,6 +138,8 @@ def _simulated(
             for starts, horizon in [_windows(motion, seconds, servo)]
             if starts.size
         }
+        if not jobs:  # a run shorter than the shortest window
+            continue
         for k, pair in zip(jobs, forward(motion, list(jobs.values())), strict=True):
             found[k].append(pair)
     parts = zip(asked, found, strict=True)

@@ -221,7 +221,8 @@ def _kept(
     root = np.sqrt(np.where(value > 1e-6, value, 0.0))[:, None] * vector.T
     seen = np.sum(root**2, axis=0) > 1e-6  # the rest is the base's
     out = np.zeros(beta.size)
-    out[seen] = scipy.optimize.nnls(root[:, seen], root @ beta)[0]
+    if np.any(seen):  # of no column at all, `nnls` frees memory that is not its own
+        out[seen] = scipy.optimize.nnls(root[:, seen], root @ beta)[0]
     return out
 
 

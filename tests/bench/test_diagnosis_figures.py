@@ -54,6 +54,12 @@ def test_wilson_interval():
         assert figures.Share(n, n).interval[1] <= 1.0
 
 
+def test_progress_is_told_in_a_file_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert sorted(runner.spread(abs, list(range(-25, 0)), 2, "session")) == list(range(1, 26))
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 10 and lines[-1] == "25 of 25 sessions"
+
+
 def test_report_and_resume(tmp_path):
     rows = [row("one", STRIBECK, [("x", "joint2", 0.97, [])], "missing-effect"),
             row("none", [], [], "adequate")]  # fmt: skip

@@ -8,7 +8,9 @@ from identify_arm import record, urdf
 from hil.identify.bounds import bounded
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
+from hil.identify.projector import _kept
 from hil.identify.regression import basis
+from hil.models import catalogue
 from hil.models.model import base_model
 from hil.record.recording import RobotSource
 
@@ -77,3 +79,13 @@ def test_undetermined_armature_is_not_negative() -> None:
     assert tied and all(v.at_bound == (v.value == 0) for v in armature)
     assert any(v.at_bound for v in tied)
     np.testing.assert_allclose(result.rms, free.rms, rtol=1e-2)
+
+
+def test_coefficients_of_which_the_base_knows_all_are_none() -> None:
+    """No column is left for them to be fitted by."""
+    effect = catalogue.get("presliding")
+    size = len(effect.params)
+    assert size > 1 and all(p.lower == 0 for p in effect.params)
+    vector, nothing = np.eye(size), np.zeros(size)
+    for _ in range(50):
+        assert not np.any(_kept(effect, np.ones(size), vector, nothing, np.ones(size)))

@@ -54,11 +54,14 @@ def run(todo: list[cases.Case], jobs: int, path: Path | None) -> list[Row]:
 def spread(
     work: Callable[[Any], Any], todo: list[Any], jobs: int, unit: str
 ) -> Iterator[Any]:  # fmt: skip
-    """Results of `work` in any order, with a progress bar on a terminal's stderr."""
-    bar = tqdm(total=len(todo), unit=unit, disable=not sys.stderr.isatty())
+    """Results of `work` in any order, with progress on stderr: a bar, or in a file ten lines."""
+    terminal = sys.stderr.isatty()
+    bar = tqdm(total=len(todo), unit=unit, disable=not terminal)
     with bar, multiprocessing.get_context("spawn").Pool(max(1, min(jobs, len(todo) or 1))) as pool:
-        for result in pool.imap_unordered(partial(_alone, work), todo):
+        for k, result in enumerate(pool.imap_unordered(partial(_alone, work), todo), 1):
             bar.update()
+            if not terminal and 10 * k // len(todo) > 10 * (k - 1) // len(todo):
+                sys.stderr.write(f"{k} of {len(todo)} {unit}s\n")
             yield result
 
 
