@@ -19,7 +19,8 @@ demo: install
 	$(BIN)/hil demo -o out/demo --seed $(SEED)
 
 test: install
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 -m "not real_time"
+	$(BIN)/python -m pytest -m real_time
 
 check: install
 	$(BIN)/ruff check .
