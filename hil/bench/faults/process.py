@@ -180,6 +180,8 @@ def _judge(
         lost = max(lost, *(int(n) for n in re.findall(r"(\d+) rows are lost", said)), 0)
         note = about[0][:90] if about else "nothing was said of the record"
         fine = fine and bool(about)
+    if not ended and said.strip():
+        note = said.strip().splitlines()[-1][:160]
     right = off and ended and fine and torque
     state = "off" if off else "POWERED"
     how = "as it should" if ended else "wrong exit code"
