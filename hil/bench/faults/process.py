@@ -26,6 +26,7 @@ from hil.record.writer import SessionWriter
 from hil.rigs import rig_path
 from hil.runtime.frame import TIMING, WORDS
 from hil.runtime.watchdog import beside
+from hil.signals.device import Status
 
 #: When the parent strikes [ticks], and the watchdog's time-out [s].
 LONG, TIMEOUT = 800, 0.25
@@ -35,9 +36,9 @@ ENOUGH = 6.0
 
 
 def _limit_file(path: Path) -> None:
-    """No file may grow above 100 kB, as on a full disk."""
+    """No file may grow above 150 kB, as on a full disk."""
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000))
 
 
 def _slow_disk(path: Path) -> None:
@@ -80,17 +81,19 @@ CASES: dict[str, tuple[Callable[[Path], None], int, int, float, str]] = {
 }
 
 
-def _every_tenth() -> Callable[[object], None]:
-    """A hook on the law that prints the number of every tenth tick."""
-    ticks = [0]
+def _every_tenth() -> Callable[..., Status]:
+    """A hook on the encoders, read in any state, that prints the number of every tenth tick."""
+    # the self-test reads them once before the first tick
+    ticks = [-1]
 
-    def law(y: object) -> None:
+    def read_out(position: object, velocity: object, status: Status) -> Status:
         ticks[0] += 1
-        if ticks[0] % 10 == 0:
+        if ticks[0] % 10 == 0 and ticks[0]:
             sys.stdout.write(f"{ticks[0]}\n")
             sys.stdout.flush()
+        return status
 
-    return law
+    return read_out
 
 
 def _say(text: str) -> None:
@@ -106,7 +109,7 @@ def child(name: str, path: Path) -> int:
     config = load_rig(rig_path("teleop"), {"safety": safety})
     tampered = Tampered(lambda t: None)
     act(path)
-    tampered.law = _every_tenth()
+    tampered.js = _every_tenth()
     try:
         operator = app.Operator(say=_say)
         done = app.run(config, seconds, 1, "real", path, opener=tampered.open, operator=operator)
@@ -172,12 +175,11 @@ def _judge(
     fine = {
         "cut": lost <= 100, "zero": lost <= 100, "all": lost == 0,
         # a busy machine skips ticks; what counts is how far the record reaches
-        "whole": bool(sequence.size) and int(sequence[-1]) > 100,
+        "whole": bool(sequence.size) and int(sequence[-1]) > 300,
     }[must]  # fmt: skip
     if must == "whole":
         about = [line for line in said.strip().splitlines() if "record" in line]
-        # a paused law does not count its ticks; the session counts its rows
-        lost = max(lost, *(int(n) for n in re.findall(r"(\d+) rows are lost", said)), 0)
+        lost = max([lost, *map(int, re.findall(r"(\d+) rows are lost", said))])
         note = about[0][:90] if about else "nothing was said of the record"
         fine = fine and bool(about)
     if not ended and said.strip():
