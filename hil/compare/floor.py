@@ -38,6 +38,8 @@ STEPS = 2
 ADEQUATE = 1.10
 #: ... and above this many times the largest model's residual they never do.
 APART = 1.2
+#: A model with more coefficients than this share of the instants follows any noise.
+FULL = 0.9
 #: Ridges that are tried.
 STRENGTHS = (1e-4, 1e-3, 1e-2, 1e-1)
 
@@ -157,6 +159,8 @@ def largest_model(
         free = max(y.size - spent, 0.3 * y.size)
         scale[j] = min(np.sqrt(np.sum(out[j] ** 2) / free), now)
         predicted[j] = min(_left_out(folds, penalised), now)
+        if rank > FULL * y.size:  # the residual is rounding; the left-out blocks are not
+            scale[j] = predicted[j]
     return out, factor, scale, predicted
 
 

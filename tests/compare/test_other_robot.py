@@ -1,4 +1,4 @@
-"""A model of another robot than the session's is told; a run too short to simulate is judged."""
+"""A model of another robot than the session's is told; a very short run is judged."""
 
 from dataclasses import replace
 
@@ -46,3 +46,12 @@ def test_a_run_too_short_to_simulate_has_no_multi_step_error() -> None:
     found = compare([short], base_model(AXES))
     assert found.multi_step.lost and found.multi_step.windows == 0
     assert np.isfinite(found.heldout.rms).all()
+
+
+def test_a_run_of_fewer_instants_than_coefficients_has_noise() -> None:
+    """The largest model follows all of it: its residual is no noise band."""
+    found = compare([run(AXES, 0.7)], base_model(AXES))
+    floor = found.evidence.floor
+    assert (floor.scale > 0.1 * floor.rms).all()
+    strengths = [x.strength for regions in found.where.values() for x in regions]
+    assert max(strengths, default=0.0) < 100
