@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import FitError
-from hil.identify.design import Term, block
+from hil.identify.design import Term, block, by_run
 from hil.identify.problem import Problem
 from hil.identify.response import Response
 from hil.identify.shapes import search_shapes
@@ -71,7 +71,54 @@ def update_load(
     """Transmitted load = rigid-body effort minus external effort; its static part at rest."""
     loads, still = _loads(problem, terms, theta, slices)
     problem.set_context(load=np.concatenate(loads), static=np.concatenate(still))
-    problem.motions = _responding(problem.motions, terms, theta, slices)
+    motions = _responding(problem.motions, terms, theta, slices)
+    problem.motions = [_sliding(m, terms, theta, slices) for m in motions]
+    if problem.explains == "motor":
+        parts = zip(problem.motions, _drives(problem, terms, theta, slices), strict=True)
+        problem.motions = [_driving(m, x) for m, x in parts]
+
+
+def _drives(
+    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice]
+) -> list[FloatArray]:
+    """Motor effort that the terms foretell (n, d), run by run."""
+    out = [-m.tau_ext for m in problem.motions]
+    for t, where in zip(terms, slices, strict=True):
+        parts = by_run(t, theta[where], len(out)) if t.per_run else [theta[where]] * len(out)
+        at = slice(None) if t.effect.whole_robot else t.joint
+        raw = problem.raw(t.effect, t.joint, t.shape)
+        for total, columns, part in zip(out, raw, parts, strict=True):
+            total[:, at] += columns @ part
+    return out
+
+
+def _driving(motion: Motion, drive: FloatArray) -> Motion:
+    """The motion with what the model foretells of its motors; the same if it hardly differs."""
+    old = motion.drive
+    if old.shape == drive.shape:
+        near = np.max(np.abs(old - drive), axis=0) < SAME * np.max(np.abs(drive), axis=0)
+        if np.all(near):
+            return motion
+    return replace(motion, drive=drive)
+
+
+def _sliding(
+    motion: Motion, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice]
+) -> Motion:
+    """The motion with the friction's states that the terms have; the same if they are as before."""
+    states: list[FloatArray | None] = [None] * motion.d
+    for t, where in zip(terms, slices, strict=True):
+        if not (t.effect.whole_robot or t.per_run):
+            made = t.effect.state(motion, t.joint, t.shape, theta[where].tolist())
+            states[t.joint] = made if made is not None else states[t.joint]
+    if all(s is None for s in states):
+        return replace(motion, friction=()) if motion.friction else motion
+    old = motion.friction or (None,) * motion.d
+    kept = tuple(
+        b if a is not None and b is not None and np.max(np.abs(a - b)) < SAME else a
+        for a, b in zip(states, old, strict=True)
+    )
+    return replace(motion, friction=kept)
 
 
 def carrying(result: FitResult, problem: Problem) -> list[Motion]:
@@ -88,7 +135,8 @@ def carrying(result: FitResult, problem: Problem) -> list[Motion]:
         return problem.motions
     fitted = result.terms, result.theta, result.slices
     parts = zip(problem.motions, *_loads(problem, *fitted), strict=True)
-    return _responding([m.with_(load=x, static=z) for m, x, z in parts], *fitted)
+    motions = _responding([m.with_(load=x, static=z) for m, x, z in parts], *fitted)
+    return [_sliding(m, *fitted) for m in motions]
 
 
 def renew(result: FitResult) -> None:
@@ -97,8 +145,17 @@ def renew(result: FitResult) -> None:
     set_context(problem, result.terms)
     loads, _ = _loads(problem, *fitted)
     now = zip(loads, problem.motions, strict=True)
-    if any(np.ptp(x - m.load) > SAME * max(float(np.ptp(x)), 1e-300) for x, m in now):
+    moved = any(np.ptp(x - m.load) > SAME * max(float(np.ptp(x)), 1e-300) for x, m in now)
+    slid = any(_slid(m.friction, _sliding(m, *fitted).friction) for m in problem.motions)
+    if moved or slid:
         update_load(problem, *fitted)
+
+
+def _slid(
+    old: tuple[FloatArray | None, ...], new: tuple[FloatArray | None, ...]
+) -> bool:
+    """Whether any state of a joint's friction is another one now."""
+    return len(old) != len(new) or any(a is not b for a, b in zip(old, new, strict=True))
 
 
 def _loads(

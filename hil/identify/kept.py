@@ -46,7 +46,7 @@ class Watched(Motion):
         """
         self._seen.update({("qd", None), ("average", None)})
         if v0 is None:
-            self._seen.add(("v0", j))
+            self._seen.update({("v0", j), ("friction", j)})
         if self._plain.average:
             self._seen.add(("qdd", None))
         return self._plain.sign(j, v0)
@@ -118,6 +118,8 @@ class Kept:
 
 
 def _state(motion: Motion, name: str, j: int | None) -> object:
+    if name == "friction":
+        return motion.friction[j] if j is not None and motion.friction else None
     if j is not None:
         return float(getattr(motion, name)[j])
     value = getattr(motion, name)

@@ -56,7 +56,7 @@ class TorqueSaturation(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Command less what is given of it."""
-        tau = motion.tau[:, j]
+        tau = motion.driven(j)
         return (tau - given(tau, float(shape[0]), float(shape[1])))[:, None]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:

@@ -16,7 +16,10 @@ class LoadFriction(Effect):
 
     uses_load = True
     name, family = "load-friction", "friction"
-    equation = "tau = mu |load| tanh(v / v0),  load = all that is transmitted, or its static part"
+    equation = (
+        "tau = mu |load| tanh(v / v0),  load = all that is transmitted, its static part, or the "
+        "motor's own effort (a gear or a cable around a capstan)"
+    )
     signature = "friction grows with gravity, acceleration or contact load"
     confused_with = ("torque-gain", "coulomb", "position-friction")
     shown_by = "the same motion under several static loads"
@@ -26,10 +29,14 @@ class LoadFriction(Effect):
         Param(
             "of",
             "1",
-            "0: all that is transmitted; 1: gravity and springs only",
+            "0: all that is transmitted; 1: gravity and springs only; 2: the motor's effort",
             0.0,
-            1.0,
-            codes=((0.0, "all that is transmitted"), (1.0, "gravity and springs only")),
+            2.0,
+            codes=(
+                (0.0, "all that is transmitted"),
+                (1.0, "gravity and springs only"),
+                (2.0, "the motor's own effort: driving and back-driving differ"),
+            ),
             choice=True,
         ),
     )
@@ -37,12 +44,18 @@ class LoadFriction(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """|load| sgn(v)."""
-        load = motion.static if shape[0] else motion.load
-        return (np.abs(load[:, j]) * motion.sign(j))[:, None]
+        of = int(shape[0])
+        load = motion.driven(j) if of == 2 else (motion.load, motion.static)[of][:, j]
+        return (np.abs(load) * motion.sign(j))[:, None]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Both loads, where they differ."""
-        return [(0.0,), (1.0,)] if np.any(motion.static[:, j]) else [(0.0,)]
+        """The loads that differ."""
+        static = [(1.0,)] if np.any(motion.static[:, j]) else []
+        return [(0.0,), *static, (2.0,)]
+
+    def recorded(self, shape: Sequence[float]) -> bool:
+        """The motor's effort is known where it was recorded."""
+        return shape[0] == 2.0
 
 
 class CoupledFriction(Effect):

@@ -175,6 +175,19 @@ class Effect(ABC):
         """Coefficients for joint j of this robot (most effects: always the same)."""
         return self.params
 
+    def recorded(self, shape: Sequence[float]) -> bool:
+        """Whether the columns hold what only a recorded run has: time, an effort or a state."""
+        return self.replayed
+
+    def state(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float]
+    ) -> FloatArray | None:
+        """State of the joint's friction that takes the place of the speed's sign; None if none.
+
+        Shape (n,), 1 in steady sliding forwards.  Every law that scales friction scales it.
+        """
+        return None
+
     def twins(self, motion: Motion) -> tuple[str, ...]:
         """Effects with the very same columns on such data: no motion tells them apart."""
         return ()

@@ -74,6 +74,12 @@ class Motion:
         What jumps of the recorded positions (lost counts) add to q, qd and qdd.
     slipped : ndarray (d,) of bool, or (0,) where there are none
         Joints whose position jumps in any run.
+    drive : ndarray (n, d), or (0, 0) where there is no model yet
+        Motor effort that the present model foretells [N m or N].  A law that scales the motor's
+        effort uses this one: the measured one holds what the model lacks, and would explain itself.
+    friction : tuple of (ndarray (n,) or None), one a joint, or empty
+        State of each joint's friction, 1 in steady sliding forwards, where it is another one than
+        the sign of the speed: every law that scales friction scales this state.
     """
 
     t: FloatArray
@@ -96,6 +102,8 @@ class Motion:
     response: Response | None = None
     slips: FloatArray = field(default_factory=lambda: np.zeros((3, 0, 0)))
     slipped: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    drive: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    friction: tuple[FloatArray | None, ...] = ()
 
     def __post_init__(self) -> None:
         self._remember({})
@@ -126,7 +134,13 @@ class Motion:
         return out
 
     def sign(self, j: int, v0: float | None = None) -> FloatArray:
-        """Sign of joint j's velocity, resolved to `v0[j]` or as given: tanh(v / v0), shape (n,)."""
+        """State of joint j's friction, shape (n,): the sign of its velocity, tanh(v / v0).
+
+        Without `v0` it is resolved to `v0[j]`; where friction builds up over a displacement, it
+        is the state that the present model has for it (`friction`).
+        """
+        if v0 is None and self.friction and self.friction[j] is not None:
+            return self.friction[j]
         signs: dict[tuple[int, float], FloatArray] = self.__dict__["_signs"]
         key = (j, float(self.v0[j]) if v0 is None else v0)
         found = signs.get(key)
@@ -167,6 +181,11 @@ class Motion:
         out: FloatArray = (2.0 * self.q[:, j] - low - high) / max(high - low, 1e-12)
         return out
 
+    def driven(self, j: int) -> FloatArray:
+        """Effort of joint j's motor as the present model foretells it, (n,); else as measured."""
+        out: FloatArray = (self.drive if self.drive.size else self.tau)[:, j]
+        return out
+
     def at_rest(self) -> Motion:
         """The same postures without speed and acceleration."""
         return self.with_(qd=np.zeros_like(self.qd), qdd=np.zeros_like(self.qdd))
@@ -183,13 +202,14 @@ class Motion:
         out, none = object.__new__(type(self)), np.zeros(q.shape)
         out.__dict__.update(
             self.__dict__, t=np.arange(len(q), dtype=np.float64), q=q, qd=qd, qdd=qdd, load=load,
-            static=static, tau=none, tau_ext=none, average=0.0, _signs={},
+            static=static, tau=none, tau_ext=none, average=0.0, drive=none, friction=(), _signs={},
         )  # fmt: skip
         return out
 
     def with_(self, **changes: FloatArray) -> Motion:
         """Copy with some arrays replaced."""
-        out: Motion = replace(self, **changes)  # type: ignore[arg-type]
+        moved = {"q", "qd"} & set(changes) and "friction" not in changes
+        out: Motion = replace(self, **changes, **({"friction": ()} if moved else {}))  # type: ignore[arg-type]
         if not {"qd", "qdd", "average"} & set(changes):
             out._remember(self.__dict__["_signs"])
         return out

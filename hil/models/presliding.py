@@ -157,6 +157,17 @@ class Presliding(Effect):
             loops = [state(q, k * s) for k in (1.0, 3.0, 9.0)]
         return np.stack([motion.sign(j, float(shape[2])), *loops]).T
 
+    def state(
+        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float]
+    ) -> FloatArray | None:
+        """Nested loops by their shares of the sliding friction, sum f z / sum f."""
+        count = 2 if shape[1] == LUGRE else len(beta)  # in LuGre's form the rest fades in sliding
+        share = np.array(beta[:count], dtype=np.float64)
+        if float(share.sum()) <= 0.0:
+            return None
+        out: FloatArray = self.columns(motion, j, shape)[:, :count] @ (share / share.sum())
+        return out
+
     def remark(self, values: Mapping[str, float], errors: Mapping[str, float]) -> str:
         """LuGre's law without a rise of its level is Dahl's."""
         if values["form"] != LUGRE or values["f2"] > SURE * errors["f2"]:

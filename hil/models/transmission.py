@@ -125,7 +125,9 @@ class ElasticTransmission(_Resonance):
         passed, rate = sprung(load, inertia, motion.dt, k, c)
         side = np.tanh((motion.qd[:, j] - rate) / motion.resolution[j])
         rung, _ = sprung(side, inertia, motion.dt, k, c)
-        return np.stack([passed - load, rung - motion.sign(j)]).T
+        # the sign of the motor's speed, whatever its own friction's state
+        own = motion.sign(j, float(motion.v0[j]))
+        return np.stack([passed - load, rung - own]).T
 
     def credible(
         self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],

@@ -1,0 +1,185 @@
+"""What may be added to a model: every effect of the catalogue on every joint, rated held out.
+
+The shape of a candidate (a speed, a length, a frequency) is searched on all instants beside the
+present model; its coefficients, and those of the model with it, are then solved anew for every
+fold, so that its worth is what it foretells of blocks that it was not fitted to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.compare.candidate import Candidate, try_all
+from hil.diagnosis.folds import Split
+from hil.diagnosis.grams import Errors, Group, Table
+from hil.identify.bounds import limits
+from hil.identify.design import Term, block
+from hil.identify.problem import Problem
+from hil.identify.projector import Projector
+from hil.identify.result import FitResult
+from hil.models import catalogue
+
+FloatArray = NDArray[np.float64]
+Key = tuple[str, int]
+
+
+@dataclass(frozen=True)
+class Rated:
+    """A candidate beside a model, with what it is worth on held-out blocks.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        With its shape.
+    errors : Errors
+        Of the model with it.
+    fall : ndarray (blocks,)
+        Fall of the squared error of its joint, block by block [(N m)^2 or N^2].
+    before, after : float
+        Mean square error of its joint without it and with it.
+    joint : int
+        Its joint; of an effect of the whole robot, the one where it does most.
+    """
+
+    candidate: Candidate
+    errors: Errors
+    fall: FloatArray
+    before: float
+    after: float
+    joint: int
+    #: What the model with it leaves of joint j, fitted to all instants (n,).
+    residual: Callable[[int], FloatArray]
+
+    @property
+    def removed(self) -> float:
+        """Fall of the mean square error of its joint."""
+        return self.before - self.after
+
+    @property
+    def sureness(self) -> float:
+        """Fall in standard errors, from the spread over blocks."""
+        return paired(self.fall)
+
+
+def paired(fall: FloatArray) -> float:
+    """Sum of block-wise differences (blocks,) in standard errors."""
+    spread = float(np.sqrt(np.sum((fall - fall.mean()) ** 2)))
+    return float(fall.sum()) / max(spread, 1e-300)
+
+
+def key_of(c: Candidate) -> tuple[str, str, int]:
+    """Key of a candidate's columns beside those of the model."""
+    return ("+", *c.term.key)
+
+
+def model_groups(result: FitResult, without: Collection[Key] = ()) -> list[Group]:
+    """Columns of a fitted model, one group a term."""
+    problem = result.problem
+    low, high = limits(result.terms, problem)
+    out = []
+    for t, where in zip(result.terms, result.slices, strict=True):
+        if t.key in without:
+            continue
+        held = result.theta[where]
+        lower, upper = (held, held) if t.fixed else (low[where], high[where])
+        joint = None if t.effect.whole_robot else t.joint
+        out.append(Group(t.key, joint, block(problem, t), lower, upper, result.prior[where]))
+    return out
+
+
+def candidate_group(problem: Problem, c: Candidate) -> Group:
+    """Columns of a candidate."""
+    t, columns = c.term, block(problem, c.term)
+    m = columns.shape[-1]
+    each = t.effect.terms(problem.motions[0], t.joint)
+    params = [each[k % len(each)] for k in range(m)]
+    lower = np.array([p.lower for p in params], dtype=np.float64)
+    upper = np.array([p.upper for p in params], dtype=np.float64)
+    joint = None if t.effect.whole_robot else t.joint
+    return Group(key_of(c), joint, columns, lower, upper, np.zeros(m))
+
+
+def terms_to_try(
+    result: FitResult, joints: Collection[int], without: Collection[Key] = ()
+) -> tuple[list[Term], list[tuple[str, str]]]:
+    """Terms that may be added on some joints, and effects that cannot be tried, with the reason.
+
+    Parameters
+    ----------
+    result : FitResult
+        The present fit.
+    joints : collection of int
+        Joints that are still open; effects of the whole robot are tried if there is one.
+    without : collection of (effect, joint)
+        Terms of the fit that count as absent, so that they are tried again.
+    """
+    problem, explains = result.problem, result.model.explains
+    motion, held = problem.motions[0], problem.holds
+    present = {t.key for t in result.terms} - set(without)
+    terms: list[Term] = []
+    impossible: dict[str, str] = {}
+    for effect in catalogue.table().values():
+        if not effect.candidate or explains not in effect.explains:
+            continue
+        for j in range(1 if effect.of_robot else problem.d):
+            if (effect.name, j) in present or (held[j] and not effect.of_robot):
+                continue
+            reason = effect.available(motion, j)
+            if reason:
+                impossible.setdefault(effect.name, reason)
+            elif j in joints or (effect.of_robot and joints):
+                own = effect.per_run and len(problem.recordings) > 1
+                terms.append(Term(effect, j, per_run=own))
+    tried = {t.effect.name for t in terms}
+    return terms, [(n, why) for n, why in impossible.items() if n not in tried]
+
+
+def tried(result: FitResult, terms: Sequence[Term], without: Collection[Key] = ()) -> tuple[
+    Projector, list[Candidate]
+]:  # fmt: skip
+    """Candidates with their best shapes beside a fit, and what they were projected off."""
+    rest = [t for t in result.terms if t.key not in without]
+    projector = Projector(result.problem, rest, result.sigma)
+    with result.problem.aside():
+        return projector, try_all(projector, result, list(terms))
+
+
+def rate(
+    result: FitResult, split: Split, candidates: Sequence[Candidate],
+    without: Collection[Key] = (), more: Sequence[Group] = (),
+) -> tuple[Table, Errors, list[Rated]]:  # fmt: skip
+    """Held-out worth of candidates beside a fit.
+
+    Returns
+    -------
+    Table
+        Of all columns: the model's, the candidates', and `more`.
+    Errors
+        Of the model by itself.
+    list of Rated
+        In the order of the candidates.
+    """
+    problem = result.problem
+    base = model_groups(result, without)
+    groups = [*base, *(candidate_group(problem, c) for c in candidates), *more]
+    table = Table(problem, split, result.sigma, groups)
+    keys = [g.key for g in base]
+    now = table.errors(keys)
+    return table, now, [rated(c, table, keys, now) for c in candidates]
+
+
+def rated(c: Candidate, table: Table, keys: Sequence[object], now: Errors) -> Rated:
+    """One candidate beside the groups `keys`, whose errors are `now`."""
+    gone = {(name, c.term.joint) for name in c.term.effect.replaces}
+    chosen = [k for k in keys if k not in gone] + [key_of(c)]
+    errors = table.errors(chosen)
+    j = c.term.joint
+    if c.term.effect.whole_robot:
+        j = int(np.argmax((now.power - errors.power) / np.maximum(now.power, 1e-300)))
+    fall = now.squared[:, j] - errors.squared[:, j]
+    return Rated(c, errors, fall, float(now.power[j]), float(errors.power[j]), j, partial(table.residual, chosen))

@@ -1,0 +1,117 @@
+"""Unnamed competitors: free functions that run in the same race as the named effects.
+
+A name says more than that something is there: it says which law.  Where a free function of the
+same variables foretells left-out data better than the named law does, beyond chance and beyond
+what a library's law may miss, the name does not stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.diagnosis.grams import Group
+from hil.identify.problem import Problem
+from hil.models.motion import Motion
+
+FloatArray = NDArray[np.float64]
+#: Shrinkage of a free function's coefficients, in units of their own columns [1].
+SHRINK = 1e-3
+#: Centres and width of bumps over speed, in units of the rms speed.
+SPEEDS, WIDTH = np.linspace(-2.1, 2.1, 9), 0.45
+#: Knots of a slow function of time, a run.
+KNOTS = 8
+Columns = Callable[[Motion, int, FloatArray], FloatArray]
+
+
+def _place(m: Motion, j: int, order: int) -> FloatArray:
+    return np.polynomial.chebyshev.chebvander(np.clip(m.scaled(j), -1.05, 1.05), order)
+
+
+def _bumps(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    v = m.qd[:, j] / rms[j]
+    return np.exp(-0.5 * ((v[:, None] - SPEEDS) / WIDTH) ** 2)
+
+
+def position(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any smooth function of the position."""
+    return _place(m, j, 12)[:, 1:]
+
+
+def position_by_direction(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Friction and viscous friction that are any smooth function of the position."""
+    place, sign = _place(m, j, 9)[:, 1:], m.sign(j)
+    return np.concatenate([sign[:, None] * place, m.qd[:, j : j + 1] * place[:, :4]], axis=1)
+
+
+def speed(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any smooth function of the speed, and of its sign."""
+    sign = m.sign(j)[:, None]
+    return np.concatenate([_bumps(m, j, rms), sign * np.abs(_bumps(m, j, rms))], axis=1)
+
+
+def position_and_speed(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any smooth function of position and speed together."""
+    out = _bumps(m, j, rms)[:, :, None] * _place(m, j, 4)[:, None, :]
+    return np.asarray(out.reshape(m.n, -1))
+
+
+def load(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any smooth function of the transmitted load, by direction."""
+    size = max(float(np.sqrt(np.mean(m.load[:, j] ** 2))), 1e-300)
+    x, sign = m.load[:, j] / size, m.sign(j)
+    parts = [np.abs(x), x * x, x * np.abs(x), np.abs(x) ** 3]
+    return np.stack([*parts, *(p * sign for p in parts)], axis=1)
+
+
+def time(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any slow function of time: an offset, friction by direction and viscous friction."""
+    x = 2 * m.since / max(float(m.since[-1]), 1e-12) - 1
+    slow = np.polynomial.chebyshev.chebvander(x, KNOTS)[:, 1:]
+    sign, v = m.sign(j)[:, None], m.qd[:, j : j + 1]
+    return np.concatenate([slow, sign * slow, v * slow[:, :3]], axis=1)
+
+
+def other_joints(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Smooth functions of the other joints' positions and speeds."""
+    others = [k for k in range(m.d) if k != j]
+    if not others:
+        return np.zeros((m.n, 0))
+    parts = []
+    for k in others[:6]:
+        v = m.qd[:, k] / max(rms[k], 1e-12)
+        parts += [_place(m, k, 3)[:, 1:], np.stack([np.tanh(3 * v), v, v * np.abs(v)], axis=1)]
+        parts.append(m.qd[:, j : j + 1] * _place(m, k, 2)[:, 1:])
+    return np.concatenate(parts, axis=1)
+
+
+def lateness(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """An effort that is late or early by a short time."""
+    return np.gradient(m.load[:, j], m.dt)[:, None]
+
+
+#: What a competitor is a function of, in words, and its columns.
+COMPETITORS: dict[str, Columns] = {
+    "position": position,
+    "position, by direction": position_by_direction,
+    "speed": speed,
+    "position and speed": position_and_speed,
+    "load": load,
+    "time": time,
+    "the other joints": other_joints,
+    "lateness": lateness,
+}
+
+
+def competitor(problem: Problem, j: int, what: str) -> Group | None:
+    """Columns of one competitor on joint j; None where it has none."""
+    rms = np.sqrt(np.mean(np.concatenate([m.qd for m in problem.motions]) ** 2, axis=0))
+    rms = np.maximum(rms, 1e-12)
+    raw = [COMPETITORS[what](m, j, rms) for m in problem.motions]
+    if not raw[0].shape[1]:
+        return None
+    columns = problem.gated(raw, j)
+    free = np.full(columns.shape[1], np.inf)
+    return Group(("free", what, j), j, columns, -free, free, np.zeros(free.size), SHRINK)

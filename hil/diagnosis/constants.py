@@ -1,0 +1,41 @@
+"""Every decision constant of the diagnosis, in one place.
+
+Each line says what the constant decides, where it comes from, and what moves when it is halved or
+doubled.  None of them was set on a recording: the source is a theorem, a data sheet or the tuning
+plants of `hil bench diagnosis`.
+"""
+
+from __future__ import annotations
+
+#: Practical size of an error: share of the rms effort that is not known better [1].  Data sheets
+#: of current amplifiers and torque sensors.  Half: names for half a percent; double: none below 2.
+MATTERS = 0.01
+#: Least size of one effect: linearity of amplifiers and converters, and the jitter of a command
+#: within its period [1].  Data sheets.  Half: laws of a fifth of a percent; double: none below 1 %.
+ACCURACY = 0.003
+#: Level of the family-wise test over all candidates.  Convention.  Double: twice as many false
+#: names in sessions with nothing hidden, the smallest effects a tenth smaller.
+LEVEL = 0.01
+#: Share of its own power by which a library law misses a real effect (one number for all).
+#: Tuning plants: residual of the true law beside simulated physics of another form.  Half: more
+#: names for what a first law's form leaves; double: second effects below a fortieth go unnamed.
+DISCREPANCY = 0.01
+#: Least fall of the held-out rms of a joint that is worth an effect.  Below it the eye sees no
+#: difference in the residual.  Half: more small effects; double: effects of half a floor are lost.
+WORTH = 0.03
+#: Paired standard errors by which the held-out error must fall.  Normal tail, 7 % one-sided,
+#: beside `LEVEL`.  Half: effects of a single stretch pass more easily; double: end stops are lost.
+BEYOND = 1.5
+#: Error over the measured noise floor that counts as met.  The floor itself is known to a tenth.
+#: Half: right answers become *unexplained*; double: effects of half a floor are overlooked.
+ADEQUATE = 1.10
+#: Blocks of time into which a recording is dealt, at least and at most.  Fewer: coarse standard
+#: errors; more: blocks shorter than the filter.
+FEWEST, MOST = 24, 96
+#: Length of a block in periods of the effort filter, and of the guard at each of its ends.
+PERIODS, GUARD = 6.0, 0.5
+#: Folds into which blocks are dealt.  Half: a fifth less data for each fit; double: twice the time.
+FOLDS = 8
+#: Bins of position by which it is seen where a joint has been.  Half: extrapolation is overlooked;
+#: double: more instants are not judged.
+BINS = 12
