@@ -32,6 +32,8 @@ RUNS = 3
 #: Shares of the diagonal of the normal equations that are tried with several joints.
 RIDGES = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 RIDGE_OF_ONE = 1e-9
+#: A column of this share of the largest one is rounding.
+NOTHING = 1e-9
 #: With more joints a feature is first sized up on its own joint's rows.
 MANY = 3
 
@@ -136,12 +138,12 @@ class Script:
     def solve(self, own: list[FloatArray]) -> FloatArray:
         """Coefficients (p,) from all rows."""
         gram, moment = self._normal(own)
-        return _solve(gram.sum(axis=0), moment.sum(axis=0), self._scale(gram), self.ridge)
+        return _solve(gram.sum(axis=0), moment.sum(axis=0), _scale(gram.sum(axis=0)), self.ridge)
 
     def left_out(self, own: list[FloatArray]) -> FloatArray:
         """Rms error of each joint (d,) on each fold, coefficients from the others."""
         gram, moment = self._normal(own)
-        scale, places = self._scale(gram), _places(self.side.shared.shape[2], own)
+        scale, places = _scale(gram.sum(axis=0)), _places(self.side.shared.shape[2], own)
         whole, right, error = gram.sum(axis=0), moment.sum(axis=0), np.zeros(len(own))
         for f in range(self.folds):
             theta = _solve(whole - gram[f], right - moment[f], scale, self.ridge)
@@ -155,12 +157,13 @@ class Script:
     def left_out_alone(self, j: int, more: FloatArray) -> float:
         """Rms error of joint j with further columns, on its own rows alone: quick."""
         x = np.concatenate([self.side.shared[j], self.side.own[j], more], axis=1)
-        x = x / np.maximum(np.linalg.norm(x, axis=0), 1e-30)
         parts = [(x[self.fold == f], self.y[j][self.fold == f]) for f in range(self.folds)]
         gram, moment = np.stack([a.T @ a for a, _ in parts]), np.stack([a.T @ b for a, b in parts])
-        whole, right, one = gram.sum(axis=0), moment.sum(axis=0), np.ones(x.shape[1])
+        whole, right = gram.sum(axis=0), moment.sum(axis=0)
+        scale = _scale(whole)
         thetas = [
-            _solve(whole - g, right - r, one, self.ridge) for g, r in zip(gram, moment, strict=True)
+            _solve(whole - g, right - r, scale, self.ridge)
+            for g, r in zip(gram, moment, strict=True)
         ]
         error = sum(
             float(np.sum((b - a @ t) ** 2)) for (a, b), t in zip(parts, thetas, strict=True)
@@ -193,11 +196,6 @@ class Script:
                 gram[f][np.ix_(at, at)] += x[rows].T @ x[rows]
                 moment[f][at] += x[rows].T @ y[rows]
         return gram, moment
-
-    def _scale(self, gram: FloatArray) -> FloatArray:
-        """What makes the diagonal one (p,)."""
-        out: FloatArray = 1 / np.sqrt(np.maximum(np.diag(gram.sum(axis=0)), 1e-30))
-        return out
 
 
 @single_threaded
@@ -282,6 +280,13 @@ def _fifths(n: int) -> NDArray[np.int_]:
     """Labels of contiguous fifths (n,)."""
     out: NDArray[np.int_] = np.arange(n) * FOLDS // n
     return out
+
+
+def _scale(gram: FloatArray) -> FloatArray:
+    """What makes the diagonal one (p,), and leaves columns of nothing but rounding out."""
+    power = np.diag(gram)
+    there = power > NOTHING**2 * power.max(initial=1e-30)
+    return np.where(there, 1 / np.sqrt(np.where(there, power, 1.0)), 0.0)
 
 
 def _solve(gram: FloatArray, moment: FloatArray, scale: FloatArray, ridge: float) -> FloatArray:
