@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
+from typing import Any
 
 from hil.bench.real import Ours, Row, Script
 
@@ -129,6 +131,19 @@ def failures(rows: Sequence[Row]) -> list[str]:
     """What failed on which case."""
     out = [f"{r.case}: {r.ours}" for r in rows if isinstance(r.ours, str)]
     return out + [f"{r.case}, person: {r.script}" for r in rows if isinstance(r.script, str)]
+
+
+def data(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """For JSON; what is no number is null."""
+    return [{key: _plain_data(x) for key, x in asdict(row).items()} for row in rows]
+
+
+def _plain_data(x: Any) -> Any:
+    if isinstance(x, dict):
+        return {key: _plain_data(value) for key, value in x.items()}
+    if isinstance(x, list | tuple):
+        return [_plain_data(value) for value in x]
+    return None if isinstance(x, float) and not math.isfinite(x) else x
 
 
 def text(rows: Sequence[Row], table: Callable[[list[str], list[list[str]]], str]) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from dataclasses import asdict
 
 from tqdm import tqdm
 
@@ -110,8 +109,8 @@ def _real(args: argparse.Namespace) -> Found:
     benchpage.write(
         args.report, realtable.page(rows, f"hil bench real{only} --jobs {args.jobs}", made_by)
     )
-    data = {"revision": made_by, "cases": [asdict(r) for r in rows]}
-    return realtable.text(rows, common.table), dict(data)
+    data: dict[str, object] = {"revision": made_by, "cases": realtable.data(rows)}
+    return realtable.text(rows, common.table), data
 
 
 BENCHES: dict[str, Callable[[argparse.Namespace], Found]] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 
@@ -181,6 +182,13 @@ def test_aims_count_what_fails():
     assert "internal errors: 1 (crash)" in text
     assert "missing: 1 (alarm) of 2" in text
     assert "by itself, judged runs included: 1 (own)" in text
+
+
+def test_data_are_json():
+    dead = Row("dead", "arm", False, [], [], "gone", "gone", math.nan)
+    back = json.loads(json.dumps(realtable.data([*ROWS, dead]), allow_nan=False))
+    assert back[0]["ours"]["names"] == [["presliding on a", 0.9]]
+    assert back[-1]["mebibytes"] is None
 
 
 def test_page():
