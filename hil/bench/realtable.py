@@ -80,13 +80,13 @@ def joint_lines(row: Row) -> list[list[str]]:
 
 def aims(rows: Sequence[Row]) -> list[str]:
     """What is aimed at, and how many cases reach it."""
-    known = [r for r in rows if isinstance(r.script, Script)]
+    known = [(r, r.script) for r in rows if isinstance(r.script, Script)]
     complete = [r for r in rows if r.complete]
     named = [r.case for r in complete if isinstance(r.ours, Ours) and r.ours.names]
     broken = [r.case for r in rows if not isinstance(r.ours, Ours)]
     late = [r.case for r in rows if worse(r)]
     alone = [r.case for r in rows if not isinstance(r.script, Script)]
-    near, below = sum(ratio(r) <= AIM for r in known), sum(ratio(r) < 1 for r in known)
+    near, below = sum(ratio(r) <= AIM for r, _ in known), sum(ratio(r) < 1 for r, _ in known)
     own = [r.case for r in rows if isinstance(r.ours, Ours) and r.ours.refitted]
     lines = [
         f"at most {AIM:g} times the person's error: {near} of {len(known)} cases (aim: all)",
@@ -95,9 +95,16 @@ def aims(rows: Sequence[Row]) -> list[str]:
         f"internal errors: {_some(broken)} (aim: none)",
         f"named where nothing is missing: {_some(named)} of {len(complete)} cases (aim: none)",
     ]
+    low = [r.case for r, script in known if _floor(r) > r.whole(script.final)]
+    lines.append(f"noise floor stated above the person's error: {_some(low)} (aim: none)")
     if own:
         lines.append(f"* a value of every run by itself, judged runs included: {_some(own)}")
     return lines + ([f"the person's script failed: {_some(alone)}"] if alone else [])
+
+
+def _floor(row: Row) -> float:
+    """Noise floor that is stated [%]; NaN without any."""
+    return row.whole(row.ours.floor) if isinstance(row.ours, Ours) and row.ours.ladder else math.nan
 
 
 def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:

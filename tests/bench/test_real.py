@@ -181,6 +181,9 @@ def test_aims_count_what_fails():
     assert "worse than the given model: 1 (alarm)" in text
     assert "internal errors: 1 (crash)" in text
     assert "missing: 1 (alarm) of 2" in text
+    assert "noise floor stated above the person's error: 0" in text
+    high = row("high", Ours("adequate", [], ["rung"], [[5.0] * 3], 0, [4.0] * 3, False, 1.0))
+    assert "above the person's error: 1 (high)" in "\n".join(realtable.aims([high]))
     assert "by itself, judged runs included: 1 (own)" in text
 
 
