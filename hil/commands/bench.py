@@ -26,14 +26,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seconds", type=float, default=60.0,
         help="of every run (loop), of the session (record, determinism); default 60",
     )  # fmt: skip
-    parser.add_argument("--jobs", type=int, default=2, help="processes (diagnosis)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (diagnosis, real)")
     parser.add_argument(
         "--resume", metavar="R.jsonl",
         help="keep every result in this file, and do not do again what it holds (diagnosis)",
     )  # fmt: skip
     parser.add_argument(
         "--report", metavar="R.md",
-        help="write the tables too (diagnosis, identify, velocity, faults, loop, determinism)",
+        help="write the tables too (diagnosis, real, identify, velocity, faults, loop, "
+        "determinism)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--only", metavar="WORD", action="append", default=[],
+        help="cases whose name or kind holds this word (real); repeatable",
     )  # fmt: skip
     parser.add_argument(
         "--figaroh", metavar="PYTHON", default="",

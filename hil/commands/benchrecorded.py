@@ -1,12 +1,16 @@
-"""`hil bench emps`, `contact` and `wrist`: what the public recordings give."""
+"""`hil bench emps`, `contact`, `wrist` and `real`: what the public recordings give."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 
-from hil.bench import recordings
-from hil.commands import common
+from tqdm import tqdm
+
+from hil.bench import real, realtable, recordings
+from hil.bench.diagnosis.runner import revision
+from hil.commands import benchpage, common
 from hil.commands.benchpage import Found
 
 
@@ -91,8 +95,27 @@ def _wrist(args: argparse.Namespace) -> Found:
     return "\n".join(lines), dict(data)
 
 
+def _real(args: argparse.Namespace) -> Found:
+    """Every public recording: the given model, a person's script, and the tool beside them."""
+    benchpage.check(args.report)
+    todo = real.cases(args.only)
+    found: dict[str, real.Row] = {}
+    with tqdm(total=len(todo), unit="case", disable=not sys.stderr.isatty()) as bar:
+        for row in real.run(todo, args.jobs):
+            found[row.case] = row
+            bar.update()
+    rows, made_by = [found[c.name] for c in todo], revision()
+    only = "".join(f" --only {word}" for word in args.only)
+    benchpage.write(
+        args.report, realtable.page(rows, f"hil bench real{only} --jobs {args.jobs}", made_by)
+    )
+    data: dict[str, object] = {"revision": made_by, "cases": realtable.data(rows)}
+    return realtable.text(rows, common.table), data
+
+
 BENCHES: dict[str, Callable[[argparse.Namespace], Found]] = {
     "emps": _emps,
     "contact": _contact,
     "wrist": _wrist,
+    "real": _real,
 }

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 
 from hil.errors import DataError, unknown
@@ -35,7 +37,7 @@ class Dataset:
     folder : str
         Folder under the one that the environment variable names.
     mapping : str
-        Built-in map.
+        Built-in map; ``""`` where columns bear their own names.
     sha256 : mapping of str to str
         Checksum of each file.
     tables : tuple of str
@@ -52,50 +54,25 @@ class Dataset:
     tables: tuple[str, ...]
 
 
-DATASETS = {
-    "emps": Dataset(
-        "emps",
-        "EMPS: linear drive with friction, 1 kHz (Janot, Gautier, Brunot 2019)",
-        "github.com/wmkouw/NSI-EMPS, commit d1137b8cc8a5ec3d75fe69c5d531075f7f6f616a, data/",
-        "MIT (repository); data published for nonlinearbenchmark.org, cite Janot et al. 2019",
-        "emps",
-        "emps",
-        {
-            "DATA_EMPS.mat": "6cf6814ae14618795da0101aae2bb97ff0c6351b0501b5492751b02b07facf7e",
-            "DATA_EMPS_PULSES.mat":
-                "0eab75bb1f6b16228ee78791343a88bf9bfd9a51036ac9807d7b5fc11c0e1704",
-        },
-        ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"),
-    ),
-    "tue": Dataset(
-        "tue",
-        "TU/e: bilateral teleoperation with one degree of freedom, 55 runs, 2 kHz",
-        "github.com/Ohara124c41/Haptics-Bilateral_Teleoperation-1DOF_Experiments, commit "
-        "2ae23ed4f6e6b9726be4153a1f094085124c0c57 (the scope logs of its .mat files, one array "
-        "(n, 7) a run)",
-        "MIT",
-        "tue_1dof_teleop",
-        "tue-1dof",
-        {"tue_1dof.npz": "3fce1fa32a5bc826a3af63eab148e5139ee5e9de7c6bdc78771dabc7109c0ca8"},
-        ("tue_1dof.npz",),
-    ),
-    "tx40": Dataset(
-        "tx40",
-        "Staubli TX40: six axes, 9 s at 5 kHz, coupled wrist",
-        "github.com/thanhndv212/figaroh-examples, commit "
-        "c0b5c7f0fda10078be55104f9ee76ac106b7a5ee, examples/staubli_TX40/",
-        "Apache-2.0",
-        "tx40",
-        "tx40",
-        {
-            "pos_read_data.csv": "5cc1cecc1024ef0e331d0caba06f689456ab789ec3f1e904599c0a8be5c27bc8",
-            "curr_data.csv": "f4592f4ba4db42f5d7625688986be25b575ca34d0504b27979ca6b0276bd3af9",
-            "tx40_mdh_modified.urdf":
-                "3d00cbd46279c915d594b1bb4610dbac78d1e99ed27f95de70984bde13486074",
-        },
-        ("pos_read_data.csv",),
-    ),
-}  # fmt: skip
+def _read() -> dict[str, Dataset]:
+    """The sets that ``datasets.toml`` lists, by name."""
+    text = resources.files("hil.record").joinpath("datasets.toml").read_text("utf-8")
+    return {
+        name: Dataset(
+            name=name,
+            title=entry["title"],
+            source=" ".join(entry["source"].split()),
+            licence=entry["licence"],
+            folder=entry["folder"],
+            mapping=entry["map"],
+            sha256=entry["sha256"],
+            tables=tuple(entry["tables"]),
+        )
+        for name, entry in tomllib.loads(text).items()
+    }
+
+
+DATASETS = _read()
 
 
 def path(name: str, file: str) -> Path:
@@ -139,17 +116,51 @@ def resolve(table: str) -> tuple[Path, str] | None:
     folder, _, file = table.replace("\\", "/").rpartition("/")
     for data in DATASETS.values():
         if folder in (data.name, data.folder) and file in data.tables:
-            if len(data.tables) == 1:  # its other files belong to it
-                for other in data.sha256:
-                    path(data.name, other)
-            return path(data.name, file), data.mapping
+            return _table(data, file), data.mapping
     return None
+
+
+def _table(data: Dataset, file: str) -> Path:
+    """Local copy of a table, after checking the files that belong to it."""
+    for other in data.sha256:
+        if other not in data.tables:
+            path(data.name, other)
+    return path(data.name, file)
+
+
+def load_set(name: str, part: str = "") -> list[Recording]:
+    """Recordings of a set of which every table is one run.
+
+    Parameters
+    ----------
+    name : str
+        The set, such as ``"ur10"``.
+    part : str
+        First letters of the files to take: ``"train"``, ``"hold"``, ``""`` = all.
+
+    Returns
+    -------
+    list of Recording
+        In the order of the set's table; stamps as recorded, evenly spaced or not.
+
+    Raises
+    ------
+    DataError
+        If the set is unknown, has no such file, or a file is not there or differs.
+    """
+    if name not in DATASETS:
+        raise DataError(unknown("data set", name, DATASETS))
+    data = DATASETS[name]
+    files = [f for f in data.tables if f.startswith(part)]
+    if not files:
+        raise DataError(f"data set {name!r}: " + unknown("file", part, data.tables))
+    mapping = read_map(data.mapping) if data.mapping else None
+    return [import_table(_table(data, f), mapping).recordings[0] for f in files]
 
 
 def load_emps(pulses: bool = False) -> Recording:
     """EMPS, one linear axis [m, N]: the sine-like record, or the one with pulses."""
-    file = path("emps", "DATA_EMPS_PULSES.mat" if pulses else "DATA_EMPS.mat")
-    return import_table(file, read_map("emps")).recordings[0]
+    return load_set("emps", "DATA_EMPS_PULSES" if pulses else "DATA_EMPS.")[0]
 
 
 def tue_runs() -> list[str]:
@@ -171,7 +182,4 @@ def load_tue(run: str) -> dict[str, Recording]:
 
 def load_tx40() -> Recording:
     """Staubli TX40, six joints [rad, N m], motor encoders and torques brought to the joints."""
-    for file in DATASETS["tx40"].sha256:
-        path("tx40", file)
-    table = path("tx40", "pos_read_data.csv")
-    return import_table(table, read_map("tx40")).recordings[0]
+    return load_set("tx40")[0]

@@ -115,3 +115,42 @@ def test_tx40():
     assert check(r) == []
     np.testing.assert_allclose(r.q[0], 0, atol=1e-3)
     assert abs(np.corrcoef(r.q[:, 4], r.q[:, 5])[0, 1]) < 0.9
+
+
+SETS = {
+    "umn_grasper": (1, 10, 10),
+    "wam_follower": (4, 3, 2),
+    "ur10": (6, 1, 1),
+    "tiago": (8, 1, 1),
+    "panda_30hz": (7, 1, 1),
+}
+
+
+@needs_data
+@pytest.mark.parametrize("name", SETS)
+def test_sets_of_runs_that_fit_and_runs_that_judge(name):
+    train, hold = datasets.load_set(name, "train"), datasets.load_set(name, "hold")
+    d, *counts = SETS[name]
+    assert [len(train), len(hold)] == counts
+    assert {r.d for r in (*train, *hold)} == {d}
+    assert train[0].name == datasets.DATASETS[name].tables[0].removesuffix(".npz")
+    if d == 1:
+        assert train[0].tau_ext is not None
+    else:
+        assert train[0].robot.urdf
+
+
+def test_set_without_the_data_names_its_public_source(monkeypatch):
+    monkeypatch.delenv("HIL_DATA", raising=False)
+    with pytest.raises(DataError, match=r"github\.com/MRDLab/mis-tool-characterization"):
+        datasets.load_set("umn_grasper", "train")
+    with pytest.raises(DataError, match="unknown data set"):
+        datasets.load_set("ur11")
+    with pytest.raises(DataError, match="unknown file"):
+        datasets.load_set("ur10", "test")
+
+
+@needs_data
+def test_shorthand_of_a_set_finds_its_robot(tmp_path):
+    assert main(["import", "ur10/hold_0.npz", "-o", str(tmp_path / "s.mcap")]) == 0
+    assert load(tmp_path / "s.mcap").robot.urdf == datasets.load_set("ur10", "hold")[0].robot.urdf

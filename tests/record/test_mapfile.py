@@ -44,4 +44,4 @@ def test_built_in_maps_read(name):
 
 
 def test_built_in_maps_are_those_of_the_public_sets():
-    assert builtin_maps() == ("emps", "tue-1dof", "tx40")
+    assert builtin_maps() == ("emps", "robot-beside", "tue-1dof", "tx40")

@@ -1,0 +1,296 @@
+"""What a person's forty lines reach: greedy least squares on hand-made features.
+
+The yardstick of `hil bench real`: rows and band are those of `hil.identify`, everything else is
+plain numpy.  Features are chosen joint by joint on the training runs alone, by the error of runs
+left out (fifths of a single run); then all is fitted once and shown the held-out runs once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.bench import personfeatures
+from hil.bench.personfeatures import Feature, Scales
+from hil.identify.problem import Problem
+from hil.identify.threads import single_threaded
+from hil.models import catalogue
+from hil.models.motion import Motion
+from hil.record.recording import Recording, RobotSource
+
+FloatArray = NDArray[np.float64]
+#: A feature stays if it takes this share of the left-out error of its joint.
+WORTH = 0.03
+PASSES = 5
+FOLDS = 5
+#: So many runs are left out one by one; fewer are cut into fifths.
+RUNS = 3
+#: Shares of the diagonal of the normal equations that are tried with several joints.
+RIDGES = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
+RIDGE_OF_ONE = 1e-9
+#: A column of this share of the largest one is rounding.
+NOTHING = 1e-9
+#: With more joints a feature is first sized up on its own joint's rows.
+MANY = 3
+
+
+@dataclass(frozen=True)
+class Person:
+    """Outcome of the script.
+
+    Parameters
+    ----------
+    given, final : ndarray (d,)
+        Held-out relative error of each joint [%], before and after the features.
+    holds : ndarray (d,) of bool
+        Joints that only hold their place; their errors do not count.
+    chosen : tuple of tuple of str
+        Features by joint, in the order in which they were taken.
+    ridge : float
+        Share of the diagonal that was added.
+    """
+
+    given: FloatArray
+    final: FloatArray
+    holds: NDArray[np.bool_]
+    chosen: tuple[tuple[str, ...], ...]
+    ridge: float
+
+
+class Side:
+    """Rows of some runs and the columns of each joint so far.
+
+    Attributes
+    ----------
+    shared : ndarray (d, n, m)
+        Columns whose coefficients all joints share: the rigid body's.
+    own : list of ndarray (n, k)
+        Columns of each joint by itself.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.load = [np.zeros_like(m.q) for m in problem.motions]
+        if problem.explains == "motor":
+            body = problem.columns(catalogue.get("rigid-body"), 0, ())
+            self.shared = body if body.ndim == 3 else body[None]
+            start = _friction
+        else:
+            self.shared = np.zeros((problem.d, problem.n, 0))
+            start = _spring
+        self.own = [self.rows(partial(start, j=j), j) for j in range(problem.d)]
+
+    def rows(self, feature: Feature, j: int) -> FloatArray:
+        """Columns (n, k) of a feature as the rows of joint j see it."""
+        runs = zip(self.problem.motions, self.load, strict=True)
+        return self.problem.gated([feature(m, load) for m, load in runs], j)
+
+    def take_load(self, theta: FloatArray) -> None:
+        """Effort of the rigid body at every instant of the runs, less the external one."""
+        if not self.shared.shape[2]:
+            return
+        raw = self.problem.raw(catalogue.get("rigid-body"), 0, ())
+        body = [x if x.ndim == 3 else x[:, None, :] for x in raw]
+        runs = zip(body, self.problem.motions, strict=True)
+        self.load = [x @ theta[: x.shape[2]] - m.tau_ext for x, m in runs]
+
+    def with_(self, j: int, more: FloatArray) -> list[FloatArray]:
+        """Columns of every joint, `more` beside those of joint j."""
+        joints = range(self.problem.d)
+        return [np.concatenate([self.own[k], more], 1) if k == j else self.own[k] for k in joints]
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        """What the coefficients leave of the target (d, n)."""
+        places = _places(self.shared.shape[2], self.own)
+        left = [
+            y - np.concatenate([shared, own], axis=1) @ theta[at]
+            for y, shared, own, at in zip(
+                self.problem.y, self.shared, self.own, places, strict=True
+            )
+        ]
+        return np.stack(left)
+
+
+class Script:
+    """Least squares over all joints on the training runs, with its left-out error."""
+
+    def __init__(self, side: Side) -> None:
+        problem = side.problem
+        self.side, self.y = side, problem.y
+        self.fold = problem.run if len(problem.motions) >= RUNS else _fifths(problem.n)
+        self.folds = int(self.fold.max()) + 1
+        self.sigma = np.maximum(problem.y.std(axis=1), 1e-12)
+        self.moving = ~problem.holds
+        self.size = np.maximum(problem.rms(problem.effort), 1e-12)
+        self.ridge = RIDGE_OF_ONE
+        if problem.d > 1:
+            self.ridge = min(RIDGES, key=self._error_with)
+
+    def _error_with(self, ridge: float) -> float:
+        self.ridge = ridge
+        parts = self.left_out(self.side.own) / self.size
+        return float(np.sum(parts[self.moving] ** 2))
+
+    def solve(self, own: list[FloatArray]) -> FloatArray:
+        """Coefficients (p,) from all rows."""
+        gram, moment = self._normal(own)
+        return _solve(gram.sum(axis=0), moment.sum(axis=0), _scale(gram.sum(axis=0)), self.ridge)
+
+    def left_out(self, own: list[FloatArray]) -> FloatArray:
+        """Rms error of each joint (d,) on each fold, coefficients from the others."""
+        gram, moment = self._normal(own)
+        scale, places = _scale(gram.sum(axis=0)), _places(self.side.shared.shape[2], own)
+        whole, right, error = gram.sum(axis=0), moment.sum(axis=0), np.zeros(len(own))
+        for f in range(self.folds):
+            theta = _solve(whole - gram[f], right - moment[f], scale, self.ridge)
+            rows = self.fold == f
+            for j, at in enumerate(places):
+                columns = np.concatenate([self.side.shared[j], own[j]], axis=1)[rows]
+                error[j] += np.sum((self.y[j][rows] - columns @ theta[at]) ** 2)
+        out: FloatArray = np.sqrt(error / self.side.problem.count)
+        return out
+
+    def left_out_alone(self, j: int, more: FloatArray) -> float:
+        """Rms error of joint j with further columns, on its own rows alone: quick."""
+        x = np.concatenate([self.side.shared[j], self.side.own[j], more], axis=1)
+        parts = [(x[self.fold == f], self.y[j][self.fold == f]) for f in range(self.folds)]
+        gram, moment = np.stack([a.T @ a for a, _ in parts]), np.stack([a.T @ b for a, b in parts])
+        whole, right = gram.sum(axis=0), moment.sum(axis=0)
+        scale = _scale(whole)
+        thetas = [
+            _solve(whole - g, right - r, scale, self.ridge)
+            for g, r in zip(gram, moment, strict=True)
+        ]
+        error = sum(
+            float(np.sum((b - a @ t) ** 2)) for (a, b), t in zip(parts, thetas, strict=True)
+        )
+        return float(np.sqrt(error / self.side.problem.count[j]))
+
+    def best(self, j: int, now: float, pool: dict[str, Feature]) -> tuple[str, FloatArray] | None:
+        """The feature with the least left-out error of joint j below `now`, and its rows."""
+        best, found = now, None
+        for name, feature in pool.items():
+            rows = self.side.rows(feature, j)
+            if self.side.problem.d > MANY:
+                error = self.left_out_alone(j, rows)
+            else:
+                error = float(self.left_out(self.side.with_(j, rows))[j])
+            if error < best:
+                best, found = error, (name, rows)
+        return found
+
+    def _normal(self, own: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Normal equations of each fold: (folds, p, p) and (folds, p)."""
+        places = _places(self.side.shared.shape[2], own)
+        p = 1 + max((int(at.max()) for at in places if at.size), default=-1)
+        gram, moment = np.zeros((self.folds, p, p)), np.zeros((self.folds, p))
+        for j, at in enumerate(places):
+            x = np.concatenate([self.side.shared[j], own[j]], axis=1) / self.sigma[j]
+            y = self.y[j] / self.sigma[j]
+            for f in range(self.folds):
+                rows = self.fold == f
+                gram[f][np.ix_(at, at)] += x[rows].T @ x[rows]
+                moment[f][at] += x[rows].T @ y[rows]
+        return gram, moment
+
+
+@single_threaded
+def run(
+    train: list[Recording], hold: list[Recording], robot: RobotSource, explains: str = "motor"
+) -> Person:
+    """Choose features on the training runs, fit once, and show the held-out runs once.
+
+    Parameters
+    ----------
+    train, hold : list of Recording
+        Runs to fit and runs to judge on.
+    robot : RobotSource
+        The robot.
+    explains : str
+        ``"motor"``: rigid body, friction and an offset to begin with; ``"external"``: a spring
+        and an offset.
+
+    Returns
+    -------
+    Person
+        Errors and features.
+    """
+    fitted = Problem(train, robot, explains)
+    other = Problem(hold, robot, explains, rates=fitted.rates, span=fitted.span)
+    other.set_context(v0=fitted.motions[0].v0)
+    side, judged = Side(fitted), Side(other)
+    script = Script(side)
+    theta = script.solve(side.own)
+    size = np.maximum(other.rms(other.effort), 1e-12)
+    given = 100 * other.rms(judged.residual(theta)) / size
+    side.take_load(theta)
+    judged.take_load(theta)
+    chosen = _choose(script, judged)
+    final = 100 * other.rms(judged.residual(script.solve(side.own))) / size
+    return Person(given, final, fitted.holds, chosen, script.ridge)
+
+
+def _choose(script: Script, judged: Side) -> tuple[tuple[str, ...], ...]:
+    """Add features to both sides while they pay; the judged side is given their columns only."""
+    side, d = script.side, script.side.problem.d
+    make = personfeatures.motor if side.problem.explains == "motor" else personfeatures.external
+    pools = [make(Scales.of(side.problem), j) for j in range(d)]
+    chosen: list[list[str]] = [[] for _ in range(d)]
+    error = script.left_out(side.own)
+    for _ in range(PASSES):
+        gained = False
+        for j in map(int, np.flatnonzero(script.moving)):
+            left = {k: f for k, f in pools[j].items() if k not in chosen[j]}
+            found = script.best(j, float(error[j]), left)
+            if found is None:
+                continue
+            trial = side.with_(j, found[1])
+            after = script.left_out(trial)
+            if after[j] < (1 - WORTH) * error[j]:
+                side.own, error, gained = trial, after, True
+                judged.own = judged.with_(j, judged.rows(pools[j][found[0]], j))
+                chosen[j].append(found[0])
+        if not gained:
+            break
+    return tuple(tuple(names) for names in chosen)
+
+
+def _friction(m: Motion, _: FloatArray, j: int) -> FloatArray:
+    """Rotor inertia, viscous and Coulomb friction and an offset of joint j (n, 4)."""
+    v = m.qd[:, j]
+    return personfeatures.columns(m.qdd[:, j], v, np.tanh(v / m.v0[j]), np.ones(m.n))
+
+
+def _spring(m: Motion, _: FloatArray, j: int) -> FloatArray:
+    """A spring and an offset at joint j (n, 2)."""
+    return personfeatures.columns(m.q[:, j], np.ones(m.n))
+
+
+def _places(shared: int, own: list[FloatArray]) -> list[NDArray[np.int_]]:
+    """Where the coefficients of each joint stand: the shared ones first, then joint by joint."""
+    ends = shared + np.cumsum([0, *(x.shape[1] for x in own)])
+    return [np.r_[0:shared, a:b] for a, b in pairwise(ends)]
+
+
+def _fifths(n: int) -> NDArray[np.int_]:
+    """Labels of contiguous fifths (n,)."""
+    out: NDArray[np.int_] = np.arange(n) * FOLDS // n
+    return out
+
+
+def _scale(gram: FloatArray) -> FloatArray:
+    """What makes the diagonal one (p,), and leaves columns of nothing but rounding out."""
+    power = np.diag(gram)
+    there = power > NOTHING**2 * power.max(initial=1e-30)
+    return np.where(there, 1 / np.sqrt(np.where(there, power, 1.0)), 0.0)
+
+
+def _solve(gram: FloatArray, moment: FloatArray, scale: FloatArray, ridge: float) -> FloatArray:
+    """Coefficients of normal equations with a ridge on the scaled diagonal (p,)."""
+    scaled = gram * scale[:, None] * scale + ridge * np.eye(scale.size)
+    out: FloatArray = scale * np.linalg.solve(scaled, scale * moment)
+    return out

@@ -1,0 +1,214 @@
+"""The outcome of `hil bench real` as tables: errors by kind, by joint, and what is aimed at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from hil.bench.real import Ours, Row, Script
+
+#: Largest ratio of our error to the person's that is aimed at.
+AIM = 1.1
+#: An error is worse than the given model's from this ratio on: two fits differ by rounding.
+WORSE = 1.001
+HEAD = (
+    "case", "given", "with offset", "person", "ours", "best rung", "floor", "ours / person",
+    "verdict", "named", "person s", "ours s", "MiB",
+)  # fmt: skip
+JOINTS = ("case", "joint", "given", "with offset", "person", "ours", "floor", "person's features")
+FAILED = "internal error"
+NOTHING = "-"
+
+
+def ratio(row: Row) -> float:
+    """Our written model's error over the person's; NaN where either is missing."""
+    if not isinstance(row.ours, Ours) or not isinstance(row.script, Script) or not row.ours.ladder:
+        return math.nan
+    return row.whole(row.ours.ladder[row.ours.written]) / row.whole(row.script.final)
+
+
+def worse(row: Row) -> bool:
+    """Whether the written model is worse than the given one."""
+    if not isinstance(row.ours, Ours) or not row.ours.ladder:
+        return False
+    given, written = (row.whole(row.ours.ladder[k]) for k in (0, row.ours.written))
+    return written > WORSE * given
+
+
+def line(row: Row) -> list[str]:
+    """One case: errors in %, what was named, seconds and memory."""
+    errors = [NOTHING] * 6
+    named = verdict = person_s = ours_s = NOTHING
+    if isinstance(row.script, Script):
+        errors[1], errors[2] = (_number(row.whole(x)) for x in (row.script.given, row.script.final))
+        person_s = f"{row.script.seconds:.1f}"
+    if isinstance(row.ours, Ours):
+        verdict, ours_s = row.ours.verdict, f"{row.ours.seconds:.1f}"
+        named = ", ".join(f"{name} ({p:.2f})" for name, p in row.ours.names) or NOTHING
+        if whole := [row.whole(x) for x in row.ours.ladder]:
+            mine = (whole[0], whole[row.ours.written], min(whole), row.whole(row.ours.floor))
+            errors[0], errors[3], errors[4], errors[5] = map(_number, mine)
+    else:
+        verdict = FAILED
+    far, star = ratio(row), "*" if isinstance(row.ours, Ours) and row.ours.refitted else ""
+    return [
+        row.case, *errors, NOTHING if math.isnan(far) else f"{far:.2f}{star}", verdict, named,
+        person_s, ours_s, NOTHING if math.isnan(row.mebibytes) else f"{row.mebibytes:.0f}",
+    ]  # fmt: skip
+
+
+def joint_lines(row: Row) -> list[list[str]]:
+    """Errors of each joint of a case [%]; a joint that only holds its place has none."""
+    out = []
+    for j, joint in enumerate(row.joints):
+        errors = [NOTHING] * 5
+        features = NOTHING
+        if isinstance(row.script, Script):
+            features = ", ".join(row.script.features[j]) or NOTHING
+            errors[1], errors[2] = _number(row.script.given[j]), _number(row.script.final[j])
+        if isinstance(row.ours, Ours) and row.ours.ladder:
+            rungs = row.ours.ladder
+            errors[0], errors[3] = _number(rungs[0][j]), _number(rungs[row.ours.written][j])
+            errors[4] = _number(row.ours.floor[j])
+        if row.holds[j]:
+            joint, errors = f"{joint} (holds)", [NOTHING] * 5
+        out.append([row.case, joint, *errors, features])
+    return out
+
+
+def aims(rows: Sequence[Row]) -> list[str]:
+    """What is aimed at, and how many cases reach it."""
+    known = [(r, r.script) for r in rows if isinstance(r.script, Script)]
+    complete = [r for r in rows if r.complete]
+    named = [r.case for r in complete if isinstance(r.ours, Ours) and r.ours.names]
+    broken = [r.case for r in rows if not isinstance(r.ours, Ours)]
+    late = [r.case for r in rows if worse(r)]
+    alone = [r.case for r in rows if not isinstance(r.script, Script)]
+    near, below = sum(ratio(r) <= AIM for r, _ in known), sum(ratio(r) < 1 for r, _ in known)
+    own = [r.case for r in rows if isinstance(r.ours, Ours) and r.ours.refitted]
+    lines = [
+        f"at most {AIM:g} times the person's error: {near} of {len(known)} cases (aim: all)",
+        f"below the person's error: {below} of {len(known)} cases (aim: half)",
+        f"worse than the given model: {_some(late)} (aim: none)",
+        f"internal errors: {_some(broken)} (aim: none)",
+        f"named where nothing is missing: {_some(named)} of {len(complete)} cases (aim: none)",
+    ]
+    low = [r.case for r, script in known if _floor(r) > r.whole(script.final)]
+    lines.append(f"noise floor stated above the person's error: {_some(low)} (aim: none)")
+    if own:
+        lines.append(f"* a value of every run by itself, judged runs included: {_some(own)}")
+    return lines + ([f"the person's script failed: {_some(alone)}"] if alone else [])
+
+
+def _floor(row: Row) -> float:
+    """Noise floor that is stated [%]; NaN without any."""
+    return row.whole(row.ours.floor) if isinstance(row.ours, Ours) and row.ours.ladder else math.nan
+
+
+def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows by kind of robot, in the order in which they come."""
+    out: dict[str, list[Row]] = {}
+    for row in rows:
+        out.setdefault(row.kind, []).append(row)
+    return out
+
+
+def by_kind(rows: Sequence[Row]) -> list[list[str]]:
+    """How many cases of each kind reach the aim, and the median ratio."""
+    out = []
+    for kind, some in kinds(rows).items():
+        ratios = sorted(math.inf if math.isnan(x) else x for x in map(ratio, some))
+        near, below = sum(x <= AIM for x in ratios), sum(x < 1 for x in ratios)
+        middle = (ratios[(len(ratios) - 1) // 2] + ratios[len(ratios) // 2]) / 2
+        out.append(
+            [
+                kind, str(len(some)), str(near), str(below), str(sum(map(worse, some))),
+                NOTHING if math.isinf(middle) else f"{middle:.2f}",
+            ]
+        )  # fmt: skip
+    return out
+
+
+KINDS = ("kind", "cases", f"at most {AIM:g}", "below", "worse than given", "median ratio")
+
+
+def failures(rows: Sequence[Row]) -> list[str]:
+    """What failed on which case."""
+    out = [f"{r.case}: {r.ours}" for r in rows if isinstance(r.ours, str)]
+    return out + [f"{r.case}, person: {r.script}" for r in rows if isinstance(r.script, str)]
+
+
+def data(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """For JSON; what is no number is null."""
+    return [{key: _plain_data(x) for key, x in asdict(row).items()} for row in rows]
+
+
+def _plain_data(x: Any) -> Any:
+    if isinstance(x, dict):
+        return {key: _plain_data(value) for key, value in x.items()}
+    if isinstance(x, list | tuple):
+        return [_plain_data(value) for value in x]
+    return None if isinstance(x, float) and not math.isfinite(x) else x
+
+
+def text(rows: Sequence[Row], table: Callable[[list[str], list[list[str]]], str]) -> str:
+    """For the terminal; `table` lays out a head and its rows."""
+    parts = []
+    for kind, some in kinds(rows).items():
+        parts += [kind, table(list(HEAD), [line(r) for r in some]), ""]
+    parts += [table(list(KINDS), by_kind(rows)), ""]
+    return "\n".join([*parts, *(f"  {x}" for x in (*aims(rows), *failures(rows)))])
+
+
+def page(rows: Sequence[Row], command: str, revision: str) -> str:
+    """For the documentation."""
+    parts = [
+        "# Real recordings", "",
+        f"Printed by `{command} --report docs/bench/real.md`",
+        f"at revision {revision}.  Every public recording that the package can load, default",
+        "settings.  Some runs are fitted and others judged: the split of the set, else first and",
+        "second half; EMPS: the sine-like record, and the one with pulses; the lever in free",
+        "motion: every other run.  Errors are rms residuals over rms effort on the runs that were",
+        "not fitted, in %, over the joints that move (each in its own effort's scale).", "",
+        "- *given*: the base model as `hil import` writes it (on foam and springs a linear spring",
+        "  and an offset); *with offset*: the same by the person's script, with an offset on every",
+        "  joint;",
+        "- *person*: greedy least squares on hand-made features (`hil/bench/person.py`), chosen on",
+        "  the training runs alone; same rows and band;",
+        "- *ours*: the model that `hil improve` writes; *best rung*: the least error of its",
+        "  ladder, written or not; *floor*: the noise floor that it states;",
+        "- *named*: with the confidence stated; seconds and memory of one process on one core;",
+        "- \\*: the written model has a value of every run by itself (an offset, say), which is",
+        "  estimated on the judged runs, too; the person's script has one value for all runs.",
+        "", "## What is aimed at", "", *(f"- {x}" for x in map(_plain, aims(rows))), "",
+        *_markdown(KINDS, by_kind(rows)), "",
+    ]  # fmt: skip
+    for kind, some in kinds(rows).items():
+        missing = "; nothing is known to be missing" if all(r.complete for r in some) else ""
+        parts += [f"## {kind[0].upper()}{kind[1:]}{missing}", ""]
+        parts += [*_markdown(HEAD, [line(r) for r in some]), ""]
+    parts += ["## Joint by joint, and what the person's script took", ""]
+    parts += [*_markdown(JOINTS, [x for r in rows for x in joint_lines(r)]), ""]
+    if broken := failures(rows):
+        parts += ["## What failed", "", *(f"- {x}" for x in broken), ""]
+    return "\n".join(parts)
+
+
+def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    body = ("| " + " | ".join(_plain(x) for x in row) + " |" for row in rows)
+    return ["| " + " | ".join(head) + " |", "|" + "---|" * len(head), *body]
+
+
+def _plain(words: str) -> str:
+    """Words in which Markdown finds nothing to set."""
+    return words.replace("|", "/").replace("*", "\\*").replace("_", "\\_")
+
+
+def _number(x: float) -> str:
+    return NOTHING if math.isnan(x) else f"{x:.3g}" if abs(x) < 1 else f"{x:.1f}"
+
+
+def _some(names: Sequence[str]) -> str:
+    return f"{len(names)} ({', '.join(names)})" if names else "0"
