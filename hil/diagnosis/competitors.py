@@ -87,11 +87,6 @@ def other_joints(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-def lateness(m: Motion, j: int, rms: FloatArray) -> FloatArray:
-    """An effort that is late or early by a short time."""
-    return np.gradient(m.load[:, j], m.dt)[:, None]
-
-
 #: What a competitor is a function of, in words, and its columns.
 COMPETITORS: dict[str, Columns] = {
     "position": position,
@@ -101,7 +96,6 @@ COMPETITORS: dict[str, Columns] = {
     "load": load,
     "time": time,
     "the other joints": other_joints,
-    "lateness": lateness,
 }
 
 

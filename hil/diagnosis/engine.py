@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hil.compare.afterwards import finish
 from hil.compare.columns import mistaken
 from hil.compare.evidence import NOTHING
-from hil.compare.findings import Accepted, Diagnosis, Finding, joint_of
+from hil.compare.findings import Diagnosis, Finding, joint_of
 from hil.compare.heldout import Examiner
 from hil.compare.identifiable import undetermined
 from hil.compare.judge import _of_noise, _rival
@@ -16,7 +16,7 @@ from hil.compare.notes import notes
 from hil.compare.settle import settled
 from hil.diagnosis.constants import ADEQUATE, MATTERS
 from hil.diagnosis.folds import split
-from hil.diagnosis.search import Named, Rung, Search, exchange, shares
+from hil.diagnosis.search import Named, Search, exchange, shares
 from hil.identify.context import renew
 from hil.identify.problem import Problem
 from hil.identify.threads import single_threaded
@@ -102,7 +102,11 @@ def finding(n: Named, search: Search, floor, other, share) -> Finding:
     k = next((i for i, r in enumerate(rungs) if any(a.term.key == c.term.key for a in r.added)), len(rungs) - 1)
     before, after = ladder[max(k - 1, 0)], ladder[k]
     values = ladder[-1].result.values
-    worth = np.clip((share.get(j, (1.0, ""))[0] - HALF) / (WHOLE - HALF), 0.0, 1.0)
+    start, end = search.rungs[0], search.now
+    base = min(float(floor[j]), float(end.result.rms[j])) ** 2
+    whole = (start.result.rms[j] ** 2 - end.result.rms[j] ** 2) / max(start.result.rms[j] ** 2 - base, 1e-300)
+    least_share = min(share.get(j, (1.0, ""))[0], float(whole))
+    worth = np.clip((least_share - HALF) / (WHOLE - HALF), 0.0, 1.0)
     head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
     one = [(s.result if other is None else s.heldout).rms[j] ** 2 for s in (before, after, ladder[0])]
     least = float((floor if other is None else other)[j]) ** 2

@@ -7,43 +7,44 @@ judged by is what is left now, on blocks that it was not fitted to.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare import blur, denoise
-from hil.compare.attribute import alone, choose, kindred, physical
+from hil.compare.attribute import choose, kindred, physical
 from hil.compare.candidate import Candidate, ranking
 from hil.compare.changes import changes
-from hil.compare.credible import SCALES, _allowed
 from hil.compare.detect import detect
 from hil.compare.evidence import Evidence, _floor, in_time, priced
 from hil.compare.findings import Step, describe
-from hil.compare.floor import Floor
 from hil.compare.heldout import Examiner
 from hil.compare.retest import as_use
-from hil.compare.significance import by_chance
+from hil.diagnosis import rules
 from hil.diagnosis.candidates import (
-    Rated, key_of, model_groups, paired, rate, terms_to_try, tried,
-)  # fmt: skip
-from hil.diagnosis.constants import (
-    ACCURACY, BEYOND, DISCREPANCY, LEVEL, MATTERS, WORTH,
+    Rated,
+    model_groups,
+    paired,
+    rate,
+    terms_to_try,
+    tried,
 )  # fmt: skip
 from hil.diagnosis.competitors import COMPETITORS, competitor
+from hil.diagnosis.constants import BEYOND, DISCREPANCY, WORTH
 from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import Errors, Table
 from hil.identify.context import renew
-from hil.identify.design import head
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
-from hil.identify.regression import inflation
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
+#: Rules of a fit that ask for its values alone, not for its errors.
+FORMS = ("coefficients", "scales", "allowed")
 
 
 @dataclass
@@ -81,6 +82,8 @@ class Search:
     examine: Examiner
     seed: int = 0
     refused: set[tuple[str, int]] = field(default_factory=set)
+    #: Why what might have been added was not, by effect and joint.
+    stops: dict[tuple[str, int], rules.CheckResult] = field(default_factory=dict)
     rungs: list[Rung] = field(default_factory=list)
     found: list[Candidate] = field(default_factory=list)
     first: Evidence | None = None
@@ -124,68 +127,18 @@ class Search:
         out = Evidence([found[k] for k in order], floor, projector, impossible, changed)
         return out, [rated[k] for k in order]
 
-    # ------------------------------------------------------------------ what pays
-
     def pays(self, r: Rated, evidence: Evidence) -> bool:
-        """Whether a candidate lowers the held-out error beyond chance and practical size."""
-        c, result = r.candidate, self.now.result
-        if (c.name, c.term.joint) in self.refused or c.p_value > LEVEL or r.removed <= 0.0:
-            return False
-        if not physical(c, self.problem.motions[0]) or c.smoother or c.blurred:
-            return False
-        if not in_time(c, result) or not alone(c, evidence, result):
-            return False
-        if any(kindred(c, f) for f in self.found):
-            return False
-        return self.matters(r) and self.beyond(r, len(evidence.candidates)) and not self._harms(r)
+        """Whether a candidate passes every rule; the first that stops it is kept."""
+        stop = rules.stopped(rules.Case(self, r, evidence))
+        if stop is not None:
+            self.stops[r.candidate.term.key] = stop
+        return stop is None
 
-    def beyond(self, r: Rated, family: int) -> bool:
-        """Whether the fall is beyond chance: by its size in independent instants, and paired.
-
-            N log(before / after) > m log N + 2 log(family),
-
-        with N tested instants less what their correlation takes, and m values to fit.
-        """
-        j, net = r.joint, r.candidate.dof - self._replaced(r.candidate)
-        if r.sureness <= BEYOND:
-            return False
-        tested = float(self.now.errors.count[:, j].sum())
-        count = max(tested / inflation(r.residual(j), self.problem.run), 2.0)
-        gain = count * np.log(r.before / max(r.after, 1e-300))
-        return bool(gain > max(net, 1) * np.log(count) + 2 * np.log(max(family, 2)))
-
-    def _replaced(self, c: Candidate) -> int:
+    def replaced(self, c: Candidate) -> int:
         """Values of the model that a candidate takes the place of."""
         gone = {(name, c.term.joint) for name in c.term.effect.replaces}
         own = [t for t in self.now.result.terms if t.key in gone]
         return sum(len(t.effect.params) + len(t.effect.shape) for t in own)
-
-    def matters(self, r: Rated) -> bool:
-        """Whether the fall is of practical size: of the effort, of what is left, of what is named.
-
-        The last is the discrepancy allowance: laws that were named before miss their effects by a
-        share of what they explain, and that is no new effect.
-        """
-        size = float(self.problem.rms(self.problem.effort)[r.joint])
-        explained = max(float(self.rungs[0].errors.power[r.joint]) - r.before, 0.0)
-        return bool(
-            r.after < (1 - WORTH) ** 2 * r.before
-            and r.before > (MATTERS * size) ** 2
-            and r.removed > (ACCURACY * size) ** 2
-            and r.removed > DISCREPANCY * explained
-        )
-
-    def _harms(self, r: Rated) -> bool:
-        """Whether another joint gets worse by more than chance and more than this one gains."""
-        now, j = self.now.errors, r.joint
-        for k in np.flatnonzero(~self.problem.holds):
-            rise = r.errors.power[k] / max(float(now.power[k]), 1e-300)
-            if k == j or rise < (1 + WORTH) ** 2:
-                continue
-            beyond = paired(r.errors.squared[:, k] - now.squared[:, k]) > BEYOND
-            if beyond and rise * r.after > r.before:
-                return True
-        return False
 
     # ------------------------------------------------------------------ forward
 
@@ -216,20 +169,30 @@ class Search:
         for j in joints:
             mine = [r for r in own if r.joint == j]
             if mine:
-                picks.append(simplest(mine))
+                picks.append(simplest(mine, self.score))
         whole = [r for r in good if r.candidate.term.effect.whole_robot]
         if whole:
-            best = max(whole, key=self._worth)
+            best = max(whole, key=self.score)
             rest = [p for p in picks if p.joint == best.joint]
-            if not rest or self._worth(best) > self._worth(rest[0]):
+            if not rest or self.score(best) > self.score(rest[0]):
                 return [best]
         return picks
 
-    def _worth(self, r: Rated) -> float:
-        """Fall of the squared error over all joints, each in its own scale."""
-        now = np.maximum(self.now.errors.power, 1e-300)
-        moves = ~self.problem.holds
-        return float(np.sum(((now - r.errors.power) / now)[moves]))
+    def score(self, r: Rated) -> float:
+        """Evidence for a candidate over all joints that move, less the price of its values.
+
+            sum_j N_j log(before_j / after_j) - m log N,
+
+        with N_j independent instants, by the correlation of what the largest model leaves.
+        Source: Schwarz, Ann. Statist. 6, 1978.
+        """
+        now, moves = self.now.errors, ~self.problem.holds
+        colour = self.first.floor.inflation if self.first else np.ones(self.problem.d)
+        count = np.maximum(now.count.sum(axis=0) / colour, 2.0)
+        ratio = np.maximum(now.power, 1e-300) / np.maximum(r.errors.power, 1e-300)
+        net = max(r.candidate.dof - self.replaced(r.candidate), 1)
+        price = net * np.log(float(count[r.joint]))
+        return float(np.sum((count * np.log(ratio))[moves])) - float(price)
 
     def _added(self, picks: list[Rated], joints: list[int]) -> list[int]:
         """Fit with the picks; those that do not hold after the fit are refused."""
@@ -253,14 +216,10 @@ class Search:
 
     def _holds(self, p: Rated, before: Rung, after: Rung) -> bool:
         """Whether an effect stands after everything was fitted again."""
-        c, j = p.candidate, p.joint
-        old, new = before.errors, after.errors
-        if new.power[j] > (1 - WORTH / 2) ** 2 * old.power[j]:
-            return False
-        one, other = before.step.heldout, after.step.heldout
-        if one.kind == "holdout" and other.rms[j] > one.rms[j] and one.gain(other, j) > 1.0:
-            return False
-        return _sound(after.result, c)
+        fail = rules.fails(rules.Refit(self, p, before, after))
+        if fail is not None:
+            self.stops[p.candidate.term.key] = fail
+        return fail is None
 
     # ------------------------------------------------------------------ backward, exchange
 
@@ -292,19 +251,6 @@ def _score(r: Rated) -> float:
     return r.removed / max(r.before, 1e-300)
 
 
-def _sound(result: FitResult, c: Candidate) -> bool:
-    """Whether what the fit made of an effect can be physics."""
-    term = next((t for t in result.terms if t.key == c.term.key), None)
-    if term is None or by_chance(result, term.key):
-        return term is None
-    start, values = head(term.effect, term.joint), result.values
-    for p in term.effect.shape:
-        v = values.get(f"{start}.{p.name}")
-        if v is not None and p.name in SCALES and v.stderr > abs(v.value):
-            return False
-    return _allowed(result, term)
-
-
 def without(model: RobotModel, c: Candidate, problem: Problem) -> RobotModel:
     """A model without an effect that was added on one joint."""
     use = as_use(c, problem)
@@ -312,7 +258,7 @@ def without(model: RobotModel, c: Candidate, problem: Problem) -> RobotModel:
     return replace(model, effects=rest)
 
 
-def simplest(rated: list[Rated]) -> Rated:
+def simplest(rated: list[Rated], score: Callable[[Rated], float]) -> Rated:
     """Of the candidates that cannot be told from the best one, the one with the least to fit.
 
     Two cannot be told apart where their difference is within one standard error over paired
@@ -321,15 +267,14 @@ def simplest(rated: list[Rated]) -> Rated:
     Source: Breiman et al., Classification and Regression Trees, 1984, 3.4.3 (one-standard-error
     rule).
     """
-    best = min(rated, key=lambda r: r.after)
+    best = max(rated, key=score)
     alike = [r for r in rated if r is best or _alike(r, best)]
-    return min(alike, key=lambda r: (r.candidate.dof, r.after))
+    return min(alike, key=lambda r: (r.candidate.dof, -score(r)))
 
 
 def _alike(r: Rated, best: Rated) -> bool:
-    difference = best.fall - r.fall
     close = r.after - best.after < DISCREPANCY * best.removed
-    return bool(close or paired(difference) < 1.0)
+    return bool(close or paired(best.fall - r.fall) < 1.0)
 
 
 # ---------------------------------------------------------------------- names
@@ -418,7 +363,7 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
     if own is None or not good:
         renew(search.now.result)
         return None
-    best = simplest(good)
+    best = simplest(good, search.score)
     if best is own or paired(best.fall - own.fall) < 1.0 or best.after > own.after:
         renew(search.now.result)
         return None
@@ -428,7 +373,7 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
     rung = search.rung(label, model, now.result.sigma)
     j = c.joint
     gain = paired(now.errors.squared[:, j] - rung.errors.squared[:, j])
-    if gain < 1.0 or not _sound(rung.result, best.candidate):
+    if gain < 1.0 or rules.fails(rules.Refit(search, best, rung, rung), FORMS):
         search.refused.add((best.candidate.name, c.term.joint))
         renew(now.result)
         return None
@@ -473,8 +418,10 @@ def shares(search: Search) -> dict[int, tuple[float, str]]:
             after = table.errors([*keys, g.key])
             fall = start.squared[:, j] - after.squared[:, j]
             gain = float(start.power[j] - after.power[j])
-            if gain > best and paired(fall) > BEYOND:
-                best, words = gain, str(g.key[1])  # type: ignore[index]
+            # what is sure of it: less two standard errors
+            sure = gain * max(1.0 - 2.0 / max(paired(fall), 1e-9), 0.0)
+            if sure > best:
+                best, words = sure, str(g.key[1])  # type: ignore[index]
         taken = max(float(first.errors.power[j] - start.power[j]), 1e-300)
         out[j] = (taken / (taken + best), words)
     return out

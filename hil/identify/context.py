@@ -84,6 +84,8 @@ def _drives(
     """Motor effort that the terms foretell (n, d), run by run."""
     out = [-m.tau_ext for m in problem.motions]
     for t, where in zip(terms, slices, strict=True):
+        if where.start == where.stop:  # a difference between runs, of which there is one
+            continue
         parts = by_run(t, theta[where], len(out)) if t.per_run else [theta[where]] * len(out)
         at = slice(None) if t.effect.whole_robot else t.joint
         raw = problem.raw(t.effect, t.joint, t.shape)

@@ -1,0 +1,284 @@
+"""What a candidate, and a refitted model with it, must pass: a registry of checks.
+
+Each rule is a function of one case; it returns the reason why the case fails, or nothing.  The
+search asks them in order and keeps the first reason.  `hil bench diagnosis --ablate` runs the
+benchmark without each of them in turn: a rule that flips no answer goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hil.compare.attribute import alone, kindred, physical
+from hil.compare.credible import SCALES, _allowed
+from hil.compare.evidence import Evidence, in_time
+from hil.compare.significance import by_chance
+from hil.diagnosis.candidates import Rated, paired
+from hil.diagnosis.constants import ACCURACY, BEYOND, DISCREPANCY, LEVEL, MATTERS, WORTH
+from hil.identify.design import head
+from hil.identify.regression import inflation
+
+if TYPE_CHECKING:
+    from hil.diagnosis.search import Rung, Search
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """Why a rule stopped a case.
+
+    Parameters
+    ----------
+    code : str
+        The rule.
+    stage : str
+        ``"candidate"`` before a fit with it, ``"fit"`` after one.
+    reason : str
+        One sentence without its full stop.
+    evidence : dict of str to float
+        The numbers it rests on.
+    """
+
+    code: str
+    stage: str
+    reason: str
+    evidence: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A candidate beside the present model."""
+
+    search: Search
+    rated: Rated
+    evidence: Evidence
+
+
+@dataclass(frozen=True)
+class Refit:
+    """A candidate after everything was fitted again with it."""
+
+    search: Search
+    rated: Rated
+    before: Rung
+    after: Rung
+
+
+CANDIDATE: dict[str, Callable[[Case], str]] = {}
+FIT: dict[str, Callable[[Refit], str]] = {}
+#: Codes of rules that are not asked: for the ablation alone.
+OFF: set[str] = set()
+
+
+def _candidate(code: str) -> Callable[[Callable[[Case], str]], Callable[[Case], str]]:
+    def add(rule: Callable[[Case], str]) -> Callable[[Case], str]:
+        CANDIDATE[code] = rule
+        return rule
+
+    return add
+
+
+def _fit(code: str) -> Callable[[Callable[[Refit], str]], Callable[[Refit], str]]:
+    def add(rule: Callable[[Refit], str]) -> Callable[[Refit], str]:
+        FIT[code] = rule
+        return rule
+
+    return add
+
+
+def stopped(case: Case) -> CheckResult | None:
+    """The first rule that stops a candidate."""
+    for code, rule in CANDIDATE.items():
+        if code not in OFF and (reason := rule(case)):
+            return CheckResult(code, "candidate", reason, _numbers(case.rated))
+    return None
+
+
+def fails(case: Refit, only: Sequence[str] = ()) -> CheckResult | None:
+    """The first rule, of all or of some, that a refitted model with a candidate fails."""
+    for code, rule in FIT.items():
+        if code not in OFF and code in (only or FIT) and (reason := rule(case)):
+            return CheckResult(code, "fit", reason, _numbers(case.rated))
+    return None
+
+
+def _numbers(r: Rated) -> dict[str, float]:
+    return {"before": r.before, "after": r.after, "standard_errors": r.sureness}
+
+
+# ---------------------------------------------------------------------- before a fit with it
+
+
+@_candidate("refused")
+def _refused(case: Case) -> str:
+    c = case.rated.candidate
+    tried = (c.name, c.term.joint) in case.search.refused
+    return "a model with it was fitted before and did not hold" if tried else ""
+
+
+@_candidate("detected")
+def _detected(case: Case) -> str:
+    """Family-wise, by sign flips of blocks of noise."""
+    if case.rated.candidate.p_value <= LEVEL:
+        return ""
+    return "noise lets the luckiest of all candidates explain as much"
+
+
+@_candidate("worth")
+def _worth(case: Case) -> str:
+    r = case.rated
+    return "" if r.after < (1 - WORTH) ** 2 * r.before else "the held-out error hardly falls"
+
+
+@_candidate("practical-size")
+def _practical(case: Case) -> str:
+    r, problem = case.rated, case.search.problem
+    size = float(problem.rms(problem.effort)[r.joint])
+    if r.before > (MATTERS * size) ** 2 and r.removed > (ACCURACY * size) ** 2:
+        return ""
+    return "what it explains is less than efforts are known to"
+
+
+@_candidate("discrepancy")
+def _discrepancy(case: Case) -> str:
+    """Laws that were named before miss their effects by a share of what they explain."""
+    r = case.rated
+    explained = max(float(case.search.rungs[0].errors.power[r.joint]) - r.before, 0.0)
+    small = r.removed <= DISCREPANCY * explained
+    return "it is what the laws named before may miss of their effects" if small else ""
+
+
+@_candidate("physical")
+def _physical(case: Case) -> str:
+    good = physical(case.rated.candidate, case.search.problem.motions[0])
+    return "" if good else "the values that fit best cannot be physics"
+
+
+@_candidate("position-noise")
+def _smoother(case: Case) -> str:
+    noise = case.rated.candidate.smoother
+    return "all that it does is to smooth the noise of the positions" if noise else ""
+
+
+@_candidate("blurred-sign")
+def _blurred(case: Case) -> str:
+    blurred = case.rated.candidate.blurred
+    return "what it explains is reversals that the filter blurs" if blurred else ""
+
+
+@_candidate("late")
+def _late(case: Case) -> str:
+    good = in_time(case.rated.candidate, case.search.now.result)
+    return "" if good else "the slow motion does not confirm that the effort is late"
+
+
+@_candidate("line")
+def _line(case: Case) -> str:
+    good = alone(case.rated.candidate, case.evidence, case.search.now.result)
+    return "" if good else "it is one line among many: a shadow of something else"
+
+
+@_candidate("kindred")
+def _kindred(case: Case) -> str:
+    c = case.rated.candidate
+    near = any(kindred(c, f) for f in case.search.found)
+    return "another form of the same cause is in the model" if near else ""
+
+
+@_candidate("paired")
+def _paired(case: Case) -> str:
+    sure = case.rated.sureness > BEYOND
+    return "" if sure else "the fall varies as much from block to block"
+
+
+@_candidate("beyond-chance")
+def _beyond(case: Case) -> str:
+    """N log(before / after) > m log N + 2 log(family).
+
+    N tested instants less what their correlation takes, m values to fit beyond those that they
+    replace.  Source: Schwarz, Ann. Statist. 6, 1978.
+    """
+    r, search = case.rated, case.search
+    tested = float(search.now.errors.count[:, r.joint].sum())
+    count = max(tested / inflation(r.residual(r.joint), search.problem.run), 2.0)
+    gain = count * np.log(r.before / max(r.after, 1e-300))
+    net = max(r.candidate.dof - search.replaced(r.candidate), 1)
+    price = net * np.log(count) + 2 * np.log(max(len(case.evidence.candidates), 2))
+    return "" if gain > price else "so few independent instants show it that it may be chance"
+
+
+@_candidate("at-floor")
+def _at_floor(case: Case) -> str:
+    """Many coefficients on many joints find something in any floor."""
+    c, evidence = case.rated.candidate, case.evidence
+    above = evidence.floor.exceeded(case.search.now.result.rms, case.rated.joint)
+    met = c.term.effect.jointless and not above
+    return "the error of its joint is at the noise floor" if met else ""
+
+
+@_candidate("harm")
+def _harm(case: Case) -> str:
+    """Whether another joint gets worse, by more than chance and more than this one gains."""
+    r, search = case.rated, case.search
+    now = search.now.errors
+    for k in np.flatnonzero(~search.problem.holds):
+        rise = float(r.errors.power[k]) / max(float(now.power[k]), 1e-300)
+        if k == r.joint or rise < (1 + WORTH) ** 2:
+            continue
+        sure = paired(r.errors.squared[:, k] - now.squared[:, k]) > BEYOND
+        if sure and rise * r.after > r.before:
+            return f"the error of {search.problem.joints[k]} rises by more than it falls here"
+    return ""
+
+
+# ---------------------------------------------------------------------- after a fit with it
+
+
+@_fit("keeps-gain")
+def _keeps(case: Refit) -> str:
+    j = case.rated.joint
+    old, new = case.before.errors.power[j], case.after.errors.power[j]
+    kept = new < (1 - WORTH / 2) ** 2 * old
+    return "" if kept else "the fall is gone once everything is fitted again"
+
+
+@_fit("never-rises")
+def _rises(case: Refit) -> str:
+    """A model that is worse on held-out runs, on its joint and beyond chance, is no rung."""
+    one, other, j = case.before.step.heldout, case.after.step.heldout, case.rated.joint
+    if one.kind != "holdout" or other.rms[j] <= one.rms[j]:
+        return ""
+    return "the error of the held-out runs rises" if one.gain(other, j) > 1.0 else ""
+
+
+@_fit("coefficients")
+def _coefficients(case: Refit) -> str:
+    key = case.rated.candidate.term.key
+    nothing = by_chance(case.after.result, key)
+    return "its coefficients are no more than their scatter over blocks" if nothing else ""
+
+
+@_fit("scales")
+def _scales(case: Refit) -> str:
+    """A time, a width or a frequency that is less than its standard error is not determined."""
+    result, key = case.after.result, case.rated.candidate.term.key
+    term = next((t for t in result.terms if t.key == key), None)
+    if term is None:
+        return ""
+    start = head(term.effect, term.joint)
+    for p in term.effect.shape:
+        v = result.values.get(f"{start}.{p.name}")
+        if v is not None and p.name in SCALES and v.stderr > abs(v.value):
+            return f"its {p.text} is not determined"
+    return ""
+
+
+@_fit("allowed")
+def _lawful(case: Refit) -> str:
+    result, key = case.after.result, case.rated.candidate.term.key
+    term = next((t for t in result.terms if t.key == key), None)
+    good = term is None or _allowed(result, term)
+    return "" if good else "the values of the fit cannot be physics"
