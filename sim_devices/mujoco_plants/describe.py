@@ -14,6 +14,14 @@ from sim_devices.mujoco_plants.robots import Link, Robot
 FloatArray = NDArray[np.float64]
 
 
+#: MJCF of each form of dry friction; the smooth one is a law.
+DRY = {
+    "smooth": "",
+    "usual": 'frictionloss="{}"',
+    "stiff": 'frictionloss="{}" solreffriction="0.003 1" solimpfriction="0.99 0.99 0.001"',
+}
+
+
 @dataclass
 class Additions:
     """What a hidden effect changes in the mechanism.
@@ -79,7 +87,7 @@ def _body(robot: Robot, k: int, added: Additions, inner: str) -> str:
 def _motor(robot: Robot, k: int) -> str:
     """Inertia and friction of the motor of joint k."""
     link = robot.links[k]
-    dry = f'frictionloss="{link.friction!r}"' if robot.sharp else ""
+    dry = DRY[robot.dry].format(link.friction)
     return f'armature="{link.rotor!r}" damping="{link.viscous!r}" {dry}'
 
 
@@ -87,7 +95,8 @@ def _rotor(robot: Robot, k: int) -> str:
     """The motor as a body of its own, seen at the joint; the small mass only gives it a body."""
     kind = "slide" if robot.links[k].slides else "hinge"
     return (
-        f'<body name="rotor{k + 1}"><inertial pos="0 0 0" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/>'
+        f'<body name="rotor{k + 1}">'
+        '<inertial pos="0 0 0" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/>'
         f'<joint name="motor{k + 1}" type="{kind}" axis="1 0 0" {_motor(robot, k)}/></body>'
     )
 

@@ -141,7 +141,7 @@ def presliding(p: Place) -> Law:
     def bouc_wen(x: State) -> float:
         nonlocal z
         v, n = x.w[j] / z0, 1.6
-        z += x.dt * v * (1.0 - (0.6 * copysign(1.0, v * z) + 0.4) * abs(z) ** n)
+        z += x.dt * v * (1.0 - (0.6 * copysign(1.0, v * z) + 0.4) * float(abs(z) ** n))
         z = min(max(z, -1.0), 1.0)
         return -f * z
 
@@ -181,7 +181,11 @@ def friction_drift(p: Place) -> Law:
     """Friction lost while it warms: a stretched exponential."""
     j, f, s = p.j, min(p.size, 0.7 * p.link.friction), sign(p)
     slow = 0.35 * p.robot.seconds
-    return lambda x: f * s(x.w[j]) * (1.0 - exp(-((x.t / slow) ** 0.8)))
+
+    def law(x: State) -> float:
+        return f * s(x.w[j]) * (1.0 - exp(-float((x.t / slow) ** 0.8)))
+
+    return law
 
 
 # position ---------------------------------------------------------------------------------------
@@ -222,7 +226,7 @@ def cogging(p: Place) -> Law:
 
 def hum(p: Place) -> Law:
     """A pump on the frame: a line with a weak second harmonic."""
-    j, f, w = p.j, p.size, 2 * pi * (2.1 + 0.37 * p.j)
+    f, w = p.size, 2 * pi * (2.1 + 0.37 * p.j)
     return lambda x: f * (sin(w * x.t) + 0.2 * sin(2 * w * x.t + 1.0))
 
 

@@ -54,9 +54,7 @@ class Plant:
             Place(robot, int(h["joint"]), float(h["amplitude"]), np.random.default_rng([seed, k]))
             for k, h in enumerate(hidden)
         ]
-        self._effects = [
-            (str(h["effect"]), p) for h, p in zip(hidden, self.places, strict=True)
-        ]
+        self._effects = [(str(h["effect"]), p) for h, p in zip(hidden, self.places, strict=True)]
         added = Additions()
         for name, p in self._effects:
             if name in structure.SHAFTS:
@@ -93,7 +91,7 @@ class Plant:
             for e, p in self._effects
             if e in structure.SHAFTS
         ]
-        if not self.robot.sharp:
+        if self.robot.dry == "smooth":
             self._on_motor += [(k, self._smooth(k)) for k in range(len(self.robot.links))]
 
     def _smooth(self, k: int) -> laws.Law:
@@ -201,12 +199,10 @@ class Plant:
 
     def _load_changes(self) -> list[Callable[[float], None]]:
         """Loads that are picked up within the run."""
-        return [
-            _pick_up(self.model, p) for name, p in self._effects if name == "payload-change"
-        ]
+        return [pick_up(self.model, p) for name, p in self._effects if name == "payload-change"]
 
 
-def _pick_up(model: Any, p: Place) -> Callable[[float], None]:
+def pick_up(model: Any, p: Place) -> Callable[[float], None]:
     """The last link takes a point mass at its tip from an instant on."""
     robot, mass = p.robot, structure.load_mass(p)
     start = p.rng.uniform(0.35, 0.65) * robot.seconds
@@ -252,9 +248,7 @@ class Controller:
         self._q: list[float] = []
         self._v = [0.0] * len(robot.links)
 
-    def __call__(
-        self, k: int, place: list[float]
-    ) -> tuple[list[float], list[float], list[float]]:
+    def __call__(self, k: int, place: list[float]) -> tuple[list[float], list[float], list[float]]:
         """Measured position, filtered speed and sent effort of every joint at tick k."""
         counts, share, tick = self._counts, self._share, self._tick
         q = [round(x * counts) / counts for x in place]

@@ -75,8 +75,9 @@ class Robot:
         Standard deviation of the effort's noise, share of the largest effort.
     bandwidth : float
         Of the position loop [Hz].
-    sharp : bool
-        Whether dry friction is MuJoCo's own (``frictionloss``), else v / sqrt(v^2 + w^2).
+    dry : str
+        Form of the dry friction: ``"smooth"``, v / sqrt(v^2 + w^2), or MuJoCo's ``frictionloss``
+        with its usual regularisation, ``"usual"``, or a stiffer one, ``"stiff"``.
     speeds : bool
         Whether the recording has measured speeds.
     described : bool
@@ -90,7 +91,7 @@ class Robot:
     counts: float = 2e5
     noise: float = 0.004
     bandwidth: float = 4.0
-    sharp: bool = True
+    dry: str = "smooth"
     speeds: bool = False
     described: bool = True
 
@@ -106,11 +107,11 @@ ROBOTS: dict[str, Robot] = {
     # a spindle with a disc, vertical axis: nothing but inertia and friction
     "spindle": Robot(
         (Link(ORIGIN, Z, 1.9, (0.0, 0.0, 0.05), 0.13, 0.011, 0.21, 0.034, 0.0, 1.4, 7.0, 3.1),),
-        2000.0, 22.0, 5e-4, 1.3e4, 0.006, 6.0, False, True, False,
+        2000.0, 22.0, 5e-4, 1.3e4, 0.006, 6.0, "smooth", True, False,
     ),
     "pendulum": Robot(
         (Link(ORIGIN, Y, 0.82, (0.0, 0.0, -0.38), 0.018, 0.013, 0.11, 0.021, 0.3, 1.3, 5.5, 4.6),),
-        500.0, 24.0, counts=9.1e3, noise=0.005,
+        500.0, 24.0, counts=9.1e3, noise=0.005, dry="usual",
     ),
     # two links in a vertical plane
     "planar2": Robot(
@@ -121,7 +122,7 @@ ROBOTS: dict[str, Robot] = {
                 4.2, 11.0,
             ),
         ),
-        1000.0, 22.0, counts=3.7e4, noise=0.004, speeds=True,
+        1000.0, 22.0, counts=3.7e4, noise=0.004, dry="stiff", speeds=True,
     ),
     # yaw, shoulder, elbow of a geared workshop arm
     "elbow3": Robot(
@@ -154,7 +155,7 @@ ROBOTS: dict[str, Robot] = {
                 0.55, 4.4, 0.4,
             ),
         ),
-        1000.0, 20.0, 1e-3, 1.1e4, 0.006, 6.0, False, True,
+        1000.0, 20.0, 1e-3, 1.1e4, 0.006, 6.0, "smooth", True,
     ),
     # two vertical axes, a quill, a roll
     "scara4": Robot(
@@ -173,7 +174,7 @@ ROBOTS: dict[str, Robot] = {
                 7.0, 6.0,
             ),
         ),
-        500.0, 22.0, counts=2.4e5, noise=0.005, speeds=True,
+        500.0, 22.0, counts=2.4e5, noise=0.005, dry="stiff", speeds=True,
     ),
     "gantry2": Robot(
         (
@@ -212,7 +213,7 @@ ROBOTS: dict[str, Robot] = {
                 5.0, 5.0,
             ),
         ),
-        125.0, 40.0, counts=4.2e5, noise=0.005,
+        125.0, 40.0, counts=4.2e5, noise=0.005, dry="usual",
     ),
     "works6": Robot(
         (
@@ -268,6 +269,6 @@ ROBOTS: dict[str, Robot] = {
                 7.0,
             ),
         ),
-        1000.0, 24.0, counts=6.4e5, noise=0.005, speeds=True,
+        1000.0, 24.0, counts=6.4e5, noise=0.005, dry="usual", speeds=True,
     ),
 }  # fmt: skip

@@ -107,7 +107,7 @@ def disturbance(kind: str, n: int, std: FloatArray, step: float, seed: int) -> F
     a = float(np.exp(-2 * np.pi * 4.0 * step))
     drive = rng.standard_normal((n, std.size)) * np.sqrt(1.0 - a * a)
     low = np.asarray(scipy.signal.lfilter([1.0], [1.0, -a], drive, axis=0))
-    return np.asarray(std * (0.45 * low + 0.3 * rng.standard_normal(low.shape)))
+    return np.asarray(std * (0.22 * low + 0.25 * rng.standard_normal(low.shape)))
 
 
 def recorded_noise(kind: str, n: int, std: FloatArray, seed: int) -> FloatArray:

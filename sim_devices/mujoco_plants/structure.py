@@ -10,8 +10,8 @@ from sim_devices.mujoco_plants.laws import UNIT, Place, State
 
 #: Effort that motor and link exchange, from twist and its rate.
 Shaft = Callable[[State], float]
-#: Of the shaft without an effect of its own: frequency of the link on it [Hz], damping ratio.
-STIFF, DAMPED = 24.0, 0.12
+#: Frequency of the link on a shaft that is soft, and on one that is not the effect [Hz]; damping.
+SOFT, STIFF, DAMPED = 24.0, 45.0, 0.12
 
 
 def shaft(p: Place, inertia: float, hertz: float) -> tuple[float, float]:
@@ -23,14 +23,14 @@ def shaft(p: Place, inertia: float, hertz: float) -> tuple[float, float]:
 def elastic(p: Place, inertia: float) -> Shaft:
     """A linear shaft: the softer, the larger the amplitude."""
     j = p.j
-    k, c = shaft(p, inertia, STIFF / p.amplitude**0.5)
+    k, c = shaft(p, inertia, SOFT / p.amplitude**0.5)
     return lambda x: k * (x.m[j] - x.q[j]) + c * (x.w[j] - x.v[j])
 
 
 def hardening(p: Place, inertia: float) -> Shaft:
     """A cable that stiffens exponentially: A (exp(|d| / d0) - 1)."""
     j = p.j
-    k, c = shaft(p, inertia, STIFF / p.amplitude**0.5 * 0.6)
+    k, c = shaft(p, inertia, SOFT / p.amplitude**0.5 * 0.6)
     d0 = 8.0 * UNIT * p.link.effort / k
 
     def pull(x: State) -> float:
@@ -61,7 +61,7 @@ def backlash(p: Place, inertia: float) -> Shaft:
 def harmonic_drive(p: Place, inertia: float) -> Shaft:
     """A flexible spline: error twice a turn of the motor, and stiffness that grows."""
     j, e, a = p.j, 1.2e-3 * p.amplitude * p.link.reach, p.phase(11.0, 0.5)
-    k, c = shaft(p, inertia, STIFF)
+    k, c = shaft(p, inertia, SOFT)
 
     def pull(x: State) -> float:
         d = x.m[j] + e * sin(a(x.m[j])) - x.q[j]
@@ -93,14 +93,14 @@ SHAFTS: dict[str, Callable[[Place, float], Shaft]] = {
     "hardening-cable": hardening,
     "backlash": backlash,
     "harmonic-drive": harmonic_drive,
-    "outside-belt-skip": belt,
+    "belt-skip": belt,
 }
 
 
 def end_stop(p: Place, added: Additions) -> None:
     """MuJoCo's limit of the joint, soft, within reach of the motion."""
     link = p.link
-    at = link.middle + link.reach * (0.75 if p.odd else 0.6)
+    at = link.middle + link.reach * (0.5 if p.odd else 0.35)
     # solref (-stiffness, -damping) is per unit of inertia seen by the constraint
     stiff = 40.0 * p.amplitude
     damping = 0.6 * stiff**0.5
