@@ -101,7 +101,7 @@ class Plant:
 
     def run(
         self, reference: FloatArray, push: FloatArray | None, acting: FloatArray,
-        dac: FloatArray, every: int, lost: float,
+        dac: FloatArray, asked: bool, every: int, lost: float,
     ) -> dict[str, FloatArray]:  # fmt: skip
         """Follow a reference.
 
@@ -115,6 +115,8 @@ class Plant:
             Effort that acts beside the motors' [N m or N].
         dac : ndarray (d,)
             Smallest steps of the efforts sent.
+        asked : bool
+            Whether the row holds the effort before it was rounded to those steps.
         every : int
             A row is written every so many periods of the controller.
         lost : float
@@ -137,8 +139,8 @@ class Plant:
             seen = list(x.m)
             for j, encoder in self._encoders:
                 seen[j] += encoder(x)
-            q, v, sent = control(k, seen)
-            out[k] = [*q, *v, *sent]
+            q, v, wish, sent = control(k, seen)
+            out[k] = [*q, *v, *(wish if asked else sent)]
             if any(abs(a - b) > r for a, b, r in zip(x.q, places[k], reach, strict=True)):
                 out[k:] = np.nan
                 break
@@ -257,13 +259,14 @@ class Controller:
             v + share * ((a - b) / tick - v) for v, a, b in zip(self._v, q, before, strict=True)
         ]
         self._q = q
-        sent = []
+        asked, sent = [], []
         goal, pace, fed = self._goal[k], self._pace[k], self._fed[k]
         for j, step in enumerate(self._dac):
             u = fed[j] + self._stiff[j] * (goal[j] - q[j]) + self._damp[j] * (pace[j] - self._v[j])
             u = max(-self._most[j], min(self._most[j], u))
+            asked.append(u)
             sent.append(step * round(u / step))
-        return q, self._v, sent
+        return q, self._v, asked, sent
 
 
 @lru_cache(maxsize=32)

@@ -99,7 +99,7 @@ def disturbance(kind: str, n: int, std: FloatArray, step: float, seed: int) -> F
     """Effort (n, d) that acts on the plant beside the motors' [N m or N].
 
     ``"coloured"`` is first-order noise of 4 Hz with a little white; ``"white"`` and ``"dac"`` have
-    none: their noise is that of the recorded effort.
+    none: their noise lies between the effort that acts and the recorded one.
     """
     if kind != "coloured":
         return np.zeros((n, std.size))

@@ -22,8 +22,8 @@ NOISES = ("coloured", "dac", "white")
 WRONG = 0.2
 #: A motion further than this from its reference, in reaches, is lost.
 LOST = 1.5
-#: Steps of a DAC in standard deviations of the other noises.
-COARSE = 2.5
+#: Steps of a coarse DAC in standard deviations of the other noises.
+COARSE = 1.8
 
 
 def robots() -> dict[str, dict[str, Any]]:
@@ -89,7 +89,7 @@ def simulate(
     acting = sensors.disturbance(noise, len(reference), std, tick, seed)
     dac = COARSE * std if noise == "dac" else 0.02 * std
     every = round(1.0 / (tick * table.rate))
-    rows = plant.run(reference, push, acting, dac, every, LOST)
+    rows = plant.run(reference, push, acting, dac, noise == "dac", every, LOST)
     found = _recorded(table, rows, hidden, noise, std, seed, plant)
     return _lose(found, lost, seed)
 
