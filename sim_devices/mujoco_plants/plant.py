@@ -250,8 +250,10 @@ class Controller:
         self._q: list[float] = []
         self._v = [0.0] * len(robot.links)
 
-    def __call__(self, k: int, place: list[float]) -> tuple[list[float], list[float], list[float]]:
-        """Measured position, filtered speed and sent effort of every joint at tick k."""
+    def __call__(
+        self, k: int, place: list[float]
+    ) -> tuple[list[float], list[float], list[float], list[float]]:
+        """Measured position, filtered speed, effort asked for and sent, of all joints at tick k."""
         counts, share, tick = self._counts, self._share, self._tick
         q = [round(x * counts) / counts for x in place]
         before = self._q or q
