@@ -100,7 +100,7 @@ SHAFTS: dict[str, Callable[[Place, float], Shaft]] = {
 def end_stop(p: Place, added: Additions) -> None:
     """MuJoCo's limit of the joint, soft, within reach of the motion."""
     link = p.link
-    at = link.middle + link.reach * (0.5 if p.odd else 0.35)
+    at = link.middle + link.reach * (0.3 if p.odd else 0.15)
     # solref (-stiffness, -damping) is per unit of inertia seen by the constraint
     stiff = 40.0 * p.amplitude
     damping = 0.6 * stiff**0.5

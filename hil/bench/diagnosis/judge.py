@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.bench.diagnosis import amplitudes, session
+from hil.bench.diagnosis import amplitudes, session, testplants
 from hil.bench.diagnosis.cases import Case, Hidden
 from hil.bench.diagnosis.figures import accepted
 from hil.compare.diagnose import diagnose
@@ -51,6 +51,8 @@ def judge(case: Case) -> dict[str, Any]:
         "noise": case.noise, "excitation": case.excitation, "seed": case.seed, "force": case.force,
         "hidden": [[h.effect, h.label, h.level] for h in case.hidden],
     }  # fmt: skip
+    if case.plant == "test":
+        row["lost"] = testplants.lost(2 * case.seed)
     if not all(session.sane(r) for r in (*train, *other)):
         return row | {"outcome": "unstable", "named": [], "verdict": ""}
     motion = (case.excitation, 2 * case.seed)

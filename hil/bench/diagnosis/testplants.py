@@ -59,14 +59,17 @@ def record(
     """
     described = robots()[robot]
     hidden = [{"effect": e, "joint": j, "amplitude": a} for e, j, a in rows]
-    # by pairs: the runs of a case lose rows alike
-    lost = LOST if (seed // 2) % 4 == 3 else 0.0
-    s = simulator().simulate(robot, motion, hidden, noise, seed, force, lost)
+    s = simulator().simulate(robot, motion, hidden, noise, seed, force, lost(seed))
     source = RobotSource("", described["urdf"]) if described["urdf"] else RobotSource("single-axis")
     return Recording(
         f"run{seed}", "arm", described["joints"], s["t"], s["q"], s["tau"],
         qd=s.get("qd"), wrench=s.get("wrench"), robot=source, metadata={"plant": "test"},
     )  # fmt: skip
+
+
+def lost(seed: int) -> float:
+    """Share of rows that a recording lacks; seeds come in pairs, the runs of a case."""
+    return LOST if (seed // 2) % 4 == 3 else 0.0
 
 
 def fitting(needs: str) -> list[str]:
