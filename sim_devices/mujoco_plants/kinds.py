@@ -34,7 +34,7 @@ RANGES = {
     "elastic-transmission": (0.15, 8.0),
     "hardening-cable": (0.15, 8.0),
     "encoder-eccentricity": (0.0, 30.0),
-    "end-stop": (0.004, 200.0),
+    "end-stop": (0.02, 200.0),
     "load-friction": (0.0, 8.0),
     "outside-warm-gain": (0.0, 8.0),
     "filter-lag": (0.1, 6.0),

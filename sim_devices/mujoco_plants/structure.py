@@ -101,12 +101,11 @@ def end_stop(p: Place, added: Additions) -> None:
     """MuJoCo's limit of the joint, soft, within reach of the motion."""
     link = p.link
     at = link.middle + link.reach * (0.3 if p.odd else 0.15)
-    # solref (-stiffness, -damping) is per unit of inertia seen by the constraint
-    stiff = 40.0 * p.amplitude
-    damping = 0.6 * stiff**0.5
+    # the constraint takes a share of the joint's motion that grows from nothing over this depth
+    width = 3.0 * link.reach / p.amplitude
     added.joint[p.j] = (
         f'limited="true" range="{link.middle - 4 * link.reach!r} {at!r}" '
-        f'solreflimit="{-stiff!r} {-damping!r}" solimplimit="0.95 0.95 0.001"'
+        f'solreflimit="-300 -12" solimplimit="0.0001 0.9 {width!r} 0.5 1.5"'
     )
 
 
