@@ -23,6 +23,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="a subset in minutes (diagnosis); without the faults of the process (faults)",
     )  # fmt: skip
     parser.add_argument(
+        "--plants", choices=("tuning", "test", "both"),
+        help="simulators of the diagnosis: those it was tuned on, those it never saw (MuJoCo), "
+        "or both; default: what is installed",
+    )  # fmt: skip
+    parser.add_argument(
         "--seconds", type=float, default=60.0,
         help="of every run (loop), of the session (record, determinism); default 60",
     )  # fmt: skip

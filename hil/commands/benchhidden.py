@@ -10,7 +10,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from hil.bench import hidden, recordings
-from hil.bench.diagnosis import cases, runner, tables
+from hil.bench.diagnosis import cases, runner, tables, testcases, testplants
 from hil.commands import benchpage, common
 from hil.commands.benchpage import Found
 from hil.errors import ConfigError
@@ -18,17 +18,37 @@ from hil.rigs import rig_path
 
 
 def _diagnosis(args: argparse.Namespace) -> Found:
-    """Thousands of hidden effects in the compiled simulator."""
+    """Thousands of hidden effects, in the plants it was tuned on and in those it was not."""
     kept = Path(args.resume) if args.resume else None
     if kept and kept.suffix != ".jsonl":
         raise ConfigError(f"--resume {kept}: a file that ends in .jsonl is needed")
     benchpage.check(args.report)
     seeds = args.seeds or cases.SEEDS
-    rows = runner.run(cases.plan(args.quick, seeds), args.jobs, kept)
+    plants = _plants(args.plants)
+    todo = [c for plant in plants for c in PLANS[plant](args.quick, seeds)]
+    rows = runner.run(todo, args.jobs, kept)
     quick = " --quick" if args.quick else f" --seeds {seeds}"
-    text = tables.report(rows, f"hil bench diagnosis{quick}")
+    only = f" --plants {plants[0]}" if len(plants) == 1 else ""
+    text = tables.report(rows, f"hil bench diagnosis{quick}{only}")
     benchpage.write(args.report, text)
     return text, {"cases": rows}
+
+
+#: Plant -> its cases, quick or by seeds.
+PLANS: dict[str, Callable[[bool, int], list[cases.Case]]] = {
+    "tuning": cases.plan,
+    "test": testcases.plan,
+}
+
+
+def _plants(wanted: str | None) -> list[str]:
+    """Plants of `wanted`; without a wish both, or what there is, which is said then."""
+    if wanted == "tuning" or testplants.available():
+        return [wanted] if wanted in PLANS else list(PLANS)
+    if wanted:
+        raise ConfigError(f"--plants {wanted}: the test plants need MuJoCo: {testplants.WANTED}")
+    common.log(f"without the test plants, which need MuJoCo: {testplants.WANTED}")
+    return ["tuning"]
 
 
 def _hidden(args: argparse.Namespace) -> Found:

@@ -2,8 +2,8 @@
 
 Excess of a session = sqrt(max_j (rms_j^2 - rms0_j^2) / rms0_j^2), rms of the base model's
 residual with the effect and rms0 without it, same motion and same noise.  The amplitude for an
-excess is found on the plant by secant steps and kept in ``amplitudes.json``, which
-``python -m hil.bench.diagnosis.runner`` makes anew.
+excess is found on the plant by secant steps and kept in ``amplitudes.json``, those of the test
+plants in ``test_amplitudes.json``; ``python -m hil.bench.diagnosis.runner`` makes them anew.
 """
 
 from __future__ import annotations
@@ -23,10 +23,16 @@ from hil.models.model import base_model
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
-FILE = "amplitudes.json"
-LEVELS = (0.5, 1.5, 5.0)
-#: Motion on which amplitudes are calibrated, and the largest excursion of a session [rad].
-MOTION, SANE = 901, 2.0
+#: Plant -> file of its amplitudes, levels [floors], noise with which they are calibrated.
+FILES = {"tuning": "amplitudes.json", "test": "test_amplitudes.json"}
+LEVELS = {"tuning": (0.5, 1.5, 5.0), "test": (0.7, 1.5, 5.0)}
+NOISE = {"tuning": "coloured", "test": "white"}
+#: Sessions tried for one level, and share of the level by which it may be missed.
+STEPS, NEAR = {"tuning": 7, "test": 4}, {"tuning": 1.18, "test": 1.4}
+#: First amplitude that is tried where an effect has no smallest one.
+START = {"tuning": 0.2, "test": 0.5}
+#: Motion on which amplitudes are calibrated.
+MOTION = 901
 
 
 def base_rms(recordings: list[Recording]) -> FloatArray:
@@ -56,9 +62,10 @@ def amplitude(effect: str, joint: int, robot: str, excitation: str, level: float
 
     Where no amplitude does (the base model imitates the effect), the largest that was tried.
     """
-    key = name(effect, joint, robot, excitation)
-    found = table()[key] if key in table() else calibrate(effect, joint, robot, excitation)
-    return float(np.exp(np.interp(np.log(level), np.log(LEVELS), np.log(found))))
+    key, plant = name(effect, joint, robot, excitation), session.plant(robot)
+    known = table(plant)
+    found = known[key] if key in known else calibrate(effect, joint, robot, excitation)
+    return float(np.exp(np.interp(np.log(level), np.log(LEVELS[plant]), np.log(found))))
 
 
 def name(effect: str, joint: int, robot: str, excitation: str) -> str:
@@ -67,9 +74,9 @@ def name(effect: str, joint: int, robot: str, excitation: str) -> str:
 
 
 @cache
-def table() -> dict[str, list[float]]:
-    """Committed amplitudes by `name`, one for each of `LEVELS`."""
-    path = resources.files(__package__) / FILE
+def table(plant: str) -> dict[str, list[float]]:
+    """Committed amplitudes by `name`, one for each of the plant's `LEVELS`."""
+    path = resources.files(__package__) / FILES[plant]
     text = path.read_text(encoding="utf-8") if path.is_file() else "{}"
     found: dict[str, list[float]] = json.loads(text)
     return found
@@ -82,24 +89,29 @@ def calibrate(effect: str, joint: int, robot: str, excitation: str) -> list[floa
     Where the effect's largest amplitude, or the largest that the control loop stands, leaves
     less, that amplitude.
     """
-    _, least, most = session.kinds()[effect]
+    plant = session.plant(robot)
+    _, least, most = session.kinds(plant)[effect]
     found: list[float] = []
-    a = max(0.1, least)
-    for level in LEVELS:
-        a = min(2.0 * a, most) if found or not least else least
-        a = _reach(lambda a: _excess_at(effect, joint, robot, excitation, a), level, a, least, most)
+    a = least or START[plant]
+    for level in LEVELS[plant]:
+        a = _reach(
+            lambda a: _excess_at(effect, joint, robot, excitation, a), level, a, (least, most),
+            STEPS[plant], NEAR[plant],
+        )  # fmt: skip
         found.append(float(f"{a:.3g}"))
+        a = min(2.0 * a, most)
     return found
 
 
 def _reach(
-    leaves: Callable[[float], float], level: float, start: float, least: float, most: float
-) -> float:
-    """Amplitude in `least`..`most` that leaves `level` floors: secant kept in a bracket."""
-    low, high, a = 0.0, float("inf"), start
-    for _ in range(7):
+    leaves: Callable[[float], float], level: float, start: float, between: tuple[float, float],
+    steps: int, near: float,
+) -> float:  # fmt: skip
+    """Amplitude `between` that leaves `level` floors: secant kept in a bracket."""
+    (least, most), low, high, a = between, 0.0, float("inf"), start
+    for _ in range(steps):
         e = leaves(a)
-        if 0.85 < e / level < 1.18 or (e < level and a == most) or (e > level and a == least):
+        if 1.0 / near < e / level < near or (e < level and a == most) or (e > level and a == least):
             return a
         low, high = (a, high) if e < level else (low, a)
         known = np.isfinite(e) and e > 0.02
@@ -114,12 +126,13 @@ def _reach(
 
 def _excess_at(effect: str, joint: int, robot: str, excitation: str, a: float) -> float:
     """Excess that amplitude `a` leaves; infinite where the loop does not stand it."""
-    need, motion, seed = session.kinds()[effect][0], (excitation, MOTION), MOTION
+    plant, motion, seed = session.plant(robot), (excitation, MOTION), MOTION
+    need, noise = session.kinds(plant)[effect][0], NOISE[plant]
     force = need == "force"
-    run = session.record(robot, [(effect, joint, a)], "coloured", motion, seed, force)
-    if not np.isfinite(run.q).all() or np.abs(run.q).max() > SANE:
+    run = session.record(robot, [(effect, joint, a)], noise, motion, seed, force)
+    if not session.sane(run):
         return float("inf")
     runs = [run]
     if need == "runs":
-        runs = [session.record(robot, [], "coloured", motion, seed, force), run]
-    return excess(runs, robot, "coloured", motion, seed, force)
+        runs = [session.record(robot, [], noise, motion, seed, force), run]
+    return excess(runs, robot, noise, motion, seed, force)

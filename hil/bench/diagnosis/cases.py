@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from hil.bench.diagnosis import amplitudes, session
 from hil.models import catalogue
 
-LEVELS = amplitudes.LEVELS
+LEVELS = amplitudes.LEVELS["tuning"]
 NOISES = ("white", "coloured")
 EXCITATIONS = ("repeated", "strokes")
 SEEDS, FEWER = 10, 3
@@ -26,7 +26,7 @@ PAIRS = (
 
 @dataclass(frozen=True)
 class Hidden:
-    """One hidden effect: its name, its joint (0..2) and the excess it leaves [floors]."""
+    """One hidden effect: its name, its joint (from 0) and the excess it leaves [floors]."""
 
     effect: str
     joint: int
@@ -34,9 +34,18 @@ class Hidden:
 
     @property
     def label(self) -> str:
-        """Joint as a diagnosis names it; the pair (1, 3) of idlers belongs to its first joint."""
-        last = self.effect == "coupled-transmission" and self.joint == 2
-        return f"joint{1 if last else self.joint + 1}"
+        """Joint as a diagnosis names it."""
+        return f"joint{self.joint + 1}"
+
+
+@dataclass(frozen=True)
+class Idler(Hidden):
+    """The pair (1, 3) of idlers of the tuning plants, which belongs to its first joint."""
+
+    @property
+    def label(self) -> str:
+        """Joint as a diagnosis names it."""
+        return "joint1"
 
 
 @dataclass(frozen=True)
@@ -48,7 +57,7 @@ class Case:
     kind : str
         ``"one"``, ``"two"``, ``"none"`` or ``"outside"`` (also: not yet in the catalogue).
     robot : str
-        ``"arm"`` (three joints) or ``"axis"`` (the turntable alone).
+        ``"arm"`` (three joints), ``"axis"`` (the turntable alone), or a robot of the test plants.
     hidden : tuple of Hidden
     noise, excitation : str
     seed : int
@@ -66,6 +75,11 @@ class Case:
     force: bool = False
 
     @property
+    def plant(self) -> str:
+        """``"tuning"`` or ``"test"``."""
+        return session.plant(self.robot)
+
+    @property
     def name(self) -> str:
         """Key of the case in the results."""
         what = "+".join(f"{h.effect}@{h.joint + 1}x{h.level:g}" for h in self.hidden) or "none"
@@ -80,7 +94,7 @@ def known() -> set[str]:
 
 
 def plan(quick: bool = False, seeds: int = SEEDS) -> list[Case]:
-    """All cases; where `quick`, a subset with every effect at two of the levels, or at one.
+    """All cases of the tuning plants; where `quick`, every effect at two of the levels, or at one.
 
     Effects that are not in the catalogue count as outside, with fewer seeds; sensors have half.
     """
@@ -116,7 +130,9 @@ def single(effect: str, level: float, noise: str, excitation: str, seed: int) ->
     """One hidden effect; its joint follows from the seed, every fifth is a single axis."""
     needs, kind = session.kinds()[effect][0], "one" if effect in known() else "outside"
     axis = seed % 5 == 4 and not needs
-    hidden = (Hidden(effect, 0 if axis else seed % 3, level),)
+    joint = 0 if axis else seed % 3
+    last = effect == "coupled-transmission" and joint == 2
+    hidden = ((Idler if last else Hidden)(effect, joint, level),)
     robot = "axis" if axis else "arm"
     return Case(kind, robot, hidden, noise, excitation, seed, needs == "force")
 
@@ -124,9 +140,10 @@ def single(effect: str, level: float, noise: str, excitation: str, seed: int) ->
 def distinct(case: Case) -> bool:
     """Whether no smaller level has the same amplitude, the largest there is."""
     for h in case.hidden:
+        levels = amplitudes.LEVELS[case.plant]
         steps = [
             amplitudes.amplitude(h.effect, h.joint, case.robot, case.excitation, x)
-            for x in LEVELS[: LEVELS.index(h.level) + 1]
+            for x in levels[: levels.index(h.level) + 1]
         ]
         if len(steps) > 1 and steps[-1] < 1.02 * steps[-2]:
             return False

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from hil.bench.diagnosis import amplitudes, session
+from hil.bench.diagnosis import amplitudes, session, testplants
 from hil.bench.diagnosis.cases import Case, Hidden
+from hil.bench.diagnosis.figures import accepted
 from hil.compare.diagnose import diagnose
 from hil.compare.findings import Diagnosis
 from hil.models.model import base_model
@@ -29,7 +30,7 @@ def recordings(case: Case) -> tuple[list[Recording], list[Recording]]:
         for h in case.hidden
     ]
     runs = [_record(case, rows, k) for k in (0, 1)]
-    if any(session.kinds()[h.effect][0] == "runs" for h in case.hidden):
+    if any(session.kinds(case.plant)[h.effect][0] == "runs" for h in case.hidden):
         return [_record(case, [], 0, OTHER), runs[0]], runs[1:]
     return runs[:1], runs[1:]
 
@@ -46,11 +47,13 @@ def judge(case: Case) -> dict[str, Any]:
     train, other = recordings(case)
     simulated = time.process_time()
     row: dict[str, Any] = {
-        "case": case.name, "kind": case.kind, "robot": case.robot, "noise": case.noise,
-        "excitation": case.excitation, "seed": case.seed, "force": case.force,
+        "case": case.name, "plant": case.plant, "kind": case.kind, "robot": case.robot,
+        "noise": case.noise, "excitation": case.excitation, "seed": case.seed, "force": case.force,
         "hidden": [[h.effect, h.label, h.level] for h in case.hidden],
     }  # fmt: skip
-    if max(float(np.abs(r.q).max()) for r in (*train, *other)) > amplitudes.SANE:
+    if case.plant == "test":
+        row["lost"] = testplants.lost(2 * case.seed)
+    if not all(session.sane(r) for r in (*train, *other)):
         return row | {"outcome": "unstable", "named": [], "verdict": ""}
     motion = (case.excitation, 2 * case.seed)
     row["excess"] = amplitudes.excess(train, case.robot, case.noise, motion, motion[1], case.force)
@@ -85,7 +88,7 @@ def said(d: Diagnosis) -> dict[str, Any]:
 def hit(finding: dict[str, Any], hidden: Hidden) -> bool:
     """Whether a finding is this hidden effect, on its joint where it has one."""
     joint = finding["joint"]
-    return finding["effect"] == hidden.effect and joint in (None, hidden.label)
+    return finding["effect"] in accepted(hidden.effect) and joint in (None, hidden.label)
 
 
 def outcome(case: Case, row: dict[str, Any]) -> str:
@@ -110,6 +113,6 @@ def outcome(case: Case, row: dict[str, Any]) -> str:
             return "ambiguous"
         return "right" if len(named) == len(found) else "extra"
     rivals = {r for f in named for r in f["rivals"]} | {f["effect"] for f in named}
-    if verdict == "ambiguous" and all(h.effect in rivals for h in case.hidden):
+    if verdict == "ambiguous" and all(accepted(h.effect) & rivals for h in case.hidden):
         return "ambiguous"
     return "one" if found else "wrong"

@@ -13,7 +13,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from hil.bench.diagnosis import amplitudes, cases, judge, session
+from hil.bench.diagnosis import amplitudes, cases, judge, session, testcases
 from hil.errors import DataError
 from hil.identify.abreast import alone
 
@@ -85,21 +85,31 @@ def _calibrated(key: tuple[str, int, str, str]) -> tuple[str, list[float]]:
     return amplitudes.name(*key), amplitudes.calibrate(*key)
 
 
-def calibrate(jobs: int) -> dict[str, list[float]]:
-    """Amplitudes of every effect, joint, robot and excitation, for ``amplitudes.json``."""
-    keys = [
+def keys(plant: str) -> list[tuple[str, int, str, str]]:
+    """Effect, joint, robot and excitation of every amplitude that a plan needs."""
+    if plant == "test":
+        every = testcases.plan(seeds=cases.SEEDS)
+        return sorted({(h.effect, h.joint, c.robot, c.excitation) for c in every for h in c.hidden})
+    return [
         (effect, joint, robot, excitation)
         for effect, (needs, *_) in session.kinds().items()
         for robot, joint in (("arm", 0), ("arm", 1), ("arm", 2), ("axis", 0))
         for excitation in cases.EXCITATIONS
         if robot == "arm" or not needs
     ]
-    return dict(sorted(spread(_calibrated, keys, jobs, "effect")))
+
+
+def calibrate(plant: str, jobs: int, todo: list[tuple[str, int, str, str]] | None = None) -> None:
+    """Find the amplitudes of `todo` (all of a plant's) and write them to its file."""
+    known = amplitudes.table(plant) if todo is not None else {}
+    work = keys(plant) if todo is None else todo
+    found = dict(sorted((known | dict(spread(_calibrated, work, jobs, "effect"))).items()))
+    lines = [f"{json.dumps(k)}: {json.dumps(v)}" for k, v in found.items()]
+    Path(amplitudes.__file__).with_name(amplitudes.FILES[plant]).write_text(
+        "{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":
-    table = calibrate(2)
-    lines = [f"{json.dumps(k)}: {json.dumps(v)}" for k, v in table.items()]
-    Path(amplitudes.__file__).with_name(amplitudes.FILE).write_text(
-        "{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8"
-    )
+    for plant in sys.argv[1:] or amplitudes.FILES:
+        calibrate(plant, 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from statistics import median
 from typing import Any
 
@@ -22,23 +22,19 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
 
 def report(rows: list[Row], command: str) -> str:
-    """Everything, as Markdown."""
-    sections = {
-        "In short": _headline(rows),
-        "Failures, most frequent first": _failures(rows),
-        "Power: share right (right or ambiguous) by excess": _power(rows),
-        "Calibration of the confidence": _calibration(rows),
-        "By noise, motion and robot (excess of half a floor or more)": _conditions(rows),
-        "Confusion: hidden, and what was named first": _confusion(rows),
-    }
+    """Everything, as Markdown, for every plant that has rows."""
     head = [
         "# Benchmark: naming hidden effects", "",
         f"Made by `{command}` at revision {_revisions(rows)}; {len(rows)} sessions. {_cost(rows)}",
         "Excess: what an effect leaves above the residual of the same session without it, in units",
         "of that residual (worst joint). Intervals: Wilson, 95 %.",
     ]  # fmt: skip
-    for title, text in sections.items():
-        head += ["", f"## {title}", "", text]
+    plants = [p for p in PLANTS if any(figures.plant(r) == p for r in rows)]
+    for plant in plants:
+        mine = [r for r in rows if figures.plant(r) == plant]
+        before = f"{PLANTS[plant]}: " if len(plants) > 1 else ""
+        for title, make in SECTIONS.items():
+            head += ["", f"## {before}{title}", "", make(mine)]
     return "\n".join(head) + "\n"
 
 
@@ -138,3 +134,15 @@ def _confusion(rows: list[Row]) -> str:
         for hidden, said in figures.confusion(rows).items()
     ]
     return table(["hidden", "sessions", "named first"], lines)
+
+
+#: Plant -> what its sections are called.
+PLANTS = {"test": "Test plants (MuJoCo)", "tuning": "Tuning plants"}
+SECTIONS: dict[str, Callable[[list[Row]], str]] = {
+    "In short": _headline,
+    "Failures, most frequent first": _failures,
+    "Power: share right (right or ambiguous) by excess": _power,
+    "Calibration of the confidence": _calibration,
+    "By noise, motion and robot (excess of half a floor or more)": _conditions,
+    "Confusion: hidden, and what was named first": _confusion,
+}

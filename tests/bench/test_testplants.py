@@ -1,0 +1,112 @@
+"""The plan on the test plants, and results of both kinds of plants side by side."""
+
+import json
+
+import pytest
+
+from hil.bench.diagnosis import (
+    amplitudes,
+    cases,
+    figures,
+    judge,
+    runner,
+    session,
+    tables,
+    testcases,
+    testplants,
+)
+from hil.commands import benchhidden
+from hil.errors import ConfigError
+
+needs_mujoco = pytest.mark.skipif(
+    not testplants.available(), reason="the test plants need MuJoCo (extra 'mujoco')"
+)
+
+
+def row(plant, robot, named, outcome, confidence=0.9):
+    found = {"case": f"{plant}{robot}{named}", "plant": plant, "kind": "one", "robot": robot,
+             "noise": "white", "excitation": "points", "seed": 0, "force": False,
+             "hidden": [["stribeck", "joint1", 1.5]], "excess": 1.5, "verdict": "missing-effect",
+             "before": 3.0, "after": 1.0, "revision": "abc", "outcome": outcome}  # fmt: skip
+    finding = {"effect": named, "joint": "joint1", "confidence": confidence, "share": 1.0}
+    return found | {"named": [finding | {"rivals": []}]}
+
+
+def test_both_plants_have_their_tables():
+    rows = [row("tuning", "arm", "stribeck", "right"), row("test", "elbow3", "cogging", "wrong")]
+    text = tables.report(rows, "hil bench diagnosis")
+    for title in tables.SECTIONS:
+        assert f"## Test plants (MuJoCo): {title}" in text
+        assert f"## Tuning plants: {title}" in text
+    test, tuning = text.split("## Tuning plants: In short")
+    assert "0.0 % (0/1" in test and "100.0 % (1/1" in tuning
+
+
+def test_rows_of_an_earlier_revision_are_of_the_tuning_plants():
+    old = row("tuning", "arm", "stribeck", "right")
+    del old["plant"]
+    text = tables.report([old], "hil bench diagnosis")
+    assert "## In short" in text and "Tuning plants" not in text
+
+
+@pytest.mark.parametrize(
+    ("hidden", "named", "outcome"),
+    [
+        ("harmonic-drive", "encoder-eccentricity", "right"),
+        ("harmonic-drive", "stribeck", "wrong"),
+        ("belt-skip", "missed-counts", "right"),
+    ],
+)
+def test_what_has_no_name_of_its_own_has_right_names(hidden, named, outcome):
+    case = cases.Case(
+        "one", "elbow3", (cases.Hidden(hidden, 0, 1.5),), "white", "points", 0
+    )  # fmt: skip
+    found = row("test", "elbow3", named, "") | {"hidden": [[hidden, "joint1", 1.5]]}
+    assert judge.outcome(case, found) == outcome
+    (mean,) = [s.k for _, _, _, s in figures.calibration([found]) if s.n]
+    assert mean == (outcome == "right")
+
+
+def test_without_mujoco_the_tuning_plants_are_left_and_that_is_said(monkeypatch, capsys):
+    monkeypatch.setattr(testplants, "available", lambda: False)
+    assert benchhidden._plants(None) == ["tuning"]
+    assert testplants.WANTED in capsys.readouterr().err
+    with pytest.raises(ConfigError, match="mujoco"):
+        benchhidden._plants("test")
+
+
+@needs_mujoco
+def test_ten_seeds_put_every_effect_on_every_robot_that_can_show_it():
+    plan = testcases.plan()
+    assert len({c.name for c in plan}) == len(plan) > 1000
+    assert {c.plant for c in plan} == {"test"}
+    for effect, (needs, *_) in session.kinds("test").items():
+        on = {c.robot for c in plan if any(h.effect == effect for h in c.hidden)}
+        assert on >= set(testplants.fitting(needs)), effect
+    quick = testcases.plan(quick=True)
+    assert len(quick) < 60
+    assert {h.effect for c in quick for h in c.hidden} == set(session.kinds("test"))
+
+
+@needs_mujoco
+def test_the_quick_plan_is_calibrated():
+    known = amplitudes.table("test")
+    missing = {
+        amplitudes.name(h.effect, h.joint, c.robot, c.excitation)
+        for c in testcases.plan(quick=True)
+        for h in c.hidden
+    } - set(known)
+    assert not missing
+    for key, found in known.items():
+        _, least, most = session.kinds("test")[key.split("/")[0]]
+        assert all(least <= a <= most for a in found), key
+
+
+@needs_mujoco
+def test_a_case_becomes_a_row_that_can_be_read_again(tmp_path):
+    (case,) = (c for c in testcases.plan(quick=True) if c.name.startswith("quadratic-drag@"))
+    found = judge.judge(case)
+    assert found["plant"] == "test" and found["outcome"] in (*figures.OUTCOMES, "unexplained")
+    path = tmp_path / "rows.jsonl"
+    path.write_text(json.dumps(found) + "\n", encoding="utf-8")
+    assert runner.read(path) == [found]
