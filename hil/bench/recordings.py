@@ -10,8 +10,8 @@ import numpy as np
 from hil.compare.diagnose import diagnose
 from hil.compare.findings import Diagnosis
 from hil.compare.heldout import Examiner
-from hil.compare.multistep import simulate
 from hil.identify.fit import fit
+from hil.identify.multistep import simulate
 from hil.identify.problem import Problem
 from hil.identify.result import relative
 from hil.models.model import Band, RobotModel, Use, Value, base_model

@@ -1,5 +1,7 @@
 """Forward simulation of fitted models, many windows of a run at once.
 
+`forward` is the room's door: models and windows in, position errors out.
+
 A step costs about the same for one window as for hundreds, so several models are simulated
 together and a term that they share is evaluated once for all of them.
 """
@@ -9,17 +11,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.elimination import eliminated
-from hil.compare.states import looked_at, parts_of, replayed, shared
+from hil.identify.design import Term, by_run
+from hil.identify.kept import watched
 from hil.identify.result import FitResult
 from hil.models.mass import RigidBody
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int_]
+#: A term and its coefficients: (m,), or (w, m) row by row.
+Part = tuple[Term, FloatArray]
+#: Instants of a run that show which fields a term looks at.
+SOME = 200
 
 
 @dataclass(frozen=True)
@@ -38,6 +45,8 @@ class Windows:
         Bandwidth [Hz] of a servo that leads the model back to the measured motion; 0 = none.
     motion : Motion, optional
         The run with the load of this model, where that is another one.
+    offset : ndarray (2, windows, d), optional
+        What the first positions and speeds differ from the measured ones by [rad, rad/s].
     """
 
     result: FitResult
@@ -45,6 +54,7 @@ class Windows:
     horizon: int
     servo: float = 0.0
     motion: Motion | None = None
+    offset: FloatArray | None = None
 
 
 class _Forward:
@@ -168,7 +178,7 @@ def forward(motion: Motion, jobs: Sequence[Windows]) -> list[tuple[FloatArray, F
     drive, loads = _drives(jobs, motion, owner), _loads(jobs, motion, owner)
     w = 2 * np.pi * np.array([job.servo for job in jobs])
     path = np.full((len(starts), int(horizon.max()), motion.d), np.nan)
-    rows, begin, q, qd = np.arange(len(starts)), 0, motion.q[starts], motion.qd[starts]
+    rows, begin, (q, qd) = np.arange(len(starts)), 0, _beginning(jobs, motion)
     with np.errstate(all="ignore"):
         for end in np.unique(horizon).tolist():
             on = horizon[rows] >= end
@@ -184,11 +194,22 @@ def forward(motion: Motion, jobs: Sequence[Windows]) -> list[tuple[FloatArray, F
     ]
 
 
+def _beginning(jobs: Sequence[Windows], motion: Motion) -> tuple[FloatArray, FloatArray]:
+    """First positions and speeds (rows, d) of all windows."""
+    parts = [np.stack([motion.q[job.starts], motion.qd[job.starts]]) for job in jobs]
+    both = [p if j.offset is None else p + j.offset for p, j in zip(parts, jobs, strict=True)]
+    q, qd = np.concatenate(both, axis=1)
+    return q, qd
+
+
 def _drives(
     jobs: Sequence[Windows], motion: Motion, owner: IntArray
 ) -> Callable[[IntArray, IntArray], FloatArray]:
     """What drives rows (w,) at instants (w,): efforts less those that are replayed, (w, d)."""
     results = list({id(job.result): job.result for job in jobs}.values())
+    if not any(t.effect.replayed for r in results for t in r.terms):
+        pushed = motion.tau + motion.tau_ext
+        return lambda rows, now: np.asarray(pushed[now])
     place = {id(r): k for k, r in enumerate(results)}
     which = np.array([place[id(job.result)] for job in jobs])[owner]
     own = {id(job.result): job.motion for job in jobs}
@@ -237,3 +258,95 @@ def _errors(path: FloatArray, starts: IntArray, motion: Motion) -> tuple[FloatAr
     """Errors and displacements of simulated positions (windows, horizon, d)."""
     true = motion.q[starts[:, None] + np.arange(1, path.shape[1] + 1)]
     return path - true, true - motion.q[starts][:, None]
+
+
+def looked_at(term: Term, motion: Motion) -> set[str]:
+    """Fields of unconnected states that a term looks at."""
+    few = slice(None, None, max(1, motion.n // SOME))
+    rows = [x[few] for x in (motion.q, motion.qd, motion.qdd, motion.load, motion.static)]
+    return {
+        name
+        for name, _ in watched(term.effect, [motion.at_states(*rows)], term.joint, term.shape)[1]
+    }
+
+
+def shared(parts: Sequence[Sequence[Part]], owner: IntArray) -> list[Part]:
+    """Terms of all models that follow the state, with the coefficients (w, m) of each row.
+
+    Zero where a row's model has no such term.
+    """
+    found: dict[tuple[object, ...], Part] = {}
+    for k, own in enumerate(parts):
+        for t, theta in own:
+            if not t.effect.replayed:
+                key = (*t.key, t.shape)
+                if key not in found:
+                    found[key] = (t, np.zeros((len(owner), theta.size)))
+                found[key][1][owner == k] = theta
+    return list(found.values())
+
+
+def parts_of(result: FitResult, motion: Motion) -> list[Part]:
+    """Terms of a model with their coefficients in a run; zero in a run that was not fitted."""
+    out = []
+    for t, where in zip(result.terms, result.slices, strict=True):
+        theta = result.theta[where]
+        if t.per_run:
+            motions = result.problem.motions
+            own = by_run(t, theta, len(motions))
+            known = [own[k] for k, m in enumerate(motions) if m is motion]
+            theta = np.asarray(known[0]) if known else np.zeros(own.shape[1])
+        elif t.effect.belongs(t.shape) and all(m is not motion for m in result.problem.motions):
+            theta = np.zeros_like(theta)
+        out.append((t, theta))
+    return out
+
+
+def replayed(result: FitResult, motion: Motion, own: Motion | None = None) -> FloatArray:
+    """Effort (n, d) of states and measured derivatives, taken from the measured run.
+
+    `own` is the run with this model's load, where that is another one.
+    """
+    out = np.zeros_like(motion.q)
+    for t, theta in parts_of(result, motion):
+        if t.effect.replayed:
+            where = slice(None) if t.effect.whole_robot else t.joint
+            out[:, where] += t.effect.columns(own or motion, t.joint, t.shape) @ theta
+    return out
+
+
+def eliminated(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Solutions x (n, d) of A x = b, a (n, d, d) and b (n, d); NaN or infinite where singular.
+
+    Gauss' elimination with the largest pivot of a column: for matrices of a few joints the call
+    of a general solver costs more than the arithmetic.
+    """
+    out = np.array(b, dtype=np.float64)
+    _eliminate(np.array(a, dtype=np.float64, order="C"), out)
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _eliminate(a: FloatArray, x: FloatArray) -> None:
+    """Solutions in place of the right sides; the matrices are lost."""
+    n, d = x.shape
+    for k in range(n):
+        m, y = a[k], x[k]
+        for i in range(d):
+            top = i
+            for r in range(i + 1, d):
+                if abs(m[r, i]) > abs(m[top, i]):
+                    top = r
+            if top != i:
+                for c in range(i, d):
+                    m[i, c], m[top, c] = m[top, c], m[i, c]
+                y[i], y[top] = y[top], y[i]
+            for r in range(i + 1, d):
+                f = m[r, i] / m[i, i]
+                for c in range(i + 1, d):
+                    m[r, c] -= f * m[i, c]
+                y[r] -= f * y[i]
+        for i in range(d - 1, -1, -1):
+            for c in range(i + 1, d):
+                y[i] -= m[i, c] * y[c]
+            y[i] /= m[i, i]
