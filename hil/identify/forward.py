@@ -23,6 +23,11 @@ from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int_]
+#: Share of the effort that drives a joint below which a step's balance counts as found, and the
+#: effort [N m or N] that is nothing.
+CLOSE, TINY = 1e-3, 1e-12
+#: Secants of a joint that turns round or sticks.
+ROUNDS = 3
 #: A term and its coefficients: (m,), or (w, m) row by row.
 Part = tuple[Term, FloatArray]
 #: Instants of a run that show which fields a term looks at.
@@ -74,17 +79,12 @@ class _Forward:
         #: Whether anything but the rigid bodies has a mass.
         self._heavy = any("qdd" in seen for seen in self._seen)
 
-    def slope(
-        self, q: FloatArray, qd: FloatArray, step: FloatArray, load: FloatArray
+    def drag(
+        self, q: FloatArray, qd: FloatArray, load: FloatArray, rows: IntArray | None = None
     ) -> FloatArray:
-        """Secant slope (w, d) of each joint's own friction over speeds qd - step to qd + step.
-
-        Across a reversal dry friction rises by its whole size: the secant, unlike the tangent,
-        knows it, and the implicit step below then holds a joint that sticks.
-        """
-        speeds = np.stack([qd + step, qd - step])
-        up, down = self.effort(q, speeds, np.zeros_like(speeds), load, mass=False)
-        out: FloatArray = np.maximum((up - down) / (2 * step), 0.0)
+        """What depends on the speed but for the rigid bodies: effort (w, d) at states of `rows`."""
+        none = np.zeros((1, *q.shape))
+        out: FloatArray = self.effort(q, qd, none, load, mass=False, rows=rows)[0]
         return out
 
     def balance(
@@ -117,12 +117,13 @@ class _Forward:
         return np.where(lost[:, None], np.nan, eliminated(safe, push))
 
     def effort(
-        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, mass: bool = True
-    ) -> FloatArray:
+        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, mass: bool = True,
+        rows: IntArray | None = None,
+    ) -> FloatArray:  # fmt: skip
         """Effort (r, w, d) but for `_masses`, at q (w, d), qd (w, d) or (r, w, d), qdd (r, w, d).
 
         Without the mass' on demand.  `load` (w, 2, d): all that is transmitted as measured, and
-        its static part.
+        its static part.  States of some `rows` only, or of all.
         """
         shape = qdd.shape
         flat = (q, qd, load[:, 0], load[:, 1])
@@ -139,6 +140,7 @@ class _Forward:
         for (t, theta), seen in zip(self._parts, self._seen, strict=True):
             if not mass and (t.effect.whole_robot or "qd" not in seen):
                 continue
+            theta = theta if rows is None else theta[rows]
             m = every if "qdd" in seen else few
             columns = t.effect.columns(m, t.joint, t.shape)
             if t.effect.whole_robot:
@@ -162,8 +164,8 @@ def forward(motion: Motion, jobs: Sequence[Windows]) -> list[tuple[FloatArray, F
 
     (M(q) + dt D) qdd = tau + tau_ext - h(q, qd),  qdd += w^2 (q_m - q) + 2 w (qd_m - qd)
 
-    with w = 2 pi servo and D the secant slope of friction over the step (linearly implicit Euler at
-    the evaluation rate).
+    with w = 2 pi servo and D the secant slope of friction over the step (implicit Euler at the
+    evaluation rate, see `_braked`).
 
     Parameters
     ----------
@@ -245,13 +247,93 @@ def _step(
     m = model.motion
     rest, mass = model.balance(q, qd, load)
     push = drive - rest
-    qdd = model.solve(mass, push)
-    slope = model.slope(q, qd, np.abs(m.dt * qdd) + 1e-9, load)
-    qdd = model.solve(mass + m.dt * slope[..., None] * np.eye(m.d), push)
-    qdd = qdd + w**2 * (m.q[now] - q) + 2 * w * (m.qd[now] - qd)
-    qd = qd + m.dt * qdd
+    free = model.solve(mass, push)
+    speed = _braked(model, (q, qd, load), mass, push, qd + m.dt * free)
+    pull = w**2 * (m.q[now] - q) + 2 * w * (m.qd[now] - qd)
+    qd = speed + m.dt * pull
     q = q + m.dt * qd
     return np.clip(q, -1e6, 1e6), np.clip(qd, -1e6, 1e6)
+
+
+def _braked(
+    model: _Forward, state: tuple[FloatArray, FloatArray, FloatArray], mass: FloatArray,
+    push: FloatArray, far: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Speeds x (w, d) one instant later, friction F taken there (implicit Euler):
+
+        R(x) = M (x - v) / dt - push + F(x) - F(v) = 0,
+
+    first by the secant from v to `far`, where the friction of v would lead.  Friction that grows
+    with the speed has the solution between the two, joint by joint: rows where it is not found
+    yet (a reversal, a joint that sticks) go on by secants, within what is left of that interval.
+    """
+    q, v, load = state
+    dt, held = model.motion.dt, model.drag(q, v, load)
+    rise = model.drag(q, far, load) - held
+    secant = np.maximum(rise / _apart(far - v), 0.0)
+    x = v + dt * model.solve(mass + dt * secant[..., None] * np.eye(v.shape[1]), push)
+    if not np.any(rise):
+        return x
+    left = (mass @ (x - v)[..., None])[..., 0] / dt - push
+    left = left + model.drag(q, x, load) - held
+    rows = np.flatnonzero(np.any(np.abs(left) > CLOSE * np.abs(push) + TINY, axis=1))
+    if rows.size:
+        part = q[rows], v[rows], load[rows]
+        ends = _Ends(part[1], -push[rows], far[rows], rise[rows], x[rows], left[rows])
+        x[rows] = _found(model, rows, part, mass[rows], push[rows] + held[rows], ends)
+    return x
+
+
+@dataclass
+class _Ends:
+    """Speeds that enclose a solution with what is left of R there, and the last one tried."""
+
+    a: FloatArray
+    left_a: FloatArray
+    b: FloatArray
+    left_b: FloatArray
+    x: FloatArray
+    left: FloatArray
+
+    def narrowed(self) -> FloatArray:
+        """Put x in place of the end on its side; the speed that was there (w, d)."""
+        same = self.left * self.left_a > 0
+        old = np.where(same, self.a, self.b), np.where(same, self.left_a, self.left_b)
+        self.a, self.b = np.where(same, self.x, self.a), np.where(same, self.b, self.x)
+        # Illinois: an end that stays counts half, so that it will not stay for ever
+        near = np.where(same, self.left, 0.5 * self.left_a)
+        self.left_b = np.where(same, 0.5 * self.left_b, self.left)
+        self.left_a = near
+        slope: FloatArray = (self.left - old[1]) / _apart(self.x - old[0])
+        return slope
+
+    def inside(self, y: FloatArray) -> FloatArray:
+        """Speeds y where they lie between the ends, else those of the false position."""
+        chord = self.a - self.left_a * (self.b - self.a) / _apart(self.left_b - self.left_a)
+        low, high = np.minimum(self.a, self.b), np.maximum(self.a, self.b)
+        return np.where((y >= low) & (y <= high), y, np.clip(chord, low, high))
+
+
+def _found(
+    model: _Forward, rows: IntArray, state: tuple[FloatArray, FloatArray, FloatArray],
+    mass: FloatArray, pushed: FloatArray, ends: _Ends,
+) -> FloatArray:  # fmt: skip
+    """Speeds of some rows that bring R close to zero; `pushed` is push + F(v)."""
+    q, v, load = state
+    dt, own = model.motion.dt, np.einsum("wdd->wd", mass)
+    for _ in range(ROUNDS):
+        # slope of F alone: that of R less the mass
+        slope = np.maximum(ends.narrowed() - own / dt, 0.0)
+        each = mass + dt * slope[..., None] * np.eye(v.shape[1])
+        ends.x = ends.inside(ends.x - dt * eliminated(each, ends.left))
+        ends.left = (mass @ (ends.x - v)[..., None])[..., 0] / dt - pushed
+        ends.left = ends.left + model.drag(q, ends.x, load, rows)
+    return ends.x
+
+
+def _apart(x: FloatArray) -> FloatArray:
+    """Differences to divide by, none of them zero."""
+    return np.where(np.abs(x) < 1e-300, 1e-300, x)
 
 
 def _errors(path: FloatArray, starts: IntArray, motion: Motion) -> tuple[FloatArray, FloatArray]:

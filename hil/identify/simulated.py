@@ -1,0 +1,379 @@
+"""Refinement of a fitted model on its simulated motion, chosen on windows that were held out.
+
+The one-step fit weighs efforts; what is wanted of a simulation is the motion.  Each run is cut
+into thirds.  For each third the model is fitted to the others, first one-step, then on simulated
+windows of several lengths and with several pulls towards the one-step fit (`outputerror`), and
+then simulated over the third from its measured first state.  The length and the pull with the
+smallest error there are taken for all data; where none is better than the one-step fit, the given
+model stays.  Runs kept apart (`holdout`) are only shown at the end, and choose nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError
+from hil.identify.design import stack
+from hil.identify.outputerror import Asked, Coordinates, Simulator, Task, descend
+from hil.identify.predict import predict
+from hil.identify.problem import Problem
+from hil.identify.result import FitResult, relative
+from hil.record.recording import Recording
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int_]
+#: Parts of a run that are held out in turn.
+FOLDS = 3
+#: Lengths of fitted windows, in the one that is judged, and their pulls; the first pull with all.
+LENGTHS = (1.0, 0.5, 0.25)
+PULLS = (0.005, 0.0005, 0.05)
+#: Windows of one length and joints' share of a run's ends [s] that filters blur.
+MOST, EDGE = 24, 0.2
+#: Lengths [s] that are judged where none is asked for: the longest that stays in range.
+USUAL = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
+#: Steps of a fit that is judged, and of the last one.
+STEPS, LAST = 8, 16
+#: Least gain of the held-out simulated error that counts.
+GAIN = 1e-3
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Both errors of one model on data it was not fitted to.
+
+    Parameters
+    ----------
+    one_step : ndarray (d,)
+        100 rms(effort residual) / rms(effort) [%].
+    simulated : ndarray (d,)
+        Rms position error of the simulated windows [rad or m].
+    """
+
+    one_step: FloatArray
+    simulated: FloatArray
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A length of window [s] and a pull, with the held-out simulated error in the given one's."""
+
+    window: float
+    pull: float
+    ratio: float
+
+
+@dataclass(frozen=True)
+class SimulatedFit:
+    """A fit refined on the simulated motion.
+
+    Parameters
+    ----------
+    given, refined : FitResult
+        The one-step fit, and the same model after the refinement.
+    better : bool
+        Whether the refined model is better on held-out windows.
+    judged : float
+        Length of the held-out windows that were simulated [s].
+    free_run : bool
+        Whether whole runs are simulated on the official split.
+    heldout : tuple of Errors
+        On the held-out thirds of the fitted runs, before and after.
+    official : tuple of Errors, or None
+        On runs kept apart, before and after.
+    tried : list of Tried
+        All that was tried; the first one is what was taken.
+    """
+
+    given: FitResult
+    refined: FitResult
+    better: bool
+    judged: float
+    free_run: bool
+    heldout: tuple[Errors, Errors]
+    official: tuple[Errors, Errors] | None = None
+    tried: list[Tried] = field(default_factory=list)
+
+    @property
+    def result(self) -> FitResult:
+        """The refined model where it is better on held-out windows, else the given one."""
+        return self.refined if self.better else self.given
+
+    def as_dict(self) -> dict[str, object]:
+        """What `hil fit --json` says under ``simulated``."""
+        joints = self.given.problem.joints
+        pairs = {"heldout": self.heldout, "official": self.official}
+        return {
+            "refined": self.better,
+            "window": self.tried[0].window,
+            "pull": self.tried[0].pull,
+            "judged": self.judged,
+            "free_run": self.free_run,
+            **{k: p and _named(p, joints) for k, p in pairs.items()},
+            "tried": [vars(t) for t in self.tried],
+        }
+
+
+def _named(pair: tuple[Errors, Errors], joints: Sequence[str]) -> dict[str, object]:
+    """Errors before and after by joint."""
+    return {
+        when: {k: dict(zip(joints, map(float, v), strict=True)) for k, v in vars(errors).items()}
+        for when, errors in zip(("before", "after"), pair, strict=True)
+    }
+
+
+def refine(
+    result: FitResult, holdout: Sequence[Recording] = (), window: float = 0.0,
+    free_run: bool = False, say: Callable[[str], None] = lambda text: None,
+) -> SimulatedFit:  # fmt: skip
+    """Refine a fitted model on its simulated motion.
+
+    Parameters
+    ----------
+    result : FitResult
+        A fit of the motor's effort.
+    holdout : sequence of Recording
+        Runs that both errors are shown on at the end (the official split).
+    window : float
+        Length of the simulations that matter [s]; 0 = the longest usual one within the range.
+    free_run : bool
+        Whether whole runs matter: thirds are then simulated as a whole.
+    say : callable
+        Told in a line what is being done.
+
+    Raises
+    ------
+    ConfigError
+        If the model explains an external effort, or the windows do not fit into thirds of a run.
+    """
+    if result.model.explains != "motor":
+        raise ConfigError(
+            "only a model of the motor's effort moves by itself; this one explains external "
+            "effort, so leave --simulate out"
+        )
+    work = _Refiner(result, window, free_run)
+    tried: dict[tuple[float, float], _Fold] = {}
+    plans = [(length, PULLS[0]) for length in work.lengths()]
+    for more in (plans, None):
+        best = min(tried, key=lambda k: tried[k].ratio, default=plans[0])
+        new = more or [(best[0], pull) for pull in PULLS[1:]]
+        say(f"simulating {len(new) * FOLDS} fits of {work.where.size} directions")
+        tried |= dict(zip(new, work.judge(new), strict=True))
+    order = sorted(tried, key=lambda k: tried[k].ratio)
+    listed = [Tried(a, pull, tried[a, pull].ratio) for a, pull in order]
+    best, say_ = order[0], tried[order[0]]
+    refined = work.whole(*best)
+    official = None
+    if holdout:
+        other = _like(result.problem, holdout)
+        official = (work.official(result, other), work.official(refined, other))
+    return SimulatedFit(
+        result, refined, say_.ratio < 1 - GAIN, work.judged, free_run,
+        (work.before, say_.errors), official, listed,
+    )  # fmt: skip
+
+
+def chosen(fits: Sequence[SimulatedFit]) -> int:
+    """Number of the model with the least held-out simulated error, by the fitted runs alone."""
+    unit = fits[0].heldout[0].simulated
+    each = [f.heldout[int(f.better)].simulated / unit for f in fits]
+    return int(np.argmin([float(np.mean(e**2)) for e in each]))
+
+
+@dataclass(frozen=True)
+class _Fold:
+    """Held-out errors of one plan, and their ratio to those of the one-step fits."""
+
+    errors: Errors
+    ratio: float
+
+
+class _Refiner:
+    """The data of one refinement: thirds, windows, one-step fits without each third."""
+
+    def __init__(self, result: FitResult, window: float, free_run: bool) -> None:
+        self.result, self.problem = result, result.problem
+        self.where, self.free_run = Coordinates(result), free_run
+        self.simulator = Simulator(self.problem, result)
+        self._units: dict[int, FloatArray] = {}
+        self._third = [m.n // FOLDS for m in self.problem.motions]
+        self._dt = self.problem.motions[0].dt
+        self._centres = [self.where.one_step(self._rows(f, False)) for f in range(FOLDS)]
+        self._edge = 0 if free_run else round(EDGE / self._dt)
+        longest = min(self._third) - self._edge - 1
+        self.horizon = longest if free_run else self._asked(window, longest)
+        self.judged = self.horizon * self._dt
+        self.before = self._errors(self._centres)
+
+    def _asked(self, window: float, longest: int) -> int:
+        """Instants of the windows that are judged.
+
+        Raises
+        ------
+        ConfigError
+            If they do not fit into a third of the shortest run.
+        """
+        if window:
+            if not 20 <= window / self._dt <= longest:
+                raise ConfigError(
+                    f"windows of {window:g} s: expected {20 * self._dt:.2g} to "
+                    f"{longest * self._dt:.3g} s, a third of the shortest run"
+                )
+            return round(window / self._dt)
+        usual = [round(x / self._dt) for x in USUAL if x / self._dt <= longest]
+        for horizon in usual:
+            found = self.simulator([Asked(self.result, self._heldout(horizon), horizon)])[0]
+            half = np.ptp(self.problem.span, axis=1) / 2
+            if np.all(np.abs(found) < half):
+                return horizon
+        return usual[-1] if usual else longest
+
+    def lengths(self) -> list[float]:
+        """Lengths of windows to fit [s]."""
+        least = 20 * self._dt
+        return [self.judged * x for x in LENGTHS if self.judged * x >= least]
+
+    def judge(self, plans: list[tuple[float, float]]) -> list[_Fold]:
+        """Held-out errors of lengths [s] and pulls."""
+        tasks = [
+            self._task(round(a / self._dt), pull, fold) for a, pull in plans for fold in range(FOLDS)
+        ]
+        descend(self.where, self.simulator, tasks, STEPS)
+        out = []
+        for k in range(len(plans)):
+            errors = self._errors([t.z for t in tasks[k * FOLDS : (k + 1) * FOLDS]])
+            ratio = errors.simulated / np.maximum(self.before.simulated, 1e-300)
+            out.append(_Fold(errors, float(np.sqrt(np.mean(ratio**2)))))
+        return out
+
+    def whole(self, length: float, pull: float) -> FitResult:
+        """The refinement on all data."""
+        task = self._task(round(length / self._dt), pull, None)
+        descend(self.where, self.simulator, [task], LAST)
+        # cov z = mean u^2 / number of windows and joints . H^-1
+        count = sum(s.size for s in task.starts) * self.problem.d
+        level = task.cost / max(count, 1)
+        h = task.curvature + task.pull**2 * np.eye(task.z.size)
+        return _assembled(self.where, task.z, np.linalg.pinv(h) * level)
+
+    def official(self, result: FitResult, other: Problem) -> Errors:
+        """Both errors on runs kept apart: the whole of each, or windows one after the other."""
+        one = relative(predict(result, other), other.effort)
+        simulator = Simulator(other, result)
+        square, count = np.zeros(other.d), 0
+        for k, m in enumerate(other.motions):
+            horizon = m.n - 1 if self.free_run else min(self.horizon, m.n - 1)
+            first = np.array([0]) if self.free_run else _spaced(self._edge, m.n, horizon, 1)
+            starts = [first if i == k else first[:0] for i in range(len(other.motions))]
+            found = simulator([Asked(result, starts, horizon, every=1)])[0].reshape(-1, other.d)
+            square, count = square + np.sum(found**2, axis=0), count + len(found)
+        return Errors(np.asarray(one), np.sqrt(square / max(count, 1)))
+
+    def _task(self, horizon: int, pull: float, fold: int | None) -> Task:
+        starts = self._fitted(horizon, fold)
+        if horizon not in self._units:
+            every = [Asked(self.result, self._fitted(horizon, None), horizon)]
+            size = np.sqrt(np.mean(self.simulator(every)[0] ** 2, axis=1))
+            least = 1e-9 * np.ptp(self.problem.span, axis=1) + 1e-15
+            self._units[horizon] = np.maximum(np.median(size, axis=0), least)
+        centre = np.zeros(self.where.size) if fold is None else self._centres[fold]
+        return Task(starts, horizon, pull, centre, self._units[horizon])
+
+    def _fitted(self, horizon: int, fold: int | None) -> list[IntArray]:
+        """First instants of windows outside a third, half over each other, run by run."""
+        out = []
+        for third, m in zip(self._third, self.problem.motions, strict=True):
+            cuts = [0, m.n] if fold is None else [0, fold * third, (fold + 1) * third, m.n]
+            ends = zip(cuts[::2], cuts[1::2], strict=True)
+            parts = [
+                _spaced(max(a, self._edge), min(b, m.n - self._edge), horizon, 2) for a, b in ends
+            ]
+            out.append(_thinned(np.concatenate(parts), MOST // len(self.problem.motions)))
+        return out
+
+    def _heldout(self, horizon: int, fold: int | None = None) -> list[IntArray]:
+        """First instants of windows within thirds, one after the other, run by run."""
+        out = []
+        for third in self._third:
+            ks = range(FOLDS) if fold is None else [fold]
+            parts = [
+                _spaced(max(k * third, self._edge), (k + 1) * third, horizon, 1) for k in ks
+            ]
+            out.append(_thinned(np.concatenate(parts), MOST))
+        return out
+
+    def _rows(self, fold: int, inside: bool) -> NDArray[np.bool_]:
+        """Rows (n,) of the one-step fit inside or outside a third."""
+        spans = [m.n * m.dt for m in self.problem.motions]
+        part = self.problem.t * FOLDS // np.array(spans)[self.problem.run]
+        return np.asarray((np.minimum(part, FOLDS - 1) == fold) == inside)
+
+    def _errors(self, zs: Sequence[FloatArray]) -> Errors:
+        """Errors of the models of every fold on its held-out third."""
+        models = [self.where.at(z) for z in zs]
+        asked = [
+            Asked(m, self._heldout(self.horizon, k), self.horizon) for k, m in enumerate(models)
+        ]
+        every = np.concatenate(self.simulator(asked)).reshape(-1, self.problem.d)
+        left = np.empty_like(self.problem.y)
+        for k, m in enumerate(models):
+            rows = self._rows(k, True)
+            left[:, rows] = _residual(m)[:, rows]
+        return Errors(relative(left, self.problem.effort), np.sqrt(np.mean(every**2, axis=0)))
+
+
+def _spaced(a: int, b: int, horizon: int, overlap: int) -> IntArray:
+    """First instants of windows between two, `overlap` of them over each instant."""
+    if b - a <= horizon:
+        return np.zeros(0, dtype=np.int_)
+    count = 1 + overlap * (b - a - horizon - 1) // horizon
+    return np.linspace(a, b - horizon - 1, count).astype(np.int_)
+
+
+def _thinned(starts: IntArray, most: int) -> IntArray:
+    """At most so many of them, evenly."""
+    few = np.linspace(0, starts.size - 1, min(starts.size, max(most, 1)))
+    return starts[few.astype(np.int_)]
+
+
+def _like(problem: Problem, others: Sequence[Recording]) -> Problem:
+    """Other runs with the filters of a problem."""
+    return Problem(
+        list(others), problem.source, problem.explains, rates=problem.rates, span=problem.span
+    )
+
+
+def _residual(result: FitResult) -> FloatArray:
+    """One-step residual (d, n) of a model whose values have moved."""
+    problem = result.problem
+    x, _ = stack(problem, result.terms)
+    out: FloatArray = (problem.y.reshape(-1) - x @ result.theta).reshape(problem.d, problem.n)
+    return out
+
+
+def _assembled(where: Coordinates, z: FloatArray, cov: FloatArray) -> FitResult:
+    """The model at z with its values, their errors and its one-step residual."""
+    moved, given = where.at(z), where.result
+    numbers = dict(zip(moved.names, map(float, moved.theta), strict=True)) | where.shapes(moved)
+    errors, values = where.errors(cov), dict(given.values)
+    source = "simulated " + next(iter(values.values())).source
+    for name, number in numbers.items():
+        old = values[name]
+        if old.source == "given" or name not in errors:
+            continue
+        end = number in (old.lower, old.upper)
+        values[name] = replace(
+            old, value=number, stderr=errors[name], at_bound=end, source=source
+        )
+    effects = tuple(
+        replace(u, values={k: values.get(k, v) for k, v in u.values.items()})
+        for u in given.model.effects
+    )
+    x, _ = stack(given.problem, moved.terms)
+    return replace(
+        moved, model=replace(given.model, effects=effects), values=values,
+        residual=_residual(moved), x=x,
+    )  # fmt: skip
