@@ -259,7 +259,7 @@ def _braked(
     model: _Forward, state: tuple[FloatArray, FloatArray, FloatArray], mass: FloatArray,
     push: FloatArray, far: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Speeds x (w, d) one instant later, friction F taken there (implicit Euler):
+    """Speeds x (w, d) one instant later, with the friction F that they meet (implicit Euler).
 
         R(x) = M (x - v) / dt - push + F(x) - F(v) = 0,
 

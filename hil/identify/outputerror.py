@@ -1,15 +1,16 @@
 """Gauss-Newton on the simulated motion: many fits of one model at once.
 
-With z the free directions of a fitted model in units of their standard errors, the cost of a task is
+With z the free directions of a fitted model in units of their standard errors, a task's cost is
 
     C(z) = mean_w rho(u_w^2) + pull^2 |z - centre|^2,    rho(x) = 2 (sqrt(1 + x) - 1),
     u_w^2 = min_o  mean_t,j (e_w(z) - A_w o)^2 / s_j^2 + |o|^2,
 
 e_w the position error of window w, A_w what a standard error of its first position or speed does
 to it, and s_j joint j's error before.  rho counts a window that goes wrong (a joint that sticks in
-one and not in the other) by its size and not by its square.  Derivatives are differences over two
-standard errors, so that a law with a kink has a slope; all models that differ are simulated
-abreast, and all tasks step together.
+one and not in the other) by its size and not by its square.  Derivatives are differences over one
+and over several standard errors, for friction makes the cost rough; steps of both are tried, of
+several dampings, and some at random.  All models that differ are simulated abreast, and all tasks
+step together.
 
 Source: Bock, Randwertproblemmethoden zur Parameteridentifizierung, 1987 (multiple shooting);
 Ljung, System Identification, 2nd ed., 1999, section 7.2 (output error).
@@ -32,8 +33,10 @@ from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int_]
-#: Difference step, in standard errors.
-STEP = 2.0
+#: Difference steps, in standard errors: a law with kinks has another slope from afar.
+STRIDES = (1.0, 8.0)
+#: Trials drawn at random about the model, for a cost with kinks has hollows.
+DRAWN = 8
 #: Instants of a window that count.
 INSTANTS = 100
 #: Numbers that one simulation keeps at most: models times windows times instants times joints.
@@ -42,6 +45,8 @@ ROOM = 10_000_000
 TRIED = (0.01, 0.3, 10.0, 300.0)
 #: Relative fall of the cost that is worth another step.
 WORTH = 2e-3
+#: Steps without one after which a task ends.
+PATIENCE = 3
 
 
 class Coordinates:
@@ -155,6 +160,9 @@ class Task:
     cost: float = field(init=False, default=np.inf)
     done: bool = field(init=False, default=False)
     damping: float = field(init=False, default=0.1)
+    #: Steps tried, and how many of the last ones brought nothing.
+    taken: int = field(init=False, default=0)
+    idle: int = field(init=False, default=0)
     #: Curvature of the cost (size, size) where it was last taken, without the pull.
     curvature: FloatArray = field(init=False)
 
@@ -259,7 +267,7 @@ def descend(where: Coordinates, simulator: Simulator, tasks: Sequence[Task], ste
         ]
         found = simulator(asked)
         for n, (k, near) in enumerate(zip(active, locals_, strict=True)):
-            own = slice(n * len(TRIED), (n + 1) * len(TRIED))
+            own = slice(n * len(near.steps), (n + 1) * len(near.steps))
             best = _taken(tasks[k], near, trials[own], found[own])
             errors[k] = errors[k] if best is None else best
 
@@ -275,7 +283,8 @@ class _Local:
 def _weighted(error: FloatArray, task: Task) -> FloatArray:
     """Errors (windows, m) in the task's units, so that their sum of squares is a mean."""
     w, m, d = error.shape
-    return (error / task.scale / np.sqrt(m * d)).reshape(w, m * d)
+    out: FloatArray = (error / task.scale / np.sqrt(m * d)).reshape(w, m * d)
+    return out
 
 
 def _left(r: FloatArray, offsets: FloatArray) -> FloatArray:
@@ -297,32 +306,54 @@ def _cost(r: FloatArray, near: FloatArray, task: Task, z: FloatArray) -> float:
 def _linear(
     where: Coordinates, simulator: Simulator, tasks: list[Task], errors: list[FloatArray]
 ) -> list[_Local]:
-    """Gauss-Newton steps of several dampings, for every task."""
-    unit, asked = simulator.uncertain(), list[Asked]()
-    d = simulator.problem.d
-    for t in tasks:
-        here = where.at(t.z)
-        for k in range(where.size):
-            z = t.z.copy()
-            z[k] += STEP
-            asked.append(Asked(where.at(z), t.starts, t.horizon))
-        for k in range(2 * d):
-            one = np.zeros(2 * d)
-            one[k] = unit.reshape(-1)[k]
-            asked.append(Asked(here, t.starts, t.horizon, one.reshape(2, d)))
-    found, width = simulator(asked), where.size + 2 * d
+    """Steps to try, for every task."""
+    asked = [a for t in tasks for a in _around(where, simulator, t)]
+    found, n = simulator(asked), where.size
+    width = len(asked) // len(tasks)
     out = []
-    for n, (t, error) in enumerate(zip(tasks, errors, strict=True)):
+    for k, (t, error) in enumerate(zip(tasks, errors, strict=True)):
         r = _weighted(error, t)
-        moved = [_weighted(e, t) - r for e in found[n * width : (n + 1) * width]]
-        j = np.stack(moved[: where.size], axis=-1) / STEP
-        offsets = np.stack(moved[where.size :], axis=-1)
-        out.append(_steps(t, r, j, offsets))
+        moved = np.stack(
+            [_weighted(e, t) - r for e in found[k * width : (k + 1) * width]], axis=-1
+        )
+        offsets = moved[..., len(STRIDES) * n :]
+        steps = [
+            step
+            for i, stride in enumerate(STRIDES)
+            for step in _steps(t, r, moved[..., i * n : (i + 1) * n] / stride, offsets)
+        ]
+        out.append(_Local(steps + _drawn(t), offsets))
     return out
 
 
-def _steps(task: Task, r: FloatArray, j: FloatArray, offsets: FloatArray) -> _Local:
-    """Steps of one task; r (w, m), J (w, m, size), A (w, m, 2 d)."""
+def _around(where: Coordinates, simulator: Simulator, task: Task) -> list[Asked]:
+    """The model a stride away in every direction, and from other first states."""
+    out, d = [], simulator.problem.d
+    for stride in STRIDES:
+        for k in range(where.size):
+            z = task.z.copy()
+            z[k] += stride
+            out.append(Asked(where.at(z), task.starts, task.horizon))
+    here, unit = where.at(task.z), simulator.uncertain().reshape(-1)
+    for k in range(2 * d):
+        one = np.where(np.arange(2 * d) == k, unit, 0.0).reshape(2, d)
+        out.append(Asked(here, task.starts, task.horizon, one))
+    return out
+
+
+def _drawn(task: Task) -> list[FloatArray]:
+    """Random steps, as far as the cost at most doubles by its curvature."""
+    h = task.curvature + task.pull**2 * np.eye(task.z.size)
+    values, vectors = np.linalg.eigh(h)
+    far = np.sqrt(task.cost / np.maximum(values, 1e-6 * values[-1] + 1e-300) / task.z.size)
+    normal = np.random.default_rng(task.taken).standard_normal((DRAWN, task.z.size))
+    sizes = np.geomspace(0.1, 1.0, DRAWN)
+    # dz = sum_k v_k n_k sqrt(C / (lambda_k size))
+    return [size * (vectors @ (far * n)) for size, n in zip(sizes, normal, strict=True)]
+
+
+def _steps(task: Task, r: FloatArray, j: FloatArray, offsets: FloatArray) -> list[FloatArray]:
+    """Gauss-Newton steps of several dampings; r (w, m), J (w, m, size), A (w, m, 2 d)."""
     task.cost = _cost(r, offsets, task, task.z)
     left = _left(r[..., None], offsets)[..., 0]
     square = np.einsum("wm,wm->w", r, left)
@@ -334,7 +365,7 @@ def _steps(task: Task, r: FloatArray, j: FloatArray, offsets: FloatArray) -> _Lo
     g = np.einsum("wmk,wm,w->k", j, left, weight) + task.pull**2 * (task.z - task.centre)
     size = np.diag(np.maximum(np.diag(h), 1e-12 * np.max(np.diag(h)) + 1e-300))
     # (H + mu diag H) dz = -g
-    return _Local([-np.linalg.solve(h + task.damping * k * size, g) for k in TRIED], offsets)
+    return [-np.linalg.solve(h + task.damping * k * size, g) for k in TRIED]
 
 
 def _taken(
@@ -342,15 +373,16 @@ def _taken(
 ) -> FloatArray | None:
     """Take the best trial where it is better; the errors there, or None."""
     costs = [
-        _cost(_weighted(e, task), near.offsets, task, z)
-        for z, e in zip(trials, found, strict=True)
+        _cost(_weighted(e, task), near.offsets, task, z) for z, e in zip(trials, found, strict=True)
     ]
-    k = int(np.argmin(costs))
-    if costs[k] >= task.cost:
-        task.damping *= TRIED[-1]
-        task.done = task.damping > 1e7
+    k, task.taken = int(np.argmin(costs)), task.taken + 1
+    fall = (task.cost - costs[k]) / task.cost
+    task.idle = 0 if fall > WORTH else task.idle + 1
+    task.done = task.idle >= PATIENCE
+    if fall <= 0:
+        task.damping = min(3 * task.damping, 1e6)
         return None
-    task.done = task.cost - costs[k] < WORTH * task.cost
     task.cost, task.z = costs[k], trials[k]
-    task.damping = float(np.clip(task.damping * TRIED[k], 1e-6, 1e6))
+    if k < len(STRIDES) * len(TRIED):
+        task.damping = float(np.clip(task.damping * TRIED[k % len(TRIED)], 1e-6, 1e6))
     return found[k]

@@ -3,15 +3,20 @@
 The one-step fit weighs efforts; what is wanted of a simulation is the motion.  Each run is cut
 into thirds.  For each third the model is fitted to the others, first one-step, then on simulated
 windows of several lengths and with several pulls towards the one-step fit (`outputerror`), and
-then simulated over the third from its measured first state.  The length and the pull with the
-smallest error there are taken for all data; where none is better than the one-step fit, the given
-model stays.  Runs kept apart (`holdout`) are only shown at the end, and choose nothing.
+then simulated over the third from its measured first state.  The longest windows whose error
+there is within one standard error of the least are taken (they are nearest to what is judged),
+with the pull that is best for them; where that is not better than the one-step fit, the given
+model stays.
+Runs kept apart (`holdout`) are only shown at the end, and choose nothing.
+
+Source of the rule of one standard error: Breiman et al., Classification and Regression Trees, 1984.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +31,13 @@ from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int_]
+T = TypeVar("T")
 #: Parts of a run that are held out in turn.
 FOLDS = 3
 #: Lengths of fitted windows, in the one that is judged, and their pulls; the first pull with all.
 LENGTHS = (1.0, 0.5, 0.25)
 PULLS = (0.005, 0.0005, 0.05)
-#: Windows of one length and joints' share of a run's ends [s] that filters blur.
+#: Windows of one length at most; the ends of a run [s] that filters blur.
 MOST, EDGE = 24, 0.2
 #: Lengths [s] that are judged where none is asked for: the longest that stays in range.
 USUAL = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
@@ -51,10 +57,13 @@ class Errors:
         100 rms(effort residual) / rms(effort) [%].
     simulated : ndarray (d,)
         Rms position error of the simulated windows [rad or m].
+    each : ndarray (windows, d)
+        Mean squared position error of each of them.
     """
 
     one_step: FloatArray
     simulated: FloatArray
+    each: FloatArray = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -85,7 +94,7 @@ class SimulatedFit:
     official : tuple of Errors, or None
         On runs kept apart, before and after.
     tried : list of Tried
-        All that was tried; the first one is what was taken.
+        All that was tried, what was taken first.
     """
 
     given: FitResult
@@ -120,15 +129,21 @@ class SimulatedFit:
 def _named(pair: tuple[Errors, Errors], joints: Sequence[str]) -> dict[str, object]:
     """Errors before and after by joint."""
     return {
-        when: {k: dict(zip(joints, map(float, v), strict=True)) for k, v in vars(errors).items()}
+        when: {
+            "one_step": dict(zip(joints, map(float, errors.one_step), strict=True)),
+            "simulated": dict(zip(joints, map(float, errors.simulated), strict=True)),
+        }
         for when, errors in zip(("before", "after"), pair, strict=True)
     }
 
 
 def refine(
-    result: FitResult, holdout: Sequence[Recording] = (), window: float = 0.0,
-    free_run: bool = False, say: Callable[[str], None] = lambda text: None,
-) -> SimulatedFit:  # fmt: skip
+    result: FitResult,
+    holdout: Sequence[Recording] = (),
+    window: float = 0.0,
+    free_run: bool = False,
+    say: Callable[[str], None] = lambda text: None,
+) -> SimulatedFit:
     """Refine a fitted model on its simulated motion.
 
     Parameters
@@ -156,31 +171,57 @@ def refine(
         )
     work = _Refiner(result, window, free_run)
     tried: dict[tuple[float, float], _Fold] = {}
-    plans = [(length, PULLS[0]) for length in work.lengths()]
-    for more in (plans, None):
-        best = min(tried, key=lambda k: tried[k].ratio, default=plans[0])
-        new = more or [(best[0], pull) for pull in PULLS[1:]]
+    lengths = work.lengths()
+    for pulls in (PULLS[:1], PULLS[1:]):
+        if tried:
+            lengths = [max(alike([x.errors for x in tried.values()], [k[0] for k in tried]))]
+        new = [(length, pull) for length in lengths for pull in pulls]
         say(f"simulating {len(new) * FOLDS} fits of {work.where.size} directions")
         tried |= dict(zip(new, work.judge(new), strict=True))
-    order = sorted(tried, key=lambda k: tried[k].ratio)
-    listed = [Tried(a, pull, tried[a, pull].ratio) for a, pull in order]
-    best, say_ = order[0], tried[order[0]]
-    refined = work.whole(*best)
-    official = None
+    best = min((k for k in tried if k[0] == lengths[0]), key=lambda k: tried[k].ratio)
+    order = [best, *(k for k in tried if k != best)]
+    refined, official = work.whole(*best), None
     if holdout:
         other = _like(result.problem, holdout)
         official = (work.official(result, other), work.official(refined, other))
     return SimulatedFit(
-        result, refined, say_.ratio < 1 - GAIN, work.judged, free_run,
-        (work.before, say_.errors), official, listed,
-    )  # fmt: skip
+        result,
+        refined,
+        tried[best].ratio < 1 - GAIN,
+        work.judged,
+        free_run,
+        (work.before, tried[best].errors),
+        official,
+        [Tried(*k, tried[k].ratio) for k in order],
+    )
+
+
+def alike(errors: Sequence[Errors], what: Sequence[T]) -> list[T]:
+    """Those whose held-out simulated error is within one standard error of the least.
+
+    With c_w the squared error of window w, each joint in its own scale, and b the best of them,
+    mean (c_w - b_w) is compared with its standard error over the windows.
+    """
+    unit = np.mean([e.each for e in errors], axis=(0, 1))
+    cost = np.array([np.mean(e.each / np.maximum(unit, 1e-300), axis=1) for e in errors])
+    rise = cost - cost[np.argmin(cost.mean(axis=1))]
+    se = np.std(rise, axis=1, ddof=1) / np.sqrt(rise.shape[1]) if rise.shape[1] > 1 else 0.0
+    near = rise.mean(axis=1) <= se
+    return [w for w, ok in zip(what, near.tolist(), strict=True) if ok]
 
 
 def chosen(fits: Sequence[SimulatedFit]) -> int:
-    """Number of the model with the least held-out simulated error, by the fitted runs alone."""
-    unit = fits[0].heldout[0].simulated
-    each = [f.heldout[int(f.better)].simulated / unit for f in fits]
-    return int(np.argmin([float(np.mean(e**2)) for e in each]))
+    """Number of the model to take, by the fitted runs alone.
+
+    The one with the fewest values among those whose held-out simulated error is `alike`.
+
+    Parameters
+    ----------
+    fits : sequence of SimulatedFit
+        Refinements of several models on the same runs, judged alike.
+    """
+    near = alike([f.heldout[int(f.better)] for f in fits], range(len(fits)))
+    return min(near, key=lambda k: len(fits[k].given.values))
 
 
 @dataclass(frozen=True)
@@ -239,7 +280,9 @@ class _Refiner:
     def judge(self, plans: list[tuple[float, float]]) -> list[_Fold]:
         """Held-out errors of lengths [s] and pulls."""
         tasks = [
-            self._task(round(a / self._dt), pull, fold) for a, pull in plans for fold in range(FOLDS)
+            self._task(round(a / self._dt), pull, fold)
+            for a, pull in plans
+            for fold in range(FOLDS)
         ]
         descend(self.where, self.simulator, tasks, STEPS)
         out = []
@@ -257,20 +300,23 @@ class _Refiner:
         count = sum(s.size for s in task.starts) * self.problem.d
         level = task.cost / max(count, 1)
         h = task.curvature + task.pull**2 * np.eye(task.z.size)
-        return _assembled(self.where, task.z, np.linalg.pinv(h) * level)
+        return _assembled(
+            self.where, task.z, np.asarray(np.linalg.pinv(h) * level, dtype=np.float64)
+        )
 
     def official(self, result: FitResult, other: Problem) -> Errors:
         """Both errors on runs kept apart: the whole of each, or windows one after the other."""
         one = relative(predict(result, other), other.effort)
         simulator = Simulator(other, result)
-        square, count = np.zeros(other.d), 0
+        each: list[FloatArray] = []
         for k, m in enumerate(other.motions):
             horizon = m.n - 1 if self.free_run else min(self.horizon, m.n - 1)
             first = np.array([0]) if self.free_run else _spaced(self._edge, m.n, horizon, 1)
             starts = [first if i == k else first[:0] for i in range(len(other.motions))]
-            found = simulator([Asked(result, starts, horizon, every=1)])[0].reshape(-1, other.d)
-            square, count = square + np.sum(found**2, axis=0), count + len(found)
-        return Errors(np.asarray(one), np.sqrt(square / max(count, 1)))
+            found = simulator([Asked(result, starts, horizon, every=1)])[0]
+            each.append(np.mean(found**2, axis=1))
+        square = np.concatenate(each)
+        return Errors(one, np.sqrt(np.mean(square, axis=0)), square)
 
     def _task(self, horizon: int, pull: float, fold: int | None) -> Task:
         starts = self._fitted(horizon, fold)
@@ -299,9 +345,7 @@ class _Refiner:
         out = []
         for third in self._third:
             ks = range(FOLDS) if fold is None else [fold]
-            parts = [
-                _spaced(max(k * third, self._edge), (k + 1) * third, horizon, 1) for k in ks
-            ]
+            parts = [_spaced(max(k * third, self._edge), (k + 1) * third, horizon, 1) for k in ks]
             out.append(_thinned(np.concatenate(parts), MOST))
         return out
 
@@ -317,12 +361,13 @@ class _Refiner:
         asked = [
             Asked(m, self._heldout(self.horizon, k), self.horizon) for k, m in enumerate(models)
         ]
-        every = np.concatenate(self.simulator(asked)).reshape(-1, self.problem.d)
+        each = np.concatenate([np.mean(e**2, axis=1) for e in self.simulator(asked)])
         left = np.empty_like(self.problem.y)
         for k, m in enumerate(models):
             rows = self._rows(k, True)
             left[:, rows] = _residual(m)[:, rows]
-        return Errors(relative(left, self.problem.effort), np.sqrt(np.mean(every**2, axis=0)))
+        one = relative(left, self.problem.effort)
+        return Errors(one, np.sqrt(np.mean(each, axis=0)), each)
 
 
 def _spaced(a: int, b: int, horizon: int, overlap: int) -> IntArray:
@@ -365,15 +410,16 @@ def _assembled(where: Coordinates, z: FloatArray, cov: FloatArray) -> FitResult:
         if old.source == "given" or name not in errors:
             continue
         end = number in (old.lower, old.upper)
-        values[name] = replace(
-            old, value=number, stderr=errors[name], at_bound=end, source=source
-        )
+        values[name] = replace(old, value=number, stderr=errors[name], at_bound=end, source=source)
     effects = tuple(
         replace(u, values={k: values.get(k, v) for k, v in u.values.items()})
         for u in given.model.effects
     )
     x, _ = stack(given.problem, moved.terms)
     return replace(
-        moved, model=replace(given.model, effects=effects), values=values,
-        residual=_residual(moved), x=x,
-    )  # fmt: skip
+        moved,
+        model=replace(given.model, effects=effects),
+        values=values,
+        residual=_residual(moved),
+        x=x,
+    )
