@@ -313,9 +313,7 @@ def _linear(
     out = []
     for k, (t, error) in enumerate(zip(tasks, errors, strict=True)):
         r = _weighted(error, t)
-        moved = np.stack(
-            [_weighted(e, t) - r for e in found[k * width : (k + 1) * width]], axis=-1
-        )
+        moved = np.stack([_weighted(e, t) - r for e in found[k * width : (k + 1) * width]], axis=-1)
         offsets = moved[..., len(STRIDES) * n :]
         steps = [
             step

@@ -183,7 +183,9 @@ def refine(
     refined, official = work.whole(*best), None
     if holdout:
         other = _like(result.problem, holdout)
-        official = (work.official(result, other), work.official(refined, other))
+        horizon = 0 if free_run else work.horizon
+        before, after = (_official(r, other, horizon) for r in (result, refined))
+        official = (before, after)
     return SimulatedFit(
         result,
         refined,
@@ -194,6 +196,11 @@ def refine(
         official,
         [Tried(*k, tried[k].ratio) for k in order],
     )
+
+
+def free_run(result: FitResult, holdout: Sequence[Recording]) -> Errors:
+    """Both errors on other runs, each simulated from its measured first state to its end."""
+    return _official(result, _like(result.problem, holdout))
 
 
 def alike(errors: Sequence[Errors], what: Sequence[T]) -> list[T]:
@@ -304,20 +311,6 @@ class _Refiner:
             self.where, task.z, np.asarray(np.linalg.pinv(h) * level, dtype=np.float64)
         )
 
-    def official(self, result: FitResult, other: Problem) -> Errors:
-        """Both errors on runs kept apart: the whole of each, or windows one after the other."""
-        one = relative(predict(result, other), other.effort)
-        simulator = Simulator(other, result)
-        each: list[FloatArray] = []
-        for k, m in enumerate(other.motions):
-            horizon = m.n - 1 if self.free_run else min(self.horizon, m.n - 1)
-            first = np.array([0]) if self.free_run else _spaced(self._edge, m.n, horizon, 1)
-            starts = [first if i == k else first[:0] for i in range(len(other.motions))]
-            found = simulator([Asked(result, starts, horizon, every=1)])[0]
-            each.append(np.mean(found**2, axis=1))
-        square = np.concatenate(each)
-        return Errors(one, np.sqrt(np.mean(square, axis=0)), square)
-
     def _task(self, horizon: int, pull: float, fold: int | None) -> Task:
         starts = self._fitted(horizon, fold)
         if horizon not in self._units:
@@ -382,6 +375,21 @@ def _thinned(starts: IntArray, most: int) -> IntArray:
     """At most so many of them, evenly."""
     few = np.linspace(0, starts.size - 1, min(starts.size, max(most, 1)))
     return starts[few.astype(np.int_)]
+
+
+def _official(result: FitResult, other: Problem, horizon: int = 0) -> Errors:
+    """Both errors on other runs: windows one after the other, or with 0 the whole of each."""
+    one = relative(predict(result, other), other.effort)
+    simulator, each = Simulator(other, result), list[FloatArray]()
+    for k, m in enumerate(other.motions):
+        edge = round(EDGE / m.dt) if horizon else 0
+        long = min(horizon or m.n, m.n - edge - 1)
+        first = _spaced(edge, m.n, long, 1)
+        starts = [first if i == k else first[:0] for i in range(len(other.motions))]
+        found = simulator([Asked(result, starts, long, every=1)])[0]
+        each.append(np.mean(found**2, axis=1))
+    square = np.concatenate(each)
+    return Errors(one, np.sqrt(np.mean(square, axis=0)), square)
 
 
 def _like(problem: Problem, others: Sequence[Recording]) -> Problem:
