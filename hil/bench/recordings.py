@@ -111,7 +111,7 @@ class Refined:
     fits : list of SimulatedFit
         Their refinements on the first record; `official` is the record with pulses.
     taken : int
-        Number of the one with the least held-out error on the first record.
+        Number of the one that the held-out thirds of the first record take, see `chosen`.
     """
 
     labels: list[str]
