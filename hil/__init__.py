@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hil.compare.analysis import add, compare, diagnose, fit, ladder
+    from hil.identify.simulated import refine
     from hil.models.files import read_model, write_model
     from hil.models.model import RobotModel, Use, base_model
     from hil.record.reader import load
@@ -33,6 +34,7 @@ _WHERE = {
     "diagnose": "hil.compare.analysis",
     "add": "hil.compare.analysis",
     "ladder": "hil.compare.analysis",
+    "refine": "hil.identify.simulated",
 }
 
 __all__ = [
@@ -47,6 +49,7 @@ __all__ = [
     "ladder",
     "load",
     "read_model",
+    "refine",
     "write_model",
 ]
 

@@ -16,12 +16,19 @@ from hil.commands.benchpage import Found
 
 def _emps(args: argparse.Namespace) -> Found:
     """Public recording of the EMPS drive: identification, and what is missing."""
-    p, e = recordings.emps_published(), recordings.emps_diagnosed()
+    p, e, r = recordings.emps_published(), recordings.emps_diagnosed(), recordings.emps_refined()
     lines = ["Published identification", *_published(p), "", "What is missing", *_missing(e)]
+    lines += ["", "Refined on free runs of the first record", *_refined(r)]
     data: dict[str, object] = {
-        "published": p.values, "error": p.error, "heldout": e.heldout,
-        "open_loop_mm": e.open_loop_mm, "models": [s.label for s in e.diagnosis.ladder],
-    }  # fmt: skip
+        "published": p.values,
+        "error": p.error,
+        "heldout": e.heldout,
+        "free_run_mm": e.free_run_mm,
+        "models": [s.label for s in e.diagnosis.ladder],
+        "simulated": {k: f.as_dict() for k, f in zip(r.labels, r.fits, strict=True)},
+        "taken": r.labels[r.taken],
+        "references_mm": recordings.REFERENCES,
+    }
     return "\n".join(lines), data
 
 
@@ -40,18 +47,40 @@ def _published(p: recordings.Published) -> list[str]:
 
 def _missing(e: recordings.Emps) -> list[str]:
     """Both errors of every rung, and where one rises as the other falls."""
-    steps = zip(e.diagnosis.ladder, e.heldout, e.open_loop_mm, strict=True)
+    steps = zip(e.diagnosis.ladder, e.heldout, e.free_run_mm, strict=True)
     table = [[s.label, f"{h:.2f}", f"{mm:.1f}"] for s, h, mm in steps]
-    lines = [common.table(["model", "held-out %", "open loop mm"], table)]
+    lines = [
+        "Fitted on the first record, both errors on the record with pulses, which is simulated",
+        "from its first state to its end",
+        common.table(["model", "force %", "free run mm"], table),
+    ]
     gain = 100 * (1 - e.heldout[-1] / e.heldout[0])
     lines.append(f"  held-out force error falls by {gain:.0f} %")
     for k in range(1, len(table)):
-        if e.open_loop_mm[k] > 1.05 * e.open_loop_mm[k - 1]:
+        if e.free_run_mm[k] > 1.05 * e.free_run_mm[k - 1]:
             lines.append(
-                f"  warning: {table[k][0]} lowers the force error, but the open-loop position "
-                f"error rises from {e.open_loop_mm[k - 1]:.1f} to {e.open_loop_mm[k]:.1f} mm"
+                f"  warning: {table[k][0]} lowers the force error, but the free run's position "
+                f"error rises from {e.free_run_mm[k - 1]:.1f} to {e.free_run_mm[k]:.1f} mm"
             )
     return lines
+
+
+def _refined(r: recordings.Refined) -> list[str]:
+    """Every structure before and after, on the first record's thirds and on the other record."""
+    rows = []
+    for label, f in zip(r.labels, r.fits, strict=True):
+        before, after = f.official or f.heldout
+        held = [f"{1e3 * e.simulated[0]:.2f}" for e in f.heldout]
+        force = [f"{e.one_step[0]:.2f}" for e in (before, after)]
+        mm = [f"{1e3 * e.simulated[0]:.2f}" for e in (before, after)]
+        rows.append([label, *held, *force, *mm])
+    rows += [[f"published: {k}", *["-"] * 5, f"{x:.2f}"] for k, x in recordings.REFERENCES.items()]
+    head = ["model", "thirds mm", "refined", "force %", "refined", "free run mm", "refined"]
+    return [
+        "Held-out thirds of the first record, then both errors on the record with pulses",
+        common.table(head, rows),
+        f"  the first record takes {r.labels[r.taken]}",
+    ]
 
 
 def _contact(args: argparse.Namespace) -> Found:

@@ -10,11 +10,11 @@ from hil.compare.blur import above
 from hil.compare.fallback import told
 from hil.compare.findings import Diagnosis, Finding
 from hil.compare.judge import only_there
-from hil.compare.multistep import MultiStep
 from hil.compare.overruled import why
 from hil.compare.sessions import CODE as DIFFER
 from hil.compare.tables import at_issue_of
 from hil.compare.words import LEADING, explains, floor_says, remains
+from hil.identify.multistep import MultiStep
 from hil.models import catalogue
 from hil.models.told import remark
 

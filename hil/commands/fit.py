@@ -6,32 +6,105 @@ import argparse
 
 from hil.commands import common
 from hil.compare import analysis
+from hil.compare.heldout import Examiner
+from hil.errors import ConfigError
 from hil.identify.result import FitResult
+from hil.identify.simulated import Errors, SimulatedFit, refine
+from hil.identify.threads import single_threaded
 from hil.models.model import Value
 from hil.models.told import in_words, without_error
 
-EXAMPLE = "hil fit run1.mcap run2.mcap --model arm.toml -o fitted.toml"
+EXAMPLE = "hil fit run1.mcap run2.mcap --model arm.toml -o fitted.toml --simulate"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     common.add_sessions(parser, model=False)
     common.add_output(parser, "FITTED.toml", "the fitted model")
+    parser.add_argument(
+        "--simulate",
+        action="store_true",
+        help="refine the fit on the simulated motion; kept only where it is better on held-out "
+        "thirds of the sessions",
+    )
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument(
+        "--window",
+        type=float,
+        default=0.0,
+        metavar="SECONDS",
+        help="length of the simulations that matter (with --simulate); without, the longest of "
+        "0.25 to 8 s in which the model stays in range",
+    )
+    how.add_argument(
+        "--free-run",
+        action="store_true",
+        help="whole sessions matter, simulated from their first state (with --simulate)",
+    )
+    parser.add_argument(
+        "--holdout",
+        action="append",
+        default=[],
+        metavar="H.mcap",
+        help="session on which both errors are shown before and after (with --simulate; "
+        "repeatable); it chooses nothing",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Fit and print."""
-    runs, _, model = common.load(args)
-    result = analysis.fit(runs, model)
+    if not args.simulate and (args.window or args.free_run or args.holdout):
+        raise ConfigError("--window, --free-run and --holdout belong to --simulate; add it")
+    if args.window < 0:
+        raise ConfigError(f"--window {args.window:g}: expected seconds above zero")
+    runs, held, model = common.load(args)
+    result, found = analysis.fit(runs, model), None
+    if args.simulate:
+        Examiner(result.problem, held)  # refuses sessions that cannot be held out
+        found = single_threaded(refine)(result, held, args.window, args.free_run, common.log)
+        result = found.result
     if args.output:
         common.save_model(result.model, args.output)
     if args.json:
-        common.emit(result.as_dict())
+        more = {"simulated": found.as_dict()} if found else {}
+        common.emit(result.as_dict() | more)
     else:
-        common.out(text(result))
+        common.out(text(result) + (simulated(found) if found else ""))
         if args.output:
             common.out(f"\nfitted model: {args.output}")
     return 0
+
+
+def simulated(fit: SimulatedFit) -> str:
+    """Both errors before and after a refinement on the simulated motion."""
+    rows = _pair("held-out thirds", fit.heldout, fit)
+    if fit.official:
+        rows += _pair("--holdout", fit.official, fit)
+    what = "whole thirds" if fit.free_run else f"windows of {fit.judged:.3g} s"
+    best = fit.tried[0]
+    said = (
+        f"refined on windows of {best.window:.3g} s, pull {best.pull:g}"
+        if fit.better
+        else "no refinement was better on held-out windows; the one-step fit stays"
+    )
+    head = ["judged on", "joint", "one-step %", "refined", "simulated rms", "refined"]
+    return f"\n\n{common.table(head, rows, left=(0, 1))}\n\n  {what} simulated; {said}"
+
+
+def _pair(where: str, pair: tuple[Errors, Errors], fit: SimulatedFit) -> list[list[str]]:
+    """Rows of a table, one a joint: errors on some data before and after."""
+    problem, (old, new) = fit.given.problem, pair
+    return [
+        [
+            where,
+            joint,
+            f"{old.one_step[j]:.2f}",
+            f"{new.one_step[j]:.2f}",
+            f"{old.simulated[j]:.3g} {problem.robot.units[j]}",
+            f"{new.simulated[j]:.3g}",
+        ]
+        for j, joint in enumerate(problem.joints)
+    ]
 
 
 def _remark(name: str, v: Value, joints: tuple[str, ...]) -> str:

@@ -12,7 +12,6 @@ from hil.compare.evidence import Evidence, gather
 from hil.compare.findings import Diagnosis, Step
 from hil.compare.heldout import Examiner, HeldOut
 from hil.compare.localise import Region, regions
-from hil.compare.multistep import MultiStep, both, each
 from hil.compare.notes import noticed
 from hil.compare.otherrobot import other_robot
 from hil.compare.seeming import seeming
@@ -23,6 +22,7 @@ from hil.compare.unlike import unlike
 from hil.errors import ConfigError, DataError
 from hil.identify.errors import complete
 from hil.identify.fit import fit as fit_problem
+from hil.identify.multistep import MultiStep, both, each
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.threads import single_threaded

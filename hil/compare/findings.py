@@ -12,9 +12,9 @@ from hil.compare.candidate import Candidate
 from hil.compare.evidence import NOTHING, Evidence
 from hil.compare.fallback import Share
 from hil.compare.heldout import HeldOut
-from hil.compare.multistep import MultiStep
 from hil.compare.unseen import Unseen
 from hil.errors import DataError
+from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.model import Range, RobotModel, Value

@@ -14,10 +14,10 @@ from hil.compare.evidence import Evidence
 from hil.compare.fallback import Share
 from hil.compare.findings import Diagnosis, Finding, Step
 from hil.compare.floor import ADEQUATE
-from hil.compare.multistep import MultiStep
 from hil.compare.tables import sets_of
 from hil.compare.unlike import CODE as UNLIKE
 from hil.compare.unseen import Unseen
+from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
 from hil.models.model import Range
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hil.compare import outdone, worsened
 from hil.compare.fallback import Share
 from hil.compare.findings import Finding, Step
-from hil.compare.multistep import MultiStep, each
+from hil.identify.multistep import MultiStep, each
 
 #: By the warning's code, what is said in a few words.
 REASONS = {

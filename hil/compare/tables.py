@@ -14,8 +14,8 @@ from hil.compare.evidence import Evidence
 from hil.compare.fallback import Share
 from hil.compare.findings import Diagnosis, Finding, joint_of
 from hil.compare.localise import Region, regions
-from hil.compare.multistep import MultiStep
 from hil.compare.rivals import weights
+from hil.identify.multistep import MultiStep
 from hil.identify.result import FitResult
 from hil.models.model import Value
 from hil.models.told import in_words

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hil.compare.findings import Finding, Step
-from hil.compare.multistep import MultiStep
+from hil.identify.multistep import MultiStep
 
 CODE = "worsened"
 #: Factor by which the simulated error must rise, beyond its standard error: of 132 names that were

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hil.compare.adding import Files, command
-from hil.compare.multistep import MultiStep
 from hil.compare.warn import rising, useless
+from hil.identify.multistep import MultiStep
 from hil.models.model import base_model
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from test_effects import motion_of
 
-from hil.compare.forward import Windows, _Forward
 from hil.identify.design import Term
+from hil.identify.forward import Windows, _Forward
 from hil.models import catalogue
 from hil.models.robots import IndependentAxes
 

@@ -115,6 +115,19 @@ def test_fit_json(session, capsys):
     assert {"value", "stderr", "unit", "at_bound"} <= set(out["parameters"]["rigid-body.m"])
 
 
+def test_fit_refined_on_the_simulated_motion(session, tmp_path, capsys):
+    words = ("fit", session[0], "--simulate", "--window", "1", "--holdout", session[1])
+    code, out = run(capsys, *words, "-o", tmp_path / "m.toml", "--json")
+    found = out["simulated"]
+    assert code == 0 and found["judged"] == pytest.approx(1, rel=0.01) and not found["free_run"]
+    for where in ("heldout", "official"):
+        assert {"one_step", "simulated"} <= set(found[where]["before"]) & set(found[where]["after"])
+    if found["refined"]:
+        after, before = (found["heldout"][k]["simulated"]["joint1"] for k in ("after", "before"))
+        assert after < before
+    assert main(["fit", str(session[0]), "--window", "1"]) == 2
+
+
 def test_no_effect_no_finding(tmp_path, capsys):
     path = tmp_path / "n.mcap"
     write_recordings(path, [axis("n", 3)])

@@ -24,7 +24,19 @@ def test_emps_missing_effect_is_named_and_lowers_the_heldout_error():
     assert here.diagnosis.verdict == "missing-effect"
     assert here.diagnosis.findings[0].effect == "asymmetric-viscous"
     assert here.heldout[1] < 0.85 * here.heldout[0]
-    assert len(here.open_loop_mm) == len(here.heldout)
+    assert len(here.free_run_mm) == len(here.heldout)
+    assert here.free_run_mm[0] == pytest.approx(8.31, rel=0.05)
+
+
+@pytest.mark.slow
+def test_emps_refined_on_its_first_record_runs_freely_through_the_other():
+    here = recordings.emps_refined(((),))
+    found = here.fits[here.taken]
+    before, after = found.official
+    assert found.better and found.result is found.refined
+    assert 1e3 * before.simulated[0] == pytest.approx(8.31, rel=0.05)
+    assert 1e3 * after.simulated[0] < recordings.REFERENCES["linear state space"]
+    assert found.heldout[1].simulated[0] < 0.7 * found.heldout[0].simulated[0]
 
 
 def test_foam_law_is_found_and_halves_the_error():

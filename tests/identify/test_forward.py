@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from hil.compare.forward import Windows, _Forward
-from hil.compare.multistep import each, simulate
-from hil.compare.states import looked_at
 from hil.identify.fit import fit
+from hil.identify.forward import Windows, _Forward, looked_at
+from hil.identify.multistep import each, simulate
 from hil.identify.problem import Problem
 from hil.models.model import base_model
 from hil.record.recording import Recording, RobotSource

@@ -1,0 +1,176 @@
+"""Multi-step error: the model simulated forward from measured states, over short horizons.
+
+One-step (inverse dynamics) error can fall while the simulated motion gets worse; both are
+shown, always.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.identify.context import carrying
+from hil.identify.forward import Windows, forward
+from hil.identify.problem import Problem
+from hil.identify.result import FitResult
+from hil.models.motion import Motion
+
+FloatArray = NDArray[np.float64]
+WINDOWS = 60
+#: Short horizon [s].
+SHORT = 0.5
+#: Bandwidth of the servo in a closed-loop replay [Hz].
+SERVO = 1.0
+
+
+@dataclass(frozen=True)
+class MultiStep:
+    """Simulated position error.
+
+    Parameters
+    ----------
+    horizon : float
+        Length of each simulation [s].
+    rms : ndarray (d,)
+        Rms position error over all windows and instants [rad or m].
+    relative : ndarray (d,)
+        100 rms error / rms displacement within the windows [%].
+    windows : int
+        Number of simulations.
+    diverged : int
+        Windows whose simulation left the recorded range by more than its span.
+    power : ndarray (windows, d)
+        Mean squared position error of each window; NaN where it diverged.
+    closed_loop : MultiStep or None
+        The same of the closed-loop replay, where it was made.
+    """
+
+    horizon: float
+    rms: FloatArray
+    relative: FloatArray
+    windows: int
+    diverged: int
+    power: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    closed_loop: MultiStep | None = None
+
+    @property
+    def lost(self) -> bool:
+        """Whether no simulation stayed in the recorded range, so that the error means nothing."""
+        return self.windows == self.diverged
+
+    def rises(self, before: MultiStep, j: int, factor: float) -> bool:
+        """Whether joint j's error rose by this factor and by more than its standard error.
+
+        The same windows are compared; neighbours overlap by half, which halves their number.
+        """
+        if self.lost or before.lost:
+            return self.lost and not before.lost
+        if self.power.shape != before.power.shape or not self.power.size:
+            return bool(self.rms[j] > factor * before.rms[j])
+        pair = np.stack([before.power[:, j], self.power[:, j]])
+        pair = pair[:, np.isfinite(pair).all(axis=0)]
+        old, new = np.sqrt(pair.mean(axis=1)) if pair.size else (np.inf, np.inf)
+        rise = pair[1] - pair[0]
+        chance = float(np.std(rise)) * np.sqrt(2 / max(rise.size - 1, 1))
+        return bool(new > factor * old and rise.mean() > chance)
+
+
+def both(result: FitResult, problem: Problem) -> MultiStep:
+    """Short horizons and, for models of the motor's effort, the closed-loop replay."""
+    return each([result], problem)[0]
+
+
+def each(results: Sequence[FitResult], problem: Problem) -> list[MultiStep]:
+    """The same of several models, simulated together.
+
+    The closed-loop replay simulates windows of several seconds under a soft servo to the measured
+    motion: what the servo of 1 Hz has to make up for is what the model gets wrong; drift that
+    short horizons do not show shows there.  Its windows are eighths of a run, at most 2.5 s long.
+    """
+    longest = max(min(m.n * m.dt for m in problem.motions) / 8, 0.5)
+    asked = [(SHORT, 0.0), (float(min(longest, 2.5)), SERVO)]
+    jobs = [
+        (r, *ask) for r in results for ask in asked if r.model.explains == "motor" or not ask[1]
+    ]
+    found = iter(_simulated(jobs, problem))
+    out = []
+    for r in results:
+        short = next(found)
+        motor = r.model.explains == "motor"
+        out.append(replace(short, closed_loop=next(found)) if motor else short)
+    return out
+
+
+def simulate(
+    result: FitResult, problem: Problem, seconds: float = SHORT, servo: float = 0.0
+) -> MultiStep:
+    """Simulate a fitted model from measured states with the measured effort.
+
+    M(q) qdd = tau + tau_ext - h(q, qd); semi-implicit Euler at the evaluation rate.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit.
+    problem : Problem
+        Runs to simulate (the same or held-out ones).
+    seconds : float
+        Horizon.
+    servo : float
+        Bandwidth of a servo to the measured motion [Hz]; 0 = none.
+    """
+    return _simulated([(result, seconds, servo)], problem)[0]
+
+
+def _simulated(
+    asked: Sequence[tuple[FitResult, float, float]], problem: Problem
+) -> list[MultiStep]:
+    """Errors of models over horizons [s] under servos [Hz], over all runs."""
+    found: list[list[tuple[FloatArray, FloatArray]]] = [[] for _ in asked]
+    carried = {id(r): carrying(r, problem) for r, _, _ in asked}
+    for i, motion in enumerate(problem.motions):
+        jobs = {
+            k: Windows(result, starts, horizon, servo, carried[id(result)][i])
+            for k, (result, seconds, servo) in enumerate(asked)
+            for starts, horizon in [_windows(motion, seconds, servo)]
+            if starts.size
+        }
+        if not jobs:  # a run shorter than the shortest window
+            continue
+        for k, pair in zip(jobs, forward(motion, list(jobs.values())), strict=True):
+            found[k].append(pair)
+    parts = zip(asked, found, strict=True)
+    return [_summary(pairs, seconds, problem) for (_, seconds, _), pairs in parts]
+
+
+def _windows(motion: Motion, seconds: float, servo: float) -> tuple[NDArray[np.int_], int]:
+    """First instants of the windows of a run, and their length; windows without a servo overlap."""
+    horizon = max(2, round(seconds / motion.dt))
+    edge = int(0.2 / motion.dt)
+    last = motion.n - horizon - edge
+    if last <= edge:
+        return np.zeros(0, dtype=np.int_), horizon
+    overlap = 1 if servo else 2
+    count = min(WINDOWS, max(1, overlap * (last - edge) // max(horizon, 1)))
+    return np.linspace(edge, last, count).astype(np.int_), horizon
+
+
+def _summary(
+    pairs: list[tuple[FloatArray, FloatArray]], seconds: float, problem: Problem
+) -> MultiStep:
+    if not pairs:
+        nothing = np.full(problem.d, np.nan)
+        return MultiStep(seconds, nothing, nothing, 0, 0)
+    error, move = (np.concatenate(x) for x in zip(*pairs, strict=True))
+    span = np.ptp(problem.span, axis=1)
+    bad = np.any(~np.isfinite(error) | (np.abs(error) > span), axis=(1, 2))
+    good = error[~bad] if (~bad).any() else np.nan_to_num(error, nan=np.inf)
+    rms = np.sqrt(np.mean(good**2, axis=(0, 1)))
+    size = np.sqrt(np.mean(move**2, axis=(0, 1)))
+    power = np.full((len(error), problem.d), np.nan)
+    power[~bad] = np.mean(error[~bad] ** 2, axis=1)
+    relative = 100 * rms / np.maximum(size, 1e-12)
+    return MultiStep(seconds, rms, relative, len(error), int(bad.sum()), power)
