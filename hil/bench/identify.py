@@ -118,7 +118,7 @@ def run(
 def _in_process(train: arm.Data, test: arm.Data, data: str, repeats: int) -> list[Row]:
     """Reference and `hil.fit`, taking turns."""
     recording = train.recording("train")
-    model = base_model(recording.robot) + "torque-offset"
+    model = base_model(recording.robot)
     calls: dict[str, Callable[[], Any]] = {
         REFERENCE: lambda: peers.reference(train),
         # a recording keeps what was found in it: each fit gets one that no other has looked at

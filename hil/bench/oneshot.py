@@ -24,7 +24,7 @@ def once(report: str, train: str, holdout: list[str]) -> tuple[float, float, Dia
     """Load, fit, rank all candidates, test held out; the report says where the model fails."""
     start, clock = time.process_time(), time.perf_counter()
     run = load(train)
-    model = base_model(run.robot) + "torque-offset"
+    model = base_model(run.robot)
     d = diagnose([run], model, [load(path) for path in holdout])
     diagnosis_report(d, report)
     return time.process_time() - start, time.perf_counter() - clock, d

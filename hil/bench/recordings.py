@@ -94,7 +94,7 @@ STRUCTURES: tuple[tuple[str, ...], ...] = (
 def emps_diagnosed() -> Emps:
     """Start from the published effects, let the tool name what is missing."""
     train, other = datasets.load_emps(), datasets.load_emps(pulses=True)
-    model = base_model(AXIS) + "torque-offset"
+    model = base_model(AXIS)
     d = diagnose([train], model, [other])
     errors = [1e3 * float(free_run(s.result, [other]).simulated[0]) for s in d.ladder]
     return Emps(d, [float(s.heldout.relative[0]) for s in d.ladder], errors)
@@ -124,7 +124,7 @@ def emps_refined(structures: Sequence[tuple[str, ...]] = STRUCTURES) -> Refined:
     train, other = datasets.load_emps(), datasets.load_emps(pulses=True)
     fits = []
     for effects in structures:
-        model = base_model(AXIS) + "torque-offset"
+        model = base_model(AXIS)
         for effect in effects:
             model = model + effect
         result = fit(Problem([train], AXIS), model)
@@ -192,7 +192,7 @@ class Wrist:
 def wrist(split: str = "fifths") -> Wrist:
     """Diagnose the TX40; `split` is ``"fifths"`` or ``"halves"`` (first fits, second tests)."""
     recording = datasets.load_tx40()
-    model = base_model(recording.robot) + "torque-offset"
+    model = base_model(recording.robot)
     if split == "fifths":
         return Wrist(diagnose([recording], model), split)
     half = recording.n // 2

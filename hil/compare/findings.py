@@ -122,7 +122,9 @@ class Diagnosis:
 
     @property
     def model(self) -> RobotModel:
-        """The improved model; the first one where nothing is named.
+        """The last model of the ladder, which never rises.
+
+        Where a name does not stand, what it does is kept as a correction without a name.
 
         Raises
         ------
@@ -130,7 +132,7 @@ class Diagnosis:
             If nothing was fitted (verdict ``"bad-data"``): then there is no model.
         """
         self._fitted()
-        return (self.ladder[-1] if self.findings else self.ladder[0]).result.model
+        return self.ladder[-1].result.model
 
     def _fitted(self) -> None:
         if not self.ladder:

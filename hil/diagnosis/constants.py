@@ -7,12 +7,11 @@ plants of `hil bench diagnosis`.
 
 from __future__ import annotations
 
-#: Practical size of an error: share of the rms effort that is not known better [1].  Data sheets
-#: of current amplifiers and torque sensors.  Half: names for half a percent; double: none below 2.
-MATTERS = 0.01
-#: Least size of one effect: linearity of amplifiers and converters, and the jitter of a command
-#: within its period [1].  Data sheets.  Half: laws of a fifth of a percent; double: none below 1 %.
-ACCURACY = 0.003
+#: Practical size, as a share of the rms effort: what is less is neither named nor unexplained.
+#: Linearity of amplifiers, converters and torque sensors (data sheets: 0.1 to 0.5 %).  Half: laws
+#: of a seventh of a percent; double: a third of the effects of 1.5 floors of the test plants, whose
+#: floors are half a percent of the effort, go unnamed.
+MATTERS = 0.003
 #: Level of the family-wise test over all candidates.  Convention.  Double: twice as many false
 #: names in sessions with nothing hidden, the smallest effects a tenth smaller.
 LEVEL = 0.01

@@ -18,7 +18,7 @@ from hil.compare.credible import SCALES, _allowed
 from hil.compare.evidence import Evidence, in_time
 from hil.compare.significance import by_chance
 from hil.diagnosis.candidates import Rated, paired
-from hil.diagnosis.constants import ACCURACY, BEYOND, DISCREPANCY, LEVEL, MATTERS, WORTH
+from hil.diagnosis.constants import BEYOND, DISCREPANCY, LEVEL, MATTERS, WORTH
 from hil.identify.design import head
 from hil.identify.regression import inflation
 
@@ -137,7 +137,7 @@ def _worth(case: Case) -> str:
 def _practical(case: Case) -> str:
     r, problem = case.rated, case.search.problem
     size = float(problem.rms(problem.effort)[r.joint])
-    if r.before > (MATTERS * size) ** 2 and r.removed > (ACCURACY * size) ** 2:
+    if r.removed > (MATTERS * size) ** 2:
         return ""
     return "what it explains is less than efforts are known to"
 

@@ -202,9 +202,10 @@ def _text(joints: tuple[str, ...]) -> str:
     return "all joints" if joints == ALL else ", ".join(joints)
 
 
-BASE_EFFECTS = ("rigid-body", "armature", "coulomb", "viscous")
+#: The offset is one for all runs; every run its own is an option that a model declares.
+BASE_EFFECTS = ("rigid-body", "armature", "coulomb", "viscous", "torque-offset")
 
 
 def base_model(robot: RobotSource, arm: str = "") -> RobotModel:
-    """Base model of any robot: rigid-body + armature + coulomb + viscous."""
+    """Base model of any robot: rigid-body + armature + coulomb + viscous + torque-offset."""
     return RobotModel(robot, tuple(Use(name) for name in BASE_EFFECTS), arm)

@@ -35,25 +35,34 @@ START = {"tuning": 0.2, "test": 0.5}
 MOTION = 901
 
 
-def base_rms(recordings: list[Recording]) -> FloatArray:
-    """Residual of the base model, fitted to these runs, by joint (d,) [N m]."""
+def base_rms(recordings: list[Recording], offset: bool = False) -> FloatArray:
+    """Residual of the base model, fitted to these runs, by joint (d,) [N m].
+
+    Amplitudes are calibrated without an offset, which some effects would vanish in.
+    """
     problem = Problem(recordings, recordings[0].robot)
-    return fit(problem, base_model(recordings[0].robot)).rms
+    model = base_model(recordings[0].robot)
+    return fit(problem, model if offset else model - "torque-offset").rms
 
 
 @lru_cache(maxsize=256)
-def quiet_rms(robot: str, noise: str, motion: tuple[str, int], seed: int, force: bool) -> bytes:
+def quiet_rms(
+    robot: str, noise: str, motion: tuple[str, int], seed: int, force: bool, offset: bool = False
+) -> bytes:  # fmt: skip
     """`base_rms` without any hidden effect, as bytes (cached)."""
-    return base_rms([session.record(robot, [], noise, motion, seed, force)]).tobytes()
+    return base_rms([session.record(robot, [], noise, motion, seed, force)], offset).tobytes()
 
 
 def excess(
     recordings: list[Recording], robot: str, noise: str, motion: tuple[str, int], seed: int,
-    force: bool,
+    force: bool, offset: bool = True,
 ) -> float:  # fmt: skip
-    """Excess of `recordings` over the same sessions without hidden effects [floors]."""
-    rms = base_rms(recordings)
-    floor = np.frombuffer(quiet_rms(robot, noise, motion, seed, force))
+    """Excess of `recordings` over the same sessions without hidden effects [floors].
+
+    `offset`: whether the model that leaves it has an offset a joint.
+    """
+    rms = base_rms(recordings, offset)
+    floor = np.frombuffer(quiet_rms(robot, noise, motion, seed, force, offset))
     return float(np.sqrt(max(0.0, np.max((rms**2 - floor**2) / floor**2))))
 
 

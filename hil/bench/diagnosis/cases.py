@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from hil.bench.diagnosis import amplitudes, session
 from hil.models import catalogue
+from hil.models.model import RobotModel, base_model
+from hil.record.recording import RobotSource
 
 LEVELS = amplitudes.LEVELS["tuning"]
 NOISES = ("white", "coloured")
@@ -85,6 +87,17 @@ class Case:
         what = "+".join(f"{h.effect}@{h.joint + 1}x{h.level:g}" for h in self.hidden) or "none"
         force = "/force" if self.force else ""
         return f"{what}/{self.robot}/{self.noise}/{self.excitation}/{self.seed}{force}"
+
+
+#: Effects that an offset of the base model would take up: the model under suspicion lacks it there.
+OFFSETS = ("torque-offset", "asymmetric-coulomb")
+
+
+def suspected(case: Case, robot: RobotSource) -> RobotModel:
+    """The model under suspicion: the base model, without an offset where an offset is hidden."""
+    model = base_model(robot)
+    hidden = any(h.effect in OFFSETS for h in case.hidden)
+    return model - "torque-offset" if hidden else model
 
 
 def known() -> set[str]:

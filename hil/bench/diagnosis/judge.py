@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from hil.bench.diagnosis import amplitudes, session, testplants
-from hil.bench.diagnosis.cases import Case, Hidden
+from hil.bench.diagnosis.cases import Case, Hidden, suspected
 from hil.bench.diagnosis.figures import accepted
 from hil.compare.diagnose import diagnose
 from hil.compare.findings import Diagnosis
-from hil.models.model import base_model
 from hil.record.recording import Recording
 
 #: Between the seeds of two runs of one motion: no noise comes twice.
@@ -56,10 +55,14 @@ def judge(case: Case) -> dict[str, Any]:
     if not all(session.sane(r) for r in (*train, *other)):
         return row | {"outcome": "unstable", "named": [], "verdict": ""}
     motion = (case.excitation, 2 * case.seed)
-    row["excess"] = amplitudes.excess(train, case.robot, case.noise, motion, motion[1], case.force)
+    model = suspected(case, train[0].robot)
+    row["excess"] = amplitudes.excess(
+        train, case.robot, case.noise, motion, motion[1], case.force,
+        "torque-offset" in model.names(),
+    )  # fmt: skip
     started = time.process_time()
     try:
-        row |= said(diagnose(train, base_model(train[0].robot), other))
+        row |= said(diagnose(train, model, other))
     except Exception as error:  # a crash of the diagnosis is a result, with its case
         return row | {"outcome": "crashed", "named": [], "verdict": repr(error)}
     row["cpu"] = [round(simulated - began, 3), round(time.process_time() - started, 3)]
