@@ -131,9 +131,10 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
 
 
 def _free(term: Term, projector: Projector) -> int:
-    """Shape values that were searched; a choice of two forms is none."""
+    """Shape values that were searched; a choice of a few forms is none."""
     grid = projector.problem.grid(term.effect, term.joint)
-    return sum(len(set(values)) > 2 for values in zip(*grid, strict=True))
+    each = zip(term.effect.shape, zip(*grid, strict=True), strict=False)
+    return sum(len(set(values)) > 2 and not p.choice for p, values in each)
 
 
 def _parts(

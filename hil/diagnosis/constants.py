@@ -25,6 +25,9 @@ WORTH = 0.03
 #: Paired standard errors by which the held-out error must fall.  Normal tail, 7 % one-sided,
 #: beside `LEVEL`.  Half: effects of a single stretch pass more easily; double: end stops are lost.
 BEYOND = 1.5
+#: Paired standard errors from which a held-out error has risen.  Half: rungs are lost to chance;
+#: double: a ladder may rise a little on one joint.
+RISEN = 1.0
 #: Error over the measured noise floor that counts as met.  The floor itself is known to a tenth.
 #: Half: right answers become *unexplained*; double: effects of half a floor are overlooked.
 ADEQUATE = 1.10

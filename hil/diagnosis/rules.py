@@ -18,7 +18,7 @@ from hil.compare.credible import SCALES, _allowed
 from hil.compare.evidence import Evidence, in_time
 from hil.compare.significance import by_chance
 from hil.diagnosis.candidates import Rated, paired
-from hil.diagnosis.constants import BEYOND, DISCREPANCY, LEVEL, MATTERS, WORTH
+from hil.diagnosis.constants import BEYOND, DISCREPANCY, LEVEL, MATTERS, RISEN, WORTH
 from hil.identify.design import head
 from hil.identify.regression import inflation
 
@@ -199,14 +199,15 @@ def _beyond(case: Case) -> str:
     """N log(before / after) > m log N + 2 log(family).
 
     N tested instants less what their correlation takes, m values to fit beyond those that they
-    replace.  Source: Schwarz, Ann. Statist. 6, 1978.
+    replace, `family` candidates of its joint.  Source: Schwarz, Ann. Statist. 6, 1978.
     """
     r, search = case.rated, case.search
     tested = float(search.now.errors.count[:, r.joint].sum())
     count = max(tested / inflation(r.residual(r.joint), search.problem.run), 2.0)
     gain = count * np.log(r.before / max(r.after, 1e-300))
     net = max(r.candidate.dof - search.replaced(r.candidate), 1)
-    price = net * np.log(count) + 2 * np.log(max(len(case.evidence.candidates), 2))
+    family = sum(c.joint == r.joint for c in case.evidence.candidates)
+    price = net * np.log(count) + 2 * np.log(max(family, 2))
     return "" if gain > price else "so few independent instants show it that it may be chance"
 
 
@@ -247,11 +248,20 @@ def _keeps(case: Refit) -> str:
 
 @_fit("never-rises")
 def _rises(case: Refit) -> str:
-    """A model that is worse on held-out runs, on its joint and beyond chance, is no rung."""
-    one, other, j = case.before.step.heldout, case.after.step.heldout, case.rated.joint
-    if one.kind != "holdout" or other.rms[j] <= one.rms[j]:
+    """A model that is worse on held-out runs, on any joint and beyond chance, is no rung."""
+    one, other = case.before.step.heldout, case.after.step.heldout
+    if one.kind != "holdout":
         return ""
-    return "the error of the held-out runs rises" if one.gain(other, j) > 1.0 else ""
+    moves = np.flatnonzero(~case.search.problem.holds)
+    worse = [k for k in moves if other.rms[k] > one.rms[k] and one.gain(other, k) > RISEN]
+    if case.rated.joint in worse:
+        return "the error of the held-out runs rises"
+    ratio = (other.rms[moves] / np.maximum(one.rms[moves], 1e-300)) ** 2
+    if any(other.rms[k] > (1 + WORTH / 2) * one.rms[k] for k in worse) and float(ratio.mean()) > 1:
+        return "the error of the held-out runs rises on other joints"
+    size = np.maximum(one.effort_rms[moves], 1e-300)
+    whole = [float(np.sum((x.rms[moves] / size) ** 2)) for x in (one, other)]
+    return "the error of the held-out runs rises over all joints" if whole[1] > whole[0] else ""
 
 
 @_fit("coefficients")

@@ -195,24 +195,34 @@ class Search:
         return float(np.sum((count * np.log(ratio))[moves])) - float(price)
 
     def _added(self, picks: list[Rated], joints: list[int]) -> list[int]:
-        """Fit with the picks; those that do not hold after the fit are refused."""
+        """Fit with the picks; those that do not hold after the fit are refused.
+
+        Effects of several joints that do not hold together are tried one by one, the best first.
+        """
         before = self.now
-        while picks:
-            model = before.result.model
-            for p in picks:
-                model = model + as_use(p.candidate, self.problem)
-            label = "; ".join(f"+ {describe(p.candidate, self.problem)}" for p in picks)
-            rung = self.rung(label, model, before.result.sigma)
-            bad = [p for p in picks if not self._holds(p, before, rung)]
-            if not bad:
-                rung.added = tuple(p.candidate for p in picks)
-                self.rungs.append(rung)
-                self.found += [p.candidate for p in picks]
-                return joints
-            self.refused |= {(p.candidate.name, p.candidate.term.joint) for p in bad}
-            picks = [p for p in picks if p not in bad]
-        renew(before.result)
+        bad = self._fitted(picks, before)
+        if bad and len(picks) > 1:
+            single = sorted(picks, key=lambda p: -self.score(p))
+            bad = [p for p in single if self.now is not before or self._fitted([p], before)]
+            bad = [] if self.now is not before else bad
+        self.refused |= {(p.candidate.name, p.candidate.term.joint) for p in bad}
+        if self.now is before:
+            renew(before.result)
         return joints
+
+    def _fitted(self, picks: list[Rated], before: Rung) -> list[Rated]:
+        """Fit with some picks; the new rung is kept if all of them hold, else those that do not."""
+        model = before.result.model
+        for p in picks:
+            model = model + as_use(p.candidate, self.problem)
+        label = "; ".join(f"+ {describe(p.candidate, self.problem)}" for p in picks)
+        rung = self.rung(label, model, before.result.sigma)
+        bad = [p for p in picks if not self._holds(p, before, rung)]
+        if not bad:
+            rung.added = tuple(p.candidate for p in picks)
+            self.rungs.append(rung)
+            self.found += list(rung.added)
+        return bad
 
     def _holds(self, p: Rated, before: Rung, after: Rung) -> bool:
         """Whether an effect stands after everything was fitted again."""
@@ -259,22 +269,13 @@ def without(model: RobotModel, c: Candidate, problem: Problem) -> RobotModel:
 
 
 def simplest(rated: list[Rated], score: Callable[[Rated], float]) -> Rated:
-    """Of the candidates that cannot be told from the best one, the one with the least to fit.
+    """Of the candidates that do as well as the best one, the one with the least to fit.
 
-    Two cannot be told apart where their difference is within one standard error over paired
-    blocks, or within what a library's law misses of its effect.
-
-    Source: Breiman et al., Classification and Regression Trees, 1984, 3.4.3 (one-standard-error
-    rule).
+    As well: within what a library's law misses of its effect.
     """
     best = max(rated, key=score)
-    alike = [r for r in rated if r is best or _alike(r, best)]
-    return min(alike, key=lambda r: (r.candidate.dof, -score(r)))
-
-
-def _alike(r: Rated, best: Rated) -> bool:
-    close = r.after - best.after < DISCREPANCY * best.removed
-    return bool(close or paired(best.fall - r.fall) < 1.0)
+    alike = [r for r in rated if r.after - best.after <= DISCREPANCY * best.removed]
+    return min([best, *alike], key=lambda r: (r.candidate.dof, -score(r)))
 
 
 # ---------------------------------------------------------------------- names
