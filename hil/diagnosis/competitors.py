@@ -7,13 +7,14 @@ what a library's law may miss, the name does not stand.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.grams import Group
 from hil.identify.problem import Problem
+from hil.models.effect import Effect
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +44,7 @@ def position(m: Motion, j: int, rms: FloatArray) -> FloatArray:
 def position_by_direction(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     """Friction and viscous friction that are any smooth function of the position."""
     place, sign = _place(m, j, 9)[:, 1:], m.sign(j)
-    return np.concatenate([sign[:, None] * place, m.qd[:, j : j + 1] * place[:, :4]], axis=1)
+    return np.concatenate([sign[:, None] * place, m.qd[:, j : j + 1] * place], axis=1)
 
 
 def speed(m: Motion, j: int, rms: FloatArray) -> FloatArray:
@@ -109,3 +110,15 @@ def competitor(problem: Problem, j: int, what: str) -> Group | None:
     columns = problem.gated(raw, j)
     free = np.full(columns.shape[1], np.inf)
     return Group(("free", what, j), j, columns, -free, free, np.zeros(free.size), SHRINK)
+
+
+def foils(problem: Problem, effect: Effect, j: int, shape: Sequence[float]) -> list[Group]:
+    """Columns of laws without a name that come close to an effect (`Effect.foils`)."""
+    laws = [effect.foils(m, j, shape) for m in problem.motions]
+    out = []
+    for k, raw in enumerate(zip(*laws, strict=True)):
+        columns = problem.gated(list(raw), j)
+        free = np.full(columns.shape[1], np.inf)
+        key = ("free", "a law without a name", j, effect.name, k)
+        out.append(Group(key, j, columns, -free, free, np.zeros(free.size)))
+    return out

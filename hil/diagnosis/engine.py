@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.afterwards import finish
+from hil.compare.candidate import Candidate
 from hil.compare.columns import mistaken
 from hil.compare.evidence import NOTHING
 from hil.compare.findings import Diagnosis, Finding, joint_of
@@ -14,7 +15,9 @@ from hil.compare.identifiable import undetermined
 from hil.compare.judge import _of_noise, _rival
 from hil.compare.notes import notes
 from hil.compare.settle import settled
-from hil.diagnosis.constants import ADEQUATE, MATTERS
+from hil.diagnosis.constants import (
+    ADEQUATE, ALONE, CHANCE, CONFIDENT, FAR, HALF, MATTERS, WHOLE, WORTHLESS,
+)  # fmt: skip
 from hil.diagnosis.folds import split
 from hil.diagnosis.search import Named, Search, exchange, shares
 from hil.identify.context import renew
@@ -26,8 +29,6 @@ from hil.record.checks import check
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
-CONFIDENT, ALONE, WORTHLESS = 0.75, 0.5, 0.05
-HALF, WHOLE = 0.45, 0.80
 
 
 @single_threaded
@@ -46,7 +47,8 @@ def diagnose(
     if wrong:
         return Diagnosis("bad-data", warnings=wrong)
     examine = Examiner(problem, holdout or [])
-    search = Search(problem, split(problem), examine, seed)
+    own = any(t.per_run for t in result.terms)
+    search = Search(problem, split(problem, seed, not own), examine, seed)
     more = {u.type for u in model.effects} - {*BASE_EFFECTS, "torque-offset"}
     first = settled(result, examine, "given model" if more else "base model")
     search.rungs.append(search.judged(first.label, first.result))
@@ -84,7 +86,7 @@ def judged(search, named, last, examine, model, recordings, faults) -> Diagnosis
     above = ~problem.holds & (end > ADEQUATE * floor) & (excess > MATTERS * size)
     above &= ~_of_noise(ladder[-1], last, floor)
     if other is not None and not named:
-        above |= ~problem.holds & (ladder[-1].heldout.rms > 1.25 * heldout_floor) & (np.sqrt(np.maximum(ladder[-1].heldout.rms**2 - heldout_floor**2, 0.0)) > MATTERS * size)
+        above |= ~problem.holds & (ladder[-1].heldout.rms > FAR * heldout_floor) & (np.sqrt(np.maximum(ladder[-1].heldout.rms**2 - heldout_floor**2, 0.0)) > MATTERS * size)
     if findings:
         sure = max(findings, key=lambda f: f.excess_explained).confidence >= CONFIDENT
         verdict = "missing-effect" if sure else "ambiguous"
@@ -105,7 +107,7 @@ def finding(n: Named, search: Search, floor, other, share) -> Finding:
     start, end = search.rungs[0], search.now
     base = min(float(floor[j]), float(end.result.rms[j])) ** 2
     whole = (start.result.rms[j] ** 2 - end.result.rms[j] ** 2) / max(start.result.rms[j] ** 2 - base, 1e-300)
-    least_share = min(share.get(j, (1.0, ""))[0], float(whole))
+    least_share = min(share.get(c.term.key, (1.0, ""))[0], float(whole), there(search, c, other))
     worth = np.clip((least_share - HALF) / (WHOLE - HALF), 0.0, 1.0)
     head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
     one = [(s.result if other is None else s.heldout).rms[j] ** 2 for s in (before, after, ladder[0])]
@@ -118,3 +120,15 @@ def finding(n: Named, search: Search, floor, other, share) -> Finding:
         {k2: v for k2, v in values.items() if k2.startswith(head)},
         list(dict.fromkeys(_rival(r, c, problem) for r in n.rivals)),
     )
+
+
+def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
+    """Share of the excess of an effect's joint on the held-out runs that is gone, at most.
+
+    1 without such runs, and of what acts at instants of the fitted runs alone.
+    """
+    last, j = search.now.step.heldout, c.joint
+    if floor is None or last.rms[j] <= ADEQUATE * floor[j] or c.term.effect.dated(c.term.shape):
+        return 1.0
+    share, se = last.share(search.rungs[0].step.heldout, ADEQUATE * float(floor[j]), j)
+    return float(share + CHANCE * se)

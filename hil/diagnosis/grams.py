@@ -173,6 +173,24 @@ class Table:
             squared[:, j] = np.einsum("bi,bij,bj->b", each, m, each, optimize=True)
         return Errors(np.maximum(squared, 0.0), self.count)
 
+    def left_out(self, keys: Sequence[Hashable]) -> FloatArray:
+        """Residual (d, n) of the model of some groups, each block by the fit to the other folds.
+
+        Zero where an instant is not tested.
+        """
+        theta, chosen = self.solutions(keys)
+        full = np.zeros((self.split.folds, self._scale.size))
+        full[:, chosen] = theta
+        full /= self._scale
+        fold = self.split.fold[self.split.block]
+        out = self._y.copy()
+        for key in keys:
+            g, own = self.groups[key], full[:, self._place[key]]
+            for j in range(self.d) if g.joint is None else [g.joint]:
+                columns = g.columns if g.joint is not None else g.columns[j]
+                out[j] -= np.einsum("nm,nm->n", columns, own[fold])
+        return np.where(self.split.tested, out, 0.0)
+
     def coefficients(self, keys: Sequence[Hashable]) -> dict[Hashable, FloatArray]:
         """Coefficients of some groups fitted to all instants, by key."""
         theta, chosen = self._solved(keys, whole=True)

@@ -202,7 +202,7 @@ def _beyond(case: Case) -> str:
     replace, `family` candidates of its joint.  Source: Schwarz, Ann. Statist. 6, 1978.
     """
     r, search = case.rated, case.search
-    tested = float(search.now.errors.count[:, r.joint].sum())
+    tested = float(r.now.count[:, r.joint].sum())
     count = max(tested / inflation(r.residual(r.joint), search.problem.run), 2.0)
     gain = count * np.log(r.before / max(r.after, 1e-300))
     net = max(r.candidate.dof - search.replaced(r.candidate), 1)
@@ -224,7 +224,7 @@ def _at_floor(case: Case) -> str:
 def _harm(case: Case) -> str:
     """Whether another joint gets worse, by more than chance and more than this one gains."""
     r, search = case.rated, case.search
-    now = search.now.errors
+    now = r.now
     for k in np.flatnonzero(~search.problem.holds):
         rise = float(r.errors.power[k]) / max(float(now.power[k]), 1e-300)
         if k == r.joint or rise < (1 + WORTH) ** 2:
