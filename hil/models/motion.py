@@ -122,8 +122,7 @@ class Motion:
     @property
     def since(self) -> FloatArray:
         """Time since the start of the run [s], shape (n,)."""
-        out: FloatArray = self.t - self.t[0]
-        return out
+        return self.t
 
     def sign(self, j: int, v0: float | None = None) -> FloatArray:
         """Sign of joint j's velocity, resolved to `v0[j]` or as given: tanh(v / v0), shape (n,)."""
