@@ -256,9 +256,8 @@ def _changed(r: Recording, rows: IntArray) -> tuple[IntArray, NDArray[np.bool_],
     if hold > 1:
         return rows[fresh], np.zeros(fresh.size, dtype=np.bool_), hold
     before = np.diff(fresh, prepend=0) - 1
-    # everything exactly the same for one or two rows, moving before and after: not a standstill
-    moving = np.concatenate([[False], _moves(part.q[fresh])])
-    short = (before > 0) & (before <= 2) & moving
+    # everything exactly the same for one or two rows: at a standstill it is so for many more
+    short = (before > 0) & (before <= 2)
     if np.sum(short) <= 3 + 3 * _by_chance(part):
         short = np.zeros_like(short)
     keep = np.ones(part.n, dtype=np.bool_)
@@ -274,13 +273,6 @@ def _by_chance(r: Recording) -> float:
     """Rows that would repeat the one before if every column did so by itself, as counts do."""
     return float((r.n - 1) * np.prod([np.mean(np.diff(x, axis=0) == 0, axis=0).prod()
                                       for key in WATCHED if (x := getattr(r, key)) is not None]))
-
-
-def _moves(q: FloatArray) -> NDArray[np.bool_]:
-    """Steps (n - 1,) of positions that are a good part of those beside them."""
-    size = np.sqrt(np.sum((np.diff(q, axis=0) / np.maximum(np.std(q, axis=0), 1e-12)) ** 2, axis=1))
-    beside = (np.roll(size, 1) + np.roll(size, -1)) / 2
-    return np.asarray((size > 0.3 * beside) & (size > 0.1 * np.median(size)) & (size > 0))
 
 
 def _picked(r: Recording, rows: IntArray) -> Recording:

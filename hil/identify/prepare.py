@@ -7,19 +7,20 @@ overrules it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError, plural
 from hil.identify import bands, standstill
-from hil.identify.clock import Even, Timing, even
+from hil.identify.clock import EVEN, Even, Timing, even
 from hil.identify.decimator import Decimator
 from hil.models.model import Band
 from hil.models.motion import Motion
 from hil.models.robots import Robot
 from hil.record.recording import Recording
+from hil.record.tablemap import SIGNAL
 
 FloatArray = NDArray[np.float64]
 #: Shortest run, in periods of the effort filter.
@@ -99,8 +100,8 @@ class Prepared:
         t = self.timing
         out = [
             f"analysed at {t.rate:.6g} Hz (period {t.period * 1e3:.6g} ms"
-            + (f" +- {t.error * 1e3:.1g}" if t.error > 1e-9 * t.period else "")
-            + (f", stamps stray by {t.jitter * 1e3:.2g} ms rms)" if t.jitter else ")"),
+            + (f" +- {t.error * 1e3:.1g} ms" if t.error > 1e-9 * t.period else "")
+            + (f", stamps stray by {t.jitter * 1e3:.2g} ms rms)" if _strays(t) else ")"),
             f"band: positions to {self.rates.position:.3g} Hz, efforts to "
             f"{self.rates.effort:.3g} Hz ({self.rates.why}); position_hz and effort_hz under "
             "[signal] of a model overrule it",
@@ -145,12 +146,22 @@ def prepared(recording: Recording, band: Band | None = None, moving: bool = True
     moving : bool
         Whether the motor's effort is to be explained (else the external one).
     """
-    band = band or Band()
+    band = signal(band or Band(), recording)
     parts, timing = even(recording, band.rate_hz, band.gap_s)
     runs = [p.recording for p in parts]
     rates = bands.choose(runs, band, moving, [min(timing.source, r.rate) for r in runs])
     left = sum(float(np.sum(bridged(p, rates.position))) / p.recording.rate for p in parts)
     return Prepared(recording.name, timing, rates, len(parts), left, _excitation(runs, rates))
+
+
+def signal(band: Band, recording: Recording) -> Band:
+    """A model's [signal], and where it is silent the one of the map that a run came through."""
+    plain, said = Band(), {}
+    for key in (f.name for f in fields(Band)):
+        text = recording.metadata.get(SIGNAL + key, "")
+        if text and getattr(band, key) == getattr(plain, key):
+            said[key] = float(text)
+    return replace(band, **said) if said else band
 
 
 def _excitation(runs: Sequence[Recording], rates: bands.Rates) -> tuple[Excitation, ...]:
@@ -166,6 +177,10 @@ def _excitation(runs: Sequence[Recording], rates: bands.Rates) -> tuple[Excitati
                    float(clear[j]), bool(held[j]))
         for j, name in enumerate(first.joints)
     )  # fmt: skip
+
+
+def _strays(t: Timing) -> bool:
+    return t.jitter > EVEN * t.period
 
 
 def _excitation_notes(excitation: Sequence[Excitation]) -> list[tuple[str, str]]:
@@ -264,7 +279,7 @@ def prepare(
             f"{rates.effort:.3g} Hz; record {SHORTEST / rates.effort:.2g} s or more"
         )
     motion = Motion(
-        t=t + part.start, q=q[pick], qd=qd[pick], qdd=qdd[pick],
+        t=t, q=q[pick], qd=qd[pick], qdd=qdd[pick],
         tau=bands.smooth(r.tau, fs, rates.position)[pick],
         tau_ext=_external(r, q[pick], pick, robot, rates, explains),
         load=np.zeros_like(q[pick]), static=np.zeros_like(q[pick]),
@@ -273,6 +288,7 @@ def prepare(
         wrench=_slow(None if r.tau_ext is not None else r.wrench, 6, pick, r.rate, rates),
         temperature=_slow(r.temperature, r.d, pick, r.rate, rates),
         grain=standstill.position_noise(r.q) * np.sqrt(12), slips=_slips(r, pick, rates),
+        began=part.start,
     )  # fmt: skip
     still = standstill.standing(r.q, qdd, fs, 0.5 / rates.effort, rates.position)
     spoilt = bridged(part, rates.position).astype(np.float64)

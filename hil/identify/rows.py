@@ -15,7 +15,7 @@ from hil.identify import bands, standstill
 from hil.identify.clock import Timing, even
 from hil.identify.decimator import Decimator
 from hil.identify.kept import Kept
-from hil.identify.prepare import prepare, timing_notes
+from hil.identify.prepare import prepare, signal, timing_notes
 from hil.models.effect import Effect
 from hil.models.model import Band
 from hil.models.motion import Motion
@@ -96,7 +96,8 @@ class Rows:
         self.source = robot
         self.robot: Robot = make_robot(robot, first)
         self.joints, self.explains = first.joints, explains
-        made = [even(r, band.rate_hz, band.gap_s) for r in recordings]
+        said = [signal(band, r) for r in recordings]
+        made = [even(r, b.rate_hz, b.gap_s) for r, b in zip(recordings, said, strict=True)]
         parts = [part for found, _ in made for part in found]
         self.whole = np.repeat(np.arange(len(made)), [len(found) for found, _ in made])
         self.timings: list[Timing] = [timing for _, timing in made]
@@ -107,7 +108,7 @@ class Rows:
             for k, r in zip(self.whole, self.recordings, strict=True)
         ]
         moving = explains == "motor"
-        self.rates = rates or bands.choose(self.recordings, band, moving, self.sources)
+        self.rates = rates or bands.choose(self.recordings, said[0], moving, self.sources)
         lows = np.min([r.q.min(axis=0) for r in self.recordings], axis=0)
         highs = np.max([r.q.max(axis=0) for r in self.recordings], axis=0)
         self.span = np.stack([lows, highs], axis=1) if span is None else span
@@ -125,6 +126,8 @@ class Rows:
         self._share_slips()
         self._assemble()
         self.shift = 0.0
+        #: Lateness of the effort that a model's or a map's [signal] gives [s]; None = estimate.
+        self.given_shift = said[0].shift_s
         #: Least first shape value of an effect on a joint, where other runs have shown it.
         self.least: dict[tuple[str, int], float] = {}
         self._kept = Kept()
@@ -224,8 +227,7 @@ class Rows:
         self.q = self.filtered([m.q for m in self.motions]).T.copy()
         self.qd = self._sampled("qd").T.copy()
         self.qdd = self._sampled("qdd").T.copy()
-        starts = [m.t[0] for m in self.motions]
-        self.t = np.concatenate([f.times + s for f, s in zip(self._filters, starts, strict=True)])
+        self.t = np.concatenate([f.times for f in self._filters])
         sizes = [f.times.size for f in self._filters]
         self.run = np.repeat(np.arange(len(sizes)), sizes)
 

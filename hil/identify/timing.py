@@ -138,7 +138,7 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
 
     `scale` as in `fit`.
     """
-    given = model.band.shift_s
+    given = problem.given_shift
     if given is not None and problem.shift != given:
         problem.shift_effort(given - problem.shift)
     result = fit(problem, model, scale=scale)

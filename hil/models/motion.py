@@ -74,6 +74,8 @@ class Motion:
         What jumps of the recorded positions (lost counts) add to q, qd and qdd.
     slipped : ndarray (d,) of bool, or (0,) where there are none
         Joints whose position jumps in any run.
+    began : float
+        Its first instant after the start of its run, of which it may be a later part [s].
     """
 
     t: FloatArray
@@ -96,6 +98,8 @@ class Motion:
     response: Response | None = None
     slips: FloatArray = field(default_factory=lambda: np.zeros((3, 0, 0)))
     slipped: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+
+    began: float = 0.0
 
     def __post_init__(self) -> None:
         self._remember({})
@@ -122,7 +126,8 @@ class Motion:
     @property
     def since(self) -> FloatArray:
         """Time since the start of the run [s], shape (n,)."""
-        return self.t
+        out: FloatArray = self.t - (self.t[0] - self.began)
+        return out
 
     def sign(self, j: int, v0: float | None = None) -> FloatArray:
         """Sign of joint j's velocity, resolved to `v0[j]` or as given: tanh(v / v0), shape (n,)."""
