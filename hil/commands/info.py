@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -76,6 +76,7 @@ class _Arm:
     recording: Recording
     faults: list[Finding]
     prepared: Prepared | None
+    readings: list[tuple[str, str]] = field(default_factory=list)
 
 
 def _session(path: str) -> tuple[SessionSummary, list[_Arm]]:
@@ -89,8 +90,13 @@ def _arm(r: Recording) -> _Arm:
         return _Arm(r, faults, None)
     from hil.identify.prepare import prepared
 
+    told: list[tuple[str, str]] = []
     try:
-        return _Arm(r, faults, prepared(r))
+        if any(f.code == "velocity-scale" for f in faults):
+            from hil.identify.readings import reading_notes
+
+            told = reading_notes(r)
+        return _Arm(r, faults, prepared(r), told)
     except DataError:  # too short for any filter, which the faults say
         return _Arm(r, faults, None)
 
@@ -135,6 +141,7 @@ def _arm_dict(arm: _Arm) -> dict[str, object]:
             for f in arm.faults
         ],
         "prepared": arm.prepared.as_dict() if arm.prepared else None,
+        "readings": [{"code": code, "text": text} for code, text in arm.readings],
     }
 
 
@@ -173,6 +180,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
         lines += ["  no arm: no /<name>/measured_js channel, so there is nothing to fit", ""]
     for arm in arms:
         made = [f"  {text}" for text in arm.prepared.sentences] if arm.prepared else []
+        made += [f"  {text}" for _, text in arm.readings]
         lines += [*_arm_text(arm.recording), *made, *_faults_text(arm.faults), ""]
     return "\n".join(lines)
 

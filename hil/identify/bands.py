@@ -24,10 +24,14 @@ WIDEST, LEAST = 25.0, 6.0
 #: Noise of the acceleration in units of its rms that is put up with, median of the joints that
 #: move.  Halved, the band is a quarter narrower; doubled, a third wider (it goes as f^2.5).
 SHARE = 0.05
-#: Effort's power over its noise down to which a frequency is used (6 dB; Welch, IEEE Trans. Audio
-#: Electroacoustics 15, 1967, for the spectra).  Doubled or halved moves the clean simulators'
-#: bands by nothing, and a cable arm's by a tenth.
-ABOVE = 4.0
+#: Effort's power over its noise down to which a frequency is used: signal and noise alike (spectra
+#: by Welch, IEEE Trans. Audio Electroacoustics 15, 1967).  Doubled, a cable arm's band goes from
+#: 15 to 12 Hz, and the simulators' stay; halved, noise counts as signal.
+ABOVE = 2.0
+#: Times the motion's own bandwidth beyond which only the edges of reversals are left, and the
+#: widest band that is not asked for it [Hz].  Halved, the clean simulators' bands shrink by half;
+#: doubled, slow smooth motions are read to 25 Hz, where a sign's width is mistaken for physics.
+HARMONICS, FREE = 8.0, 12.0
 #: Length of the spectra's segments [s], bins that are averaged, and share of the rate from which
 #: on a spectrum is taken for noise.
 SEGMENT_S, AVERAGED, PLATEAU = 4.0, 9, 0.3
@@ -89,7 +93,8 @@ def choose(
 
     Where the model is of what moves (`moving`) the effort's cut-off is the frequency up to which
     the acceleration stands clear of the positions' noise (`SHARE`) and the effort's spectrum
-    above its own (`ABOVE`), median of the joints that move; else six times the bandwidth of the
+    above its own (`ABOVE`), median of the joints that move, and no more than `HARMONICS` times the
+    motion's bandwidth; else six times the bandwidth of the
     motion in 12..25 Hz.  The position filter is three times wider, so that what remains of a
     reversal is sharp against the effort filter and the acceleration noise is still bounded.
     Where no joint's speed stands clear of its noise (`CLEAR`) both are narrower, down to
@@ -131,9 +136,10 @@ def _informed(recordings: list[Recording]) -> tuple[float, str]:
     if not smooth_to.size:
         return 12.0, "nothing moves"
     acceleration, effort = float(np.median(smooth_to)), float(np.median(loud_to))
+    widest = max(HARMONICS * float(np.median([motion_bandwidth(r) for r in recordings])), FREE)
     least = min(acceleration, effort)
-    if least >= WIDEST:
-        return WIDEST, "the widest that is used: the signals stand clear of their noise beyond it"
+    if least >= min(widest, WIDEST):
+        return min(widest, WIDEST), "the motion's harmonics; the signals stand clear of their noise"
     why = "noise of the acceleration" if acceleration <= effort else "noise of the effort"
     return max(least, LEAST), why if least > LEAST else f"{why}; the narrowest that is used"
 

@@ -13,6 +13,8 @@ as no arm leaves a cubic within four samples, while a wrong instant throws it of
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy.interpolate
@@ -192,7 +194,8 @@ class _Found:
 
 def _mended(r: Recording) -> tuple[Recording, int]:
     """Single wrong values put on the cubic through the two on either side of them."""
-    count, changes = 0, {}
+    count = 0
+    changes: dict[str, Any] = {}
     for key in ("q", "tau", "tau_ext"):
         values = getattr(r, key)
         for k in range(0 if values is None else values.shape[1]):
@@ -214,7 +217,8 @@ def _once(r: Recording) -> tuple[IntArray, int]:
 def _differs(r: Recording, keys: tuple[str, ...]) -> NDArray[np.bool_]:
     """Steps (n - 1,) at which any of these channels changes."""
     values = [x for key in keys if (x := getattr(r, key)) is not None]
-    return np.any([np.any(np.diff(x, axis=0) != 0, axis=1) for x in values], axis=0)
+    each = [np.any(np.diff(x, axis=0) != 0, axis=1) for x in values]
+    return np.asarray(np.any(each, axis=0), dtype=np.bool_)
 
 
 def _hold(changes: NDArray[np.bool_]) -> int:
@@ -227,18 +231,18 @@ def _hold(changes: NDArray[np.bool_]) -> int:
     low, high = np.quantile(length, (0.05, 0.9))
     # a slow joint's counts change at all intervals, and a standstill is longer than any
     alike = usual >= 2 and low > usual / ALIKE and high < usual * ALIKE
-    return int(round(usual)) if alike else 1
+    return round(usual) if alike else 1
 
 
 def _released(r: Recording, rows: IntArray) -> tuple[Recording, dict[str, int]]:
     """Channels that hold values which others do not: a spline through where they change."""
-    held = {}
+    held: dict[str, int] = {}
     for key in ("q", "tau", "tau_ext"):
         if getattr(r, key) is not None:
             held[key] = _hold(_differs(r, (key,)))
     if len(set(held.values())) <= 1 and _hold(_differs(r, WATCHED)) > 1:
         return r, {}
-    changes = {}
+    changes: dict[str, Any] = {}
     for key, hold in held.items():
         if hold > 1:
             fresh = np.concatenate([[0], 1 + np.flatnonzero(_differs(r, (key,)))])
@@ -271,12 +275,15 @@ def _changed(r: Recording, rows: IntArray) -> tuple[IntArray, NDArray[np.bool_],
 
 def _by_chance(r: Recording) -> float:
     """Rows that would repeat the one before if every column did so by itself, as counts do."""
-    return float((r.n - 1) * np.prod([np.mean(np.diff(x, axis=0) == 0, axis=0).prod()
-                                      for key in WATCHED if (x := getattr(r, key)) is not None]))
+    values = [x for key in WATCHED if (x := getattr(r, key)) is not None]
+    share = [float(np.prod(np.mean(np.diff(x, axis=0) == 0, axis=0))) for x in values]
+    return (r.n - 1) * float(np.prod(share))
 
 
 def _picked(r: Recording, rows: IntArray) -> Recording:
-    arrays = {k: v[rows] for k in ("t", *COLUMNS) if (v := getattr(r, k)) is not None}
+    arrays: dict[str, Any] = {
+        k: v[rows] for k in ("t", *COLUMNS) if (v := getattr(r, k)) is not None
+    }
     return replace(r, **arrays)
 
 
@@ -376,11 +383,11 @@ def _strayed(x: FloatArray, q: FloatArray) -> float:
 
 def _parts(r: Recording, found: _Found, timing: Timing, gap_s: float) -> tuple[list[Even], Timing]:
     """Parts of a run between long gaps, each on its grid; what was split or left out is said."""
-    step = np.diff(found.place) * timing.period
-    cuts = np.flatnonzero((np.diff(found.place) > 1) & (step > gap_s))
+    at: FloatArray = found.place * np.float64(timing.period)
+    cuts = np.flatnonzero((np.diff(found.place) > 1) & (np.diff(at) > gap_s))
     edges = [0, *(int(c) + 1 for c in cuts), found.rows.size]
-    ranges = list(zip(edges[:-1], edges[1:], strict=True))
-    ranges, dropped = _merged(ranges, found.place * timing.period)
+    ranges = list(pairwise(edges))
+    ranges, dropped = _merged(ranges, at)
     starts = {a for a, _ in ranges}
     ends = {b for _, b in ranges}
     gaps, holes = [], np.flatnonzero(np.diff(found.place) > 1)
@@ -390,9 +397,7 @@ def _parts(r: Recording, found: _Found, timing: Timing, gap_s: float) -> tuple[l
     return parts, replace(timing, gaps=tuple(gaps), dropped=dropped)
 
 
-def _merged(
-    ranges: list[tuple[int, int]], t: FloatArray
-) -> tuple[list[tuple[int, int]], float]:
+def _merged(ranges: list[tuple[int, int]], t: FloatArray) -> tuple[list[tuple[int, int]], float]:
     """Parts that are too short joined to the nearer neighbour, or left out beyond a long gap."""
     dropped = 0.0
     while len(ranges) > 1:
@@ -421,7 +426,7 @@ def _part(r: Recording, found: _Found, timing: Timing, first: int, last: int) ->
     n = int(place[-1]) + 1
     start = float(found.place[first]) * timing.period
     t = r.t[found.rows[0]] + start + np.arange(n) * timing.period
-    arrays: dict[str, FloatArray] = {"t": t}
+    arrays: dict[str, Any] = {"t": t}
     whole = timing.reading == "stamps"
     for key in COLUMNS:
         if (values := getattr(r, key)) is not None:

@@ -101,9 +101,7 @@ def parse_map(data: Mapping[str, Any]) -> TableMap:
         gaps=str(table.get("gaps", "keep")),
         repeated=str(table.get("repeated", "keep")),
         offsets=_offsets(data, arms),
-        signal={
-            k: _number(v, f"signal.{k}") for k, v in _table(data, "signal", _SIGNAL).items()
-        },
+        signal={k: _number(v, f"signal.{k}") for k, v in _table(data, "signal", _SIGNAL).items()},
         **_extras(data),
     )
 

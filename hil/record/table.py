@@ -234,5 +234,5 @@ def _recording(
         tau=stacked["tau"], qd=stacked.get("qd"), wrench=wrench,
         tau_ext=stacked.get("tau_ext"), current=stacked.get("current"),
         temperature=stacked.get("temperature"), robot=robot,
-        metadata={"unit": unit or ("m" if metres else "rad")} | said,
+        metadata={"unit": unit or ("m" if metres else "rad"), **said},
     )  # fmt: skip
