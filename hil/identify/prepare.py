@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError, plural
 from hil.identify import bands, standstill
-from hil.identify.clock import EVEN, Even, Timing, even
+from hil.identify.clock import EVEN, FILLED, Even, Timing, even
 from hil.identify.decimator import Decimator
 from hil.models.model import Band
 from hil.models.motion import Motion
@@ -29,6 +29,10 @@ SHORTEST = 6.0
 #: over h = x / fc misses a wave of fc by (2 pi x)^4 / 384 of its amplitude, 2e-3 at 0.15 and less
 #: for what lies below.  Doubled, a bridge of 4 rows at 1 kHz counts as measured; halved, none of 2.
 EXACT = 0.15
+#: Error of a bridge, tried where rows are there, in units of the noise up to which it counts as
+#: measured, too: a cubic through four noisy rows strays by 1.3 from a fifth.  Doubled, bridges of a
+#: row more count; halved, none does.
+ALIKE = 2.0
 #: Periods of the position filter's cut-off by which the errors of a bridge reach beyond it: the
 #: 4th order Butterworth's slowest pole pair decays as exp(-2 pi fc t sin(22.5 deg)), to 1 % after
 #: 2 periods.  Halved it leaves 10 % in; doubled it costs as much data again.
@@ -248,13 +252,38 @@ def _rows(n: int) -> str:
 
 
 def bridged(part: Even, cutoff: float) -> NDArray[np.bool_]:
-    """Samples (n,) of a part that a bridge spoils behind a position filter of this cut-off."""
-    out = np.zeros(part.recording.n, dtype=np.bool_)
-    reach = int(np.ceil(REACH / cutoff / part.recording.period))
+    """Samples (n,) of a part that a bridge spoils behind a position filter of this cut-off [Hz]."""
+    r = part.recording
+    out = np.zeros(r.n, dtype=np.bool_)
+    reach = int(np.ceil(REACH / cutoff / r.period))
+    exact: dict[int, bool] = {}
     for first, last in part.bridges:
-        if (last - first + 1) * part.recording.period > EXACT / cutoff:
+        rows = int(last - first)
+        if (rows + 1) * r.period <= EXACT / cutoff:
+            continue
+        if rows not in exact:
+            exact[rows] = rows <= FILLED and _as_measured(r, rows)
+        if not exact[rows]:
             out[max(first - reach, 0) : last + reach] = True
     return out
+
+
+def _as_measured(r: Recording, rows: int) -> bool:
+    """Whether bridges over so many rows are as near to what was measured as its noise is.
+
+    Tried at every instant: the cubic through two rows on either side of a hole, in its middle.
+    """
+    half = rows // 2 + 1  # an even number has no middle row: as the next odd one
+    near = np.array([-half - 1, -half, half, half + 1])
+    weight = [-np.prod(near[near != x]) / np.prod(x - near[near != x]) for x in near.astype(float)]
+    reach = half + 1
+    size = r.n - 2 * reach
+    for x in (r.q, r.tau):
+        parts = [w * x[reach + k : reach + k + size] for w, k in zip(weight, near, strict=True)]
+        error = np.sqrt(np.mean((x[reach : reach + size] - np.sum(parts, axis=0)) ** 2, axis=0))
+        if np.any(error > ALIKE * standstill.position_noise(x)):
+            return False
+    return True
 
 
 def prepare(

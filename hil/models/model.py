@@ -76,7 +76,8 @@ class Band:
     gap_s : float
         Gap in the rows from which a run is split.
     shift_s : float or None
-        Lateness of the effort against the positions; None = estimated within one sample.
+        By how much the efforts are early against the positions, and are taken later; None =
+        estimated within one sample.
     """
 
     position_hz: float = 0.0
