@@ -135,7 +135,7 @@ def terms_to_try(
             if reason:
                 impossible.setdefault(effect.name, reason)
             elif j in joints or (effect.of_robot and joints):
-                own = effect.per_run and len(problem.recordings) > 1
+                own = effect.per_run and problem.runs > 1
                 terms.append(Term(effect, j, per_run=own))
     tried = {t.effect.name for t in terms}
     return terms, [(n, why) for n, why in impossible.items() if n not in tried]

@@ -80,9 +80,8 @@ def split(problem: Problem, seed: int = 0, whole_runs: bool = True) -> Split:
     """
     block, inner = _blocks(problem)
     first = np.flatnonzero(np.diff(block, prepend=-1))
-    run = problem.run[first]
-    runs = int(run.max()) + 1
-    by_run = whole_runs and runs >= 3
+    run = np.asarray(problem.whole)[problem.run[first]]
+    by_run = whole_runs and problem.runs >= 3
     fold = run % FOLDS if by_run else _dealt(first.size, seed)
     beyond = inner & _beyond(problem, fold[block])
     return Split(block, np.asarray(fold), inner & ~beyond, beyond, by_run)
