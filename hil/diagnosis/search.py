@@ -45,8 +45,8 @@ from hil.models.model import RobotModel
 FloatArray = NDArray[np.float64]
 #: Draws of the bootstrap.
 DRAWS = 400
-#: Rules of a fit that ask for its values alone, not for its errors.
-FORMS = ("coefficients", "scales", "allowed")
+#: Rules of a fit in which one effect takes the place of another.
+FORMS = ("never-rises", "coefficients", "scales", "allowed")
 
 
 @dataclass
@@ -381,9 +381,9 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
     model = without(now.result.model, c, search.problem) + as_use(best.candidate, search.problem)
     label = f"{describe(best.candidate, search.problem)} for {describe(c, search.problem)}"
     rung = search.rung(label, model, now.result.sigma)
-    j = c.joint
-    gain = paired(now.errors.squared[:, j] - rung.errors.squared[:, j])
-    if gain < 1.0 or rules.fails(rules.Refit(search, best, rung, rung), FORMS):
+    weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
+    gain = paired((now.errors.squared - rung.errors.squared) @ weight)
+    if gain < 1.0 or rules.fails(rules.Refit(search, best, now, rung), FORMS):
         search.refused.add((best.candidate.name, c.term.joint))
         renew(now.result)
         return None
