@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hil.diagnosis.grams import Group
 from hil.identify.problem import Problem
 from hil.models.effect import Effect
+from hil.models.kernels import lag
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
@@ -22,6 +23,8 @@ FloatArray = NDArray[np.float64]
 SHRINK = 1e-3
 #: Centres and width of bumps over speed, in units of the rms speed.
 SPEEDS, WIDTH = np.linspace(-2.1, 2.1, 9), 0.45
+#: Bumps over the range of the position, and times in which something follows it [s].
+PLACES, CREEPS = 25, (0.1, 0.4, 1.6, 6.4)
 #: Knots of a slow function of time, a run.
 KNOTS = 8
 Columns = Callable[[Motion, int, FloatArray], FloatArray]
@@ -36,9 +39,28 @@ def _bumps(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     return np.exp(-0.5 * ((v[:, None] - SPEEDS) / WIDTH) ** 2)
 
 
+def _places(m: Motion, j: int) -> FloatArray:
+    """Bumps over the position, PLACES of them."""
+    at = np.linspace(-1.0, 1.0, PLACES)
+    return np.exp(-0.5 * ((m.scaled(j)[:, None] - at) * (PLACES - 1) / 2) ** 2)
+
+
 def position(m: Motion, j: int, rms: FloatArray) -> FloatArray:
-    """Any smooth function of the position."""
-    return _place(m, j, 12)[:, 1:]
+    """Any function of the position, a narrow place included."""
+    return np.concatenate([_place(m, j, 6)[:, 1:], _places(m, j)], axis=1)
+
+
+def creep(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """What follows the position slowly: a hose or a cable that creeps."""
+    q = np.ascontiguousarray(m.scaled(j))
+    return np.stack([q - lag(q, m.dt, t) for t in CREEPS], axis=1)
+
+
+def reversal(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Friction that is another one where the joint speeds up than where it slows down."""
+    size = max(float(np.sqrt(np.mean(m.qdd[:, j] ** 2))), 1e-12)
+    side = np.tanh(3 * m.qdd[:, j] / size)[:, None]
+    return np.concatenate([side * _bumps(m, j, rms), m.sign(j)[:, None] * side], axis=1)
 
 
 def position_by_direction(m: Motion, j: int, rms: FloatArray) -> FloatArray:
@@ -94,6 +116,8 @@ COMPETITORS: dict[str, Columns] = {
     "position, by direction": position_by_direction,
     "speed": speed,
     "position and speed": position_and_speed,
+    "speed and its change": reversal,
+    "slow memory of the position": creep,
     "load": load,
     "time": time,
     "the other joints": other_joints,

@@ -220,6 +220,20 @@ def _at_floor(case: Case) -> str:
     return "the error of its joint is at the noise floor" if met else ""
 
 
+@_candidate("returned-noise")
+def _returned(case: Case) -> str:
+    """At the floor a controller that answers noise late explains more: it is that, or its shadow."""
+    r, result = case.rated, case.search.now.result
+    if case.evidence.floor.exceeded(result.rms, r.joint):
+        return ""
+    more = [
+        c for c in case.evidence.candidates
+        if c.joint == r.joint and c.parts[r.joint] > r.candidate.parts[r.joint]
+    ]  # fmt: skip
+    late = any(not in_time(c, result) for c in more)
+    return "noise that a controller answers late explains more" if late else ""
+
+
 @_candidate("harm")
 def _harm(case: Case) -> str:
     """Whether another joint gets worse, by more than chance and more than this one gains."""
@@ -262,6 +276,16 @@ def _rises(case: Refit) -> str:
     size = np.maximum(one.effort_rms[moves], 1e-300)
     whole = [float(np.sum((x.rms[moves] / size) ** 2)) for x in (one, other)]
     return "the error of the held-out runs rises over all joints" if whole[1] > whole[0] else ""
+
+
+@_fit("confirmed")
+def _confirmed(case: Refit) -> str:
+    """Held-out runs must show it, too; not what acts at instants of the fitted ones."""
+    one, other, r = case.before.step.heldout, case.after.step.heldout, case.rated
+    term = r.candidate.term
+    if one.kind != "holdout" or term.effect.dated(term.shape) or term.per_run:
+        return ""
+    return "" if other.gain(one, r.joint) > RISEN else "held-out runs do not show it"
 
 
 @_fit("coefficients")
