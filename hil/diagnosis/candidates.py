@@ -161,7 +161,8 @@ def rate(
     another one.
     """
     problem, base = result.problem, model_groups(result, without)
-    keys, out = [g.key for g in base], {}
+    keys: list[object] = [g.key for g in base]
+    out: dict[int, Rated] = {}
     for own in (False, True):
         some = [c for c in candidates if (c.term.per_run and split.by_run) == own]
         if not some and own:
@@ -190,4 +191,13 @@ def rated(c: Candidate, table: Table, keys: Sequence[object], now: Errors) -> Ra
     if c.term.effect.whole_robot:
         j = int(np.argmax((now.power - errors.power) / np.maximum(now.power, 1e-300)))
     fall = now.squared[:, j] - errors.squared[:, j]
-    return Rated(c, now, errors, fall, float(now.power[j]), float(errors.power[j]), j, partial(table.residual, chosen))
+    return Rated(
+        c,
+        now,
+        errors,
+        fall,
+        float(now.power[j]),
+        float(errors.power[j]),
+        j,
+        partial(table.residual, chosen),
+    )

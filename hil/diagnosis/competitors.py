@@ -31,12 +31,13 @@ Columns = Callable[[Motion, int, FloatArray], FloatArray]
 
 
 def _place(m: Motion, j: int, order: int) -> FloatArray:
-    return np.polynomial.chebyshev.chebvander(np.clip(m.scaled(j), -1.05, 1.05), order)
+    values = np.polynomial.chebyshev.chebvander(np.clip(m.scaled(j), -1.05, 1.05), order)
+    return np.asarray(values, dtype=np.float64)
 
 
 def _bumps(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     v = m.qd[:, j] / rms[j]
-    return np.exp(-0.5 * ((v[:, None] - SPEEDS) / WIDTH) ** 2)
+    return np.asarray(np.exp(-0.5 * ((v[:, None] - SPEEDS) / WIDTH) ** 2))
 
 
 def _places(m: Motion, j: int) -> FloatArray:

@@ -117,8 +117,7 @@ class Table:
         for j in range(self.d):
             self._products(problem, j)
         signal = sum(
-            float(m[:, -1, -1].sum()) * w
-            for m, w in zip(self._train, self._weight, strict=True)
+            float(m[:, -1, -1].sum()) * w for m, w in zip(self._train, self._weight, strict=True)
         )
         #: Ridge in units of a column of length one: a direction that moves the effort by less than
         #: one noise unit stays at its prior.
@@ -189,7 +188,7 @@ class Table:
             for j in range(self.d) if g.joint is None else [g.joint]:
                 columns = g.columns if g.joint is not None else g.columns[j]
                 out[j] -= np.einsum("nm,nm->n", columns, own[fold])
-        return np.where(self.split.tested, out, 0.0)
+        return np.asarray(np.where(self.split.tested, out, 0.0))
 
     def coefficients(self, keys: Sequence[Hashable]) -> dict[Hashable, FloatArray]:
         """Coefficients of some groups fitted to all instants, by key."""
@@ -211,9 +210,7 @@ class Table:
         """Scaled coefficients of each fold (folds, p), fitted to the others, and their columns."""
         return self._solved(keys, whole=False)
 
-    def _own(
-        self, j: int, chosen: NDArray[np.int_]
-    ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    def _own(self, j: int, chosen: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
         """Which of the chosen columns act on joint j, and where they and y are in its products."""
         place = np.searchsorted(self._joint_columns[j], chosen)
         place = np.minimum(place, max(self._joint_columns[j].size - 1, 0))
@@ -222,9 +219,7 @@ class Table:
         )
         return mine, np.append(place[mine], self._joint_columns[j].size)
 
-    def _solved(
-        self, keys: Sequence[Hashable], whole: bool
-    ) -> tuple[FloatArray, NDArray[np.int_]]:
+    def _solved(self, keys: Sequence[Hashable], whole: bool) -> tuple[FloatArray, NDArray[np.int_]]:
         chosen = np.sort(
             np.concatenate([np.arange(self._place[k].start, self._place[k].stop) for k in keys])
         )

@@ -222,7 +222,7 @@ def _at_floor(case: Case) -> str:
 
 @_candidate("returned-noise")
 def _returned(case: Case) -> str:
-    """At the floor a controller that answers noise late explains more: it is that, or its shadow."""
+    """At the floor: where noise that a controller answers late explains more, it is that."""
     r, result = case.rated, case.search.now.result
     if case.evidence.floor.exceeded(result.rms, r.joint):
         return ""
@@ -266,7 +266,7 @@ def _rises(case: Refit) -> str:
     one, other = case.before.step.heldout, case.after.step.heldout
     if one.kind != "holdout":
         return ""
-    moves = np.flatnonzero(~case.search.problem.holds)
+    moves = np.flatnonzero(~case.search.problem.holds).tolist()
     worse = [k for k in moves if other.rms[k] > one.rms[k] and one.gain(other, k) > RISEN]
     if case.rated.joint in worse:
         return "the error of the held-out runs rises"

@@ -62,6 +62,11 @@ class Rung:
         """Its fit."""
         return self.step.result
 
+    @property
+    def keys(self) -> set[tuple[str, int]]:
+        """Effects that were added with it, by name and joint."""
+        return {c.term.key for c in self.added}
+
 
 @dataclass
 class Search:
@@ -169,9 +174,7 @@ class Search:
             open_joints = self._added(picks, open_joints)
             self.backward()
 
-    def _picks(
-        self, rated: list[Rated], evidence: Evidence, joints: Sequence[int]
-    ) -> list[Rated]:
+    def _picks(self, rated: list[Rated], evidence: Evidence, joints: Sequence[int]) -> list[Rated]:
         """The best candidate of each joint, or one of the whole robot that does more alone."""
         good = [r for r in rated if self.pays(r, evidence)]
         own = [r for r in good if not r.candidate.term.effect.whole_robot]
@@ -387,6 +390,7 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
         search.refused.add((best.candidate.name, c.term.joint))
         renew(now.result)
         return None
+    rung.added = (best.candidate,)
     search.rungs.append(rung)
     search.found[search.found.index(c)] = best.candidate
     search.refused.add((c.name, c.term.joint))
@@ -408,7 +412,7 @@ def _weighed(
         return Named(c, 0.5, [])
     rest = [x for x in order if x is not own]
     _, likely, rivals = choose([own, *rest], projector)
-    drawn = _drawn(own, rated)
+    drawn = _drawn(own, rated, ~search.problem.holds)
     rivals += [r.candidate for r, p in drawn if p >= RIVAL and r.candidate not in [own, *rivals]]
     best = next(p for r, p in drawn if r.candidate is own)
     return Named(c, min(likely, best), rivals)
@@ -438,7 +442,9 @@ def _in_noise(search: Search, c: Candidate, rated: list[Rated]) -> list[Rated]:
     return [r for r in out if r.candidate.score > 0]
 
 
-def _drawn(own: Candidate, rated: list[Rated]) -> list[tuple[Rated, float]]:
+def _drawn(
+    own: Candidate, rated: list[Rated], moves: NDArray[np.bool_]
+) -> list[tuple[Rated, float]]:
     """How often each effect does best, with weights of blocks drawn from Dirichlet(1, .., 1).
 
     One that is as good as the best, within what a law may miss, and has no more to fit, is best.
@@ -448,11 +454,16 @@ def _drawn(own: Candidate, rated: list[Rated]) -> list[tuple[Rated, float]]:
     """
     mine = next(r for r in rated if r.candidate is own)
     near = [r for r in rated if r.joint == mine.joint and r.fall.size == mine.fall.size]
-    falls = np.stack([r.fall for r in near])
-    weight = np.random.default_rng(0).dirichlet(np.ones(falls.shape[1]), DRAWS)
-    total = weight @ falls.T
+    # over all joints: what a law of two joints takes on the other one is its own, too
+    noise = np.minimum.reduce([r.errors.power for r in near])
+    weight = moves / np.maximum(noise, 1e-300)
+    falls = np.stack([(r.now.squared - r.errors.squared) @ weight for r in near])
+    draws = np.random.default_rng(0).dirichlet(np.ones(falls.shape[1]), DRAWS)
+    total = draws @ falls.T
     top = total.max(axis=1)
-    order = sorted(range(len(near)), key=lambda k: (near[k].candidate is not own, near[k].candidate.dof))
+    order = sorted(
+        range(len(near)), key=lambda k: (near[k].candidate is not own, near[k].candidate.dof)
+    )
     good = total >= (top * (1 - DISCREPANCY))[:, None]
     first = np.argmax(good[:, order], axis=1)
     share = np.bincount(first, minlength=len(near)) / DRAWS

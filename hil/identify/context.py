@@ -154,9 +154,7 @@ def renew(result: FitResult) -> None:
         update_load(problem, *fitted)
 
 
-def _slid(
-    old: tuple[FloatArray | None, ...], new: tuple[FloatArray | None, ...]
-) -> bool:
+def _slid(old: tuple[FloatArray | None, ...], new: tuple[FloatArray | None, ...]) -> bool:
     """Whether any state of a joint's friction is another one now."""
     return len(old) != len(new) or any(a is not b for a, b in zip(old, new, strict=True))
 

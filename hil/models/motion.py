@@ -143,8 +143,9 @@ class Motion:
         Without `v0` it is resolved to `v0[j]`; where friction builds up over a displacement, it
         is the state that the present model has for it (`friction`).
         """
-        if v0 is None and self.friction and self.friction[j] is not None:
-            return self.friction[j]
+        state = self.friction[j] if v0 is None and self.friction else None
+        if state is not None:
+            return state
         signs: dict[tuple[int, float], FloatArray] = self.__dict__["_signs"]
         key = (j, float(self.v0[j]) if v0 is None else v0)
         found = signs.get(key)
