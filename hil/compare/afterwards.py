@@ -9,6 +9,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hil.compare.common import common
 from hil.compare.fallback import explainable, foretold, hidden
 from hil.compare.findings import Diagnosis
@@ -19,7 +22,9 @@ from hil.compare.sessions import differences
 from hil.compare.unlike import notes as unlike_notes
 from hil.compare.unlike import unlike
 from hil.compare.unseen import unseen
+from hil.diagnosis.constants import MATTERS
 from hil.identify.errors import complete
+from hil.identify.result import FitResult
 from hil.identify.validity import outside
 from hil.models.model import RobotModel
 from hil.record.checks import Finding as Fault
@@ -59,7 +64,10 @@ def finish(
     told = {s.joint for s in out.network}
     out.network += [s for s in explainable(result, out.last.floor) if s.joint not in told]
     if out.verdict == "adequate":
+        # what is less than efforts are known to needs no explanation
         falls = foretold(result)
+        if falls is not None:
+            falls = {j: x for j, x in falls.items() if matters(result)[j]}
         out.beyond = None if falls is None else max([0.0, *falls.values()])
         out.network = hidden(result, falls or {})
         if out.network:
@@ -76,8 +84,15 @@ def _with_unlike(out: Diagnosis) -> None:
     step = out.ladder[-1]
     found = unlike(step.result, step.heldout.rms, out.noise, out.last.projector)
     out.warnings += unlike_notes(found)
-    if out.verdict == "adequate" and any(u.matters for u in found):
+    felt = dict(zip(step.result.problem.joints, matters(step.result), strict=True))
+    if out.verdict == "adequate" and any(u.matters and felt[u.joint] for u in found):
         out.verdict = "unexplained"
+
+
+def matters(result: FitResult) -> NDArray[np.bool_]:
+    """Joints (d,) whose error is more than efforts are known to."""
+    size = result.problem.rms(result.problem.effort)
+    return np.asarray(result.rms > MATTERS * size)
 
 
 def _with_errors(out: Diagnosis) -> None:

@@ -13,7 +13,7 @@ from hil.compare.findings import Diagnosis, Finding, joint_of
 from hil.compare.heldout import Examiner
 from hil.compare.identifiable import undetermined
 from hil.compare.judge import _of_noise, _rival
-from hil.compare.notes import notes
+from hil.compare.notes import noticed, notes
 from hil.compare.settle import settled
 from hil.diagnosis import external
 from hil.diagnosis.constants import (
@@ -146,6 +146,11 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
         verdict, findings, ladder, search.first or last, last, floor, notes(end, last), partial
     )
     out.heldout_floor = other
+    out.warnings += noticed(last, end)
+    size = search.problem.rms(search.problem.effort)
+    felt = dict(zip(search.problem.joints, end.rms > MATTERS * size, strict=True))
+    if out.verdict == "adequate" and any(felt[c.joint] for c in last.changes):
+        out.verdict = "unexplained"
     return out
 
 

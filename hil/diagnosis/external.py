@@ -78,8 +78,8 @@ def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list
                 (
                     "external-ratio",
                     f"the external effort of {joint} fits best at {g:.3g} times its values: "
-                    f"confirm the ratio, the unit or the place of the sensor, and give {column} that scale "
-                    "in a map file",
+                    "confirm the ratio, the unit or the place of the sensor, and give "
+                    f"{column} that scale in a map file",
                 )
             )
     return faults, warnings

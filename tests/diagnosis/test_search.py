@@ -1,0 +1,150 @@
+"""The search end to end on axes whose truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_plants import axis
+
+import hil
+from hil.diagnosis import rules
+from hil.models.presliding import dahl_state
+
+
+def said(run, *more, holdout=None):
+    model = hil.base_model(run.robot)
+    for name in more:
+        model = model + name
+    return hil.diagnose([run], model, holdout)
+
+
+def named(d):
+    return [f.effect for f in d.findings]
+
+
+def test_nothing_hidden_is_adequate_with_any_offset():
+    assert said(axis(1)).verdict == "adequate"
+
+
+def test_what_is_less_than_efforts_are_known_to_is_no_effect():
+    quiet = axis(1, noise=1e-5, extra=lambda t, q, v, a: 2e-4 * np.sin(9 * q))
+    assert said(quiet).verdict == "adequate"
+
+
+def test_one_effect_is_named_and_the_error_falls_to_the_floor():
+    d = said(axis(2, extra=lambda t, q, v, a: 0.15 * np.exp(-((v / 0.4) ** 2)) * np.tanh(v / 0.02)))
+    assert d.verdict == "missing-effect" and named(d) == ["stribeck"]
+    assert d.ladder[-1].heldout.rms[0] < 1.15 * d.noise[0]
+
+
+def test_a_second_effect_is_judged_by_what_is_left_now():
+    """A spring of a twentieth of the first effect's power is named all the same."""
+
+    def extra(t, q, v, a):
+        return 0.12 * q + 0.25 * np.abs(v)
+
+    d = said(axis(3, extra=extra))
+    assert set(named(d)) == {"asymmetric-viscous", "spring"}
+
+
+def test_friction_with_load_is_a_level_of_the_state_that_presliding_has():
+    """Loops whose size follows an external load: a hysteresis and a level, not two frictions."""
+
+    def push(t, q, v):
+        return 1.5 * np.sin(0.9 * t) ** 2 * np.sign(np.sin(0.23 * t))
+
+    def extra(t, q, v, a):
+        z = dahl_state(np.ascontiguousarray(q), 0.08)
+        load = 0.1 * a - push(t, q, v)
+        return (0.4 + 0.3 * np.abs(load)) * z - 0.3 * np.tanh(v / 0.02)
+
+    d = said(axis(4, seconds=60.0, push=push, extra=extra))
+    assert named(d)[:2] == ["presliding", "load-friction"]
+    mu = next(f for f in d.findings if f.effect == "load-friction").parameters
+    assert mu["j1.load-friction.mu"].value == pytest.approx(0.3, rel=0.15)
+
+
+def test_the_ladder_never_rises_and_its_last_model_is_what_is_written():
+    run, other = axis(5, extra=lambda t, q, v, a: 0.2 * v * np.abs(v)), axis(6)
+    d = said(run, holdout=[other])  # the held-out run lacks the effect
+    errors = [s.heldout.rms[0] for s in d.ladder]
+    assert all(b <= a for a, b in zip(errors, errors[1:], strict=False))
+    assert named(d) == []
+    assert d.model is d.ladder[-1].result.model
+
+
+def test_held_out_runs_confirm_a_name():
+    def drag(t, q, v, a):
+        return 0.2 * v * np.abs(v)
+
+    d = said(axis(5, extra=drag), holdout=[axis(6, extra=drag)])
+    assert named(d) == ["quadratic-drag"]
+
+
+def test_a_rule_that_stopped_a_candidate_says_which_and_why():
+    """Every stop has a code of the registry, a sentence and its numbers."""
+    from hil.compare.heldout import Examiner
+    from hil.diagnosis.folds import split
+    from hil.diagnosis.search import Search
+    from hil.identify.problem import Problem
+
+    run = axis(1, seconds=15.0)
+    problem = Problem([run], run.robot)
+    search = Search(problem, split(problem), Examiner(problem, []))
+    search.rungs.append(search.rung("base model", hil.base_model(run.robot)))
+    search.forward()
+    assert search.stops
+    for stop in search.stops.values():
+        assert stop.code in {**rules.CANDIDATE, **rules.FIT}
+        assert stop.reason and stop.evidence["before"] > 0
+
+
+@pytest.mark.parametrize("code", sorted(rules.CANDIDATE))
+def test_a_rule_that_is_off_is_not_asked(code, monkeypatch):
+    monkeypatch.setitem(rules.CANDIDATE, code, lambda case: "asked")
+    monkeypatch.setattr(rules, "OFF", set(rules.CANDIDATE) - {code})
+    case = rules.Case(None, _Rated(), None)  # type: ignore[arg-type]
+    assert rules.stopped(case).code == code
+    monkeypatch.setattr(rules, "OFF", set(rules.CANDIDATE))
+    assert rules.stopped(case) is None
+
+
+class _Rated:
+    before, after, sureness = 1.0, 0.5, 3.0
+
+
+# ---------------------------------------------------------------------- the external effort
+
+
+def pushed(scale):
+    def push(t, q, v):
+        return 1.5 * np.sin(0.9 * t) + 0.5 * np.sin(2.3 * t + 1.0)
+
+    run = axis(7, push=push)
+    return replace(run, tau_ext=scale * run.tau_ext)
+
+
+def test_an_external_effort_of_the_wrong_sign_is_bad_data_with_the_map_line():
+    d = said(pushed(-1.0))
+    assert d.verdict == "bad-data"
+    assert d.warnings[0][0] == "external-sign" and "tauext1" in d.warnings[0][1]
+
+
+def test_another_ratio_is_said_and_no_offset_is_named_for_it():
+    d = said(pushed(0.4))
+    assert "external-ratio" in [code for code, _ in d.warnings]
+    assert "torque-offset" not in named(d)
+
+
+def test_the_right_ratio_needs_no_word():
+    d = said(pushed(1.0))
+    assert d.verdict == "adequate"
+    assert not {"external-ratio", "external-sign"} & {code for code, _ in d.warnings}
+
+
+def test_several_joints_without_geometry_are_said():
+    a, b = axis(1), axis(2)
+    both = replace(
+        a, joints=("joint1", "joint2"), q=np.hstack([a.q, b.q]), tau=np.hstack([a.tau, b.tau])
+    )
+    assert said(both).warnings[0][0] == "no-geometry"
