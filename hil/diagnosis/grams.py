@@ -199,7 +199,7 @@ class Table:
 
     def residual(self, keys: Sequence[Hashable], j: int) -> FloatArray:
         """What the model of some groups leaves of joint j, fitted to all instants (n,)."""
-        left = self._y[j].copy()
+        left: FloatArray = self._y[j].copy()
         for key, theta in self.coefficients(keys).items():
             g = self.groups[key]
             if g.joint in (None, j):
