@@ -88,7 +88,9 @@ def model_groups(result: FitResult, without: Collection[Key] = ()) -> list[Group
         if t.key in without:
             continue
         held = result.theta[where]
-        lower, upper = (held, held) if t.fixed else (low[where], high[where])
+        # what acts at one instant is not to be learnt from the others: it is kept as it is
+        kept = t.fixed or t.effect.dated(t.shape)
+        lower, upper = (held, held) if kept else (low[where], high[where])
         joint = None if t.effect.whole_robot else t.joint
         out.append(Group(t.key, joint, block(problem, t), lower, upper, result.prior[where]))
     return out
@@ -186,6 +188,8 @@ def rated(c: Candidate, table: Table, keys: Sequence[object], now: Errors) -> Ra
     """One candidate beside the groups `keys`, whose errors are `now`."""
     gone = {(name, c.term.joint) for name in c.term.effect.replaces}
     chosen = [k for k in keys if k not in gone] + [key_of(c)]
+    if c.term.effect.dated(c.term.shape):
+        table.hold(key_of(c), table.coefficients(chosen)[key_of(c)])
     errors = table.errors(chosen)
     j = c.term.joint
     if c.term.effect.whole_robot:

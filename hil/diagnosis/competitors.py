@@ -27,6 +27,8 @@ SPEEDS, WIDTH = np.linspace(-2.1, 2.1, 9), 0.45
 PLACES, CREEPS = 25, (0.1, 0.4, 1.6, 6.4)
 #: Knots of a slow function of time, a run.
 KNOTS = 8
+#: What a nearby law that the catalogue does not hold is called.
+FOIL = "a law without a name"
 Columns = Callable[[Motion, int, FloatArray], FloatArray]
 
 
@@ -144,6 +146,6 @@ def foils(problem: Problem, effect: Effect, j: int, shape: Sequence[float]) -> l
     for k, raw in enumerate(zip(*laws, strict=True)):
         columns = problem.gated(list(raw), j)
         free = np.full(columns.shape[1], np.inf)
-        key = ("free", "a law without a name", j, effect.name, k)
+        key = ("free", FOIL, j, effect.name, k)
         out.append(Group(key, j, columns, -free, free, np.zeros(free.size)))
     return out

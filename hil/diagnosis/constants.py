@@ -26,7 +26,7 @@ WORTH = 0.03
 #: beside `LEVEL`.  Half: effects of a single stretch pass more easily; double: end stops are lost.
 BEYOND = 1.5
 #: Standard errors that are taken off what a free function does better, before it counts against a
-#: name.  Normal tail, 2 %.  Half: right names lose confidence to chance; double: wrong ones keep it.
+#: name.  Normal tail.  Half: right names lose confidence to chance; double: wrong ones keep it.
 SURE = 2.0
 #: Share of what a name does by which a free function in its place must surely do better, so that
 #: the name does not stand.  Tuning plants: right names are beaten by 0.15 at most, wrong ones by

@@ -13,7 +13,7 @@ from hil.compare.findings import Diagnosis, Finding, joint_of
 from hil.compare.heldout import Examiner
 from hil.compare.identifiable import undetermined
 from hil.compare.judge import _of_noise, _rival
-from hil.compare.notes import noticed, notes
+from hil.compare.notes import notes, noticed
 from hil.compare.settle import settled
 from hil.diagnosis import external
 from hil.diagnosis.constants import (

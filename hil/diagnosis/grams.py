@@ -11,7 +11,7 @@ Source: Shao, J. Am. Stat. Assoc. 88, 1993 (cross-validation of linear models).
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,6 +160,10 @@ class Table:
         self._train.append(train)
         self._test.append(test)
 
+    def hold(self, key: Hashable, values: FloatArray) -> None:
+        """Keep the coefficients (m,) of a group at these values in all folds."""
+        self.groups[key] = replace(self.groups[key], lower=values, upper=values)
+
     def errors(self, keys: Sequence[Hashable]) -> Errors:
         """Held-out errors of the model that consists of some groups."""
         theta, chosen = self.solutions(keys)
@@ -247,6 +251,7 @@ class Table:
         shrink = np.concatenate([np.full(g.lower.size, g.shrink) for g in parts])[chosen]
         ridge = self.ridge + shrink * np.diag(every)
         held = np.where(self._live[chosen], np.nan, prior)
+        held = np.where(low == high, low, held)
         for _ in range(ROUNDS):
             theta = _ridge(every[None], both[None], prior, held, ridge)[0]
             slack = 1e-9 * np.maximum(np.abs(theta), 1e-300)

@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hil.compare.attribute import alone, kindred, physical
+from hil.compare.candidate import Candidate
 from hil.compare.credible import SCALES, _allowed
 from hil.compare.evidence import Evidence, in_time
+from hil.compare.overtones import harmonic
 from hil.compare.significance import by_chance
 from hil.diagnosis.candidates import Rated, paired
 from hil.diagnosis.constants import BEYOND, DISCREPANCY, LEVEL, MATTERS, RISEN, WORTH
@@ -188,9 +190,20 @@ def _kindred(case: Case) -> str:
     return "another form of the same cause is in the model" if near else ""
 
 
+@_candidate("overtone")
+def _overtone(case: Case) -> str:
+    c, search = case.rated.candidate, case.search
+    if case.evidence.projector is None:
+        return ""
+    found = [(f, 1.0, list[Candidate]()) for f in search.found]
+    part = harmonic(c, found, search.problem.motions[0], case.evidence.projector)
+    return "further harmonics of a wave that is named explain as much" if part else ""
+
+
 @_candidate("paired")
 def _paired(case: Case) -> str:
-    sure = case.rated.sureness > BEYOND
+    term = case.rated.candidate.term
+    sure = case.rated.sureness > BEYOND or term.effect.dated(term.shape)
     return "" if sure else "the fall varies as much from block to block"
 
 

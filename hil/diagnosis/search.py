@@ -31,15 +31,17 @@ from hil.diagnosis.candidates import (
     terms_to_try,
     tried,
 )  # fmt: skip
-from hil.diagnosis.competitors import COMPETITORS, competitor, foils
+from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
 from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, RIVAL, SURE, WORTH
 from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import Errors, Group, Table
 from hil.identify.context import renew
+from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
+from hil.models.effect import Effect
 from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -341,12 +343,8 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     now = search.now
     rung = search.rung("without", without(now.result.model, c, search.problem), now.result.sigma)
     result = rung.result
-    terms, _ = terms_to_try(result, [c.joint])
-    own = c.term.effect
-    terms = [
-        t for t in terms
-        if t.effect.name == own.name or not (t.effect.spectral or t.effect.sudden)
-    ]  # fmt: skip
+    own, moves = c.term.effect, np.flatnonzero(~search.problem.holds).tolist()
+    terms = [t for t in terms_to_try(result, moves)[0] if _comparable(t, own, c.joint)]
     projector, found = tried(result, terms)
     floor = search.first.floor if search.first else None
     assert floor is not None  # noqa: S101
@@ -369,10 +367,25 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     return sound, projector
 
 
+def _comparable(t: Term, own: Effect, j: int) -> bool:
+    """Whether a term may stand in the place of an effect on joint j.
+
+    The same effect on any joint, for of some only ratios are determined; of the others those of
+    its joint and of the whole robot, but for lines over time and what changes at an instant.
+    """
+    if t.effect.name == own.name:
+        return True
+    return (t.joint == j or t.effect.whole_robot) and not (t.effect.spectral or t.effect.sudden)
+
+
 def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | None:
     """The effect that takes the place of one, if the model with it does better held out."""
     own = next((r for r in rated if r.candidate.term.key == c.term.key), None)
-    good = [r for r in rated if (r.candidate.name, c.term.joint) not in search.refused]
+    good = [
+        r for r in rated
+        if (r.candidate.name, c.term.joint) not in search.refused
+        and (r is own or r.candidate.name != c.name) and r.joint == c.joint
+    ]  # fmt: skip
     if own is None or not good:
         renew(search.now.result)
         return None
@@ -494,16 +507,14 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
         for c in (c for c in search.found if c.joint == j):
             rest = [k for k in every if k != c.term.key]
             own = race.power(rest) - race.power(every)
-            rivals = [(beside, taken)]
+            gain, words = beside
+            out[c.term.key] = (taken / (taken + gain) if taken > 0 else 0.0, words)
             if not c.term.effect.replaces:  # what it replaced is not there to be put back
-                rivals.append((race.best(rest, every), own))
-            shares = [
-                (d / (d + gain) if d > 0 else 0.0, words) for (gain, words), d in rivals[:1]
-            ] + [
-                (d / (d + gain) if d > 0 and gain < BEATEN * d else 0.0, words)
-                for (gain, words), d in rivals[1:]
-            ]
-            out[c.term.key] = min(shares)
+                gain, words = race.best(rest, every)
+                stands = own > 0 and gain <= (0.0 if words == FOIL else BEATEN) * own
+                out[c.term.key] = min(
+                    out[c.term.key], (own / (own + gain) if stands else 0.0, words)
+                )
     return out
 
 

@@ -18,6 +18,8 @@ KNEES = {0.0: ("clipped", 0.98, 10), 4.0: ("a round knee", 1.8, 9), 2.0: ("gradu
 FREE = 0.8
 #: Share of the effort that a limit that acts takes at the largest command, at least.
 LEAST = 0.01
+#: Limit, as a share of the largest effort, beyond which it is none: a law that bends everywhere.
+BEYOND = 2.0
 #: Rows by which the command must be beyond a limit.
 ROWS = 10
 #: Share of the joint's largest command that a leak from the other one's largest is, at least.
@@ -56,7 +58,7 @@ class TorqueSaturation(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Command less what is given of it."""
-        tau = motion.driven(j)
+        tau = motion.tau[:, j]  # what is asked for; what the model foretells is what is given
         return (tau - given(tau, float(shape[0]), float(shape[1])))[:, None]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
@@ -81,7 +83,7 @@ class TorqueSaturation(Effect):
         size = np.sort(np.abs(motion.tau[:, j]))
         met = size[-ROWS:][:1]
         felt = bool(np.all(met - given(met, limit, order) > LEAST * met))
-        inside = limit > 1.02 * least_limit(size, order)
+        inside = 1.02 * least_limit(size, order) < limit < BEYOND * size[-1]
         return felt and inside and super().credible(motion, j, shape, beta, error)
 
 

@@ -105,7 +105,7 @@ def test_a_gain_of_one_joint_is_not_that_of_the_one_that_fails_most(gain: float)
     for run in (train, other):
         # the last motor gives more than it is told to; the error is largest on the joint before it
         run.tau[:, 2] /= gain
-    found = diagnose([train], base_model(train.robot) + "torque-offset", [other])
+    found = diagnose([train], base_model(train.robot), [other])
     assert found.verdict == "ambiguous"
     assert {(f.effect, f.joint) for f in found.findings} == {("torque-gain", "fore")}
     assert found.findings[0].rivals

@@ -149,7 +149,7 @@ def test_json_of_a_fit_that_determines_nothing() -> None:
 
 def test_per_run_offsets_belong_to_their_runs() -> None:
     runs = [replace(axis(k), tau=axis(k).tau + offset) for k, offset in ((0, 0.7), (1, -0.4))]
-    model = AXIS + Use("torque-offset", options={"per_run": True})
+    model = (AXIS - "torque-offset") + Use("torque-offset", options={"per_run": True})
     result = fit(Problem(runs, AXIS.robot), model)
     for run, true in (("axis0", 0.7), ("axis1", -0.4)):
         value = result.values[f"j1.torque-offset.t0[{run}]"]
@@ -196,8 +196,8 @@ def test_a_bound_is_held_and_the_others_are_refitted() -> None:
     assert value.value == 0.0 and value.at_bound
     assert not result.values["j1.coulomb.fc"].at_bound
     x, y = result.x, result.problem.y.reshape(-1)
-    lower = [-np.inf, 0.0, 0.0]
-    expected = scipy.optimize.lsq_linear(x, y, (lower, [np.inf] * 3), tol=1e-14).x
+    lower = [-np.inf, 0.0, 0.0, -np.inf]
+    expected = scipy.optimize.lsq_linear(x, y, (lower, [np.inf] * 4), tol=1e-14).x
     np.testing.assert_allclose(result.theta, expected, rtol=1e-6, atol=1e-9)
 
 

@@ -27,7 +27,7 @@ def recording(seed: int) -> Recording:
 def test_together_as_alone(runs: int) -> None:
     problem = Problem([recording(k) for k in range(runs)], RobotSource("single-axis"))
     small = base_model(problem.source)
-    models = [small, small + "quadratic-drag", small + "torque-offset"]
+    models = [small, small + "quadratic-drag", small + "asymmetric-viscous"]
     results = [fit(problem, m) for m in models]
     together = each(results, problem)
     for result, found in zip(results, together, strict=True):
@@ -43,7 +43,7 @@ def test_together_as_alone(runs: int) -> None:
 def test_several_accelerations_of_a_state_as_each_of_them_alone() -> None:
     problem = Problem([recording(1)], RobotSource("single-axis"))
     motion = problem.motions[0]
-    result = fit(problem, base_model(problem.source) + "quadratic-drag" + "torque-offset")
+    result = fit(problem, base_model(problem.source) + "quadratic-drag")
     starts = np.arange(0, 500, 100)
     model = _Forward([Windows(result, starts, 10)], motion, np.zeros(starts.size, dtype=int))
     q, qd = motion.q[starts], motion.qd[starts]

@@ -44,8 +44,8 @@ def own_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
 # --- composition ----------------------------------------------------------------------------
 
 
-def test_base_model_is_the_contract_s() -> None:
-    assert BASE.names() == ("rigid-body", "armature", "coulomb", "viscous")
+def test_base_model_is_the_contract_s_with_an_offset_a_joint() -> None:
+    assert BASE.names() == ("rigid-body", "armature", "coulomb", "viscous", "torque-offset")
     assert all(use.joints == ("*",) for use in BASE.effects)
 
 

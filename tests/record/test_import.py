@@ -11,8 +11,10 @@ from scipy.io import savemat
 
 from hil.cli import main
 from hil.models.files import read_model
+from hil.models.model import base_model
 from hil.record.fields import read_fields
 from hil.record.reader import load, summary
+from hil.record.recording import RobotSource
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
@@ -78,7 +80,7 @@ def test_base_model_is_made_once(tmp_path, capsys):
     words = ["import", str(table), "-o", str(tmp_path / "s.mcap")]
     assert main(words) == 0
     model = tmp_path / "s.model.toml"
-    assert read_model(model).names() == ("rigid-body", "armature", "coulomb", "viscous")
+    assert read_model(model).names() == base_model(RobotSource()).names()
     assert f"hil diagnose {tmp_path / 's.mcap'} --model {model}" in capsys.readouterr().out
     model.write_text("mine")
     assert main(words) == 0
