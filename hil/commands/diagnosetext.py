@@ -10,7 +10,6 @@ from hil.compare.blur import above
 from hil.compare.fallback import told
 from hil.compare.findings import Diagnosis, Finding
 from hil.compare.judge import only_there
-from hil.compare.overruled import why
 from hil.compare.sessions import CODE as DIFFER
 from hil.compare.tables import at_issue_of
 from hil.compare.words import LEADING, explains, floor_says, remains
@@ -34,13 +33,10 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
         lines += [f"  {w}." for _, w in d.warnings]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
-    by_reason: dict[str, list[str]] = {}
-    for f in d.partial:
-        reason = why(f, d.warnings) or "explains too little to be the cause"
-        name = f"{f.effect} on {f.joint}" if f.joint else f.effect
-        by_reason.setdefault(reason, []).append(name)
-    for reason, names in by_reason.items():
-        lines += [f"  best partial explanation: {', '.join(names)} ({reason})"]
+    partial = [f"{f.effect} on {f.joint}" if f.joint else f.effect for f in d.partial]
+    if partial:
+        why = "explains too little to be the cause"
+        lines += [f"  best partial explanation: {', '.join(partial)} ({why})"]
     lines += _left(d)
     lines += [f"  {w}." for code, w in d.warnings if code in LEADING]
     if d.verdict == "adequate":

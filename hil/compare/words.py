@@ -18,8 +18,6 @@ from hil.compare.findings import Finding
 from hil.compare.floor import ADEQUATE, EFFORT_ACCURACY, SENSOR_ACCURACY
 from hil.compare.judge import EXPLAINED, only_there
 from hil.compare.material import COMPARED, Material
-from hil.compare.overruled import REASONS
-from hil.compare.overruled import why as overruled
 from hil.compare.page import number
 from hil.compare.sessions import CODE as DIFFER
 from hil.compare.unlike import CODE as UNLIKE
@@ -43,7 +41,7 @@ ORIGIN = {
     "smooth functions of all positions and speeds).",
 }
 #: Codes of warnings that stand beside the verdict.
-LEADING = (DIFFER, *REASONS, BLURRED, CHANGED, UNLIKE, COMMON)
+LEADING = (DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
 
 
 def meaning(effect: str) -> str:
@@ -156,14 +154,12 @@ def explains(blurred: bool, model: str) -> str:
 def details(m: Material) -> list[str]:
     """Sentences below the headline: effect, confidence, error before and after, floor."""
     out = [_finding(m, f) for f in m.findings]
-    out += [line for code in REASONS for line in _said(m, code)]
     out += _said(m, BLURRED) + apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
     for f in m.partial:
-        why = overruled(f, m.warnings) or f"less than {100 * EXPLAINED:.0f} % is explained in all"
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it accounts for "
-            f"{100 * f.excess_explained:.0f} % of the squared error above the floor, and {why}, so "
-            "it is not named as the cause)."
+            f"{100 * f.excess_explained:.0f} % of the squared error above the floor, and less "
+            f"than {100 * EXPLAINED:.0f} % is explained in all, so it is not named as the cause)."
         )
     if m.findings and (left := remains(m.ratio(m.after), m.joints)):
         out.append(left)

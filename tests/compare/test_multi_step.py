@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import hil
 from hil.compare.adding import Files, command
 from hil.compare.warn import rising, useless
 from hil.identify.multistep import MultiStep
@@ -75,11 +76,9 @@ def test_suggested_commands_name_the_files():
 def test_both_simulations_of_a_sticking_drive_improve_with_the_missing_effect() -> None:
     from compare_stiction import stiction_run
 
-    from hil.compare import analysis
-
     run = stiction_run(4, drag=0.15)
     model = base_model(run.robot)
-    before, after = analysis.add([run], model, "quadratic-drag")
+    before, after = hil.add([run], model, "quadratic-drag")
     for old, new in (
         (before.multi_step, after.multi_step),
         (before.multi_step.closed_loop, after.multi_step.closed_loop),

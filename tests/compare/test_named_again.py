@@ -9,18 +9,12 @@ from hil.bench import arm
 from hil.bench.diagnosis import judge
 from hil.bench.diagnosis.cases import Case, Hidden
 from hil.compare.candidate import ranking
-from hil.compare.credible import credible
 from hil.compare.diagnose import diagnose
-from hil.compare.evidence import gather
-from hil.compare.findings import Step
-from hil.compare.heldout import Examiner
 from hil.compare.tables import sets_of
-from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.projector import within
 from hil.models import catalogue
 from hil.models.model import base_model
-from hil.record.recording import Recording
 
 
 def named(*hidden: Hidden, noise: str, excitation: str, seed: int) -> dict[str, set[str]]:
@@ -56,29 +50,6 @@ def test_a_coefficient_on_its_bound_is_within_it_in_any_unit(bound: float) -> No
     for unit in np.geomspace(1e-3, 1e3, 997):
         assert within(delay, np.array([bound * unit]) / unit)
         assert not within(delay, np.array([bound + np.copysign(1e-6, bound - 1)]))
-
-
-@pytest.mark.parametrize("inertia", [True, False])
-def test_an_inertia_that_varies_with_position_is_no_torque_over_position(inertia: bool) -> None:
-    rng, t = np.random.default_rng(3), np.arange(12000) / 500.0
-    w = 2 * np.pi * np.array([0.11, 0.53, 1.3])
-    angle, size = np.outer(t, w) + np.array([0.0, 1.0, 2.0]), np.array([0.6, 0.35, 0.12])
-    q, v, a = (
-        (size * x).sum(axis=1) for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle))
-    )
-    effort = 0.02 * a + 0.15 * np.tanh(v / 0.01) + 0.05 * v
-    # L = M(q) v^2 / 2 with M = 0.02 + 0.012 sin 2q
-    more = 0.012 * (np.sin(2 * q) * a + np.cos(2 * q) * v**2)
-    effort += (more if inertia else 0.03 * np.cos(3 * q)) + 0.004 * rng.standard_normal(t.size)
-    run = Recording("crank", "arm", ("joint1",), t, q[:, None], effort[:, None])
-    base = base_model(run.robot)
-    problem = Problem([run], base.robot)
-    examine = Examiner(problem, [])
-    before, after = (
-        Step("", r, examine(r)) for r in (fit(problem, m) for m in (base, base + "position-torque"))
-    )
-    (c,) = (x for x in gather(before.result).candidates if x.name == "position-torque")
-    assert credible(after, before, c, np.array([0.004])) is not inertia
 
 
 def test_offsets_of_all_joints_are_named_in_their_simplest_form() -> None:

@@ -56,14 +56,15 @@ def fitted_value(model):
 def test_the_headline_keeps_apart_what_is_sure(run):
     from dataclasses import replace
 
-    from hil.compare import advice, words
+    from hil.compare.advice import next_steps
     from hil.compare.findings import Finding
     from hil.compare.material import from_diagnosis
+    from hil.compare.words import headline
 
     d = hil.diagnose([run], hil.base_model(run.robot))
     sure = Finding("stribeck", "joint1", 0.98, 5.0, 1.0, 0.1, 0.9, {}, [])
     perhaps = replace(sure, effect="cogging", confidence=0.36, excess_explained=0.05)
     d = replace(d, verdict="missing-effect", findings=[sure, perhaps])
     m = from_diagnosis(d)
-    assert words.headline(m) == "The model lacks stribeck on joint1, and perhaps cogging on joint1."
-    assert advice.next_steps(m)[0].startswith("Accept stribeck on joint1 as shown")
+    assert headline(m) == "The model lacks stribeck on joint1, and perhaps cogging on joint1."
+    assert next_steps(m)[0].startswith("Accept stribeck on joint1 as shown")
