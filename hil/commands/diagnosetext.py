@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from hil.commands import common
-from hil.compare.analysis import Rung
-from hil.compare.blur import above
-from hil.compare.fallback import told
-from hil.compare.findings import Diagnosis, Finding
-from hil.compare.judge import only_there
-from hil.compare.sessions import CODE as DIFFER
-from hil.compare.tables import at_issue_of
-from hil.compare.words import LEADING, explains, floor_says, remains
+from hil.diagnosis.artefacts import blurred_above
+from hil.diagnosis.equivalence import at_issue_of
+from hil.diagnosis.sessions import DIFFER
+from hil.diagnosis.types import Diagnosis, Finding
+from hil.diagnosis.unnamed import told
+from hil.diagnosis.verbs import Rung
+from hil.diagnosis.verdict import only_there
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
 from hil.models.told import remark
+from hil.report.text import LEADING, explains, floor_says, remains
 
 SENTENCES = {
     "missing-effect": "missing-effect: the model lacks what is named below.",
@@ -80,7 +80,7 @@ def verdict(d: Diagnosis) -> str:
     if d.verdict == "adequate":
         error = d.ladder[-1].heldout.rms / d.noise
         ratio = dict(zip(d.result.problem.joints, error.tolist(), strict=True))
-        return f"adequate: {explains(above(d.warnings, ratio), 'the model')}"
+        return f"adequate: {explains(blurred_above(d.warnings, ratio), 'the model')}"
     return SENTENCES[d.verdict]
 
 

@@ -5,18 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.afterwards import finish
-from hil.compare.columns import mistaken
-from hil.compare.evidence import NOTHING
-from hil.compare.findings import Diagnosis, Finding, joint_of
-from hil.compare.heldout import Examiner
-from hil.compare.identifiable import undetermined
-from hil.compare.judge import _of_noise, _rival
-from hil.compare.notes import notes
-from hil.compare.settle import settled
 from hil.diagnosis.constants import ADEQUATE, MATTERS
 from hil.diagnosis.folds import split
+from hil.diagnosis.heldout import Examiner, settled
+from hil.diagnosis.preconditions import mistaken, undetermined
 from hil.diagnosis.search import Named, Search, exchange, shares
+from hil.diagnosis.types import NOTHING, Diagnosis, Finding, joint_of
+from hil.diagnosis.verdict import finish, notes, of_noise, rival_name
 from hil.identify.context import renew
 from hil.identify.problem import Problem
 from hil.identify.threads import single_threaded
@@ -82,7 +77,7 @@ def judged(search, named, last, examine, model, recordings, faults) -> Diagnosis
     end = ladder[-1].result.rms
     excess = np.sqrt(np.maximum(end**2 - floor**2, 0.0))
     above = ~problem.holds & (end > ADEQUATE * floor) & (excess > MATTERS * size)
-    above &= ~_of_noise(ladder[-1], last, floor)
+    above &= ~of_noise(ladder[-1], last, floor)
     if other is not None and not named:
         above |= ~problem.holds & (ladder[-1].heldout.rms > 1.25 * heldout_floor) & (np.sqrt(np.maximum(ladder[-1].heldout.rms**2 - heldout_floor**2, 0.0)) > MATTERS * size)
     if findings:
@@ -116,5 +111,5 @@ def finding(n: Named, search: Search, floor, other, share) -> Finding:
         float(before.heldout.relative[j]), float(after.heldout.relative[j]),
         float(after.heldout.standard_error()[j]), float(np.clip(explained, 0.0, 1.0)),
         {k2: v for k2, v in values.items() if k2.startswith(head)},
-        list(dict.fromkeys(_rival(r, c, problem) for r in n.rivals)),
+        list(dict.fromkeys(rival_name(r, c, problem) for r in n.rivals)),
     )

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hil.compare.attribute import alone, kindred, physical
-from hil.compare.credible import SCALES, _allowed
-from hil.compare.evidence import Evidence, in_time
-from hil.compare.significance import by_chance
+from hil.diagnosis.attribution import SCALES, allowed, alone, by_chance, kindred, physical
 from hil.diagnosis.candidates import Rated, paired
 from hil.diagnosis.constants import BEYOND, DISCREPANCY, LEVEL, MATTERS, WORTH
+from hil.diagnosis.evidence import in_time
+from hil.diagnosis.types import Evidence
 from hil.identify.design import head
 from hil.identify.regression import inflation
 
@@ -280,5 +279,5 @@ def _scales(case: Refit) -> str:
 def _lawful(case: Refit) -> str:
     result, key = case.after.result, case.rated.candidate.term.key
     term = next((t for t in result.terms if t.key == key), None)
-    good = term is None or _allowed(result, term)
+    good = term is None or allowed(result, term)
     return "" if good else "the values of the fit cannot be physics"
