@@ -14,7 +14,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hil.compare.analysis import add, compare, diagnose, fit, ladder
+    from hil.diagnosis.engine import diagnose
+    from hil.diagnosis.verbs import add, compare, fit, ladder
     from hil.identify.simulated import refine
     from hil.models.files import read_model, write_model
     from hil.models.model import RobotModel, Use, base_model
@@ -29,11 +30,11 @@ _WHERE = {
     "base_model": "hil.models.model",
     "read_model": "hil.models.files",
     "write_model": "hil.models.files",
-    "fit": "hil.compare.analysis",
-    "compare": "hil.compare",
-    "diagnose": "hil.compare.analysis",
-    "add": "hil.compare.analysis",
-    "ladder": "hil.compare.analysis",
+    "fit": "hil.diagnosis.verbs",
+    "compare": "hil.diagnosis.verbs",
+    "diagnose": "hil.diagnosis.verbs",
+    "add": "hil.diagnosis.verbs",
+    "ladder": "hil.diagnosis.verbs",
     "refine": "hil.identify.simulated",
 }
 
@@ -59,4 +60,4 @@ def __getattr__(name: str) -> Any:
     if name not in _WHERE:
         raise AttributeError(f"module 'hil' has no attribute {name!r}")
     module = importlib.import_module(_WHERE[name])
-    return module if name == "compare" else getattr(module, name)
+    return getattr(module, name)

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from hil import app
-from hil.compare.diagnose import diagnose
-from hil.compare.findings import Diagnosis
 from hil.config import load_rig
+from hil.diagnosis.engine import diagnose
+from hil.diagnosis.types import Diagnosis
 from hil.models.model import base_model
 from hil.record.reader import load
 

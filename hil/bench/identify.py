@@ -19,7 +19,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from hil.bench import arm, peers
-from hil.compare.analysis import fit
+from hil.diagnosis.verbs import fit
 from hil.models.model import base_model
 from hil.record.export import write_recordings
 

@@ -13,11 +13,11 @@ import sys
 import time
 from pathlib import Path
 
-from hil.compare.analysis import diagnose
-from hil.compare.findings import Diagnosis
-from hil.compare.report import diagnosis_report
+from hil.diagnosis.engine import diagnose
+from hil.diagnosis.types import Diagnosis
 from hil.models.model import base_model
 from hil.record.reader import load
+from hil.report.html import diagnosis_report
 
 
 def once(report: str, train: str, holdout: list[str]) -> tuple[float, float, Diagnosis]:

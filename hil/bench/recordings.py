@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.compare.diagnose import diagnose
-from hil.compare.findings import Diagnosis
-from hil.compare.heldout import Examiner
+from hil.diagnosis.engine import diagnose
+from hil.diagnosis.heldout import Examiner
+from hil.diagnosis.types import Diagnosis
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.result import relative

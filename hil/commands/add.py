@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 
 from hil.commands import common
-from hil.compare import analysis
-from hil.compare.analysis import Rung
-from hil.compare.credible import impossible
-from hil.compare.tables import ladder_json
-from hil.compare.warn import rising, useless
+from hil.diagnosis import verbs
+from hil.diagnosis.attribution import impossible
+from hil.diagnosis.verbs import Rung, rising, useless
 from hil.errors import ConfigError
 from hil.models.model import Value
+from hil.report.json import ladder_json
 
 EXAMPLE = "hil add stribeck run.mcap --joint joint2 --model arm.toml -o arm2.toml"
 
@@ -42,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f"no session is given to fit; for example: {EXAMPLE}")
     runs, held, model = common.load(args, sessions)
     joints = tuple(args.joint) or ("*",)
-    rungs = analysis.add(runs, model, args.effect, joints, held)
+    rungs = verbs.add(runs, model, args.effect, joints, held)
     if args.output:
         common.save_model(rungs[1].step.result.model, args.output)
     idle, worse = _idle(args.joint, *rungs), rising(list(rungs))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 
 from hil.commands import common
-from hil.compare import analysis
-from hil.compare.analysis import Comparison
-from hil.compare.tables import comparison_json
+from hil.diagnosis import verbs
+from hil.diagnosis.verbs import Comparison
+from hil.report.json import comparison_json
 
 EXAMPLE = "hil compare run.mcap --model arm.toml --report out.html"
 
@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compare and print."""
     runs, held, model = common.load(args)
-    found = analysis.compare(runs, model.as_it_is() if args.as_is else model, held)
+    found = verbs.compare(runs, model.as_it_is() if args.as_is else model, held)
     common.deliver(
         args, lambda path: _report(found, path), lambda: comparison_json(found), lambda: text(found)
     )
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report(found: Comparison, path: str) -> None:
-    from hil.compare.report import comparison_report
+    from hil.report.html import comparison_report
 
     comparison_report(found, path)
 

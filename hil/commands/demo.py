@@ -11,15 +11,15 @@ from pathlib import Path
 from hil.bench import hidden
 from hil.commands import common, outputs, plugins
 from hil.commands.diagnosetext import text
-from hil.compare import analysis
-from hil.compare.adding import Files
-from hil.compare.findings import Diagnosis
-from hil.compare.report import diagnosis_report
-from hil.compare.tables import diagnosis_json, ladder_json
 from hil.config import load_rig
+from hil.diagnosis import engine, verbs
+from hil.diagnosis.types import Diagnosis
 from hil.errors import ConfigError
 from hil.models.model import base_model
 from hil.record.reader import load
+from hil.report.html import diagnosis_report
+from hil.report.json import diagnosis_json, ladder_json
+from hil.report.text import Files
 from hil.rigs import rig_path
 
 EXAMPLE = "hil demo --seed 7 -o out/demo"
@@ -57,8 +57,8 @@ def run(args: argparse.Namespace) -> int:
     runs = [load(path, "follower") for path in paths]
     model = base_model(runs[0].robot, "follower")
     say(f"\n2. Model: {' + '.join(model.names())}. Fit on two sessions, judged on the third.\n")
-    d = analysis.diagnose(runs[:2], model, runs[2:])
-    say(text(d, analysis.ladder(d)))
+    d = engine.diagnose(runs[:2], model, runs[2:])
+    say(text(d, verbs.ladder(d)))
     common.save_model(d.model, folder / MODEL)
     with outputs.writing(folder / REPORT):
         names = [str(p) for p in paths]
@@ -90,7 +90,7 @@ def _end(args: argparse.Namespace, d: Diagnosis, truth: str, folder: Path, secon
     j = d.result.problem.joints.index(truth.split(" on ")[1])
     ratio = [float(s.heldout.rms[j] / d.noise[j]) for s in d.ladder]
     if args.json:
-        rungs = analysis.ladder(d)
+        rungs = verbs.ladder(d)
         truth_json = {"effect": truth.split(" on ")[0], "joint": truth.split(" on ")[1]}
         common.emit({**diagnosis_json(d), "ladder": ladder_json(rungs), "hidden": truth_json})
         return 0

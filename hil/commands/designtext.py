@@ -9,7 +9,7 @@ from typing import Any
 from plotly.io import to_html
 
 from hil.commands import common
-from hil.compare import page as html
+from hil.report import elements as html
 from hil.teleop import plots
 from hil.teleop.axis import Loop
 from hil.teleop.design import FORCE, MOTION, Design

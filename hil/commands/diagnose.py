@@ -7,12 +7,11 @@ from typing import Any
 
 from hil.commands import common
 from hil.commands.diagnosetext import text
-from hil.compare import analysis
-from hil.compare.adding import Files
-from hil.compare.analysis import Rung
-from hil.compare.findings import Diagnosis
-from hil.compare.tables import diagnosis_json, ladder_json
-from hil.compare.warn import rising
+from hil.diagnosis import engine, verbs
+from hil.diagnosis.types import Diagnosis
+from hil.diagnosis.verbs import Rung, rising
+from hil.report.json import diagnosis_json, ladder_json
+from hil.report.text import Files
 
 EXAMPLE = "hil diagnose run.mcap --model arm.toml --holdout other.mcap --report why.html"
 
@@ -35,14 +34,14 @@ def add_verbose(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Diagnose and print."""
     runs, held, model = common.load(args)
-    result = analysis.diagnose(runs, model, held)
+    result = engine.diagnose(runs, model, held)
     show(args, result)
     return code(result)
 
 
 def show(args: argparse.Namespace, result: Diagnosis) -> None:
     """Report, then JSON or text, of a diagnosis with both errors of every rung."""
-    rungs = analysis.ladder(result)
+    rungs = verbs.ladder(result)
     worse = rising(rungs)
     common.deliver(
         args,
@@ -69,7 +68,7 @@ def _json(result: Diagnosis, rungs: list[Rung], worse: list[str]) -> dict[str, A
 
 
 def _report(args: argparse.Namespace, result: Diagnosis, path: str) -> None:
-    from hil.compare.report import diagnosis_report
+    from hil.report.html import diagnosis_report
 
     files = Files(tuple(args.sessions), tuple(args.holdout), args.model or "", args.arm or "")
     diagnosis_report(result, path, files)

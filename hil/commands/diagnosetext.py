@@ -5,18 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from hil.commands import common
-from hil.compare.analysis import Rung
-from hil.compare.blur import above
-from hil.compare.fallback import told
-from hil.compare.findings import Diagnosis, Finding
-from hil.compare.judge import only_there
-from hil.compare.overruled import why
-from hil.compare.sessions import CODE as DIFFER
-from hil.compare.tables import at_issue_of
-from hil.compare.words import LEADING, explains, floor_says, remains
+from hil.diagnosis.artefacts import blurred_above
+from hil.diagnosis.equivalence import at_issue_of
+from hil.diagnosis.sessions import DIFFER
+from hil.diagnosis.types import Diagnosis, Finding
+from hil.diagnosis.unnamed import told
+from hil.diagnosis.verbs import Rung
+from hil.diagnosis.verdict import only_there
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
 from hil.models.told import remark
+from hil.report.text import LEADING, explains, floor_says, remains
 
 SENTENCES = {
     "missing-effect": "missing-effect: the model lacks what is named below.",
@@ -34,13 +33,10 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
         lines += [f"  {w}." for _, w in d.warnings]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
-    by_reason: dict[str, list[str]] = {}
-    for f in d.partial:
-        reason = why(f, d.warnings) or "explains too little to be the cause"
-        name = f"{f.effect} on {f.joint}" if f.joint else f.effect
-        by_reason.setdefault(reason, []).append(name)
-    for reason, names in by_reason.items():
-        lines += [f"  best partial explanation: {', '.join(names)} ({reason})"]
+    partial = [f"{f.effect} on {f.joint}" if f.joint else f.effect for f in d.partial]
+    if partial:
+        why = "explains too little to be the cause"
+        lines += [f"  best partial explanation: {', '.join(partial)} ({why})"]
     lines += _left(d)
     lines += [f"  {w}." for code, w in d.warnings if code in LEADING]
     if d.verdict == "adequate":
@@ -84,7 +80,7 @@ def verdict(d: Diagnosis) -> str:
     if d.verdict == "adequate":
         error = d.ladder[-1].heldout.rms / d.noise
         ratio = dict(zip(d.result.problem.joints, error.tolist(), strict=True))
-        return f"adequate: {explains(above(d.warnings, ratio), 'the model')}"
+        return f"adequate: {explains(blurred_above(d.warnings, ratio), 'the model')}"
     return SENTENCES[d.verdict]
 
 

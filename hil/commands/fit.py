@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 
 from hil.commands import common
-from hil.compare import analysis
-from hil.compare.heldout import Examiner
+from hil.diagnosis import verbs
+from hil.diagnosis.heldout import Examiner
 from hil.errors import ConfigError
 from hil.identify.result import FitResult
 from hil.identify.simulated import Errors, SimulatedFit, refine
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     if args.window < 0:
         raise ConfigError(f"--window {args.window:g}: expected seconds above zero")
     runs, held, model = common.load(args)
-    result, found = analysis.fit(runs, model), None
+    result, found = verbs.fit(runs, model), None
     if args.simulate:
         Examiner(result.problem, held)  # refuses sessions that cannot be held out
         found = single_threaded(refine)(result, held, args.window, args.free_run, common.log)

@@ -6,8 +6,8 @@ import argparse
 
 from hil.commands import common
 from hil.commands.diagnose import add_verbose, code, show
-from hil.compare import analysis
-from hil.compare.ambiguity import CONFIDENT
+from hil.diagnosis import engine
+from hil.diagnosis.equivalence import CONFIDENT
 
 EXAMPLE = "hil improve run.mcap --model arm.toml -o better.toml --report ladder.html"
 
@@ -23,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Improve and print."""
     runs, held, model = common.load(args)
-    result = analysis.diagnose(runs, model, held)
+    result = engine.diagnose(runs, model, held)
     # an unexplained excess leaves the model as it was; bad data leave none
     if args.output and result.ladder:
         common.save_model(result.model, args.output)

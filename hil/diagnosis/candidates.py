@@ -14,10 +14,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.candidate import Candidate, try_all
+from hil.diagnosis.evidence import try_all
 from hil.diagnosis.folds import Split
 from hil.diagnosis.folds import split as dealt
 from hil.diagnosis.grams import Errors, Group, Table
+from hil.diagnosis.types import Candidate
 from hil.identify.bounds import limits
 from hil.identify.design import Term, block
 from hil.identify.problem import Problem

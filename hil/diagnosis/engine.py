@@ -5,16 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare.afterwards import finish
-from hil.compare.candidate import Candidate
-from hil.compare.columns import mistaken
-from hil.compare.evidence import NOTHING, Evidence
-from hil.compare.findings import Diagnosis, Finding, joint_of
-from hil.compare.heldout import Examiner
-from hil.compare.identifiable import undetermined
-from hil.compare.judge import _of_noise, _rival
-from hil.compare.notes import notes, noticed
-from hil.compare.settle import settled
 from hil.diagnosis import external
 from hil.diagnosis.constants import (
     ADEQUATE,
@@ -28,7 +18,11 @@ from hil.diagnosis.constants import (
     WORTHLESS,
 )  # fmt: skip
 from hil.diagnosis.folds import split
+from hil.diagnosis.heldout import Examiner, settled
+from hil.diagnosis.preconditions import mistaken, undetermined
 from hil.diagnosis.search import Named, Search, exchange, shares
+from hil.diagnosis.types import NOTHING, Candidate, Diagnosis, Evidence, Finding, joint_of
+from hil.diagnosis.verdict import finish, matters, notes, noticed, of_noise, rival_name
 from hil.identify.context import renew
 from hil.identify.problem import Problem
 from hil.identify.threads import single_threaded
@@ -146,12 +140,23 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
         verdict, findings, ladder, search.first or last, last, floor, notes(end, last), partial
     )
     out.heldout_floor = other
-    out.warnings += noticed(last, end)
-    size = search.problem.rms(search.problem.effort)
-    felt = dict(zip(search.problem.joints, end.rms > MATTERS * size, strict=True))
+    out.warnings += noticed(last, end) + overtones(search)
+    felt = dict(zip(search.problem.joints, matters(end), strict=True))
     if out.verdict == "adequate" and any(felt[c.joint] for c in last.changes):
         out.verdict = "unexplained"
     return out
+
+
+def overtones(search: Search) -> list[tuple[str, str]]:
+    """Notes (code, sentence) on waves that are further harmonics of a named one, a joint each."""
+    joints, told = search.problem.joints, dict[int, str]()
+    for (_, j), stop in search.stops.items():
+        if stop.code == "overtone" and any(f.joint == j for f in search.found):
+            told.setdefault(j, stop.reason)
+    return [
+        ("harmonic", f"{joints[j]}: what is left {why} of that, not another effect")
+        for j, why in told.items()
+    ]
 
 
 def _verdict(findings: list[Finding], partial: list[Finding], remains: bool) -> str:
@@ -170,7 +175,7 @@ def above(
     size, rms = problem.rms(problem.effort), step.result.rms
     floor = np.minimum(last.floor.rms, rms)
     out = (rms > ADEQUATE * floor) & (rms**2 - floor**2 > (MATTERS * size) ** 2)
-    out &= ~_of_noise(step, last, floor)
+    out &= ~of_noise(step, last, floor)
     if there is not None and not named:
         held = step.heldout.rms
         out |= (held > FAR * there) & (held**2 - there**2 > (MATTERS * size) ** 2)
@@ -201,7 +206,7 @@ def finding(
         float(before.heldout.relative[j]), float(after.heldout.relative[j]),
         float(after.heldout.standard_error()[j]), float(np.clip(explained, 0.0, 1.0)),
         {name: v for name, v in search.now.result.values.items() if name.startswith(head)},
-        list(dict.fromkeys(_rival(r, c, problem) for r in n.rivals)),
+        list(dict.fromkeys(rival_name(r, c, problem) for r in n.rivals)),
     )  # fmt: skip
 
 

@@ -13,14 +13,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hil.compare.attribute import alone, kindred, physical
-from hil.compare.candidate import Candidate
-from hil.compare.credible import SCALES, _allowed
-from hil.compare.evidence import Evidence, in_time
-from hil.compare.overtones import harmonic
-from hil.compare.significance import by_chance
+from hil.diagnosis.attribution import (
+    SCALES,
+    allowed,
+    alone,
+    by_chance,
+    harmonic,
+    kindred,
+    physical,
+)
 from hil.diagnosis.candidates import Rated, paired
 from hil.diagnosis.constants import BEYOND, DISCREPANCY, LEVEL, MATTERS, RISEN, WORTH
+from hil.diagnosis.evidence import in_time
+from hil.diagnosis.types import Evidence
 from hil.identify.design import head
 from hil.identify.regression import inflation
 
@@ -195,9 +200,7 @@ def _overtone(case: Case) -> str:
     c, search = case.rated.candidate, case.search
     if case.evidence.projector is None:
         return ""
-    found = [(f, 1.0, list[Candidate]()) for f in search.found]
-    part = harmonic(c, found, search.problem.motions[0], case.evidence.projector)
-    return "further harmonics of a wave that is named explain as much" if part else ""
+    return harmonic(c, search.found, search.problem.motions[0], case.evidence.projector)
 
 
 @_candidate("paired")
@@ -327,5 +330,5 @@ def _scales(case: Refit) -> str:
 def _lawful(case: Refit) -> str:
     result, key = case.after.result, case.rated.candidate.term.key
     term = next((t for t in result.terms if t.key == key), None)
-    good = term is None or _allowed(result, term)
+    good = term is None or allowed(result, term)
     return "" if good else "the values of the fit cannot be physics"

@@ -13,16 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.compare import blur, denoise
-from hil.compare.attribute import choose, kindred, physical
-from hil.compare.candidate import Candidate, ranking
-from hil.compare.changes import changes
-from hil.compare.detect import detect
-from hil.compare.evidence import Evidence, _floor, in_time, priced
-from hil.compare.findings import Step, describe
-from hil.compare.heldout import Examiner
-from hil.compare.retest import as_use
-from hil.diagnosis import rules
+from hil.diagnosis import artefacts, rules
+from hil.diagnosis.attribution import as_use, choose, kindred, physical
 from hil.diagnosis.candidates import (
     Rated,
     model_groups,
@@ -33,8 +25,12 @@ from hil.diagnosis.candidates import (
 )  # fmt: skip
 from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
 from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, RIVAL, SURE, WORTH
+from hil.diagnosis.evidence import detect, in_time, measured_floor, priced
 from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import Errors, Group, Table
+from hil.diagnosis.heldout import Examiner
+from hil.diagnosis.residual_tests import changes
+from hil.diagnosis.types import Candidate, Evidence, Step, describe, ranking
 from hil.identify.context import renew
 from hil.identify.design import Term
 from hil.identify.problem import Problem
@@ -134,11 +130,11 @@ class Search:
         if not changed:
             terms = [t for t in terms if not t.effect.sudden]
         projector, found = tried(result, terms)
-        floor = _floor(found, projector, result) if self.first is None else self.first.floor
+        floor = measured_floor(found, projector, result) if self.first is None else self.first.floor
         priced(found, floor, result)
         detect(found, projector, floor, result, self.seed)
-        denoise.mark(found, projector)
-        blur.mark(found, result, projector)
+        artefacts.mark_smoothers(found, projector)
+        artefacts.mark_blurred(found, result, projector)
         rated = rate(result, self.split, found)
         order = sorted(range(len(found)), key=lambda k: -_score(rated[k]))
         out = Evidence([found[k] for k in order], floor, projector, impossible, changed)
@@ -349,8 +345,8 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     floor = search.first.floor if search.first else None
     assert floor is not None  # noqa: S101
     priced(found, floor, result)
-    denoise.mark(found, projector)
-    blur.mark(found, result, projector)
+    artefacts.mark_smoothers(found, projector)
+    artefacts.mark_blurred(found, result, projector)
     rated = rate(result, search.split, found)
     motion = search.problem.motions[0]
     others = [f for f in search.found if f is not c]

@@ -7,7 +7,7 @@ the noncentrality of a against b is
 
 largest lambda = T-optimal (Atkinson and Fedorov, Biometrika 62, 1975).  Only Gram matrices are
 needed, so runs simply add up.  No equation is exactly the truth, so lambda counts against
-1 + 1 % of the signal's own power, as in the attribution of `hil.compare`; and where nothing has
+1 + 1 % of the signal's own power, as in the attribution of `hil.diagnosis`; and where nothing has
 been recorded yet, against the share of the noise that an effect must exceed to be noticed.
 """
 

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from hil import app, registry
-from hil.compare.analysis import fit
 from hil.config import load_rig
+from hil.diagnosis.verbs import fit
 from hil.estimate import compensation
 from hil.models.model import RobotModel, base_model
 from hil.record.container import read

@@ -19,8 +19,8 @@ import numpy as np
 from scipy import stats
 
 from hil import app, registry
-from hil.compare.analysis import fit
 from hil.config import RigConfig, load_rig
+from hil.diagnosis.verbs import fit
 from hil.models.model import base_model
 from hil.models.phantom import Premium
 from hil.models.writing import write_model

@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 #: Below these rates [Hz] an identification is doubtful, or hopeless.
 SLOW_HZ, HOPELESS_HZ = 100.0, 20.0
-#: A run from which alone no effect is named (`hil.compare.identifiable`) [s], and no fit made.
+#: A run from which alone no effect is named (`hil.diagnosis.preconditions`) [s], and no fit made.
 SHORT_S, HOPELESS_SAMPLES = 4.0, 20
 _GAP, _JITTER = 3.0, 0.5
 #: No measured quantity reaches this in any unit; NaN and infinity do not pass it either.

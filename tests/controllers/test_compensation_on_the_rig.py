@@ -7,8 +7,8 @@ import pytest
 
 from controllers.lawrence import Lawrence
 from hil import app
-from hil.compare.analysis import fit
 from hil.config import load_rig
+from hil.diagnosis.verbs import fit
 from hil.models.model import Use, base_model
 from hil.models.writing import write_model
 from hil.record.container import read

@@ -85,7 +85,5 @@ def test_what_no_row_sees_stays_at_its_prior(made):
 def test_a_column_of_noise_costs_on_left_out_blocks(made):
     problem, folds = made
     noise = np.random.default_rng(0).normal(size=(problem.n, 30))
-    table = Table(
-        problem, folds, np.array([0.01]), [*columns(problem, *"avs1"), group("n", noise)]
-    )
+    table = Table(problem, folds, np.array([0.01]), [*columns(problem, *"avs1"), group("n", noise)])
     assert table.errors([*"avs1", "n"]).power[0] > table.errors(list("avs1")).power[0]

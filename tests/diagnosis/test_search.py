@@ -1,6 +1,7 @@
 """The search end to end on axes whose truth is known."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ def test_the_ladder_never_rises_and_its_last_model_is_what_is_written():
     run, other = axis(5, extra=lambda t, q, v, a: 0.2 * v * np.abs(v)), axis(6)
     d = said(run, holdout=[other])  # the held-out run lacks the effect
     errors = [s.heldout.rms[0] for s in d.ladder]
-    assert all(b <= a for a, b in zip(errors, errors[1:], strict=False))
+    assert all(b <= a for a, b in pairwise(errors))
     assert named(d) == []
     assert d.model is d.ladder[-1].result.model
 
@@ -83,8 +84,8 @@ def test_held_out_runs_confirm_a_name():
 
 def test_a_rule_that_stopped_a_candidate_says_which_and_why():
     """Every stop has a code of the registry, a sentence and its numbers."""
-    from hil.compare.heldout import Examiner
     from hil.diagnosis.folds import split
+    from hil.diagnosis.heldout import Examiner
     from hil.diagnosis.search import Search
     from hil.identify.problem import Problem
 

@@ -73,7 +73,7 @@ def test_a_bad_gain_is_refused():
 
 def test_the_model_finds_the_force_of_a_fitted_run():
     """Any fitted model: the effort it does not explain is the external one."""
-    from hil.compare.analysis import fit
+    from hil.diagnosis.verbs import fit
     from hil.models.model import base_model
     from hil.record.recording import Recording, RobotSource
 

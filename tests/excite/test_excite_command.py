@@ -51,7 +51,7 @@ def test_one_line_of_the_rig_file_plays_a_trajectory(tmp_path, capsys):
     [
         (["--for", "stribek"], "Did you mean 'stribeck'"),
         (["--for", "payload"], "structural"),
-        (["--for", "torque-offset,asymmetric-coulomb", "--joint", "joint2"], "already in the model"),
+        (["--for", "torque-offset,asymmetric-coulomb", "--joint", "joint2"], "already in the"),
         (["--for", "torque-gain"], "hand force"),
         (["--for", "contact-damping"], "contact only"),
         (["--for", "coulomb"], "already in the model"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.cli import main
-from hil.compare.diagnose import diagnose
+from hil.diagnosis.engine import diagnose
 from hil.excite import files
 from hil.excite.trajectory import sample
 from hil.models.model import base_model

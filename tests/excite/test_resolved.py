@@ -10,11 +10,12 @@ import pytest
 
 from hil import app
 from hil.cli import main
-from hil.compare.diagnose import diagnose
-from hil.compare.tables import diagnosis_json, sets_of
 from hil.config import load_rig
+from hil.diagnosis.engine import diagnose
+from hil.diagnosis.equivalence import sets_of
 from hil.models.model import base_model
 from hil.record.reader import load
+from hil.report.json import diagnosis_json
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 SLOW = {"speed": [0.5, 0.5, 0.5]}

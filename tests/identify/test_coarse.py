@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.compare.diagnose import diagnose
+from hil.diagnosis.engine import diagnose
 from hil.identify.bands import CLEAR, choose
 from hil.identify.problem import Problem
 from hil.models.model import Band, base_model

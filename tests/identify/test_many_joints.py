@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hil.compare import analysis
-from hil.compare.diagnose import diagnose
+from hil.diagnosis import verbs
+from hil.diagnosis.engine import diagnose
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models.model import base_model
@@ -72,6 +72,6 @@ def test_a_run_that_lingers_shows_how_blunt_a_sign_is_that_fast_runs_hardly_see(
     assert found == pytest.approx(SIGN, rel=0.15)
     assert d.ladder[0].heldout.rms[0] < 1.4 * d.ladder[0].result.rms[0]
     # compare and add start from the very same model
-    before, _ = analysis.add([fast], AXES, "quadratic-drag", holdout=[slow])
-    for heldout in (analysis.compare([fast], AXES, [slow]).heldout, before.step.heldout):
+    before, _ = verbs.add([fast], AXES, "quadratic-drag", holdout=[slow])
+    for heldout in (verbs.compare([fast], AXES, [slow]).heldout, before.step.heldout):
         np.testing.assert_allclose(heldout.rms, d.ladder[0].heldout.rms, rtol=1e-6)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.compare.evidence import gather
+from hil.diagnosis.evidence import gather
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.threads import single_threaded

@@ -7,8 +7,6 @@ import pytest
 
 from hil.commands.common import value_line
 from hil.commands.fit import text
-from hil.compare.tables import value_json
-from hil.compare.words import value
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models import catalogue
@@ -17,6 +15,8 @@ from hil.models.model import Value, base_model
 from hil.models.presliding import LUGRE
 from hil.models.told import in_words, remark, without_error
 from hil.record.recording import Recording, RobotSource
+from hil.report.json import value_json
+from hil.report.text import value
 from hil.testing.effects import sample_motions
 
 

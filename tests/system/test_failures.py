@@ -80,7 +80,7 @@ def test_the_unexpected_is_an_internal_error(folder, capsys, monkeypatch):
     def broken(*_):
         raise KeyError("nobody thought of this")
 
-    monkeypatch.setattr("hil.compare.analysis.fit", broken)
+    monkeypatch.setattr("hil.diagnosis.verbs.fit", broken)
     assert main(["fit", "s.mcap"]) == 1
     said = capsys.readouterr().err
     assert said.splitlines()[-1].startswith("hil fit: internal error: KeyError")

@@ -28,7 +28,7 @@ def test_hidden_effect_is_named(tmp_path, effect, joint):
 
 def test_outside_effect_gets_no_name(tmp_path):
     path = hidden.session(rig_path("identify"), tmp_path, 5, 5, "outside-speed-product", "joint2")
-    from hil.compare.diagnose import diagnose
+    from hil.diagnosis.engine import diagnose
     from hil.models.model import base_model
     from hil.record.reader import load
 

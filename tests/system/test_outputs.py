@@ -96,7 +96,7 @@ def test_a_urdf_beside_the_model_stays(folder, capsys):
     Path("other.urdf").write_text("<robot/>")
     capsys.readouterr()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hil.compare.analysis.fit", lambda *_: pytest.fail("worked in vain"))
+        patch.setattr("hil.diagnosis.verbs.fit", lambda *_: pytest.fail("worked in vain"))
         assert main(["fit", "u.mcap", "-o", "other.toml"]) == 2
     assert "other.urdf" in capsys.readouterr().err and Path("other.urdf").read_text() == "<robot/>"
 

@@ -10,8 +10,8 @@ import numpy as np
 from hil.bench.diagnosis import amplitudes, session, testplants
 from hil.bench.diagnosis.cases import Case, Hidden, suspected
 from hil.bench.diagnosis.figures import accepted
-from hil.compare.diagnose import diagnose
-from hil.compare.findings import Diagnosis
+from hil.diagnosis.engine import diagnose
+from hil.diagnosis.types import Diagnosis
 from hil.record.recording import Recording
 
 #: Between the seeds of two runs of one motion: no noise comes twice.

@@ -1,0 +1,319 @@
+"""What sensors and filters do to a residual: errors that are no missing physics.
+
+**Reversals that the filter of the positions blurs.**
+Dry friction turns at once, and the acceleration jumps with it.  The filter rounds that corner, so
+that its speed crosses zero some milliseconds away from where the joint did, and for so long the
+model's friction has the wrong sign.  Where efforts are clean that is what is left.  With s the
+sign of the filtered speed and s' that of a speed behind a wider filter, both as the rows see them,
+
+    r ~ b (s' - s),   b > 0
+
+lowers the error then; friction that builds up after a reversal, as before sliding, has b < 0.
+
+**Laws of a transmission that do no more than smooth the noise of the measured positions.**
+The model's load is made of measured positions, and takes their noise times the inertia with it.
+What passes an elastic transmission is a smoother load, so that such a law lowers the error of any
+joint whose encoder is coarse, on held-out runs, too.  A smoother without any delay does that
+better than a spring, which also rings and lags:
+
+    s = smoothed load - load,   gain(s, law) - gain(s) < BESIDE_SMOOTHER gain(law)  =>  it smooths.
+
+Source: errors in variables, Soederstroem, Automatica 43(6), 2007.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.signal
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from hil.diagnosis.constants import ADEQUATE, LEVEL
+from hil.diagnosis.types import Candidate, Evidence
+from hil.identify import bands, standstill
+from hil.identify.design import Term
+from hil.identify.problem import Problem
+from hil.identify.projector import Projector
+from hil.identify.result import FitResult
+from hil.identify.timing import LATE, real_delay
+
+FloatArray = NDArray[np.float64]
+BLURRED = "blurred"
+#: Wider cut-offs of the positions, in units of the present one, and in units of the sample rate.
+WIDER, WIDEST = (2.0, 4.0), 0.35
+#: Share of a law's gain that must be left beside it: false names of clean axes with exact dry
+#: friction left 0.01 to 0.09 of theirs, true ones 0.98 and more.
+BESIDE_BLUR = 0.3
+#: Share of the squared error that is worth a word.
+MUCH = 0.17
+
+
+# ------------------------------------------------------------ reversals that a filter blurs
+
+
+@dataclass(frozen=True)
+class Blur:
+    """What blurred reversals explain on one joint.
+
+    Parameters
+    ----------
+    column : ndarray (n,)
+        Weighted column s' - s on the joint's rows; zeros where it explains nothing.
+    effort : ndarray (n,)
+        What it takes from the residual [N m or N].
+    gain : float
+        Fall of the weighted residual sum of squares.
+    """
+
+    column: FloatArray
+    effort: FloatArray
+    gain: float
+
+
+def blur(result: FitResult, projector: Projector, j: int) -> Blur:
+    """The wider filter that explains most of joint j's residual, with a positive coefficient."""
+    term = next((t for t in result.terms if t.effect.name == "coulomb" and t.joint == j), None)
+    if term is None:
+        return Blur(np.zeros(result.problem.n), np.zeros(result.problem.n), 0.0)
+    key = ("blur", j, term.shape)
+    if key not in projector.memo:
+        projector.memo[key] = _best(result.problem, term, projector)
+    found: Blur = projector.memo[key]
+    return found
+
+
+def _best(problem: Problem, term: Term, projector: Projector) -> Blur:
+    best = Blur(np.zeros(problem.n), np.zeros(problem.n), 0.0)
+    j = term.joint
+    rows, sigma = projector.rows(term), float(projector.sigma[j])
+    r = projector.residual[rows]
+    for wider in WIDER:
+        c = _column(problem, term, wider) / sigma
+        known = projector.inner(rows, c[:, None])
+        new = c - projector.spanned(known)[rows][:, 0]
+        along, size = float(new @ r), float(new @ new)
+        if along > 0.0 and size > 1e-12 * float(c @ c) and along**2 / size > best.gain:
+            best = Blur(c, new * (along / size) * sigma, along**2 / size)
+    return best
+
+
+def _column(problem: Problem, term: Term, wider: float) -> FloatArray:
+    """Difference of the two signs, as the rows see it (n,)."""
+    j = term.joint
+    raw = [
+        (sharp - term.effect.columns(m, j, term.shape)[:, 0])[:, None]
+        for sharp, m in zip(_sharp(problem, j, wider), problem.motions, strict=True)
+    ]
+    out: FloatArray = problem.gated(raw, j)[:, 0]
+    return out
+
+
+def _sharp(problem: Problem, j: int, wider: float) -> list[FloatArray]:
+    """Sign of the speed behind a wider filter, averaged over each evaluation period, run by run."""
+    key = ("sharp", j, wider)
+    if key not in problem.memo:
+        out = []
+        for r, m in zip(problem.recordings, problem.motions, strict=True):
+            cut = min(wider * problem.rates.position, WIDEST * r.rate)
+            speed = bands.derivatives(r.q[:, j : j + 1], r.rate, cut)[1][:, 0]
+            stride = max(round(m.dt * r.rate), 1)
+            out.append(uniform_filter1d(np.sign(speed), stride)[::stride][: m.n])
+        problem.memo[key] = out
+    found: list[FloatArray] = problem.memo[key]
+    return found
+
+
+def mark_blurred(found: list[Candidate], result: FitResult, projector: Projector) -> None:
+    """Say of every candidate that was detected whether it explains no more than blurred reversals.
+
+    Parameters
+    ----------
+    found : list of Candidate
+        With their evidence.
+    result : FitResult
+        The fit that they were tried beside.
+    projector : Projector
+        Of that fit.
+    """
+    own = [c for c in found if c.p_value <= LEVEL and c.score > 0 and not c.term.effect.of_robot]
+    for j in {c.term.joint for c in own}:
+        blurred = blur(result, projector, j)
+        for c in own:
+            if blurred.gain > 0.0 and c.term.joint == j and not c.term.effect.whole_robot:
+                beside = np.column_stack([blurred.column, projector.weighted(c.term)])
+                more = projector.gain_of(c.term, beside) - blurred.gain
+                c.blurred = more < BESIDE_BLUR * c.gain
+                c.smoother &= not c.blurred
+
+
+def blurred_parts(evidence: Evidence, result: FitResult) -> FloatArray:
+    """Part of the squared error (d,) that is blurred reversals.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        What was tried beside the fit.
+    result : FitResult
+        The fit.
+    """
+    problem = result.problem
+    out = np.zeros(problem.d)
+    if evidence.projector is not None and result.model.explains == "motor":
+        for j in range(problem.d):
+            gain = blur(result, evidence.projector, j).gain
+            out[j] = gain * evidence.projector.sigma[j] ** 2 / max(problem.count[j], 1.0)
+    return out
+
+
+def blurred_above(warnings: Sequence[tuple[str, str]], ratio: Mapping[str, float]) -> bool:
+    """Whether a joint of which warnings (code, sentence) say so is above its floor.
+
+    Parameters
+    ----------
+    warnings : sequence of (str, str)
+        Of a diagnosis.
+    ratio : mapping of str to float
+        Error over the noise floor, by joint.
+    """
+    told = [text.split(":")[0] for code, text in warnings if code == BLURRED]
+    return any(ratio.get(joint, 0.0) > ADEQUATE for joint in told)
+
+
+def blur_notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
+    """Warnings (code, sentence) for joints where that is a good part of the error."""
+    share = blurred_parts(evidence, result) / np.maximum(result.rms**2, 1e-300)
+    return [
+        (
+            BLURRED,
+            f"{joint}: {100 * share[j]:.0f} % of the squared error is at reversals and no physics: "
+            "dry friction turns there within less than the filter of the positions passes; with a "
+            f"wider one (position_hz above {result.problem.rates.position:.3g} under [signal] in "
+            "the model file) it is less",
+        )
+        for j, joint in enumerate(result.problem.joints)
+        if share[j] > MUCH
+    ]
+
+
+POSITION_NOISE = "position-noise"
+#: Steps of an encoder from row to row below which it is coarse.
+COUNTS = 3.0
+#: Cut-offs of smoothers [Hz].
+CUTS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
+#: Share of a law's gain that smoothing must leave to it: clean arms and axes behind encoders of
+#: 14 to 16 bits leave below 0.07, springs and modes of half a floor above 0.14.
+BESIDE_SMOOTHER = 0.10
+
+
+# ------------------------------------------------------------ noise of the positions
+
+
+def mark_smoothers(found: list[Candidate], projector: Projector) -> None:
+    """Say of every candidate that was detected whether all it does is to smooth.
+
+    Parameters
+    ----------
+    found : list of Candidate
+        With their evidence.
+    projector : Projector
+        Of the fit that they were tried beside.
+    """
+    own = [c for c in found if c.term.effect.smooths and c.p_value <= LEVEL and c.score > 0]
+    for j in {c.term.joint for c in own}:
+        smoothers = _smoothers(projector, j)
+        for c in own:
+            if c.term.joint == j:
+                c.smoother = _left(c, projector, smoothers) < BESIDE_SMOOTHER * c.gain
+
+
+def _left(c: Candidate, projector: Projector, smoothers: FloatArray) -> float:
+    """Gain of a law beside the best of the smoothers (n, k)."""
+    rows, law = projector.rows(c.term), projector.weighted(c.term)
+    r = projector.residual[rows]
+    best, more = 0.0, c.gain
+    for k in range(smoothers.shape[1]):
+        x = np.column_stack([smoothers[:, k], law])
+        known = projector.inner(rows, x)
+        gram, along = x.T @ x - known.T @ known, x.T @ r
+        alone = float(along[0] ** 2 / max(gram[0, 0], 1e-300))
+        # one with a negative sign would sharpen
+        if along[0] > 0.0 and alone > best:
+            both = float(along @ np.linalg.lstsq(gram, along, rcond=None)[0])
+            best, more = alone, both - alone
+    return more
+
+
+def _smoothers(projector: Projector, j: int) -> FloatArray:
+    """What smoothers without delay take from joint j's load, weighted rows (n, k)."""
+    problem = projector.problem
+    raw = [
+        np.stack([_smoothed(m.load[:, j], 1 / m.dt, cut) for cut in CUTS], axis=1)
+        for m in problem.motions
+    ]
+    return np.asarray(problem.gated(raw, j) / projector.sigma[j], dtype=np.float64)
+
+
+def _smoothed(load: FloatArray, fs: float, cut: float) -> FloatArray:
+    sos = scipy.signal.butter(2, min(cut / (fs / 2), 0.9), output="sos")
+    out: FloatArray = scipy.signal.sosfiltfilt(sos, load) - load
+    return out
+
+
+def smoothed(evidence: Evidence, result: FitResult) -> FloatArray:
+    """Part of the squared error (d,) that smoothing the positions' noise would take away."""
+    out = np.zeros(result.problem.d)
+    for c in evidence.candidates:
+        if c.smoother:
+            j = c.term.joint
+            power = c.parts[j] * result.sigma[j] ** 2 / max(result.problem.count[j], 1.0)
+            out[j] = max(out[j], float(power))
+    return out
+
+
+def coarse(problem: Problem) -> NDArray[np.bool_]:
+    """Joints (d,) that mostly move by less than COUNTS steps of their encoder from row to row."""
+    if ("coarse",) not in problem.memo:
+        out = np.zeros(problem.d, dtype=bool)
+        for m, r in zip(problem.motions, problem.recordings, strict=True):
+            moved = np.median(np.abs(m.qd), axis=0) * m.dt
+            out |= moved < COUNTS * standstill.quanta(r.q)
+        problem.memo["coarse",] = out
+    found: NDArray[np.bool_] = problem.memo["coarse",]
+    return found
+
+
+def returned(evidence: Evidence, result: FitResult) -> FloatArray:
+    """Part of the squared error (d,) that a lateness takes away which the slow motion denies.
+
+    A controller answers the noise of a coarse encoder a little later: so a delay of the effort
+    lowers the error, though nothing is late.
+    """
+    out, rough = np.zeros(result.problem.d), coarse(result.problem)
+    for c in evidence.candidates:
+        j = c.term.joint
+        if not (rough[j] and c.name in LATE and c.p_value <= LEVEL):
+            continue
+        if not real_delay(result, j, c.late):
+            power = c.parts[j] * result.sigma[j] ** 2 / max(result.problem.count[j], 1.0)
+            out[j] = max(out[j], float(power))
+    return out
+
+
+def shaken(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
+    """Warnings (code, sentence) for joints where that is a good part of the error."""
+    power = np.maximum(smoothed(evidence, result), returned(evidence, result))
+    share = power / np.maximum(result.rms**2, 1e-300)
+    return [
+        (
+            POSITION_NOISE,
+            f"{joint}: {100 * share[j]:.0f} % of the squared error is the noise of the measured "
+            "positions, in the model's accelerations or as the controller answers it, and no "
+            "physics: a finer encoder, more motion or a narrower [signal] in the model file would "
+            "show more",
+        )
+        for j, joint in enumerate(result.problem.joints)
+        if share[j] > MUCH
+    ]

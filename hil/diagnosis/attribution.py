@@ -1,0 +1,443 @@
+"""Attribution: of the candidates that explain the residual, which is it, and how sure.
+
+An effect's coefficients must differ from zero beyond chance, all of them together.  With
+coefficients b (m,) and their covariance V from the scatter over G blocks of time,
+
+    T^2 = b' V^-1 b,    T^2 (G - m) / (m (G - 1)) ~ F(m, G - m)
+
+where all of them are zero.  Detection asks how much of the residual a candidate explains; a wave
+that is there in a few blocks and not in the others explains much, and is no law.
+
+Source: Hotelling, Ann. Math. Stat. 2, 1931; Liang and Zeger, Biometrika 73, 1986 (covariance).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, f
+
+from hil.diagnosis.constants import LEVEL
+from hil.diagnosis.types import Candidate, Evidence
+from hil.identify.blocks import time_blocks
+from hil.identify.design import Term, coefficients, head
+from hil.identify.problem import Problem
+from hil.identify.projector import Projector, within
+from hil.identify.regression import cluster_covariance
+from hil.identify.result import FitResult
+from hil.identify.timing import LATE
+from hil.models.model import Use, Value
+from hil.models.motion import Motion
+
+FloatArray = NDArray[np.float64]
+#: Share of chi2 by which functional forms are allowed to miss the truth (tempers confidence).
+TEMPER = 0.01
+#: ... where the rival has more coefficients.
+RICHER = TEMPER / 8
+#: Cosine between projected columns from which two effects look the same.
+COINCIDE = 0.98
+#: Logarithm of a weight below which nobody asks what contains the candidate.
+LIKELY = -3.0
+#: Share of a direction below which the base model hides it.
+UNSEEN = 0.01
+#: Only effects that the base absorbs by this share can be imitated from another joint.
+MIRROR = 0.9
+#: ... and only if on both joints they explain about as much.
+SIMILAR = 0.5
+#: Noise that comes back late through a controller, in units of what 1.1 floors leave.
+ECHO = 2.0
+
+
+# ------------------------------------------------------------ rivals
+
+
+def overlap(a: Candidate, b: Candidate, projector: Projector) -> float:
+    """How well the poorer candidate is imitated by the richer one, after projection off the base.
+
+    Smallest canonical correlation over the poorer one's directions: 1 means that whatever it
+    does, the other can do too with these data.
+    """
+    qa, qb = _projected(a, projector), _projected(b, projector)
+    if qa.shape[1] == 0 or qb.shape[1] == 0:
+        return 0.0
+    return float(np.linalg.svd(qa.T @ qb, compute_uv=False)[-1])
+
+
+def _projected(c: Candidate, projector: Projector) -> FloatArray:
+    rows = projector.rows(c.term)
+    full = np.zeros((projector.residual.size, projector.weighted(c.term).shape[1]))
+    full[rows] = projector.weighted(c.term)
+    full -= projector.spanned(projector.inner(slice(0, len(full)), full))
+    norm = np.linalg.norm(full, axis=0)
+    u, s, _ = np.linalg.svd(full[:, norm > 1e-12] / norm[norm > 1e-12], full_matrices=False)
+    return np.asarray(u[:, s > 1e-3], dtype=np.float64)
+
+
+def twins(a: Candidate, b: Candidate, projector: Projector) -> bool:
+    """Whether one effect's columns are the other's on such data, so that neither can be preferred.
+
+    One on all joints is several on single joints; else they must explain as much, to a hundredth.
+    """
+    motion = projector.problem.motions[0]
+    same = b.name in a.term.effect.twins(motion) or a.name in b.term.effect.twins(motion)
+    if a.term.effect.jointless != b.term.effect.jointless:
+        # a sensor has a coefficient for every channel; one of them may be a joint's effect
+        same |= overlap(a, b, projector) > COINCIDE
+    several = a.term.effect.whole_robot and not b.term.effect.whole_robot
+    return same and (several or min(a.chi2, b.chi2) > 0.99 * max(a.chi2, b.chi2))
+
+
+def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> dict[int, float]:
+    """Probability of each of `best` and its rivals, by index (0 = best).
+
+    exp(-delta / 2T) of the score difference, tempered by T = 1 + 1 % of the best chi2: real
+    effects do not follow a library's equation exactly.  A richer rival (more coefficients) gets
+    an eighth of that allowance if it explains less all the same, and none if it explains little
+    more: then it merely contains the best one.  A rival whose columns coincide with the best
+    one's to a cosine of 0.98 gets ten times the allowance: the data hardly see the difference.
+    So does the simple effect of which the best one is the bent form, for no real part is straight.
+    A twin, with the same columns by its equation, is as likely as the best one; a rival that
+    contains another and cannot be put aside for its price is as likely as that one.
+    """
+    logs = [0.0]
+    runs = projector.problem.runs
+    for r in rivals:
+        # what every run has anew is of one kind: it is no richer for that
+        dof, copies = (_once(c, runs) for c in (r, best))
+        spared = r.price * (1 - dof / r.dof) - best.price * (1 - copies / best.dof)
+        delta = max(best.score - r.score - max(spared, 0.0), 0.0)
+        if late(best, r):
+            # a controller answers noise late: what lies below the floor does not count
+            delta = max(delta - ECHO * best.spare, 0.0)
+        if twins(best, r, projector):
+            logs.append(0.0)
+            continue
+        share = TEMPER
+        if dof > copies:
+            share = RICHER if r.chi2 <= best.chi2 else 0.0
+        elif late(best, r):
+            share = TEMPER / 4  # their forms are those of real drives
+        elif r.name == best.term.effect.limit or (
+            dof == copies and overlap(best, r, projector) > COINCIDE
+        ):
+            share = 10 * TEMPER
+        if mirrored(best, r):
+            share = 1.0  # which of the two joints it is was decided by the base model's errors
+        logs.append(-delta / (2 * (1.0 + share * best.chi2)))
+    heads = [k for k, r in enumerate((best, *rivals)) if r.dof <= best.dof and logs[k] > LIKELY]
+    for k, r in enumerate(rivals, start=1):
+        logs[k] = max(
+            logs[k],
+            *(logs[h] for h in heads if begins((best, *rivals)[h], r, projector)),
+            -np.inf,
+        )
+    p = np.exp(np.array(logs))
+    return {k: float(x) for k, x in enumerate(p / p.sum())}
+
+
+def _once(c: Candidate, runs: int) -> int:
+    """Coefficients of a candidate in one run."""
+    return max(c.dof // runs, 1) if c.term.per_run else c.dof
+
+
+def begins(poorer: Candidate, richer: Candidate, projector: Projector) -> bool:
+    """Whether the richer one contains the poorer one, and cannot be put aside for its price.
+
+    Either its further coefficients explain more than chance, by the likelihood ratio of nested
+    models, chi2_richer - chi2_poorer ~ chi2(dof_richer - dof_poorer) where the poorer one is the
+    truth (Wilks, Ann. Math. Stat. 9, 1938, p. 60), tempered as a richer rival's score is; or what
+    they do is absorbed by the base model, so that the data can neither see nor refute it: a
+    spring against gravity is its offset alone.
+    """
+    more, dof = richer.chi2 - poorer.chi2, richer.dof - poorer.dof
+    if dof <= 0 or poorer.term.joint != richer.term.joint or more < 0:
+        return False
+    unseen = seen(richer, projector) <= seen(poorer, projector)
+    tempered = more / (1.0 + RICHER * poorer.chi2)
+    if not unseen and chi2.sf(tempered, dof) > LEVEL:
+        return False
+    return overlap(poorer, richer, projector) > COINCIDE
+
+
+def seen(c: Candidate, projector: Projector) -> int:
+    """Directions of a candidate of which the base model leaves more than a hundredth."""
+    columns = projector.weighted(c.term)
+    norm = np.linalg.norm(columns, axis=0)
+    unit, _ = np.linalg.qr(columns[:, norm > 0] / norm[norm > 0])
+    known = projector.inner(projector.rows(c.term), unit)
+    left = np.linalg.eigvalsh(np.eye(unit.shape[1]) - known.T @ known)
+    return int(np.sum(left > UNSEEN))
+
+
+def late(a: Candidate, b: Candidate) -> bool:
+    """Whether two candidates are two forms of one lateness of a joint's effort."""
+    return a.name in LATE and b.name in LATE and a.term.joint == b.term.joint
+
+
+def mirrored(a: Candidate, b: Candidate) -> bool:
+    """Whether two candidates are one effect on two joints, both nearly absorbed by the base.
+
+    Of two torque gains, for example, only the ratio is determined: inertias absorb the rest.
+    """
+    same = a.name == b.name and a.term.joint != b.term.joint
+    alike = min(a.chi2, b.chi2) > SIMILAR * max(a.chi2, b.chi2)
+    return same and alike and min(a.absorbed, b.absorbed) > MIRROR
+
+
+#: An effect must account for at least this share of the noise variance to matter.
+MATERIAL = 0.10
+#: Share of the excess that a line over time must account for by itself.
+ALONE = 0.8
+#: ... or this share, if without the line the joint is within so much of its floor: a floor that is
+#: a twentieth too low is a third of an excess of half a floor.
+MAJOR, MET = 0.6, 1.06
+#: Forms of one physical cause as the motor sees it: beside one of them another is no news.
+KINDRED = (
+    {"elastic-transmission", "hardening-cable", "vibration-mode"},
+    {"hardening-cable", "backlash"},
+    set(LATE),
+    {"torque-offset", "asymmetric-coulomb"},
+)
+
+
+# ------------------------------------------------------------ choice
+
+
+def variance_share(c: Candidate, evidence: Evidence, result: FitResult) -> float:
+    """Variance that the candidate removes on its joint, in units of the noise floor's."""
+    j = c.joint
+    removed = c.parts[j] * result.sigma[j] ** 2 / result.problem.count[j]
+    return float(removed / max(evidence.floor.rms[j] ** 2, 1e-300))
+
+
+def physical(c: Candidate, motion: Motion) -> bool:
+    """Whether the coefficients can be: a negative Stribeck peak cannot, nor an unseen bias."""
+    term = c.term
+    if not term.effect.credible(motion, term.joint, term.shape, c.coefficients, c.errors):
+        return False
+    params = c.term.effect.params
+    if len(params) != 1 and not c.term.effect.strict:
+        return True
+    return within(c.term.effect, np.array(c.coefficients))
+
+
+def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
+    """Whether a line over time is most of what stands above the floor on its joint now.
+
+    Any missing effect leaves lines at sums of the motion's frequencies: one among many is its
+    shadow, and only a line that stands by itself is a disturbance.
+    """
+    if not c.term.effect.spectral:
+        return True
+    j = c.term.joint
+    noise = min(evidence.floor.rms[j], evidence.floor.scale[j])
+    excess = float(result.rms[j] ** 2 - noise**2)
+    removed = c.parts[j] * result.sigma[j] ** 2 / result.problem.count[j]
+    # of a small excess the floor's own error is a good part
+    rest = float(result.rms[j] ** 2) - removed
+    at_floor = rest < (MET * evidence.floor.rms[j]) ** 2 and removed > MAJOR * excess
+    return bool(removed > ALONE * excess or at_floor)
+
+
+def possible(evidence: Evidence, result: FitResult) -> list[Candidate]:
+    """Candidates that are detected and pay their price, so that they may be a rival; best first."""
+    return [
+        c
+        for c in evidence.candidates
+        if c.p_value <= LEVEL
+        and physical(c, result.problem.motions[0])
+        and c.score > 0
+        and not c.smoother
+        and not c.blurred
+        and c.absorbed < 0.9999
+        and alone(c, evidence, result)
+    ]
+
+
+def plausible(evidence: Evidence, result: FitResult) -> list[Candidate]:
+    """Those of them that matter, so that they may be named."""
+    return [
+        c for c in possible(evidence, result) if variance_share(c, evidence, result) >= MATERIAL
+    ]
+
+
+def kindred(a: Candidate, b: Candidate) -> bool:
+    """Whether two candidates are forms of one cause on one joint."""
+    return a.term.joint == b.term.joint and any({a.name, b.name} <= k for k in KINDRED)
+
+
+def choose(
+    candidates: list[Candidate], projector: Projector
+) -> tuple[Candidate, float, list[Candidate]]:
+    """Best candidate, its confidence, and the rivals that keep at least 5 % each.
+
+    Rivals on another joint compete for the same residual only through the shared rigid-body
+    parameters; they are retested after the best one is in, so only rivals on the same joint
+    (or of the whole robot) count here, and the same effect elsewhere where the shared parameters
+    make the two one (of two torque gains only the ratio is determined).
+    """
+    best = candidates[0]
+    anywhere = best.term.effect.whole_robot
+    same = [
+        c
+        for c in candidates[1:]
+        if anywhere
+        or c.term.joint == best.term.joint
+        or c.term.effect.whole_robot
+        or mirrored(best, c)
+    ]
+    p = weights(best, same[:12], projector)
+    rivals = [c for k, c in enumerate(same[:12], start=1) if p[k] >= 0.05]
+    return best, p[0], rivals
+
+
+#: Blocks, beside one for each coefficient, from which their scatter says anything: of three blocks
+#: not even coefficients of ten standard errors are more than chance.
+FEWEST = 10
+
+
+# ------------------------------------------------------------ coefficients beyond chance
+
+
+def by_chance(result: FitResult, key: tuple[str, int]) -> bool:
+    """Whether an effect (name, joint) of a fit may as well be none."""
+    return chance(result, key) > LEVEL
+
+
+def chance(result: FitResult, key: tuple[str, int]) -> float:
+    """Probability that coefficients that are zero would look as large.
+
+    Shape values are taken as they are: a share and a delay trade off, and the effect is there all
+    the same.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit.
+    key : (str, int)
+        Effect and joint.
+
+    Returns
+    -------
+    float
+        0 where the fit has no such term, or fewer blocks than the test needs.
+    """
+    number = next((k for k, t in enumerate(result.terms) if t.key == key), None)
+    blocks = time_blocks(result.problem)
+    if number is None:
+        return 0.0
+    where = result.slices[number]
+    count, m = int(blocks.max()) + 1, where.stop - where.start
+    if count - m < FEWEST:
+        return 0.0
+    weighted = (result.residual / result.sigma[:, None]).reshape(-1)
+    every = cluster_covariance(weighted, result.basis, np.tile(blocks, result.problem.d))
+    own, b = every[where, where], result.theta[where]
+    size = np.sqrt(np.diag(own))
+    if not np.all(size > 0):
+        return 0.0
+    inverse = np.linalg.pinv(own / np.outer(size, size), hermitian=True)
+    # T^2 = b' V^-1 b
+    square = float((b / size) @ inverse @ (b / size))
+    return float(f.sf(square * (count - m) / (m * (count - 1)), m, count - m))
+
+
+#: Shape parameters that are a size.
+SCALES = ("T", "f", "b", "s", "p", "vs")
+
+
+# ------------------------------------------------------------ values that can be physics
+
+
+def impossible(result: FitResult, effect: str) -> list[str]:
+    """Sentences on an effect's values that its own law does not allow, joint by joint."""
+    joints = result.problem.joints
+    return [
+        f"{effect}{'' if t.effect.of_robot else f' on {joints[t.joint]}'}: values that fit best "
+        "cannot be physics (a stop that pulls, friction that drives, a cause that is another one); "
+        "'hil diagnose' would not name it"
+        for t in result.terms
+        if t.effect.name == effect and not allowed(result, t)
+    ]
+
+
+def allowed(result: FitResult, term: Term) -> bool:
+    """Whether the effect's own law allows its values, in every run that has its own."""
+    values = [result.values[n] for n, _ in coefficients(term, result.problem)]
+    runs = result.problem.runs if term.per_run else 1
+    each = np.array([[v.value, v.stderr] for v in values]).reshape(-1, 2)
+    if not len(each):
+        return True
+    parts = np.array_split(each, runs - int(term.effect.relative) if term.per_run else 1)
+    motion = result.problem.motions[0]
+    return all(
+        term.effect.credible(motion, term.joint, term.shape, p[:, 0].tolist(), p[:, 1].tolist())
+        for p in parts
+    )
+
+
+def as_use(c: Candidate, problem: Problem) -> Use:
+    """A candidate as a part of a model, its shape as the starting value."""
+    effect = c.term.effect
+    start = head(effect, c.term.joint)
+    values = {
+        f"{start}.{p.name}": Value(v, unit=p.unit)
+        for p, v in zip(effect.shape, c.term.shape, strict=True)
+    }
+    options: dict[str, object] = {"per_run": True} if c.term.per_run else {}
+    joints = ("*",) if effect.of_robot else (problem.joints[c.term.joint],)
+    return Use(effect.name, joints, options, values)
+
+
+# ---------------------------------------------------------------------- overtones
+
+#: Relative error of an order that is a multiple of another one, and the highest multiple.
+WHOLE_ORDER, HIGHEST_ORDER = 0.01, 9
+#: Multiples of a named wave's order of which its law, two harmonics each, is tried beside it.
+FURTHER = (2, 3, 5)
+
+
+def harmonic(c: Candidate, found: Sequence[Candidate], motion: Motion, projector: Projector) -> str:
+    """Why a wave over position is no effect beside a named one; empty where it may be one.
+
+    Real cogging, ripple and tight spots have more harmonics than their laws here.  The order of
+    another cause is a whole multiple by chance only; and where the motion goes through little more
+    than a period, a wave is a shape and has hardly an order: then it is a part of the named one
+    if the second to tenth harmonics of that lower the error as much.
+
+    Parameters
+    ----------
+    c : Candidate
+        What may be another effect.
+    found : sequence of Candidate
+        What is named.
+    motion : Motion
+        The first run.
+    projector : Projector
+        The present model.
+    """
+    for f in found:
+        if f.term.joint != c.term.joint or not (_wave(c, motion) and _wave(f, motion)):
+            continue
+        ratio = c.term.shape[0] / f.term.shape[0]
+        times = round(ratio)
+        if 2 <= times <= HIGHEST_ORDER and abs(ratio - times) < WHOLE_ORDER * times:
+            return f"repeats {times} times within a period of its {f.name}: a further harmonic"
+        if _more(f, projector) >= c.parts[c.joint]:
+            return f"is as well explained by further harmonics of its {f.name}: a part"
+    return ""
+
+
+def _more(f: Candidate, projector: Projector) -> float:
+    """Gain of further harmonics of a named wave, all at once."""
+    order, *rest = f.term.shape
+    shapes = [(k * order, *rest) for k in FURTHER]
+    columns = [projector.weighted(f.term.reshaped(shape)) for shape in shapes]
+    return projector.gain_of(f.term, np.concatenate(columns, axis=1))
+
+
+def _wave(c: Candidate, motion: Motion) -> bool:
+    """Whether a candidate repeats over position, with an order for its first shape value."""
+    effect, j = c.term.effect, c.term.joint
+    waves = effect.carrier(motion, j) is not None or effect.powers(motion, j) is not None
+    return waves and bool(c.term.shape) and c.term.shape[0] > 0

@@ -1,0 +1,524 @@
+"""What these data cannot tell apart or could not show, why, and which motion would.
+
+Two effects are one by structure or by this excitation, computed for this robot and model with the
+fitted values: see `hil.excite.separate`.
+
+What a motion could not have shown is computed from the recorded motion, joint by joint, so that no
+evidence for it is no evidence against it; each limit is one of mechanics:
+
+- Stribeck friction acts at low speed.  Its excess over Coulomb friction, fading over a fiftieth of
+  the top speed, is fitted beside everything else; what is smaller than  se sqrt(3 ln n)  (its
+  price, n the effective instants) is not found: said where that is a tenth of Coulomb friction.
+- Presliding and backlash act behind a reversal.  Each of the few states that are fitted needs
+  several; below `TURNS` reversals one odd one decides.
+- What repeats or grows over position needs the range; the part that was not visited is unknown.
+- Friction under load needs a load that changes otherwise than the acceleration.
+- Warming takes minutes.
+- Without a measured external force a gain of the effort is a unit of all parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.diagnosis.attribution import overlap, physical
+from hil.diagnosis.types import (
+    EXCITATION,
+    STRUCTURAL,
+    Candidate,
+    Diagnosis,
+    Evidence,
+    Indistinguishable,
+    Unseen,
+)
+from hil.errors import ConfigError
+from hil.excite import menu
+from hil.excite.ask import measured
+from hil.excite.choose import Choice, Survey, decide, survey
+from hil.excite.limits import of_robot
+from hil.excite.question import Question, Rival, in_context, sharp
+from hil.excite.recorded import model_words, output_words, robot_word, room, stage_of
+from hil.excite.separate import gram
+from hil.excite.stage import Stage
+from hil.identify.design import Term
+from hil.identify.problem import Problem
+from hil.identify.projector import Projector
+from hil.identify.result import FitResult
+from hil.identify.timing import LATE
+from hil.models import catalogue
+from hil.models.friction import Stribeck
+
+FloatArray = NDArray[np.float64]
+#: Share of an effect's columns from which the base model is said to absorb it.
+ABSORBED = 0.9999
+#: Size in units of the noise that an effect gets which the base model absorbs.
+PROBE = 10.0
+#: Motions that decide whether what the whole robot does to the base can be seen at all.
+RICH = ("multisine", "postures", "fast-strokes")
+#: Rivals on one joint that are looked at together.
+MOST = 6
+
+
+# ------------------------------------------------------------ the motion that would
+
+
+@dataclass
+class Planner:
+    """Finds the motion for any set of rivals beside one fit; each joint's menu is foreseen once.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit.
+    evidence : Evidence
+        Candidates beside it.
+    """
+
+    result: FitResult
+    evidence: Evidence
+
+    def __post_init__(self) -> None:
+        self._seen: dict[tuple[tuple[str, int], ...], tuple[Survey, Question]] = {}
+        self._stage = _stage(self.result)
+
+    def plan(self, among: tuple[Candidate, ...], pair: tuple[str, ...]) -> Choice | None:
+        """Choice for a set of rivals among the candidates of one joint; None without a menu."""
+        # a planned motion meets no force, so it says nothing of a force sensor
+        among = tuple(c for c in among if not c.term.effect.jointless)
+        if self._stage is None or not among or not set(pair) <= {c.name for c in among}:
+            return None
+        key = tuple((c.name, c.term.joint) for c in among)
+        if key not in self._seen:
+            self._seen[key] = self._look(among, self._stage)
+        seen, question = self._seen[key]
+        return decide(seen, question, pair)
+
+    def _look(self, among: tuple[Candidate, ...], stage: Stage) -> tuple[Survey, Question]:
+        result = self.result
+        terms, theta = _base(result)
+        base, v0 = sharp(terms, result.problem.motions[0].resolution)
+        alone = stage.space.alone
+        span = np.stack(
+            [
+                np.minimum(result.problem.span[:, 0], alone[:, 0]),
+                np.maximum(result.problem.span[:, 1], alone[:, 1]),
+            ],
+            axis=1,
+        )
+        context = in_context(result.problem, v0, result.problem.motions[0].contact, span)
+        question = _question(context, base, theta, result, self.evidence, among)
+        known = gram(context, question)
+        whole = all(c.term.effect.whole_robot for c in among)
+        names = tuple(n for n in menu.MENU if not whole or n in RICH)
+        joint = None if whole else among[0].term.joint
+        return survey(question, stage, joint, known, names), question
+
+
+def _stage(result: FitResult) -> Stage | None:
+    """Where a motion could be played: within the robot's limits, else what was recorded."""
+    if result.model.explains != "motor" or not room(result.problem):
+        return None
+    try:
+        return stage_of(result.problem)
+    except ConfigError:
+        return None
+
+
+def _base(result: FitResult) -> tuple[list[Term], FloatArray]:
+    """Terms of the fit with their coefficients, but for those of single runs."""
+    kept = [
+        (t, result.theta[s])
+        for t, s in zip(result.terms, result.slices, strict=True)
+        if not t.per_run
+    ]
+    return [t for t, _ in kept], np.concatenate([x for _, x in kept] or [np.zeros(0)])
+
+
+def _question(
+    context: Problem,
+    base: list[Term],
+    theta: FloatArray,
+    result: FitResult,
+    evidence: Evidence,
+    among: tuple[Candidate, ...],
+) -> Question:
+    """Question about some candidates with the coefficients that the data give them."""
+    floor = evidence.floor
+    # coloured noise: one independent instant in `inflation`
+    noise = np.maximum(floor.scale * np.sqrt(floor.inflation), 1e-12)
+    projector = Projector(context, base, result.sigma)
+    rivals = [_rival(c, projector, noise) for c in among]
+    return measured(base, theta, rivals, noise, context)
+
+
+def _rival(c: Candidate, projector: Projector, noise: FloatArray) -> Rival:
+    """A candidate with its coefficients; ten times the noise where the base absorbs it.
+
+    Directions of which less than a thousandth is new are left out: what the recording hardly
+    shows must not be extrapolated.
+    """
+    term = replace(c.term, per_run=False)
+    columns = projector.weighted(term)
+    size = np.linalg.norm(columns, axis=0)
+    if c.absorbed > ABSORBED:
+        rms = size / np.sqrt(len(columns)) * projector.sigma[term.joint]
+        return Rival(term, PROBE * noise[term.joint] / np.maximum(rms, 1e-300))
+    unit = columns / np.maximum(size, 1e-300)
+    rows = projector.rows(term)
+    inner = projector.inner(rows, unit)
+    value, vector = np.linalg.eigh(unit.T @ unit - inner.T @ inner)
+    keep = value > 1e-3
+    right = vector[:, keep].T @ (unit.T @ projector.residual[rows])
+    return Rival(term, (vector[:, keep] @ (right / value[keep])) / np.maximum(size, 1e-300))
+
+
+#: Cosine between projected columns from which two effects count as one.
+SAME = 0.98
+#: Confidence from which a name is one.
+CONFIDENT = 0.75
+#: Log odds below which a motion is as good as none.
+SOME = 1.0
+#: A name, its rivals, and the number of its joint; -1 of the whole robot.
+Undecided = tuple[str, list[str], int]
+
+
+# ------------------------------------------------------------ indistinguishable sets
+
+
+@dataclass(frozen=True)
+class _Set:
+    """A set before anything is planned: candidates on one joint, and what is known of it."""
+
+    among: tuple[Candidate, ...]
+    effects: tuple[str, ...]
+    why: str
+    #: Whether nobody asked for it: then it is left out where what is recorded decides.
+    aside: bool = False
+
+
+def pairs(
+    evidence: Evidence, rivals: list[Undecided], result: FitResult | None = None
+) -> list[Indistinguishable]:
+    """Indistinguishable sets: structural, absorbed by the base, and by this excitation.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Candidates of one fit.
+    rivals : list of (effect, rivals, joint)
+        Sets that attribution could not decide; the joint by its number, -1 of the whole robot.
+    result : FitResult, optional
+        That fit; without it nothing is planned.
+    """
+    out = [
+        Indistinguishable((name, "every other parameter"), why, catalogue.get(name).shown_by)
+        for name, why in evidence.impossible
+        if name == "torque-gain"
+    ]
+    late = [n for n, *_ in rivals if n in LATE]
+    out += [
+        Indistinguishable((late[0], name), why, catalogue.get(name).shown_by)
+        for name, why in evidence.impossible
+        if name == "filter-lag" and late
+    ]
+    sets = _absorbed(evidence, {e for x in out for e in x.effects})
+    for name, others, j in rivals:
+        if others:
+            every = "both" if len(others) == 1 else f"all {len(others) + 1}"
+            where = f" of {result.problem.joints[j]}" if result is not None and j >= 0 else ""
+            why = f"{every} explain this residual{where} nearly equally well with this motion"
+            sets.append(_Set(_named(evidence, (name, *others), j), (name, *others), why))
+    sets += _collinear(evidence, sets, {n for name, others, _ in rivals for n in (name, *others)})
+    planner = Planner(result, evidence) if sets and result is not None else None
+    planned = (_planned(s, sets, planner) for s in sets)
+    return out + [x for x in planned if x is not None]
+
+
+def concerned(named: list[tuple[str, list[str], float]], *evidence: Evidence) -> set[str]:
+    """Effects that an answer is about: named, rivals, with evidence; doubles of unsure ones.
+
+    `named` holds name, rivals and confidence of each.
+    """
+    unsure = [name for name, _, confidence in named if confidence < CONFIDENT]
+    doubles = {x for name in unsure for x in catalogue.get(name).confused_with}
+    evident = {c.name for e in evidence for c in e.candidates if c.score > 0}
+    return {n for name, rivals, _ in named for n in (name, *rivals)} | doubles | evident
+
+
+def at_issue(
+    sets: list[Indistinguishable], concerned: set[str]
+) -> tuple[list[Indistinguishable], list[Indistinguishable]]:
+    """Sets that bear on this answer, and those that hold of the robot whatever was recorded.
+
+    Parameters
+    ----------
+    sets : list of Indistinguishable
+        All of them.
+    concerned : set of str
+        Effects that are named, in doubt, or have evidence for them.
+    """
+    standing = [s for s in sets if s.reason == STRUCTURAL and not concerned & set(s.effects)]
+    return [s for s in sets if s not in standing], standing
+
+
+def _named(evidence: Evidence, names: tuple[str, ...], j: int) -> tuple[Candidate, ...]:
+    """Best candidate of each name, on joint j, or else on that of the first, where it is there."""
+    out: list[Candidate] = []
+    for name in names:
+        own = [c for c in evidence.candidates if c.name == name]
+        where = out[0].term.joint if out else j
+        out += ([c for c in own if c.term.joint == where] or own)[:1]
+    return tuple(out)
+
+
+def _absorbed(evidence: Evidence, known: set[str]) -> list[_Set]:
+    out: list[_Set] = []
+    for c in evidence.candidates:
+        if c.absorbed > ABSORBED and c.name not in known:
+            known.add(c.name)
+            partners = c.term.effect.confused_with
+            why = (
+                f"parameters that are free already take up {100 * c.absorbed:.2f} % of what it "
+                f"does: any {c.name} shows up as other values of theirs"
+            )
+            out.append(_Set((c,), (c.name, partners[0] if partners else "the base model"), why))
+    return out
+
+
+def _collinear(evidence: Evidence, known: list[_Set], named: set[str]) -> list[_Set]:
+    """Pairs on one joint, one of them named, whose projected columns nearly coincide."""
+    if evidence.projector is None:
+        return []
+    out: list[_Set] = []
+    motion = evidence.projector.problem.motions[0]
+    top = [
+        c
+        for c in evidence.candidates
+        if c.score > 0 and c.absorbed < ABSORBED and physical(c, motion)
+    ][:8]
+    seen = {frozenset((a, b)) for x in known for a in x.effects for b in x.effects}
+    for a_index, a in enumerate(top):
+        for b in top[a_index + 1 :]:
+            same = a.name == b.name or frozenset((a.name, b.name)) in seen
+            if a.term.joint != b.term.joint or same or not named & {a.name, b.name}:
+                continue
+            cosine = overlap(a, b, evidence.projector)
+            if cosine > SAME:
+                seen.add(frozenset((a.name, b.name)))
+                why = f"with this motion their signatures coincide (cosine {cosine:.3f})"
+                out.append(_Set((a, b), (a.name, b.name), why, True))
+    return out
+
+
+def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguishable | None:
+    """The set with its reason and the motion that separates it best; None if it is told apart."""
+    choice = None
+    if planner is not None and len(s.among):
+        names = tuple(c.name for c in s.among)
+        choice = planner.plan(_group(s, sets), names)
+    ways = [w for c in s.among for w in catalogue.get(c.name).shown_by.split("; ")]
+    shown = "; ".join(dict.fromkeys(ways))
+    if choice is None or planner is None:
+        reason = STRUCTURAL if len(s.among) == 1 else EXCITATION
+        return Indistinguishable(s.effects, s.why, shown or s.effects[0], reason)
+    if choice.structural:
+        why = (
+            f"{s.why}; structural: after all motions of the menu together the other would still "
+            f"imitate {100 * (1 - choice.everything.share):.1f} % of it"
+        )
+        if len(s.among) > 1:
+            return Indistinguishable(s.effects, why, "no motion of this robot alone")
+        return Indistinguishable(s.effects, why, f"no motion of this robot alone; {shown}")
+    if s.aside and choice.now is not None and choice.now.decided:
+        return None
+    return _by_motion(s, choice, planner)
+
+
+def _group(s: _Set, sets: list[_Set]) -> tuple[Candidate, ...]:
+    """All candidates in sets on the same joint, so that the menu is foreseen once for them."""
+    if len(s.among) == 1:
+        return s.among
+    joint = s.among[0].term.joint
+    alike = [x for x in sets if len(x.among) > 1 and x.among[0].term.joint == joint]
+    every = {c.name: c for x in alike for c in x.among}
+    few = len(every) <= MOST
+    return tuple(every.values()) if few else s.among
+
+
+def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
+    best, problem = choice.best, planner.result.problem
+    if best.verdict.odds < SOME:
+        why = f"{s.why}; as large as it is here, no motion of the menu shows a difference"
+        return Indistinguishable(s.effects, why, "the same effect, larger", EXCITATION)
+    names = tuple(c.name for c in s.among)
+    joint = problem.joints[s.among[0].term.joint]
+    whole = all(c.term.effect.whole_robot for c in s.among)
+    motion = best.motion.name
+    now = "" if choice.now is None else f", {choice.now.odds:.1f} now"
+    words = ["hil", "excite", robot_word(problem), "--for", ",".join(names)]
+    words += model_words(c.term.effect for c in s.among)
+    words += [] if whole else ["--joint", joint]
+    command = " ".join([*words, "--motion", motion, *output_words(problem)])
+    where = "" if whole else f" of {joint}"
+    text = (
+        f"{motion}{where}: {menu.describe(motion)} (log odds {best.verdict.odds:.1f} foreseen{now}"
+        + ("" if best.verdict.decided else "; with the values fitted here too little to decide")
+        + f"): {command}"
+    )
+    why = f"{s.why}; it is this excitation, not the structure"
+    if choice.now is not None and choice.now.decided:
+        why = f"{s.why}: they differ by less than real parts depart from such laws"
+    if choice.never:
+        why += f" (but no motion tells {names[0]} from {' or '.join(choice.never)})"
+    return Indistinguishable(s.effects, why, text, EXCITATION, motion, command)
+
+
+def sets_of(d: Diagnosis) -> list[Indistinguishable]:
+    """Indistinguishable sets of a diagnosis."""
+    if d.sets is None:
+        result = d.ladder[0].result if d.ladder else None
+        place = {name: j for j, name in enumerate(result.problem.joints)} if result else {}
+        named = [*d.findings, *d.partial]
+        rivals = [(f.effect, f.rivals, place.get(f.joint or "", -1)) for f in named]
+        d.sets = pairs(d.first, rivals, result)
+    return d.sets
+
+
+def at_issue_of(d: Diagnosis) -> tuple[list[Indistinguishable], list[Indistinguishable]]:
+    """Sets that bear on the answer of a diagnosis, and those that hold whatever was recorded."""
+    named = [(f.effect, f.rivals, f.confidence) for f in [*d.findings, *d.partial]]
+    return at_issue(sets_of(d), concerned(named, d.first, d.last))
+
+
+#: Share of the top speed that is low, and of Coulomb friction that would be missed there.
+LOW, MISSED = 0.02, 0.10
+#: Reversals.
+TURNS = 10
+#: Share of a joint's range, and of the effort's rms by which a static load must change.
+RANGE, LOAD = 0.5, 0.1
+#: Shortest recording in which something can warm up [s].
+MINUTE = 60.0
+
+
+# ------------------------------------------------------------ what the motion could not show
+
+
+def unseen(result: FitResult, evidence: Evidence) -> list[Unseen]:
+    """What the fitted runs could not show; effects that the model has already are left out.
+
+    Parameters
+    ----------
+    result : FitResult
+        The last fit.
+    evidence : Evidence
+        Beside it.
+    """
+    problem = result.problem
+    if result.model.explains != "motor":
+        return []
+    found: dict[tuple[tuple[str, ...], str], list[str]] = {}
+    for j in np.flatnonzero(~problem.holds).tolist():
+        there = {t.effect.name for t in result.terms if t.joint == j or t.effect.whole_robot}
+        for effects, why in _of_joint(problem, j):
+            new = tuple(e for e in effects if e not in there)
+            if new:
+                found.setdefault((new, why), []).append(problem.joints[j])
+    out = [
+        Unseen(effects, tuple(joints), why, _command(effects[0], problem, joints))
+        for (effects, why), joints in found.items()
+    ]
+    return [*_low_speed(result, evidence), *out, *_of_all(problem)]
+
+
+def _command(effect: str, problem: Problem, joints: Sequence[str]) -> str:
+    """What plans a motion that shows an effect; empty where the robot's own motion cannot."""
+    places = [problem.joints.index(name) for name in joints]
+    loaded = any(np.any(m.static[:, places]) for m in problem.motions)
+    if effect == "load-friction" and not loaded:
+        return ""
+    where = f" --joint {joints[0]}" if len(joints) == 1 and problem.d > 1 else ""
+    out = " ".join(output_words(problem))
+    return f"hil excite {robot_word(problem)} --for {effect}{where} {out}"
+
+
+def _low_speed(result: FitResult, evidence: Evidence) -> list[Unseen]:
+    """Stribeck friction that would go unseen, over all joints with Coulomb friction."""
+    problem, missed = result.problem, {}
+    for j in np.flatnonzero(~problem.holds).tolist():
+        fc = result.values.get(f"j{j + 1}.coulomb.fc")
+        share = _missed(result, evidence, j) / fc.value if fc and fc.value > 0 else 0.0
+        if share > MISSED and (Stribeck.name, j) not in {t.key for t in result.terms}:
+            missed[problem.joints[j]] = share
+    if not missed:
+        return []
+    why = (
+        f"too little motion is slower than {100 * LOW:g} % of the top speed; friction that rises "
+        f"only there goes unseen{_up_to(max(missed.values()))}"
+    )
+    command = _command(Stribeck.name, problem, list(missed))
+    return [Unseen((Stribeck.name, "presliding"), tuple(missed), why, command)]
+
+
+def _up_to(share: float) -> str:
+    """How much of Coulomb friction is missed, where that says anything."""
+    return f" up to {100 * share:.2g} % of Coulomb friction" if share < 1.0 else ", however large"
+
+
+def _missed(result: FitResult, evidence: Evidence, j: int) -> float:
+    """Excess of static friction that pays no more than its price [N m or N]; infinite if unseen."""
+    problem, floor, projector = result.problem, evidence.floor, evidence.projector
+    speed = np.abs(problem.qd[j][problem.live[j]])
+    if projector is None or not speed.size:
+        return 0.0
+    vs = LOW * float(np.quantile(speed, 0.995))
+    effect = Stribeck()
+    _, _, inverse, _ = projector.score(Term(effect, j, (vs, 2.0)))
+    noise = (floor.scale[j] / result.sigma[j]) ** 2 * floor.inflation[j]
+    instants = max(float(floor.effective(problem)[j]), 2.0)
+    count = len(effect.params) + len(effect.shape)
+    return float(np.sqrt(inverse[0, 0] * noise * count * np.log(instants)))
+
+
+def _of_joint(problem: Problem, j: int) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Effects and reasons of one joint."""
+    turns = _reversals(problem, j)
+    if turns < TURNS:
+        yield ("presliding", "backlash"), f"fewer than {TURNS} reversals"
+    limits = of_robot(problem.source)
+    if limits is not None and np.ptp(problem.q[j]) < RANGE * (limits.high[j] - limits.low[j]):
+        yield ("position-torque", "cogging", "end-stop"), "less than half of its range was visited"
+    if _steady(problem, j):
+        yield ("load-friction",), "its static and external load hardly change"
+
+
+def _reversals(problem: Problem, j: int) -> int:
+    """Changes of the direction of motion, standstill left out, within the runs."""
+    count = 0
+    for k in range(len(problem.recordings)):
+        v = problem.qd[j][(problem.run == k) & problem.live[j]]
+        count += int(np.sum(np.diff(np.sign(v[v != 0.0])) != 0))
+    return count
+
+
+def _steady(problem: Problem, j: int) -> bool:
+    """Whether neither gravity, springs nor an external force change the load."""
+    static = np.concatenate([m.static[:, j] + m.tau_ext[:, j] for m in problem.motions])
+    size = float(np.sqrt(np.mean(problem.effort[j] ** 2)))
+    return bool(np.std(static) < LOAD * size)
+
+
+def _of_all(problem: Problem) -> list[Unseen]:
+    """What concerns the whole robot."""
+    out = []
+    length = max(float(r.t[-1] - r.t[0]) for r in problem.recordings)
+    if length < MINUTE:
+        why = f"the longest recording has {length:.3g} s, and warming mostly takes minutes"
+        out.append(Unseen(("friction-drift",), (), why))
+    if not any(np.any(m.tau_ext) or np.any(m.wrench) for m in problem.motions):
+        why = "no external force was measured; without one it scales all parameters alike"
+        out.append(Unseen(("torque-gain",), (), why))
+    return out

@@ -1,0 +1,298 @@
+"""Evidence for every candidate effect on every joint, and whether it is beyond chance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.diagnosis import artefacts
+from hil.diagnosis.floor import measure
+from hil.diagnosis.residual_tests import changes
+from hil.diagnosis.types import FLIPS, Candidate, Evidence, Floor, ranking
+from hil.identify import timelines
+from hil.identify.abreast import abreast
+from hil.identify.design import Term
+from hil.identify.fit import time_blocks
+from hil.identify.projector import Projector
+from hil.identify.refine import COARSE
+from hil.identify.result import FitResult
+from hil.identify.screening import screen
+from hil.identify.shapes import best_shape
+from hil.identify.timing import LATE, real_delay
+from hil.models import catalogue
+
+FloatArray = NDArray[np.float64]
+
+
+# ------------------------------------------------------------ candidates beside a fit
+
+
+def try_all(projector: Projector, result: FitResult, terms: list[Term]) -> list[Candidate]:
+    """Candidates for terms, without those that have no shape here, or nothing but zeros."""
+    tried = abreast(lambda t: _try(projector, result, t), terms, projector.problem.instants)
+    return [c for c in tried if c is not None]
+
+
+def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | None:
+    if not term.shape:
+        term, _ = best_shape(projector, term, accuracy=COARSE)
+    if not term.shape and term.effect.shape:
+        return None
+    gain, beta, inverse, qc = projector.score(term)
+    columns = projector.weighted(term)
+    size = float(np.sum(columns**2))
+    if size == 0.0:
+        return None
+    absorbed = float(np.sum(qc**2)) / size
+    dof = columns.shape[1] + _free(term, projector)
+    net = _net(projector, result, term, gain)
+    parts = _parts(projector, term, net, columns @ beta, qc @ beta)
+    return Candidate(
+        term,
+        gain,
+        net,
+        dof=dof,
+        absorbed=absorbed,
+        coefficients=tuple(map(float, beta)),
+        errors=tuple(np.sqrt(np.maximum(np.diag(inverse), 0.0)).tolist()),
+        joint=int(np.argmax(parts)) if term.effect.of_robot else term.joint,
+        parts=parts,
+    )
+
+
+def _free(term: Term, projector: Projector) -> int:
+    """Shape values that were searched; a choice of a few forms is none."""
+    grid = projector.problem.grid(term.effect, term.joint)
+    each = zip(term.effect.shape, zip(*grid, strict=True), strict=False)
+    return sum(len(set(values)) > 2 and not p.choice for p, values in each)
+
+
+def _parts(
+    projector: Projector, term: Term, net: float, effort: FloatArray, known: FloatArray
+) -> FloatArray:
+    """Fall of every joint's squared residual (d,); `known`: what the base takes, in Q."""
+    d = projector.problem.d
+    if not term.effect.whole_robot:
+        out = np.zeros(d)
+        out[term.joint] = net
+        return out
+    new, r = effort - projector.spanned(known), projector.residual
+    fall: FloatArray = (r**2 - (r - new) ** 2).reshape(d, -1).sum(axis=1)
+    return np.where(projector.problem.holds, 0.0, fall)
+
+
+def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> float:
+    """Gain when the candidate replaces what it stands for, e.g. presliding for Coulomb."""
+    gone = [
+        t for t in result.terms if t.joint == term.joint and t.effect.name in term.effect.replaces
+    ]
+    if not gone:
+        return gain
+    rest = [t for t in result.terms if t not in gone]
+    reduced = Projector(projector.problem, rest, projector.sigma)
+    return projector.rss - (reduced.rss - reduced.gain(term))
+
+
+# ------------------------------------------------------------ detection
+
+
+def detect(
+    found: Sequence[Candidate], projector: Projector, floor: Floor, result: FitResult, seed: int
+) -> None:
+    """Family-wise p values: flip the signs of blocks of noise, take the maximum over all.
+
+    The noise is the residual of the largest model; each candidate's gain, maximised over its
+    shapes, is divided by its own 95 % null quantile, so that rich families have no advantage.
+    """
+    problem = result.problem
+    correlation = float(np.max(floor.inflation)) / problem.rate
+    seconds = float(np.clip(4 * correlation, 0.4, 2.0))
+    blocks = time_blocks(problem, seconds)
+    count = int(blocks.max()) + 1
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(FLIPS, count))
+    ratio = floor.scale / np.maximum(problem.rms(floor.residual), 1e-300)
+    noise = (floor.residual * ratio[:, None] / result.sigma[:, None]).reshape(-1)
+    rows = np.tile(blocks, problem.d)
+    each = zip(projector.parts, noise.reshape(problem.d, -1), strict=True)
+    qb = np.asarray(sum(block_sums(q * x[:, None], blocks, count) @ u for (q, u), x in each))
+    nulls = abreast(lambda c: _null(c, projector, noise, rows, signs, qb), found, problem.instants)
+    for c, null in zip(found, nulls, strict=True):
+        c.null = null
+    quantile = {id(c): max(float(np.quantile(c.null, 0.95)), 1e-300) for c in found}
+    usable = [c for c in found if c.absorbed < 1 - 1e-6]
+    if not usable:
+        return
+    worst = np.max([c.null / quantile[id(c)] for c in usable], axis=0)
+    for c in usable:
+        c.p_value = (1 + int(np.sum(worst >= c.gain / quantile[id(c)]))) / (1 + FLIPS)
+
+
+def _null(
+    c: Candidate,
+    projector: Projector,
+    noise: FloatArray,
+    rows: NDArray[np.int_],
+    signs: FloatArray,
+    qb: FloatArray,
+) -> FloatArray:
+    """Gains of a candidate on sign-flipped noise, the best over its grid, shape (FLIPS,)."""
+    best = np.zeros(len(signs))
+    grid = projector.problem.grid(c.term.effect, c.term.joint) or [c.term.shape]
+    if c.term.effect.spectral:
+        own = projector.rows(c.term)
+        return timelines.flipped(projector.problem, c.term, noise[own], rows[own], signs)
+    waves = screen(projector.problem, c.term, grid)
+    if waves is not None:
+        n, j = projector.problem.n, c.term.joint
+        back = projector.problem.back(noise[j * n : (j + 1) * n], j)
+        return waves.flipped(back, projector.problem.spread(rows[: projector.problem.n]), signs)
+    where = projector.rows(c.term)
+    for s in projector.scores(c.term, grid[:: max(1, len(grid) // 40)]):
+        g, m = s.beta.shape
+        weighted = s.columns.reshape(-1, g * m) * noise[where, None]
+        part = block_sums(weighted, rows[where], signs.shape[1])
+        flipped = (signs @ (part - qb @ s.qc.reshape(-1, g * m))).reshape(-1, g, m)
+        # c' G^+ c of each shape
+        each = flipped.transpose(1, 0, 2)
+        best = np.maximum(best, np.sum((each @ s.inverse) * each, axis=2).max(axis=0))
+    return best
+
+
+def block_sums(x: FloatArray, labels: NDArray[np.int_], count: int) -> FloatArray:
+    """Sums (count, m) of the rows of x (n, m) by label; labels come in long stretches."""
+    starts = np.flatnonzero(np.diff(labels, prepend=-1))
+    out = np.zeros((count, x.shape[1]))
+    np.add.at(out, labels[starts], np.add.reduceat(x, starts, axis=0))
+    return out
+
+
+#: Shapes from which on the best of them is a pick, and the share of the residual it then needs.
+MANY, LITTLE = 24, 0.02
+#: The same for a line over time: what is less leaves an error within 1.1 of the floor.
+LINE = 1 - 1 / 1.1**2
+
+
+# ------------------------------------------------------------ all evidence
+
+
+def possible_terms(
+    result: FitResult, per_run: bool = False
+) -> tuple[list[Term], list[tuple[str, str]]]:
+    """Candidate terms for these data, and the effects that cannot be tried, with the reason."""
+    problem, explains = result.problem, result.model.explains
+    motion, held = problem.motions[0], problem.holds
+    present = {t.key for t in result.terms}
+    terms: list[Term] = []
+    impossible: dict[str, str] = {}
+    for effect in catalogue.table().values():
+        if not effect.candidate or explains not in effect.explains:
+            continue
+        for j in range(1 if effect.of_robot else problem.d):
+            if (effect.name, j) in present or (held[j] and not effect.of_robot):
+                continue
+            reason = effect.available(motion, j)
+            if reason:
+                impossible.setdefault(effect.name, reason)
+            else:
+                own = effect.per_run and problem.runs > 1
+                terms.append(Term(effect, j, per_run=own))
+    tried = {t.effect.name for t in terms}
+    return terms, [(n, why) for n, why in impossible.items() if n not in tried]
+
+
+def gather(result: FitResult, seed: int = 0) -> Evidence:
+    """Try every candidate beside a fitted model.
+
+    Parameters
+    ----------
+    result : FitResult
+        The present fit.
+    seed : int
+        Of the sign flips.
+    """
+    projector = Projector(result.problem, result.terms, result.sigma)
+    terms, impossible = possible_terms(result)
+    changed = changes(result, projector)
+    if not changed:
+        terms = [t for t in terms if not t.effect.sudden]
+    found = try_all(projector, result, terms)
+    floor = measured_floor(found, projector, result)
+    priced(found, floor, result)
+    detect(found, projector, floor, result, seed)
+    artefacts.mark_smoothers(found, projector)
+    artefacts.mark_blurred(found, result, projector)
+    found.sort(key=ranking)
+    return Evidence(found, floor, projector, impossible, changed)
+
+
+def floor_of(result: FitResult, evidence: Evidence) -> Floor:
+    """Noise floor of another fit of the same model, with the shapes of candidates found before.
+
+    Only lines over time are sought anew: they belong to a run.
+    """
+    projector = Projector(result.problem, result.terms, result.sigma)
+    known = {c.term.key: c.term.shape for c in evidence.candidates if not c.term.effect.spectral}
+    terms = [
+        replace(t, shape=known.get(t.key, ()))
+        for t in possible_terms(result)[0]
+        if t.key in known or not t.effect.sudden
+    ]
+    return measured_floor(try_all(projector, result, terms), projector, result)
+
+
+def measured_floor(found: list[Candidate], projector: Projector, result: FitResult) -> Floor:
+    """Noise floor beside candidates that were tried, with their columns in the largest model."""
+    extra: list[list[FloatArray]] = [[] for _ in result.problem.joints]
+    for c in found:
+        # what answers noise would take it out of the floor
+        if c.absorbed < 1 - 1e-6 and not _picked(c, projector) and in_time(c, result):
+            _collect(result.problem.d, c.term, result.problem, extra)
+    return measure(result, extra)
+
+
+def _picked(c: Candidate, projector: Projector) -> bool:
+    """Whether a candidate is a little of the residual, picked among many shapes.
+
+    What was found on all rows predicts the left-out ones, too: it would lower the floor for
+    nothing.
+    """
+    own = projector.rows(c.term)
+    many = len(projector.problem.grid(c.term.effect, c.term.joint)) > MANY
+    least = LINE if c.term.effect.spectral else LITTLE
+    return many and c.gain < least * float(np.sum(projector.residual[own] ** 2))
+
+
+def in_time(c: Candidate, result: FitResult) -> bool:
+    """False for a lateness of the effort that the slow motion does not confirm."""
+    whole = c.name == "filter-lag"
+    return c.name not in LATE or real_delay(result, c.term.joint, c.late, whole)
+
+
+def _collect(d: int, term: Term, problem: object, extra: list[list[FloatArray]]) -> None:
+    from hil.identify.design import block
+    from hil.identify.problem import Problem
+
+    if not isinstance(problem, Problem):
+        return
+    columns = block(problem, term)
+    for j in range(d) if columns.ndim == 3 else [term.joint]:
+        part = columns[j] if columns.ndim == 3 else columns
+        if np.any(part):
+            extra[j].append(part)
+
+
+def priced(found: list[Candidate], floor: Floor, result: FitResult) -> None:
+    """Put chi2, standard errors and price of candidates in units of the floor's noise."""
+    effective = floor.effective(result.problem)
+    noise = np.maximum((floor.scale / result.sigma) ** 2 * floor.inflation, 1e-300)
+    for c in found:
+        j = c.joint
+        replaced = len(c.term.effect.replaces)
+        c.chi2 = float(np.sum(c.parts / noise))
+        # so far for noise of variance 1 in the weighted rows
+        c.errors = tuple(float(e * np.sqrt(noise[j])) for e in c.errors)
+        c.spare = float(effective[j] * (1.1**2 - 1) * (floor.rms[j] / floor.scale[j]) ** 2)
+        c.price = max(c.dof - replaced, 1) * float(np.log(max(effective[j], 2.0)))

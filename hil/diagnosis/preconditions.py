@@ -1,0 +1,236 @@
+"""When nothing can be concluded: wrong columns, too little motion, another robot.
+
+Effort columns may have the wrong sign or be swapped: a model that cannot follow its own recording
+at all is fitted again to the same recording with an effort turned round, or with two of them
+exchanged.  No missing effect makes one of these fit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.identify.fit import fit
+from hil.identify.problem import Problem
+from hil.identify.result import FitResult
+from hil.models.contact import penetration
+from hil.models.model import RobotModel
+from hil.record.recording import Recording, RobotSource
+
+FloatArray = NDArray[np.float64]
+#: Relative error from which on a fit is none, and from which on columns are tried in another way;
+#: a joint's that may be the other one of two [%].
+HOPELESS, DOUBTFUL, OTHER = 50.0, 30.0, 10.0
+#: Share of the error that is left when the columns are put right, at most.
+RIGHT = 1 / 3
+
+
+# ------------------------------------------------------------ columns
+
+
+def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, str]]:
+    """Faults (code, sentence) of effort columns that the base fit shows; empty if there are none.
+
+    Only where the motors alone act: beside a measured force, it may be the force that is wrong.
+
+    Parameters
+    ----------
+    result : FitResult
+        Base model fitted to the runs as they are.
+    recordings : list of Recording
+        The runs.
+    """
+    pushed = any(r.wrench is not None or r.tau_ext is not None for r in recordings)
+    doubtful = float(np.max(result.relative)) >= DOUBTFUL or driven(result)
+    if result.model.explains != "motor" or pushed or not doubtful:
+        return []
+    before, found = _size(result), []
+    for code, text, columns, signs in _changes(result.problem.joints, result.relative):
+        changed = [replace(r, tau=r.tau[:, columns] * signs) for r in recordings]
+        problem = Problem(
+            changed, result.problem.source, result.model.explains, rates=result.problem.rates
+        )
+        after = fit(problem, result.model, sweeps=1)
+        better = _size(after) < RIGHT * before and float(np.max(after.relative)) < HOPELESS
+        if better:
+            found.append((_size(after), code, text))
+    return [(code, text) for _, code, text in sorted(found)[:1]]
+
+
+def driven(result: FitResult) -> bool:
+    """Whether all friction lies on its bound, zero: free masses take a wrong sign, it cannot."""
+    names = [n for n in result.values if n.endswith((".coulomb.fc", ".viscous.fv"))]
+    return bool(names) and all(result.values[n].at_bound for n in names)
+
+
+def _size(result: FitResult) -> float:
+    """Relative error over all joints [%]."""
+    return float(np.sqrt(np.mean(result.relative**2)))
+
+
+def _changes(
+    joints: tuple[str, ...], error: FloatArray
+) -> Iterator[tuple[str, str, list[int], FloatArray]]:
+    """Code, sentence, order and signs of the columns that may be meant.
+
+    A joint whose effort is another one's fits badly, and so does the other one's.
+    """
+    d, bad, poor = len(joints), error > DOUBTFUL, error > OTHER
+    order, fits = list(range(d)), "turned round, the model fits; change its sign in a map"
+    for k, joint in ((k, x) for k, x in enumerate(joints) if bad[k]):
+        signs = np.where(np.arange(d) == k, -1.0, 1.0)
+        yield "sign", f"tau{k + 1} ({joint}) has the wrong sign: {fits}", order, signs
+    if d > 1 and (2 * np.sum(error > HOPELESS / 2) >= d or not np.any(bad)):
+        text = "all efforts have the wrong sign: turned round, the model fits; change them in a map"
+        yield "sign", text, order, np.full(d, -1.0)
+    for a, b in combinations(np.flatnonzero(poor).tolist(), 2):
+        if not (bad[a] or bad[b]):
+            continue
+        swapped = [b if k == a else a if k == b else k for k in order]
+        text = (
+            f"tau{a + 1} and tau{b + 1} ({joints[a]}, {joints[b]}) are swapped: exchanged, the "
+            "model fits; name the columns in a map"
+        )
+        yield "swapped", text, swapped, np.ones(d)
+
+
+#: A contact law is undetermined when forward and reverse regression differ by this factor.
+DISAGREEMENT = 1.5
+#: Rows with at least this share of the deepest penetration count as contact.
+TOUCHING = 0.02
+#: Least rms speed, in units of its noise, that is motion.
+SLOWEST = 4.0
+#: Shortest recording from which effects are named, all runs without the filter's edges [s].
+SHORTEST = 4.0
+
+
+# ------------------------------------------------------------ motion
+
+
+def undetermined(result: FitResult) -> list[tuple[str, str]]:
+    """Reasons (code, sentence) why nothing can be concluded; empty if something can.
+
+    *No motion*: every joint's speed stays below what the encoder and filter resolve.
+    *Rigid contact*: the force varies while the position hardly does, so stiffness is bounded
+    from below only: least squares of force on position and of position on force then differ
+    by 1 / R^2, the attenuation that noise in the position causes.
+    """
+    problem = result.problem
+    if result.model.explains == "external":
+        return _rigid(result)
+    speed = np.sqrt(np.mean(problem.qd**2, axis=1))
+    if np.all(speed < SLOWEST * problem.speed_noise):
+        return [("no-motion", _slow(problem, speed))]
+    return _short(problem)
+
+
+def _slow(problem: Problem, speed: FloatArray) -> str:
+    """What the joints move, what that drowns in, and what helps."""
+    parts = [
+        f"{joint} moves at {v:.2g} {unit}/s (rms) and its encoder's steps alone make {noise:.2g}"
+        for joint, v, noise, unit in zip(
+            problem.joints, speed, problem.speed_noise, problem.robot.units, strict=True
+        )
+    ]
+    band = problem.rates
+    return (
+        f"{'; '.join(parts)} behind the filter of {band.position:.3g} Hz: too little motion for so "
+        f"coarse a position. Move faster or wider, use a finer encoder, or narrow the band in the "
+        f"model file, under [signal]: position_hz = {band.position / 3:.2g}, "
+        f"effort_hz = {band.effort / 3:.2g}"
+    )
+
+
+def _short(problem: Problem) -> list[tuple[str, str]]:
+    """Reason if all runs together are too short to name an effect."""
+    left = problem.n / problem.rate
+    if left >= SHORTEST:
+        return []
+    recorded = sum(float(r.t[-1] - r.t[0]) for r in problem.recordings)
+    # the filter's edges go at both ends of every run, so they come on top
+    wanted = math.ceil(SHORTEST + max(recorded - left, 0.0))
+    text = (
+        f"{recorded:.2g} s are recorded, of which {left:.2g} s are left when the filter has cut "
+        f"its edges; {SHORTEST:g} s must be left to tell an effect from chance. Record "
+        f"{wanted} s or more, or give several runs"
+    )
+    return [("too-short", text)]
+
+
+def _rigid(result: FitResult) -> list[tuple[str, str]]:
+    problem, out = result.problem, []
+    for j, joint in enumerate(problem.joints):
+        r2 = _agreement(result, j)
+        if r2 < 1 / DISAGREEMENT:
+            out.append(
+                (
+                    "not-identifiable",
+                    f"{joint}: while touching, position explains only {100 * r2:.0f} % of the "
+                    "contact effort's variance, so its stiffness is bounded from below only "
+                    f"(forward and reverse regression differ by a factor {1 / max(r2, 1e-3):.1f}):"
+                    " the object is stiffer than the position resolves, or there is no contact; "
+                    "use a softer object, a finer encoder or a stiffer mount",
+                )
+            )
+    return out if len(out) == problem.d else []
+
+
+def _agreement(result: FitResult, j: int) -> float:
+    """Squared correlation of effort and penetration over the rows in contact."""
+    problem = result.problem
+    y = problem.y[j]
+    if not np.isfinite(problem.motions[0].contact[j]).all():
+        return 1 - float(np.mean(result.residual[j] ** 2) / max(np.var(y), 1e-300))
+    depth = problem.filtered([penetration(m, j)[0][:, None] for m in problem.motions])[:, 0]
+    touching = depth > TOUCHING * depth.max()
+    if np.sum(touching) < 20 or np.std(depth[touching]) == 0:
+        return 0.0
+    return float(np.corrcoef(depth[touching], y[touching])[0, 1] ** 2)
+
+
+OTHER_ROBOT = "other-robot"
+
+
+# ------------------------------------------------------------ robot
+
+
+def other_robot(model: RobotModel, recordings: Sequence[Recording]) -> list[tuple[str, str]]:
+    """Warning (code, sentence) where a model is of another kind of robot than the runs.
+
+    Of a session that names no robot, or independent axes, any model may be tried.
+
+    Parameters
+    ----------
+    model : RobotModel
+        The model.
+    recordings : sequence of Recording
+        Runs that it is given.
+    """
+    ours = _kind(model.robot)
+    for r in recordings:
+        theirs = _kind(r.robot)
+        known = r.robot.urdf or r.robot.preset not in ("", "single-axis")
+        if known and ours != theirs:
+            return [(OTHER_ROBOT, _sentence(ours, theirs, r.name))]
+    return []
+
+
+def _kind(robot: RobotSource) -> str:
+    """What a robot is, in words."""
+    if robot.urdf:
+        return "a URDF"
+    if robot.preset in ("", "single-axis"):
+        return "independent axes (no gravity, no coupling of joints)"
+    return f"the robot {robot.preset!r}"
+
+
+def _sentence(ours: str, theirs: str, name: str) -> str:
+    return (
+        f"the model is of {ours}, the session {name} of {theirs}: its errors may be the robot's; "
+        "without --model the base model of the session's own robot is taken"
+    )

@@ -1,0 +1,379 @@
+"""Whether the residual is noise: values that change at once, and what no noise is like.
+
+**A value that is another one from some instant of a run on.**
+A gain that was set, a screw that came loose, a load that was picked up: laws that hold throughout
+can but imitate it, and the noise floor hides what no candidate explains.  So the columns x of a few
+values of each joint, cut at instants s of every run, are tried beside the fit with residual r and
+orthonormal columns Q:
+
+    c = x [t > s],   gain = (c' r)^2 / (c'c - |Q'c|^2),   value = c' r / (c'c - |Q'c|^2).
+
+**Whether what is left at the noise floor is distributed as noise is.**
+Noise that many small causes add up to is Gaussian, whatever its colour.  A wave, or a torque that
+switches, keeps to its two sides, and bursts stand out; no function of the motion need foretell
+them, and a floor that is measured holds them.  So of the residual r of n instants, less its mean,
+over its rms around each instant, with the autocorrelation rho:
+
+    k = mean(r^4) / mean(r^2)^2 - 3,   se = sqrt(24 / n (1 + 2 sum rho^4)).
+
+A wave has k = -3/2, a switch -2, noise 0.  Source: Lomnicki, Metrika 4, 1961, 37-62 (the standard
+error for a Gaussian process).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from hil.diagnosis.artefacts import blur, coarse
+from hil.diagnosis.constants import ADEQUATE, LEVEL
+from hil.diagnosis.types import Change, Cut
+from hil.identify.assemble import in_units
+from hil.identify.problem import Problem
+from hil.identify.projector import Projector
+from hil.identify.regression import inflation
+from hil.identify.result import FitResult
+
+FloatArray = NDArray[np.float64]
+CHANGED = "changed"
+#: Instants of a run that are tried, and those around the best of them.
+INSTANTS, AROUND = 15, 16
+#: Factor by which a change must explain more than the same throughout.
+MORE = 1.1
+#: Share of a column below which it is the model's own.
+NEW = 1e-4
+ADVICE = (
+    "a gain that was set, a screw come loose, something that leans on it? Give what was recorded "
+    "before and after as two sessions"
+)
+#: What may change, and its unit.
+VALUES = (
+    ("effort at rest", "{F}"),
+    ("Coulomb friction", "{F}"),
+    ("viscous friction", "{F} s/{x}"),
+    ("inertia", "{F} s^2/{x}"),
+    ("stiffness", "{F}/{x}"),
+    ("scale of all efforts", "1"),
+)
+
+
+# ------------------------------------------------------------ changes at once
+
+
+def changes_told(found: Sequence[Change]) -> list[tuple[str, str]]:
+    """Notes (code, sentence), the last with what to do."""
+    texts = [c.text for c in found]
+    return [(CHANGED, t) for t in [*texts[:-1], *(f"{t}; {ADVICE}" for t in texts[-1:])]]
+
+
+def changes(result: FitResult, projector: Projector | None = None) -> tuple[Change, ...]:
+    """The change that explains most, joint by joint, where the error falls by a tenth or more.
+
+    Parameters
+    ----------
+    result : FitResult
+        A fit.
+    projector : Projector, optional
+        That of the same fit.
+    """
+    if result.model.explains != "motor":
+        return ()
+    projector = projector or Projector(result.problem, result.terms, result.sigma)
+    moves = np.flatnonzero(~result.problem.holds).tolist()
+    found = (_change_of(projector, result, j) for j in moves)
+    return tuple(c for c in found if c is not None)
+
+
+def _change_of(projector: Projector, result: FitResult, j: int) -> Change | None:
+    """What changed on joint j, if it is more than chance and matters."""
+    problem, columns = result.problem, _columns(result, j)
+    cuts = _coarse(result)
+    gain, value, what, cut = _best(projector, j, columns, range(len(VALUES)), cuts)
+    if gain < MORE * _throughout(projector, j, columns[:, what]):
+        return None
+    if cut[1]:
+        # the instant itself, between its neighbours
+        gain, value, what, cut = _best(projector, j, columns, [what], _fine(result, cut))
+    rows = slice(j * problem.n, (j + 1) * problem.n)
+    r = projector.residual[rows]
+    left = r - value * _beside(projector, j, columns[:, what] * _later(problem, cut))
+    rss, rest = float(r @ r), float(left @ left)
+    tried = len(cuts) * len(VALUES) * problem.d
+    # gain / (noise * inflation) ~ chi2(1), Bonferroni over all that was tried
+    noise = rest / max(float(problem.count[j]), 1.0) * inflation(r, problem.run)
+    chance = gain < chi2.isf(LEVEL / tried, 1) * max(noise, 1e-300)
+    if chance or rest * ADEQUATE**2 > rss:
+        return None
+    name, unit = VALUES[what]
+    run, at = problem.recordings[cut[0]].name, cut[1]
+    unit = in_units(unit, problem, j)
+    return Change(problem.joints[j], name, unit, run, at, value, 1 - rest / rss, rss - rest)
+
+
+def _throughout(projector: Projector, j: int, c: FloatArray) -> float:
+    """Gain of a column (n,) of joint j that acts throughout: what an offset does is no change."""
+    rows = slice(j * projector.problem.n, (j + 1) * projector.problem.n)
+    whole = float(c @ c)
+    free = whole - float(np.sum(projector.inner(rows, c[:, None]) ** 2))
+    along = float(c @ projector.residual[rows])
+    return along**2 / free if free > NEW * whole else 0.0
+
+
+def _beside(projector: Projector, j: int, c: FloatArray) -> FloatArray:
+    """Part of a column (n,) of joint j that the base does not do, on the same rows."""
+    n, (q, u) = projector.problem.n, projector.parts[j]
+    known = projector.inner(slice(j * n, (j + 1) * n), c[:, None])
+    out: FloatArray = c - (q @ (u @ known))[:, 0]
+    return out
+
+
+def _later(problem: Problem, cut: Cut) -> NDArray[np.bool_]:
+    """Rows (n,) of a run from an instant on."""
+    own = problem.run == cut[0]
+    out: NDArray[np.bool_] = own & (problem.t >= float(problem.t[own].min()) + cut[1])
+    return out
+
+
+def _columns(result: FitResult, j: int) -> FloatArray:
+    """Columns (n, 6) of `VALUES` on joint j, weighted as the rows are."""
+    problem = result.problem
+    raw = [
+        np.stack([np.ones(m.n), m.sign(j), m.qd[:, j], m.qdd[:, j], m.q[:, j]], axis=1)
+        for m in problem.motions
+    ]
+    made = np.column_stack([problem.gated(raw, j), problem.y[j] - result.residual[j]])
+    return np.asarray(made / result.sigma[j], dtype=np.float64)
+
+
+def _coarse(result: FitResult) -> list[Cut]:
+    """Instants over every run; of several runs each one as a whole, too."""
+    motions = result.problem.motions
+    whole = [(k, 0.0) for k in range(1, len(motions))]
+    inside = np.arange(1, INSTANTS + 1) / (INSTANTS + 1)
+    return whole + [(k, float(m.since[-1] * x)) for k, m in enumerate(motions) for x in inside]
+
+
+def _fine(result: FitResult, cut: Cut) -> list[Cut]:
+    """Instants around one of the coarse ones, itself among them."""
+    step = float(result.problem.motions[cut[0]].since[-1]) / (INSTANTS + 1) / AROUND
+    return [(cut[0], cut[1] + step * x) for x in range(1 - AROUND, AROUND)]
+
+
+def _best(
+    projector: Projector, j: int, columns: FloatArray, which: Sequence[int], cuts: list[Cut]
+) -> tuple[float, float, int, Cut]:
+    """Gain, value, number of the value and cut of what explains most on joint j."""
+    problem = projector.problem
+    rows = slice(j * problem.n, (j + 1) * problem.n)
+    later = [_later(problem, cut) for cut in cuts]
+    found = [(0.0, 0.0, which[0], cuts[0])]
+    for k in which:
+        c = columns[:, k : k + 1] * np.stack(later, axis=1)
+        whole = np.sum(c**2, axis=0)
+        free = whole - np.sum(projector.inner(rows, c) ** 2, axis=0)
+        free = np.where(free > NEW * whole, free, np.inf)
+        along = c.T @ projector.residual[rows]
+        b = int(np.argmax(along**2 / free))
+        found.append((float(along[b] ** 2 / free[b]), float(along[b] / free[b]), k, cuts[b]))
+    return max(found, key=lambda x: x[0])
+
+
+UNLIKE = "unlike-noise"
+#: Kurtosis, and its standard errors, below which a residual keeps to two sides: less than one of a
+#: thousand joints with Gaussian noise of any colour.
+SWINGS, SURE = -0.6, -2.5
+#: Kurtosis that no wave has.
+SWITCH = -1.6
+#: The same above which it comes in bursts: a tenth of the time then holds more than half of its
+#: square.  Noise of turning encoders reaches 0.9, starts and exact dry friction 3.
+BURSTS, CLEAR = 3.0, 5.0
+#: Kurtosis above which bursts are all that there is.
+ONLY = 10.0
+#: Errors up to so many floors may be called adequate.
+NEAR = 1.25
+#: Parts of a run that have an rms of their own; its growth that is worth a word, and kurtosis.
+PARTS, GROWS, UNEVEN = 6, 2.0, 1.0
+#: Fewer instants tell nothing.
+FEWEST = 200
+#: Autocorrelations counted; share of the time that is called bursts; their length [s].
+LAGS, TENTH, LENGTH = 400, 0.1, 0.25
+#: Instants that are named, and the Fourier transform's padding.
+NAMED, PADDED = 3, 4
+
+
+# ------------------------------------------------------------ unlike noise
+
+
+@dataclass(frozen=True)
+class Unlike:
+    """What is left on one joint, where it is no noise.
+
+    Parameters
+    ----------
+    joint : str
+        Name.
+    kurtosis : float
+        Of the residual; noise has 0.
+    matters : bool
+        Whether it is most of what is left, so that the model is not adequate.
+    text : str
+        One sentence without its full stop.
+    """
+
+    joint: str
+    kurtosis: float
+    matters: bool
+    text: str
+
+
+def unlike(
+    result: FitResult, error: FloatArray, floor: FloatArray, projector: Projector | None = None
+) -> list[Unlike]:
+    """Joints that move, are at their floor, and leave something other than noise.
+
+    Parameters
+    ----------
+    result : FitResult
+        The last fit, of motor efforts; of others nothing is said.
+    error, floor : ndarray (d,)
+        Held-out error and the noise floor it is compared with [N m or N].
+    projector : Projector, optional
+        Of the fit: bursts that are no more than blurred reversals are then left out.
+    """
+    problem, out = result.problem, []
+    moves = ~problem.holds & (error <= NEAR * floor) & (result.model.explains == "motor")
+    for j in np.flatnonzero(moves).tolist():
+        own = _unlike_of(result, j, projector)
+        out += [own] if own else []
+    return out
+
+
+def _unlike_of(result: FitResult, j: int, projector: Projector | None) -> Unlike | None:
+    """What is left on joint j, if it is no noise."""
+    problem, left = result.problem, result.residual[j]
+    raw = _runs(problem, j, left)
+    if not raw:
+        return None
+    (k, se), (whole, _) = _even(raw), kurtosis(np.concatenate(raw))
+    if k > BURSTS and k > CLEAR * se and projector is not None:
+        left = left - blur(result, projector, j).effort
+        raw = _runs(problem, j, left)
+        k, se = _even(raw)
+    joint, rate = problem.joints[j], problem.rate
+    if k < SWINGS and k < SURE * se:
+        return Unlike(joint, k, True, f"{joint}: {_swings(k, [r / _around(r) for r in raw], rate)}")
+    if k > BURSTS and k > CLEAR * se:
+        # where the speed passes a count a row, a coarse encoder bursts
+        if coarse(problem)[j]:
+            return None
+        return Unlike(joint, k, k > ONLY, f"{joint}: {_bursts(problem, j, left, k)}")
+    longest = max(raw, key=len)
+    size = _around(longest)
+    if whole > UNEVEN and size.max() > GROWS * size.min():
+        return Unlike(joint, whole, False, f"{joint}: {_uneven(longest)}")
+    return None
+
+
+def unlike_notes(found: Sequence[Unlike]) -> list[tuple[str, str]]:
+    """Code and sentence of each."""
+    return [(UNLIKE, u.text) for u in found]
+
+
+def kurtosis(r: FloatArray) -> tuple[float, float]:
+    """Excess kurtosis of r (n,) of mean 0, and its standard error for Gaussian noise."""
+    n, r = r.size, r / max(float(np.sqrt(np.mean(r**2))), 1e-300)
+    power = np.abs(np.fft.rfft(r, 2 * n)) ** 2
+    rho = np.clip(np.fft.irfft(power)[1 : min(LAGS, n // 4)] / n, -1.0, 1.0)
+    # k = mean(r^4) - 3,   se = sqrt(24 / n (1 + 2 sum rho^4))
+    return float(np.mean(r**4)) - 3.0, float(np.sqrt(24.0 / n * (1.0 + 2.0 * np.sum(rho**4))))
+
+
+def _runs(problem: Problem, j: int, left: FloatArray) -> list[FloatArray]:
+    """What is left on joint j (n,), run by run, where there is enough of it."""
+    parts = [_residual(problem, j, left, k) for k in range(len(problem.recordings))]
+    return [r for r in parts if r.size >= FEWEST]
+
+
+def _even(runs: list[FloatArray]) -> tuple[float, float]:
+    """Kurtosis over the rms around each instant, and its standard error."""
+    return kurtosis(np.concatenate([r / _around(r) for r in runs]))
+
+
+def _residual(problem: Problem, j: int, left: FloatArray, k: int) -> FloatArray:
+    """What is left on joint j in run k, of mean 0 and rms 1."""
+    r = left[(problem.run == k) & problem.live[j]]
+    out: FloatArray = (r - r.mean()) / max(float(r.std()), 1e-300) if r.size else r
+    return out
+
+
+def _around(r: FloatArray) -> FloatArray:
+    """Rms of r (n,) around each instant, between those of PARTS parts."""
+    edges = np.linspace(0, r.size, PARTS + 1).astype(int)
+    power = [float(np.mean(r[a:b] ** 2)) for a, b in pairwise(edges.tolist())]
+    middle = (edges[1:] + edges[:-1]) / 2
+    out: FloatArray = np.sqrt(np.interp(np.arange(r.size), middle, power))
+    return np.maximum(out, 1e-300)
+
+
+def _swings(k: float, runs: list[FloatArray], rate: float) -> str:
+    """Sentence on a residual of two sides, with its frequency in the thirds of the longest run."""
+    longest = max(runs, key=len)
+    at = [_frequency(part, rate) for part in np.array_split(longest, 3)]
+    where = f"about {at[0]:.2g}, {at[1]:.2g} and {at[2]:.2g} Hz in the thirds of the run"
+    if max(at) < 1.25 * min(at):
+        where = f"about {at[1]:.2g} Hz"
+    does = "switches between two levels" if k < SWITCH else "swings from side to side"
+    return (
+        f"what is left {does}, at {where}, and is no noise (kurtosis {k:.2g}; noise has 0, a wave "
+        "-1.5, a switch -2): something acts there that the motion does not foretell"
+    )
+
+
+def _frequency(r: FloatArray, rate: float) -> float:
+    """Frequency of the strongest wave [Hz]."""
+    size = np.abs(np.fft.rfft((r - r.mean()) * np.hanning(r.size), PADDED * r.size))
+    return float(np.argmax(size) * rate / (PADDED * r.size))
+
+
+def _bursts(problem: Problem, j: int, left: FloatArray, k: float) -> str:
+    """Sentence on a residual that comes in bursts, with where it is largest."""
+    run = int(np.argmax(np.bincount(problem.run)))
+    own = problem.run == run
+    squares = np.sort(left[problem.live[j]] ** 2)[::-1]
+    share = float(squares[: round(TENTH * squares.size)].sum() / squares.sum())
+    when = problem.t[own & problem.live[j]] - float(problem.t[own].min())
+    where = ", ".join(
+        f"{x:.2f}" for x in _largest(_residual(problem, j, left, run), when, problem.rate)
+    )
+    return (
+        f"what is left comes in bursts: a tenth of the time holds {100 * share:.0f} % of its "
+        f"square (kurtosis {k:.2g}; noise has 0 and 44 %). The largest are at {where} s of "
+        f"{problem.recordings[run].name}: look what happens there"
+    )
+
+
+def _uneven(r: FloatArray) -> str:
+    """Sentence on noise that is not of one size throughout."""
+    thirds = [float(np.sqrt(np.mean(x**2))) for x in np.array_split(r, 3)]
+    size = ", ".join(f"{x / thirds[0]:.2g}" for x in thirds)
+    return (
+        f"what is left is like noise, and not of one size: {size} times as large in the thirds of "
+        "the run; standard errors and the floor are of the whole"
+    )
+
+
+def _largest(r: FloatArray, t: FloatArray, rate: float) -> list[float]:
+    """Times of the largest bursts in order, no two within a second."""
+    width = max(round(LENGTH * rate), 1)
+    power, found = np.convolve(r**2, np.ones(width), "same"), list[float]()
+    for i in np.argsort(-power).tolist():
+        if all(abs(t[i] - x) > 1.0 for x in found):
+            found.append(float(t[i]))
+        if len(found) == NAMED:
+            break
+    return sorted(found)

@@ -1,0 +1,291 @@
+"""The verbs of the Python API: fit, compare, diagnose, add, ladder, on recordings and models."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.diagnosis.engine import diagnose
+from hil.diagnosis.evidence import gather
+from hil.diagnosis.heldout import Examiner, settled
+from hil.diagnosis.preconditions import other_robot
+from hil.diagnosis.residual_tests import unlike, unlike_notes
+from hil.diagnosis.residuals import Region, regions, seeming
+from hil.diagnosis.sessions import differences
+from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step
+from hil.diagnosis.verdict import noticed
+from hil.errors import ConfigError, DataError
+from hil.identify.errors import complete
+from hil.identify.fit import fit as fit_problem
+from hil.identify.multistep import MultiStep, both, each
+from hil.identify.problem import Problem
+from hil.identify.result import FitResult
+from hil.identify.threads import single_threaded
+from hil.identify.timing import fit_aligned
+from hil.identify.validity import outside
+from hil.models import catalogue
+from hil.models.model import Range, RobotModel, Use
+from hil.record.checks import Finding as Fault
+from hil.record.checks import check
+from hil.record.recording import Recording
+
+FloatArray = NDArray[np.float64]
+__all__ = ["add", "compare", "diagnose", "fit", "ladder"]
+
+
+# ------------------------------------------------------------ verbs
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison:
+    """A model against measurements.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit.
+    heldout : HeldOut
+        Errors on held-out data.
+    evidence : Evidence
+        Noise floor and candidates.
+    where : dict
+        Regions in which the model fails, by joint.
+    multi_step : MultiStep
+        Short-horizon simulation error.
+    faults : list
+        What `hil info` says of the data.
+    heldout_floor : ndarray (d,) or None
+        Noise floor of the held-out runs themselves.
+    """
+
+    result: FitResult
+    heldout: HeldOut
+    evidence: Evidence
+    where: dict[str, list[Region]]
+    multi_step: MultiStep
+    faults: list[Fault] = field(default_factory=list)
+    heldout_floor: FloatArray | None = None
+    #: What the given model had been identified on.
+    valid: tuple[Range, ...] = ()
+
+    def __repr__(self) -> str:
+        each = zip(self.result.problem.joints, self.heldout.rms / self.noise, strict=True)
+        return f"Comparison(error over noise floor: {', '.join(f'{k} {x:.2f}' for k, x in each)})"
+
+    @property
+    def noise(self) -> FloatArray:
+        """Noise floor that belongs to the held-out errors (d,), as `Diagnosis.noise`."""
+        if self.heldout_floor is not None:
+            return np.minimum(self.heldout_floor, self.heldout.rms)
+        return np.minimum(self.evidence.floor.rms, self.result.rms)
+
+
+def faults_of(recordings: list[Recording]) -> list[Fault]:
+    """Data faults of all runs; the analysis must not go on where one is an error."""
+    return [f for r in recordings for f in check(r)]
+
+
+def make_problem(recordings: list[Recording], model: RobotModel) -> Problem:
+    """Problem of some runs for a model.
+
+    Raises
+    ------
+    DataError
+        If a run has a fault that makes every result worthless (see `hil info`).
+    """
+    errors = [f for f in faults_of(recordings) if f.severity == "error"]
+    if errors:
+        raise DataError(
+            "the recording has faults that make any fit worthless: "
+            + "; ".join(f.text for f in errors[:3])
+            + ". Run 'hil info' on it, mend or cut the recording, then try again."
+        )
+    return Problem(recordings, model.robot, model.explains, model.band)
+
+
+@single_threaded
+def fit(recordings: list[Recording], model: RobotModel) -> FitResult:
+    """Fit all parameters of a model jointly to some runs."""
+    result = complete(fit_problem(make_problem(recordings, model), model))
+    beyond = [("outside-range", text) for text in outside(model.valid, result.problem)]
+    return replace(result, warnings=other_robot(model, recordings) + beyond)
+
+
+@single_threaded
+def compare(
+    recordings: list[Recording], model: RobotModel, holdout: list[Recording] | None = None
+) -> Comparison:
+    """Model against measurement: error, noise floor, where it fails, one-step and multi-step.
+
+    Raises
+    ------
+    DataError
+        If a run has a fault that makes every result worthless, or a held-out run has one, is of
+        another robot, or is one of the fitted ones.
+    """
+    problem = make_problem(recordings, model)
+    examine = Examiner(problem, holdout or [])
+    step = settled(fit_aligned(problem, model), examine, "model")
+    result, heldout = complete(step.result), step.heldout
+    evidence = gather(result)
+    where = regions(result, evidence.floor)
+    beyond = outside(model.valid, problem) + examine.outside(result)
+    faults = [*faults_of(recordings), *(Fault("outside-range", "warning", "", x) for x in beyond)]
+    floor = examine.floor(result, evidence)
+    alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
+    alike.floor = evidence.floor.rms
+    level = evidence.floor.rms if floor is None else floor
+    notes = other_robot(model, recordings) + differences(alike, examine) + noticed(evidence, result)
+    notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))
+    faults += [Fault(code, "warning", "", x) for code, x in notes]
+    out = Comparison(
+        result, heldout, evidence, where, both(result, problem), faults, floor, model.valid
+    )
+    ratio = dict(zip(problem.joints, (heldout.rms / out.noise).tolist(), strict=True))
+    out.faults.extend(Fault(code, "warning", "", x) for code, x in seeming(ratio, where))
+    return out
+
+
+@dataclass(frozen=True, repr=False)
+class Rung:
+    """One model of an error ladder with both of its errors.
+
+    Printed, it is its label and those errors, by joint.
+    """
+
+    step: Step
+    multi_step: MultiStep
+
+    def __repr__(self) -> str:
+        errors = (self.step.heldout.relative, self.multi_step.relative)
+        one, several = (", ".join(f"{x:.2f}" for x in e) for e in errors)
+        return f"Rung({self.step.label}: held-out error {one} %, multi-step error {several} %)"
+
+
+@single_threaded
+def ladder(diagnosis: Diagnosis) -> list[Rung]:
+    """Every accepted step with its multi-step error (motor efforts only)."""
+    steps = diagnosis.ladder
+    if diagnosis.multi_steps is None:
+        results = [s.result for s in steps]
+        diagnosis.multi_steps = each(results, results[0].problem) if results else []
+    return [Rung(s, m) for s, m in zip(steps, diagnosis.multi_steps, strict=True)]
+
+
+@single_threaded
+def add(
+    recordings: list[Recording],
+    model: RobotModel,
+    effect: str,
+    joints: tuple[str, ...] = ("*",),
+    holdout: list[Recording] | None = None,
+) -> tuple[Rung, Rung]:
+    """Add one effect, refit everything, and return the model before and after.
+
+    Raises
+    ------
+    ConfigError
+        If the effect or a joint is unknown, already there, or impossible with these data.
+    """
+    if not isinstance(effect, str):
+        raise ConfigError(
+            f"hil.add takes (recordings, model, effect); effect is {type(effect).__name__}, "
+            "expected its name, e.g. hil.add([run], model, 'stribeck')"
+        )
+    kind = catalogue.get(effect)
+    problem = make_problem(recordings, model)
+    examine = Examiner(problem, holdout or [])
+    before = settled(fit_aligned(problem, model), examine, "before")
+    where = "" if joints == ("*",) else f" on {', '.join(joints)}"
+    joints = _usable(effect, joints, problem)
+    own: dict[str, object] = {"per_run": True} if kind.per_run and len(recordings) > 1 else {}
+    larger = before.result.model + Use(effect, joints, own)
+    after = complete(fit_problem(problem, larger))
+    steps = (before, Step(f"+ {effect}{where}", after, examine(after)))
+    first, second = each([s.result for s in steps], problem)
+    return Rung(steps[0], first), Rung(steps[1], second)
+
+
+def _usable(effect: str, joints: tuple[str, ...], problem: Problem) -> tuple[str, ...]:
+    """Joints among those asked for on which an effect can be fitted to these data."""
+    kind, every = catalogue.get(effect), problem.joints
+    asked = every if joints == ("*",) and not kind.whole_robot else joints
+    reasons = {
+        name: kind.available(problem.motions[0], every.index(name) if name in every else 0)
+        for name in asked
+    }
+    good = tuple(name for name, why in reasons.items() if not why)
+    if not good or (len(good) < len(asked) and joints != ("*",)):
+        why = next(why for why in reasons.values() if why)
+        raise ConfigError(f"effect {effect!r} cannot be fitted to these data: {why}")
+    return joints if len(good) == len(asked) else good
+
+
+# ------------------------------------------------------------ both errors
+
+
+def rising(rungs: list[Rung], factor: float = 1.01) -> list[str]:
+    """Sentences where a step lowers the effort error but the simulated motion gets worse.
+
+    A rise counts from one percent on, and beyond its standard error over the same windows, where
+    no later step takes it back.
+
+    Parameters
+    ----------
+    rungs : list of Rung
+        The ladder.
+    factor : float
+        Rise of the multi-step error that counts.
+    """
+    out = []
+    for before, after in pairwise(rungs):
+        if after.step.result.model.explains != "motor":  # a law of contact has no motion
+            continue
+        for j in range(after.step.result.problem.d):
+            steps = (after.multi_step, rungs[-1].multi_step)
+            if all(m.rises(before.multi_step, j, factor) for m in steps):
+                out.append(_sentence(before, after, j))
+    return out
+
+
+def useless(before: Rung, after: Rung, joints: list[int]) -> list[str]:
+    """Sentences for an effect that lowers no held-out error beyond its standard error.
+
+    Parameters
+    ----------
+    before, after : Rung
+        The model without and with it.
+    joints : list of int
+        Joints that it acts on.
+    """
+    old, new = before.step.heldout, after.step.heldout
+    if any(new.rms[j] < old.rms[j] and new.gain(old, j) > 1.0 for j in joints):
+        return []
+    names, se = after.step.result.problem.joints, new.standard_error()
+    return [
+        f"held-out error of {names[j]} {old.relative[j]:.2f} -> {new.relative[j]:.2f} % "
+        f"(se {se[j]:.2f}): no benefit beyond its standard error"
+        for j in joints
+    ]
+
+
+def _sentence(before: Rung, after: Rung, j: int) -> str:
+    old, new = float(before.multi_step.rms[j]), float(after.multi_step.rms[j])
+    problem = after.step.result.problem
+    joint, unit = problem.joints[j], problem.robot.units[j]
+    errors = [float(r.step.heldout.relative[j]) for r in (before, after)]
+    over = f"simulated position error over {after.multi_step.horizon:g} s"
+    rise = f"{over} rises from {old:.3g} to {new:.3g} {unit} ({100 * (new / old - 1):+.1f} %)"
+    if after.multi_step.lost:
+        rise = f"{over} cannot be told any more: every simulation leaves the recorded range"
+    if errors[1] < 0.99 * errors[0]:
+        return (
+            f"{after.step.label}: the one-step error of {joint} falls but its {rise}; the effect "
+            "helps the effort prediction, not the simulation"
+        )
+    if errors[1] > 1.01 * errors[0]:
+        return f"{after.step.label}: the one-step error of {joint} rises, too, and its {rise}"
+    return f"{after.step.label}: the one-step error of {joint} stays but its {rise}"

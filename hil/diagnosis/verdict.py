@@ -1,0 +1,289 @@
+"""What is said beside a verdict: excuses, notes, common causes, errors, what is left.
+
+Nothing here changes a name or a confidence, nor a verdict but one: an error at its floor that a
+function of positions or speeds foretells on left-out data, or that keeps to two sides as no noise
+does, is not adequate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.diagnosis import artefacts
+from hil.diagnosis.artefacts import returned, shaken, smoothed
+from hil.diagnosis.constants import MATTERS
+from hil.diagnosis.equivalence import unseen
+from hil.diagnosis.heldout import Examiner
+from hil.diagnosis.preconditions import other_robot
+from hil.diagnosis.residual_tests import changes_told, unlike, unlike_notes
+from hil.diagnosis.sessions import differences
+from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe
+from hil.diagnosis.unnamed import explainable, foretold, hidden
+from hil.identify.errors import complete
+from hil.identify.problem import Problem
+from hil.identify.result import FitResult
+from hil.identify.standstill import HELD
+from hil.identify.timing import LATE, late_effort
+from hil.identify.validity import outside
+from hil.models.model import RobotModel
+from hil.record.checks import Finding as Fault
+from hil.record.jumps import described
+from hil.record.recording import Recording
+
+FloatArray = NDArray[np.float64]
+#: Below this share of the excess explained, no name is given.
+EXPLAINED = 0.70
+#: Factor over their own floor from which held-out runs refute a model that nothing was added to:
+#: their floor and their error are each known to a factor of ADEQUATE, and there is chance.
+FAR = 1.25
+
+
+# ------------------------------------------------------------ excuses
+
+
+def of_noise(step: Step, evidence: Evidence, floor: FloatArray) -> NDArray[np.bool_]:
+    """Joints (d,) of which what stands above the floor comes of how the positions are measured.
+
+    Their noise smoothed in the model's load or, where that is little, returned late by the
+    controller; or reversals that their filter blurs.
+    """
+    end, result = step.result.rms, step.result
+    most = EXPLAINED * (end**2 - floor**2)
+    late = (end <= FAR * floor) & (returned(evidence, result) >= most)
+    excused = (
+        (smoothed(evidence, result) >= most)
+        | (artefacts.blurred_parts(evidence, result) >= most)
+        | late
+    )
+    return np.asarray((most > 0.0) & excused)
+
+
+def refuted(step: Step, floor: FloatArray) -> NDArray[np.bool_]:
+    """Joints (d,) where held-out runs are far above their own floor; none without such runs.
+
+    Of motor efforts only: a force sensor's accuracy, which its floor counts, is not known to that.
+    """
+    told = step.heldout.kind == "holdout" and step.result.model.explains == "motor"
+    moves = ~step.result.problem.holds & told
+    return np.asarray(moves & (step.heldout.rms > FAR * floor))
+
+
+def only_there(step: Step, last: Evidence, floor: FloatArray) -> bool:
+    """Whether the fitted runs are down to their floor, and held-out ones far above theirs.
+
+    Something acts where the fitted motion does not go, or the rig has changed.
+    """
+    return last.floor.met(step.result.rms) and bool(np.any(refuted(step, floor)))
+
+
+def rival_name(r: Candidate, c: Candidate, problem: Problem) -> str:
+    """Name of a rival, with its joint where that is what is in doubt."""
+    return describe(r, problem) if r.name == c.name else r.name
+
+
+#: Share of time at standstill that is worth a note.
+STILL = 0.05
+
+
+# ------------------------------------------------------------ notes
+
+
+def notes(result: FitResult, last: Evidence) -> list[tuple[str, str]]:
+    """Notes (code, sentence) on what was not tested, left out, or not determined."""
+    out = [
+        (f"impossible-{name}", f"{name} cannot be tested: {why}") for name, why in last.impossible
+    ]
+    out += _held(result)
+    still = 1.0 - result.problem.count / result.problem.n
+    for j in np.flatnonzero(still > STILL):
+        out.append(
+            (
+                "standstill",
+                f"{result.problem.joints[j]} stands still for {100 * still[j]:.0f} % of the time: "
+                "left out, for static friction balances any effort there",
+            )
+        )
+    for name, v in result.values.items():
+        if v.at_bound:
+            out.append(("at-bound", f"parameter {name} lies on its bound {v.value:g} {v.unit}"))
+    lost = result.not_identifiable()
+    if lost:
+        out.append(
+            (
+                "not-identifiable",
+                f"{len(lost)} parameters are determined only in combination, e.g. "
+                f"{', '.join(lost[:4])}; no prediction of such motions depends on it",
+            )
+        )
+    return out
+
+
+def _held(result: FitResult) -> list[tuple[str, str]]:
+    """Notes on joints that hold their place; one that reads the same throughout may be blind."""
+    problem = result.problem
+    held = [j for j, holds in enumerate(problem.holds) if holds]
+    if not held:
+        return []
+    names = [problem.joints[j] for j in held]
+    dead = [
+        problem.joints[j] for j in held if all(np.ptp(r.q[:, j]) == 0 for r in problem.recordings)
+    ]
+    blind = f"; {', '.join(dead)} never changes by a single count: a brake, or a dead encoder?"
+    text = (
+        f"{', '.join(names)}: only held in place (within {HELD:.0f} steps of the encoder), so "
+        "nothing is named there; diagnose it together with a session that moves it"
+    )
+    return [("holds", text + (blind if dead else ""))]
+
+
+def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
+    """Notes (code, sentence) on values that changed at once and on noise that is no physics."""
+    return (
+        result.problem.notes
+        + late_effort(result.problem)
+        + changes_told(evidence.changes)
+        + shaken(evidence, result)
+        + artefacts.blur_notes(evidence, result)
+    )
+
+
+COMMON = "common-cause"
+#: Spread of times, relative to their mean, within which they are one: late forms differ by as much.
+ALIKE = 0.2
+
+
+# ------------------------------------------------------------ what findings have in common
+
+
+def common(findings: list[Finding], moving: list[str]) -> list[tuple[str, str]]:
+    """Note (code, sentence) where every joint that moves is late by the same time.
+
+    Parameters
+    ----------
+    findings : list of Finding
+        What was named.
+    moving : list of str
+        Joints that move.
+    """
+    late = {f.joint: _lateness(f) for f in findings if f.effect in LATE}
+    if len(moving) < 2 or set(late) != set(moving):
+        return []
+    times = list(late.values())
+    mean = sum(times) / len(times)
+    if max(times) - min(times) > ALIKE * mean:
+        return []
+    text = (
+        f"{', '.join(moving)} are late by the same time, {1e3 * mean:.3g} ms: more likely one "
+        f"cause than {len(late)}, such as efforts and positions that were recorded with different "
+        "clocks, one filter or one bus"
+    )
+    return [(COMMON, text)]
+
+
+def _lateness(f: Finding) -> float:
+    """How late the whole effort acts [s]: a T n, as far as the effect has them."""
+    values = {name.rsplit(".", 1)[-1]: v.value for name, v in f.parameters.items()}
+    return values.get("a", 1.0) * values["T"] * values.get("n", 1.0)
+
+
+def lost_counts(
+    findings: list[Finding], recordings: list[Recording], said: list[tuple[str, str]]
+) -> list[tuple[str, str]]:
+    """Instants and sizes of jumps that are named, unless the checks of the recording gave them."""
+    out = []
+    for f in findings:
+        if f.effect != "missed-counts" or f.joint is None:
+            continue
+        for r in recordings:
+            j = r.joints.index(f.joint)
+            lost = r.jumps[j]
+            text = f"{f.joint}: q{j + 1} {described(r.t, lost)}"
+            if lost.at.size and ("step", text) not in said:
+                out.append(("step", text if len(recordings) == 1 else f"{r.name}, {text}"))
+    return out
+
+
+# ------------------------------------------------------------ after the verdict
+
+
+def finish(
+    out: Diagnosis,
+    examine: Examiner,
+    model: RobotModel,
+    recordings: list[Recording],
+    faults: list[Fault],
+) -> Diagnosis:
+    """The diagnosis with all that is said beside its verdict.
+
+    Parameters
+    ----------
+    out : Diagnosis
+        With its verdict.
+    examine : Examiner
+        Knows the held-out runs.
+    model : RobotModel
+        The model under suspicion.
+    recordings : list of Recording
+        Runs that were fitted.
+    faults : list of Fault
+        What the checks say of them.
+    """
+    result = out.ladder[-1].result
+    out.unseen = unseen(result, out.last)
+    out.valid = model.valid
+    # before the held-out runs are predicted anew: their loads are those of their own fit
+    differ = differences(out, examine)
+    left = outside(model.valid, result.problem) + examine.outside(result)
+    out.warnings += other_robot(model, recordings)
+    out.warnings += [("outside-range", text) for text in left]
+    out.warnings += differ
+    out.warnings += [(f.code, f.sentence) for f in faults]
+    out.warnings += lost_counts(out.findings, recordings, out.warnings)
+    told = {s.joint for s in out.network}
+    out.network += [s for s in explainable(result, out.last.floor) if s.joint not in told]
+    if out.verdict == "adequate":
+        # what is less than efforts are known to needs no explanation
+        falls = foretold(result)
+        if falls is not None:
+            falls = {j: x for j, x in falls.items() if matters(result)[j]}
+        out.beyond = None if falls is None else max([0.0, *falls.values()])
+        out.network = hidden(result, falls or {})
+        if out.network:
+            out.verdict = "unexplained"
+    _with_unlike(out)
+    _with_errors(out)
+    holds = zip(result.problem.joints, result.problem.holds, strict=True)
+    out.warnings += common(out.findings, [name for name, still in holds if not still])
+    return out
+
+
+def _with_unlike(out: Diagnosis) -> None:
+    """What is left where that is no noise; who leaves a wave or a switch is not adequate."""
+    step = out.ladder[-1]
+    found = unlike(step.result, step.heldout.rms, out.noise, out.last.projector)
+    out.warnings += unlike_notes(found)
+    felt = dict(zip(step.result.problem.joints, matters(step.result), strict=True))
+    if out.verdict == "adequate" and any(u.matters and felt[u.joint] for u in found):
+        out.verdict = "unexplained"
+
+
+def matters(result: FitResult) -> NDArray[np.bool_]:
+    """Joints (d,) whose error is more than efforts are known to."""
+    size = result.problem.rms(result.problem.effort)
+    return np.asarray(result.rms > MATTERS * size)
+
+
+def _with_errors(out: Diagnosis) -> None:
+    """Standard errors of every shape value, in the last model and in what was found."""
+    step = out.ladder[-1]
+    out.ladder = [*out.ladder[:-1], replace(step, result=complete(step.result))]
+    values = out.ladder[-1].result.values
+    for kind in ("findings", "partial"):
+        told = [
+            replace(f, parameters={n: values.get(n, v) for n, v in f.parameters.items()})
+            for f in getattr(out, kind)
+        ]
+        setattr(out, kind, told)

@@ -1,0 +1,437 @@
+"""Each learnt effect drawn over the data, against the variable that suits it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.diagnosis.types import Finding
+from hil.identify.design import Term
+from hil.identify.result import FitResult
+from hil.models.contact import penetration
+from hil.report.data import Material
+from hil.report.elements import AFTER, BEFORE, CLOUD, MEASURED, dots, embed, grid, line
+from hil.report.figures import window
+
+FloatArray = NDArray[np.float64]
+
+
+# ------------------------------------------------------------ what an effect contributes
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """A fitted effect on one joint.
+
+    Parameters
+    ----------
+    term : Term
+        With its shape.
+    joint : int
+        Joint that it is drawn for.
+    effort : ndarray (n,)
+        What it contributes.
+    partial : ndarray (n,)
+        Residual of the final model plus that contribution.
+    """
+
+    term: Term
+    joint: int
+    effort: FloatArray
+    partial: FloatArray
+
+
+def learnt(result: FitResult, effect: str, joint: str | None) -> Learnt | None:
+    """Contribution of a fitted effect; None if the final model does not hold it."""
+    problem = result.problem
+    x = result.x.reshape(problem.d, problem.n, -1)
+    for term, where in zip(result.terms, result.slices, strict=True):
+        if term.effect.name != effect or (joint and problem.joints[term.joint] != joint):
+            continue
+        effort = x[:, :, where] @ result.theta[where]
+        j = term.joint
+        if joint is None:
+            j = int(np.argmax(np.sqrt(np.mean(effort**2, axis=1)) / result.sigma))
+        return Learnt(term, j, effort[j], result.residual[j] + effort[j])
+    return None
+
+
+BoolArray = NDArray[np.bool_]
+
+
+# ------------------------------------------------------------ variables
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What an effect is drawn against.
+
+    Parameters
+    ----------
+    x : ndarray (n,)
+        Values.
+    label : str
+        Axis label with unit.
+    edges : ndarray
+        Bins for averages.
+    split : ndarray (n,) of bool or None
+        Two groups that the effect treats differently.
+    groups : tuple of str
+        Their names, first that of ``split`` true.
+    sign : ndarray (n,) or None
+        Effort is multiplied by it, e.g. the direction of motion.
+    log : bool
+        Logarithmic axis.
+    """
+
+    x: FloatArray
+    label: str
+    edges: FloatArray
+    split: BoolArray | None = None
+    groups: tuple[str, str] = ("forward", "backward")
+    sign: FloatArray | None = None
+    log: bool = False
+
+
+def variable_of(result: FitResult, fit: Learnt) -> Variable:
+    """The variable that suits the effect; for a user's effect the one that orders it best."""
+    chosen = CHOICE.get(fit.term.effect.name)
+    if chosen is not None:
+        return chosen(result, fit)
+    options = [speed(result, fit), position(result, fit), load(result, fit)]
+    return max(options, key=lambda v: _ordered(v, fit.effort))
+
+
+def _ordered(v: Variable, effort: FloatArray) -> float:
+    """Share of the effort's variance that lies between the bins of a variable."""
+    where = np.digitize(v.x, v.edges)
+    count = np.maximum(np.bincount(where), 1)
+    mean = np.bincount(where, effort) / count
+    return float(1 - np.mean((effort - mean[where]) ** 2) / max(float(np.var(effort)), 1e-300))
+
+
+def _unit(result: FitResult, j: int) -> str:
+    return result.problem.robot.units[j]
+
+
+def dense_at_zero(x: FloatArray, count: int = 41) -> FloatArray:
+    """Bins over a signed variable, narrow near zero where friction changes fastest."""
+    top = max(float(np.quantile(np.abs(x), 0.998)), 1e-12)
+    u = np.linspace(-1, 1, count)
+    edges: FloatArray = top * np.sign(u) * u**2
+    return edges
+
+
+def _even(x: FloatArray, count: int) -> FloatArray:
+    low, high = np.quantile(x, [0.001, 0.999])
+    return np.linspace(low, max(high, low + 1e-12), count + 1)
+
+
+def speed(result: FitResult, fit: Learnt) -> Variable:
+    """Own speed."""
+    x, j = result.problem.qd[fit.joint], fit.joint
+    return Variable(
+        x, f"speed of {result.problem.joints[j]} [{_unit(result, j)}/s]", dense_at_zero(x)
+    )
+
+
+def _direction(result: FitResult, j: int) -> BoolArray:
+    forward: BoolArray = result.problem.qd[j] > 0
+    return forward
+
+
+def position(result: FitResult, fit: Learnt) -> Variable:
+    """Own position; bins fine enough for the effect's period where it has one."""
+    x, j = result.problem.q[fit.joint], fit.joint
+    periods = fit.term.shape[0] * float(np.ptp(x)) if _periodic(fit.term) else 4.0
+    edges = _even(x, int(np.clip(12 * periods, 40, 300)))
+    label = f"position of {result.problem.joints[j]} [{_unit(result, j)}]"
+    split = _direction(result, j) if fit.term.effect.name == "position-friction" else None
+    return Variable(x, label, edges, split)
+
+
+def _periodic(term: Term) -> bool:
+    return [p.name for p in term.effect.shape] == ["p"] and term.shape[0] > 0
+
+
+def phase(result: FitResult, fit: Learnt) -> Variable | None:
+    """Position within one period of a periodic effect; None for the others."""
+    if not _periodic(fit.term):
+        return None
+    j, length = fit.joint, 1 / fit.term.shape[0]
+    x = np.mod(result.problem.q[j], length)
+    label = f"position within one period of {length:.3g} {_unit(result, j)} [{_unit(result, j)}]"
+    v = position(result, fit)
+    return Variable(x, label, np.linspace(0, length, 25), v.split)
+
+
+def load(result: FitResult, fit: Learnt) -> Variable:
+    """Transmitted load."""
+    problem, j = result.problem, fit.joint
+    x = problem.filtered([m.load for m in problem.motions])[:, j]
+    split = _direction(result, j) if fit.term.effect.family == "friction" else None
+    unit = "N" if _unit(result, j) == "m" else "N m"
+    return Variable(x, f"load on {problem.joints[j]} [{unit}]", _even(x, 40), split)
+
+
+def other_speed(result: FitResult, fit: Learnt) -> Variable:
+    """Speed of the other joint, alone or combined with the own one."""
+    problem, j = result.problem, fit.term.joint
+    k, mode = int(fit.term.shape[0]) - 1, float(fit.term.shape[1])
+    own, other = problem.joints[j], problem.joints[k]
+    unit = f"[{_unit(result, k)}/s]"
+    if fit.term.effect.name == "coupled-transmission":
+        x, sign = problem.qd[j] + mode * problem.qd[k], "+" if mode > 0 else "\u2212"
+        return Variable(
+            x, f"speed of {own} {sign} {abs(mode):g} x speed of {other} {unit}", dense_at_zero(x)
+        )
+    if not mode:
+        return Variable(problem.qd[k], f"speed of {other} {unit}", dense_at_zero(problem.qd[k]))
+    x, sign = problem.qd[j] + mode * problem.qd[k], "+" if mode > 0 else "\u2212"
+    return Variable(x, f"speed of {own} {sign} speed of {other} {unit}", dense_at_zero(x))
+
+
+def depth(result: FitResult, fit: Learnt) -> Variable:
+    """Penetration; pressing and releasing apart."""
+    problem, j = result.problem, fit.joint
+    if not np.isfinite(problem.motions[0].contact[j]).all():
+        return position(result, fit)
+    parts = [penetration(m, j)[0][:, None] for m in problem.motions]
+    x, side = problem.filtered(parts)[:, 0], float(problem.motions[0].contact[j, 1])
+    edges = np.linspace(0, max(float(x.max()), 1e-12), 19)
+    edges[0] = 0.01 * edges[-1]
+    split = side * problem.qd[j] > 0
+    return Variable(x, f"penetration [{_unit(result, j)}]", edges, split, ("pressing", "releasing"))
+
+
+def reversals(result: FitResult, j: int) -> tuple[FloatArray, NDArray[np.int_]]:
+    """Direction of motion and instant of the last reversal, for every instant.
+
+    A reversal counts when the speed exceeds its resolution again; it took place where the
+    speed last had the old sign.
+    """
+    problem = result.problem
+    v, v0 = problem.qd[j], float(problem.motions[0].v0[j])
+    direction, start = np.sign(v), np.zeros(v.size, dtype=int)
+    begin, now = 0, 0.0
+    for k in range(v.size):
+        if k and problem.run[k] != problem.run[k - 1]:
+            begin, now = k, 0.0
+        if abs(v[k]) > v0 and np.sign(v[k]) != now:
+            new = float(np.sign(v[k]))
+            first = k
+            while first > begin and np.sign(v[first - 1]) == new:
+                first -= 1
+            begin, now = first, new
+            direction[first:k], start[first:k] = now, first
+        direction[k], start[k] = now or direction[k], begin
+    return direction, start
+
+
+def displacement(result: FitResult, fit: Learnt) -> Variable:
+    """Displacement since the last reversal, effort along the motion; logarithmic."""
+    problem, j = result.problem, fit.joint
+    q, direction, start = problem.q[j], *reversals(result, j)
+    x = np.abs(q - q[start])
+    low = max(float(fit.term.shape[0]), 1e-3 * float(x.max()), 1e-12)
+    edges = np.geomspace(low, max(float(x.max()), 2 * low), 25)
+    label = f"displacement since reversal [{_unit(result, j)}]"
+    return Variable(np.where(x < low, np.nan, x), label, edges, sign=direction, log=True)
+
+
+def effort_rate(result: FitResult, fit: Learnt) -> Variable:
+    """Rate of change of the motor effort."""
+    problem, j = result.problem, fit.joint
+    x = problem.filtered([np.gradient(m.tau[:, j], m.dt)[:, None] for m in problem.motions])[:, 0]
+    unit = "N/s" if _unit(result, j) == "m" else "N m/s"
+    return Variable(x, f"rate of the motor effort [{unit}]", dense_at_zero(x, 31))
+
+
+def elapsed(result: FitResult, fit: Learnt) -> Variable:
+    """Time since the start of the run; friction along the motion."""
+    problem, j = result.problem, fit.joint
+    along = fit.term.effect.family == "friction"
+    sign = np.sign(problem.qd[j]) if along else None
+    return Variable(
+        problem.t, "time since the start of the run [s]", _even(problem.t, 40), sign=sign
+    )
+
+
+def turn(result: FitResult, fit: Learnt) -> Variable:
+    """Time within one period of a disturbance, of the longest run."""
+    problem, length = result.problem, 1.0 / max(float(fit.term.shape[0]), 1e-9)
+    run = np.argmax(np.bincount(problem.run))
+    x = np.where(problem.run == run, np.mod(problem.t, length), np.nan)
+    label = f"time within one period of {length:.3g} s [s]"
+    return Variable(x, label, np.linspace(0, length, 25))
+
+
+CHOICE: dict[str, Callable[[FitResult, Learnt], Variable]] = {
+    **dict.fromkeys(
+        (
+            "coulomb",
+            "viscous",
+            "stribeck",
+            "asymmetric-coulomb",
+            "asymmetric-viscous",
+            "quadratic-drag",
+        ),
+        speed,
+    ),
+    **dict.fromkeys(
+        (
+            "position-friction",
+            "cogging",
+            "position-torque",
+            "spring",
+            "end-stop",
+            "contact-stiffness",
+        ),
+        position,
+    ),
+    **dict.fromkeys(("contact-damping", "contact-hardening", "contact-hysteresis"), depth),
+    **dict.fromkeys(("load-friction", "torque-gain"), load),
+    **dict.fromkeys(("coupled-friction", "coupled-transmission"), other_speed),
+    **dict.fromkeys(("friction-drift", "force-drift", "missed-counts"), elapsed),
+    "contact-inclusion": depth,
+    "periodic-disturbance": turn,
+    "presliding": displacement,
+    "delay": effort_rate,
+    "filter-lag": effort_rate,
+}
+CLOUD_POINTS, FEWEST, SECONDS = 2500, 6, 3.0
+#: How to read the figure.
+READING = (
+    "Dots: what the rest of the final model leaves over, i.e. its residual plus the effect's "
+    "own part. Circles: their mean in bins (bars: the middle half of the dots). Line: the "
+    "fitted effect, after the same filter. The line should run through the circles."
+)
+
+
+# ------------------------------------------------------------ figure
+
+
+def effect_figure(m: Material, finding: Finding, name: str) -> str:
+    """Partial residual against the variable that suits the effect, the fitted effect on top.
+
+    Parameters
+    ----------
+    m : Material
+        The report's material.
+    finding : Finding
+        Accepted (or partial) effect.
+    name : str
+        Identifier of the figure.
+    """
+    result = m.after.result
+    fit = learnt(result, finding.effect, finding.joint)
+    if fit is None:
+        return ""
+    v, second = variable_of(result, fit), phase(result, fit)
+    loop = finding.effect == "presliding"
+    right = "folded on one period" if second else "loop over position" if loop else "over time"
+    seen = f" on {finding.joint}" if finding.joint else f" (seen on {m.joints[fit.joint]})"
+    fig = grid(1, 2, [finding.effect + seen, right], 330, sideways=0.1)
+    _over(fig, v, fit, 1, True)
+    if second:
+        _over(fig, second, fit, 2, False)
+    else:
+        _over_time(fig, result, fit, loop)
+    along = "effort along the motion" if v.sign is not None else "effort"
+    fig.update_yaxes(title_text=f"{along} [{m.effort_unit(fit.joint)}]", col=1)
+    fig.update_yaxes(title_text=f"effort [{m.effort_unit(fit.joint)}]", col=2)
+    return embed(fig, name, READING)
+
+
+def _over(fig: Any, v: Variable, fit: Learnt, column: int, legend: bool) -> None:
+    put = fig.add_trace
+    sign = 1.0 if v.sign is None else v.sign
+    y, curve = fit.partial * sign, fit.effort * sign
+    inside = np.flatnonzero((v.x >= v.edges[0]) & (v.x <= v.edges[-1]))
+    pick = np.random.default_rng(0).permutation(inside)[:CLOUD_POINTS]
+    put(dots(v.x[pick], y[pick], "data", CLOUD, opacity=0.3, showlegend=legend), row=1, col=column)
+    everything = np.ones(v.x.size, dtype=bool)
+    groups = [(everything, "", AFTER)]
+    if v.split is not None:
+        groups = [(v.split, f" {v.groups[0]}", AFTER), (~v.split, f" {v.groups[1]}", BEFORE)]
+    for which, name, color in groups:
+        _binned(
+            put,
+            v,
+            which,
+            y,
+            curve,
+            (f"mean of data{name}", f"fitted effect{name}"),
+            color,
+            column,
+            legend,
+        )
+    low, high = np.quantile(y[inside], [0.002, 0.998])
+    pad = 0.12 * (high - low)
+    axes = {"type": "log", "exponentformat": "power", "dtick": 1} if v.log else {}
+    fig.update_xaxes(title_text=v.label, **axes, row=1, col=column)
+    fig.update_yaxes(range=[low - pad, high + pad], row=1, col=column)
+
+
+def _binned(
+    put: Any,
+    v: Variable,
+    which: NDArray[np.bool_],
+    y: FloatArray,
+    curve: FloatArray,
+    names: tuple[str, str],
+    color: str,
+    column: int,
+    legend: bool,
+) -> None:
+    """Mean, quartiles and fitted curve in bins."""
+    where = np.digitize(v.x, v.edges) - 1
+    rows = []
+    for k in range(v.edges.size - 1):
+        own = which & (where == k)
+        if np.sum(own) >= FEWEST:
+            q1, q3 = np.quantile(y[own], [0.25, 0.75])
+            rows.append((v.x[own].mean(), y[own].mean(), q1, q3, curve[own].mean()))
+    if not rows:
+        return
+    x, mean, q1, q3, fitted = np.array(rows).T
+    wide = {
+        "type": "data",
+        "symmetric": False,
+        "array": np.maximum(q3 - mean, 0),
+        "arrayminus": np.maximum(mean - q1, 0),
+        "thickness": 0.9,
+        "width": 0,
+        "color": MEASURED,
+    }
+    points = dots(x, mean, names[0], MEASURED, size=5.5, opacity=1, showlegend=legend, error_y=wide)
+    if which.all() or names[0].endswith(("forward", "pressing")):
+        points["marker"]["symbol"] = "circle-open"
+    else:
+        points["marker"]["symbol"] = "square-open"
+    put(points, row=1, col=column)
+    put(line(x, fitted, names[1], color, width=3, showlegend=legend), row=1, col=column)
+
+
+def _over_time(fig: Any, result: FitResult, fit: Learnt, loop: bool) -> None:
+    """A few seconds of the partial residual and the effect: over time, or a loop over position."""
+    problem, put = result.problem, fig.add_trace
+    weight = fit.effort**2
+    if loop:
+        turns = np.diff(np.sign(problem.qd[fit.joint]), prepend=0.0) != 0
+        weight = np.where(turns, 1.0, 0.0)
+    part = window(weight, problem.run, int(SECONDS * problem.rate))
+    time = np.arange(part.stop - part.start) / problem.rate
+    x = problem.q[fit.joint, part] if loop else time
+    put(line(x, fit.partial[part], "data over time", CLOUD, width=1.6), row=1, col=2)
+    put(
+        line(x, fit.effort[part], "fitted effect over time", AFTER, width=2.4, showlegend=False),
+        row=1,
+        col=2,
+    )
+    label = f"position of {problem.joints[fit.joint]} [{problem.robot.units[fit.joint]}]"
+    fig.update_xaxes(title_text=label if loop else "time [s]", row=1, col=2)

@@ -1,0 +1,356 @@
+"""Sentences of a report: verdict, reasons, what to do next and the commands for it."""
+
+from __future__ import annotations
+
+import inspect
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.diagnosis.artefacts import BLURRED, blurred_above
+from hil.diagnosis.constants import ADEQUATE
+from hil.diagnosis.equivalence import CONFIDENT
+from hil.diagnosis.floor import EFFORT_ACCURACY, SENSOR_ACCURACY
+from hil.diagnosis.residual_tests import CHANGED, UNLIKE
+from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
+from hil.diagnosis.types import Finding
+from hil.diagnosis.unnamed import told
+from hil.diagnosis.verdict import COMMON, EXPLAINED, only_there
+from hil.errors import ConfigError
+from hil.models import catalogue
+from hil.models.model import Value
+from hil.models.told import in_words, without_error
+from hil.report.data import COMPARED, Material
+from hil.report.elements import number
+
+FloatArray = NDArray[np.float64]
+#: Colour of the verdict's bar.
+TONES = {
+    "adequate": "#009E73",
+    "missing-effect": "#0072B2",
+    "ambiguous": "#E69F00",
+    "unexplained": "#D55E00",
+    "not-identifiable": "#D55E00",
+    "bad-data": "#D55E00",
+    COMPARED: "#56B4E9",
+}
+ORIGIN = {
+    "repeats": "The motion repeats itself: the floor is what differs between two passes over the "
+    "same motion, which no model of the motion can explain.",
+    "largest-model": "The motion does not repeat itself: the floor is the error, on blocks of time "
+    "left out of the fit, of the largest model at hand (every effect of the catalogue and "
+    "smooth functions of all positions and speeds).",
+}
+#: Codes of warnings that stand beside the verdict.
+LEADING = (DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
+
+
+# ------------------------------------------------------------ verdict
+
+
+def meaning(effect: str) -> str:
+    """One line on an effect, e.g. ``Friction that rises as the speed goes to zero``."""
+    try:
+        return (inspect.getdoc(type(catalogue.get(effect))) or "").split("\n")[0].rstrip(".")
+    except ConfigError:
+        return ""
+
+
+def where(f: Finding) -> str:
+    """E.g. ``stribeck on joint2``."""
+    return f"{f.effect} on {f.joint}" if f.joint else f.effect
+
+
+def listed(names: list[str]) -> str:
+    """Names as a sentence lists them: a, b and c."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def remains(ratios: FloatArray, joints: Sequence[str]) -> str:
+    """What all that was added leaves above the floor; empty if nothing.
+
+    Parameters
+    ----------
+    ratios : ndarray (d,)
+        Held-out error over the noise floor, with everything added.
+    joints : sequence of str
+        Names.
+    """
+    j = int(np.argmax(ratios))
+    if ratios[j] <= ADEQUATE:
+        return ""
+    return (
+        f"With all this added, the error of {joints[j]} is still {ratios[j]:.2f} times the noise "
+        "floor: no effect that the fitted sessions determine accounts for what remains."
+    )
+
+
+def worst(m: Material) -> int:
+    """Joint whose first error stands farthest above its floor."""
+    return int(m.ratio(m.before).argmax())
+
+
+def apart(m: Material) -> list[str]:
+    """Sentences on held-out sessions that differ from the fitted ones."""
+    return _said(m, DIFFER)
+
+
+def changed(m: Material) -> list[str]:
+    """Sentences on values that changed at once."""
+    return _said(m, CHANGED)
+
+
+def unlike(m: Material) -> list[str]:
+    """Sentences on what is left at the floor and is no noise."""
+    return _said(m, UNLIKE)
+
+
+def _said(m: Material, which: str) -> list[str]:
+    return [f"{text}." for code, text in m.warnings if code == which]
+
+
+def tone(m: Material) -> str:
+    """Colour of the verdict's bar."""
+    return TONES["ambiguous" if m.verdict == "adequate" and apart(m) else m.verdict]
+
+
+def headline(m: Material) -> str:
+    """The verdict in one sentence."""
+    names = listed([where(f) for f in m.findings]) if m.findings else ""
+    if m.verdict == "missing-effect":
+        sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
+        perhaps = [where(f) for f in m.findings if f.confidence < CONFIDENT]
+        lead = f"{len(sure)} effects: " if len(sure) > 1 else ""
+        tail = f", and perhaps {listed(perhaps)}" if perhaps else ""
+        return f"The model lacks {lead}{listed(sure)}{tail}."
+    if m.verdict == "ambiguous":
+        return (
+            f"Something is missing, most likely {names}, but these data do not settle which effect "
+            "it is."
+        )
+    if m.verdict == "adequate" and apart(m):
+        return "The model is adequate for what was fitted, but not for the held-out data."
+    if m.verdict == "adequate":
+        errors = dict(zip(m.joints, m.ratio(m.after).tolist(), strict=True))
+        return f"The model is adequate: {explains(blurred_above(m.warnings, errors), 'it')}"
+    if m.verdict == "unexplained":
+        joint = m.joints[m.concerned(1)[0]]
+        if only_there(m.after, m.last, m.floor):
+            return f"The model explains what was fitted, but not {joint} in the held-out data."
+        return f"Something is missing on {joint}, and no effect of the catalogue explains it."
+    if m.verdict == "not-identifiable":
+        return "Nothing can be concluded from these data, neither for nor against the model."
+    if m.verdict == "bad-data":
+        return "The recording has faults; anything fitted to it would be meaningless."
+    j = worst(m)
+    ratio = float(m.ratio(m.before)[j])
+    tail = "all joints are at the noise floor" if ratio <= 1.1 else f"{m.joints[j]} is worst"
+    return f"Held-out error is up to {ratio:.2f} times the noise floor: {tail}."
+
+
+def explains(blurred: bool, model: str) -> str:
+    """What an adequate model explains, whether or not reversals leave an error above its floor."""
+    if blurred:
+        return f"what {model} leaves above the noise floor is at reversals, and no missing physics."
+    return f"{model} explains the data down to the noise floor."
+
+
+def details(m: Material) -> list[str]:
+    """Sentences below the headline: effect, confidence, error before and after, floor."""
+    out = [_finding(m, f) for f in m.findings]
+    out += _said(m, BLURRED) + apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
+    for f in m.partial:
+        out.append(
+            f"Best partial explanation: {where(f)} ({_errors(m, f)}; it accounts for "
+            f"{100 * f.excess_explained:.0f} % of the squared error above the floor, and less "
+            f"than {100 * EXPLAINED:.0f} % is explained in all, so it is not named as the cause)."
+        )
+    if m.findings and (left := remains(m.ratio(m.after), m.joints)):
+        out.append(left)
+    if m.verdict == "not-identifiable" or not m.rungs:
+        out += [text for _, text in m.warnings]
+    if m.rungs and not (m.findings or m.partial or m.verdict == "not-identifiable"):
+        j = worst(m)
+        held, ratio = m.before.heldout, float(m.ratio(m.before)[j])
+        out += [floor_says(m.beyond)] if m.verdict == "adequate" else []
+        out += [f"{line[:1].upper()}{line[1:]}." for line in told(m.network)]
+        out.append(
+            f"Largest error against the floor: {m.joints[j]} with {held.relative[j]:.2f} % of the "
+            f"effort; noise floor {m.relative_floor(j):.2f} % (ratio {ratio:.2f})."
+        )
+    return out
+
+
+def _finding(m: Material, f: Finding) -> str:
+    sure = "" if f.confidence >= CONFIDENT else ", too low to name it as the cause"
+    rivals = f" Rivals with this motion: {', '.join(f.rivals)}." if f.rivals else ""
+    text = meaning(f.effect)
+    return (
+        f"{where(f)[:1].upper()}{where(f)[1:]}{f': {text[:1].lower()}{text[1:]}' if text else ''}. "
+        f"Confidence {_chance(f.confidence)}{sure}. {_errors(m, f).capitalize()}; this explains "
+        f"{100 * f.excess_explained:.0f} % of the squared error above the floor.{rivals}"
+    )
+
+
+def _chance(p: float) -> str:
+    return "above 0.99" if p > 0.99 else f"{p:.2f}"
+
+
+def _errors(m: Material, f: Finding) -> str:
+    text = (
+        f"held-out error {f.relative_before:.2f} % before, {f.relative_after:.2f} % after "
+        f"(standard error {f.se:.2g})"
+    )
+    if f.joint in m.joints:
+        text += f", noise floor {m.relative_floor(m.joints.index(str(f.joint))):.2f} %"
+    return text
+
+
+def origin(m: Material) -> str:
+    """Where the noise floor comes from."""
+    text = ORIGIN.get(m.last.floor.method, m.last.floor.method)
+    share = SENSOR_ACCURACY if m.external else EFFORT_ACCURACY
+    what = "force sensor" if m.external else "measured effort"
+    return f"{text} The accuracy of the {what} ({100 * share:g} % of its rms) is added."
+
+
+def floor_says(beyond: float | None) -> str:
+    """What an error at the floor does not prove, and what any function could still explain."""
+    text = "The floor holds what no candidate explains, too: an error at it is no proof"
+    if beyond is None:
+        return f"{text}."
+    if beyond < 0.005:
+        return f"{text}; no function of a joint's own position and speed would lower the error."
+    return (
+        f"{text}; a function of a joint's own position and speed would lower its error by "
+        f"{100 * beyond:.2g} % at most."
+    )
+
+
+def cell(value: float, floor: float) -> str:
+    """Error in percent with its multiple of the floor."""
+    return f"{number(value)} % ({floor:.2f} x)"
+
+
+def value(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
+    """A parameter, e.g. ``j2.stribeck.fs = 0.031 N m (standard error 0.0007)``."""
+    text = f"{name} = {number(v.value, 4)}" + ("" if v.unit == "1" else f" {v.unit}")
+    said, why = in_words(name, v.value, joints), without_error(name, v)
+    notes = [said] if said else []
+    notes += [f"standard error {number(v.stderr, 2)}"] if v.stderr == v.stderr else []
+    notes += [f"no standard error: {why}"] if why else []
+    return text + (f" ({'; '.join(notes)})" if notes else "")
+
+
+AGAIN = "Diagnose again."
+#: Where what is left acts by itself.
+ELSEWHERE = (
+    "Record this joint at rest with its motor on: what acts by itself (a supply, a neighbouring "
+    "machine, a loop that hunts, a knock) is there, too; take it away there."
+)
+#: Verdict -> what follows from it alone.
+FIXED = {
+    "adequate": [
+        "Use the model within the range of motion that was recorded.",
+        "To be sure beyond it, record faster, slower and wider motion.",
+    ],
+    "unexplained": [
+        "See below where the model fails: there the missing physics sits.",
+        "Record more motion there; if the cause is known, write it as an effect of "
+        "your own (one file) and diagnose again.",
+    ],
+    "not-identifiable": [
+        "Record again as the sentence above says; a fit of these data would "
+        "give numbers without meaning."
+    ],
+    "bad-data": ["Run 'hil info' on the recording; mend, cut or repeat it."],
+    COMPARED: ["Run 'hil diagnose' on the same files to learn which effect is missing."],
+}
+
+
+# ------------------------------------------------------------ what to do
+
+
+def next_steps(m: Material) -> list[str]:
+    """What to do now, in plain words."""
+    named = {f.effect for f in m.findings}
+    rivals = [s for s in m.sets if named & set(s.effects)]
+    motions = [f"{' or '.join(s.effects)}: record {s.experiment}." for s in rivals]
+    if m.verdict == "missing-effect":
+        sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
+        steps = [f"Accept {listed(sure)} as shown below; all parameters are fitted again."]
+        steps += [
+            f"Confirm {where(f)} on a new recording: {shown_by(f.effect)}." for f in m.findings
+        ]
+        return steps
+    if m.verdict in ("adequate", "unexplained") and apart(m):
+        what = ADVICE if any(SAID in x for x in apart(m)) else BOTH
+        return [f"{what}.", AGAIN]
+    if m.verdict == "unexplained" and only_there(m.after, m.last, m.floor):
+        return [f"{BOTH}: what acts there, the fitted motion hardly shows.", AGAIN]
+    if m.verdict == "unexplained" and changed(m):
+        return ["Give what was recorded before and after that instant as two sessions.", AGAIN]
+    if m.verdict == "unexplained" and unlike(m) and not m.network:
+        return [ELSEWHERE, AGAIN]
+    if m.verdict == "ambiguous":
+        wait = "Do not add an effect yet; record the motion that separates the rivals."
+        return [wait, *motions[:3]]
+    return list(FIXED[m.verdict])
+
+
+def shown_by(effect: str) -> str:
+    """Motion that shows an effect."""
+    try:
+        return catalogue.get(effect).shown_by
+    except ConfigError:
+        return "see the effect's own documentation"
+
+
+# ------------------------------------------------------------ commands
+
+
+@dataclass(frozen=True)
+class Files:
+    """What a diagnosis was made from, as it was typed, for the commands that a report suggests.
+
+    Parameters
+    ----------
+    sessions, holdout : tuple of str
+        Sessions that were fitted, and those that were judged on.
+    model : str
+        Model file; empty for the base model of the session's robot.
+    arm : str
+        Arm, if one was named.
+    """
+
+    sessions: tuple[str, ...] = ("SESSION.mcap",)
+    holdout: tuple[str, ...] = ()
+    model: str = "MODEL.toml"
+    arm: str = ""
+
+    def options(self) -> list[str]:
+        """Words of a command line behind the model."""
+        held = [w for h in self.holdout for w in ("--holdout", h)]
+        return [*(["--arm", self.arm] if self.arm else []), "--session", *self.sessions, *held]
+
+    def better(self, k: int) -> str:
+        """Name of the k-th improved model, beside the model or the first session."""
+        return str(Path(self.model or self.sessions[0]).with_suffix(f".plus{k}.toml"))
+
+
+def command(m: Material, files: Files | None = None) -> str:
+    """Commands that add the findings; empty if there is nothing to add."""
+    if m.verdict != "missing-effect":
+        return ""
+    names = files or Files()
+    lines, source = [], names.model
+    for k, f in enumerate(m.findings, 1):
+        words = ["hil", "add", f.effect, *(["--joint", f.joint] if f.joint else [])]
+        words += ["--model", source] if source else []
+        source = names.better(k)
+        lines.append(shlex.join([*words, *names.options(), "-o", source]))
+    return "\n".join(lines)

@@ -1,0 +1,58 @@
+"""Efforts of wrong sign or in swapped columns are bad data, not physics; right ones are not."""
+
+from dataclasses import replace
+
+import compare_plants as plants
+import numpy as np
+import pytest
+
+import hil
+from hil.diagnosis import preconditions
+from hil.record.recording import Recording
+
+
+def two(seed: int = 1) -> Recording:
+    """Two axes of one robot, each with a plant of its own."""
+    a, b = plants.axis(seed), plants.axis(seed + 10, warm=lambda t: 2.0)
+    q, tau = (np.concatenate(x, axis=1) for x in ((a.q, b.q), (a.tau, b.tau)))
+    return replace(a, joints=("joint1", "joint2"), q=q, tau=tau)
+
+
+def said(run: Recording) -> tuple[str, list[tuple[str, str]]]:
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    return d.verdict, d.warnings
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "words"),
+    [
+        (lambda tau: -tau, "sign", "all efforts have the wrong sign"),
+        (lambda tau: tau * [1, -1], "sign", "tau2 (joint2) has the wrong sign"),
+        (lambda tau: tau[:, ::-1], "swapped", "tau1 and tau2 (joint1, joint2) are swapped"),
+    ],
+)
+def test_mistaken_columns_are_bad_data(change, code, words):
+    run = two()
+    verdict, warnings = said(replace(run, tau=np.ascontiguousarray(change(run.tau))))
+    assert verdict == "bad-data"
+    assert [c for c, _ in warnings] == [code] and words in warnings[0][1]
+
+
+def test_one_axis_of_wrong_sign():
+    run = plants.axis(1)
+    verdict, warnings = said(replace(run, tau=-run.tau))
+    assert verdict == "bad-data" and warnings[0][0] == "sign"
+
+
+def test_right_columns_are_not_bad_data():
+    assert said(two())[0] == "adequate"
+    # a large effect is one, not a wrong column
+    assert said(plants.axis(1, extra=lambda t, q, v: 2.0 * np.sin(3 * q)))[0] != "bad-data"
+
+
+def test_friction_that_drives_raises_suspicion_though_free_masses_take_the_sign():
+    run = plants.axis(1)
+    fits = [
+        hil.fit([replace(run, tau=sign * run.tau)], hil.base_model(run.robot)) for sign in (1, -1)
+    ]
+    assert [preconditions.driven(f) for f in fits] == [False, True]

@@ -1,0 +1,89 @@
+"""Two errors side by side: a rise of the simulated one counts beyond one percent and chance."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import hil
+from hil.diagnosis.verbs import rising, useless
+from hil.identify.multistep import MultiStep
+from hil.models.model import base_model
+from hil.report.text import Files, command
+
+
+def multi(power, diverged=0):
+    rms = np.sqrt(np.nanmean(power, axis=0))
+    return MultiStep(0.5, rms, 100 * rms, len(power), diverged, power)
+
+
+def rung(label, power, relative, gain=0.0):
+    heldout = SimpleNamespace(
+        relative=np.array([relative]), rms=np.array([relative]), gain=lambda *_: gain,
+        standard_error=lambda: np.array([0.1]),
+    )  # fmt: skip
+    problem = SimpleNamespace(d=1, joints=("joint1",), robot=SimpleNamespace(units=("rad",)))
+    result = SimpleNamespace(problem=problem, model=SimpleNamespace(explains="motor"))
+    step = SimpleNamespace(label=label, result=result, heldout=heldout)
+    return SimpleNamespace(step=step, multi_step=multi(power))
+
+
+@pytest.mark.parametrize(
+    ("factor", "noise", "warned"),
+    [(1.03, 0.0, True), (1.005, 0.0, False), (1.03, 0.8, False), (1.3, 0.3, True), (0.9, 0, False)],
+)
+def test_a_rise_counts_beyond_one_percent_and_its_standard_error(factor, noise, warned):
+    rng = np.random.default_rng(0)
+    old = 1e-4 * rng.uniform(0.5, 1.5, (60, 1))
+    flip = np.where(np.arange(60) % 2, 1.0, -1.0)[:, None]
+    new = old * factor**2 * (1 + noise * flip)
+    sentences = rising([rung("base", old, 5.0), rung("+ x", new, 4.0)])
+    assert bool(sentences) == warned
+    if warned:
+        assert "+ x" in sentences[0] and "%)" in sentences[0]
+
+
+def test_windows_that_diverged_are_left_out_of_both():
+    old = np.full((10, 1), 1e-4)
+    new = old * 1.1
+    new[3] = np.nan
+    assert multi(new, 1).rises(multi(old), 0, 1.01)
+    assert multi(np.full((10, 1), 1.0), 10).rises(multi(old), 0, 1.01)
+
+
+def test_no_benefit_only_within_the_standard_error():
+    power = np.full((10, 1), 1e-4)
+    before = rung("base", power, 4.21)
+    (said,) = useless(before, rung("+ x", power, 4.25, -0.5), [0])
+    assert "4.21 -> 4.25 %" in said and "no benefit beyond its standard error" in said
+    assert not useless(before, rung("+ x", power, 3.0, 8.0), [0])
+
+
+def test_suggested_commands_name_the_files():
+    finding = SimpleNamespace(effect="stribeck", joint="joint2")
+    found = SimpleNamespace(verdict="missing-effect", findings=[finding, finding])
+    files = Files(("my runs/a.mcap", "b.mcap"), ("h.mcap",), "arm.toml", "follower")
+    first, second = command(found, files).splitlines()
+    assert first == (
+        "hil add stribeck --joint joint2 --model arm.toml --arm follower "
+        "--session 'my runs/a.mcap' b.mcap --holdout h.mcap -o arm.plus1.toml"
+    )
+    assert "--model arm.plus1.toml" in second and "-o arm.plus2.toml" in second
+    alone = command(found, Files(("a.mcap",), (), "")).splitlines()[0]
+    assert alone == "hil add stribeck --joint joint2 --session a.mcap -o a.plus1.toml"
+
+
+def test_both_simulations_of_a_sticking_drive_improve_with_the_missing_effect() -> None:
+    from compare_stiction import stiction_run
+
+    run = stiction_run(4, drag=0.15)
+    model = base_model(run.robot)
+    before, after = hil.add([run], model, "quadratic-drag")
+    for old, new in (
+        (before.multi_step, after.multi_step),
+        (before.multi_step.closed_loop, after.multi_step.closed_loop),
+    ):
+        assert old is not None and new is not None
+        assert not new.diverged
+        assert new.relative[0] < 0.5 * old.relative[0]
+        assert new.relative[0] < 5.0

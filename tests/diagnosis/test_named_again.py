@@ -1,0 +1,97 @@
+"""Names that are looked at again: beside later effects, on the edge of a range, between rivals."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hil.bench import arm
+from hil.bench.diagnosis import judge
+from hil.bench.diagnosis.cases import Case, Hidden
+from hil.diagnosis.engine import diagnose
+from hil.diagnosis.equivalence import sets_of
+from hil.diagnosis.types import ranking
+from hil.identify.problem import Problem
+from hil.identify.projector import within
+from hil.models import catalogue
+from hil.models.model import base_model
+
+
+def named(*hidden: Hidden, noise: str, excitation: str, seed: int) -> dict[str, set[str]]:
+    """Names with their rivals, for effects hidden in a session of the arm."""
+    kind = "one" if len(hidden) == 1 else "two"
+    train, other = judge.recordings(Case(kind, "arm", hidden, noise, excitation, seed))
+    found = diagnose(train, base_model(train[0].robot), other).findings
+    return {f.effect: {f.effect, *f.rivals} for f in found}
+
+
+def test_forms_that_only_a_later_effect_tells_alike_are_rivals():
+    # beside a missing torque over position a lag fits better than the delay that it is
+    late, torque = Hidden("delay", 1, 5.0), Hidden("position-torque", 1, 5.0)
+    found = named(late, torque, noise="white", excitation="strokes", seed=101)
+    assert len(found) == 2 and "position-torque" in found
+    assert any({"delay", "actuator-lag"} <= names for names in found.values())
+
+
+def test_a_later_effect_on_the_joint_may_change_the_name_of_the_first():
+    stop, slow = Hidden("end-stop", 2, 5.0), Hidden("stribeck", 2, 5.0)
+    found = named(stop, slow, noise="coloured", excitation="repeated", seed=100)
+    assert set(found) == {"end-stop", "stribeck"}
+
+
+def test_a_scale_on_the_edge_is_a_name_where_next_to_nothing_is_left():
+    wobble = Hidden("encoder-eccentricity", 0, 5.0)
+    assert set(named(wobble, noise="white", excitation="repeated", seed=0)) == {wobble.effect}
+
+
+@pytest.mark.parametrize("bound", [0.9, 1.1])
+def test_a_coefficient_on_its_bound_is_within_it_in_any_unit(bound: float) -> None:
+    delay = catalogue.get("delay")
+    for unit in np.geomspace(1e-3, 1e3, 997):
+        assert within(delay, np.array([bound * unit]) / unit)
+        assert not within(delay, np.array([bound + np.copysign(1e-6, bound - 1)]))
+
+
+def test_offsets_of_all_joints_are_named_in_their_simplest_form() -> None:
+    # found one after the other, for the joints share their links: at first a torque over
+    # position, which contains an offset, explains more
+    train, other = (arm.simulate(30.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
+    found = diagnose([train], base_model(train.robot), [other])
+    assert {f.joint: f.effect for f in found.findings} == dict.fromkeys(
+        train.joints, "torque-offset"
+    )
+    undecided = [s.why for s in sets_of(found) if s.effects[0] == "torque-offset"]
+    assert all(any(f"of {joint} " in why for why in undecided) for joint in train.joints)
+
+
+def test_of_equal_scores_the_one_with_less_to_fit_comes_first() -> None:
+    scores = ((206178.2, 7), (206164.2, 1), (206211.2, 1), (206204.1, 2), (206900.0, 3))
+    order = sorted(scores, key=lambda x: ranking(SimpleNamespace(score=x[0], dof=x[1])))
+    assert order == [scores[4], scores[2], scores[1], scores[3], scores[0]]
+
+
+@pytest.mark.parametrize("gain", [1.1, 1.25])
+def test_a_gain_of_one_joint_is_not_that_of_the_one_that_fails_most(gain: float) -> None:
+    train, other = (arm.simulate(30.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
+    for run in (train, other):
+        # the last motor gives more than it is told to; the error is largest on the joint before it
+        run.tau[:, 2] /= gain
+    found = diagnose([train], base_model(train.robot), [other])
+    assert found.verdict == "ambiguous"
+    assert {(f.effect, f.joint) for f in found.findings} == {("torque-gain", "fore")}
+    assert found.findings[0].rivals
+    assert np.all(found.ladder[-1].heldout.rms < 1.1 * found.noise)
+
+
+@pytest.mark.parametrize("effect", ["spring", "position-torque"])
+def test_what_does_not_vary_over_the_range_is_an_offset(effect: str) -> None:
+    train = arm.simulate(10.0, 1, False).recording("run")
+    motion = Problem([train], train.robot).motions[0]
+    one, more = catalogue.get(effect), 6 if effect == "position-torque" else 1
+    flat, sure = [0.0005] * more, [1e-4] * more
+    values = [0.1, *flat] if more > 1 else [*flat, 0.1]
+    errors = [1e-4, *sure] if more > 1 else [*sure, 1e-4]
+    assert not one.credible(motion, 0, (), values, errors)
+    # what the data hardly see may vary
+    errors = [1e-4, *([0.1] * more)] if more > 1 else [0.1, 1e-4]
+    assert one.credible(motion, 0, (), values, errors)

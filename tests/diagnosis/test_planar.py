@@ -1,0 +1,81 @@
+"""Gains and offsets of an arm with two joints: what the data cannot tell is said, not guessed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from compare_planar import planar
+
+import hil
+from hil.diagnosis.residual_tests import changes
+from hil.diagnosis.verbs import ladder
+from hil.identify import abreast
+
+
+@pytest.fixture(scope="module")
+def gained():
+    run = planar(1, gain=(1.0, 1.2))
+    return run, hil.diagnose([run], hil.base_model(run.robot))
+
+
+def test_with_nothing_hidden_the_model_is_adequate():
+    run = planar(1)
+    assert hil.diagnose([run], hil.base_model(run.robot)).verdict == "adequate"
+
+
+def test_of_two_joints_each_ones_gain_is_the_others_rival(gained):
+    _, d = gained
+    (f,) = d.findings
+    assert d.verdict == "ambiguous" and f.effect == "torque-gain" and f.confidence == 0.5
+    other = {"shoulder": "elbow", "elbow": "shoulder"}[str(f.joint)]
+    assert f.rivals == [f"torque-gain on {other}"]
+    g = next(v.value for n, v in f.parameters.items() if n.endswith(".g"))
+    assert g == pytest.approx(0.2 if f.joint == "elbow" else 1 / 1.2 - 1, rel=0.05)
+
+
+def test_every_rung_is_simulated_with_its_own_load(gained):
+    run, d = gained
+    last = ladder(d)[-1].multi_step
+    again = hil.compare([run], d.model).multi_step
+    assert last.relative == pytest.approx(again.relative, rel=0.35)
+    assert np.all(last.relative < ladder(d)[0].multi_step.relative)
+
+
+def test_an_offset_is_no_change_at_the_beginning():
+    run = planar(1, offset=(0.3, -0.2))
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    assert not changes(d.ladder[0].result)
+    assert not [text for code, text in d.warnings if code == "changed"]
+
+
+def test_an_offset_in_both_runs_is_no_richer_than_friction_that_differs_by_direction():
+    runs = [planar(k, offset=(0.0, -0.2)) for k in (1, 2)]
+    d = hil.diagnose(runs, hil.base_model(runs[0].robot))
+    (f,) = d.findings
+    assert f.joint == "elbow" and {f.effect, *f.rivals} >= {"torque-offset", "asymmetric-coulomb"}
+    assert f.confidence == pytest.approx(0.5, abs=0.1)
+
+
+def test_exchanged_efforts_are_bad_data():
+    run = planar(1)
+    d = hil.diagnose([replace(run, tau=run.tau[:, ::-1])], hil.base_model(run.robot))
+    assert d.verdict == "bad-data" and "tau1 and tau2 (shoulder, elbow) are swapped" in str(
+        d.warnings
+    )
+
+
+@pytest.mark.parametrize("gain", [(1.0, 1.0), (1.0, 1.2)])
+def test_what_is_found_does_not_depend_on_the_threads(gain, monkeypatch):
+    run = planar(1, gain=gain)
+    with abreast.alone():
+        one = hil.diagnose([run], hil.base_model(run.robot))
+    monkeypatch.setattr(abreast, "LONG", 0)
+    monkeypatch.setattr(abreast, "threads", lambda: 2)
+    two = hil.diagnose([run], hil.base_model(run.robot))
+    assert one.verdict == two.verdict
+    assert [(f.effect, f.joint) for f in one.findings] == [
+        (f.effect, f.joint) for f in two.findings
+    ]
+    for a, b in zip(one.first.candidates, two.first.candidates, strict=True):
+        assert (a.term.key, a.term.shape, a.p_value) == (b.term.key, b.term.shape, b.p_value)
+        assert a.gain == pytest.approx(b.gain, rel=1e-9, abs=1e-9)

@@ -1,0 +1,92 @@
+"""Sessions that differ: which one holds what, and which effect would explain it."""
+
+import pytest
+from compare_axes import session
+
+from hil.commands.compare import text as compared
+from hil.commands.diagnosetext import text
+from hil.diagnosis.engine import diagnose
+from hil.diagnosis.sessions import DIFFER
+from hil.diagnosis.verbs import compare, ladder
+from hil.models.model import base_model
+from hil.report.html import diagnosis_report
+from hil.report.json import diagnosis_json
+
+
+def answer(ours: str, theirs: str):
+    fit, held = session(ours, 1, "monday"), session(theirs, 2, "friday")
+    return diagnose([fit], base_model(fit.robot), [held])
+
+
+def said(d) -> list[str]:
+    return [text for code, text in d.warnings if code == DIFFER]
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "says"),
+    [
+        ("cogging", "", "cogging would explain 100 % of what stands above the noise in monday, and "
+         "friday shows nothing of it"),
+        ("stribeck", "", "stribeck would explain 99 % of what stands above the noise in monday"),
+        ("", "cogging", "cogging would explain 100 % of what stands above the noise in friday, and "
+         "monday shows nothing of it"),
+        ("", "stribeck", "stribeck would explain"),
+        ("", "offset", "torque-offset"),
+        ("offset", "", "torque-offset"),
+        ("", "coulomb", "another j2.coulomb.fc (+0.25 N m) would account for 100 %"),
+        ("", "gain", "all efforts of the joint scaled by 1.15"),
+    ],
+)  # fmt: skip
+def test_what_only_one_session_holds_is_said_with_its_effect(ours, theirs, says):
+    d = answer(ours, theirs)
+    (sentence,) = said(d)
+    assert sentence.startswith("joint2: the sessions differ: ") and says in sentence
+    assert "Give both to the fit" in sentence and "[offsets]" in sentence
+    assert sentence in [w["text"] for w in diagnosis_json(d)["warnings"]]
+    shown = text(d, ladder(d))
+    assert shown.count(sentence) == 1 and shown.index(sentence) < shown.index("held-out error")
+    assert d.verdict in ("adequate", "unexplained")
+    if not ours:
+        assert "but not the held-out data" in shown.split("\n")[0]
+
+
+@pytest.mark.parametrize("law", ["", "cogging"])
+def test_sessions_of_one_rig_do_not_differ(law):
+    assert said(answer(law, law)) == []
+
+
+def test_a_motion_that_says_too_little_is_told_from_another_rig():
+    # the slow session leaves the inertia open; the fast one is the same rig
+    fit, held = session("", 1, "slow", 0.08), session("", 2, "fast")
+    d = diagnose([fit], base_model(fit.robot), [held])
+    assert all("the sessions differ" not in x or "leaves the range of slow" in x for x in said(d))
+    assert any("does not determine what fast needs" in x for x in said(d))
+
+
+def test_what_the_fitted_motion_could_not_show_is_no_difference():
+    # fast strokes hide what happens at low speed
+    fit, held = session("stribeck", 1, "fast", 3.0), session("stribeck", 2, "slow", 0.2)
+    sentences = said(diagnose([fit], base_model(fit.robot), [held]))
+    assert any("the motion of fast could hardly show it" in x for x in sentences)
+    assert all("the sessions differ" not in x for x in sentences)
+
+
+def test_compare_and_the_report_say_it_too(tmp_path):
+    fit, held = session("", 1, "monday"), session("coulomb", 2, "friday")
+    assert "another j2.coulomb.fc" in compared(compare([fit], base_model(fit.robot), [held]))
+    page = tmp_path / "r.html"
+    d = answer("", "coulomb")
+    diagnosis_report(d, page)
+    shown = page.read_text(encoding="utf-8")
+    assert "explains what was fitted, but not joint2 in the held-out data" in shown
+    assert "another j2.coulomb.fc" in shown and "Use the model within the range" not in shown
+
+
+def test_held_out_runs_far_above_their_floor_refute_the_model():
+    assert answer("", "coulomb").verdict == answer("", "gain").verdict == "unexplained"
+    assert answer("", "").verdict == "adequate"
+
+
+def test_without_held_out_sessions_nothing_is_compared():
+    run = session("cogging", 1, "monday")
+    assert said(diagnose([run], base_model(run.robot))) == []

@@ -1,0 +1,83 @@
+"""A drive that sticks at every reversal: standstill must not imitate an effect, nor hide one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from compare_stiction import COULOMB, INERTIA, VISCOUS, stiction_run
+
+from hil.diagnosis.engine import diagnose
+from hil.identify.problem import Problem
+from hil.identify.standstill import standing
+from hil.identify.timing import longest_shift, slow_delay
+from hil.models.model import base_model
+from hil.models.presliding import Presliding
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_sticking_alone_is_no_missing_effect_and_parameters_are_exact(seed: int) -> None:
+    run = stiction_run(seed)
+    out = diagnose([run], base_model(run.robot))
+    assert out.verdict == "adequate", [f.effect for f in out.findings]
+    values = {name: v.value for name, v in out.result.values.items()}
+    assert values["rigid-body.m"] == pytest.approx(INERTIA, rel=0.02)
+    assert values["j1.coulomb.fc"] == pytest.approx(COULOMB, rel=0.01)
+    assert values["j1.viscous.fv"] == pytest.approx(VISCOUS, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [({"drag": 0.15}, "quadratic-drag"), ({"peak": 0.3}, "stribeck")],
+)
+def test_effects_beside_stiction_are_named(change: dict[str, float], name: str) -> None:
+    run = stiction_run(4, **change)  # type: ignore[arg-type]
+    out = diagnose([run], base_model(run.robot))
+    assert [f.effect for f in out.findings] == [name]
+    assert out.verdict == "missing-effect"
+
+
+def test_a_delay_beside_stiction_is_a_delay_or_a_lag() -> None:
+    run = stiction_run(4, late=3)
+    out = diagnose([run], base_model(run.robot))
+    assert len(out.findings) == 1
+    assert "delay" in {out.findings[0].effect, *out.findings[0].rivals}
+    assert {out.findings[0].effect, *out.findings[0].rivals} <= {"delay", "actuator-lag"}
+
+
+def test_standstill_is_found_and_a_smooth_reversal_is_none() -> None:
+    t = np.arange(0, 4, 1e-3)
+    smooth = np.sin(2 * np.pi * t)
+    held = np.where((t > 1) & (t < 1.3), 0.4, smooth)
+    noise = np.random.default_rng(0).normal(size=(t.size, 2)) * 1e-6
+    q = np.stack([smooth, held], axis=1) + noise
+    qdd = -((2 * np.pi) ** 2) * np.stack([smooth, smooth], axis=1)
+    share = standing(q, qdd, 1000.0, 0.03, 60.0).mean(axis=0)
+    assert share[0] < 0.02
+    assert share[1] == pytest.approx(0.3 / 4, abs=0.02)
+
+
+def test_the_slow_motion_measures_a_delay_in_spite_of_the_loop() -> None:
+    run = stiction_run(5, late=3)
+    out = diagnose([run], base_model(run.robot), most=0)
+    late, error = slow_delay(out.result, 0)
+    # three periods of 2 ms, and half of one for the command that is held
+    assert late == pytest.approx(7e-3, abs=max(1e-3, 3 * error))
+    assert late > longest_shift(out.result.problem)
+
+
+def test_presliding_below_the_encoders_count_is_not_proposed() -> None:
+    from dataclasses import replace
+
+    run = stiction_run(6)
+    count = 2 * np.pi / 8192
+    coarse = replace(run, q=np.round(run.q / count) * count)
+    problem = Problem([coarse], coarse.robot)
+    smallest = Presliding().grid(problem.motions[0], 0)[0][0]
+    assert smallest == pytest.approx(2 * count, rel=0.01)
+
+
+def test_a_few_seconds_name_nothing() -> None:
+    run = stiction_run(1, seconds=3.0)
+    out = diagnose([run], base_model(run.robot))
+    assert out.verdict == "not-identifiable"
+    assert "Record 5 s or more" in out.warnings[0][1]

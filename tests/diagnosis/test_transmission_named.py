@@ -1,0 +1,129 @@
+"""Elasticity, lag, ripple and a resonance, hidden in a motor with a link: named, or said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from compare_transmission import LINK, MOTOR, transmission_run
+
+from hil.diagnosis.engine import diagnose
+from hil.models.kernels import lag, softened, sprung
+from hil.models.model import base_model
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("fast", [0.5, 1.0])
+def test_a_rigid_drive_lacks_nothing(seed: int, fast: float) -> None:
+    run = transmission_run(seed, fast=fast)
+    assert diagnose([run], base_model(run.robot)).verdict == "adequate"
+
+
+@pytest.mark.parametrize(
+    ("hidden", "effect", "parameter", "value"),
+    [
+        ({"lag": 0.02}, "actuator-lag", "T", 0.02),
+        ({"lag": 0.05}, "actuator-lag", "T", 0.05),
+        ({"ripple": 0.05}, "torque-ripple", "p", 9 / 6.2832),
+        ({"ripple": 0.15}, "torque-ripple", "p", 9 / 6.2832),
+    ],
+)
+def test_named(hidden: dict[str, float], effect: str, parameter: str, value: float) -> None:
+    run = transmission_run(1, **hidden)
+    d = diagnose([run], base_model(run.robot))
+    assert d.verdict == "missing-effect"
+    assert [f.effect for f in d.findings] == [effect]
+    found = d.findings[0].parameters[f"j1.{effect}.{parameter}"].value
+    assert found == pytest.approx(value, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "resonance"),
+    [({"frequency": 12.0}, 12.0), ({"mode": 0.03, "mode_hz": 15.0}, 15.0)],
+)
+def test_a_resonance_is_found_and_its_two_causes_are_both_said(
+    hidden: dict[str, float], resonance: float
+) -> None:
+    run = transmission_run(2, **hidden)
+    d = diagnose([run], base_model(run.robot))
+    first = d.findings[0]
+    assert d.verdict == "ambiguous"
+    assert {first.effect, *first.rivals} == {"elastic-transmission", "vibration-mode"}
+    assert first.parameters[f"j1.{first.effect}.f"].value == pytest.approx(resonance, rel=0.1)
+
+
+def test_a_mass_that_is_an_eighth_of_the_link_hangs_on_it_and_is_not_the_link() -> None:
+    run = transmission_run(2, mode=0.01)
+    d = diagnose([run], base_model(run.robot))
+    assert [(f.effect, f.rivals) for f in d.findings] == [("vibration-mode", [])]
+    assert d.findings[0].parameters["j1.vibration-mode.f"].value == pytest.approx(9.0, rel=0.02)
+    assert d.findings[0].parameters["j1.vibration-mode.m"].value == pytest.approx(0.01, rel=0.2)
+
+
+def test_a_short_lag_may_be_a_delay() -> None:
+    run = transmission_run(1, lag=0.005)
+    d = diagnose([run], base_model(run.robot))
+    assert d.verdict == "ambiguous"
+    assert {d.findings[0].effect, *d.findings[0].rivals} == {"actuator-lag", "delay"}
+
+
+@pytest.mark.parametrize(("frequency", "harden"), [(15.0, 3.0), (6.0, 3.0)], ids=["stiff", "soft"])
+def test_a_cable_that_stiffens_is_named_and_its_stretch_is_found(
+    frequency: float, harden: float
+) -> None:
+    """The plant's T = k d (1 + h |k d|) is another law: d(T) agrees where the motion was."""
+    run = transmission_run(1, frequency=frequency, harden=harden)
+    d = diagnose([run], base_model(run.robot))
+    (found,) = d.findings
+    assert found.effect == "hardening-cable" and set(found.rivals) <= {"elastic-transmission"}
+    assert found.confidence > 0.75 and found.excess_explained > 0.9
+    values = {k.rsplit(".")[-1]: v.value for k, v in found.parameters.items()}
+    # the rotor lies before the cable: the model's inertia is that of both
+    k0 = (MOTOR + LINK) * (2 * np.pi * values["f"]) ** 2
+    tension = np.array([0.25, 0.5, 1.0, 2.0])
+    stretch = tension / k0 / (1 + tension / values["T0"])
+    soft = LINK * (2 * np.pi * frequency) ** 2
+    true = (np.sqrt(1 + 4 * harden * tension) - 1) / (2 * harden * soft)
+    np.testing.assert_allclose(stretch, true, rtol=0.5)
+
+
+def test_states_follow_their_equations() -> None:
+    t = np.arange(0, 2, 1e-3)
+    u = np.sin(2 * np.pi * 2 * t)
+    s = 2j * np.pi * 2
+    w, zeta, time = 2 * np.pi * 10, 0.3, 0.03
+    one = np.ones(t.size)
+    for y, h in (
+        (lag(u, 1e-3, time), 1 / (1 + time * s)),
+        (
+            sprung(u, one, 1e-3, w**2, 2 * zeta * w)[0],
+            (2 * zeta * w * s + w**2) / (s**2 + 2 * zeta * w * s + w**2),
+        ),
+    ):
+        expected = np.abs(h) * np.sin(2 * np.pi * 2 * t + np.angle(h))
+        assert np.max(np.abs(y - expected)[1000:]) < 0.01
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.6])
+def test_a_link_flies_through_its_play_and_hands_its_momentum_over(friction: float) -> None:
+    """Pushed, then braked with -L: free flight r = (L - F) t^2 / 2 I until the other flank."""
+    n, dt, inertia, width = 400, 1e-3, 0.05, 0.01
+    load = np.where(np.arange(n) < 100, 1.0, -2.0)
+    # stretched by half the width either way, by next to no tension
+    rest, full = np.zeros(n), np.full(n, inertia)
+    passed = softened(load, rest, full, dt, width / 2, 1e-4, 1e-3, friction, 1e-3, 8)
+    flight = np.sqrt(2 * width * inertia / (2.0 - friction))
+    meets = 100 + round(flight / dt)
+    np.testing.assert_allclose(passed[10:98], 1.0, atol=0.02)
+    np.testing.assert_allclose(passed[108 : meets - 3], 0.0, atol=0.05)
+    np.testing.assert_allclose(passed[meets + 6 :], -2.0, atol=0.05)
+    # the speed of the link at the flank, (L - F) t / I, times its inertia
+    blow = np.sum(passed[meets - 3 : meets + 6]) * dt + 2.0 * 6 * dt
+    assert blow == pytest.approx((friction - 2.0) * flight, rel=0.1)
+
+
+@pytest.mark.parametrize("width", [0.01, 0.015])
+def test_backlash_is_named(width: float) -> None:
+    run = transmission_run(3, gravity=0.6, frequency=40.0, zeta=0.3, width=width)
+    d = diagnose([run], base_model(run.robot) + "position-torque")
+    assert d.findings[0].effect == "backlash", [(f.effect, f.confidence) for f in d.findings]
+    assert d.findings[0].parameters["j1.backlash.b"].value == pytest.approx(width, rel=0.4)

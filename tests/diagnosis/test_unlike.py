@@ -1,0 +1,99 @@
+"""What is left at the floor and is no noise: said with what it is like, when and how fast."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import hil
+from hil.commands.compare import text as compared
+from hil.commands.diagnosetext import text
+from hil.diagnosis.residual_tests import BURSTS, CLEAR, SURE, SWINGS, UNLIKE, kurtosis
+from hil.diagnosis.verbs import ladder
+from hil.record.recording import Recording
+from hil.report.html import diagnosis_report
+
+T = np.arange(0.0, 25.0, 0.001)
+
+
+def recorded(extra, seed=1, colour=0.0):
+    """An axis on six tones with dry friction, on which `extra` (n,) acts, too."""
+    rng = np.random.default_rng(seed)
+    tones = np.array([0.08, 0.19, 0.31, 0.53, 1.1, 1.9])
+    size = 0.2 * np.array([1.0, 0.7, 0.35, 0.2, 0.1, 0.05])
+    w, angle = 2 * np.pi * tones, np.outer(T, 2 * np.pi * tones) + rng.uniform(0, 6.28, 6)
+    q, v, a = np.sin(angle) @ size, np.cos(angle) @ (size * w), -np.sin(angle) @ (size * w**2)
+    noise = lfilter([1 - colour], [1, -colour], rng.standard_normal(T.size))
+    tau = 8.0 * a + 6.0 * np.sign(v) + 20.0 * v + extra + noise
+    q = q + 1e-6 * rng.standard_normal(T.size)
+    return Recording("monday", "arm", ("joint1",), T, q[:, None], tau[:, None])
+
+
+def switching(seed):
+    rng = np.random.default_rng(seed)
+    return np.where(np.cumsum(rng.random(T.size) < 0.002) % 2, 1.0, -1.0)
+
+
+def answer(extra, **more):
+    run = recorded(extra, **more)
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    return d, [w for code, w in d.warnings if code == UNLIKE]
+
+
+def test_a_wave_whose_frequency_rises_is_told_with_its_frequencies(tmp_path):
+    d, (said,) = answer(np.sin(2 * np.pi * (2.0 * T + 0.16 * T**2)))
+    assert d.verdict == "unexplained" and not d.findings
+    assert said.startswith("joint1: what is left swings from side to side, at about ")
+    at = [float(x) for x in said.split("about ")[1].split(" Hz")[0].replace("and", ",").split(",")]
+    assert 2.0 < at[0] < 5.0 < at[1] < 8.0 < at[2] < 10.0
+    shown = text(d, ladder(d))
+    assert shown.count(said) == 1 and shown.index(said) < shown.index("held-out error")
+    run = recorded(np.sin(2 * np.pi * (2.0 * T + 0.16 * T**2)))
+    assert said in compared(hil.compare([run], hil.base_model(run.robot)))
+    page = tmp_path / "r.html"
+    diagnosis_report(d, page)
+    html = page.read_text(encoding="utf-8")
+    assert "Something is missing on joint1" in html and "Record this joint at rest" in html
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_torque_that_switches_is_no_noise(seed):
+    d, (said,) = answer(2.5 * switching(seed), seed=seed)
+    assert d.verdict == "unexplained" and "is no noise (kurtosis -1." in said
+
+
+def test_bursts_are_told_with_their_instants_and_leave_the_verdict():
+    rng, extra = np.random.default_rng(3), np.zeros(T.size)
+    at = (3.3, 11.0, 19.7)
+    for x in at:
+        extra += 6.0 * rng.standard_normal(T.size) * np.exp(-(((T - x) / 0.15) ** 2))
+    d, (said,) = answer(extra)
+    assert d.verdict == "adequate" and "comes in bursts" in said
+    told = [float(x) for x in said.split("largest are at ")[1].split(" s of monday")[0].split(",")]
+    assert told == pytest.approx(at, abs=0.3)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.9, 0.99])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_of_noise_of_any_colour_nothing_is_said(colour, seed):
+    d, said = answer(np.zeros(T.size), seed=seed, colour=colour)
+    assert d.verdict == "adequate" and not said
+
+
+@pytest.mark.parametrize("pole", [0.5, 0.9, 0.98])
+def test_bounds_hold_for_gaussian_noise(pole):
+    rng = np.random.default_rng(7)
+    found = []
+    for _ in range(400):
+        r = lfilter([1.0], [1.0, -pole], rng.standard_normal(2000))[100:]
+        found.append(kurtosis((r - r.mean()) / r.std()))
+    k, se = np.array(found).T
+    assert np.mean((k < SWINGS) & (k < SURE * se)) <= 0.005
+    assert np.mean((k > BURSTS) & (k > CLEAR * se)) <= 0.005
+    # the standard error is that of the sample
+    assert np.std(k) == pytest.approx(np.mean(se), rel=0.35)
+
+
+def test_known_distributions():
+    t = np.linspace(0, 1, 5000, endpoint=False)
+    assert kurtosis(np.sqrt(2) * np.sin(2 * np.pi * 40 * t))[0] == pytest.approx(-1.5)
+    assert kurtosis(np.where(t < 0.5, 1.0, -1.0))[0] == pytest.approx(-2.0)

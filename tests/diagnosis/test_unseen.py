@@ -1,0 +1,87 @@
+"""What a motion could not show: computed from it, with a reason, told everywhere."""
+
+import numpy as np
+import pytest
+
+from hil.commands.diagnosetext import text
+from hil.diagnosis.engine import diagnose
+from hil.diagnosis.unnamed import HIDDEN
+from hil.diagnosis.verbs import ladder
+from hil.models.model import base_model
+from hil.record.recording import Recording
+from hil.report.html import diagnosis_report
+from hil.report.json import diagnosis_json
+
+
+def axis(tones, sizes, seconds=20.0, ext=False, low=0.0, noise=0.005):
+    """One axis with Coulomb friction; `low` is a Stribeck peak below 0.03 rad/s."""
+    rng, rate = np.random.default_rng(0), 500.0
+    t = np.arange(int(seconds * rate)) / rate
+    w = 2 * np.pi * np.array(tones)
+    q = (np.array(sizes) * np.sin(np.outer(t, w) + np.arange(len(tones)))).sum(axis=1)
+    v = np.gradient(q, t)
+    tau = 0.05 * np.gradient(v, t) + 0.2 * np.tanh(v / 1e-3) + 0.1 * v
+    tau += low * np.exp(-((v / 0.03) ** 2)) * np.tanh(v / 1e-3)
+    tau += noise * rng.standard_normal(t.size)
+    more = {"tau_ext": 0.5 * np.sin(0.7 * t)[:, None]} if ext else {}
+    if ext:
+        tau -= more["tau_ext"][:, 0]
+    q += 2e-6 * rng.standard_normal(t.size)
+    return Recording("run", "arm", ("joint1",), t, q[:, None], tau[:, None], **more)
+
+
+def answer(run):
+    return diagnose([run], base_model(run.robot))
+
+
+def shown(d):
+    return {e for u in d.unseen for e in u.effects}
+
+
+FAST = axis([0.9, 1.7], [1.2, 0.5])
+SLOW = axis([0.11, 0.23], [0.3, 0.15])
+
+
+def test_fast_motion_hides_friction_that_rises_at_low_speed_only():
+    # 50 % of Coulomb friction within 0.03 rad/s of a motion that goes to 10 rad/s
+    hidden = answer(axis([0.9, 1.7], [1.2, 0.5], low=0.1, noise=0.05))
+    assert hidden.verdict == "adequate"
+    (line,) = [u for u in hidden.unseen if "stribeck" in u.effects]
+    assert "of Coulomb friction" in line.why and "--for stribeck" in line.command
+    assert "stribeck" not in shown(answer(SLOW))
+
+
+def test_few_reversals_hide_what_happens_behind_them():
+    few = answer(axis([0.11], [0.5], seconds=14.0))
+    assert {"presliding", "backlash"} <= shown(few)
+    assert "backlash" not in shown(answer(FAST))
+
+
+def test_an_external_force_that_changes_shows_load_and_gain():
+    without = answer(FAST)
+    assert {"load-friction", "torque-gain", "friction-drift"} <= shown(without)
+    (load,) = [u for u in without.unseen if "load-friction" in u.effects]
+    assert load.command == ""  # nothing that this axis does changes its load
+    pushed = shown(answer(axis([0.9, 1.7], [1.2, 0.5], ext=True)))
+    assert not {"load-friction", "torque-gain"} & pushed
+    assert "friction-drift" not in shown(answer(axis([0.9, 1.7], [1.2, 0.5], seconds=61.0)))
+
+
+def test_it_is_told_with_an_adequate_answer_everywhere(tmp_path):
+    d = answer(FAST)
+    assert d.verdict == "adequate"
+    lines = text(d, ladder(d))
+    assert "What this motion could not show" in lines and d.unseen[0].text in lines
+    data = diagnosis_json(d)
+    told = {e for u in data["could_not_show"] for e in u["effects"]}
+    assert told == shown(d) and all(u["why"] for u in data["could_not_show"])
+    page = tmp_path / "r.html"
+    diagnosis_report(d, page)
+    assert "What this motion could not show" in page.read_text(encoding="utf-8")
+
+
+def test_an_error_at_the_floor_is_called_no_proof():
+    d = answer(FAST)
+    assert d.beyond is not None and 0.0 <= d.beyond < HIDDEN
+    assert "an error at it is no proof" in text(d, ladder(d))
+    assert diagnosis_json(d)["remaining"]["any_function"] == pytest.approx(d.beyond, rel=0.01)

@@ -1,0 +1,78 @@
+"""A model knows what it was identified on, and says when a session leaves that."""
+
+from dataclasses import replace
+
+import compare_plants as plants
+import pytest
+
+import hil
+from hil.errors import ConfigError
+from hil.models.files import read_model, write_model
+from hil.models.model import Range
+from hil.report.json import comparison_json, diagnosis_json
+
+
+def model_of(run, folder):
+    path = folder / "fitted.toml"
+    write_model(hil.fit([run], hil.base_model(run.robot)).model, path)
+    return read_model(path)
+
+
+def codes(rows):
+    return [(w["code"], w["text"]) for w in rows if w["code"] == "outside-range"]
+
+
+def test_range_is_kept_in_the_file_and_holds_for_the_same_motion(tmp_path):
+    run = plants.axis(1)
+    model = model_of(run, tmp_path)
+    (r,) = model.valid
+    assert r.joint == "joint1"
+    assert run.q.min() < r.position[0] < r.position[1] < run.q.max()
+    assert r.speed[0] < -0.5 and r.speed[1] > 0.5 and r.load[1] > 0
+    assert not codes(comparison_json(hil.compare([run], model))["warnings"])
+
+
+def test_wider_and_faster_motion_is_flagged_with_joint_and_size(tmp_path):
+    wide = plants.axis(1)
+    small = wide.slice(0, 3000)  # six of twenty seconds
+    model = model_of(small, tmp_path)
+    said = codes(comparison_json(hil.compare([wide], model))["warnings"])
+    assert said and all("joint1 for " in text and "% of the time" in text for _, text in said)
+    d = hil.diagnose([wide], model)
+    assert codes(diagnosis_json(d)["warnings"]) == said
+    assert d.findings == []
+    fitted = hil.fit([wide], model)
+    assert [text for _, text in fitted.warnings] == [text for _, text in said]
+    # a fit to the wider motion holds there
+    assert not codes(comparison_json(hil.compare([wide], fitted.model))["warnings"])
+
+
+def test_held_out_session_outside_the_fit_is_flagged():
+    wide = plants.axis(1)
+    found = hil.compare([wide.slice(0, 3000)], hil.base_model(wide.robot), [wide])
+    assert any("held-out session" in text for _, text in codes(comparison_json(found)["warnings"]))
+
+
+def test_report_shades_what_is_outside(tmp_path):
+    from hil.report.html import comparison_report
+
+    wide = plants.axis(1)
+    model = model_of(wide.slice(0, 3000), tmp_path)
+    comparison_report(hil.compare([wide], model), tmp_path / "r.html")
+    page = (tmp_path / "r.html").read_text("utf-8")
+    assert "outside the range that the given model was identified on" in page
+    assert "predictions there are extrapolation" in page
+
+
+def test_files_without_a_range_and_with_a_wrong_one(tmp_path):
+    run = plants.axis(1)
+    model = replace(hil.base_model(run.robot), valid=(Range("a joint", (0, 1), (-1, 1), (0, 2)),))
+    path = tmp_path / "m.toml"
+    write_model(model, path)
+    assert read_model(path).valid == model.valid
+    text = path.read_text("utf-8")
+    path.write_text(text[: text.index("[valid")], encoding="utf-8")
+    assert read_model(path).valid == ()
+    path.write_text(text.replace("speed = [-1, 1]", "speed = [1, -1]"), encoding="utf-8")
+    with pytest.raises(ConfigError, match="lowest, highest"):
+        read_model(path)

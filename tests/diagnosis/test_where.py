@@ -1,0 +1,62 @@
+"""Where a model fails: every view finds what was put there, and nothing where nothing is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from compare_stiction import stiction_run
+
+from hil.diagnosis.evidence import gather
+from hil.diagnosis.residuals import lines, path, regions, since_reversal
+from hil.identify.problem import Problem
+from hil.identify.timing import fit_aligned
+from hil.models.model import base_model
+from hil.record.recording import Recording
+
+
+def compared(run: Recording):  # type: ignore[no-untyped-def]
+    model = base_model(run.robot)
+    result = fit_aligned(Problem([run], model.robot), model)
+    return result, gather(result).floor
+
+
+def disturbed(run: Recording, extra: np.ndarray) -> Recording:
+    from dataclasses import replace
+
+    return replace(run, tau=run.tau + extra[:, None])
+
+
+def test_since_reversal_in_time_and_distance() -> None:
+    t = np.arange(8.0)
+    v = np.array([1, 1, 0.01, -0.01, -1, -1, 1, 1.0])
+    run = np.array([0, 0, 0, 0, 0, 0, 1, 1])
+    assert since_reversal(v, 0.1, t, run).tolist() == [0, 1, 2, 3, 0, 1, 0, 1]
+    q = np.array([0, 1, 2, 2, 1, 0, 5, 6.0])
+    assert path(q, run).tolist() == [0, 1, 2, 2, 3, 4, 4, 5]
+    assert since_reversal(v, 0.1, path(q, run), run).tolist() == [0, 1, 2, 2, 0, 1, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("shape", "feature", "low", "high"),
+    [
+        (lambda r: 0.05 * np.sin(2 * np.pi * 3.3 * r.t), "line", 3.25, 3.35),
+        (lambda r: 0.05 * np.sin(2 * np.pi * 2.0 * r.q[:, 0]), "order", 1.8, 2.2),
+        (
+            lambda r: 0.05 * np.sin(2 * np.pi * 2.0 * r.q[:, 0]) * np.sign(np.gradient(r.q[:, 0])),
+            "friction-order", 1.8, 2.2,
+        ),
+    ],
+)  # fmt: skip
+def test_lines_are_found_where_they_were_put(shape, feature, low, high) -> None:  # type: ignore[no-untyped-def]
+    run = stiction_run(1)
+    result, floor = compared(disturbed(run, shape(run)))
+    found = {x.feature: x for x in lines(result, floor, 0)}
+    assert low < found[feature].high < high
+    assert found[feature].text.startswith("joint1: ")
+
+
+def test_a_drag_shows_over_speed_and_nothing_shows_without() -> None:
+    result, floor = compared(stiction_run(1, drag=0.2))
+    assert "speed" in {r.feature for r in regions(result, floor)["joint1"]}
+    result, floor = compared(stiction_run(1))
+    assert regions(result, floor)["joint1"] == []
