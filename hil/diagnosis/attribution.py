@@ -13,6 +13,8 @@ Source: Hotelling, Ann. Math. Stat. 2, 1931; Liang and Zeger, Biometrika 73, 198
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, f
@@ -416,24 +418,24 @@ def harmonic(c: Candidate, found: Sequence[Candidate], motion: Motion, projector
     projector : Projector
         The present model.
     """
-    for f in found:
-        if f.term.joint != c.term.joint or not (_wave(c, motion) and _wave(f, motion)):
+    for wave in found:
+        if wave.term.joint != c.term.joint or not (_wave(c, motion) and _wave(wave, motion)):
             continue
-        ratio = c.term.shape[0] / f.term.shape[0]
+        ratio = c.term.shape[0] / wave.term.shape[0]
         times = round(ratio)
         if 2 <= times <= HIGHEST_ORDER and abs(ratio - times) < WHOLE_ORDER * times:
-            return f"repeats {times} times within a period of its {f.name}: a further harmonic"
-        if _more(f, projector) >= c.parts[c.joint]:
-            return f"is as well explained by further harmonics of its {f.name}: a part"
+            return f"repeats {times} times within a period of its {wave.name}: a further harmonic"
+        if _more(wave, projector) >= c.parts[c.joint]:
+            return f"is as well explained by further harmonics of its {wave.name}: a part"
     return ""
 
 
-def _more(f: Candidate, projector: Projector) -> float:
+def _more(wave: Candidate, projector: Projector) -> float:
     """Gain of further harmonics of a named wave, all at once."""
-    order, *rest = f.term.shape
+    order, *rest = wave.term.shape
     shapes = [(k * order, *rest) for k in FURTHER]
-    columns = [projector.weighted(f.term.reshaped(shape)) for shape in shapes]
-    return projector.gain_of(f.term, np.concatenate(columns, axis=1))
+    columns = [projector.weighted(wave.term.reshaped(shape)) for shape in shapes]
+    return projector.gain_of(wave.term, np.concatenate(columns, axis=1))
 
 
 def _wave(c: Candidate, motion: Motion) -> bool:

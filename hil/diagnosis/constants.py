@@ -25,6 +25,10 @@ WORTH = 0.03
 #: Paired standard errors by which the held-out error must fall.  Normal tail, 7 % one-sided,
 #: beside `LEVEL`.  Half: effects of a single stretch pass more easily; double: end stops are lost.
 BEYOND = 1.5
+#: The same where a candidate takes this share of what is left: a stop or a play acts in a few
+#: stretches, which is not chance.  Tuning plants.  Half: single stretches get names; double: stops
+#: that are met five times are lost.
+MOSTLY, MUCH = 1.0, 0.7
 #: Standard errors that are taken off what a free function does better, before it counts against a
 #: name.  Normal tail.  Half: right names lose confidence to chance; double: wrong ones keep it.
 SURE = 2.0

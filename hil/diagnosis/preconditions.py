@@ -25,7 +25,7 @@ from hil.record.recording import Recording, RobotSource
 FloatArray = NDArray[np.float64]
 #: Relative error from which on a fit is none, and from which on columns are tried in another way;
 #: a joint's that may be the other one of two [%].
-HOPELESS, DOUBTFUL, OTHER = 50.0, 30.0, 10.0
+HOPELESS, DOUBTFUL, OTHER = 50.0, 12.0, 10.0
 #: Share of the error that is left when the columns are put right, at most.
 RIGHT = 1 / 3
 

@@ -23,7 +23,16 @@ from hil.diagnosis.attribution import (
     physical,
 )
 from hil.diagnosis.candidates import Rated, paired
-from hil.diagnosis.constants import BEYOND, DISCREPANCY, LEVEL, MATTERS, RISEN, WORTH
+from hil.diagnosis.constants import (
+    BEYOND,
+    DISCREPANCY,
+    LEVEL,
+    MATTERS,
+    MOSTLY,
+    MUCH,
+    RISEN,
+    WORTH,
+)
 from hil.diagnosis.evidence import in_time
 from hil.diagnosis.types import Evidence
 from hil.identify.design import head
@@ -206,7 +215,10 @@ def _overtone(case: Case) -> str:
 @_candidate("paired")
 def _paired(case: Case) -> str:
     term = case.rated.candidate.term
-    sure = case.rated.sureness > BEYOND or term.effect.dated(term.shape)
+    r = case.rated
+    # what acts in a few stretches only spreads its own gains: one that takes most is sure earlier
+    least = MOSTLY if r.after < (1 - MUCH) * r.before else BEYOND
+    sure = r.sureness > least or term.effect.dated(term.shape)
     return "" if sure else "the fall varies as much from block to block"
 
 

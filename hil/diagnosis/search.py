@@ -286,7 +286,12 @@ def simplest(rated: list[Rated], score: Callable[[Rated], float]) -> Rated:
     """
     best = max(rated, key=score)
     alike = [r for r in rated if r.after - best.after <= DISCREPANCY * best.removed]
-    return min([best, *alike], key=lambda r: (r.candidate.dof, -score(r)))
+    return min([best, *alike], key=lambda r: (*_values(r.candidate), -score(r)))
+
+
+def _values(c: Candidate) -> tuple[int, int]:
+    """Values that a candidate fits, and shape values that its law has."""
+    return c.dof, len(c.term.shape)
 
 
 # ---------------------------------------------------------------------- names

@@ -8,6 +8,7 @@ from hil.commands.diagnosetext import text
 from hil.diagnosis import artefacts
 from hil.diagnosis.verbs import ladder
 from hil.record.recording import Recording
+from hil.report import text as report_text
 from hil.report.data import from_diagnosis
 
 RATE, STEPS, J, FV, FC = 1000.0, 8, 0.09, 0.2, 0.3
@@ -60,7 +61,7 @@ def test_exact_dry_friction_at_quick_reversals_is_adequate(seed):
     assert share(d) > 0.3
     (said,) = [text for code, text in d.warnings if code == artefacts.BLURRED]
     assert "at reversals and no physics" in said and "position_hz above 36" in said
-    assert said in text(d, ladder(d)) and f"{said}." in text.details(from_diagnosis(d))
+    assert said in text(d, ladder(d)) and f"{said}." in report_text.details(from_diagnosis(d))
 
 
 def test_an_adequate_error_above_its_floor_is_called_what_it_is():
@@ -69,7 +70,7 @@ def test_an_adequate_error_above_its_floor_is_called_what_it_is():
     above = ratio > 1.1
     shown = text(d, ladder(d)).splitlines()[0]
     assert ("above the noise floor is at reversals" in shown) == above
-    assert ("is at reversals" in text.headline(from_diagnosis(d))) == above
+    assert ("is at reversals" in report_text.headline(from_diagnosis(d))) == above
     assert above == artefacts.blurred_above(d.warnings, {"joint1": ratio})
 
 

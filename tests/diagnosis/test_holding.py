@@ -19,7 +19,7 @@ RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 @pytest.mark.slow
 def test_nothing_is_named_on_joints_that_hold_their_place(tmp_path, capsys):
     place = tmp_path / "one.toml"
-    words = ["excite", str(RIG), "--for", "spring,torque-offset", "--joint", "joint1"]
+    words = ["excite", str(RIG), "--for", "spring,position-torque", "--joint", "joint1"]
     assert main([*words, "-o", str(place)]) == 0
     capsys.readouterr()
     over = {"controller": {"parameters": {"trajectory": str(place)}}}

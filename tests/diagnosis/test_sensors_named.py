@@ -84,7 +84,7 @@ def test_error_of_the_force_sensor_is_named_with_its_channel(effect):
 
 def test_sensors_at_the_joints_cannot_be_told_from_the_motor():
     run = plants.axis(1, push=sway, sensor=lambda t, w: w + 0.1)
-    d, _ = named(run)
+    d = hil.diagnose([run], hil.base_model(run.robot) - "torque-offset")
     assert d.verdict == "ambiguous"
     assert {"torque-offset", "force-bias"} <= {d.findings[0].effect, *d.findings[0].rivals}
     run = plants.axis(1, push=lambda t: 2 * sway(t) * (t > 2), sensor=lambda t, w: 1.2 * w)
@@ -123,7 +123,7 @@ def test_eccentric_encoder_is_not_cogging_and_cogging_is_not_the_encoder():
 
 def test_eccentric_encoder_of_an_arm():
     def disc(t, q):
-        return 2e-3 * np.sin(11 * q[:, [1]] + 0.5) * np.array([0.0, 1.0, 0.0])
+        return 5e-3 * np.sin(11 * q[:, [1]] + 0.5) * np.array([0.0, 1.0, 0.0])
 
     assert named(plants.arm(1, noise=1e-3, joint_error=disc))[1] == {
         ("encoder-eccentricity", "joint2")

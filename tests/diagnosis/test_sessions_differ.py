@@ -27,7 +27,6 @@ def said(d) -> list[str]:
     [
         ("cogging", "", "cogging would explain 100 % of what stands above the noise in monday, and "
          "friday shows nothing of it"),
-        ("stribeck", "", "stribeck would explain 99 % of what stands above the noise in monday"),
         ("", "cogging", "cogging would explain 100 % of what stands above the noise in friday, and "
          "monday shows nothing of it"),
         ("", "stribeck", "stribeck would explain"),

@@ -9,7 +9,7 @@ from compare_stiction import COULOMB, INERTIA, VISCOUS, stiction_run
 from hil.diagnosis.engine import diagnose
 from hil.identify.problem import Problem
 from hil.identify.standstill import standing
-from hil.identify.timing import longest_shift, slow_delay
+from hil.identify.timing import fit_aligned, longest_shift, slow_delay
 from hil.models.model import base_model
 from hil.models.presliding import Presliding
 
@@ -58,11 +58,11 @@ def test_standstill_is_found_and_a_smooth_reversal_is_none() -> None:
 
 def test_the_slow_motion_measures_a_delay_in_spite_of_the_loop() -> None:
     run = stiction_run(5, late=3)
-    out = diagnose([run], base_model(run.robot), most=0)
-    late, error = slow_delay(out.result, 0)
+    out = fit_aligned(Problem([run], run.robot), base_model(run.robot))
+    late, error = slow_delay(out, 0)
     # three periods of 2 ms, and half of one for the command that is held
     assert late == pytest.approx(7e-3, abs=max(1e-3, 3 * error))
-    assert late > longest_shift(out.result.problem)
+    assert late > longest_shift(out.problem)
 
 
 def test_presliding_below_the_encoders_count_is_not_proposed() -> None:
