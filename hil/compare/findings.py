@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,9 @@ from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.model import Range, RobotModel, Value
+
+if TYPE_CHECKING:
+    from hil.diagnosis.rules import CheckResult
 
 FloatArray = NDArray[np.float64]
 #: A candidate that was accepted, its confidence, and its rivals.
@@ -95,6 +99,10 @@ class Diagnosis:
     unseen: list[Unseen] = field(default_factory=list)
     #: What the given model had been identified on.
     valid: tuple[Range, ...] = ()
+    #: Why an effect was not added to a joint, by effect and joint: the last rule that stopped it.
+    stops: dict[tuple[str, int], CheckResult] = field(default_factory=dict)
+    #: Rules that stopped something -> whether of one thing at least no other rule would have.
+    fired: dict[str, bool] = field(default_factory=dict)
     #: What the data cannot tell apart; made when first asked for (see `tables.sets_of`).
     sets: list[Indistinguishable] | None = field(default=None, init=False)
     #: Simulated errors of the rungs; made when first asked for (see `analysis.ladder`).

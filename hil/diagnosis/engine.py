@@ -91,7 +91,7 @@ def judged(search, named, last, examine, model, recordings, faults) -> Diagnosis
     else:
         verdict = "unexplained" if np.any(above) or partial else "adequate"
     out = Diagnosis(verdict, findings, ladder, first, last, floor, notes(ladder[-1].result, last), partial)
-    out.heldout_floor = other
+    out.heldout_floor, out.stops, out.fired = other, search.stops, search.fired
     return finish(out, examine, model, recordings, faults)
 
 

@@ -84,6 +84,8 @@ def said(d: Diagnosis) -> dict[str, Any]:
             [c.name, c.term.joint + 1, round(c.chi2, 1), c.dof] for c in d.first.candidates[:8]
         ],
         "partial": [[f.effect, f.joint] for f in d.partial],
+        # rules that stopped something, and those that no other rule would have stood in for
+        "fired": sorted(d.fired), "alone": sorted(k for k, sole in d.fired.items() if sole),
         "before": round(steps[0], 3), "after": round(steps[-1], 3),
     }  # fmt: skip
 
