@@ -5,16 +5,21 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hil.commands import infoloop, outputs
-from hil.errors import ConfigError, plural
+from hil.errors import ConfigError, DataError, plural
 from hil.record.checks import Finding, check, columns, joint_units
 from hil.record.reader import ChannelSummary, SessionSummary, load, summary
 from hil.record.recording import Recording
 from hil.record.recovery import recover
+
+if TYPE_CHECKING:
+    from hil.identify.prepare import Prepared
 
 EXAMPLE = "hil info run1.mcap run2.mcap"
 
@@ -64,15 +69,39 @@ def _recover(sessions: list[str], target: Path, as_json: bool) -> int:
     return 0
 
 
-def _session(path: str) -> tuple[SessionSummary, list[tuple[Recording, list[Finding]]]]:
+@dataclass(frozen=True)
+class _Arm:
+    """An arm's recording, its faults, and what the analysis makes of it where it can."""
+
+    recording: Recording
+    faults: list[Finding]
+    prepared: Prepared | None
+    readings: list[tuple[str, str]] = field(default_factory=list)
+
+
+def _session(path: str) -> tuple[SessionSummary, list[_Arm]]:
     found = summary(path)
-    recordings = [load(path, arm) for arm in found.arms]
-    return found, [(r, check(r)) for r in recordings]
+    return found, [_arm(load(path, arm)) for arm in found.arms]
 
 
-def _as_dict(
-    found: SessionSummary, arms: list[tuple[Recording, list[Finding]]]
-) -> dict[str, object]:
+def _arm(r: Recording) -> _Arm:
+    faults = check(r)
+    if any(f.severity == "error" for f in faults):
+        return _Arm(r, faults, None)
+    from hil.identify.prepare import prepared
+
+    told: list[tuple[str, str]] = []
+    try:
+        if any(f.code == "velocity-scale" for f in faults):
+            from hil.identify.readings import reading_notes
+
+            told = reading_notes(r)
+        return _Arm(r, faults, prepared(r), told)
+    except DataError:  # too short for any filter, which the faults say
+        return _Arm(r, faults, None)
+
+
+def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
     return {
         "path": found.path,
         "bytes": found.bytes,
@@ -88,7 +117,7 @@ def _as_dict(
             }
             for c in found.channels
         ],
-        "arms": [_arm_dict(r, faults) for r, faults in arms],
+        "arms": [_arm_dict(arm) for arm in arms],
         "start_ns": found.zero_ns,
         "loop": infoloop.figures(found),
         "metadata": found.metadata,
@@ -96,7 +125,8 @@ def _as_dict(
     }  # fmt: skip
 
 
-def _arm_dict(r: Recording, faults: list[Finding]) -> dict[str, object]:
+def _arm_dict(arm: _Arm) -> dict[str, object]:
+    r = arm.recording
     return {
         "name": r.arm,
         "robot": _robot(r),
@@ -108,8 +138,10 @@ def _arm_dict(r: Recording, faults: list[Finding]) -> dict[str, object]:
         "ranges": {n: [_number(v.min()), _number(v.max())] for n, _, v in columns(r)},
         "faults": [
             {"code": f.code, "severity": f.severity, "joint": f.joint or None, "text": f.text}
-            for f in faults
+            for f in arm.faults
         ],
+        "prepared": arm.prepared.as_dict() if arm.prepared else None,
+        "readings": [{"code": code, "text": text} for code, text in arm.readings],
     }
 
 
@@ -125,7 +157,7 @@ def _robot(r: Recording) -> str:
     return "URDF in the session" if r.robot.urdf else r.robot.preset
 
 
-def _text(found: SessionSummary, arms: list[tuple[Recording, list[Finding]]]) -> str:
+def _text(found: SessionSummary, arms: list[_Arm]) -> str:
     cut = ", cut off" if found.truncated else ""
     lines = [f"{found.path}: {found.bytes / 1e6:.3g} MB{cut}, {infoloop.when(found)}", ""]
     if found.truncated or found.damaged:
@@ -146,8 +178,10 @@ def _text(found: SessionSummary, arms: list[tuple[Recording, list[Finding]]]) ->
     lines += [*_aligned(rows), "", *infoloop.lines(found)]
     if not arms:
         lines += ["  no arm: no /<name>/measured_js channel, so there is nothing to fit", ""]
-    for r, faults in arms:
-        lines += [*_arm_text(r), *_faults_text(faults), ""]
+    for arm in arms:
+        made = [f"  {text}" for text in arm.prepared.sentences] if arm.prepared else []
+        made += [f"  {text}" for _, text in arm.readings]
+        lines += [*_arm_text(arm.recording), *made, *_faults_text(arm.faults), ""]
     return "\n".join(lines)
 
 

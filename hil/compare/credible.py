@@ -79,7 +79,7 @@ def impossible(result: FitResult, effect: str) -> list[str]:
 def _allowed(result: FitResult, term: Term) -> bool:
     """Whether the effect's own law allows its values, in every run that has its own."""
     values = [result.values[n] for n, _ in coefficients(term, result.problem)]
-    runs = len(result.problem.recordings) if term.per_run else 1
+    runs = result.problem.runs if term.per_run else 1
     each = np.array([[v.value, v.stderr] for v in values]).reshape(-1, 2)
     if not len(each):
         return True

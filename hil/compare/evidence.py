@@ -64,7 +64,7 @@ def possible_terms(
             if reason:
                 impossible.setdefault(effect.name, reason)
             else:
-                own = effect.per_run and len(problem.recordings) > 1
+                own = effect.per_run and problem.runs > 1
                 terms.append(Term(effect, j, per_run=own))
     tried = {t.effect.name for t in terms}
     return terms, [(n, why) for n, why in impossible.items() if n not in tried]

@@ -13,6 +13,7 @@ from hil.compare.findings import describe
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.standstill import HELD
+from hil.identify.timing import late_effort
 
 #: Share of time at standstill that is worth a note.
 STILL = 0.05
@@ -68,7 +69,9 @@ def _held(result: FitResult) -> list[tuple[str, str]]:
 
 def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
     """Notes (code, sentence) on values that changed at once and on noise that is no physics."""
-    return told(evidence.changes) + shaken(evidence, result) + blur.notes(evidence, result)
+    before = result.problem.notes + late_effort(result.problem)
+    found = told(evidence.changes) + shaken(evidence, result) + blur.notes(evidence, result)
+    return before + found
 
 
 def emptied(c: Candidate, problem: Problem) -> str:

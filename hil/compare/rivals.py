@@ -79,7 +79,7 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
     contains another and cannot be put aside for its price is as likely as that one.
     """
     logs = [0.0]
-    runs = len(projector.problem.recordings)
+    runs = projector.problem.runs
     for r in rivals:
         # what every run has anew is of one kind: it is no richer for that
         dof, copies = (_once(c, runs) for c in (r, best))

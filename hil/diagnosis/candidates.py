@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hil.compare.candidate import Candidate, try_all
 from hil.diagnosis.folds import Split
+from hil.diagnosis.folds import split as dealt
 from hil.diagnosis.grams import Errors, Group, Table
 from hil.identify.bounds import limits
 from hil.identify.design import Term, block
@@ -36,8 +37,8 @@ class Rated:
     ----------
     candidate : Candidate
         With its shape.
-    errors : Errors
-        Of the model with it.
+    now, errors : Errors
+        Of the model without it and with it.
     fall : ndarray (blocks,)
         Fall of the squared error of its joint, block by block [(N m)^2 or N^2].
     before, after : float
@@ -47,6 +48,7 @@ class Rated:
     """
 
     candidate: Candidate
+    now: Errors
     errors: Errors
     fall: FloatArray
     before: float
@@ -133,7 +135,7 @@ def terms_to_try(
             if reason:
                 impossible.setdefault(effect.name, reason)
             elif j in joints or (effect.of_robot and joints):
-                own = effect.per_run and len(problem.recordings) > 1
+                own = effect.per_run and problem.runs > 1
                 terms.append(Term(effect, j, per_run=own))
     tried = {t.effect.name for t in terms}
     return terms, [(n, why) for n, why in impossible.items() if n not in tried]
@@ -151,26 +153,33 @@ def tried(result: FitResult, terms: Sequence[Term], without: Collection[Key] = (
 
 def rate(
     result: FitResult, split: Split, candidates: Sequence[Candidate],
-    without: Collection[Key] = (), more: Sequence[Group] = (),
-) -> tuple[Table, Errors, list[Rated]]:  # fmt: skip
-    """Held-out worth of candidates beside a fit.
+    without: Collection[Key] = (),
+) -> list[Rated]:  # fmt: skip
+    """Held-out worth of candidates beside a fit, in their order.
 
-    Returns
-    -------
-    Table
-        Of all columns: the model's, the candidates', and `more`.
-    Errors
-        Of the model by itself.
-    list of Rated
-        In the order of the candidates.
+    What has coefficients in every run is judged on blocks of all runs: no run determines those of
+    another one.
     """
-    problem = result.problem
-    base = model_groups(result, without)
-    groups = [*base, *(candidate_group(problem, c) for c in candidates), *more]
-    table = Table(problem, split, result.sigma, groups)
-    keys = [g.key for g in base]
-    now = table.errors(keys)
-    return table, now, [rated(c, table, keys, now) for c in candidates]
+    problem, base = result.problem, model_groups(result, without)
+    keys: list[object] = [g.key for g in base]
+    out: dict[int, Rated] = {}
+    for own in (False, True):
+        some = [c for c in candidates if (c.term.per_run and split.by_run) == own]
+        if not some and own:
+            continue
+        folds = dealt(problem, whole_runs=False) if own else split
+        groups = [*base, *(candidate_group(problem, c) for c in some)]
+        table = Table(problem, folds, result.sigma, groups)
+        now = table.errors(keys)
+        out |= {id(c): rated(c, table, keys, now) for c in some}
+    return [out[id(c)] for c in candidates]
+
+
+def held_out(result: FitResult, split: Split) -> FloatArray:
+    """Residual (d, n) of a fit on blocks that its coefficients were not fitted to."""
+    groups = model_groups(result)
+    table = Table(result.problem, split, result.sigma, groups)
+    return table.left_out([g.key for g in groups])
 
 
 def rated(c: Candidate, table: Table, keys: Sequence[object], now: Errors) -> Rated:
@@ -182,4 +191,13 @@ def rated(c: Candidate, table: Table, keys: Sequence[object], now: Errors) -> Ra
     if c.term.effect.whole_robot:
         j = int(np.argmax((now.power - errors.power) / np.maximum(now.power, 1e-300)))
     fall = now.squared[:, j] - errors.squared[:, j]
-    return Rated(c, errors, fall, float(now.power[j]), float(errors.power[j]), j, partial(table.residual, chosen))
+    return Rated(
+        c,
+        now,
+        errors,
+        fall,
+        float(now.power[j]),
+        float(errors.power[j]),
+        j,
+        partial(table.residual, chosen),
+    )

@@ -7,13 +7,15 @@ what a library's law may miss, the name does not stand.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.grams import Group
 from hil.identify.problem import Problem
+from hil.models.effect import Effect
+from hil.models.kernels import lag
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
@@ -21,29 +23,51 @@ FloatArray = NDArray[np.float64]
 SHRINK = 1e-3
 #: Centres and width of bumps over speed, in units of the rms speed.
 SPEEDS, WIDTH = np.linspace(-2.1, 2.1, 9), 0.45
+#: Bumps over the range of the position, and times in which something follows it [s].
+PLACES, CREEPS = 25, (0.1, 0.4, 1.6, 6.4)
 #: Knots of a slow function of time, a run.
 KNOTS = 8
 Columns = Callable[[Motion, int, FloatArray], FloatArray]
 
 
 def _place(m: Motion, j: int, order: int) -> FloatArray:
-    return np.polynomial.chebyshev.chebvander(np.clip(m.scaled(j), -1.05, 1.05), order)
+    values = np.polynomial.chebyshev.chebvander(np.clip(m.scaled(j), -1.05, 1.05), order)
+    return np.asarray(values, dtype=np.float64)
 
 
 def _bumps(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     v = m.qd[:, j] / rms[j]
-    return np.exp(-0.5 * ((v[:, None] - SPEEDS) / WIDTH) ** 2)
+    return np.asarray(np.exp(-0.5 * ((v[:, None] - SPEEDS) / WIDTH) ** 2))
+
+
+def _places(m: Motion, j: int) -> FloatArray:
+    """Bumps over the position, PLACES of them."""
+    at = np.linspace(-1.0, 1.0, PLACES)
+    return np.exp(-0.5 * ((m.scaled(j)[:, None] - at) * (PLACES - 1) / 2) ** 2)
 
 
 def position(m: Motion, j: int, rms: FloatArray) -> FloatArray:
-    """Any smooth function of the position."""
-    return _place(m, j, 12)[:, 1:]
+    """Any function of the position, a narrow place included."""
+    return np.concatenate([_place(m, j, 6)[:, 1:], _places(m, j)], axis=1)
+
+
+def creep(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """What follows the position slowly: a hose or a cable that creeps."""
+    q = np.ascontiguousarray(m.scaled(j))
+    return np.stack([q - lag(q, m.dt, t) for t in CREEPS], axis=1)
+
+
+def reversal(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Friction that is another one where the joint speeds up than where it slows down."""
+    size = max(float(np.sqrt(np.mean(m.qdd[:, j] ** 2))), 1e-12)
+    side = np.tanh(3 * m.qdd[:, j] / size)[:, None]
+    return np.concatenate([side * _bumps(m, j, rms), m.sign(j)[:, None] * side], axis=1)
 
 
 def position_by_direction(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     """Friction and viscous friction that are any smooth function of the position."""
     place, sign = _place(m, j, 9)[:, 1:], m.sign(j)
-    return np.concatenate([sign[:, None] * place, m.qd[:, j : j + 1] * place[:, :4]], axis=1)
+    return np.concatenate([sign[:, None] * place, m.qd[:, j : j + 1] * place], axis=1)
 
 
 def speed(m: Motion, j: int, rms: FloatArray) -> FloatArray:
@@ -93,6 +117,8 @@ COMPETITORS: dict[str, Columns] = {
     "position, by direction": position_by_direction,
     "speed": speed,
     "position and speed": position_and_speed,
+    "speed and its change": reversal,
+    "slow memory of the position": creep,
     "load": load,
     "time": time,
     "the other joints": other_joints,
@@ -109,3 +135,15 @@ def competitor(problem: Problem, j: int, what: str) -> Group | None:
     columns = problem.gated(raw, j)
     free = np.full(columns.shape[1], np.inf)
     return Group(("free", what, j), j, columns, -free, free, np.zeros(free.size), SHRINK)
+
+
+def foils(problem: Problem, effect: Effect, j: int, shape: Sequence[float]) -> list[Group]:
+    """Columns of laws without a name that come close to an effect (`Effect.foils`)."""
+    laws = [effect.foils(m, j, shape) for m in problem.motions]
+    out = []
+    for k, raw in enumerate(zip(*laws, strict=True)):
+        columns = problem.gated(list(raw), j)
+        free = np.full(columns.shape[1], np.inf)
+        key = ("free", "a law without a name", j, effect.name, k)
+        out.append(Group(key, j, columns, -free, free, np.zeros(free.size)))
+    return out

@@ -18,19 +18,40 @@ LEVEL = 0.01
 #: Share of its own power by which a library law misses a real effect (one number for all).
 #: Tuning plants: residual of the true law beside simulated physics of another form.  Half: more
 #: names for what a first law's form leaves; double: second effects below a fortieth go unnamed.
-DISCREPANCY = 0.01
+DISCREPANCY = 0.0125
 #: Least fall of the held-out rms of a joint that is worth an effect.  Below it the eye sees no
 #: difference in the residual.  Half: more small effects; double: effects of half a floor are lost.
 WORTH = 0.03
 #: Paired standard errors by which the held-out error must fall.  Normal tail, 7 % one-sided,
 #: beside `LEVEL`.  Half: effects of a single stretch pass more easily; double: end stops are lost.
 BEYOND = 1.5
+#: Standard errors that are taken off what a free function does better, before it counts against a
+#: name.  Normal tail of 2 %.  Half: right names lose confidence to chance; double: wrong ones keep it.
+SURE = 2.0
+#: Share of what a name does by which a free function in its place must surely do better, so that
+#: the name does not stand.  Tuning plants: right names are beaten by 0.15 at most, wrong ones by
+#: more.  Half: right names fall; double: laws without a name keep a wrong one.
+BEATEN = 0.2
 #: Paired standard errors from which a held-out error has risen.  Half: rungs are lost to chance;
 #: double: a ladder may rise a little on one joint.
 RISEN = 1.0
 #: Error over the measured noise floor that counts as met.  The floor itself is known to a tenth.
 #: Half: right answers become *unexplained*; double: effects of half a floor are overlooked.
 ADEQUATE = 1.10
+#: Weight from which another effect is a rival that the answer names.  Convention.  Half: longer
+#: sets; double: sets lose the truth more often.
+RIVAL = 0.05
+#: Confidence from which a name is one; a name with rivals and one that stands alone below which it
+#: is none.  Odds of three to one, and even odds.  Half: more names, more of them wrong.
+CONFIDENT, WORTHLESS, ALONE = 0.75, 0.05, 0.5
+#: Share of what can be explained from which names are worth something, and worth all.  Tuning
+#: plants: right and wrong names part between 0.71 and 0.78.  Half: shadows get names.
+HALF, WHOLE = 0.45, 0.80
+#: Standard errors that a share on held-out runs may lack.  Normal tail.
+CHANCE = 2.0
+#: Error of held-out runs over their own floor from which they refute a model that nothing was added
+#: to: floor and error are each known to a tenth, and there is chance.
+FAR = 1.25
 #: Blocks of time into which a recording is dealt, at least and at most.  Fewer: coarse standard
 #: errors; more: blocks shorter than the filter.
 FEWEST, MOST = 24, 96

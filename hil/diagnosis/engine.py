@@ -6,15 +6,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.compare.afterwards import finish
+from hil.compare.candidate import Candidate
 from hil.compare.columns import mistaken
-from hil.compare.evidence import NOTHING
+from hil.compare.evidence import NOTHING, Evidence
 from hil.compare.findings import Diagnosis, Finding, joint_of
 from hil.compare.heldout import Examiner
 from hil.compare.identifiable import undetermined
 from hil.compare.judge import _of_noise, _rival
 from hil.compare.notes import notes
 from hil.compare.settle import settled
-from hil.diagnosis.constants import ADEQUATE, MATTERS
+from hil.diagnosis import external
+from hil.diagnosis.constants import (
+    ADEQUATE,
+    ALONE,
+    CHANCE,
+    CONFIDENT,
+    FAR,
+    HALF,
+    MATTERS,
+    WHOLE,
+    WORTHLESS,
+)  # fmt: skip
 from hil.diagnosis.folds import split
 from hil.diagnosis.search import Named, Search, exchange, shares
 from hil.identify.context import renew
@@ -26,8 +38,8 @@ from hil.record.checks import check
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
-CONFIDENT, ALONE, WORTHLESS = 0.75, 0.5, 0.05
-HALF, WHOLE = 0.45, 0.80
+#: What a name's free functions say: share that it takes, and their variables.
+Shares = dict[tuple[str, int], tuple[float, str]]
 
 
 @single_threaded
@@ -35,86 +47,174 @@ def diagnose(
     recordings: list[Recording], model: RobotModel, holdout: list[Recording] | None = None,
     seed: int = 0,
 ) -> Diagnosis:  # fmt: skip
-    """Find the physical effects that a model lacks."""
+    """Find the physical effects that a model lacks.
+
+    Parameters
+    ----------
+    recordings : list of Recording
+        Runs to fit.
+    model : RobotModel
+        The model under suspicion.
+    holdout : list of Recording, optional
+        Runs that confirm a name and that no rung may raise; blocks of the same runs otherwise.
+    seed : int
+        Of the folds and of the sign flips.
+
+    Returns
+    -------
+    Diagnosis
+        Without a model (an empty ladder) where a run has a fault: verdict ``"bad-data"``.
+
+    Raises
+    ------
+    DataError
+        If no run is given, runs are of different robots, or a held-out run has a fault, is of
+        another robot, or is one of the fitted ones.
+    """
     faults = [f for r in recordings for f in check(r)]
     errors = [(f.code, f.sentence) for f in faults if f.severity == "error"]
     if errors:
         return Diagnosis("bad-data", warnings=errors)
     problem = Problem(recordings, model.robot, model.explains, model.band)
     result = fit_aligned(problem, model)
-    wrong = mistaken(result, recordings)
+    folds = split(problem, seed, not any(t.per_run for t in result.terms))
+    wrong, doubtful = external.doubts(result, folds)
+    wrong += mistaken(result, recordings)
     if wrong:
         return Diagnosis("bad-data", warnings=wrong)
     examine = Examiner(problem, holdout or [])
-    search = Search(problem, split(problem), examine, seed)
-    more = {u.type for u in model.effects} - {*BASE_EFFECTS, "torque-offset"}
-    first = settled(result, examine, "given model" if more else "base model")
+    search = Search(problem, folds, examine, seed)
+    given = {u.type for u in model.effects} - set(BASE_EFFECTS)
+    first = settled(result, examine, "given model" if given else "base model")
     search.rungs.append(search.judged(first.label, first.result))
     reasons = undetermined(first.result)
     if reasons:
-        evidence, _ = search.evidence([])
-        return Diagnosis(
-            "not-identifiable", [], [first], evidence, evidence, evidence.floor.rms, reasons
-        )
+        none, _ = search.evidence([])
+        return Diagnosis("not-identifiable", [], [first], none, none, none.floor.rms, reasons)
     search.forward()
     named = exchange(search)
     renew(search.now.result)
-    last = search.last
-    if search.found:
-        last, _ = search.evidence([])
-        last, _ = search.evidence([j for j in range(problem.d) if not problem.holds[j]])
-    return judged(search, named, last or NOTHING, examine, model, recordings, faults)
-
-
-def judged(search, named, last, examine, model, recordings, faults) -> Diagnosis:
-    """Verdict."""
-    problem, ladder = search.problem, [r.step for r in search.rungs]
-    first = search.first
-    floor = np.minimum(last.floor.rms, ladder[-1].result.rms)
-    heldout_floor = examine.floor(ladder[-1].result, last)
-    renew(ladder[-1].result)
-    other = None if heldout_floor is None else np.minimum(heldout_floor, ladder[-1].heldout.rms)
-    share = shares(search) if named else {}
-    all_findings = [finding(n, search, floor, other, share) for n in named]
-    partial = [f for f in all_findings if f.confidence < (WORTHLESS if f.rivals else ALONE)]
-    findings = [f for f in all_findings if f not in partial]
-    size = problem.rms(problem.effort)
-    end = ladder[-1].result.rms
-    excess = np.sqrt(np.maximum(end**2 - floor**2, 0.0))
-    above = ~problem.holds & (end > ADEQUATE * floor) & (excess > MATTERS * size)
-    above &= ~_of_noise(ladder[-1], last, floor)
-    if other is not None and not named:
-        above |= ~problem.holds & (ladder[-1].heldout.rms > 1.25 * heldout_floor) & (np.sqrt(np.maximum(ladder[-1].heldout.rms**2 - heldout_floor**2, 0.0)) > MATTERS * size)
-    if findings:
-        sure = max(findings, key=lambda f: f.excess_explained).confidence >= CONFIDENT
-        verdict = "missing-effect" if sure else "ambiguous"
-    else:
-        verdict = "unexplained" if np.any(above) or partial else "adequate"
-    out = Diagnosis(verdict, findings, ladder, first, last, floor, notes(ladder[-1].result, last), partial)
-    out.heldout_floor, out.stops, out.fired = other, search.stops, search.fired
+    out = judged(search, named, _last(search))
+    out.warnings = without_robot(problem) + doubtful + out.warnings
+    out.stops, out.fired = search.stops, search.fired
     return finish(out, examine, model, recordings, faults)
 
 
-def finding(n: Named, search: Search, floor, other, share) -> Finding:
+def without_robot(problem: Problem) -> list[tuple[str, str]]:
+    """Warning where several joints have no geometry: nothing couples them in the model."""
+    if problem.d == 1 or problem.source.urdf or problem.source.preset not in ("", "single-axis"):
+        return []
+    text = (
+        f"{problem.d} joints without a robot description: gravity, couplings and kinematics are "
+        "not in the model, and a name may stand for one of them; give --robot ARM.urdf"
+    )
+    return [("no-geometry", text)]
+
+
+def _last(search: Search) -> Evidence:
+    """Evidence beside the last model."""
+    if not search.found:
+        return search.last or NOTHING
+    search.first, first = None, search.first  # the floor of the last model is its own
+    last, _ = search.evidence(np.flatnonzero(~search.problem.holds).tolist())
+    search.first = first
+    return last
+
+
+def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
+    """Findings that stand, and the verdict over all joints.
+
+    Parameters
+    ----------
+    search : Search
+        With its rungs.
+    named : list of Named
+        Effects of the last model.
+    last : Evidence
+        Beside the last model.
+    """
+    ladder, end = [r.step for r in search.rungs], search.now.result
+    floor = np.minimum(last.floor.rms, end.rms)
+    there = search.examine.floor(end, last)
+    renew(end)
+    other = None if there is None else np.minimum(there, ladder[-1].heldout.rms)
+    taken = shares(search)
+    every = [finding(n, search, floor, other, taken) for n in named]
+    partial = [f for f in every if f.confidence < (WORTHLESS if f.rivals else ALONE)]
+    findings = [f for f in every if f not in partial]
+    verdict = _verdict(findings, partial, bool(np.any(above(search, last, there, named))))
+    out = Diagnosis(
+        verdict, findings, ladder, search.first or last, last, floor, notes(end, last), partial
+    )
+    out.heldout_floor = other
+    return out
+
+
+def _verdict(findings: list[Finding], partial: list[Finding], remains: bool) -> str:
+    """The word for an answer; `remains`: an error of practical size above the floor."""
+    if findings:
+        sure = max(findings, key=lambda f: f.excess_explained).confidence >= CONFIDENT
+        return "missing-effect" if sure else "ambiguous"
+    return "unexplained" if remains or partial else "adequate"
+
+
+def above(
+    search: Search, last: Evidence, there: FloatArray | None, named: list[Named]
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Joints (d,) whose error is above the noise floor by more than efforts are known to."""
+    problem, step = search.problem, search.now.step
+    size, rms = problem.rms(problem.effort), step.result.rms
+    floor = np.minimum(last.floor.rms, rms)
+    out = (rms > ADEQUATE * floor) & (rms**2 - floor**2 > (MATTERS * size) ** 2)
+    out &= ~_of_noise(step, last, floor)
+    if there is not None and not named:
+        held = step.heldout.rms
+        out |= (held > FAR * there) & (held**2 - there**2 > (MATTERS * size) ** 2)
+    return np.asarray(out & ~problem.holds)
+
+
+def finding(
+    n: Named, search: Search, floor: FloatArray, other: FloatArray | None, taken: Shares
+) -> Finding:
+    """One effect of the last model, with what it explains and how sure its name is."""
     problem, c, j = search.problem, n.candidate, n.candidate.joint
     rungs = search.rungs
-    ladder = [r.step for r in rungs]
-    k = next((i for i, r in enumerate(rungs) if any(a.term.key == c.term.key for a in r.added)), len(rungs) - 1)
-    before, after = ladder[max(k - 1, 0)], ladder[k]
-    values = ladder[-1].result.values
-    start, end = search.rungs[0], search.now
-    base = min(float(floor[j]), float(end.result.rms[j])) ** 2
-    whole = (start.result.rms[j] ** 2 - end.result.rms[j] ** 2) / max(start.result.rms[j] ** 2 - base, 1e-300)
-    least_share = min(share.get(j, (1.0, ""))[0], float(whole))
-    worth = np.clip((least_share - HALF) / (WHOLE - HALF), 0.0, 1.0)
+    k = next((k for k, r in enumerate(rungs) if c.term.key in r.keys), len(rungs) - 1)
+    before, after = rungs[max(k - 1, 0)].step, rungs[k].step
+    share = min(
+        taken.get(c.term.key, (1.0, ""))[0], here(search, j, floor), there(search, c, other)
+    )
+    worth = float(np.clip((share - HALF) / (WHOLE - HALF), 0.0, 1.0))
     head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
-    one = [(s.result if other is None else s.heldout).rms[j] ** 2 for s in (before, after, ladder[0])]
+    one = [
+        float((s.result if other is None else s.heldout).rms[j] ** 2)
+        for s in (before, after, rungs[0].step)
+    ]
     least = float((floor if other is None else other)[j]) ** 2
-    explained = float((one[0] - one[1]) / max(one[2] - least, 1e-300))
+    explained = (one[0] - one[1]) / max(one[2] - least, 1e-300)
     return Finding(
-        c.name, joint_of(c, problem), round(float(n.confidence * worth), 3),
+        c.name, joint_of(c, problem), round(n.confidence * worth, 3),
         float(before.heldout.relative[j]), float(after.heldout.relative[j]),
         float(after.heldout.standard_error()[j]), float(np.clip(explained, 0.0, 1.0)),
-        {k2: v for k2, v in values.items() if k2.startswith(head)},
+        {name: v for name, v in search.now.result.values.items() if name.startswith(head)},
         list(dict.fromkeys(_rival(r, c, problem) for r in n.rivals)),
-    )
+    )  # fmt: skip
+
+
+def here(search: Search, j: int, floor: FloatArray) -> float:
+    """Share of joint j's excess over its floor that all its names take, on the fitted runs."""
+    first, last = search.rungs[0].result.rms[j] ** 2, search.now.result.rms[j] ** 2
+    excess = first - min(float(floor[j]) ** 2, float(last))
+    return float((first - last) / max(excess, 1e-300))
+
+
+def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
+    """The same on the held-out runs, at most.
+
+    1 without such runs, and of what acts at instants of the fitted runs alone.
+    """
+    last, j = search.now.step.heldout, c.joint
+    if floor is None or last.rms[j] <= ADEQUATE * floor[j] or c.term.effect.dated(c.term.shape):
+        return 1.0
+    share, se = last.share(search.rungs[0].step.heldout, ADEQUATE * float(floor[j]), j)
+    return float(share + CHANCE * se)

@@ -65,7 +65,7 @@ class Split:
         return list(zip(starts.tolist(), ends, strict=True))
 
 
-def split(problem: Problem, seed: int = 0) -> Split:
+def split(problem: Problem, seed: int = 0, whole_runs: bool = True) -> Split:
     """Deal the instants of a problem.
 
     Parameters
@@ -74,12 +74,14 @@ def split(problem: Problem, seed: int = 0) -> Split:
         The runs.
     seed : int
         Of the order in which neighbouring blocks go to the folds.
+    whole_runs : bool
+        Whether folds may be whole runs; not where a run has coefficients of its own, which no
+        other run determines.
     """
     block, inner = _blocks(problem)
     first = np.flatnonzero(np.diff(block, prepend=-1))
-    run = problem.run[first]
-    runs = int(run.max()) + 1
-    by_run = runs >= 3
+    run = np.asarray(problem.whole)[problem.run[first]]
+    by_run = whole_runs and problem.runs >= 3
     fold = run % FOLDS if by_run else _dealt(first.size, seed)
     beyond = inner & _beyond(problem, fold[block])
     return Split(block, np.asarray(fold), inner & ~beyond, beyond, by_run)

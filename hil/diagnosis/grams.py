@@ -117,8 +117,7 @@ class Table:
         for j in range(self.d):
             self._products(problem, j)
         signal = sum(
-            float(m[:, -1, -1].sum()) * w
-            for m, w in zip(self._train, self._weight, strict=True)
+            float(m[:, -1, -1].sum()) * w for m, w in zip(self._train, self._weight, strict=True)
         )
         #: Ridge in units of a column of length one: a direction that moves the effort by less than
         #: one noise unit stays at its prior.
@@ -173,6 +172,24 @@ class Table:
             squared[:, j] = np.einsum("bi,bij,bj->b", each, m, each, optimize=True)
         return Errors(np.maximum(squared, 0.0), self.count)
 
+    def left_out(self, keys: Sequence[Hashable]) -> FloatArray:
+        """Residual (d, n) of the model of some groups, each block by the fit to the other folds.
+
+        Zero where an instant is not tested.
+        """
+        theta, chosen = self.solutions(keys)
+        full = np.zeros((self.split.folds, self._scale.size))
+        full[:, chosen] = theta
+        full /= self._scale
+        fold = self.split.fold[self.split.block]
+        out = self._y.copy()
+        for key in keys:
+            g, own = self.groups[key], full[:, self._place[key]]
+            for j in range(self.d) if g.joint is None else [g.joint]:
+                columns = g.columns if g.joint is not None else g.columns[j]
+                out[j] -= np.einsum("nm,nm->n", columns, own[fold])
+        return np.asarray(np.where(self.split.tested, out, 0.0))
+
     def coefficients(self, keys: Sequence[Hashable]) -> dict[Hashable, FloatArray]:
         """Coefficients of some groups fitted to all instants, by key."""
         theta, chosen = self._solved(keys, whole=True)
@@ -193,9 +210,7 @@ class Table:
         """Scaled coefficients of each fold (folds, p), fitted to the others, and their columns."""
         return self._solved(keys, whole=False)
 
-    def _own(
-        self, j: int, chosen: NDArray[np.int_]
-    ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    def _own(self, j: int, chosen: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
         """Which of the chosen columns act on joint j, and where they and y are in its products."""
         place = np.searchsorted(self._joint_columns[j], chosen)
         place = np.minimum(place, max(self._joint_columns[j].size - 1, 0))
@@ -204,9 +219,7 @@ class Table:
         )
         return mine, np.append(place[mine], self._joint_columns[j].size)
 
-    def _solved(
-        self, keys: Sequence[Hashable], whole: bool
-    ) -> tuple[FloatArray, NDArray[np.int_]]:
+    def _solved(self, keys: Sequence[Hashable], whole: bool) -> tuple[FloatArray, NDArray[np.int_]]:
         chosen = np.sort(
             np.concatenate([np.arange(self._place[k].start, self._place[k].stop) for k in keys])
         )

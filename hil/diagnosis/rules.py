@@ -231,7 +231,7 @@ def _beyond(case: Case) -> str:
     replace, `family` candidates of its joint.  Source: Schwarz, Ann. Statist. 6, 1978.
     """
     r, search = case.rated, case.search
-    tested = float(search.now.errors.count[:, r.joint].sum())
+    tested = float(r.now.count[:, r.joint].sum())
     count = max(tested / inflation(r.residual(r.joint), search.problem.run), 2.0)
     gain = count * np.log(r.before / max(r.after, 1e-300))
     net = max(r.candidate.dof - search.replaced(r.candidate), 1)
@@ -249,11 +249,25 @@ def _at_floor(case: Case) -> str:
     return "the error of its joint is at the noise floor" if met else ""
 
 
+@_candidate("returned-noise")
+def _returned(case: Case) -> str:
+    """At the floor: where noise that a controller answers late explains more, it is that."""
+    r, result = case.rated, case.search.now.result
+    if case.evidence.floor.exceeded(result.rms, r.joint):
+        return ""
+    more = [
+        c for c in case.evidence.candidates
+        if c.joint == r.joint and c.parts[r.joint] > r.candidate.parts[r.joint]
+    ]  # fmt: skip
+    late = any(not in_time(c, result) for c in more)
+    return "noise that a controller answers late explains more" if late else ""
+
+
 @_candidate("harm")
 def _harm(case: Case) -> str:
     """Whether another joint gets worse, by more than chance and more than this one gains."""
     r, search = case.rated, case.search
-    now = search.now.errors
+    now = r.now
     for k in np.flatnonzero(~search.problem.holds):
         rise = float(r.errors.power[k]) / max(float(now.power[k]), 1e-300)
         if k == r.joint or rise < (1 + WORTH) ** 2:
@@ -281,7 +295,7 @@ def _rises(case: Refit) -> str:
     one, other = case.before.step.heldout, case.after.step.heldout
     if one.kind != "holdout":
         return ""
-    moves = np.flatnonzero(~case.search.problem.holds)
+    moves = np.flatnonzero(~case.search.problem.holds).tolist()
     worse = [k for k in moves if other.rms[k] > one.rms[k] and one.gain(other, k) > RISEN]
     if case.rated.joint in worse:
         return "the error of the held-out runs rises"
@@ -291,6 +305,16 @@ def _rises(case: Refit) -> str:
     size = np.maximum(one.effort_rms[moves], 1e-300)
     whole = [float(np.sum((x.rms[moves] / size) ** 2)) for x in (one, other)]
     return "the error of the held-out runs rises over all joints" if whole[1] > whole[0] else ""
+
+
+@_fit("confirmed")
+def _confirmed(case: Refit) -> str:
+    """Held-out runs must show it, too; not what acts at instants of the fitted ones."""
+    one, other, r = case.before.step.heldout, case.after.step.heldout, case.rated
+    term = r.candidate.term
+    if one.kind != "holdout" or term.effect.dated(term.shape) or term.per_run:
+        return ""
+    return "" if other.gain(one, r.joint) > RISEN else "held-out runs do not show it"
 
 
 @_fit("coefficients")

@@ -7,7 +7,7 @@ judged by is what is left now, on blocks that it was not fitted to.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -31,10 +31,10 @@ from hil.diagnosis.candidates import (
     terms_to_try,
     tried,
 )  # fmt: skip
-from hil.diagnosis.competitors import COMPETITORS, competitor
-from hil.diagnosis.constants import BEYOND, DISCREPANCY, WORTH
+from hil.diagnosis.competitors import COMPETITORS, competitor, foils
+from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, RIVAL, SURE, WORTH
 from hil.diagnosis.folds import Split
-from hil.diagnosis.grams import Errors, Table
+from hil.diagnosis.grams import Errors, Group, Table
 from hil.identify.context import renew
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
@@ -43,8 +43,10 @@ from hil.identify.timing import fit_aligned
 from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
-#: Rules of a fit that ask for its values alone, not for its errors.
-FORMS = ("coefficients", "scales", "allowed")
+#: Draws of the bootstrap.
+DRAWS = 400
+#: Rules of a fit in which one effect takes the place of another.
+FORMS = ("never-rises", "coefficients", "scales", "allowed")
 
 
 @dataclass
@@ -59,6 +61,11 @@ class Rung:
     def result(self) -> FitResult:
         """Its fit."""
         return self.step.result
+
+    @property
+    def keys(self) -> set[tuple[str, int]]:
+        """Effects that were added with it, by name and joint."""
+        return {c.term.key for c in self.added}
 
 
 @dataclass
@@ -105,8 +112,16 @@ class Search:
         """A fit with its errors."""
         groups = model_groups(result)
         table = Table(self.problem, self.split, result.sigma, groups)
-        errors = table.errors([g.key for g in groups])
-        return Rung(Step(label, result, self.examine(result)), errors)
+        keys = [g.key for g in groups]
+        errors = table.errors(keys)
+        heldout = self.examine(result)
+        if heldout.kind != "holdout":
+            tested = self.split.tested
+            heldout = replace(
+                heldout, residual=table.left_out(keys), blocks=self.split.block,
+                effort=np.where(tested, self.problem.effort, 0.0),
+            )  # fmt: skip
+        return Rung(Step(label, result, heldout), errors)
 
     # ------------------------------------------------------------------ evidence
 
@@ -124,7 +139,7 @@ class Search:
         detect(found, projector, floor, result, self.seed)
         denoise.mark(found, projector)
         blur.mark(found, result, projector)
-        _, _, rated = rate(result, self.split, found)
+        rated = rate(result, self.split, found)
         order = sorted(range(len(found)), key=lambda k: -_score(rated[k]))
         out = Evidence([found[k] for k in order], floor, projector, impossible, changed)
         return out, [rated[k] for k in order]
@@ -161,9 +176,7 @@ class Search:
             open_joints = self._added(picks, open_joints)
             self.backward()
 
-    def _picks(
-        self, rated: list[Rated], evidence: Evidence, joints: Sequence[int]
-    ) -> list[Rated]:
+    def _picks(self, rated: list[Rated], evidence: Evidence, joints: Sequence[int]) -> list[Rated]:
         """The best candidate of each joint, or one of the whole robot that does more alone."""
         good = [r for r in rated if self.pays(r, evidence)]
         own = [r for r in good if not r.candidate.term.effect.whole_robot]
@@ -188,7 +201,7 @@ class Search:
         with N_j independent instants, by the correlation of what the largest model leaves.
         Source: Schwarz, Ann. Statist. 6, 1978.
         """
-        now, moves = self.now.errors, ~self.problem.holds
+        now, moves = r.now, ~self.problem.holds
         colour = self.first.floor.inflation if self.first else np.ones(self.problem.d)
         count = np.maximum(now.count.sum(axis=0) / colour, 2.0)
         ratio = np.maximum(now.power, 1e-300) / np.maximum(r.errors.power, 1e-300)
@@ -319,7 +332,7 @@ def exchange(search: Search) -> list[Named]:
                 changed = True
                 named.clear()
                 break
-            named[c.term.key] = _weighed(c, rated, projector)
+            named[c.term.key] = _weighed(search, c, rated, projector)
         if not changed:
             break
     return [named.get(c.term.key) or Named(c, 0.5, []) for c in search.found]
@@ -330,12 +343,11 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     now = search.now
     rung = search.rung("without", without(now.result.model, c, search.problem), now.result.sigma)
     result = rung.result
-    terms, _ = terms_to_try(result, [c.term.joint])
+    terms, _ = terms_to_try(result, [c.joint])
     own = c.term.effect
     terms = [
         t for t in terms
-        if t.effect.name == own.name
-        or not (t.effect.of_robot or t.effect.spectral or t.effect.sudden or own.whole_robot)
+        if t.effect.name == own.name or not (t.effect.spectral or t.effect.sudden)
     ]  # fmt: skip
     projector, found = tried(result, terms)
     floor = search.first.floor if search.first else None
@@ -343,7 +355,7 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     priced(found, floor, result)
     denoise.mark(found, projector)
     blur.mark(found, result, projector)
-    _, _, rated = rate(result, search.split, found)
+    rated = rate(result, search.split, found)
     motion = search.problem.motions[0]
     others = [f for f in search.found if f is not c]
     sound = [
@@ -374,57 +386,150 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
     model = without(now.result.model, c, search.problem) + as_use(best.candidate, search.problem)
     label = f"{describe(best.candidate, search.problem)} for {describe(c, search.problem)}"
     rung = search.rung(label, model, now.result.sigma)
-    j = c.joint
-    gain = paired(now.errors.squared[:, j] - rung.errors.squared[:, j])
-    if gain < 1.0 or rules.fails(rules.Refit(search, best, rung, rung), FORMS):
+    weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
+    gain = paired((now.errors.squared - rung.errors.squared) @ weight)
+    if gain < 1.0 or rules.fails(rules.Refit(search, best, now, rung), FORMS):
         search.refused.add((best.candidate.name, c.term.joint))
         renew(now.result)
         return None
+    rung.added = (best.candidate,)
     search.rungs.append(rung)
     search.found[search.found.index(c)] = best.candidate
     search.refused.add((c.name, c.term.joint))
     return best.candidate
 
 
-def _weighed(c: Candidate, rated: list[Rated], projector: Projector) -> Named:
-    """Confidence and rivals of an effect among those that could stand in its place."""
+def _weighed(
+    search: Search, c: Candidate, rated: list[Rated], projector: Projector
+) -> Named:  # fmt: skip
+    """Confidence and rivals of an effect among those that could stand in its place.
+
+    The lesser of two weights: by the likelihood, tempered by what a law may miss of its effect,
+    and by how often it does best when blocks are drawn anew.
+    """
+    rated = _in_noise(search, c, rated)
     order = sorted((r.candidate for r in rated), key=ranking)
     own = next((x for x in order if x.term.key == c.term.key), None)
     if own is None:
         return Named(c, 0.5, [])
     rest = [x for x in order if x is not own]
-    _, confidence, rivals = choose([own, *rest], projector)
-    return Named(c, confidence, rivals)
+    _, likely, rivals = choose([own, *rest], projector)
+    drawn = _drawn(own, rated, ~search.problem.holds)
+    rivals += [r.candidate for r, p in drawn if p >= RIVAL and r.candidate not in [own, *rivals]]
+    best = next(p for r, p in drawn if r.candidate is own)
+    return Named(c, min(likely, best), rivals)
 
 
-def shares(search: Search) -> dict[int, tuple[float, str]]:
-    """What the names of a joint take of all that they and any free function beside them take.
+def _in_noise(search: Search, c: Candidate, rated: list[Rated]) -> list[Rated]:
+    """The same with what each candidate takes of the held-out error, in units of the noise.
+
+        chi2 = sum_j N_j (before_j - after_j) / s_j^2 + 2 m,
+
+    s_j^2 what the best of them leaves and m its values: held out, m chance values cost m where
+    they gain m on the fitted instants.
+    """
+    good = [r for r in rated if r.candidate.term.key == c.term.key] or rated
+    if not good:
+        return []
+    noise = np.minimum.reduce([r.errors.power for r in rated])
+    colour = search.first.floor.inflation if search.first else np.ones(search.problem.d)
+    out = []
+    for r in rated:
+        count = r.now.count.sum(axis=0) / colour
+        fall = (r.now.power - r.errors.power) / np.maximum(noise, 1e-300)
+        chi2 = float(np.sum((count * fall)[~search.problem.holds])) + 2.0 * r.candidate.dof
+        size = float(np.log(max(float(count[r.joint]), 2.0)))
+        net = max(r.candidate.dof - search.replaced(r.candidate), 1)
+        out.append(replace(r, candidate=replace(r.candidate, chi2=chi2, price=net * size)))
+    return [r for r in out if r.candidate.score > 0]
+
+
+def _drawn(
+    own: Candidate, rated: list[Rated], moves: NDArray[np.bool_]
+) -> list[tuple[Rated, float]]:
+    """How often each effect does best, with weights of blocks drawn from Dirichlet(1, .., 1).
+
+    One that is as good as the best, within what a law may miss, and has no more to fit, is best.
+
+    Source: Rubin, Ann. Statist. 9, 1981; Yao, Vehtari, Simpson, Gelman, Bayesian Analysis 13, 2018
+    (pseudo-BMA+).
+    """
+    mine = next(r for r in rated if r.candidate is own)
+    near = [r for r in rated if r.joint == mine.joint and r.fall.size == mine.fall.size]
+    # over all joints: what a law of two joints takes on the other one is its own, too
+    noise = np.minimum.reduce([r.errors.power for r in near])
+    weight = moves / np.maximum(noise, 1e-300)
+    falls = np.stack([(r.now.squared - r.errors.squared) @ weight for r in near])
+    draws = np.random.default_rng(0).dirichlet(np.ones(falls.shape[1]), DRAWS)
+    total = draws @ falls.T
+    top = total.max(axis=1)
+    order = sorted(
+        range(len(near)), key=lambda k: (near[k].candidate is not own, near[k].candidate.dof)
+    )
+    good = total >= (top * (1 - DISCREPANCY))[:, None]
+    first = np.argmax(good[:, order], axis=1)
+    share = np.bincount(first, minlength=len(near)) / DRAWS
+    return [(near[k], float(share[n])) for n, k in enumerate(order)]
+
+
+def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
+    """What each name takes of all that it and any free function take, and that one's variables.
 
         share = D / (D + G),
 
-    D the fall of the held-out mean square error by the names and G the further fall by the free
-    function that takes most, where that is beyond chance.  With the function's variables.
+    D the fall of the held-out mean square error by the name, and G by how much a free function
+    does better: in its place, against the fall by that name; or beside all names of the joint,
+    against the fall by them together.  Only what is sure of G counts.
     """
-    now, first = search.now, search.rungs[0]
-    joints = sorted({c.joint for c in search.found})
-    if now.result.model.explains != "motor":
+    now, out = search.now, {}
+    if now.result.model.explains != "motor" or not search.found:
         return {}
-    out = {}
     base = model_groups(now.result)
-    for j in joints:
+    for j in sorted({c.joint for c in search.found}):
         free = [g for what in COMPETITORS if (g := competitor(search.problem, j, what)) is not None]
-        table = Table(search.problem, search.split, now.result.sigma, [*base, *free])
-        keys = [g.key for g in base]
-        start = table.errors(keys)
-        best, words = 0.0, ""
-        for g in free:
-            after = table.errors([*keys, g.key])
-            fall = start.squared[:, j] - after.squared[:, j]
-            gain = float(start.power[j] - after.power[j])
-            # what is sure of it: less two standard errors
-            sure = gain * max(1.0 - 2.0 / max(paired(fall), 1e-9), 0.0)
-            if sure > best:
-                best, words = sure, str(g.key[1])  # type: ignore[index]
-        taken = max(float(first.errors.power[j] - start.power[j]), 1e-300)
-        out[j] = (taken / (taken + best), words)
+        for c in (c for c in search.found if c.joint == j and not c.term.effect.whole_robot):
+            free += foils(search.problem, c.term.effect, c.term.joint, c.term.shape)
+        race = _Race(Table(search.problem, search.split, now.result.sigma, [*base, *free]), free, j)
+        every = [g.key for g in base]
+        taken = float(search.rungs[0].errors.power[j]) - race.power(every)
+        beside = race.best(every, every)
+        for c in (c for c in search.found if c.joint == j):
+            rest = [k for k in every if k != c.term.key]
+            own = race.power(rest) - race.power(every)
+            rivals = [(beside, taken)]
+            if not c.term.effect.replaces:  # what it replaced is not there to be put back
+                rivals.append((race.best(rest, every), own))
+            shares = [
+                (d / (d + gain) if d > 0 else 0.0, words) for (gain, words), d in rivals[:1]
+            ] + [
+                (d / (d + gain) if d > 0 and gain < BEATEN * d else 0.0, words)
+                for (gain, words), d in rivals[1:]
+            ]
+            out[c.term.key] = min(shares)
     return out
+
+
+@dataclass(frozen=True)
+class _Race:
+    """A model of one joint, and free functions that run against its names."""
+
+    table: Table
+    free: list[Group]
+    joint: int
+
+    def power(self, keys: Sequence[Hashable]) -> float:
+        """Held-out mean square error of the joint."""
+        return float(self.table.errors(keys).power[self.joint])
+
+    def best(self, keys: Sequence[Hashable], against: Sequence[Hashable]) -> tuple[float, str]:
+        """What is sure of how much the best function with `keys` does better than `against`."""
+        start, j = self.table.errors(against), self.joint
+        gain, words = 0.0, ""
+        for g in self.free:
+            after = self.table.errors([*keys, g.key])
+            fall = start.squared[:, j] - after.squared[:, j]
+            sure = float(start.power[j] - after.power[j])
+            sure *= max(1.0 - SURE / max(paired(fall), 1e-9), 0.0)
+            if sure > gain:
+                gain, words = sure, str(g.key[1])  # type: ignore[index]
+        return gain, words

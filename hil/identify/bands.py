@@ -2,24 +2,49 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
 
 from hil.errors import DataError
-from hil.identify.standstill import position_noise
+from hil.identify.standstill import holding, position_noise
 from hil.models.model import Band
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
+#: Widest and narrowest effort filter that information alone chooses [Hz].  Wider than 25 the
+#: resonances of the structure begin, which no joint model holds; narrower than 6 a reversal is no
+#: longer told from a slow law (a seven-joint arm with lost rows: 10 to 12 % and no false name at
+#: 6, 51 % and three at 25).  A doubled upper end adds noise of the counts, a halved lower one
+#: takes what tells friction laws apart.
+WIDEST, LEAST = 25.0, 6.0
+#: Noise of the acceleration in units of its rms that is put up with, median of the joints that
+#: move.  Halved, the band is a quarter narrower; doubled, a third wider (it goes as f^2.5).
+SHARE = 0.05
+#: Effort's power over its noise down to which a frequency is used: signal and noise alike (spectra
+#: by Welch, IEEE Trans. Audio Electroacoustics 15, 1967).  Doubled, a cable arm's band goes from
+#: 15 to 12 Hz, and the simulators' stay; halved, noise counts as signal.
+ABOVE = 2.0
+#: Times the motion's own bandwidth beyond which only the edges of reversals are left, and the
+#: widest band that is not asked for it [Hz].  Halved, the clean simulators' bands shrink by half;
+#: doubled, slow smooth motions are read to 25 Hz, where a sign's width is mistaken for physics.
+HARMONICS, FREE = 8.0, 12.0
+#: Length of the spectra's segments [s], bins that are averaged, and share of the rate from which
+#: on a spectrum is taken for noise.
+SEGMENT_S, AVERAGED, PLATEAU = 4.0, 9, 0.3
+#: Highest effort and position cut-offs as shares of the rate at which things were truly measured:
+#: the filter's skirt must end before half the rate.
+HIGHEST_EFFORT, HIGHEST_POSITION = 0.2, 0.35
 #: Rms speed in units of its noise from which names of what varies fast are not the noise's: a
 #: clean joint of 2000 counts got them at 10 and 25, and none at 18 and 30 behind narrower filters.
 CLEAR = 30.0
-#: Noise of the acceleration, in units of itself, from which the band is narrowed, and to which:
-#: a model's effort holds it times the inertia.  From a half on the joint does not move.
-NOISY, QUIET, IDLE = 0.125, 0.03, 0.5
+#: Noise of the acceleration, in units of itself, from which a joint does not move.
+IDLE = 0.5
+#: Noise of the acceleration, in units of itself, that no moving joint should exceed.
+NOISY = 0.125
 #: Narrowest effort filter that is chosen [Hz].
 NARROWEST = 4.0
 
@@ -34,17 +59,18 @@ class Rates:
         Cut-off of the position filter (4th order Butterworth, forward and backward).
     effort : float
         Cut-off of the filter that effort and every column pass.
-    stride : dict of str to int
-        Samples per evaluation instant, by run name.
+    why : str
+        What set the effort's cut-off.
     """
 
     position: float
     effort: float
+    why: str = field(default="", compare=False)
 
 
 def motion_bandwidth(recording: Recording) -> float:
-    """Frequency below which 99.5 % of the speed's power lies, worst joint [Hz]."""
-    fs, best = recording.rate, 0.0
+    """Frequency below which 99.5 % of the speed's power lies, median of the joints [Hz]."""
+    fs, found = recording.rate, [0.0] * recording.d
     for j in range(recording.d):
         speed = np.diff(recording.q[:, j]) * fs
         f, power = scipy.signal.welch(speed, fs, nperseg=min(speed.size, int(8 * fs)))
@@ -52,33 +78,126 @@ def motion_bandwidth(recording: Recording) -> float:
         power = np.maximum(power - 3 * np.median(power), 0.0)
         total = np.cumsum(power)
         if total[-1] > 0:
-            best = max(best, float(f[np.searchsorted(total, 0.995 * total[-1])]))
-    return best
+            found[j] = float(f[np.searchsorted(total, 0.995 * total[-1])])
+    moving = [x for x in found if x > 0]
+    return float(np.median(moving)) if moving else 0.0
 
 
-def choose(recordings: list[Recording], band: Band, moving: bool = False) -> Rates:
-    """Filter band for a set of runs: given, or six times the motion's bandwidth in 12..25 Hz.
+def choose(
+    recordings: list[Recording],
+    band: Band,
+    moving: bool = False,
+    source: Sequence[float] | None = None,
+) -> Rates:
+    """Filter band for a set of runs: given, or what the data hold information in.
 
-    The position filter is three times wider, so that what remains of a reversal is sharp
-    against the effort filter and the acceleration noise is still bounded.  Where the model is of
-    what moves (`moving`) and the positions are so coarse that no joint's speed stands clear of
-    their noise, or that it is a good part of any moving joint's acceleration, both are narrower,
-    down to `NARROWEST`.
+    Where the model is of what moves (`moving`) the effort's cut-off is the frequency up to which
+    the acceleration stands clear of the positions' noise (`SHARE`) and the effort's spectrum
+    above its own (`ABOVE`), median of the joints that move, and no more than `HARMONICS` times the
+    motion's bandwidth; else six times the bandwidth of the
+    motion in 12..25 Hz.  The position filter is three times wider, so that what remains of a
+    reversal is sharp against the effort filter and the acceleration noise is still bounded.
+    Where no joint's speed stands clear of its noise (`CLEAR`) both are narrower, down to
+    `NARROWEST`.
+
+    Parameters
+    ----------
+    recordings : list of Recording
+        Evenly sampled runs.
+    band : Band
+        What was asked for; zeros = choose.
+    moving : bool
+        Whether the model explains the motor's effort.
+    source : sequence of float, optional
+        Rates at which the runs were truly measured [Hz]; those of the rows by default.
     """
-    slowest = min(r.rate for r in recordings)
-    effort = band.effort_hz or float(
-        np.clip(6 * max(motion_bandwidth(r) for r in recordings), 12.0, 25.0)
-    )
+    slowest = min(source or [r.rate for r in recordings])
+    if band.effort_hz:
+        effort, why = band.effort_hz, "given"
+    elif moving:
+        effort, why = _informed(recordings)
+    else:
+        effort = float(np.clip(6 * max(motion_bandwidth(r) for r in recordings), 12.0, WIDEST))
+        why = "six times the bandwidth of the motion"
     if moving and not (band.effort_hz or band.position_hz):
         widest = max(clear(r, 3 * effort) for r in recordings)
         if widest < 3 * effort:
-            effort = max(widest / 3, NARROWEST)
-        noise = max(shaken(r, effort) for r in recordings)
-        if noise > NOISY:
-            effort = max(effort * (QUIET / noise) ** 0.4, NARROWEST)
-    effort = min(effort, slowest / 6)
-    position = band.position_hz or min(3 * effort, 0.35 * slowest)
-    return Rates(min(position, 0.45 * slowest), effort)
+            effort, why = max(widest / 3, NARROWEST), "speed against the counts of the encoder"
+    if effort > HIGHEST_EFFORT * slowest:
+        effort, why = HIGHEST_EFFORT * slowest, "rate at which it was measured"
+    position = band.position_hz or min(3 * effort, HIGHEST_POSITION * slowest)
+    return Rates(min(position, 0.45 * slowest), effort, why)
+
+
+def _informed(recordings: list[Recording]) -> tuple[float, str]:
+    """Effort cut-off [Hz] from signal against noise, and what set it."""
+    each = [information(r) for r in recordings]
+    smooth_to, loud_to = (np.concatenate(x) for x in zip(*each, strict=True))
+    if not smooth_to.size:
+        return 12.0, "nothing moves"
+    acceleration, effort = float(np.median(smooth_to)), float(np.median(loud_to))
+    widest = max(HARMONICS * float(np.median([motion_bandwidth(r) for r in recordings])), FREE)
+    least = min(acceleration, effort)
+    if least >= min(widest, WIDEST):
+        return min(widest, WIDEST), "the motion's harmonics; the signals stand clear of their noise"
+    why = "noise of the acceleration" if acceleration <= effort else "noise of the effort"
+    return max(least, LEAST), why if least > LEAST else f"{why}; the narrowest that is used"
+
+
+def information(r: Recording) -> tuple[FloatArray, FloatArray]:
+    """Up to which frequency [Hz] acceleration and effort stand clear of noise, moving joints (k,).
+
+    White noise s_q of the positions gives  s_a = s_q (2 pi)^2 sqrt(2 f^5 / (5 fs))  behind a
+    cut-off f; s_q is that of the second differences, or of the spectrum's plateau, if more.
+    """
+    noise = np.maximum(position_noise(r.q), _plateau(r.q, r.rate))
+    held = holding(r.q, position_noise(r.q) * np.sqrt(12))
+    used = np.flatnonzero(~held & (np.ptp(r.q, axis=0) > 0))
+    tried = np.geomspace(NARROWEST, max(2 * WIDEST, 2 * NARROWEST), 20)
+    tried = tried[tried < 0.45 * r.rate]
+    if not used.size or not tried.size:
+        return np.zeros(0), np.zeros(0)
+    share = np.array([_share(r, noise, f)[used] for f in tried])
+    level = np.log(np.maximum(np.maximum.accumulate(share, axis=0), 1e-300))
+    clean = [np.exp(np.interp(np.log(SHARE), x, np.log(tried))) for x in level.T]
+    return np.array(clean), np.array([_loud(r.tau[:, j], r.rate) for j in used])
+
+
+def noise_share(r: Recording, cutoff: float) -> FloatArray:
+    """Noise of the acceleration behind a cut-off [Hz] in units of its rms (d,)."""
+    return _share(r, np.maximum(position_noise(r.q), _plateau(r.q, r.rate)), cutoff)
+
+
+def _share(r: Recording, noise: FloatArray, cutoff: float) -> FloatArray:
+    """Noise of the acceleration behind a cut-off in units of its rms (d,)."""
+    s_a = noise * (2 * np.pi) ** 2 * np.sqrt(0.4 * cutoff**5 / r.rate)
+    qdd = derivatives(r.q, r.rate, min(cutoff, 0.35 * r.rate))[2]
+    out: FloatArray = s_a / np.maximum(np.sqrt(np.mean(qdd**2, axis=0)), 1e-300)
+    return out
+
+
+def _plateau(q: FloatArray, fs: float) -> FloatArray:
+    """Standard deviation (d,) of white noise with the power of a spectrum's upper end."""
+    f, power = _spectrum(q, fs)
+    out: FloatArray = np.sqrt(np.median(power[f > PLATEAU * fs], axis=0) * fs / 2)
+    return out
+
+
+def _spectrum(x: FloatArray, fs: float) -> tuple[FloatArray, FloatArray]:
+    """Frequencies (k,) and one-sided power densities (k, ...) of columns."""
+    straight = scipy.signal.detrend(x, axis=0)
+    f, power = scipy.signal.welch(straight, fs, nperseg=min(len(x), int(SEGMENT_S * fs)), axis=0)
+    return np.asarray(f), np.asarray(power)
+
+
+def _loud(tau: FloatArray, fs: float) -> float:
+    """Frequency from the effort's strongest one on up to which it stands above its noise [Hz]."""
+    f, power = _spectrum(tau, fs)
+    noise = float(np.median(power[f > PLATEAU * fs]))
+    size = np.convolve(power, np.full(AVERAGED, 1 / AVERAGED), "same")
+    first = int(np.argmax(size))
+    below = np.flatnonzero(size[first:] <= ABOVE * noise)
+    return float(f[first + below[0]]) if below.size and noise > 0 else float(fs / 2)
 
 
 def clear(r: Recording, cutoff: float) -> float:
@@ -97,13 +216,8 @@ def clear(r: Recording, cutoff: float) -> float:
 
 
 def shaken(r: Recording, cutoff: float) -> float:
-    """Noise of the acceleration behind a cut-off, in units of its rms; worst joint that moves.
-
-    White noise s_q of positions gives  s_a = s_q (2 pi)^2 sqrt(2 f^5 / (5 fs)).
-    """
-    noise = position_noise(r.q) * (2 * np.pi) ** 2 * np.sqrt(0.4 * cutoff**5 / r.rate)
-    rms = np.sqrt(np.mean(derivatives(r.q, r.rate, min(cutoff, 0.35 * r.rate))[2] ** 2, axis=0))
-    share = noise / np.maximum(rms, 1e-300)
+    """Noise of the acceleration behind a cut-off, in units of its rms; worst joint that moves."""
+    share = _share(r, position_noise(r.q), cutoff)
     return float(np.max(share[share < IDLE], initial=0.0))
 
 

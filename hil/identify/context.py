@@ -86,7 +86,8 @@ def _drives(
     for t, where in zip(terms, slices, strict=True):
         if where.start == where.stop:  # a difference between runs, of which there is one
             continue
-        parts = by_run(t, theta[where], len(out)) if t.per_run else [theta[where]] * len(out)
+        each = by_run(t, theta[where], problem.runs)[problem.whole] if t.per_run else None
+        parts = [theta[where]] * len(out) if each is None else list(each)
         at = slice(None) if t.effect.whole_robot else t.joint
         raw = problem.raw(t.effect, t.joint, t.shape)
         for total, columns, part in zip(out, raw, parts, strict=True):
@@ -153,9 +154,7 @@ def renew(result: FitResult) -> None:
         update_load(problem, *fitted)
 
 
-def _slid(
-    old: tuple[FloatArray | None, ...], new: tuple[FloatArray | None, ...]
-) -> bool:
+def _slid(old: tuple[FloatArray | None, ...], new: tuple[FloatArray | None, ...]) -> bool:
     """Whether any state of a joint's friction is another one now."""
     return len(old) != len(new) or any(a is not b for a, b in zip(old, new, strict=True))
 

@@ -70,7 +70,8 @@ def coefficients(term: Term, problem: Problem) -> list[tuple[str, Param]]:
     params = term.effect.terms(problem.motions[0], term.joint)
     if not term.per_run:
         return [(f"{start}.{p.name}", p) for p in params]
-    names = [r.name for r in problem.recordings][1 if term.effect.relative else 0 :]
+    firsts = np.unique(problem.whole, return_index=True)[1]
+    names = [problem.recordings[k].name for k in firsts][1 if term.effect.relative else 0 :]
     return [(f"{start}.{p.name}[{run}]", p) for run in names for p in params]
 
 

@@ -375,7 +375,7 @@ def parts_of(result: FitResult, motion: Motion) -> list[Part]:
         theta = result.theta[where]
         if t.per_run:
             motions = result.problem.motions
-            own = by_run(t, theta, len(motions))
+            own = by_run(t, theta, result.problem.runs)[result.problem.whole]
             known = [own[k] for k, m in enumerate(motions) if m is motion]
             theta = np.asarray(known[0]) if known else np.zeros(own.shape[1])
         elif t.effect.belongs(t.shape) and all(m is not motion for m in result.problem.motions):

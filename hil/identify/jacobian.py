@@ -124,8 +124,8 @@ def _acting(
     problem: Problem, motions: Sequence[Motion], term: Term, theta: FloatArray
 ) -> FloatArray:
     """Filtered effort (d, n) of one term."""
-    runs = len(motions)
-    own = by_run(term, theta, runs) if term.per_run else np.tile(theta, (runs, 1))
+    each = by_run(term, theta, problem.runs)[problem.whole] if term.per_run else None
+    own = np.tile(theta, (len(motions), 1)) if each is None else each
     raw = [
         term.effect.columns(m, term.joint, term.shape) @ c
         for m, c in zip(motions, own, strict=True)

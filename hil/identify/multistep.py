@@ -164,7 +164,11 @@ def _summary(
     if not pairs:
         nothing = np.full(problem.d, np.nan)
         return MultiStep(seconds, nothing, nothing, 0, 0)
-    error, move = (np.concatenate(x) for x in zip(*pairs, strict=True))
+    # runs of slightly different rates have windows of slightly different lengths
+    shortest = min(e.shape[1] for e, _ in pairs)
+    error, move = (
+        np.concatenate([x[:, :shortest] for x in some]) for some in zip(*pairs, strict=True)
+    )
     span = np.ptp(problem.span, axis=1)
     bad = np.any(~np.isfinite(error) | (np.abs(error) > span), axis=(1, 2))
     good = error[~bad] if (~bad).any() else np.nan_to_num(error, nan=np.inf)

@@ -1,32 +1,302 @@
-"""One recording made ready: filtered motion, external effort, and what stands still."""
+"""Recordings made ready: an even grid, filtered motion, external effort, and what is left out.
+
+What was done is said in data (`Prepared`), in sentences and as JSON; `[signal]` of a model file
+overrules it.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.errors import DataError
+from hil.errors import DataError, plural
 from hil.identify import bands, standstill
+from hil.identify.clock import EVEN, FILLED, Even, Timing, even
 from hil.identify.decimator import Decimator
+from hil.models.model import Band
 from hil.models.motion import Motion
 from hil.models.robots import Robot
 from hil.record.recording import Recording
+from hil.record.tablemap import SIGNAL
 
 FloatArray = NDArray[np.float64]
 #: Shortest run, in periods of the effort filter.
 SHORTEST = 6.0
+#: Periods of the position filter's cut-off within which a bridge is as exact as the noise: a cubic
+#: over h = x / fc misses a wave of fc by (2 pi x)^4 / 384 of its amplitude, 2e-3 at 0.15 and less
+#: for what lies below.  Doubled, a bridge of 4 rows at 1 kHz counts as measured; halved, none of 2.
+EXACT = 0.15
+#: Error of a bridge, tried where rows are there, in units of the noise up to which it counts as
+#: measured, too: a cubic through four noisy rows strays by 1.3 from a fifth.  Doubled, bridges of a
+#: row more count; halved, none does.
+ALIKE = 2.0
+#: Periods of the position filter's cut-off by which the errors of a bridge reach beyond it: the
+#: 4th order Butterworth's slowest pole pair decays as exp(-2 pi fc t sin(22.5 deg)), to 1 % after
+#: 2 periods.  Halved it leaves 10 % in; doubled it costs as much data again.
+REACH = 2.0
+#: Motion in units of the encoder's noise below which a joint is said to move little.
+LITTLE = 100.0
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """How much a joint moved.
+
+    Parameters
+    ----------
+    joint : str
+        Joint.
+    span : float
+        Range of its position [rad or m].
+    grains : float
+        Range in units of the encoder's resolution or noise.
+    clear : float
+        Rms acceleration over its noise behind the position filter.
+    held : bool
+        Whether it only holds its place.
+    """
+
+    joint: str
+    span: float
+    grains: float
+    clear: float
+    held: bool
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What the analysis makes of one recording.
+
+    Parameters
+    ----------
+    name : str
+        Name of the run.
+    timing : Timing
+        Clock, jitter, repeats, holds and gaps.
+    rates : Rates
+        Band and why.
+    parts : int
+        Parts into which it is split.
+    left_out : float
+        Time around bridged gaps that enters no equation [s].
+    excitation : tuple of Excitation
+        By joint.
+    """
+
+    name: str
+    timing: Timing
+    rates: bands.Rates
+    parts: int
+    left_out: float
+    excitation: tuple[Excitation, ...]
+
+    @property
+    def warnings(self) -> list[tuple[str, str]]:
+        """What was done that a user should know: (code, sentence)."""
+        return [*timing_notes(self.timing), *_excitation_notes(self.excitation)]
+
+    @property
+    def sentences(self) -> list[str]:
+        """The same in full, as `hil info` prints it."""
+        t = self.timing
+        out = [
+            f"analysed at {t.rate:.6g} Hz (period {t.period * 1e3:.6g} ms"
+            + (f" +- {t.error * 1e3:.1g} ms" if t.error > 1e-9 * t.period else "")
+            + (f", stamps stray by {t.jitter * 1e3:.2g} ms rms)" if _strays(t) else ")"),
+            f"band: positions to {self.rates.position:.3g} Hz, efforts to "
+            f"{self.rates.effort:.3g} Hz ({self.rates.why}); position_hz and effort_hz under "
+            "[signal] of a model overrule it",
+        ]
+        if self.parts > 1 or self.left_out:
+            out.append(
+                f"{plural(self.parts, 'part')}, {self.left_out:.3g} s left out beside bridged gaps"
+            )
+        return out + [text for _, text in self.warnings]
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON: numbers in SI."""
+        t = self.timing
+        return {
+            "period_s": t.period, "period_error_s": t.error, "jitter_s": t.jitter,
+            "reading": t.reading, "repeated": t.repeated, "stale": t.stale, "excess": t.excess,
+            "wrong": t.wrong, "held": {k: t.rate / v for k, v in t.held.items()},
+            "gaps": [
+                {"after_s": g.after, "length_s": g.length, "rows": g.rows, "split": g.split}
+                for g in t.gaps
+            ],
+            "dropped_s": t.dropped, "parts": self.parts, "left_out_s": self.left_out,
+            "band": {"position_hz": self.rates.position, "effort_hz": self.rates.effort,
+                     "why": self.rates.why},
+            "excitation": [
+                {"joint": x.joint, "span": x.span, "grains": x.grains, "clear": x.clear,
+                 "held": x.held} for x in self.excitation
+            ],
+            "warnings": [{"code": c, "text": x} for c, x in self.warnings],
+        }  # fmt: skip
+
+
+def prepared(recording: Recording, band: Band | None = None, moving: bool = True) -> Prepared:
+    """What the analysis makes of a recording, without fitting anything.
+
+    Parameters
+    ----------
+    recording : Recording
+        As recorded.
+    band : Band, optional
+        ``[signal]`` of a model.
+    moving : bool
+        Whether the motor's effort is to be explained (else the external one).
+    """
+    band = signal(band or Band(), recording)
+    parts, timing = even(recording, band.rate_hz, band.gap_s)
+    runs = [p.recording for p in parts]
+    rates = bands.choose(runs, band, moving, [min(timing.source, r.rate) for r in runs])
+    left = sum(float(np.sum(bridged(p, rates.position))) / p.recording.rate for p in parts)
+    return Prepared(recording.name, timing, rates, len(parts), left, _excitation(runs, rates))
+
+
+def signal(band: Band, recording: Recording) -> Band:
+    """A model's [signal], and where it is silent the one of the map that a run came through."""
+    plain, said = Band(), {}
+    for key in (f.name for f in fields(Band)):
+        text = recording.metadata.get(SIGNAL + key, "")
+        if text and getattr(band, key) == getattr(plain, key):
+            said[key] = float(text)
+    return replace(band, **said) if said else band
+
+
+def _excitation(runs: Sequence[Recording], rates: bands.Rates) -> tuple[Excitation, ...]:
+    """How much each joint moved in any of the parts."""
+    first = runs[0]
+    noise = np.min([standstill.position_noise(r.q) for r in runs], axis=0) * np.sqrt(12)
+    held = np.all([standstill.holding(r.q, noise) for r in runs], axis=0)
+    low = np.min([r.q.min(axis=0) for r in runs], axis=0)
+    span = np.max([r.q.max(axis=0) for r in runs], axis=0) - low
+    clear = np.max([1 / np.maximum(bands.noise_share(r, rates.position), 1e-9) for r in runs], 0)
+    return tuple(
+        Excitation(name, float(span[j]), float(span[j] / max(noise[j], 1e-300)),
+                   float(clear[j]), bool(held[j]))
+        for j, name in enumerate(first.joints)
+    )  # fmt: skip
+
+
+def _strays(t: Timing) -> bool:
+    return t.jitter > EVEN * t.period
+
+
+def _excitation_notes(excitation: Sequence[Excitation]) -> list[tuple[str, str]]:
+    """Joints of which little is to be learnt."""
+    out = []
+    for x in excitation:
+        if x.held:
+            text = f"{x.joint} only holds its place ({x.span:.2g}): nothing is learnt of it"
+            out.append(("excitation", text))
+        elif x.grains < LITTLE:
+            text = (
+                f"{x.joint} moves by {x.span:.2g} only, {x.grains:.0f} times the noise of its "
+                "position: its friction and inertia are hardly determined"
+            )
+            out.append(("excitation", text))
+    return out
+
+
+def timing_notes(t: Timing) -> list[tuple[str, str]]:
+    """What was done to the rows: (code, sentence)."""
+    out = []
+    if t.repeated:
+        out.append(("time-repeated", f"{_rows(t.repeated)} with stamp and values of the one "
+                    "before left out"))  # fmt: skip
+    if t.stale and t.excess:
+        out.append(("stale-rows", f"{_rows(t.stale)} repeating every value of the one before: "
+                    "written in excess, as the motion goes on without them; left out, and the "
+                    f"rows taken {t.period * 1e3:.5g} ms apart"))  # fmt: skip
+    elif t.stale:
+        out.append(("stale-rows", f"{_rows(t.stale)} repeating every value of the one before: "
+                    "taken as missing"))  # fmt: skip
+    for name, hold in t.held.items():
+        out.append(("held-samples", f"{name} keeps each value for {hold} rows: it was measured at "
+                    f"{t.rate / hold:.4g} Hz, and is used so"))  # fmt: skip
+    if t.wrong:
+        out.append(("spike", f"{plural(t.wrong, 'single value')} standing out of all neighbours "
+                    "replaced by what those say"))  # fmt: skip
+    if t.reading == "stamps":
+        out.append(("irregular-time", f"stamps stray by {t.jitter * 1e3:.2g} ms rms and the "
+                    "positions follow them: resampled to an even grid"))  # fmt: skip
+    elif t.jitter > 0.02 * t.period:
+        out.append(("irregular-time", f"stamps stray by {t.jitter * 1e3:.2g} ms rms and the "
+                    "positions do not follow them: rows are taken as even"))  # fmt: skip
+    if t.gaps:
+        out.append(("gap", _gaps(t)))
+    if t.dropped:
+        out.append(("gap", f"{t.dropped:.3g} s in parts too short to stand alone left out"))
+    return out
+
+
+def _gaps(t: Timing) -> str:
+    """What is missing, and what was done about it."""
+    rows, longest = sum(g.rows for g in t.gaps), max(t.gaps, key=lambda g: g.length)
+    split = sum(g.split for g in t.gaps)
+    done = f"; the run is split at {split} of them" if split else ""
+    return (
+        f"{_rows(rows)} missing in {plural(len(t.gaps), 'gap')}, the longest {longest.length:.3g} "
+        f"s after {longest.after:.6g} s{done}; the others are bridged, and what is near a bridge "
+        "that is not exact to the noise enters no equation"
+    )
+
+
+def _rows(n: int) -> str:
+    return plural(n, "row")
+
+
+def bridged(part: Even, cutoff: float) -> NDArray[np.bool_]:
+    """Samples (n,) of a part that a bridge spoils behind a position filter of this cut-off [Hz]."""
+    r = part.recording
+    out = np.zeros(r.n, dtype=np.bool_)
+    reach = int(np.ceil(REACH / cutoff / r.period))
+    exact: dict[int, bool] = {}
+    for first, last in part.bridges:
+        rows = int(last - first)
+        if (rows + 1) * r.period <= EXACT / cutoff:
+            continue
+        if rows not in exact:
+            exact[rows] = rows <= FILLED and _as_measured(r, rows)
+        if not exact[rows]:
+            out[max(first - reach, 0) : last + reach] = True
+    return out
+
+
+def _as_measured(r: Recording, rows: int) -> bool:
+    """Whether bridges over so many rows are as near to what was measured as its noise is.
+
+    Tried at every instant: the cubic through two rows on either side of a hole, in its middle.
+    """
+    half = rows // 2 + 1  # an even number has no middle row: as the next odd one
+    near = np.array([-half - 1, -half, half, half + 1])
+    weight = [-np.prod(near[near != x]) / np.prod(x - near[near != x]) for x in near.astype(float)]
+    reach = half + 1
+    size = r.n - 2 * reach
+    for x in (r.q, r.tau):
+        parts = [w * x[reach + k : reach + k + size] for w, k in zip(weight, near, strict=True)]
+        error = np.sqrt(np.mean((x[reach : reach + size] - np.sum(parts, axis=0)) ** 2, axis=0))
+        if np.any(error > ALIKE * standstill.position_noise(x)):
+            return False
+    return True
 
 
 def prepare(
-    r: Recording, robot: Robot, rates: bands.Rates, span: FloatArray, explains: str
-) -> tuple[Motion, FloatArray, Decimator]:
-    """Motion of a run, where each joint stands (n, d; 1 there), and the run's effort filter.
+    part: Even, robot: Robot, rates: bands.Rates, span: FloatArray, explains: str
+) -> tuple[Motion, FloatArray, FloatArray, Decimator]:
+    """Motion of a part, where joints stand (n, d) and bridges are (n,), and its effort filter.
 
     Raises
     ------
     DataError
         If the run is too short for the filter, or lacks the effort that is to be explained.
     """
+    r = part.recording
     fs = r.rate
     q, qd, qdd = bands.derivatives(r.q, fs, rates.position)
     stride = max(1, int(fs / (5.0 * rates.position)))
@@ -47,9 +317,11 @@ def prepare(
         wrench=_slow(None if r.tau_ext is not None else r.wrench, 6, pick, r.rate, rates),
         temperature=_slow(r.temperature, r.d, pick, r.rate, rates),
         grain=standstill.position_noise(r.q) * np.sqrt(12), slips=_slips(r, pick, rates),
+        began=part.start,
     )  # fmt: skip
     still = standstill.standing(r.q, qdd, fs, 0.5 / rates.effort, rates.position)
-    return motion, still[pick], Decimator(t.size, 1 / step, rates.effort)
+    spoilt = bridged(part, rates.position).astype(np.float64)
+    return motion, still[pick], spoilt[pick], Decimator(t.size, 1 / step, rates.effort)
 
 
 def _slips(r: Recording, pick: slice, rates: bands.Rates) -> FloatArray:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
+import scipy.interpolate
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
@@ -25,11 +26,9 @@ class Problem(Rows):
     """Runs of one arm, ready for regression; parameters and rows as of `Rows`."""
 
     def shift_effort(self, seconds: float) -> None:
-        """Take the motor effort `seconds` later: tau(t) <- tau(t - s), to first order in s."""
+        """Take the motor effort `seconds` later: tau(t) <- tau(t - s), by cubic splines."""
         self.shift += seconds
-        self.motions = [
-            m.with_(tau=m.tau - seconds * np.gradient(m.tau, m.dt, axis=0)) for m in self.motions
-        ]
+        self.motions = [m.with_(tau=_later(m.tau, m.t, seconds)) for m in self.motions]
         self._target()
         self._kept = self._kept.pruned(self.motions)
 
@@ -69,7 +68,7 @@ class Problem(Rows):
         known = self._kept.get(key, self.motions)
         if known is not None:
             return known
-        if first is not None and first >= len(self.motions):
+        if first is not None and first >= self.runs:
             # one run alone shows no difference between runs
             return np.zeros((self.d, self.n, 0) if effect.whole_robot else (self.n, 0))
         raw, fields = self._made(effect, j, shape)
@@ -134,9 +133,15 @@ class Problem(Rows):
 
     def _split(self, x: FloatArray, first: int) -> FloatArray:
         """One set of columns a run, from run number `first` on."""
-        runs = range(first, len(self.motions))
-        mask = self.run.reshape(-1, *[1] * (x.ndim - 1))
+        runs = range(first, self.runs)
+        mask = self.whole[self.run].reshape(-1, *[1] * (x.ndim - 1))
         return np.concatenate([np.where(mask == k, x, 0.0) for k in runs] or [x[..., :0]], axis=-1)
+
+
+def _later(x: FloatArray, t: FloatArray, seconds: float) -> FloatArray:
+    """Columns (n, d) so much later; the ends are kept."""
+    spline = scipy.interpolate.CubicSpline(t, x, axis=0)
+    return np.asarray(spline(np.clip(t - seconds, t[0], t[-1])))
 
 
 def _beside(parts: Sequence[FloatArray]) -> FloatArray:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError
 from hil.identify import bands, standstill
+from hil.identify.clock import Timing, even
 from hil.identify.decimator import Decimator
 from hil.identify.kept import Kept
-from hil.identify.prepare import prepare
+from hil.identify.prepare import prepare, signal, timing_notes
 from hil.models.effect import Effect
 from hil.models.model import Band
 from hil.models.motion import Motion
@@ -65,8 +66,14 @@ class Rows:
         Target after the filter.
     effort : ndarray (d, n)
         Measured effort after the same filter (what `relative` refers to).
+    recordings : list of Recording
+        The runs on an even grid, in parts where a long gap splits one.
     run : ndarray (n,)
-        Run index of each instant.
+        Index of each instant's part, in `recordings` and `motions`.
+    whole : ndarray (parts,)
+        Index of the run that each part belongs to: what is a run's own is all its parts'.
+    timings : list of Timing
+        The clock of each run.
     t, q, qd, qdd : ndarray
         Time (n,) and unfiltered-by-the-effort-filter motion (d, n) at the instants.
     """
@@ -89,22 +96,38 @@ class Rows:
         self.source = robot
         self.robot: Robot = make_robot(robot, first)
         self.joints, self.explains = first.joints, explains
-        self.recordings = recordings
-        self.rates = rates or bands.choose(recordings, band, explains == "motor")
-        lows = np.min([r.q.min(axis=0) for r in recordings], axis=0)
-        highs = np.max([r.q.max(axis=0) for r in recordings], axis=0)
+        said = [signal(band, r) for r in recordings]
+        made = [even(r, b.rate_hz, b.gap_s) for r, b in zip(recordings, said, strict=True)]
+        parts = [part for found, _ in made for part in found]
+        self.whole = np.repeat(np.arange(len(made)), [len(found) for found, _ in made])
+        self.timings: list[Timing] = [timing for _, timing in made]
+        self.recordings = [part.recording for part in parts]
+        #: Rates at which the parts were truly measured [Hz].
+        self.sources = [
+            min(self.timings[k].source, r.rate)
+            for k, r in zip(self.whole, self.recordings, strict=True)
+        ]
+        moving = explains == "motor"
+        self.rates = rates or bands.choose(self.recordings, said[0], moving, self.sources)
+        lows = np.min([r.q.min(axis=0) for r in self.recordings], axis=0)
+        highs = np.max([r.q.max(axis=0) for r in self.recordings], axis=0)
         self.span = np.stack([lows, highs], axis=1) if span is None else span
         self.motions: list[Motion] = []
         self._filters: list[Decimator] = []
         self._still: list[FloatArray] = []
-        for r in recordings:
-            motion, still, decimator = prepare(r, self.robot, self.rates, self.span, explains)
+        self._spoilt: list[FloatArray] = []
+        for part in parts:
+            made_of = prepare(part, self.robot, self.rates, self.span, explains)
+            motion, still, spoilt, decimator = made_of
             self.motions.append(motion)
             self._still.append(still)
+            self._spoilt.append(spoilt)
             self._filters.append(decimator)
         self._share_slips()
         self._assemble()
         self.shift = 0.0
+        #: Lateness of the effort that a model's or a map's [signal] gives [s]; None = estimate.
+        self.given_shift = said[0].shift_s
         #: Least first shape value of an effect on a joint, where other runs have shown it.
         self.least: dict[tuple[str, int], float] = {}
         self._kept = Kept()
@@ -119,6 +142,21 @@ class Rows:
     def n(self) -> int:
         """Instants after the filter, all runs together."""
         return int(self.run.size)
+
+    @property
+    def runs(self) -> int:
+        """Number of runs, each whatever its number of parts."""
+        return int(self.whole[-1]) + 1
+
+    @property
+    def notes(self) -> list[tuple[str, str]]:
+        """What was done to the rows before the filters: (code, sentence), run by run."""
+        names = [self.recordings[int(np.argmax(self.whole == k))].name for k in range(self.runs)]
+        return [
+            (code, f"run {name}: {text}")
+            for name, timing in zip(names, self.timings, strict=True)
+            for code, text in timing_notes(timing)
+        ]
 
     @property
     def instants(self) -> int:
@@ -203,12 +241,20 @@ class Rows:
         self.effort = np.stack([self.gated([x[:, j] for x in effort], j) for j in joints])
 
     def _gate(self) -> NDArray[np.bool_]:
-        """At standstill friction balances any effort: no equation there, for the motor's effort."""
+        """At standstill friction balances any effort: no equation there, for the motor's effort.
+
+        Nor is there one beside a bridge over rows that are missing.
+        """
         if self.explains != "motor":
             self._still = [np.zeros_like(x) for x in self._still]
         live = standstill.live(self.filtered(self._still))
         kept = np.all(live, axis=0)
         self._still = [np.where(kept, 0.0, x) for x in self._still]
+        if any(np.any(x) for x in self._spoilt):
+            wide = [x[:, None] for x in self._spoilt]
+            whole = zip(self._still, wide, strict=True)
+            self._still = [np.maximum(x, spoilt) for x, spoilt in whole]
+            live &= np.abs(self.filtered(wide)) <= standstill.TOLERATED
         #: Joints (d,) that stand still at any instant that counts.
         self._stands = np.any([np.any(x, axis=0) for x in self._still], axis=0)
         return live.T.copy()

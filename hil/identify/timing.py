@@ -26,6 +26,8 @@ from hil.models.motion import Motion
 FloatArray = NDArray[np.float64]
 #: The slow motion: below this fraction of the effort filter's cut-off.
 SLOW = 4
+#: Gauss-Newton steps for the shift, and share of a sample from which another one is taken.
+STEPS, AGAIN = 3, 0.25
 #: Effects that noise in a closed loop imitates; the slow motion must show them, too.
 LATE = ("delay", "filter-lag", "actuator-lag")
 
@@ -55,7 +57,7 @@ class _WholeRate(_Rate):
 
 def longest_shift(problem: Problem) -> float:
     """What counts as alignment and not as delay: a twentieth more than one sample [s]."""
-    return 1.05 * max(1.0 / r.rate for r in problem.recordings)
+    return 1.05 * max(1.0 / rate for rate in problem.sources)
 
 
 def slow_delay(result: FitResult, j: int, whole: bool = False) -> tuple[float, float]:
@@ -136,9 +138,34 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
 
     `scale` as in `fit`.
     """
+    given = problem.given_shift
+    if given is not None and problem.shift != given:
+        problem.shift_effort(given - problem.shift)
     result = fit(problem, model, scale=scale)
-    shift = sample_shift(result)
-    if not shift:
+    if given is not None:
         return result
-    problem.shift_effort(shift)  # tau(t) = model(t) + T tau'(t)
-    return fit(problem, model, scale=scale)
+    longest = longest_shift(problem)
+    for _ in range(STEPS):
+        shift = sample_shift(result)
+        if not shift or abs(problem.shift + shift) > longest:
+            break
+        problem.shift_effort(shift)  # tau(t) = model(t) + T tau'(t)
+        result = fit(problem, model, scale=scale)
+        if abs(shift) < AGAIN * longest:
+            break
+    return result
+
+
+def late_effort(problem: Problem) -> list[tuple[str, str]]:
+    """Note (code, sentence) on the lateness of the effort that was taken out; none for none."""
+    if not problem.shift:
+        return []
+    shift = problem.shift
+    later, share = ("late" if shift < 0 else "early"), abs(shift) * min(problem.sources)
+    return [
+        (
+            "late-effort",
+            f"the efforts are {abs(shift) * 1e3:.3g} ms {later} against the positions "
+            f"({share:.2g} samples); they were shifted by it (shift_s under [signal] overrules it)",
+        )
+    ]

@@ -114,14 +114,16 @@ def _number(value: Any, what: str) -> float:
 
 def _band(signal: Any) -> Band:
     if not isinstance(signal, dict):
-        raise ConfigError("[signal] must be a table with position_hz and effort_hz")
+        raise ConfigError(
+            "[signal] must be a table with position_hz, effort_hz, rate_hz, gap_s or shift_s"
+        )
     _keys(signal, tuple(f.name for f in fields(Band)), "[signal]")
     values = {k: _number(v, f"signal.{k}") for k, v in signal.items()}
     for key, value in values.items():
-        if not 0 <= value < math.inf:
-            raise ConfigError(
-                f"signal.{key} = {value:g}: expected a frequency in Hz, or 0 = choose"
-            )
+        least = -math.inf if key == "shift_s" else 0.0
+        if not (least <= value < math.inf and math.isfinite(value)):
+            what = "a frequency in Hz" if key.endswith("_hz") else "a time in s"
+            raise ConfigError(f"signal.{key} = {value:g}: expected {what}, or 0 = choose")
     return Band(**values)
 
 

@@ -63,7 +63,7 @@ class Use:
 
 @dataclass(frozen=True)
 class Band:
-    """Filter band of an identification; zeros mean: choose from the data.
+    """Signal processing of an identification; zeros mean: choose from the data.
 
     Parameters
     ----------
@@ -71,10 +71,20 @@ class Band:
         Cut-off of the zero-phase position filter.
     effort_hz : float
         Cut-off of the zero-phase filter that every column and the effort pass.
+    rate_hz : float
+        Rate of the recorded rows, where their stamps are not to be believed.
+    gap_s : float
+        Gap in the rows from which a run is split.
+    shift_s : float or None
+        By how much the efforts are early against the positions, and are taken later; None =
+        estimated within one sample.
     """
 
     position_hz: float = 0.0
     effort_hz: float = 0.0
+    rate_hz: float = 0.0
+    gap_s: float = 0.0
+    shift_s: float | None = None
 
 
 @dataclass(frozen=True)

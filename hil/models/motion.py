@@ -80,6 +80,8 @@ class Motion:
     friction : tuple of (ndarray (n,) or None), one a joint, or empty
         State of each joint's friction, 1 in steady sliding forwards, where it is another one than
         the sign of the speed: every law that scales friction scales this state.
+    began : float
+        Its first instant after the start of its run, of which it may be a later part [s].
     """
 
     t: FloatArray
@@ -104,6 +106,8 @@ class Motion:
     slipped: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     drive: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     friction: tuple[FloatArray | None, ...] = ()
+
+    began: float = 0.0
 
     def __post_init__(self) -> None:
         self._remember({})
@@ -130,7 +134,7 @@ class Motion:
     @property
     def since(self) -> FloatArray:
         """Time since the start of the run [s], shape (n,)."""
-        out: FloatArray = self.t - self.t[0]
+        out: FloatArray = self.t - (self.t[0] - self.began)
         return out
 
     def sign(self, j: int, v0: float | None = None) -> FloatArray:
@@ -139,8 +143,9 @@ class Motion:
         Without `v0` it is resolved to `v0[j]`; where friction builds up over a displacement, it
         is the state that the present model has for it (`friction`).
         """
-        if v0 is None and self.friction and self.friction[j] is not None:
-            return self.friction[j]
+        state = self.friction[j] if v0 is None and self.friction else None
+        if state is not None:
+            return state
         signs: dict[tuple[int, float], FloatArray] = self.__dict__["_signs"]
         key = (j, float(self.v0[j]) if v0 is None else v0)
         found = signs.get(key)

@@ -34,6 +34,10 @@ def write_model(model: RobotModel, path: str | Path) -> None:
     if model.band != Band():
         lines += ["", "[signal]", f"position_hz = {model.band.position_hz!r}"]
         lines += [f"effort_hz = {model.band.effort_hz!r}"]
+        for key in ("rate_hz", "gap_s", "shift_s"):
+            value = getattr(model.band, key)
+            if value != getattr(Band(), key):
+                lines += [f"{key} = {value!r}"]
     for use in model.effects:
         lines += ["", *_use_lines(use)]
     for r in model.valid:

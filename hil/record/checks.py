@@ -102,7 +102,7 @@ def _time(r: Recording) -> Iterator[Finding]:
         yield Finding(
             "time-repeated", "error" if period <= 0 else "warning", "",
             f"{same.size} repeated time stamps, first at {t[same[0]]:.6g} s; "
-            "remove the repeated rows",
+            "rows that repeat all values, too, are left out of an analysis",
         )  # fmt: skip
     if period > 0:
         yield from _rate(t, dt[dt > 0], period)
@@ -127,7 +127,8 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[Finding]:
         yield Finding(
             "gap", "warning", "",
             f"{gaps.sum()} gaps, the longest {dt.max():.3g} s, the first after {first:.6g} s; "
-            "derivatives across a gap are wrong: split the run there",
+            "an analysis bridges short ones and splits the run at long ones: nothing is "
+            "differentiated across them",
         )  # fmt: skip
     if gaps.all():
         return
@@ -136,7 +137,7 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[Finding]:
         yield Finding(
             "irregular-time", "warning", "",
             f"period varies from {low * 1e3:.4g} to {high * 1e3:.4g} ms (5 to 95 %); "
-            "resample to a constant rate",
+            "an analysis resamples where the positions follow the stamps",
         )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from hil.errors import DataError
 from hil.record.recording import Recording
 from hil.record.schema import LAST_S, Channel
+from hil.record.tablemap import SIGNAL
 from hil.record.writer import SessionWriter
 
 
@@ -22,6 +23,7 @@ def robot_record(recording: Recording) -> dict[str, str]:
         "joints": json.dumps(list(recording.joints)),
         "unit": recording.metadata.get("unit", "rad"),
         "name": recording.name,
+        **{k: v for k, v in recording.metadata.items() if k.startswith(SIGNAL)},
     }
 
 

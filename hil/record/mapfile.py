@@ -24,9 +24,10 @@ SCHEMA = "hil.map/1"
 TARGETS = ("t", "q1..", "qd1..", "tau1..", "tauext1..", "i1..", "temp1..", "fx", "fy", "fz",
            "tx", "ty", "tz")  # fmt: skip
 _TARGET = re.compile(r"t|[ft][xyz]|(q|qd|tau|tauext|i|temp)[1-9][0-9]?")
-_TOP = ("schema", "robot", "table", "columns", "arms", "offsets", "extras")
+_TOP = ("schema", "robot", "table", "columns", "arms", "offsets", "extras", "signal")
 _ROBOT = ("preset", "urdf", "tip", "unit", "arm")
 _TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated")
+_SIGNAL = ("position_hz", "effort_hz", "rate_hz", "gap_s", "shift_s")
 _RULE = ("from", "sum", "scale", "sign", "shift")
 
 
@@ -83,8 +84,8 @@ def parse_map(data: Mapping[str, Any]) -> TableMap:
         raise ConfigError(unknown("unit", str(robot["unit"]), ("rad", "m")))
     if "urdf" in robot and "preset" in robot:
         raise ConfigError("[robot] has both urdf and preset; keep one")
-    for key, values in (("gaps", ("refuse", "keep")), ("repeated", ("refuse", "drop"))):
-        if table.get(key, "refuse") not in values:
+    for key, values in (("gaps", ("keep", "refuse")), ("repeated", ("keep", "drop", "refuse"))):
+        if table.get(key, "keep") not in values:
             raise ConfigError(unknown(f"value of table.{key}", str(table[key]), values))
     arms = _arms(data, str(robot.get("arm", "")))
     return TableMap(
@@ -97,9 +98,10 @@ def parse_map(data: Mapping[str, Any]) -> TableMap:
         columns=_names(table.get("columns", ())),
         rate_hz=_number(table.get("rate_hz", 0.0), "table.rate_hz"),
         join={str(k): str(v) for k, v in _table(table, "join").items()},
-        gaps=str(table.get("gaps", "refuse")),
-        repeated=str(table.get("repeated", "refuse")),
+        gaps=str(table.get("gaps", "keep")),
+        repeated=str(table.get("repeated", "keep")),
         offsets=_offsets(data, arms),
+        signal={k: _number(v, f"signal.{k}") for k, v in _table(data, "signal", _SIGNAL).items()},
         **_extras(data),
     )
 

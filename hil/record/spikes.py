@@ -64,6 +64,6 @@ def check_spikes(r: Recording) -> Iterator[Finding]:
                     "spike", "warning", joint,
                     f"{name}{k + 1} leaves its neighbours for a single sample {count}, first at "
                     f"{r.t[first]:.6g} s ({values[first, k]:.4g} between "
-                    f"{values[first - 1, k]:.4g} and {values[first + 1, k]:.4g}): it spoils the "
-                    "fit and hides effects; put the mean of its neighbours there, and import anew",
+                    f"{values[first - 1, k]:.4g} and {values[first + 1, k]:.4g}): an analysis "
+                    "puts there what its neighbours say",
                 )  # fmt: skip

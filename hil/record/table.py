@@ -17,7 +17,7 @@ from hil.record.schema import Channel
 from hil.record.tablecheck import clean_time, from_zero, refuse_not_finite, refuse_units
 from hil.record.tablecolumns import GROUPS, WRENCH, count_joints
 from hil.record.tablefile import Table, open_table
-from hil.record.tablemap import Rule, TableMap
+from hil.record.tablemap import SIGNAL, Rule, TableMap
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
 
 FloatArray = NDArray[np.float64]
@@ -179,7 +179,8 @@ def _arm(
     refuse_not_finite(table, rules, values)
     keep = clean_time(table, values["t"], given.gaps, given.repeated)
     values = {k: v[keep] for k, v in values.items()}
-    recording = _recording(arm, table, values, d, robot, joints, given.unit)
+    said = {SIGNAL + k: repr(v) for k, v in given.signal.items()}
+    recording = _recording(arm, table, values, d, robot, joints, given.unit, said)
     if not given.unit:
         refuse_units(table, recording, joints)
     return recording, set(columns), {n: values[n] for n in given.extras}
@@ -215,6 +216,7 @@ def _recording(
     robot: RobotSource,
     joints: tuple[UrdfJoint, ...],
     unit: str,
+    said: Mapping[str, str],
 ) -> Recording:
     stacked = {
         key: np.stack([values[f"{stem}{k + 1}"] for k in range(d)], axis=1)
@@ -232,5 +234,5 @@ def _recording(
         tau=stacked["tau"], qd=stacked.get("qd"), wrench=wrench,
         tau_ext=stacked.get("tau_ext"), current=stacked.get("current"),
         temperature=stacked.get("temperature"), robot=robot,
-        metadata={"unit": unit or ("m" if metres else "rad")},
+        metadata={"unit": unit or ("m" if metres else "rad"), **said},
     )  # fmt: skip

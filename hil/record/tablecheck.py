@@ -83,9 +83,9 @@ def clean_time(table: Table, t: FloatArray | None, gaps: str, repeated: str) -> 
             f"{table.first_row + int(same[0]) + 1} ({t[same[0]]:.6g} s); remove these rows, or say "
             'repeated = "drop" in [table] of a map'
         )
-    rows = np.delete(rows, same + 1)
-    _refuse_steps(table, t[rows], rows, gaps)
-    return rows
+    even = np.delete(rows, same + 1)
+    _refuse_steps(table, t[even], even, gaps)
+    return rows if repeated == "keep" else even
 
 
 def _refuse_steps(table: Table, t: FloatArray, rows: NDArray[np.intp], gaps: str) -> None:

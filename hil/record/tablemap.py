@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+#: Start of the metadata that hold a map's [signal].
+SIGNAL = "signal_"
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,9 @@ class TableMap:
     join : mapping of str to str
         Further tables beside the first by the prefix of their columns.
     gaps, repeated : str
-        ``"refuse"``, or ``"keep"`` the gaps and ``"drop"`` the repeated rows.
+        ``"keep"`` what was recorded, or ``"refuse"`` it; ``"drop"`` the repeated rows.
+    signal : mapping of str to float
+        What is said of the analysis, as in a model's [signal].
     offsets : mapping
         Offset by run and target column (``arm.column`` where there are several arms).
     extras, units : mapping
@@ -64,8 +68,9 @@ class TableMap:
     columns: tuple[str, ...] = ()
     rate_hz: float = 0.0
     join: Mapping[str, str] = field(default_factory=dict)
-    gaps: str = "refuse"
-    repeated: str = "refuse"
+    gaps: str = "keep"
+    repeated: str = "keep"
+    signal: Mapping[str, float] = field(default_factory=dict)
     offsets: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     extras: Mapping[str, Rule] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)

@@ -102,19 +102,28 @@ def test_nan_how_many_and_where(tmp_path, refuse):
     refuse(changed(tmp_path, change), "'tau1'", "8 missing", "rows 12, 13, 14")
 
 
-def test_repeated_time(tmp_path, refuse):
-    refuse(changed(tmp_path, put("t", 100, 99 / 500)), "1 repeated", "row 102", "repeated")
+def strict(tmp_path: Path, key: str) -> str:
+    (tmp_path / "strict.toml").write_text(f'[table]\n{key} = "refuse"\n')
+    return str(tmp_path / "strict.toml")
+
+
+def test_repeated_time_where_it_is_to_be_refused(tmp_path, refuse):
+    table = changed(tmp_path, put("t", 100, 99 / 500))
+    options = ("--map", strict(tmp_path, "repeated"))
+    refuse(table, "1 repeated", "row 102", "repeated", options=options)
 
 
 def test_backward_time(tmp_path, refuse):
     refuse(changed(tmp_path, put("t", 100, 0.0)), "backward", "row 102")
 
 
-def test_jumping_time(tmp_path, refuse):
+def test_jumping_time_where_it_is_to_be_refused(tmp_path, refuse):
     def jump(c: Table) -> None:
         c["t"] = c["t"] + np.where(np.arange(c["t"].size) >= 700, 5.0, 0.0)
 
-    refuse(changed(tmp_path, jump), "jumps 1 times", "row 702", "gaps")
+    table = changed(tmp_path, jump)
+    options = ("--map", strict(tmp_path, "gaps"))
+    refuse(table, "jumps 1 times", "row 702", "gaps", options=options)
 
 
 def test_time_in_milliseconds(tmp_path, refuse):

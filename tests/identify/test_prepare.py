@@ -1,0 +1,364 @@
+"""What was really recorded: jitter, repeats, holds, gaps and wrong values, each known here."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from identify_arm import record
+
+from hil.identify.bands import SHARE, choose, information
+from hil.identify.clock import even
+from hil.identify.fit import fit
+from hil.identify.prepare import bridged, prepared, signal
+from hil.identify.problem import Problem
+from hil.identify.readings import reading_notes, readings
+from hil.identify.timing import fit_aligned, late_effort, longest_shift
+from hil.models.model import Band, RobotModel, base_model
+from hil.record.recording import COLUMNS, Recording, RobotSource
+from hil.record.urdf_joints import urdf_joints
+
+AXIS = base_model(RobotSource("single-axis"))
+FS = 1000.0
+DATA = os.environ.get("HIL_DATA", "")
+
+
+def motion(t: np.ndarray) -> np.ndarray:
+    return 0.6 * np.sin(2 * np.pi * 0.37 * t) + 0.2 * np.sin(2 * np.pi * 1.13 * t + 1.0)
+
+
+def axis(seconds: float = 30.0, fs: float = FS, seed: int = 0, noise: float = 0.02) -> Recording:
+    """An axis with inertia, and friction; counts of 2e-5 rad, white effort noise."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(seconds * fs)) / fs
+    return at(t, t, rng, noise)
+
+
+def at(stamps: np.ndarray, t: np.ndarray, rng: np.random.Generator, noise: float) -> Recording:
+    """What is measured at instants t and logged with other stamps."""
+    h = 1e-4
+    v = (motion(t + h) - motion(t - h)) / (2 * h)
+    a = (motion(t + h) - 2 * motion(t) + motion(t - h)) / h**2
+    tau = 0.02 * a + 0.05 * v + 0.3 * np.tanh(v / 0.003) + noise * rng.normal(size=t.size)
+    q = np.round(motion(t) / 2e-5) * 2e-5
+    return Recording("run", "arm", ("joint1",), stamps, q[:, None], tau[:, None])
+
+
+def without(r: Recording, rows: np.ndarray) -> Recording:
+    keep = np.ones(r.n, dtype=bool)
+    keep[rows] = False
+    arrays = {k: v[keep] for k in ("t", *COLUMNS) if (v := getattr(r, k)) is not None}
+    return replace(r, **arrays)
+
+
+def floor(r: Recording) -> float:
+    """Rms of what the base model leaves over."""
+    problem = Problem([r], AXIS.robot, band=Band(60.0, 20.0))
+    result = fit(problem, AXIS)
+    left = problem.y - (result.x @ result.theta).reshape(problem.y.shape)
+    return float(problem.rms(left)[0])
+
+
+def test_an_even_recording_is_used_as_it_is() -> None:
+    r = axis(5.0)
+    (part,), timing = even(r)
+    assert part.recording is r
+    assert timing.even
+    assert timing.rate == pytest.approx(FS)
+
+
+@pytest.mark.parametrize("row", [777, 12345, 29000])
+def test_a_lost_row_costs_nothing(row: int) -> None:
+    whole = axis()
+    assert floor(without(whole, np.array([row]))) == pytest.approx(floor(whole), rel=0.02)
+
+
+def test_many_lost_rows_cost_what_they_held() -> None:
+    whole = axis()
+    lost = np.random.default_rng(1).choice(np.arange(10, whole.n - 10), 300, replace=False)
+    r = without(whole, lost)
+    (part,), timing = even(r)
+    assert sum(g.rows for g in timing.gaps) == 300
+    assert part.recording.n == whole.n
+    assert floor(r) == pytest.approx(floor(whole), rel=0.03)
+
+
+@settings(deadline=None, max_examples=20)
+@given(first=st.integers(1000, 3000), length=st.integers(1, 800))
+def test_a_bridge_has_the_length_of_the_gap_and_nothing_else_changes(
+    first: int, length: int
+) -> None:
+    whole = axis(5.0)
+    r = without(whole, np.arange(first, first + length))
+    (part,), timing = even(r)
+    (gap,) = timing.gaps
+    assert (gap.rows, gap.split) == (length, False)
+    assert part.bridges.tolist() == [[first, first + length]]
+    kept = np.r_[:first, first + length : whole.n]
+    np.testing.assert_array_equal(part.recording.q[kept], whole.q[kept])
+    np.testing.assert_allclose(part.recording.t, whole.t, atol=1e-9)
+    assert np.ptp(np.diff(part.recording.t)) < 1e-9
+
+
+def test_a_gap_of_three_seconds_splits_and_keeps_one_run() -> None:
+    whole = axis(40.0)
+    r = without(whole, np.arange(15_000, 18_000))
+    parts, timing = even(r)
+    assert [p.recording.n for p in parts] == [15_000, 22_000]
+    assert timing.gaps[0].split
+    assert timing.gaps[0].length == pytest.approx(3.001)
+    assert parts[1].start == pytest.approx(18.0)
+    model = RobotModel(
+        AXIS.robot, tuple(replace(u, options={}) for u in AXIS.effects), band=Band(60.0, 20.0)
+    )
+    problem = Problem([r, axis(10.0, seed=3)], model.robot, band=model.band)
+    assert (len(problem.motions), problem.runs) == (3, 2)
+    assert problem.whole.tolist() == [0, 0, 1]
+    assert floor(r) == pytest.approx(floor(whole), rel=0.03)
+
+
+def test_beside_a_gap_nothing_enters() -> None:
+    """Nonsense on a bridge changes nothing of the fit."""
+    whole = axis(20.0)
+    r = without(whole, np.arange(8000, 8400))
+    (part,), _ = even(r)
+    assert np.sum(bridged(part, 60.0)) == pytest.approx(400 + 2 * 34, abs=3)
+    assert floor(r) == pytest.approx(floor(whole), rel=0.03)
+
+
+def test_a_short_part_stays_behind_a_bridge() -> None:
+    whole = axis(20.0)
+    r = without(whole, np.arange(17_000, 18_500))
+    parts, timing = even(r)
+    assert len(parts) == 1
+    assert not timing.gaps[0].split
+
+
+def test_stamps_that_stray_are_not_followed_by_the_positions() -> None:
+    t = np.arange(10_000) / 200.0
+    rng = np.random.default_rng(2)
+    late = np.sort(t + 0.3 / 200 * rng.random(t.size))
+    r = at(late, t, rng, 0.02)
+    timing = even(r)[1]
+    assert timing.reading == "even"
+    assert timing.jitter == pytest.approx(0.3 / 200 / np.sqrt(12), rel=0.1)
+    assert not timing.gaps
+    assert timing.rate == pytest.approx(200.0, rel=1e-4)
+    assert floor(r) == pytest.approx(floor(at(t, t, np.random.default_rng(2), 0.02)), rel=0.1)
+
+
+def test_samples_that_stray_are_put_on_a_grid() -> None:
+    rng = np.random.default_rng(3)
+    t = np.sort(np.arange(6000) / 200.0 + 0.4 / 200 * (rng.random(6000) - 0.5))
+    t -= t[0]
+    parts, timing = even(at(t, t, rng, 0.02))
+    assert timing.reading == "stamps"
+    (part,) = parts
+    np.testing.assert_allclose(part.recording.q[5:-5, 0], motion(part.recording.t[5:-5]), atol=5e-5)
+
+
+def test_a_late_stamp_is_no_gap() -> None:
+    r = axis(5.0)
+    t = r.t.copy()
+    t[2000] += 0.7e-3
+    timing = even(replace(r, t=t))[1]
+    assert not timing.gaps
+
+
+def test_repeated_rows_are_left_out() -> None:
+    r = axis(5.0)
+    rows = np.sort(np.r_[np.arange(r.n), [500, 1200, 1201]])
+    arrays = {k: getattr(r, k)[rows] for k in ("t", "q", "tau")}
+    parts, timing = even(replace(r, **arrays))
+    assert timing.repeated == 3
+    np.testing.assert_array_equal(parts[0].recording.q, r.q)
+
+
+def test_stale_rows_in_excess_are_left_out() -> None:
+    """A logger a little faster than its source: 30 Hz of 29.4."""
+    source = axis(60.0, 29.4)
+    t = np.arange(int(59.9 * 30.0)) / 30.0
+    newest = np.floor(t * 29.4 + 1e-9).astype(int)
+    r = replace(source, t=t, q=source.q[newest], tau=source.tau[newest])
+    (part,), timing = even(r)
+    assert timing.excess
+    assert timing.stale == pytest.approx(36, abs=2)
+    assert timing.rate == pytest.approx(29.4, rel=1e-3)
+    np.testing.assert_array_equal(part.recording.q, source.q[: part.recording.n])
+
+
+def test_stale_rows_in_place_of_lost_ones_are_bridged() -> None:
+    whole = axis(10.0, 100.0)
+    q, tau = whole.q.copy(), whole.tau.copy()
+    lost = np.array([200, 333, 410, 555, 620, 777, 850])
+    q[lost], tau[lost] = q[lost - 1], tau[lost - 1]
+    (part,), timing = even(replace(whole, q=q, tau=tau))
+    assert (timing.excess, part.recording.n) == (False, whole.n)
+    np.testing.assert_allclose(part.recording.q, whole.q, atol=1e-4)
+
+
+def test_a_slow_signal_logged_fast_has_its_own_rate() -> None:
+    slow = axis(30.0, 100.0)
+    rows = np.repeat(np.arange(slow.n), 10)
+    r = replace(slow, t=np.arange(rows.size) / 1000.0, q=slow.q[rows], tau=slow.tau[rows])
+    (part,), timing = even(r)
+    assert timing.rate == pytest.approx(100.0, rel=1e-3)
+    np.testing.assert_array_equal(part.recording.q, slow.q)
+    assert Problem([r], AXIS.robot).rates == Problem([slow], AXIS.robot).rates
+    assert floor(r) == pytest.approx(floor(slow), rel=0.01)
+
+
+def test_efforts_that_are_held_alone_have_their_own_rate() -> None:
+    fast = axis(30.0)
+    tau = np.repeat(fast.tau[::10], 10, axis=0)
+    r = replace(fast, tau=tau)
+    timing = even(r)[1]
+    assert timing.held == {"tau": 10}
+    assert timing.source == pytest.approx(100.0)
+    assert any(code == "held-samples" for code, _ in prepared(r).warnings)
+    assert floor(r) < 5 * floor(fast)
+
+
+def test_a_wrong_row_is_put_right() -> None:
+    r = axis()
+    q, tau = r.q.copy(), r.tau.copy()
+    q[9000] += 0.5
+    tau[20_000] -= 40.0
+    wrong = replace(r, q=q, tau=tau)
+    assert even(wrong)[1].wrong == 2
+    assert floor(wrong) == pytest.approx(floor(r), rel=0.01)
+
+
+@pytest.mark.parametrize("late", [-0.4, 0.3, 0.8])
+def test_lateness_within_a_sample_is_found(late: float) -> None:
+    fs = 200.0
+    t = np.arange(int(40 * fs)) / fs
+    rng = np.random.default_rng(4)
+    seen, moved = at(t, t, rng, 0.002), at(t, t + late / fs, rng, 0.002)
+    problem = Problem([replace(seen, tau=moved.tau)], AXIS.robot)
+    fit_aligned(problem, AXIS)
+    assert problem.shift == pytest.approx(late / fs, abs=0.1 / fs)
+    ((code, text),) = late_effort(problem)
+    assert code == "late-effort"
+    assert ("early" if late > 0 else "late") in text
+    assert longest_shift(problem) == pytest.approx(1.05 / fs)
+
+
+def test_a_given_shift_is_taken() -> None:
+    model = replace(AXIS, band=Band(shift_s=0.002))
+    problem = Problem([axis(20.0)], model.robot, band=model.band)
+    fit_aligned(problem, model)
+    assert problem.shift == 0.002
+
+
+def test_what_a_map_says_of_the_signal_holds_where_the_model_is_silent() -> None:
+    r = replace(axis(5.0), metadata={"signal_effort_hz": "7.0", "signal_rate_hz": "990.0"})
+    assert signal(Band(), r).effort_hz == 7.0
+    assert signal(Band(effort_hz=9.0), r) == Band(effort_hz=9.0, rate_hz=990.0)
+    assert prepared(r).rates.effort == 7.0
+    assert prepared(r).timing.rate == pytest.approx(990.0)
+
+
+@pytest.mark.parametrize(("noise", "low", "high"), [(1e-5, 12.0, 12.0), (3e-3, 4.0, 8.0)])
+def test_the_band_follows_signal_over_noise(noise: float, low: float, high: float) -> None:
+    r = axis()
+    q = motion(r.t)[:, None] + noise * np.random.default_rng(5).normal(size=r.q.shape)
+    assert low <= choose([replace(r, q=q)], Band(), True).effort <= high
+
+
+@pytest.mark.parametrize("noise", [3e-5, 3e-4, 1e-3])
+def test_acceleration_stands_clear_of_known_noise_up_to_a_known_frequency(noise: float) -> None:
+    r = axis(60.0)
+    q = motion(r.t)[:, None] + noise * np.random.default_rng(5).normal(size=r.q.shape)
+    rms = np.sqrt((0.6 * (2 * np.pi * 0.37) ** 2) ** 2 + (0.2 * (2 * np.pi * 1.13) ** 2) ** 2)
+    rms /= np.sqrt(2)
+    known = (SHARE * rms / (noise * (2 * np.pi) ** 2) * np.sqrt(FS / 0.4)) ** 0.4
+    (found,), _ = information(replace(r, q=q))
+    assert found == pytest.approx(known, rel=0.1)
+
+
+def test_one_bad_joint_does_not_set_the_band() -> None:
+    r, rng = axis(), np.random.default_rng(6)
+    three = np.repeat(r.q, 3, axis=1)
+    three[:, 2] += 3e-3 * rng.normal(size=r.n)
+    joints = ("a", "b", "c")
+    arm = replace(r, joints=joints, q=three, tau=np.repeat(r.tau, 3, axis=1))
+    alone = choose([r], Band(), True)
+    assert choose([arm], Band(), True).effort == pytest.approx(alone.effort, rel=0.05)
+
+
+def test_what_was_done_is_said() -> None:
+    r = without(axis(20.0), np.arange(8000, 8040))
+    found = prepared(r)
+    assert "40 rows missing in 1 gap" in " ".join(found.sentences)
+    said = found.as_dict()
+    assert said["gaps"] == [
+        {"after_s": 7.999, "length_s": pytest.approx(0.041), "rows": 40, "split": False}
+    ]
+    assert found.left_out == pytest.approx(0.04, abs=0.2)
+
+
+def recorded(case: str, kind: str = "train") -> list[Recording]:
+    folder = Path(DATA) / case
+    if not DATA or not folder.is_dir():
+        pytest.skip(f"HIL_DATA has no {case}")
+    urdf = (folder / "robot.urdf").read_text()
+    names = tuple(j.name for j in urdf_joints(urdf))
+    out = []
+    for path in sorted(folder.glob(f"{kind}_*.npz")):
+        x = np.load(path)
+        q, tau = (
+            np.stack([x[f"{stem}{k + 1}"] for k in range(len(names))], axis=1)
+            for stem in ("q", "tau")
+        )
+        robot = RobotSource("", urdf, "")
+        out.append(Recording(path.stem, "arm", names, x["t"], q, tau, robot=robot))
+    return out
+
+
+def test_thirty_hertz_of_seven_joints() -> None:
+    (r,) = recorded("panda_30hz")
+    found = prepared(r)
+    assert (found.timing.stale, found.timing.excess) == (8, True)
+    assert 5.0 <= found.rates.effort <= 6.5
+    assert 6.0 <= found.rates.position <= 10.5
+    assert Problem([r], r.robot).n > 200
+
+
+def test_a_cable_arm() -> None:
+    runs = recorded("wam_follower")
+    problem = Problem(runs, runs[0].robot)
+    assert 8.0 <= problem.rates.effort <= 16.0
+    result = fit_aligned(problem, base_model(runs[0].robot))
+    assert np.all(np.isfinite(result.theta))
+    assert any(code == "excitation" for code, _ in prepared(runs[0]).warnings)
+
+
+@pytest.mark.parametrize("what", ["clock", "velocity"])
+def test_the_dynamics_tell_a_wrong_clock_from_wrong_velocities(what: str) -> None:
+    """An arm that lifts itself: gravity stays, inertia goes with the square of the clock."""
+    r = record(3)
+    r = replace(r, qd=np.gradient(r.q, r.t, axis=0))
+    assert r.qd is not None
+    assert readings(r) == []
+    wrong = replace(r, t=2.0 * r.t) if what == "clock" else replace(r, qd=2.0 * r.qd)
+    found = readings(wrong)
+    assert {x.what for x in found} >= {"clock", "velocity"}
+    assert found[0].what == what
+    ((code, text),) = reading_notes(wrong)
+    assert code == "velocity-scale"
+    assert "the dynamics support that" in text
+
+
+def test_degrees_in_one_position() -> None:
+    r = record(3)
+    q, qd = r.q.copy(), np.gradient(r.q, r.t, axis=0)
+    q[:, 1] *= 180 / np.pi
+    found = readings(replace(r, q=q, qd=qd))
+    assert found[0].what == "position"
+    assert "upper" in found[0].text
