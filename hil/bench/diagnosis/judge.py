@@ -61,11 +61,18 @@ def judge(case: Case) -> dict[str, Any]:
         "torque-offset" in model.names(),
     )  # fmt: skip
     started = time.process_time()
+    row |= answer(case, train, other)
+    if row["outcome"] != "crashed":
+        row["cpu"] = [round(simulated - began, 3), round(time.process_time() - started, 3)]
+    return row
+
+
+def answer(case: Case, train: list[Recording], other: list[Recording]) -> dict[str, Any]:
+    """What a diagnosis of a case's sessions said, with its outcome."""
     try:
-        row |= said(diagnose(train, model, other))
+        row = said(diagnose(train, suspected(case, train[0].robot), other))
     except Exception as error:  # a crash of the diagnosis is a result, with its case
-        return row | {"outcome": "crashed", "named": [], "verdict": repr(error)}
-    row["cpu"] = [round(simulated - began, 3), round(time.process_time() - started, 3)]
+        return {"outcome": "crashed", "named": [], "verdict": repr(error)}
     return row | {"outcome": outcome(case, row)}
 
 
