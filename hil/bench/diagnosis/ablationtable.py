@@ -86,6 +86,9 @@ def report(rows: list[Row], again: list[Row], command: str) -> str:
         "which no other rule would have stopped it, which are diagnosed again without it.",
         "Right: exactly what is hidden, or a set with the truth in it. Intervals: Newcombe, 95 %,",
         "over all sessions of the plant.",
+        "A rule is taken out alone: of two that stop the same, neither changes an answer here, and",
+        "without both answers may change. A name that is wrong where another was is no flip, but",
+        "an answer that changes.",
     ]  # fmt: skip
     idle = []
     for plant in plants:
