@@ -28,6 +28,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "or both; default: what is installed",
     )  # fmt: skip
     parser.add_argument(
+        "--ablate", action="store_true",
+        help="without each rule of the search in turn, where it alone stopped something: "
+        "which answers change (diagnosis)",
+    )  # fmt: skip
+    parser.add_argument(
         "--seconds", type=float, default=60.0,
         help="of every run (loop), of the session (record, determinism); default 60",
     )  # fmt: skip
@@ -43,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--only", metavar="WORD", action="append", default=[],
-        help="cases whose name or kind holds this word (real); repeatable",
+        help="cases whose name (real: or kind) holds this word (diagnosis, real); repeatable",
     )  # fmt: skip
     parser.add_argument(
         "--figaroh", metavar="PYTHON", default="",

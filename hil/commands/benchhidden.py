@@ -10,7 +10,15 @@ from pathlib import Path
 from tqdm import tqdm
 
 from hil.bench import hidden, recordings
-from hil.bench.diagnosis import cases, runner, tables, testcases, testplants
+from hil.bench.diagnosis import (
+    ablation,
+    ablationtable,
+    cases,
+    runner,
+    tables,
+    testcases,
+    testplants,
+)
 from hil.commands import benchpage, common
 from hil.commands.benchpage import Found
 from hil.errors import ConfigError
@@ -25,13 +33,28 @@ def _diagnosis(args: argparse.Namespace) -> Found:
     benchpage.check(args.report)
     seeds = args.seeds or cases.SEEDS
     plants = _plants(args.plants)
-    todo = [c for plant in plants for c in PLANS[plant](args.quick, seeds)]
+    todo = _only([c for plant in plants for c in PLANS[plant](args.quick, seeds)], args.only)
     rows = runner.run(todo, args.jobs, kept)
     quick = " --quick" if args.quick else f" --seeds {seeds}"
-    only = f" --plants {plants[0]}" if len(plants) == 1 else ""
-    text = tables.report(rows, f"hil bench diagnosis{quick}{only}")
+    which = f" --plants {plants[0]}" if len(plants) == 1 else ""
+    which += "".join(f" --only {word}" for word in args.only)
+    data: dict[str, object] = {"cases": rows}
+    if args.ablate:
+        again = ablation.run(todo, rows, args.jobs, kept)
+        text = ablationtable.report(rows, again, f"hil bench diagnosis --ablate{quick}{which}")
+        data |= {"without": again}
+    else:
+        text = tables.report(rows, f"hil bench diagnosis{quick}{which}")
     benchpage.write(args.report, text)
-    return text, {"cases": rows}
+    return text, data
+
+
+def _only(todo: list[cases.Case], words: Sequence[str]) -> list[cases.Case]:
+    """Cases whose name holds one of the words; all without any."""
+    for word in words:
+        if not any(word in c.name for c in todo):
+            raise ConfigError(f"--only {word}: in no case's name, e.g. {todo[-1].name}")
+    return [c for c in todo if not words or any(w in c.name for w in words)]
 
 
 #: Plant -> its cases, quick or by seeds.

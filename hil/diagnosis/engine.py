@@ -90,6 +90,7 @@ def diagnose(
     renew(search.now.result)
     out = judged(search, named, _last(search))
     out.warnings = without_robot(problem) + doubtful + out.warnings
+    out.stops, out.fired = search.stops, search.fired
     return finish(out, examine, model, recordings, faults)
 
 

@@ -7,9 +7,10 @@ benchmark without each of them in turn: a rule that flips no answer goes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -34,34 +35,12 @@ from hil.diagnosis.constants import (
     WORTH,
 )
 from hil.diagnosis.evidence import in_time
-from hil.diagnosis.types import Evidence
+from hil.diagnosis.types import CheckResult, Evidence
 from hil.identify.design import head
 from hil.identify.regression import inflation
 
 if TYPE_CHECKING:
     from hil.diagnosis.search import Rung, Search
-
-
-@dataclass(frozen=True)
-class CheckResult:
-    """Why a rule stopped a case.
-
-    Parameters
-    ----------
-    code : str
-        The rule.
-    stage : str
-        ``"candidate"`` before a fit with it, ``"fit"`` after one.
-    reason : str
-        One sentence without its full stop.
-    evidence : dict of str to float
-        The numbers it rests on.
-    """
-
-    code: str
-    stage: str
-    reason: str
-    evidence: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -83,6 +62,8 @@ class Refit:
     after: Rung
 
 
+#: A case before a fit or after one.
+_Asked = TypeVar("_Asked", Case, Refit)
 CANDIDATE: dict[str, Callable[[Case], str]] = {}
 FIT: dict[str, Callable[[Refit], str]] = {}
 #: Codes of rules that are not asked: for the ablation alone.
@@ -107,18 +88,44 @@ def _fit(code: str) -> Callable[[Callable[[Refit], str]], Callable[[Refit], str]
 
 def stopped(case: Case) -> CheckResult | None:
     """The first rule that stops a candidate."""
-    for code, rule in CANDIDATE.items():
-        if code not in OFF and (reason := rule(case)):
-            return CheckResult(code, "candidate", reason, _numbers(case.rated))
-    return None
+    return _first(case, CANDIDATE, "candidate")
 
 
 def fails(case: Refit, only: Sequence[str] = ()) -> CheckResult | None:
     """The first rule, of all or of some, that a refitted model with a candidate fails."""
-    for code, rule in FIT.items():
-        if code not in OFF and code in (only or FIT) and (reason := rule(case)):
-            return CheckResult(code, "fit", reason, _numbers(case.rated))
-    return None
+    return _first(case, {k: rule for k, rule in FIT.items() if k in (only or FIT)}, "fit")
+
+
+def stage(code: str) -> str:
+    """When a rule is asked: ``"candidate"`` before a fit, ``"fit"`` after one."""
+    return "candidate" if code in CANDIDATE else "fit"
+
+
+@contextmanager
+def without(code: str) -> Iterator[None]:
+    """Do not ask a rule for a while."""
+    before = set(OFF)
+    OFF.add(code)
+    try:
+        yield
+    finally:
+        OFF.clear()
+        OFF.update(before)
+
+
+def _first(
+    case: _Asked, rules: Mapping[str, Callable[[_Asked], str]], when: str
+) -> CheckResult | None:
+    """The first rule that stops a case, noted in the search: alone if no later one would."""
+    asked = ((k, rule(case)) for k, rule in rules.items() if k not in OFF)
+    reasons = ((k, reason) for k, reason in asked if reason)
+    code, reason = next(reasons, ("", ""))
+    if not code:
+        return None
+    fired = case.search.fired
+    # what another rule stops as well is stopped without this one
+    fired[code] = fired.get(code, False) or next(reasons, None) is None
+    return CheckResult(code, when, reason, _numbers(case.rated))
 
 
 def _numbers(r: Rated) -> dict[str, float]:

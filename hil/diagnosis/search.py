@@ -89,6 +89,8 @@ class Search:
     refused: set[tuple[str, int]] = field(default_factory=set)
     #: Why what might have been added was not, by effect and joint.
     stops: dict[tuple[str, int], rules.CheckResult] = field(default_factory=dict)
+    #: Rules that stopped something -> whether of one thing at least no other would have.
+    fired: dict[str, bool] = field(default_factory=dict)
     rungs: list[Rung] = field(default_factory=list)
     found: list[Candidate] = field(default_factory=list)
     first: Evidence | None = None

@@ -428,6 +428,28 @@ class Step:
         return f"Step({self.label}: held-out error {errors} %)"
 
 
+@dataclass(frozen=True)
+class CheckResult:
+    """Why a rule stopped a case.
+
+    Parameters
+    ----------
+    code : str
+        The rule.
+    stage : str
+        ``"candidate"`` before a fit with it, ``"fit"`` after one.
+    reason : str
+        One sentence without its full stop.
+    evidence : dict of str to float
+        The numbers it rests on.
+    """
+
+    code: str
+    stage: str
+    reason: str
+    evidence: dict[str, float] = field(default_factory=dict)
+
+
 @dataclass(repr=False)
 class Diagnosis:
     """Verdict, findings and everything they rest on.
@@ -452,6 +474,10 @@ class Diagnosis:
     unseen: list[Unseen] = field(default_factory=list)
     #: What the given model had been identified on.
     valid: tuple[Range, ...] = ()
+    #: Why an effect was not added to a joint, by effect and joint: the last rule that stopped it.
+    stops: dict[tuple[str, int], CheckResult] = field(default_factory=dict)
+    #: Rules that stopped something -> whether of one thing at least no other rule would have.
+    fired: dict[str, bool] = field(default_factory=dict)
     #: What the data cannot tell apart; made when first asked for (see `equivalence.sets_of`).
     sets: list[Indistinguishable] | None = field(default=None, init=False)
     #: Simulated errors of the rungs; made when first asked for (see `verbs.ladder`).

@@ -64,6 +64,34 @@ class Share:
         )
 
 
+def difference(both: int, lost: int, gained: int, neither: int) -> tuple[float, float]:
+    """Interval at 95 % of a share after less the share before, in the same sessions.
+
+    Newcombe, Statist. Med. 17:2635, 1998, method 10: Wilson intervals of the two shares, and how
+    they go together.
+
+    Parameters
+    ----------
+    both, lost, gained, neither : int
+        Sessions that are right before and after, before alone, after alone, never.
+    """
+    n = both + lost + gained + neither
+    before, after = Share(both + lost, n), Share(both + gained, n)
+    if not n:
+        return -1.0, 1.0
+    (low_b, high_b), (low_a, high_a) = before.interval, after.interval
+    p, q = before.k / n, after.k / n
+    whole = before.k * (n - before.k) * after.k * (n - after.k)
+    cross = float(both * neither - lost * gained)
+    cross = max(cross - n / 2, 0.0) if cross > 0 else cross
+    phi = cross / sqrt(whole) if whole else 0.0
+
+    def apart(x: float, y: float) -> float:
+        return sqrt(max(x * x - 2 * phi * x * y + y * y, 0.0))
+
+    return q - p - apart(q - low_a, high_b - p), q - p + apart(p - low_b, high_a - q)
+
+
 def share(rows: Iterable[Row], hit: Callable[[Row], bool]) -> Share:
     """Share of `rows` for which `hit` holds."""
     found = [hit(r) for r in rows]

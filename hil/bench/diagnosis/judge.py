@@ -61,11 +61,18 @@ def judge(case: Case) -> dict[str, Any]:
         "torque-offset" in model.names(),
     )  # fmt: skip
     started = time.process_time()
+    row |= answer(case, train, other)
+    if row["outcome"] != "crashed":
+        row["cpu"] = [round(simulated - began, 3), round(time.process_time() - started, 3)]
+    return row
+
+
+def answer(case: Case, train: list[Recording], other: list[Recording]) -> dict[str, Any]:
+    """What a diagnosis of a case's sessions said, with its outcome."""
     try:
-        row |= said(diagnose(train, model, other))
+        row = said(diagnose(train, suspected(case, train[0].robot), other))
     except Exception as error:  # a crash of the diagnosis is a result, with its case
-        return row | {"outcome": "crashed", "named": [], "verdict": repr(error)}
-    row["cpu"] = [round(simulated - began, 3), round(time.process_time() - started, 3)]
+        return {"outcome": "crashed", "named": [], "verdict": repr(error)}
     return row | {"outcome": outcome(case, row)}
 
 
@@ -84,6 +91,8 @@ def said(d: Diagnosis) -> dict[str, Any]:
             [c.name, c.term.joint + 1, round(c.chi2, 1), c.dof] for c in d.first.candidates[:8]
         ],
         "partial": [[f.effect, f.joint] for f in d.partial],
+        # rules that stopped something, and those that no other rule would have stood in for
+        "fired": sorted(d.fired), "alone": sorted(k for k, sole in d.fired.items() if sole),
         "before": round(steps[0], 3), "after": round(steps[-1], 3),
     }  # fmt: skip
 

@@ -6,7 +6,7 @@ import json
 import multiprocessing
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,16 +35,33 @@ def read(path: Path) -> list[Row]:
     return rows
 
 
-def run(todo: list[cases.Case], jobs: int, path: Path | None) -> list[Row]:
-    """Rows of `todo`, those in `path` not done again; new ones are appended to it."""
-    done = {r["case"]: r for r in (read(path) if path else [])}
+def run(
+    todo: Sequence[Any], jobs: int, path: Path | None,
+    work: Callable[[Any], Row] = judge.judge, key: str = "case",
+) -> list[Row]:  # fmt: skip
+    """Rows of `todo`, those in `path` not done again; new ones are appended to it.
+
+    Parameters
+    ----------
+    todo : sequence
+        Cases, or other things with a name.
+    jobs : int
+        Processes.
+    path : Path or None
+        File of the rows.
+    work : callable
+        Makes the row of one of them.
+    key : str
+        Where a row has the name.
+    """
+    done = {r[key]: r for r in (read(path) if path else [])}
     left = [c for c in todo if c.name not in done]
     if path and path.is_file() and not path.read_bytes().endswith(b"\n"):
         path.write_text("".join(json.dumps(r) + "\n" for r in done.values()), encoding="utf-8")
     made_by = revision()
-    for row in spread(judge.judge, left, jobs, "session"):
+    for row in spread(work, left, jobs, "session"):
         row["revision"] = made_by
-        done[row["case"]] = row
+        done[row[key]] = row
         if path:
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")

@@ -25,7 +25,7 @@ def report(rows: list[Row], command: str) -> str:
     """Everything, as Markdown, for every plant that has rows."""
     head = [
         "# Benchmark: naming hidden effects", "",
-        f"Made by `{command}` at revision {_revisions(rows)}; {len(rows)} sessions. {_cost(rows)}",
+        f"Made by `{command}` at revision {revisions(rows)}; {len(rows)} sessions. {_cost(rows)}",
         "Excess: what an effect leaves above the residual of the same session without it, in units",
         "of that residual (worst joint). Intervals: Wilson, 95 %.",
     ]  # fmt: skip
@@ -38,7 +38,7 @@ def report(rows: list[Row], command: str) -> str:
     return "\n".join(head) + "\n"
 
 
-def _revisions(rows: list[Row]) -> str:
+def revisions(rows: list[Row]) -> str:
     """Revisions of the program that made the rows; several where a run was resumed."""
     return ", ".join(sorted({r["revision"] for r in rows}))
 

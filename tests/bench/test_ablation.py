@@ -1,0 +1,142 @@
+"""The benchmark without a rule: what is repeated, what its table says, what a rule stands for."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from hil.bench.diagnosis import ablation, ablationtable, cases, figures, runner
+from hil.commands import benchhidden
+from hil.diagnosis import rules
+from hil.errors import ConfigError, DataError
+
+
+def row(case, outcome, named=(), alone=()):
+    names = [{"effect": e, "joint": "joint1", "rivals": []} for e in named]
+    return {"case": case, "plant": "tuning", "outcome": outcome, "named": names,
+            "verdict": "missing-effect" if named else "adequate", "revision": "abc",
+            "fired": sorted({*alone, "detected"}), "alone": sorted(alone)}  # fmt: skip
+
+
+def without(code, case, outcome, named=()):
+    made = {"without": code, "again": f"{case} without {code}", "cpu": 2.0}
+    return row(case, outcome, named) | made
+
+
+ROWS = [
+    row("a", "right", ["stribeck"], ["worth", "harm"]),
+    row("b", "missed", [], ["worth"]),
+    row("c", "right", ["delay"], ["worth"]),
+    row("d", "unstable"),
+]
+AGAIN = [
+    without("worth", "a", "extra", ["stribeck", "cogging"]),
+    without("worth", "b", "right", ["delay"]),
+    without("worth", "c", "wrong", ["presliding"]),
+    without("harm", "a", "right", ["stribeck"]),
+]
+
+
+def test_effects_count_flips_of_stable_sessions():
+    found = {e.code: e for e in ablationtable.effects(ROWS, AGAIN)}
+    assert list(found) == [*rules.CANDIDATE, *rules.FIT]
+    worth, harm, idle = found["worth"], found["harm"], found["scales"]
+    assert (worth.stage, worth.fired, worth.alone, worth.seconds) == ("candidate", 3, 3, 6.0)
+    assert (worth.changed, worth.lost, worth.gained) == (3, 2, 1)
+    assert (harm.alone, harm.changed, harm.lost, harm.gained) == (1, 0, 0, 0)
+    assert (idle.stage, idle.fired, idle.alone, idle.changed) == ("fit", 0, 0, 0)
+    assert found["detected"].fired == 3 and found["detected"].alone == 0
+
+
+def test_table():
+    text = ablationtable.report(ROWS, AGAIN, "hil bench diagnosis --ablate")
+    lines = [line.split("|") for line in text.splitlines() if line.startswith("| worth")]
+    cells = [x.strip() for x in lines[0]]
+    assert cells[1:8] == ["worth", "candidate", "3", "3", "3", "2", "1"]
+    assert "revision abc; 4 sessions, 4 diagnoses without a rule" in text
+    assert "missed: adequate" in text and "wrong: presliding joint1" in text
+    idle = text.splitlines()[-1].split(", ")
+    assert "harm" in idle and "worth" not in idle
+
+
+def test_difference_of_paired_shares():
+    # Newcombe 1998, table II: 36, 12, 2, 0 gives 0.0569 to 0.3404
+    low, high = figures.difference(36, 2, 12, 0)
+    assert (round(low, 4), round(high, 4)) == (0.0569, 0.3404)
+    low, high = figures.difference(50, 0, 0, 0)
+    assert low == pytest.approx(-high) and 0.05 < high < 0.1
+    assert figures.difference(0, 0, 0, 0) == (-1.0, 1.0)
+
+
+def test_a_rule_is_asked_again_after_an_error():
+    with pytest.raises(ZeroDivisionError), rules.without("worth"):
+        assert {"worth"} == rules.OFF
+        raise ZeroDivisionError
+    assert not rules.OFF
+    with rules.without("harm"):
+        with rules.without("harm"):
+            pass
+        assert {"harm"} == rules.OFF
+    assert not rules.OFF
+
+
+def candidate(p_value, after):
+    """A candidate of a search that has tried nothing yet; enough for the first three rules."""
+    term = SimpleNamespace(joint=0)
+    rated = SimpleNamespace(
+        candidate=SimpleNamespace(name="x", term=term, p_value=p_value),
+        before=1.0, after=after, sureness=5.0,
+    )  # fmt: skip
+    search = SimpleNamespace(refused=set(), fired={})
+    return SimpleNamespace(search=search, rated=rated, evidence=None)
+
+
+@pytest.fixture
+def three(monkeypatch):
+    some = {k: rules.CANDIDATE[k] for k in ("refused", "detected", "worth")}
+    monkeypatch.setattr(rules, "CANDIDATE", some)
+
+
+def test_without_a_rule_what_it_alone_stopped_is_added(three):
+    case = candidate(1.0, 0.1)
+    assert rules.stopped(case).code == "detected" and case.search.fired == {"detected": True}
+    with rules.without("worth"):
+        assert rules.stopped(case).code == "detected"
+    with rules.without("detected"):
+        assert rules.stopped(case) is None
+
+
+def test_without_a_rule_what_another_stops_too_stays_out(three):
+    case = candidate(1.0, 0.99)
+    assert rules.stopped(case).code == "detected" and case.search.fired == {"detected": False}
+    with rules.without("detected"):
+        assert rules.stopped(case).code == "worth"
+    # one thing that it alone stops is enough, and what comes later does not undo it
+    other = candidate(1.0, 0.1)
+    other.search.fired = case.search.fired
+    rules.stopped(other)
+    rules.stopped(case)
+    assert case.search.fired["detected"]
+
+
+def test_only_cases_with_a_rule_of_their_own_are_repeated():
+    case = cases.Case("none", "arm", (), "white", "strokes", 0)
+    other = cases.Case("none", "arm", (), "white", "strokes", 1)
+    rows = [row(case.name, "right", alone=["worth", "harm"]), row(other.name, "unstable")]
+    assert [(a.case, a.code) for a in ablation.repeated([case, other], rows)] == [
+        (case, "harm"), (case, "worth"),
+    ]  # fmt: skip
+
+
+def test_results_of_another_revision_are_refused(monkeypatch, tmp_path):
+    monkeypatch.setattr(runner, "revision", lambda: "def")
+    with pytest.raises(DataError, match="results of revision abc, and this is def"):
+        ablation.run([], ROWS, 1, tmp_path / "r.jsonl")
+
+
+def test_only_some_sessions():
+    todo = cases.nothing(range(1))
+    some = benchhidden._only(todo, ["/white/"])
+    assert some and {c.noise for c in some} == {"white"}
+    assert benchhidden._only(todo, []) == todo
+    with pytest.raises(ConfigError, match="--only stribek"):
+        benchhidden._only(todo, ["stribek"])
