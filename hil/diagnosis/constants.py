@@ -49,8 +49,8 @@ RIVAL = 0.05
 #: is none.  Odds of three to one, and even odds.  Half: more names, more of them wrong.
 CONFIDENT, WORTHLESS, ALONE = 0.75, 0.05, 0.5
 #: Share of what can be explained from which names are worth something, and worth all.  Tuning
-#: plants: right and wrong names part between 0.71 and 0.78.  Half: shadows get names.
-HALF, WHOLE = 0.45, 0.80
+#: plants: right and wrong names part between 0.5 and 0.7.  Half: shadows get names.
+HALF, WHOLE = 0.45, 0.70
 #: Standard errors that a share on held-out runs may lack.  Normal tail.
 CHANCE = 2.0
 #: Error of held-out runs over their own floor from which they refute a model that nothing was added

@@ -30,7 +30,7 @@ from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import Errors, Group, Table
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.residual_tests import changes
-from hil.diagnosis.types import Candidate, Evidence, Step, describe, ranking
+from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe, ranking
 from hil.identify.context import renew
 from hil.identify.design import Term
 from hil.identify.problem import Problem
@@ -88,7 +88,7 @@ class Search:
     seed: int = 0
     refused: set[tuple[str, int]] = field(default_factory=set)
     #: Why what might have been added was not, by effect and joint.
-    stops: dict[tuple[str, int], rules.CheckResult] = field(default_factory=dict)
+    stops: dict[tuple[str, int], CheckResult] = field(default_factory=dict)
     #: Rules that stopped something -> whether of one thing at least no other would have.
     fired: dict[str, bool] = field(default_factory=dict)
     rungs: list[Rung] = field(default_factory=list)
@@ -330,6 +330,7 @@ def exchange(search: Search) -> list[Named]:
             if c.term.key in named:
                 continue
             rated, projector = _beside(search, c)
+            rated = [_refitted(r, search.now) if _own(r, c) else r for r in rated]
             other = _better(search, c, rated)
             if other is not None:
                 changed = True
@@ -368,6 +369,20 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
         )
     ]  # fmt: skip
     return sound, projector
+
+
+def _own(r: Rated, c: Candidate) -> bool:
+    """Whether a rated candidate is an effect of the model itself."""
+    return r.candidate.term.key == c.term.key
+
+
+def _refitted(r: Rated, now: Rung) -> Rated:
+    """An effect of the model with the errors that the model has, where its shapes settled lower."""
+    j = r.joint
+    if now.errors.power[j] >= r.after or now.errors.squared.shape != r.errors.squared.shape:
+        return r
+    fall = r.now.squared[:, j] - now.errors.squared[:, j]
+    return replace(r, errors=now.errors, fall=fall, after=float(now.errors.power[j]))
 
 
 def _comparable(t: Term, own: Effect, j: int) -> bool:

@@ -146,7 +146,7 @@ def session(
     identify = load_rig(rig_path("identify"), {"simulation": simulation})
     app.run(identify, IDENTIFY, seed, "lockstep", first)
     run = load(first, ARM)
-    model = fit([run], base_model(run.robot, ARM)).model
+    model = fit([run], base_model(run.robot, ARM) - "torque-offset").model
     hand = {"kind": "hand", "frequency": 0.5, "size": [0.05, 0.05, 0.05]}
     simulation |= {"operator": hand, "gel": {"below_home": 0.01}}
     over = {"simulation": simulation, "estimators": estimators(model, learn)}

@@ -119,7 +119,7 @@ class TorqueCrosstalk(Effect):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Less the other motor's command."""
         k = int(shape[0]) - 1
-        return -motion.tau[:, k : k + 1]
+        return -motion.driven(k)[:, None]
 
     def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
         """What hangs on both joints' positions: a hose or a bundle of cables between them."""

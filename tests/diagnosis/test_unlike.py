@@ -65,7 +65,7 @@ def test_bursts_are_told_with_their_instants_and_leave_the_verdict():
     rng, extra = np.random.default_rng(3), np.zeros(T.size)
     at = (3.3, 11.0, 19.7)
     for x in at:
-        extra += 6.0 * rng.standard_normal(T.size) * np.exp(-(((T - x) / 0.15) ** 2))
+        extra += 4.0 * rng.standard_normal(T.size) * np.exp(-(((T - x) / 0.15) ** 2))
     d, (said,) = answer(extra)
     assert d.verdict == "adequate" and "comes in bursts" in said
     told = [float(x) for x in said.split("largest are at ")[1].split(" s of monday")[0].split(",")]

@@ -100,5 +100,5 @@ def test_an_identifying_motion_has_a_small_condition_number(tmp_path, capsys):
     place = str(tmp_path / "id.toml")
     assert main(["excite", str(RIG), "-o", place, "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
-    assert data["columns"] == 14
+    assert data["columns"] == 17
     assert data["condition"] < 5.0 < 8.0 < data["condition_naive"]
