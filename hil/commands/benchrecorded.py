@@ -116,7 +116,7 @@ def _wrist(args: argparse.Namespace) -> Found:
         joints = w.diagnosis.result.problem.joints
         rows = [[s.label, *(f"{x:.1f}" for x in s.heldout.relative)] for s in w.diagnosis.ladder]
         what = {
-            "fifths": "Contiguous fifths, each held out",
+            "fifths": "Blocks of the whole recording, held out",
             "halves": "First half fits, second half tests",
         }[split]
         lines += [f"{what}: held-out error %", common.table(["model", *joints], rows), ""]

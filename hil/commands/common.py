@@ -32,7 +32,7 @@ def add_holdout(parser: argparse.ArgumentParser) -> None:
     """--holdout."""
     parser.add_argument(
         "--holdout", action="append", default=[], metavar="H.mcap",
-        help="session to judge on (repeatable); without, contiguous fifths of the same sessions",
+        help="session to judge on (repeatable); without, blocks of the same sessions",
     )  # fmt: skip
 
 

@@ -83,7 +83,9 @@ def _judged(c: Comparison) -> str:
         "largest-model": "what the largest model cannot predict",
     }
     judged = (
-        "held-out sessions" if c.heldout.kind == "holdout" else "contiguous fifths, each held out"
+        "held-out sessions"
+        if c.heldout.kind == "holdout"
+        else "blocks of the same sessions, held out"
     )
     fixed = all(t.fixed for t in c.result.terms)
     values = "the model's values as they are" if fixed else "all values fitted again to these data"

@@ -9,22 +9,20 @@ about zero speed does, and its error is then neither noise nor a missing effect.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.diagnosis.candidates import held_out
 from hil.diagnosis.evidence import floor_of
+from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Evidence, HeldOut, Step
 from hil.errors import DataError
 from hil.identify.assemble import assemble
-from hil.identify.bounds import bounded, limits
 from hil.identify.context import set_context
 from hil.identify.design import Term
 from hil.identify.fit import fit, predict, time_blocks
-from hil.identify.normal import ENOUGH, Normal
 from hil.identify.problem import Problem
-from hil.identify.regression import Basis, basis
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.identify.trial import CLOSE
@@ -33,14 +31,13 @@ from hil.record.checks import check
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
-FOLDS = 5
 
 
 # ------------------------------------------------------------ examiner
 
 
 class Examiner:
-    """Evaluates fits on held-out runs if there are any, else on contiguous fifths.
+    """Evaluates fits on held-out runs if there are any, else on blocks of the same ones.
 
     Parameters
     ----------
@@ -79,7 +76,8 @@ class Examiner:
                 self._other.shift_effort(self._problem.shift - self._other.shift)
             residual = predict(result, self._other)
             return _held(residual, self._other, self.kind)
-        return _held(_folds(result), self._problem, self.kind)
+        folds = split(self._problem, whole_runs=not any(t.per_run for t in result.terms))
+        return of_blocks(held_out(result, folds), self._problem, folds)
 
     def floor(self, result: FitResult, evidence: Evidence) -> FloatArray | None:
         """Noise floor of the held-out runs themselves (d,); None without any.
@@ -129,7 +127,7 @@ def _other_than(fitted: list[Recording], holdout: list[Recording]) -> None:
             if np.array_equal(h.q, r.q) and np.array_equal(h.tau, r.tau):
                 raise DataError(
                     f"held-out session {h.name!r} holds the same data as the fitted session "
-                    f"{r.name!r}; give another one, or none: then contiguous fifths are held out"
+                    f"{r.name!r}; give another one, or none: then blocks of it are held out"
                 )
 
 
@@ -144,40 +142,11 @@ def _blocks(problem: Problem) -> NDArray[np.int_]:
     return time_blocks(problem, float(np.clip(shortest / 20, 0.2, 1.0)))
 
 
-def _folds(result: FitResult) -> FloatArray:
-    """Residual of each contiguous fifth, coefficients from the other four."""
-    problem = result.problem
-    x, y = result.x.reshape(problem.d, problem.n, -1), problem.y
-    # what the other folds do not determine stays where the fit began, not where it ended
-    start, out = y - x @ result.prior, np.empty_like(y)
-    edges = list(pairwise(-(-k * problem.n // FOLDS) for k in range(FOLDS + 1)))
-    parts = [Normal.of(x[:, a:b], start[:, a:b], result.sigma) for a, b in edges]
-    every = Normal.of(x, start, result.sigma)
-    low, high = limits(result.terms, problem)
-    held = [
-        np.full(s.stop - s.start, t.fixed) for t, s in zip(result.terms, result.slices, strict=True)
-    ]
-    for part, (a, b) in zip(parts, edges, strict=True):
-        train = np.r_[0:a, b : problem.n]
-        least = 1.0 / max(float(np.linalg.norm(y[:, train] / result.sigma[:, None])), 1.0)
-        if least > ENOUGH:
-            step, found = (every - part).solved(least)
-        else:
-            step, found = _solved(x[:, train], start[:, train], result.sigma, least)
-        theta = bounded(result.prior + step, found, low, high)
-        theta = np.where(np.concatenate(held), result.theta, theta)
-        out[:, a:b] = y[:, a:b] - x[:, a:b] @ theta
-    return out
-
-
-def _solved(
-    x: FloatArray, y: FloatArray, sigma: FloatArray, least: float
-) -> tuple[FloatArray, Basis]:
-    """Shortest theta (p,) of columns (d, n, p) and target (d, n), and the basis."""
-    weighted = (x / sigma[:, None, None]).reshape(-1, x.shape[-1])
-    target, nothing = (y / sigma[:, None]).reshape(-1), np.zeros(x.shape[-1])
-    b = basis(weighted, least)
-    return b.solve(target, nothing, np.zeros_like(target)), b
+def of_blocks(residual: FloatArray, problem: Problem, folds: Split) -> HeldOut:
+    """Left-out residuals (d, n) of the fitted runs; what is not tested does not count."""
+    names = tuple(r.name for r in problem.recordings)
+    effort = np.where(folds.tested, problem.effort, 0.0)
+    return HeldOut(residual, effort, folds.block, "folds", problem.run, names)
 
 
 #: Share by which the held-out error must fall.  One place where a joint lingers may hold all of it,

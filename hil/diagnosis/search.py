@@ -28,7 +28,7 @@ from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, RIVAL, SURE, WO
 from hil.diagnosis.evidence import detect, in_time, measured_floor, priced
 from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import Errors, Group, Table
-from hil.diagnosis.heldout import Examiner
+from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe, ranking
 from hil.identify.context import renew
@@ -112,13 +112,10 @@ class Search:
         table = Table(self.problem, self.split, result.sigma, groups)
         keys = [g.key for g in groups]
         errors = table.errors(keys)
-        heldout = self.examine(result)
-        if heldout.kind != "holdout":
-            tested = self.split.tested
-            heldout = replace(
-                heldout, residual=table.left_out(keys), blocks=self.split.block,
-                effort=np.where(tested, self.problem.effort, 0.0),
-            )  # fmt: skip
+        if self.examine.kind == "holdout":
+            heldout = self.examine(result)
+        else:
+            heldout = of_blocks(table.left_out(keys), self.problem, self.split)
         return Rung(Step(label, result, heldout), errors)
 
     # ------------------------------------------------------------------ evidence

@@ -225,7 +225,7 @@ class HeldOut:
     blocks : ndarray (n,)
         Blocks of time, for standard errors.
     kind : str
-        ``"holdout"`` (other runs) or ``"folds"`` (contiguous fifths of the same runs).
+        ``"holdout"`` (other runs) or ``"folds"`` (blocks of the same runs).
     run : ndarray (n,)
         Run of each instant.
     names : tuple of str

@@ -100,7 +100,7 @@ def ladder(m: Material) -> str:
     judged = (
         "sessions that were not fitted"
         if m.before.heldout.kind == "holdout"
-        else "contiguous fifths of the same sessions, each predicted from the other four"
+        else "many short blocks of the same sessions, each predicted from the others"
     )
     note = (
         f"Errors are rms residual over rms measured effort on {judged}; in brackets the multiple "
@@ -349,7 +349,7 @@ def provenance(m: Material) -> str:
         )
         rows += [[f"fitted: {r.name}", _run(r)] for r in problem.recordings]
         other = held.kind == "holdout"
-        judged = ", ".join(held.names) if other else "contiguous fifths of the fitted sessions"
+        judged = ", ".join(held.names) if other else "blocks of the fitted sessions"
         rows.append(["judged on", judged or "other sessions"])
     return section("Provenance", table(["", ""], rows, (0, 1)))
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -104,7 +105,7 @@ def test_a_rule_that_stopped_a_candidate_says_which_and_why():
 def test_a_rule_that_is_off_is_not_asked(code, monkeypatch):
     monkeypatch.setitem(rules.CANDIDATE, code, lambda case: "asked")
     monkeypatch.setattr(rules, "OFF", set(rules.CANDIDATE) - {code})
-    case = rules.Case(None, _Rated(), None)  # type: ignore[arg-type]
+    case = rules.Case(SimpleNamespace(fired={}), _Rated(), None)  # type: ignore[arg-type]
     assert rules.stopped(case).code == code
     monkeypatch.setattr(rules, "OFF", set(rules.CANDIDATE))
     assert rules.stopped(case) is None
