@@ -58,8 +58,11 @@ class TorqueSaturation(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Command less what is given of it."""
-        tau = motion.tau[:, j]  # what is asked for; what the model foretells is what is given
-        return (tau - given(tau, float(shape[0]), float(shape[1])))[:, None]
+        limit, order = float(shape[0]), float(shape[1])
+        # beyond a sharp limit only the command says what was asked for; of a gradual one the
+        # foretold effort does, and the measured one would explain whatever else grows with it
+        tau = motion.driven(j) if order else motion.tau[:, j]
+        return (tau - given(tau, limit, order))[:, None]
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Limits from about the largest effort down to the least, by knee."""
