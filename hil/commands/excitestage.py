@@ -53,7 +53,8 @@ def _model(
             f"model {args.model} is of another robot than {args.rig}; give that robot's URDF in "
             "place of the rig file"
         )
-    model = base_model(source) if given is None else given
+    # an offset asks for no motion
+    model = base_model(source) - "torque-offset" if given is None else given
     model.check_joints(tuple(robot.joints))
     return model
 

@@ -284,8 +284,15 @@ def simplest(rated: list[Rated], score: Callable[[Rated], float]) -> Rated:
     As well: within what a library's law misses of its effect.
     """
     best = max(rated, key=score)
-    alike = [r for r in rated if r.after - best.after <= DISCREPANCY * best.removed]
+    alike = [r for r in rated if _alike(r, best)]
     return min([best, *alike], key=lambda r: (*_values(r.candidate), -score(r)))
+
+
+def _alike(r: Rated, best: Rated) -> bool:
+    """Whether a candidate does as well as the best: surely no worse, or with less to fit."""
+    close = r.after - best.after <= DISCREPANCY * best.removed
+    fewer = r.candidate.dof < best.candidate.dof
+    return bool(close and (fewer or paired(best.fall - r.fall) < BEYOND))
 
 
 def _values(c: Candidate) -> tuple[int, int]:
@@ -327,7 +334,7 @@ def exchange(search: Search) -> list[Named]:
             if c.term.key in named:
                 continue
             rated, projector = _beside(search, c)
-            rated = [_refitted(r, search.now) if _own(r, c) else r for r in rated]
+            rated = _settled(rated, c, search.now)
             other = _better(search, c, rated)
             if other is not None:
                 changed = True
@@ -371,6 +378,17 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
 def _own(r: Rated, c: Candidate) -> bool:
     """Whether a rated candidate is an effect of the model itself."""
     return r.candidate.term.key == c.term.key
+
+
+def _settled(rated: list[Rated], c: Candidate, now: Rung) -> list[Rated]:
+    """The same; an effect of the model that a rival seems to beat counts as the model has it.
+
+    Its shapes were searched beside everything then, the rivals' coarsely.
+    """
+    own = next((r for r in rated if _own(r, c)), None)
+    if own is None or all(r.after > own.after - DISCREPANCY * own.removed for r in rated):
+        return rated
+    return [_refitted(r, now) if r is own else r for r in rated]
 
 
 def _refitted(r: Rated, now: Rung) -> Rated:
