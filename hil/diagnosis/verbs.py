@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.diagnosis.constants import BEYOND
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.evidence import gather
 from hil.diagnosis.heldout import Examiner, settled
@@ -262,7 +263,7 @@ def useless(before: Rung, after: Rung, joints: list[int]) -> list[str]:
         Joints that it acts on.
     """
     old, new = before.step.heldout, after.step.heldout
-    if any(new.rms[j] < old.rms[j] and new.gain(old, j) > 1.0 for j in joints):
+    if any(new.rms[j] < old.rms[j] and new.gain(old, j) > BEYOND for j in joints):
         return []
     names, se = after.step.result.problem.joints, new.standard_error()
     return [
