@@ -15,7 +15,7 @@ from hil.diagnosis.verdict import only_there
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
 from hil.models.told import remark
-from hil.report.text import LEADING, explains, floor_says, remains
+from hil.report.text import LEADING, corrections, explains, floor_says, remains
 
 SENTENCES = {
     "missing-effect": "missing-effect: the model lacks what is named below.",
@@ -37,7 +37,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     if partial:
         why = "explains too little to be the cause"
         lines += [f"  best partial explanation: {', '.join(partial)} ({why})"]
-    lines += _left(d)
+    lines += _left(d) + _corrections(d)
     lines += [f"  {w}." for code, w in d.warnings if code in LEADING]
     if d.verdict == "adequate":
         lines += [f"  {floor_says(d.beyond)}"]
@@ -61,8 +61,13 @@ def _left(d: Diagnosis) -> list[str]:
     """What all that was named leaves."""
     if not d.findings:
         return []
-    left = remains(d.ladder[-1].heldout.rms / d.noise, d.result.problem.joints)
+    left = remains(d.explained.heldout.rms / d.noise, d.result.problem.joints)
     return ["", f"  {left}"] if left else []
+
+
+def _corrections(d: Diagnosis) -> list[str]:
+    """What the improved model holds without a name."""
+    return ["", f"  {corrections(d.corrections)}"] if d.corrections else []
 
 
 def verdict(d: Diagnosis) -> str:

@@ -10,6 +10,11 @@ sign of the filtered speed and s' that of a speed behind a wider filter, both as
 
 lowers the error then; friction that builds up after a reversal, as before sliding, has b < 0.
 
+Friction that a rigid-body engine computes turns early as well: its stick is a joint that creeps,
+held by an acceleration -v / T, so that with a the acceleration
+
+    s' = tanh((v + T a) / v0).
+
 **Laws of a transmission that do no more than smooth the noise of the measured positions.**
 The model's load is made of measured positions, and takes their noise times the inertia with it.
 What passes an elastic transmission is a smoother load, so that such a law lowers the error of any
@@ -23,7 +28,7 @@ Source: errors in variables, Soederstroem, Automatica 43(6), 2007.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +49,9 @@ FloatArray = NDArray[np.float64]
 BLURRED = "blurred"
 #: Wider cut-offs of the positions, in units of the present one, and in units of the sample rate.
 WIDER, WIDEST = (2.0, 4.0), 0.35
+#: Times by which friction of a rigid-body engine turns early [s]: a third of the time constants
+#: that engines have by default (0.02 s and less), to half of them.
+EARLY = (0.002, 0.005, 0.01)
 #: Share of a law's gain that must be left beside it: false names of clean axes with exact dry
 #: friction left 0.01 to 0.09 of theirs, true ones 0.98 and more.
 BESIDE_BLUR = 0.3
@@ -56,7 +64,7 @@ MUCH = 0.17
 
 @dataclass(frozen=True)
 class Blur:
-    """What blurred reversals explain on one joint.
+    """What blurred or early reversals explain on one joint.
 
     Parameters
     ----------
@@ -74,7 +82,7 @@ class Blur:
 
 
 def blur(result: FitResult, projector: Projector, j: int) -> Blur:
-    """The wider filter that explains most of joint j's residual, with a positive coefficient."""
+    """The other sign that explains most of joint j's residual, with a positive coefficient."""
     term = next((t for t in result.terms if t.effect.name == "coulomb" and t.joint == j), None)
     if term is None:
         return Blur(np.zeros(result.problem.n), np.zeros(result.problem.n), 0.0)
@@ -90,8 +98,8 @@ def _best(problem: Problem, term: Term, projector: Projector) -> Blur:
     j = term.joint
     rows, sigma = projector.rows(term), float(projector.sigma[j])
     r = projector.residual[rows]
-    for wider in WIDER:
-        c = _column(problem, term, wider) / sigma
+    for other in _signs(problem, j):
+        c = _column(problem, term, other) / sigma
         known = projector.inner(rows, c[:, None])
         new = c - projector.spanned(known)[rows][:, 0]
         along, size = float(new @ r), float(new @ new)
@@ -100,12 +108,23 @@ def _best(problem: Problem, term: Term, projector: Projector) -> Blur:
     return best
 
 
-def _column(problem: Problem, term: Term, wider: float) -> FloatArray:
-    """Difference of the two signs, as the rows see it (n,)."""
+def _signs(problem: Problem, j: int) -> Iterator[list[FloatArray]]:
+    """Signs of joint j's speed behind wider filters, and signs that turn early, run by run."""
+    for wider in WIDER:
+        yield _sharp(problem, j, wider)
+    for early in EARLY:
+        yield [
+            m.sign_of(m.qd[:, j] + early * m.qdd[:, j], m.qdd[:, j], float(m.resolution[j]))
+            for m in problem.motions
+        ]
+
+
+def _column(problem: Problem, term: Term, other: list[FloatArray]) -> FloatArray:
+    """Difference of another sign and the model's, as the rows see it (n,)."""
     j = term.joint
     raw = [
         (sharp - term.effect.columns(m, j, term.shape)[:, 0])[:, None]
-        for sharp, m in zip(_sharp(problem, j, wider), problem.motions, strict=True)
+        for sharp, m in zip(other, problem.motions, strict=True)
     ]
     out: FloatArray = problem.gated(raw, j)[:, 0]
     return out

@@ -344,6 +344,14 @@ def chance(result: FitResult, key: tuple[str, int]) -> float:
     return float(f.sf(square * (count - m) / (m * (count - 1)), m, count - m))
 
 
+def effort(result: FitResult, key: tuple[str, int]) -> float:
+    """Rms effort of a term (effect, joint) of a fit, weighted, over all joints."""
+    number = next(k for k, t in enumerate(result.terms) if t.key == key)
+    where = result.slices[number]
+    rows = result.x[:, where] @ result.theta[where]
+    return float(np.linalg.norm(rows))
+
+
 #: Shape parameters that are a size.
 SCALES = ("T", "f", "b", "s", "p", "vs")
 

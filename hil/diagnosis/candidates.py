@@ -110,8 +110,9 @@ def candidate_group(problem: Problem, c: Candidate) -> Group:
 
 
 def terms_to_try(
-    result: FitResult, joints: Collection[int], without: Collection[Key] = ()
-) -> tuple[list[Term], list[tuple[str, str]]]:
+    result: FitResult, joints: Collection[int], without: Collection[Key] = (),
+    corrections: bool = False,
+) -> tuple[list[Term], list[tuple[str, str]]]:  # fmt: skip
     """Terms that may be added on some joints, and effects that cannot be tried, with the reason.
 
     Parameters
@@ -122,6 +123,8 @@ def terms_to_try(
         Joints that are still open; effects of the whole robot are tried if there is one.
     without : collection of (effect, joint)
         Terms of the fit that count as absent, so that they are tried again.
+    corrections : bool
+        Corrections without a name in the place of effects.
     """
     problem, explains = result.problem, result.model.explains
     motion, held = problem.motions[0], problem.holds
@@ -129,7 +132,8 @@ def terms_to_try(
     terms: list[Term] = []
     impossible: dict[str, str] = {}
     for effect in catalogue.table().values():
-        if not effect.candidate or explains not in effect.explains:
+        wanted = effect.correction if corrections else effect.candidate
+        if not wanted or explains not in effect.explains:
             continue
         for j in range(1 if effect.of_robot else problem.d):
             if (effect.name, j) in present or (held[j] and not effect.of_robot):

@@ -44,6 +44,9 @@ BEATEN = 0.2
 #: Paired standard errors from which a held-out error has risen.  Half: rungs are lost to chance;
 #: double: a ladder may rise a little on one joint.
 RISEN = 1.0
+#: Share of the effort of a named effect that a correction may take.  Even odds.  Half: fewer
+#: corrections; double: corrections take all of a name's effort, and its values are worth nothing.
+ROBBED = 0.5
 #: Error over the measured noise floor that counts as met.  The floor itself is known to a tenth.
 #: Half: right answers become *unexplained*; double: effects of half a floor are overlooked.
 ADEQUATE = 1.10

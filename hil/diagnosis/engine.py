@@ -21,8 +21,24 @@ from hil.diagnosis.folds import split
 from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.preconditions import mistaken, undetermined
 from hil.diagnosis.search import Named, Search, exchange, shares
-from hil.diagnosis.types import NOTHING, Candidate, Diagnosis, Evidence, Finding, joint_of
-from hil.diagnosis.verdict import finish, matters, notes, noticed, of_noise, rival_name
+from hil.diagnosis.types import (
+    NOTHING,
+    Candidate,
+    Correction,
+    Diagnosis,
+    Evidence,
+    Finding,
+    joint_of,
+)  # fmt: skip
+from hil.diagnosis.verdict import (
+    finish,
+    matters,
+    notes,
+    noticed,
+    of_noise,
+    rival_name,
+    with_errors,
+)  # fmt: skip
 from hil.identify.context import renew
 from hil.identify.problem import Problem
 from hil.identify.threads import single_threaded
@@ -91,7 +107,38 @@ def diagnose(
     out = judged(search, named, _last(search))
     out.warnings = without_robot(problem) + doubtful + out.warnings
     out.stops, out.fired = search.stops, search.fired
-    return finish(out, examine, model, recordings, faults)
+    finish(out, examine, model, recordings, faults)
+    return corrected(out, search)
+
+
+def corrected(out: Diagnosis, search: Search) -> Diagnosis:
+    """The diagnosis with free functions for what no effect explains in its last model.
+
+    The verdict and all that is said of the remainder are those of the model before: a correction
+    explains nothing.
+    """
+    problem, step = search.problem, out.ladder[-1]
+    over = (step.result.rms > ADEQUATE * out.floor) | (step.heldout.rms > ADEQUATE * out.noise)
+    open_joints = ~problem.holds & over & matters(step.result)
+    if out.verdict == "adequate" or not np.any(open_joints):
+        return out
+    joints = (None, *problem.joints)
+    search.standing = [
+        (f.effect, max(joints.index(f.joint) - 1, 0)) for f in out.findings if f.confidence >= ALONE
+    ]
+    for rung in search.correct(np.flatnonzero(open_joints).tolist()):
+        before, after = out.ladder[-1].heldout, rung.step.heldout
+        out.ladder.append(rung.step)
+        out.corrected += 1
+        for c in rung.added:
+            errors = (before.relative, after.relative, after.standard_error())
+            effect, name = c.term.effect, problem.joints[c.joint]
+            one = (float(e[c.joint]) for e in errors)
+            out.corrections.append(Correction(effect.name, effect.variables, name, *one))
+    if out.corrections:
+        with_errors(out)
+    renew(search.now.result)
+    return out
 
 
 def without_robot(problem: Problem) -> list[tuple[str, str]]:

@@ -244,13 +244,31 @@ def floor_of(result: FitResult, evidence: Evidence) -> Floor:
 
 
 def measured_floor(found: list[Candidate], projector: Projector, result: FitResult) -> Floor:
-    """Noise floor beside candidates that were tried, with their columns in the largest model."""
+    """Noise floor beside candidates that were tried, with their columns in the largest model.
+
+    Free functions of the recording (corrections) are in it as well: what they foretell is no noise.
+    """
     extra: list[list[FloatArray]] = [[] for _ in result.problem.joints]
-    for c in found:
+    for c in [*found, *_free_functions(projector, result)]:
         # what answers noise would take it out of the floor
         if c.absorbed < 1 - 1e-6 and not _picked(c, projector) and in_time(c, result):
             _collect(result.problem.d, c.term, result.problem, extra)
     return measure(result, extra)
+
+
+def _free_functions(projector: Projector, result: FitResult) -> list[Candidate]:
+    """Corrections without a name, on every joint that moves."""
+    problem, explains = result.problem, result.model.explains
+    present = {t.key for t in result.terms}
+    terms = [
+        Term(e, j)
+        for e in catalogue.table().values()
+        if e.correction and explains in e.explains
+        for j in np.flatnonzero(~problem.holds).tolist()
+        if (e.name, j) not in present and not e.available(problem.motions[0], j)
+    ]
+    with problem.aside():
+        return try_all(projector, result, terms)
 
 
 def _picked(c: Candidate, projector: Projector) -> bool:

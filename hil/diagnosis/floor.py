@@ -12,12 +12,12 @@ The noise scale must never come from the incomplete model: the missing effect in
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Floor
 from hil.identify.problem import Problem
 from hil.identify.regression import inflation
@@ -25,9 +25,9 @@ from hil.identify.repeats import period
 from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
-#: Non-linearity and cross-talk of strain-gauge force sensors (1-2 % of what is measured): below
-#: that, a law of the environment cannot be told from the sensor's own error.
-SENSOR_ACCURACY = 0.02
+#: Non-linearity and cross-talk of strain-gauge force sensors, where nothing is known of the one
+#: at hand: below that, a law of the environment cannot be told from the sensor's own error.
+SENSOR_ACCURACY = 0.01
 #: Linearity of amplifiers and DACs, and the jitter of a command within its period: no motor
 #: effort is known better than to about a third of a percent.
 EFFORT_ACCURACY = 0.003
@@ -94,6 +94,7 @@ def largest_model(
     """
     problem = result.problem
     x = result.x.reshape(problem.d, problem.n, -1)
+    dealt = split(problem, whole_runs=False)
     out = np.empty_like(result.residual)
     factor, scale, predicted = np.ones((3, problem.d))
     for j in range(problem.d):
@@ -106,7 +107,7 @@ def largest_model(
         penalised = (np.arange(norm.size) >= own.shape[1])[some]
         columns = columns[:, some] / norm[some]
         out[j] = 0.0
-        folds = _folds(columns, y)
+        folds = _folds(columns, y, dealt, live)
         out[j, live], rank = _least_squares(folds)
         factor[j] = inflation(out[j], problem.run)
         # band-limited or coloured rows: one independent value in `factor` instants
@@ -122,31 +123,38 @@ def largest_model(
 
 @dataclass(frozen=True)
 class _Folds:
-    """Columns of length one (n, p) and y (n,), with X'X and X'y of contiguous blocks of time."""
+    """Columns of length one (n, p) and y (n,), with X'X and X'y of every fold.
+
+    And what is tested of each fold: its columns and its y.
+    """
 
     x: FloatArray
     y: FloatArray
-    edges: list[tuple[int, int]]
     grams: FloatArray
     rights: FloatArray
+    tested: list[tuple[FloatArray, FloatArray]]
 
 
-def _folds(x: FloatArray, y: FloatArray, count: int = 6) -> _Folds:
-    edges = list(pairwise(np.linspace(0, y.size, count + 1).astype(int).tolist()))
-    grams = np.stack([x[a:b].T @ x[a:b] for a, b in edges])
-    rights = np.stack([x[a:b].T @ y[a:b] for a, b in edges])
-    return _Folds(x, y, edges, grams, rights)
+def _folds(x: FloatArray, y: FloatArray, dealt: Split, live: NDArray[np.bool_]) -> _Folds:
+    """The instants `live` (of n) of a joint, whose rows `x` and `y` are, by fold."""
+    fold, inner = dealt.fold[dealt.block][live], dealt.tested[live]
+    parts = [np.flatnonzero(fold == k) for k in range(dealt.folds)]
+    grams = np.stack([x[rows].T @ x[rows] for rows in parts])
+    rights = np.stack([x[rows].T @ y[rows] for rows in parts])
+    tested = [rows[inner[rows]] for rows in parts]
+    return _Folds(x, y, grams, rights, [(x[rows], y[rows]) for rows in tested])
 
 
 def _left_out(f: _Folds, penalised: NDArray[np.bool_]) -> float:
     """Rms error on left-out blocks of time; ridge on some columns, the best of STRENGTHS."""
     ridges = np.stack([np.diag(np.where(penalised, s, 1e-10)) for s in STRENGTHS])
-    errors = np.zeros(len(ridges))
-    for k, (a, b) in enumerate(f.edges):
-        gram, right = f.grams.sum(axis=0) - f.grams[k], f.rights.sum(axis=0) - f.rights[k]
-        theta = np.linalg.solve(gram + ridges, right[:, None])[:, :, 0]
-        errors += np.sum((f.y[a:b, None] - f.x[a:b] @ theta.T) ** 2, axis=0)
-    return float(np.sqrt(errors.min() / f.y.size))
+    errors, every, right = np.zeros(len(ridges)), f.grams.sum(axis=0), f.rights.sum(axis=0)
+    for k, (x, y) in enumerate(f.tested):
+        left = (every - f.grams[k] + ridges, (right - f.rights[k])[:, None])
+        theta = np.linalg.solve(*left)[:, :, 0]
+        errors += np.sum((y[:, None] - x @ theta.T) ** 2, axis=0)
+    count = sum(y.size for _, y in f.tested)
+    return float(np.sqrt(errors.min() / count)) if count else float("inf")
 
 
 def _least_squares(f: _Folds) -> tuple[FloatArray, int]:

@@ -19,6 +19,7 @@ from hil.diagnosis.attribution import (
     allowed,
     alone,
     by_chance,
+    effort,
     harmonic,
     kindred,
     physical,
@@ -32,6 +33,7 @@ from hil.diagnosis.constants import (
     MOSTLY,
     MUCH,
     RISEN,
+    ROBBED,
     WORTH,
 )
 from hil.diagnosis.evidence import in_time
@@ -234,9 +236,14 @@ def _beyond(case: Case) -> str:
     """N log(before / after) > m log N + 2 log(family).
 
     N tested instants less what their correlation takes, m values to fit beyond those that they
-    replace, `family` candidates of its joint.  Source: Schwarz, Ann. Statist. 6, 1978.
+    replace, `family` candidates of its joint.  A correction states no law: that it foretells blocks
+    that were left out, by their paired differences, is all that it claims.
+
+    Source: Schwarz, Ann. Statist. 6, 1978.
     """
     r, search = case.rated, case.search
+    if r.candidate.term.effect.correction:
+        return ""
     tested = float(r.now.count[:, r.joint].sum())
     count = max(tested / inflation(r.residual(r.joint), search.problem.run), 2.0)
     gain = count * np.log(r.before / max(r.after, 1e-300))
@@ -321,6 +328,20 @@ def _confirmed(case: Refit) -> str:
     if one.kind != "holdout" or term.effect.dated(term.shape) or term.per_run:
         return ""
     return "" if other.gain(one, r.joint) > RISEN else "held-out runs do not show it"
+
+
+@_fit("robs")
+def _robs(case: Refit) -> str:
+    """A correction leaves their efforts to the effects whose names stand."""
+    if not case.rated.candidate.term.effect.correction:
+        return ""
+    efforts = [
+        {t.key: effort(rung.result, t.key) for t in rung.result.terms}
+        for rung in (case.before, case.after)
+    ]
+    names = [key for key in case.search.standing if key in efforts[0]]
+    robbed = [key for key in names if efforts[1].get(key, 0.0) < (1 - ROBBED) * efforts[0][key]]
+    return f"it takes the place of {robbed[0][0]}" if robbed else ""
 
 
 @_fit("coefficients")

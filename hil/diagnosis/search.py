@@ -37,6 +37,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
+from hil.models import catalogue
 from hil.models.effect import Effect
 from hil.models.model import RobotModel
 
@@ -93,6 +94,8 @@ class Search:
     fired: dict[str, bool] = field(default_factory=dict)
     rungs: list[Rung] = field(default_factory=list)
     found: list[Candidate] = field(default_factory=list)
+    #: Effects whose names stand, by effect and joint: corrections leave them their efforts.
+    standing: list[tuple[str, int]] = field(default_factory=list)
     first: Evidence | None = None
     last: Evidence | None = None
 
@@ -120,10 +123,12 @@ class Search:
 
     # ------------------------------------------------------------------ evidence
 
-    def evidence(self, joints: Sequence[int]) -> tuple[Evidence, list[Rated]]:
-        """All candidates on some joints beside the present model."""
+    def evidence(
+        self, joints: Sequence[int], corrections: bool = False
+    ) -> tuple[Evidence, list[Rated]]:
+        """All candidates on some joints beside the present model; or all corrections."""
         result = self.now.result
-        terms, impossible = terms_to_try(result, joints)
+        terms, impossible = terms_to_try(result, joints, corrections=corrections)
         projector, _ = tried(result, [])
         changed = changes(result, projector)
         if not changed:
@@ -170,6 +175,37 @@ class Search:
                 return
             open_joints = self._added(picks, open_joints)
             self.backward()
+
+    def correct(self, joints: Sequence[int]) -> list[Rung]:
+        """Add corrections without a name where no effect pays any more; the rungs they give.
+
+        They pass the same rules as effects do, but are none: names, stops and rules that fired
+        stay what they are.  First everything is fitted again with a correction; one that would take
+        the effort of a named effect is then tried again on what the model leaves.
+        """
+        kept, start = (list(self.found), dict(self.stops), dict(self.fired)), len(self.rungs)
+        self._corrected(joints)
+        named, first = self.now.result, len(self.rungs)
+        self.rungs.append(self.rung("kept", _kept(named.model), named.sigma))
+        self.refused = {key for key in self.refused if not catalogue.get(key[0]).correction}
+        self._corrected(joints)
+        self.found, self.stops, self.fired = kept
+        del self.rungs[first]
+        for rung in self.rungs[first:]:
+            rung.step = replace(rung.step, result=_freed(rung.result, named))
+        return self.rungs[start:]
+
+    def _corrected(self, joints: Sequence[int]) -> None:
+        """Add corrections on some joints as long as they pay."""
+        left = list(joints)
+        while left:
+            evidence, rated = self.evidence(left, corrections=True)
+            picks = self._picks(rated, evidence, left)
+            left = [j for j in left if any(p.joint == j for p in picks)]
+            if picks:
+                names = list(self.found)
+                self._added(picks, left)
+                self.found = names
 
     def _picks(self, rated: list[Rated], evidence: Evidence, joints: Sequence[int]) -> list[Rated]:
         """The best candidate of each joint, or one of the whole robot that does more alone."""
@@ -276,6 +312,27 @@ def without(model: RobotModel, c: Candidate, problem: Problem) -> RobotModel:
     use = as_use(c, problem)
     rest = tuple(u for u in model.effects if (u.type, u.joints) != (use.type, use.joints))
     return replace(model, effects=rest)
+
+
+#: Options of an effect whose values stay.
+KEPT = {"fixed": True, "fixed_shape": True}
+
+
+def _kept(model: RobotModel) -> RobotModel:
+    """A fitted model whose values stay; but those that every run has by itself."""
+    effects = tuple(
+        u if u.options.get("per_run") else replace(u, options={**u.options, **KEPT})
+        for u in model.effects
+    )
+    return replace(model, effects=effects)
+
+
+def _freed(result: FitResult, named: FitResult) -> FitResult:
+    """A fit with the effects and values of another one beside its own corrections."""
+    own = {(u.type, u.joints): u for u in named.model.effects}
+    effects = tuple(own.get((u.type, u.joints), u) for u in result.model.effects)
+    model = replace(result.model, effects=effects)
+    return replace(result, model=model, values={**result.values, **named.values})
 
 
 def simplest(rated: list[Rated], score: Callable[[Rated], float]) -> Rated:

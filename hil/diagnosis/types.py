@@ -429,6 +429,28 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Correction:
+    """A free function without a name that the written model holds, for what no effect explains.
+
+    Parameters
+    ----------
+    effect, of : str
+        Its name in the model file, and what it is a function of, in words.
+    joint : str
+        Joint.
+    relative_before, relative_after, se : float
+        Held-out relative error of the joint [%] and the standard error of the latter.
+    """
+
+    effect: str
+    of: str
+    joint: str
+    relative_before: float
+    relative_after: float
+    se: float
+
+
+@dataclass(frozen=True)
 class CheckResult:
     """Why a rule stopped a case.
 
@@ -478,6 +500,10 @@ class Diagnosis:
     stops: dict[tuple[str, int], CheckResult] = field(default_factory=dict)
     #: Rules that stopped something -> whether of one thing at least no other rule would have.
     fired: dict[str, bool] = field(default_factory=dict)
+    #: Free functions without a name that the last model holds beside what was found.
+    corrections: list[Correction] = field(default_factory=list)
+    #: Rungs at the end of the ladder that corrections give.
+    corrected: int = 0
     #: What the data cannot tell apart; made when first asked for (see `equivalence.sets_of`).
     sets: list[Indistinguishable] | None = field(default=None, init=False)
     #: Simulated errors of the rungs; made when first asked for (see `verbs.ladder`).
@@ -496,6 +522,12 @@ class Diagnosis:
     def noise(self) -> FloatArray:
         """Noise floor that belongs to the held-out errors (d,)."""
         return self.floor if self.heldout_floor is None else self.heldout_floor
+
+    @property
+    def explained(self) -> Step:
+        """The last rung without corrections: all that has a name, and nothing else."""
+        self._fitted()
+        return self.ladder[-1 - self.corrected]
 
     @property
     def result(self) -> FitResult:
@@ -527,8 +559,10 @@ class Diagnosis:
 
 
 def describe(c: Candidate, problem: Problem) -> str:
-    """E.g. ``stribeck on joint2``."""
+    """E.g. ``stribeck on joint2``; of a correction what it is a function of."""
     where = joint_of(c, problem)
+    if c.term.effect.correction:
+        return f"correction over {c.term.effect.variables} on {where}"
     return f"{c.name} on {where}" if where else c.name
 
 

@@ -254,7 +254,7 @@ def finish(
         if out.network:
             out.verdict = "unexplained"
     _with_unlike(out)
-    _with_errors(out)
+    with_errors(out)
     holds = zip(result.problem.joints, result.problem.holds, strict=True)
     out.warnings += common(out.findings, [name for name, still in holds if not still])
     return out
@@ -276,8 +276,8 @@ def matters(result: FitResult) -> NDArray[np.bool_]:
     return np.asarray(result.rms > MATTERS * size)
 
 
-def _with_errors(out: Diagnosis) -> None:
-    """Standard errors of every shape value, in the last model and in what was found."""
+def with_errors(out: Diagnosis) -> None:
+    """Give standard errors to every shape value, in the last model and in what was found."""
     step = out.ladder[-1]
     out.ladder = [*out.ladder[:-1], replace(step, result=complete(step.result))]
     values = out.ladder[-1].result.values

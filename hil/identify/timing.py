@@ -28,6 +28,10 @@ FloatArray = NDArray[np.float64]
 SLOW = 4
 #: Gauss-Newton steps for the shift, and share of a sample from which another one is taken.
 STEPS, AGAIN = 3, 0.25
+#: Parts of a sample below which one joint's lateness is not better known than another's.
+FINEST = 20
+#: Time by which friction turns early in the column that keeps its turns out of the lateness [s].
+TURN = 0.005
 #: Effects that noise in a closed loop imitates; the slow motion must show them, too.
 LATE = ("delay", "filter-lag", "actuator-lag")
 
@@ -53,6 +57,20 @@ class _WholeRate(_Rate):
 
     name = "whole-effort-rate"
     whole = True
+
+
+class _Turn(Effect):
+    """Friction that turns a little before the speed does, or after it, in its first order."""
+
+    name, family = "friction-turn", "friction"
+    equation = "tau = c (tanh((v + T a) / v0) - tanh(v / v0)),  T = 5 ms"
+    params = (Param("c", "{F}", "friction that turns early"),)
+    candidate = False
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Difference of a sign that turns early and the sign."""
+        v, a, v0 = motion.qd[:, j], motion.qdd[:, j], float(motion.resolution[j])
+        return (motion.sign_of(v + TURN * a, a, v0) - motion.sign_of(v, a, v0))[:, None]
 
 
 def longest_shift(problem: Problem) -> float:
@@ -112,25 +130,62 @@ def real_delay(result: FitResult, j: int, delay: float, whole: bool = False) -> 
 def sample_shift(result: FitResult) -> float:
     """Delay of the effort against the motion [s], common to all joints; 0 beyond one sample.
 
-    The median over joints, so that one joint's real delay or hysteresis does not shift the
-    others.  The whole band measures best; where noise has made its estimate larger than a
-    sample, the slow motion's counts.
+    The median over joints, weighted by what each can tell, so that one joint's real delay or
+    hysteresis does not shift the others.  The whole band measures best; where noise has made its
+    estimate larger than a sample, the slow motion's counts.  Friction may turn before or after the
+    speed does, which is no lateness: that is told from the rest of the effort, where it can be.
     """
     problem = result.problem
     if result.model.explains != "motor":
         return 0.0
     late = {t.joint for t in result.terms if t.effect.name == "delay"}
-    projector = Projector(problem, result.terms, result.sigma)
-    delays = []
-    for j in sorted(set(range(problem.d)) - late):
-        gain, beta, _, _ = projector.score(Term(_Rate(), j))
-        slow, error = slow_delay(result, j)
-        if gain > 10 * np.log(problem.n) and beta.size and abs(beta[0]) <= longest_shift(problem):
-            delays.append(float(beta[0]))
-        else:
-            delays.append(slow if abs(slow) > 2 * error else 0.0)
-    shift = float(np.median(delays)) if delays else 0.0
+    turns = [Term(_Turn(), j) for j in range(problem.d) if not problem.holds[j]]
+    beside, alone = (
+        Projector(problem, [*result.terms, *more], result.sigma) for more in (turns, [])
+    )
+    joints = sorted(set(range(problem.d)) - late)
+    seen = [_told(beside, j) or _clear(alone, j) or _slowly(result, j) for j in joints]
+    shift = _middle(seen, longest_shift(problem) / FINEST) if seen else 0.0
     return shift if abs(shift) <= longest_shift(problem) else 0.0
+
+
+def _middle(seen: Sequence[tuple[float, float]], finest: float) -> float:
+    """Median of values, each with the weight of its standard error; none finer than `finest`."""
+    value, error = np.array(seen).T
+    order = np.argsort(value)
+    weight = np.cumsum(1.0 / np.maximum(error[order], finest) ** 2)
+    return float(value[order][np.searchsorted(weight, weight[-1] / 2)])
+
+
+def _told(projector: Projector, j: int) -> tuple[float, float] | None:
+    """Lateness of joint j's effort beside friction's turns [s], with its standard error.
+
+    None where the rest of the effort does not determine it to `AGAIN` of a sample.
+    """
+    problem = projector.problem
+    _, beta, inverse, _ = projector.score(Term(_Rate(), j))
+    most = longest_shift(problem)
+    if not beta.size or not inverse[0, 0] > 0:
+        return None
+    error = float(np.sqrt(inverse[0, 0] * problem.rate / (2 * problem.rates.effort)))
+    good = error < AGAIN * most and abs(beta[0]) <= most
+    return (float(beta[0]), error) if good else None
+
+
+def _clear(projector: Projector, j: int) -> tuple[float, float] | None:
+    """The same without regard to friction's turns; None if it is not clear, or beyond a sample."""
+    problem = projector.problem
+    gain, beta, inverse, _ = projector.score(Term(_Rate(), j))
+    clear = gain > 10 * np.log(problem.n) and bool(beta.size)
+    if not clear or abs(beta[0]) > longest_shift(problem):
+        return None
+    return float(beta[0]), float(np.sqrt(inverse[0, 0]))
+
+
+def _slowly(result: FitResult, j: int) -> tuple[float, float]:
+    """The same from the slow motion alone; zero where that shows none."""
+    value, error = slow_delay(result, j)
+    return (value if abs(value) > 2 * error else 0.0), max(error, 1e-9)
 
 
 def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = None) -> FitResult:

@@ -30,6 +30,7 @@ MODULES = (
     "hil.models.drive",
     "hil.models.amplifier",
     "hil.models.network",
+    "hil.models.correction",
 )
 _table: dict[str, Effect] = {}
 

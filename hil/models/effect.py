@@ -98,6 +98,10 @@ class Effect(ABC):
     #: What the law leaves out, where that moves its values by more than their standard errors,
     #: which count noise alone; said beside the values.
     caveat: ClassVar[str] = ""
+    #: Whether it is a free function that stands for what no law explains; never a name.
+    correction: ClassVar[bool] = False
+    #: What a correction is a function of, in words.
+    variables: ClassVar[str] = ""
     #: Whether the columns are [sin, cos] of 2 pi f t with f the only shape: screened at once.
     spectral: ClassVar[bool] = False
 

@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from hil.diagnosis.constants import ADEQUATE
 from hil.diagnosis.equivalence import pairs, sets_of
 from hil.diagnosis.residual_tests import CHANGED, UNLIKE
-from hil.diagnosis.types import Diagnosis, Evidence, Finding, Indistinguishable, Share, Step, Unseen
+from hil.diagnosis.types import (
+    Correction,
+    Diagnosis,
+    Evidence,
+    Finding,
+    Indistinguishable,
+    Share,
+    Step,
+    Unseen,
+)  # fmt: skip
 from hil.diagnosis.verbs import Comparison, Rung, ladder
 from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
@@ -43,6 +52,8 @@ class Material:
         Notes and faults.
     network : list of Share
         What any function of position, speeds or time could explain of what is left.
+    corrections : list of Correction
+        Free functions without a name that the last model holds.
     valid : tuple of Range
         What the given model had been identified on, before it was fitted to these sessions.
     """
@@ -60,6 +71,9 @@ class Material:
     valid: tuple[Range, ...] = ()
     unseen: list[Unseen] = field(default_factory=list)
     beyond: float | None = None
+    corrections: list[Correction] = field(default_factory=list)
+    #: Rungs at the end of the ladder that corrections give.
+    corrected: int = 0
 
     @property
     def before(self) -> Step:
@@ -70,6 +84,11 @@ class Material:
     def after(self) -> Step:
         """Last model."""
         return self.rungs[-1].step
+
+    @property
+    def explained(self) -> Step:
+        """The last model without corrections."""
+        return self.rungs[-1 - self.corrected].step
 
     @property
     def problem(self) -> Problem:
@@ -142,6 +161,8 @@ def from_diagnosis(d: Diagnosis) -> Material:
         d.valid,
         d.unseen,
         d.beyond,
+        d.corrections,
+        d.corrected,
     )
 
 

@@ -19,6 +19,7 @@ from hil.models.told import in_words
 #: Fields of an indistinguishable set, and of what a motion could not show.
 SETS = ("effects", "why", "experiment", "reason", "motion", "command")
 UNSEEN = ("effects", "joints", "why", "command")
+CORRECTION = ("effect", "of", "joint", "relative_before", "relative_after", "se")
 
 
 def number(x: float, digits: int = 6) -> float | None:
@@ -154,6 +155,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, object]:
         "findings": [finding_json(f) for f in d.findings],
         "candidates": [candidate_json(c, d.first, d) for c in d.first.candidates[:20]],
         "remaining": _remaining(d),
+        "corrections": [_fields(c, CORRECTION) for c in d.corrections],
         "indistinguishable": [_fields(s, SETS) for s in sets_of(d)],
         "could_not_show": [_fields(u, UNSEEN) for u in d.unseen],
         "warnings": [{"code": code, "text": text} for code, text in d.warnings],

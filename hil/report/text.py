@@ -17,7 +17,7 @@ from hil.diagnosis.equivalence import CONFIDENT
 from hil.diagnosis.floor import EFFORT_ACCURACY, SENSOR_ACCURACY
 from hil.diagnosis.residual_tests import CHANGED, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
-from hil.diagnosis.types import Finding
+from hil.diagnosis.types import Correction, Finding
 from hil.diagnosis.unnamed import told
 from hil.diagnosis.verdict import COMMON, EXPLAINED, only_there
 from hil.errors import ConfigError
@@ -86,6 +86,26 @@ def remains(ratios: FloatArray, joints: Sequence[str]) -> str:
     return (
         f"With all this added, the error of {joints[j]} is still {ratios[j]:.2f} times the noise "
         "floor: no effect that the fitted sessions determine accounts for what remains."
+    )
+
+
+def corrections(which: Sequence[Correction]) -> str:
+    """What the improved model holds without a name; empty if nothing.
+
+    Parameters
+    ----------
+    which : sequence of Correction
+        In the order in which they were added.
+    """
+    if not which:
+        return ""
+    each = [
+        f"{c.of} on {c.joint} ({c.relative_before:.2f} % -> {c.relative_after:.2f} %)"
+        for c in which
+    ]
+    return (
+        f"The improved model also holds corrections without a name, functions of {listed(each)}. "
+        "They predict motions like the recorded ones; they do not say what the cause is."
     )
 
 
@@ -169,8 +189,9 @@ def details(m: Material) -> list[str]:
             f"{100 * f.excess_explained:.0f} % of the squared error above the floor, and less "
             f"than {100 * EXPLAINED:.0f} % is explained in all, so it is not named as the cause)."
         )
-    if m.findings and (left := remains(m.ratio(m.after), m.joints)):
+    if m.findings and (left := remains(m.ratio(m.explained), m.joints)):
         out.append(left)
+    out += [corrections(m.corrections)] if m.corrections else []
     if m.verdict == "not-identifiable" or not m.rungs:
         out += [text for _, text in m.warnings]
     if m.rungs and not (m.findings or m.partial or m.verdict == "not-identifiable"):

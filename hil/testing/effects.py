@@ -19,6 +19,7 @@ __all__ = ["FAMILIES", "ConformanceError", "check_effect", "sample_motions"]
 
 FAMILIES = (
     "friction", "transmission", "actuator", "mass", "stiffness", "sensor", "structure", "contact",
+    "correction",
 )  # fmt: skip
 _TEXTS = ("name", "family", "equation", "signature", "shown_by", "source")
 _TUPLES = ("confused_with", "params", "shape", "replaces", "explains")

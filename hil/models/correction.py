@@ -1,0 +1,264 @@
+"""Corrections without a name: free functions that stand in a model for what no law explains.
+
+A correction says on which variables an effort depends, and not why.  It is never a finding: the
+search tries it where every named effect has failed and an error is left, so that the model that
+is written foretells as much as the data allow.
+
+Source: Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2009, chapter 5 (basis
+expansions); Lampaert, Swevers, Al-Bender, IEEE Trans. Automatic Control 47(4), 2002 (slip
+elements); Nelles, Nonlinear System Identification, 2001.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+
+from hil.models.effect import Effect, Param, typical_speed
+from hil.models.kernels import lag
+from hil.models.motion import FloatArray, Motion
+from hil.models.presliding import slip_state
+
+#: Beyond the range by this factor a function of the position stays where it ends.
+BEYOND = 1.05
+#: Degree of a function of the position.  Half: a joint's cable or foam needs two corrections;
+#: double: runs that go a little further than the fitted ones are foretold worse than without.
+DEGREE = 4
+#: Least displacements at which elements of a hysteresis slip, as shares of the range, and the
+#: multiples of it at which the others do.
+SLIPS, WIDER = (0.001, 0.003, 0.01, 0.03), (1.0, 3.0, 9.0)
+#: Times in which something follows the position [s].
+TIMES = (0.02, 0.06, 0.2, 0.6, 2.0)
+#: Speeds at which a friction peak fades, in units of the rms speed.
+PEAKS = (0.1, 0.3)
+
+_CENTRE = Param("centre", "{x}", "middle of the range of the position")
+_HALF = Param("half", "{x}", "half the range of the position", 0.0)
+_RMS = Param("rms", "{x}/s", "rms speed", 0.0)
+
+
+def _coefficients(count: int, text: str) -> tuple[Param, ...]:
+    return tuple(Param(f"c{k}", "{F}", text) for k in range(1, count + 1))
+
+
+def _range(motion: Motion, j: int) -> tuple[float, float]:
+    """Middle and half of joint j's range over all runs."""
+    low, high = motion.span[j]
+    return float(low + high) / 2, max(float(high - low) / 2, 1e-9)
+
+
+def _powers(q: FloatArray, centre: float, half: float, degree: int) -> FloatArray:
+    """Chebyshev polynomials 0 to `degree` of a position over its range, shape (n, degree + 1)."""
+    x = np.clip((q - centre) / half, -BEYOND, BEYOND)
+    return np.asarray(chebvander(x, degree), dtype=np.float64)
+
+
+class Correction(Effect):
+    """Base of the corrections: a free function of some variables of the recording."""
+
+    family = "correction"
+    explains: ClassVar[tuple[str, ...]] = ("motor", "external")
+    candidate, correction, refine = False, True, False
+    signature = "no law of the catalogue explains it"
+    shown_by = "the motion that was recorded: it foretells no other"
+    source = "Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2009, 5"
+    caveat = (
+        "a function without a name: it foretells motions like the recorded ones and explains none"
+    )
+
+
+class OfPosition(Correction):
+    """Any smooth function of the position."""
+
+    name, variables = "correction-position", "the position"
+    motion_only = True
+    equation = (
+        "tau = sum_k c_k T_k(x),  x = (q - centre) / half, T_k Chebyshev's, k = 1 to 4 "
+        "(beside a spring from 2 on)"
+    )
+    params = _coefficients(DEGREE, "coefficient of T_k")
+    shape = (_CENTRE, _HALF)
+
+    def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
+        """Without T_1 beside a spring that the model has already."""
+        return self.params[int(_sprung(motion, j)) :]
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """T_k(x)."""
+        powers = _powers(motion.q[:, j], shape[0], shape[1], DEGREE)
+        return powers[:, 1 + int(_sprung(motion, j)) :]
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """The range that was recorded."""
+        return [_range(motion, j)]
+
+
+def _sprung(motion: Motion, j: int) -> bool:
+    """Whether the model has a spring on joint j: a surface that is touched throughout."""
+    q0, side = motion.contact[j]
+    return bool(np.isfinite(q0)) and bool(np.min(side * (motion.span[j] - q0)) >= 0)
+
+
+class OfDirection(Correction):
+    """Friction, and viscous friction, that are any smooth function of the position."""
+
+    name, variables = "correction-friction", "the position, by direction"
+    equation = "tau = z sum_k c_k T_k(x) + v (c5 T_1(x) + c6 T_2(x)),  z the friction's state"
+    params = _coefficients(DEGREE + 2, "coefficient of z T_k, then of v T_k")
+    shape = (_CENTRE, _HALF)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """State times T_k(x), and v T_1(x), v T_2(x); v in ranges a second."""
+        powers = _powers(motion.q[:, j], shape[0], shape[1], DEGREE)[:, 1:]
+        state, v = motion.sign(j)[:, None], motion.qd[:, j : j + 1] / shape[1]
+        return np.concatenate([state * powers, v * powers[:, :2]], axis=1)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """The range that was recorded."""
+        return [_range(motion, j)]
+
+
+class OfSpeed(Correction):
+    """Any smooth function of the speed, another one in each direction."""
+
+    name, variables = "correction-speed", "the speed"
+    equation = (
+        "tau = c1 v + c2 |v| + c3 v |v| + c4 sgn(v) sqrt|v| + c5 |sgn v| + "
+        "sgn(v) (c6 exp(-(v / 0.1)^2) + c7 exp(-(v / 0.3)^2)),  v in units of the rms speed"
+    )
+    params = _coefficients(5 + len(PEAKS), "coefficient of a function of the speed")
+    shape = (_RMS,)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Powers of the speed, and peaks about zero."""
+        v, sign = motion.qd[:, j] / shape[0], motion.sign(j)
+        size = np.abs(v)
+        peaks = (sign * np.exp(-((v / peak) ** 2)) for peak in PEAKS)
+        return np.stack([v, size, v * size, sign * np.sqrt(size), np.abs(sign), *peaks], axis=1)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """The rms speed of the run."""
+        return [(typical_speed(motion, j),)]
+
+
+class OfDisplacement(Correction):
+    """Any hysteresis over the displacement since a reversal: three elements that slip."""
+
+    name, variables = "correction-hysteresis", "the displacement since a reversal"
+    replayed = True
+    equation = "tau = sum_k c_k z(w_k),  z <- clip(z + dq / w, -1, 1),  w_k = s, 3 s, 9 s"
+    params = _coefficients(len(WIDER), "force at which an element slips")
+    shape = (Param("s", "{x}", "displacement at which the first element slips", 0.0),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """States of the elements."""
+        q = np.ascontiguousarray(motion.q[:, j])
+        return np.stack([slip_state(q, k * float(shape[0])) for k in WIDER], axis=1)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """A thousandth to three hundredths of the range."""
+        half = _range(motion, j)[1]
+        return [(2 * half * share,) for share in SLIPS]
+
+
+class OfPast(Correction):
+    """What follows the position late: something that creeps or relaxes."""
+
+    name, variables = "correction-relaxation", "the past of the position"
+    replayed = True
+    equation = "tau = sum_k c_k (q - q_k) / half,  T_k dq_k/dt + q_k = q"
+    params = _coefficients(2, "force of a spring behind a damper")
+    shape = (
+        _HALF,
+        Param("T1", "s", "time of the faster one", 0.0),
+        Param("T2", "s", "time of the slower one", 0.0),
+    )
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Deflection of the springs behind the dampers."""
+        q = np.ascontiguousarray(motion.q[:, j]) / shape[0]
+        return np.stack([q - lag(q, motion.dt, float(t)) for t in shape[1:]], axis=1)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """All pairs of times that are a factor of three or more apart."""
+        half = _range(motion, j)[1]
+        return [(half, a, b) for k, a in enumerate(TIMES) for b in TIMES[k + 1 :]]
+
+
+class OfLoad(Correction):
+    """Friction that grows with the transmitted load, with and without memory."""
+
+    name, variables = "correction-load", "the load, by direction"
+    explains = ("motor",)
+    uses_load = replayed = True
+    equation = "tau = |L| (c1 z + c2 z(s) + c3 z(9 s)) / Lrms + c4 (L / Lrms)^2 z"
+    params = _coefficients(4, "coefficient of a function of the load")
+    shape = (
+        Param("load", "{F}", "rms load", 0.0),
+        Param("s", "{x}", "displacement at which the first element slips", 0.0),
+    )
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """The load's size times friction's state, and times elements that slip."""
+        q, load = np.ascontiguousarray(motion.q[:, j]), np.abs(motion.load[:, j]) / shape[0]
+        sign = motion.sign(j)
+        slips = (load * slip_state(q, k * float(shape[1])) for k in (1.0, 9.0))
+        return np.stack([load * sign, *slips, load**2 * sign], axis=1)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """The rms load, and displacements from a thousandth of the range on."""
+        size = max(float(np.sqrt(np.mean(motion.load[:, j] ** 2))), 1e-12)
+        half = _range(motion, j)[1]
+        return [(size, 2 * half * share) for share in SLIPS]
+
+
+class OfOtherJoint(Correction):
+    """What the motion of another joint does to this one."""
+
+    name, variables = "correction-joint", "another joint's motion"
+    equation = (
+        "tau = c1 vk + c2 sgn vk + c3 ak + c4 T_1(xk) + c5 T_2(xk) + c6 T_3(xk) + "
+        "c7 sgn(v + r vk) + c8 (a + r ak)"
+    )
+    params = _coefficients(8, "coefficient of a function of the other joint's motion")
+    shape = (
+        Param("joint", "1", "number of the other joint", 0.0, choice=True),
+        Param("r", "1", "ratio of the other joint's speed in the sum of both", -1.0, 1.0),
+        Param("centre", "1", "middle of its range, in rad or m"),
+        Param("half", "1", "half its range, in rad or m", 0.0),
+        Param("scale", "1", "its rms speed, in rad/s or m/s", 0.0),
+    )
+
+    def available(self, motion: Motion, j: int) -> str:
+        """Needs another joint that moves."""
+        return "" if self.grid(motion, j) else "needs another joint that moves"
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Speed, sign, acceleration and place of the other joint; friction between the two."""
+        k = round(float(shape[0])) - 1
+        v, a, r = motion.qd[:, k] / shape[4], motion.qdd[:, k], float(shape[1])
+        both = motion.qd[:, j] + r * motion.qd[:, k]
+        accelerated = motion.qdd[:, j] + r * a
+        between = motion.sign_of(both, accelerated, float(motion.v0[j]))
+        powers = _powers(motion.q[:, k], shape[2], shape[3], 3)[:, 1:]
+        own = np.stack([v, motion.sign(k), a], axis=1)
+        return np.concatenate([own, powers, np.stack([between, accelerated], axis=1)], axis=1)
+
+    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
+        """Every other joint that moves, in either direction."""
+        out: list[tuple[float, ...]] = []
+        for k in range(motion.d):
+            moves = float(np.ptp(motion.span[k])) > 0
+            if k == j or not moves:
+                continue
+            about = (*_range(motion, k), typical_speed(motion, k))
+            out += [(float(k + 1), r, *about) for r in (1.0, -1.0)]
+        return out
+
+
+EFFECTS: tuple[Effect, ...] = (
+    OfPosition(), OfDirection(), OfSpeed(), OfDisplacement(), OfPast(), OfLoad(), OfOtherJoint(),
+)  # fmt: skip
