@@ -25,9 +25,12 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.models import catalogue
+from hil.models.effect import Effect
 
 FloatArray = NDArray[np.float64]
 Key = tuple[str, int]
+#: What is sought: effects with a name; free functions for what none explains; a robot's geometry.
+EFFECT, CORRECTION, GEOMETRY = "effect", "correction", "geometry"
 
 
 @dataclass(frozen=True)
@@ -109,9 +112,16 @@ def candidate_group(problem: Problem, c: Candidate) -> Group:
     return Group(key_of(c), joint, columns, lower, upper, np.zeros(m))
 
 
+def _kind(effect: Effect) -> str:
+    """Which search an effect belongs to; empty for what every model has."""
+    if effect.correction:
+        return GEOMETRY if effect.geometry else CORRECTION
+    return EFFECT if effect.candidate else ""
+
+
 def terms_to_try(
     result: FitResult, joints: Collection[int], without: Collection[Key] = (),
-    corrections: bool = False,
+    kind: str = EFFECT,
 ) -> tuple[list[Term], list[tuple[str, str]]]:  # fmt: skip
     """Terms that may be added on some joints, and effects that cannot be tried, with the reason.
 
@@ -123,8 +133,8 @@ def terms_to_try(
         Joints that are still open; effects of the whole robot are tried if there is one.
     without : collection of (effect, joint)
         Terms of the fit that count as absent, so that they are tried again.
-    corrections : bool
-        Corrections without a name in the place of effects.
+    kind : str
+        `EFFECT`, or `CORRECTION` or `GEOMETRY` without a name.
     """
     problem, explains = result.problem, result.model.explains
     motion, held = problem.motions[0], problem.holds
@@ -132,8 +142,7 @@ def terms_to_try(
     terms: list[Term] = []
     impossible: dict[str, str] = {}
     for effect in catalogue.table().values():
-        wanted = effect.correction if corrections else effect.candidate
-        if not wanted or explains not in effect.explains:
+        if _kind(effect) != kind or explains not in effect.explains:
             continue
         for j in range(1 if effect.of_robot else problem.d):
             if (effect.name, j) in present or (held[j] and not effect.of_robot):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +22,7 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.folds import split
 from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.preconditions import mistaken, undetermined
-from hil.diagnosis.search import Named, Search, exchange, shares
+from hil.diagnosis.search import Named, Rung, Search, exchange, shares
 from hil.diagnosis.types import (
     NOTHING,
     Candidate,
@@ -28,6 +30,7 @@ from hil.diagnosis.types import (
     Diagnosis,
     Evidence,
     Finding,
+    HeldOut,
     joint_of,
 )  # fmt: skip
 from hil.diagnosis.verdict import (
@@ -101,6 +104,8 @@ def diagnose(
     if reasons:
         none, _ = search.evidence([])
         return Diagnosis("not-identifiable", [], [first], none, none, none.floor.rms, reasons)
+    search.blind = bool(without_robot(problem))
+    search.geometry()
     search.forward()
     named = exchange(search)
     renew(search.now.result)
@@ -127,17 +132,23 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
         (f.effect, max(joints.index(f.joint) - 1, 0)) for f in out.findings if f.confidence >= ALONE
     ]
     for rung in search.correct(np.flatnonzero(open_joints).tolist()):
-        before, after = out.ladder[-1].heldout, rung.step.heldout
+        out.corrections += told(rung, out.ladder[-1].heldout, problem)
         out.ladder.append(rung.step)
         out.corrected += 1
-        for c in rung.added:
-            errors = (before.relative, after.relative, after.standard_error())
-            effect, name = c.term.effect, problem.joints[c.joint]
-            one = (float(e[c.joint]) for e in errors)
-            out.corrections.append(Correction(effect.name, effect.variables, name, *one))
-    if out.corrections:
+    if out.corrected:
         with_errors(out)
     renew(search.now.result)
+    return out
+
+
+def told(rung: Rung, before: HeldOut, problem: Problem) -> list[Correction]:
+    """What the corrections of a rung are functions of, and what they do."""
+    after, out = rung.step.heldout, []
+    for c in rung.added:
+        errors = (before.relative, after.relative, after.standard_error())
+        effect, name = c.term.effect, problem.joints[c.joint]
+        one = (float(e[c.joint]) for e in errors)
+        out.append(Correction(effect.name, effect.variables, name, *one))
     return out
 
 
@@ -147,7 +158,9 @@ def without_robot(problem: Problem) -> list[tuple[str, str]]:
         return []
     text = (
         f"{problem.d} joints without a robot description: gravity, couplings and kinematics are "
-        "not in the model, and a name may stand for one of them; give --robot ARM.urdf"
+        "not in the model; sums of sines and cosines stand for them where they pay, and a name may "
+        "still stand for one of them; give --robot ARM.urdf (makers publish it, or write masses "
+        "and lengths into one)"
     )
     return [("no-geometry", text)]
 
@@ -183,11 +196,15 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     every = [finding(n, search, floor, other, taken) for n in named]
     partial = [f for f in every if f.confidence < (WORTHLESS if f.rivals else ALONE)]
     findings = [f for f in every if f not in partial]
-    verdict = _verdict(findings, partial, bool(np.any(above(search, last, there, named))))
+    # what stands for a robot description explains nothing either
+    lacking = bool(np.any(above(search, last, there, named))) or search.start > 0
+    verdict = _verdict(findings, partial, lacking)
     out = Diagnosis(
         verdict, findings, ladder, search.first or last, last, floor, notes(end, last), partial
     )
     out.heldout_floor = other
+    for a, b in pairwise(search.rungs[: search.start + 1]):
+        out.corrections += told(b, a.step.heldout, search.problem)
     out.warnings += noticed(last, end) + overtones(search)
     felt = dict(zip(search.problem.joints, matters(end), strict=True))
     if out.verdict == "adequate" and any(felt[c.joint] for c in last.changes):
@@ -208,7 +225,7 @@ def overtones(search: Search) -> list[tuple[str, str]]:
 
 
 def _verdict(findings: list[Finding], partial: list[Finding], remains: bool) -> str:
-    """The word for an answer; `remains`: an error of practical size above the floor."""
+    """The word for an answer; `remains`: whether an error of practical size is above the floor."""
     if findings:
         sure = max(findings, key=lambda f: f.excess_explained).confidence >= CONFIDENT
         return "missing-effect" if sure else "ambiguous"
@@ -245,7 +262,7 @@ def finding(
     head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
     one = [
         float((s.result if other is None else s.heldout).rms[j] ** 2)
-        for s in (before, after, rungs[0].step)
+        for s in (before, after, search.base.step)
     ]
     least = float((floor if other is None else other)[j]) ** 2
     explained = (one[0] - one[1]) / max(one[2] - least, 1e-300)
@@ -260,7 +277,7 @@ def finding(
 
 def here(search: Search, j: int, floor: FloatArray) -> float:
     """Share of joint j's excess over its floor that all its names take, on the fitted runs."""
-    first, last = search.rungs[0].result.rms[j] ** 2, search.now.result.rms[j] ** 2
+    first, last = search.base.result.rms[j] ** 2, search.now.result.rms[j] ** 2
     excess = first - min(float(floor[j]) ** 2, float(last))
     return float((first - last) / max(excess, 1e-300))
 
@@ -273,5 +290,5 @@ def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
     last, j = search.now.step.heldout, c.joint
     if floor is None or last.rms[j] <= ADEQUATE * floor[j] or c.term.effect.dated(c.term.shape):
         return 1.0
-    share, se = last.share(search.rungs[0].step.heldout, ADEQUATE * float(floor[j]), j)
+    share, se = last.share(search.base.step.heldout, ADEQUATE * float(floor[j]), j)
     return float(share + CHANCE * se)

@@ -38,6 +38,7 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.evidence import in_time
 from hil.diagnosis.types import CheckResult, Evidence
+from hil.identify.context import SOLID
 from hil.identify.design import head
 from hil.identify.regression import inflation
 
@@ -169,9 +170,14 @@ def _practical(case: Case) -> str:
 
 @_candidate("discrepancy")
 def _discrepancy(case: Case) -> str:
-    """Laws that were named before miss their effects by a share of what they explain."""
+    """Laws that were named before miss their effects by a share of what they explain.
+
+    No name is given to that; a correction may take it.
+    """
     r = case.rated
-    explained = max(float(case.search.rungs[0].errors.power[r.joint]) - r.before, 0.0)
+    if r.candidate.term.effect.correction:
+        return ""
+    explained = max(float(case.search.base.errors.power[r.joint]) - r.before, 0.0)
     small = r.removed <= DISCREPANCY * explained
     return "it is what the laws named before may miss of their effects" if small else ""
 
@@ -204,6 +210,15 @@ def _late(case: Case) -> str:
 def _line(case: Case) -> str:
     good = alone(case.rated.candidate, case.evidence, case.search.now.result)
     return "" if good else "it is one line among many: a shadow of something else"
+
+
+@_candidate("geometry")
+def _geometry(case: Case) -> str:
+    """Without a robot description springs and masses are names for what gravity may be."""
+    effect = case.rated.candidate.term.effect
+    if effect.correction or not case.search.blind or effect.family not in SOLID:
+        return ""
+    return "gravity of an unknown geometry would explain it as well"
 
 
 @_candidate("kindred")

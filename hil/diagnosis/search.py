@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import as_use, choose, kindred, physical
 from hil.diagnosis.candidates import (
+    CORRECTION,
+    EFFECT,
+    GEOMETRY,
     Rated,
     model_groups,
     paired,
@@ -93,6 +96,10 @@ class Search:
     #: Rules that stopped something -> whether of one thing at least no other would have.
     fired: dict[str, bool] = field(default_factory=dict)
     rungs: list[Rung] = field(default_factory=list)
+    #: Whether several joints have no robot description.
+    blind: bool = False
+    #: The rung that names are judged against: the first one, unless the geometry was missing.
+    start: int = 0
     found: list[Candidate] = field(default_factory=list)
     #: Effects whose names stand, by effect and joint: corrections leave them their efforts.
     standing: list[tuple[str, int]] = field(default_factory=list)
@@ -103,6 +110,11 @@ class Search:
     def now(self) -> Rung:
         """The last model."""
         return self.rungs[-1]
+
+    @property
+    def base(self) -> Rung:
+        """The model that names are judged against."""
+        return self.rungs[self.start]
 
     def rung(self, label: str, model: RobotModel, scale: FloatArray | None = None) -> Rung:
         """Fit a model and judge it."""
@@ -123,12 +135,10 @@ class Search:
 
     # ------------------------------------------------------------------ evidence
 
-    def evidence(
-        self, joints: Sequence[int], corrections: bool = False
-    ) -> tuple[Evidence, list[Rated]]:
-        """All candidates on some joints beside the present model; or all corrections."""
+    def evidence(self, joints: Sequence[int], kind: str = EFFECT) -> tuple[Evidence, list[Rated]]:
+        """All candidates of a kind on some joints beside the present model."""
         result = self.now.result
-        terms, impossible = terms_to_try(result, joints, corrections=corrections)
+        terms, impossible = terms_to_try(result, joints, kind=kind)
         projector, _ = tried(result, [])
         changed = changes(result, projector)
         if not changed:
@@ -184,22 +194,30 @@ class Search:
         the effort of a named effect is then tried again on what the model leaves.
         """
         kept, start = (list(self.found), dict(self.stops), dict(self.fired)), len(self.rungs)
-        self._corrected(joints)
+        self._corrected(joints, CORRECTION)
         named, first = self.now.result, len(self.rungs)
         self.rungs.append(self.rung("kept", _kept(named.model), named.sigma))
         self.refused = {key for key in self.refused if not catalogue.get(key[0]).correction}
-        self._corrected(joints)
+        self._corrected(joints, CORRECTION)
         self.found, self.stops, self.fired = kept
         del self.rungs[first]
         for rung in self.rungs[first:]:
             rung.step = replace(rung.step, result=_freed(rung.result, named))
         return self.rungs[start:]
 
-    def _corrected(self, joints: Sequence[int]) -> None:
-        """Add corrections on some joints as long as they pay."""
+    def geometry(self) -> None:
+        """Add what stands for a robot description that is missing; names are sought beside it."""
+        joints = np.flatnonzero(~self.problem.holds).tolist()
+        if terms_to_try(self.now.result, joints, kind=GEOMETRY)[0]:
+            self._corrected(joints, GEOMETRY)
+            self.start = len(self.rungs) - 1
+            self.first, self.stops, self.fired = None, {}, {}
+
+    def _corrected(self, joints: Sequence[int], kind: str) -> None:
+        """Add corrections of a kind on some joints as long as they pay."""
         left = list(joints)
         while left:
-            evidence, rated = self.evidence(left, corrections=True)
+            evidence, rated = self.evidence(left, kind)
             picks = self._picks(rated, evidence, left)
             left = [j for j in left if any(p.joint == j for p in picks)]
             if picks:
@@ -592,7 +610,7 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
             free += foils(search.problem, c.term.effect, c.term.joint, c.term.shape)
         race = _Race(Table(search.problem, search.split, now.result.sigma, [*base, *free]), free, j)
         every = [g.key for g in base]
-        taken = float(search.rungs[0].errors.power[j]) - race.power(every)
+        taken = float(search.base.errors.power[j]) - race.power(every)
         beside = race.best(every, every)
         for c in (c for c in search.found if c.joint == j):
             rest = [k for k in every if k != c.term.key]

@@ -562,7 +562,8 @@ def describe(c: Candidate, problem: Problem) -> str:
     """E.g. ``stribeck on joint2``; of a correction what it is a function of."""
     where = joint_of(c, problem)
     if c.term.effect.correction:
-        return f"correction over {c.term.effect.variables} on {where}"
+        of = c.term.effect.variables
+        return f"{of} on {where}" if c.term.effect.geometry else f"correction over {of} on {where}"
     return f"{c.name} on {where}" if where else c.name
 
 

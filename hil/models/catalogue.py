@@ -31,6 +31,7 @@ MODULES = (
     "hil.models.amplifier",
     "hil.models.network",
     "hil.models.correction",
+    "hil.models.geometry",
 )
 _table: dict[str, Effect] = {}
 

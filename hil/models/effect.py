@@ -100,6 +100,8 @@ class Effect(ABC):
     caveat: ClassVar[str] = ""
     #: Whether it is a free function that stands for what no law explains; never a name.
     correction: ClassVar[bool] = False
+    #: Whether it stands for a robot description that is missing: tried before any named effect.
+    geometry: ClassVar[bool] = False
     #: What a correction is a function of, in words.
     variables: ClassVar[str] = ""
     #: Whether the columns are [sin, cos] of 2 pi f t with f the only shape: screened at once.

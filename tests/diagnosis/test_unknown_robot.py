@@ -1,0 +1,67 @@
+"""Several joints without a robot description: sums of sines and cosines stand for the geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hil
+from hil.models.model import base_model
+from hil.record.recording import Recording, RobotSource
+
+RATE = 200.0
+
+
+def arm(stribeck: float = 0.0, seed: int = 0) -> Recording:
+    """A double pendulum of two uniform rods, with friction; written down by hand.
+
+    tau_1 = (a + 2 b cos q2) a1 + (c + b cos q2) a2 - b sin q2 (2 v1 v2 + v2^2) + g terms
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, 40, 1 / RATE)
+    q, v, a = np.zeros((3, t.size, 2))
+    for j, freqs in enumerate(((0.11, 0.31, 0.77), (0.17, 0.41, 0.97))):
+        for f in freqs:
+            w, size, phase = 2 * np.pi * f, 0.9 / (1 + 3 * f), rng.uniform(0, 6.28)
+            q[:, j] += size * np.sin(w * t + phase)
+            v[:, j] += size * w * np.cos(w * t + phase)
+            a[:, j] -= size * w * w * np.sin(w * t + phase)
+    s, c = np.sin(q[:, 1]), np.cos(q[:, 1])
+    both = np.cos(q.sum(axis=1))
+    one = (0.9 + 0.5 * c) * a[:, 0] + (0.2 + 0.25 * c) * a[:, 1]
+    one += -0.25 * s * (2 * v[:, 0] * v[:, 1] + v[:, 1] ** 2) + 12 * np.cos(q[:, 0]) + 4 * both
+    two = (0.2 + 0.25 * c) * a[:, 0] + 0.2 * a[:, 1] + 0.25 * s * v[:, 0] ** 2 + 4 * both
+    tau = np.stack([one, two], axis=1) + 0.4 * np.tanh(v / 0.01) + 0.3 * v
+    tau[:, 1] += stribeck * np.exp(-np.abs(v[:, 1] / 0.15)) * np.tanh(v[:, 1] / 0.01)
+    tau += 0.02 * rng.standard_normal(tau.shape)
+    source = RobotSource("single-axis")
+    return Recording("run", "arm", ("joint1", "joint2"), t, q, tau, robot=source)
+
+
+def test_geometry_is_learnt_and_not_named() -> None:
+    """Gravity and couplings get no name, and leave next to nothing."""
+    run = arm()
+    d = hil.diagnose([run], base_model(run.robot))
+    assert d.verdict == "unexplained"
+    assert not d.findings
+    assert {c.effect.split("-")[0] for c in d.corrections} == {"generic"}
+    assert np.all(d.ladder[0].heldout.relative > 20)
+    assert np.all(d.ladder[-1].heldout.relative < 1)
+    assert d.warnings[0][0] == "no-geometry"
+
+
+def test_friction_beside_an_unknown_geometry_is_named() -> None:
+    """What gravity cannot be keeps its name."""
+    run = arm(stribeck=0.8)
+    d = hil.diagnose([run], base_model(run.robot))
+    assert [(f.effect, f.joint) for f in d.findings] == [("stribeck", "joint2")]
+    assert d.findings[0].parameters["j2.stribeck.fs"].value == pytest.approx(0.8, rel=0.15)
+
+
+def test_a_known_geometry_needs_none() -> None:
+    """Where the geometry is known, or there is one joint, nothing stands for it."""
+    run = arm()
+    single = Recording("one", "arm", ("joint1",), run.t, run.q[:, :1], run.tau[:, :1],
+                       robot=RobotSource("single-axis"))  # fmt: skip
+    d = hil.diagnose([single], base_model(single.robot))
+    assert not any(c.effect.startswith("generic") for c in d.corrections)
