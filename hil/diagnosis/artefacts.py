@@ -74,11 +74,15 @@ class Blur:
         What it takes from the residual [N m or N].
     gain : float
         Fall of the weighted residual sum of squares.
+    early : bool
+        Whether it is a sign that turns early, which a motion that is measured late shows as well:
+        then only a law that does less explains no more than that.
     """
 
     column: FloatArray
     effort: FloatArray
     gain: float
+    early: bool = False
 
 
 def blur(result: FitResult, projector: Projector, j: int) -> Blur:
@@ -98,25 +102,29 @@ def _best(problem: Problem, term: Term, projector: Projector) -> Blur:
     j = term.joint
     rows, sigma = projector.rows(term), float(projector.sigma[j])
     r = projector.residual[rows]
-    for other in _signs(problem, j):
+    for early, other in _signs(problem, j):
         c = _column(problem, term, other) / sigma
         known = projector.inner(rows, c[:, None])
         new = c - projector.spanned(known)[rows][:, 0]
         along, size = float(new @ r), float(new @ new)
         if along > 0.0 and size > 1e-12 * float(c @ c) and along**2 / size > best.gain:
-            best = Blur(c, new * (along / size) * sigma, along**2 / size)
+            best = Blur(c, new * (along / size) * sigma, along**2 / size, early > 0.0)
     return best
 
 
-def _signs(problem: Problem, j: int) -> Iterator[list[FloatArray]]:
-    """Signs of joint j's speed behind wider filters, and signs that turn early, run by run."""
+def _signs(problem: Problem, j: int) -> Iterator[tuple[float, list[FloatArray]]]:
+    """Signs of joint j's speed behind wider filters, and signs that turn early by some seconds.
+
+    Run by run, each behind the time by which it turns early.
+    """
     for wider in WIDER:
-        yield _sharp(problem, j, wider)
+        yield 0.0, _sharp(problem, j, wider)
     for early in EARLY:
-        yield [
+        signs = [
             m.sign_of(m.qd[:, j] + early * m.qdd[:, j], m.qdd[:, j], float(m.resolution[j]))
             for m in problem.motions
         ]
+        yield early, signs
 
 
 def _column(problem: Problem, term: Term, other: list[FloatArray]) -> FloatArray:
@@ -164,7 +172,8 @@ def mark_blurred(found: list[Candidate], result: FitResult, projector: Projector
             if blurred.gain > 0.0 and c.term.joint == j and not c.term.effect.whole_robot:
                 beside = np.column_stack([blurred.column, projector.weighted(c.term)])
                 more = projector.gain_of(c.term, beside) - blurred.gain
-                c.blurred = more < BESIDE_BLUR * c.gain
+                less = not blurred.early or c.gain < blurred.gain
+                c.blurred = less and more < BESIDE_BLUR * c.gain
                 c.smoother &= not c.blurred
 
 
@@ -208,7 +217,8 @@ def blur_notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
         (
             BLURRED,
             f"{joint}: {100 * share[j]:.0f} % of the squared error is at reversals and no physics: "
-            "dry friction turns there within less than the filter of the positions passes; with a "
+            "dry friction turns there within less than the filter of the positions passes, or (as "
+            "in a rigid-body engine) before the speed does; with a "
             f"wider one (position_hz above {result.problem.rates.position:.3g} under [signal] in "
             "the model file) it is less",
         )

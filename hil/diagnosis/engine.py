@@ -240,11 +240,10 @@ def above(
     size, rms = problem.rms(problem.effort), step.result.rms
     floor = np.minimum(last.floor.rms, rms)
     out = (rms > ADEQUATE * floor) & (rms**2 - floor**2 > (MATTERS * size) ** 2)
-    out &= ~of_noise(step, last, floor)
     if there is not None and not named:
         held = step.heldout.rms
         out |= (held > FAR * there) & (held**2 - there**2 > (MATTERS * size) ** 2)
-    return np.asarray(out & ~problem.holds)
+    return np.asarray(out & ~of_noise(step, last, floor) & ~problem.holds)
 
 
 def finding(

@@ -270,11 +270,15 @@ def _beyond(case: Case) -> str:
 
 @_candidate("at-floor")
 def _at_floor(case: Case) -> str:
-    """Many coefficients on many joints find something in any floor."""
-    c, evidence = case.rated.candidate, case.evidence
-    above = evidence.floor.exceeded(case.search.now.result.rms, case.rated.joint)
-    met = c.term.effect.jointless and not above
-    return "the error of its joint is at the noise floor" if met else ""
+    """What noise may as well be needs no name; many coefficients find something in any floor.
+
+    An effect may show on another joint than its own, through what the joints share.
+    """
+    r, result = case.rated, case.search.now.result
+    falls = r.errors.power < (1 - WORTH) ** 2 * r.now.power
+    shown = np.flatnonzero(falls & ~case.search.problem.holds)
+    above = any(case.evidence.floor.exceeded(result.rms, int(k)) for k in shown)
+    return "" if above else "the error of its joint is at the noise floor"
 
 
 @_candidate("returned-noise")

@@ -245,10 +245,11 @@ def finish(
     told = {s.joint for s in out.network}
     out.network += [s for s in explainable(result, out.last.floor) if s.joint not in told]
     if out.verdict == "adequate":
-        # what is less than efforts are known to needs no explanation
+        # what is less than efforts are known to needs no explanation, nor what sensors do
+        felt = matters(result) & ~of_noise(out.ladder[-1], out.last, out.floor)
         falls = foretold(result)
         if falls is not None:
-            falls = {j: x for j, x in falls.items() if matters(result)[j]}
+            falls = {j: x for j, x in falls.items() if felt[j]}
         out.beyond = None if falls is None else max([0.0, *falls.values()])
         out.network = hidden(result, falls or {})
         if out.network:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from hil.identify.design import Term, block
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
-from hil.identify.projector import Projector
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
 from hil.models.effect import Effect, Param
@@ -28,6 +27,8 @@ FloatArray = NDArray[np.float64]
 SLOW = 4
 #: Gauss-Newton steps for the shift, and share of a sample from which another one is taken.
 STEPS, AGAIN = 3, 0.25
+#: Share of a sample to which a joint's lateness must be known to count.
+KNOWN = 0.5
 #: Parts of a sample below which one joint's lateness is not better known than another's.
 FINEST = 20
 #: Time by which friction turns early in the column that keeps its turns out of the lateness [s].
@@ -78,10 +79,12 @@ def longest_shift(problem: Problem) -> float:
     return 1.05 * max(1.0 / rate for rate in problem.sources)
 
 
-def slow_delay(result: FitResult, j: int, whole: bool = False) -> tuple[float, float]:
+def slow_delay(
+    result: FitResult, j: int, whole: bool = False, turns: bool = False
+) -> tuple[float, float]:
     """Delay of joint j's effort [s] and its standard error, from the slow motion alone.
 
-    `whole`: of motor and external effort together.
+    `whole`: of motor and external effort together; `turns`: told from friction that turns early.
 
     In a closed loop the controller answers the very disturbances that the model leaves over, so
     noise looks like a delay of several milliseconds where it is fast.  Below a quarter of the
@@ -90,15 +93,17 @@ def slow_delay(result: FitResult, j: int, whole: bool = False) -> tuple[float, f
     """
     made_of = [result.x, result.problem.y]
     return result.problem.remembered(
-        ("slow delay", j, whole), made_of, lambda: _slow_delay(result, j, whole)
+        ("slow delay", j, whole, turns), made_of, lambda: _slow_delay(result, j, whole, turns)
     )
 
 
-def _slow_delay(result: FitResult, j: int, whole: bool) -> tuple[float, float]:
+def _slow_delay(result: FitResult, j: int, whole: bool, turns: bool) -> tuple[float, float]:
     problem = result.problem
     x = result.x.reshape(problem.d, problem.n, -1)[j]
     late = block(problem, Term(_WholeRate() if whole else _Rate(), j))
-    rows = np.concatenate([x[:, np.any(x != 0, axis=0)], late, problem.y[j][:, None]], axis=1)
+    more = [block(problem, Term(_Turn(), j))] if turns else []
+    own = [x[:, np.any(x != 0, axis=0)], *more]
+    rows = np.concatenate([*own, late, problem.y[j][:, None]], axis=1)
     rows = np.concatenate([_slow(rows[problem.run == k], problem) for k in np.unique(problem.run)])
     b = basis(rows[:, :-1])
     nothing = np.zeros(rows.shape[1] - 1)
@@ -130,23 +135,19 @@ def real_delay(result: FitResult, j: int, delay: float, whole: bool = False) -> 
 def sample_shift(result: FitResult) -> float:
     """Delay of the effort against the motion [s], common to all joints; 0 beyond one sample.
 
-    The median over joints, weighted by what each can tell, so that one joint's real delay or
-    hysteresis does not shift the others.  The whole band measures best; where noise has made its
-    estimate larger than a sample, the slow motion's counts.  Friction may turn before or after the
-    speed does, which is no lateness: that is told from the rest of the effort, where it can be.
+    Of the slow motion, for noise in a closed loop looks like a delay where it is fast; and told
+    apart from friction that turns before the speed does.  The median over joints, weighted by what
+    each can tell, so that one joint's real delay or hysteresis does not shift the others.
     """
     problem = result.problem
     if result.model.explains != "motor":
         return 0.0
     late = {t.joint for t in result.terms if t.effect.name == "delay"}
-    turns = [Term(_Turn(), j) for j in range(problem.d) if not problem.holds[j]]
-    beside, alone = (
-        Projector(problem, [*result.terms, *more], result.sigma) for more in (turns, [])
-    )
-    joints = sorted(set(range(problem.d)) - late)
-    seen = [_told(beside, j) or _clear(alone, j) or _slowly(result, j) for j in joints]
-    shift = _middle(seen, longest_shift(problem) / FINEST) if seen else 0.0
-    return shift if abs(shift) <= longest_shift(problem) else 0.0
+    longest = longest_shift(problem)
+    seen = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
+    seen = [(value, error) for value, error in seen if error < KNOWN * longest]
+    shift = _middle(seen, longest / FINEST) if seen else 0.0
+    return shift if abs(shift) <= longest else 0.0
 
 
 def _middle(seen: Sequence[tuple[float, float]], finest: float) -> float:
@@ -155,37 +156,6 @@ def _middle(seen: Sequence[tuple[float, float]], finest: float) -> float:
     order = np.argsort(value)
     weight = np.cumsum(1.0 / np.maximum(error[order], finest) ** 2)
     return float(value[order][np.searchsorted(weight, weight[-1] / 2)])
-
-
-def _told(projector: Projector, j: int) -> tuple[float, float] | None:
-    """Lateness of joint j's effort beside friction's turns [s], with its standard error.
-
-    None where the rest of the effort does not determine it to `AGAIN` of a sample.
-    """
-    problem = projector.problem
-    _, beta, inverse, _ = projector.score(Term(_Rate(), j))
-    most = longest_shift(problem)
-    if not beta.size or not inverse[0, 0] > 0:
-        return None
-    error = float(np.sqrt(inverse[0, 0] * problem.rate / (2 * problem.rates.effort)))
-    good = error < AGAIN * most and abs(beta[0]) <= most
-    return (float(beta[0]), error) if good else None
-
-
-def _clear(projector: Projector, j: int) -> tuple[float, float] | None:
-    """The same without regard to friction's turns; None if it is not clear, or beyond a sample."""
-    problem = projector.problem
-    gain, beta, inverse, _ = projector.score(Term(_Rate(), j))
-    clear = gain > 10 * np.log(problem.n) and bool(beta.size)
-    if not clear or abs(beta[0]) > longest_shift(problem):
-        return None
-    return float(beta[0]), float(np.sqrt(inverse[0, 0]))
-
-
-def _slowly(result: FitResult, j: int) -> tuple[float, float]:
-    """The same from the slow motion alone; zero where that shows none."""
-    value, error = slow_delay(result, j)
-    return (value if abs(value) > 2 * error else 0.0), max(error, 1e-9)
 
 
 def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = None) -> FitResult:
