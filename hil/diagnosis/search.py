@@ -137,6 +137,10 @@ class Search:
 
     def evidence(self, joints: Sequence[int], kind: str = EFFECT) -> tuple[Evidence, list[Rated]]:
         """All candidates of a kind on some joints beside the present model."""
+        with self.problem.aside():
+            return self._evidence(joints, kind)
+
+    def _evidence(self, joints: Sequence[int], kind: str) -> tuple[Evidence, list[Rated]]:
         result = self.now.result
         terms, impossible = terms_to_try(result, joints, kind=kind)
         projector, _ = tried(result, [])

@@ -16,6 +16,8 @@ from hil.models.effect import Effect
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
+#: Columns that are kept for another round of a search, all together [bytes].
+ROOM = 2**28
 #: Fields of a motion; the robot is the problem's own.
 FIELDS = frozenset(f.name for f in fields(Motion)) - {"robot"}
 #: Those that are compared by value and not as objects.
@@ -70,33 +72,62 @@ class _Made:
     columns: FloatArray
     seen: Seen
     states: tuple[object, ...]
+    #: Whether another round of a search may do without it: then it may take no more than `ROOM`.
+    spare: bool
 
 
 class Kept:
-    """Columns by key; one whose fields have changed since counts as absent."""
+    """Columns by key; one whose fields have changed since counts as absent.
+
+    Columns that are tried are made again and again as a search goes on.  As long as there is room
+    they are kept, for several values of the small fields (a sign's resolution) at once.
+    """
 
     def __init__(self) -> None:
-        self._made: dict[tuple[object, ...], _Made] = {}
+        self._made: dict[tuple[object, ...], list[_Made]] = {}
         self._motions: Sequence[Motion] = ()
         self._states: dict[Seen, tuple[object, ...]] = {}
+        self._room = ROOM
 
     def get(self, key: tuple[object, ...], motions: Sequence[Motion]) -> FloatArray | None:
         """Columns that are as the motions are now; None if there are none."""
-        found = self._made.get(key)
-        return found.columns if found and self._fresh(found, motions) else None
+        for made in self._made.get(key, ()):
+            if self._fresh(made, motions):
+                return made.columns
+        return None
 
     def put(
         self, key: tuple[object, ...], columns: FloatArray, seen: Seen,
-        motions: Sequence[Motion],
+        motions: Sequence[Motion], spare: bool = False,
     ) -> None:  # fmt: skip
-        """Keep columns that were made of these fields."""
-        self._made[key] = _Made(columns, seen, self._now(seen, motions))
+        """Keep columns that were made of these fields; `spare` ones if there is room."""
+        if spare:
+            if columns.nbytes > self._room:
+                return
+            self._room -= columns.nbytes
+        made = _Made(columns, seen, self._now(seen, motions), spare)
+        self._made[key] = [*self._made.get(key, ()), made]
 
     def pruned(self, motions: Sequence[Motion]) -> Kept:
-        """The same without what has changed."""
+        """The same without what has changed; spare columns may be as they are now once more."""
         out = Kept()
-        out._made = {k: v for k, v in self._made.items() if out._fresh(v, motions)}
+        for spare in (True, False):
+            self._hand_on(out, motions, spare)
+            if out._room > ROOM // 2:
+                break
+            # too many: those of former values go first
+            out._made, out._room = {}, ROOM
         return out
+
+    def _hand_on(self, out: Kept, motions: Sequence[Motion], again: bool) -> None:
+        """Give another one what is as it is now or, if `again`, may be so once more."""
+        for key, every in self._made.items():
+            left = [
+                m for m in every if out._fresh(m, motions) or (again and m.spare and out._may(m))
+            ]
+            if left:
+                out._made[key] = left
+                out._room -= sum(m.columns.nbytes for m in left if m.spare)
 
     def _fresh(self, made: _Made, motions: Sequence[Motion]) -> bool:
         """Whether the runs are as they were in all that was looked at."""
@@ -107,6 +138,12 @@ class Kept:
                     return False
             made.states = now
         return True
+
+    def _may(self, made: _Made) -> bool:
+        """Whether only small fields are other ones now than when it was made."""
+        now = self._states[made.seen]
+        pairs = zip(made.states, now, strict=True)
+        return all(a is b or isinstance(a, bytes | float) for a, b in pairs)
 
     def _now(self, seen: Seen, motions: Sequence[Motion]) -> tuple[object, ...]:
         """What is looked at, as it is now; made once for a list of runs."""

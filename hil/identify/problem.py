@@ -46,13 +46,12 @@ class Problem(Rows):
 
     @contextmanager
     def aside(self) -> Iterator[None]:
-        """Columns that are made within are forgotten at its end."""
-        before = self._kept
-        self._kept = before.pruned(self.motions)
+        """Columns that are made within are kept only as far as there is room for them."""
+        before, self._spare = self._spare, True
         try:
             yield
         finally:
-            self._kept = before
+            self._spare = before
 
     def columns(
         self, effect: Effect, j: int, shape: Sequence[float], per_run: bool = False,
@@ -81,13 +80,17 @@ class Problem(Rows):
         self, key: tuple[object, ...], out: FloatArray, effect: Effect, fields: Seen
     ) -> FloatArray:
         columns = np.moveaxis(out, 0, 1) if effect.whole_robot else out
-        self._kept.put(key, columns, fields, self.motions)
+        self._kept.put(key, columns, fields, self.motions, self._spare)
         return columns
 
-    def prepare(self, effect: Effect, j: int, shapes: Sequence[Sequence[float]]) -> None:
-        """Make the columns of several shapes of an effect on joint j, through one filter pass."""
+    def several(
+        self, effect: Effect, j: int, shapes: Sequence[Sequence[float]]
+    ) -> list[FloatArray]:
+        """Columns of several shapes of an effect on joint j, through one filter pass."""
         keys = {tuple(s): (effect.name, j, tuple(s), None) for s in shapes}
-        missing = [s for s, key in keys.items() if self._kept.get(key, self.motions) is None]
+        there = {s: self._kept.get(key, self.motions) for s, key in keys.items()}
+        missing = [s for s, known in there.items() if known is None]
+        found = {s: known for s, known in there.items() if known is not None}
         while missing:
             made = [self._made(effect, j, missing[0])]
             room = max(1, BATCH // max(sum(x.nbytes for x in made[0][0]), 1))
@@ -99,7 +102,8 @@ class Problem(Rows):
             edges = np.cumsum([raw[0].shape[-1] for raw, _ in made])[:-1]
             parts = zip(now, np.split(out, edges, axis=-1), made, strict=True)
             for shape, part, (_, fields) in parts:
-                self._keep(keys[shape], np.ascontiguousarray(part), effect, fields)
+                found[shape] = self._keep(keys[shape], np.ascontiguousarray(part), effect, fields)
+        return [found[tuple(s)] for s in shapes]
 
     def acting(self, raw: Sequence[FloatArray], j: int | None) -> FloatArray:
         """What acts on joint j, or with None on all joints along axis 1, as the rows see it."""

@@ -139,8 +139,7 @@ class Projector:
         if len(shapes) > 1 and not term.per_run:
             first = block(self.problem, term.reshaped(shapes[0]))
             for some in batches(shapes, max(1, BATCH // max(first.nbytes, 1))):
-                self.problem.prepare(term.effect, term.joint, some)
-                parts = [self.problem.columns(term.effect, term.joint, s) for s in some]
+                parts = self.problem.several(term.effect, term.joint, some)
                 if len({p.shape[-1] for p in parts}) == 1:
                     yield self._known(term, some, self._stacked(term, parts))
                 else:

@@ -131,6 +131,8 @@ class Rows:
         #: Least first shape value of an effect on a joint, where other runs have shown it.
         self.least: dict[tuple[str, int], float] = {}
         self._kept = Kept()
+        #: Whether columns are made that another round of a search may make again.
+        self._spare = False
         self._raw: dict[tuple[object, ...], list[FloatArray]] = {}
 
     @property
