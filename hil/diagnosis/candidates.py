@@ -184,8 +184,8 @@ def rate(
         if not some and own:
             continue
         folds = dealt(problem, whole_runs=False) if own else split
-        groups = [*base, *(candidate_group(problem, c) for c in some)]
-        table = Table(problem, folds, result.sigma, groups)
+        more = [candidate_group(problem, c) for c in some]
+        table = Table(problem, folds, result.sigma, base, more)
         now = table.errors(keys)
         out |= {id(c): rated(c, table, keys, now) for c in some}
     return [out[id(c)] for c in candidates]

@@ -3,7 +3,8 @@
 With the rows of a block b as X_b and y_b, the products X_b'X_b, X_b'y_b and y_b'y_b are all that a
 linear model needs: the coefficients of a fold are solved from the sum over the other folds, and
 the squared error of a block is  y_b'y_b - 2 theta'X_b'y_b + theta'X_b'X_b theta.  No row is read
-again for another subset of the columns.
+again for another subset of the columns.  Of columns that enter a model one group at a time only the
+products with those of the model and with themselves are made.
 
 Source: Shao, J. Am. Stat. Assoc. 88, 1993 (cross-validation of linear models).
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,8 +85,47 @@ class Errors:
         return out
 
 
+@dataclass(frozen=True)
+class _Apart:
+    """Products of a group that enters a model alone, X the model's p columns, C its own m.
+
+    Parameters
+    ----------
+    cross, own, right : ndarray (folds, p, m), (folds, m, m), (folds, m)
+        X'C, C'C and C'y of every fold, joints weighted and summed.
+    tested : dict of int to (ndarray (blocks, p_j + 1, m), ndarray (blocks, m, m))
+        [X_j, y_j]'C and C'C over the tested instants of each block, by joint.
+    """
+
+    cross: FloatArray
+    own: FloatArray
+    right: FloatArray
+    tested: dict[int, tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """Normal equations of some of the model's columns.
+
+    Parameters
+    ----------
+    ids : ndarray (p,)
+        The columns.
+    every, both : ndarray (p, p), (p,)
+        X'X and X'y of all instants.
+    gram, right : ndarray (folds, p, p), (folds, p)
+        The same without one fold.
+    """
+
+    ids: NDArray[np.int_]
+    every: FloatArray
+    both: FloatArray
+    gram: FloatArray
+    right: FloatArray
+
+
 class Table:
-    """Block-wise products of the columns of a model and of everything that may be added to it.
+    """Block-wise products of the columns of a model and of what may be added to it.
 
     Parameters
     ----------
@@ -95,70 +136,88 @@ class Table:
     sigma : ndarray (d,)
         Scale of each joint's error, for joints that share coefficients.
     groups : iterable of Group
-        All columns.
+        Columns of the model, of which any may be chosen.
+    apart : iterable of Group
+        Columns of which one group at a time may be added.
     """
 
     def __init__(
-        self, problem: Problem, split: Split, sigma: FloatArray, groups: Iterable[Group]
-    ) -> None:
+        self, problem: Problem, split: Split, sigma: FloatArray, groups: Iterable[Group],
+        apart: Iterable[Group] = (),
+    ) -> None:  # fmt: skip
         self.split, self.d, self._y = split, problem.d, problem.y
-        self.groups = {g.key: g for g in groups}
+        own = {g.key: g for g in groups}
+        self.groups = own | {g.key: g for g in apart}
         self._weight = 1.0 / sigma**2
         self._place: dict[Hashable, slice] = {}
         start = 0
         for g in self.groups.values():
             self._place[g.key] = slice(start, start + g.lower.size)
             start += g.lower.size
-        self._joint_columns = [self._ids(j) for j in range(self.d)]
-        self._scale = self._scales(problem, start)
-        self._train: list[FloatArray] = []
+        self._width = sum(g.lower.size for g in own.values())
+        self._joint_columns = [self._ids(j, own.values()) for j in range(self.d)]
+        self._scale = self._scales(start)
+        p = self._width
+        self._gram = np.zeros((split.folds, p, p))
+        self._right = np.zeros((split.folds, p))
         self._test: list[FloatArray] = []
+        self._apart = {k: self._nothing(g) for k, g in self.groups.items() if k not in own}
         self.count = np.zeros((split.blocks, self.d))
+        signal = 0.0
         for j in range(self.d):
-            self._products(problem, j)
-        signal = sum(
-            float(m[:, -1, -1].sum()) * w for m, w in zip(self._train, self._weight, strict=True)
-        )
+            self._products(j, split.tested & problem.live[j])
+            signal += float(self._y[j] @ self._y[j]) * float(self._weight[j])
         #: Ridge in units of a column of length one: a direction that moves the effort by less than
         #: one noise unit stays at its prior.
         self.ridge = 1.0 / max(signal, 1.0)
+        self._known: dict[tuple[Hashable, ...], _Chosen] = {}
 
-    def _ids(self, j: int) -> NDArray[np.int_]:
-        """Columns that act on joint j."""
-        own = [g for g in self.groups.values() if g.joint in (None, j)]
+    def _ids(self, j: int, groups: Iterable[Group]) -> NDArray[np.int_]:
+        """Columns of some groups that act on joint j."""
+        own = [g for g in groups if g.joint in (None, j)]
         parts = [np.arange(self._place[g.key].start, self._place[g.key].stop) for g in own]
         return np.concatenate(parts) if parts else np.zeros(0, dtype=int)
 
-    def _rows(self, j: int) -> FloatArray:
-        """Columns of joint j side by side (n, p)."""
-        own = [g for g in self.groups.values() if g.joint in (None, j)]
-        return np.concatenate([g.columns if g.joint == j else g.columns[j] for g in own], axis=1)
-
-    def _scales(self, problem: Problem, size: int) -> FloatArray:
+    def _scales(self, size: int) -> FloatArray:
         """Weighted length of each column over all joints (p,), 1 where it is zero."""
         power = np.zeros(size)
-        for j in range(self.d):
-            x = self._rows(j)
-            power[self._joint_columns[j]] += self._weight[j] * np.einsum("ij,ij->j", x, x)
+        for g in self.groups.values():
+            for j in _joints(g, self.d):
+                x = _rows(g, j)
+                power[self._place[g.key]] += self._weight[j] * np.einsum("ij,ij->j", x, x)
         length = np.sqrt(power)
         least = 1e-11 * float(length.max(initial=0.0))
         self._live = length > max(least, 1e-300)
         return np.where(self._live, length, 1.0)
 
-    def _products(self, problem: Problem, j: int) -> None:
-        ids = self._joint_columns[j]
-        rows = np.concatenate([self._rows(j) / self._scale[ids], problem.y[j][:, None]], axis=1)
-        tested = self.split.tested & problem.live[j]
-        train = np.zeros((self.split.folds, rows.shape[1], rows.shape[1]))
-        test = np.zeros((self.split.blocks, rows.shape[1], rows.shape[1]))
-        for b, (start, end) in enumerate(self.split.edges()):
-            part, keep = rows[start:end], tested[start:end]
-            train[self.split.fold[b]] += part.T @ part
-            inner = part[keep]
-            test[b] = inner.T @ inner
-            self.count[b, j] = keep.sum()
-        self._train.append(train)
-        self._test.append(test)
+    def _nothing(self, g: Group) -> _Apart:
+        """Products of a group before any joint's are added."""
+        folds, p, m = self.split.folds, self._width, g.lower.size
+        zeros = (np.zeros(shape) for shape in ((folds, p, m), (folds, m, m), (folds, m)))
+        return _Apart(*zeros, {})
+
+    def _products(self, j: int, tested: NDArray[np.bool_]) -> None:
+        """Products of joint j's rows, of which some are tested (n,)."""
+        core = [g for k, g in self.groups.items() if k not in self._apart and g.joint in (None, j)]
+        more = [self.groups[k] for k in self._apart if self.groups[k].joint in (None, j)]
+        x = [_rows(g, j) / self._scale[self._place[g.key]] for g in (*core, *more)]
+        x.insert(len(core), self._y[j][:, None])
+        rows = np.concatenate(x, axis=1)
+        edges = np.cumsum([0, *(part.shape[1] for part in x)])[len(core) + 1 :].tolist()
+        train, test, self.count[:, j] = _by_block(rows, self.split, tested, edges)
+        self._test.append(test[0])
+        ids, w = self._joint_columns[j], float(self._weight[j])
+        self._gram[:, ids[:, None], ids] += w * train[0][:, :-1, :-1]
+        self._right[:, ids] += w * train[0][:, :-1, -1]
+        first = edges[0]
+        for g, a, b, inner, outer in zip(
+            more, edges, edges[1:], train[2], test[2], strict=False
+        ):  # fmt: skip
+            mine, cut = self._apart[g.key], slice(a - first, b - first)
+            mine.cross[:, ids] += w * train[1][:, :-1, cut]
+            mine.right[:] += w * train[1][:, -1, cut]
+            mine.own[:] += w * inner
+            mine.tested[j] = test[1][:, :, cut], outer
 
     def hold(self, key: Hashable, values: FloatArray) -> None:
         """Keep the coefficients (m,) of a group at these values in all folds."""
@@ -167,13 +226,18 @@ class Table:
     def errors(self, keys: Sequence[Hashable]) -> Errors:
         """Held-out errors of the model that consists of some groups."""
         theta, chosen = self.solutions(keys)
+        alone = self._alone(keys)
+        own = chosen.size - (0 if alone is None else self.groups[alone].lower.size)
+        full = np.zeros((len(theta), self._width))
+        full[:, chosen[:own]] = theta[:, :own]
+        v, u = full[self.split.fold], theta[self.split.fold, own:]
         squared = np.zeros((self.split.blocks, self.d))
         for j in range(self.d):
-            ids, at = self._own(j, chosen)
-            m = self._test[j][:, at[:, None], at]
-            v = np.concatenate([theta[:, ids], -np.ones((len(theta), 1))], axis=1)
-            each = v[self.split.fold]
-            squared[:, j] = np.einsum("bi,bij,bj->b", each, m, each, optimize=True)
+            each = np.concatenate([v[:, self._joint_columns[j]], -np.ones((len(v), 1))], axis=1)
+            squared[:, j] = _forms(each, self._test[j], each)
+            if alone is not None and j in self._apart[alone].tested:
+                cross, inner = self._apart[alone].tested[j]
+                squared[:, j] += 2 * _forms(each, cross, u) + _forms(u, inner, u)
         return Errors(np.maximum(squared, 0.0), self.count)
 
     def left_out(self, keys: Sequence[Hashable]) -> FloatArray:
@@ -214,41 +278,60 @@ class Table:
         """Scaled coefficients of each fold (folds, p), fitted to the others, and their columns."""
         return self._solved(keys, whole=False)
 
-    def _own(self, j: int, chosen: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Which of the chosen columns act on joint j, and where they and y are in its products."""
-        place = np.searchsorted(self._joint_columns[j], chosen)
-        place = np.minimum(place, max(self._joint_columns[j].size - 1, 0))
-        mine = np.flatnonzero(
-            self._joint_columns[j][place] == chosen if self._joint_columns[j].size else []
-        )
-        return mine, np.append(place[mine], self._joint_columns[j].size)
+    def _alone(self, keys: Sequence[Hashable]) -> Hashable | None:
+        """The group among these that is not the model's; None if there is none."""
+        found = [k for k in keys if k in self._apart]
+        if len(found) > 1:
+            raise ValueError(f"groups {found} are apart: one at a time may be added, not several")
+        return found[0] if found else None
+
+    def _of_model(self, keys: Sequence[Hashable]) -> _Chosen:
+        """Normal equations of those of the groups that are the model's; made once."""
+        own = tuple(k for k in keys if k not in self._apart)
+        if own not in self._known:
+            parts = [np.arange(self._place[k].start, self._place[k].stop) for k in own]
+            ids = np.sort(np.concatenate([*parts, np.zeros(0, dtype=int)]))
+            gram, right = self._gram[:, ids[:, None], ids], self._right[:, ids]
+            every, both = gram.sum(axis=0), right.sum(axis=0)
+            self._known[own] = _Chosen(ids, every, both, every - gram, both - right)
+        return self._known[own]
+
+    def _equations(self, keys: Sequence[Hashable]) -> _Chosen:
+        """Normal equations of some groups."""
+        c, alone = self._of_model(keys), self._alone(keys)
+        if alone is None:
+            return c
+        a, place = self._apart[alone], self._place[alone]
+        cross, p = a.cross[:, c.ids], c.ids.size
+        ids = np.concatenate([c.ids, np.arange(place.start, place.stop)])
+        gram = np.empty((len(cross) + 1, ids.size, ids.size))
+        right = np.empty((len(cross) + 1, ids.size))
+        gram[0, :p, :p], gram[1:, :p, :p] = c.every, c.gram
+        right[0, :p], right[1:, :p] = c.both, c.right
+        for out, x in (
+            (gram[:, :p, p:], cross), (gram[:, p:, p:], a.own), (right[:, p:], a.right)
+        ):  # fmt: skip
+            out[0] = x.sum(axis=0)
+            out[1:] = out[0] - x
+        gram[:, p:, :p] = gram[:, :p, p:].transpose(0, 2, 1)
+        return _Chosen(ids, gram[0], right[0], gram[1:], right[1:])
 
     def _solved(self, keys: Sequence[Hashable], whole: bool) -> tuple[FloatArray, NDArray[np.int_]]:
-        chosen = np.sort(
-            np.concatenate([np.arange(self._place[k].start, self._place[k].stop) for k in keys])
-        )
-        p, folds = chosen.size, self.split.folds
-        gram, right = np.zeros((folds, p, p)), np.zeros((folds, p))
-        for j in range(self.d):
-            ids, at = self._own(j, chosen)
-            m = self._train[j][:, at[:, None], at] * self._weight[j]
-            gram[:, ids[:, None], ids] += m[:, :-1, :-1]
-            right[:, ids] += m[:, :-1, -1]
-        every, both = gram.sum(axis=0), right.sum(axis=0)
-        gram, right = (every[None], both[None]) if whole else (every - gram, both - right)
-        return self._bounded(gram, right, every, both, chosen), chosen
+        c = self._equations(keys)
+        gram, right = (c.every[None], c.both[None]) if whole else (c.gram, c.right)
+        return self._bounded(keys, gram, right, c), c.ids
 
     def _bounded(
-        self, gram: FloatArray, right: FloatArray, every: FloatArray, both: FloatArray,
-        chosen: NDArray[np.int_],
-    ) -> FloatArray:  # fmt: skip
+        self, keys: Sequence[Hashable], gram: FloatArray, right: FloatArray, c: _Chosen
+    ) -> FloatArray:
         """Solutions (k, p); coefficients that the whole data put beyond a bound lie on it."""
-        parts = [self.groups[k] for k in self.groups]
+        chosen, every, both = c.ids, c.every, c.both
+        parts = [self.groups[k] for k in sorted(keys, key=lambda k: self._place[k].start)]
         low, high, prior = (
-            np.concatenate([getattr(g, name) for g in parts])[chosen] * self._scale[chosen]
+            np.concatenate([getattr(g, name) for g in parts]) * self._scale[chosen]
             for name in ("lower", "upper", "prior")
         )
-        shrink = np.concatenate([np.full(g.lower.size, g.shrink) for g in parts])[chosen]
+        shrink = np.concatenate([np.full(g.lower.size, g.shrink) for g in parts])
         ridge = self.ridge + shrink * np.diag(every)
         held = np.where(self._live[chosen], np.nan, prior)
         held = np.where(low == high, low, held)
@@ -263,6 +346,63 @@ class Table:
             k = int(np.argmax(np.where(np.isnan(held), beyond, -np.inf)))
             held[k] = low[k] if theta[k] < low[k] else high[k]
         return _ridge(gram, right, prior, held, ridge)
+
+
+def _joints(g: Group, d: int) -> Sequence[int]:
+    """Joints that a group acts on."""
+    return range(d) if g.joint is None else (g.joint,)
+
+
+def _rows(g: Group, j: int) -> FloatArray:
+    """Columns of a group on joint j (n, m)."""
+    return g.columns[j] if g.joint is None else g.columns
+
+
+#: [X, y]'[X, y], [X, y]'C and the parts of C'C, each for several folds or blocks at once.
+_Parts = tuple[FloatArray, FloatArray, list[FloatArray]]
+
+
+def _by_block(
+    rows: FloatArray, split: Split, tested: NDArray[np.bool_], edges: Sequence[int]
+) -> tuple[_Parts, _Parts, FloatArray]:
+    """Products of rows [X, y, C] (n, p) by fold, those of tested ones by block, and their number.
+
+    `edges`: where the groups of C begin, and where the last one ends.
+    """
+    first, widths = edges[0], [b - a for a, b in pairwise(edges)]
+
+    def empty(count: int) -> _Parts:
+        sides = np.zeros((count, first, first)), np.zeros((count, first, edges[-1] - first))
+        return *sides, [np.zeros((count, m, m)) for m in widths]
+
+    train, test, count = empty(split.folds), empty(split.blocks), np.zeros(split.blocks)
+    for b, (start, end) in enumerate(split.edges()):
+        part, keep = rows[start:end], tested[start:end]
+        count[b] = keep.sum()
+        _add(part[keep], first, edges, test, b)
+        _add(part[~keep], first, edges, train, int(split.fold[b]))
+    for kind, into in zip(_flat(test), _flat(train), strict=True):
+        np.add.at(into, split.fold, kind)
+    return train, test, count
+
+
+def _flat(parts: _Parts) -> list[FloatArray]:
+    return [parts[0], parts[1], *parts[2]]
+
+
+def _add(x: FloatArray, first: int, edges: Sequence[int], into: _Parts, k: int) -> None:
+    """Add the products of some rows to those of fold or block k."""
+    known = x[:, :first].T @ x
+    into[0][k] += known[:, :first]
+    into[1][k] += known[:, first:]
+    for (a, b), own in zip(pairwise(edges), into[2], strict=True):
+        own[k] += x[:, a:b].T @ x[:, a:b]
+
+
+def _forms(a: FloatArray, m: FloatArray, b: FloatArray) -> FloatArray:
+    """a' M b of each of several (k,): a (k, p), M (k, p, q), b (k, q)."""
+    out: FloatArray = np.einsum("kp,kp->k", a, (m @ b[:, :, None])[:, :, 0])
+    return out
 
 
 def _ridge(
