@@ -157,12 +157,17 @@ def terms_to_try(
     return terms, [(n, why) for n, why in impossible.items() if n not in tried]
 
 
-def tried(result: FitResult, terms: Sequence[Term], without: Collection[Key] = ()) -> tuple[
-    Projector, list[Candidate]
-]:  # fmt: skip
-    """Candidates with their best shapes beside a fit, and what they were projected off."""
-    rest = [t for t in result.terms if t.key not in without]
-    projector = Projector(result.problem, rest, result.sigma)
+def tried(
+    result: FitResult, terms: Sequence[Term], without: Collection[Key] = (),
+    projector: Projector | None = None,
+) -> tuple[Projector, list[Candidate]]:  # fmt: skip
+    """Candidates with their best shapes beside a fit, and what they were projected off.
+
+    `projector` is that of the fit, if it was made already.
+    """
+    if projector is None:
+        rest = [t for t in result.terms if t.key not in without]
+        projector = Projector(result.problem, rest, result.sigma)
     with result.problem.aside():
         return projector, try_all(projector, result, list(terms))
 

@@ -91,8 +91,11 @@ def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> fl
     ]
     if not gone:
         return gain
-    rest = [t for t in result.terms if t not in gone]
-    reduced = Projector(projector.problem, rest, projector.sigma)
+    key = ("without", *(t.key for t in gone))
+    if key not in projector.memo:
+        rest = [t for t in result.terms if t not in gone]
+        projector.memo[key] = Projector(projector.problem, rest, projector.sigma)
+    reduced: Projector = projector.memo[key]
     return projector.rss - (reduced.rss - reduced.gain(term))
 
 

@@ -369,34 +369,42 @@ def _by_block(
 
     `edges`: where the groups of C begin, and where the last one ends.
     """
-    first, widths = edges[0], [b - a for a, b in pairwise(edges)]
+    test = _together(rows, split.block, tested, split.blocks, edges)
+    train = _together(rows, split.fold[split.block], ~tested, split.folds, edges)
+    for k in range(split.folds):
+        own = split.fold == k
+        for into, x in zip(_flat(train), _flat(test), strict=True):
+            into[k] += x[own].sum(axis=0)
+    return train, test, np.bincount(split.block[tested], minlength=split.blocks).astype(float)
 
-    def empty(count: int) -> _Parts:
-        sides = np.zeros((count, first, first)), np.zeros((count, first, edges[-1] - first))
-        return *sides, [np.zeros((count, m, m)) for m in widths]
 
-    train, test, count = empty(split.folds), empty(split.blocks), np.zeros(split.blocks)
-    for b, (start, end) in enumerate(split.edges()):
-        part, keep = rows[start:end], tested[start:end]
-        count[b] = keep.sum()
-        _add(part[keep], first, edges, test, b)
-        _add(part[~keep], first, edges, train, int(split.fold[b]))
-    for kind, into in zip(_flat(test), _flat(train), strict=True):
-        np.add.at(into, split.fold, kind)
-    return train, test, count
+def _together(
+    rows: FloatArray, label: NDArray[np.int_], some: NDArray[np.bool_], count: int,
+    edges: Sequence[int],
+) -> _Parts:  # fmt: skip
+    """Products of some of the rows, those of one label (of `count`) together."""
+    first = edges[0]
+    x = _padded(rows, label, some, count)
+    known = x[:, :, :first].transpose(0, 2, 1) @ x
+    own = [x[:, :, a:b].transpose(0, 2, 1) @ x[:, :, a:b] for a, b in pairwise(edges)]
+    return known[:, :, :first], known[:, :, first:], own
+
+
+def _padded(
+    rows: FloatArray, label: NDArray[np.int_], some: NDArray[np.bool_], count: int
+) -> FloatArray:
+    """Some of the rows (n, p) by label: (count, k, p), zeros after the last one of a label."""
+    at = np.flatnonzero(some)
+    at = at[np.argsort(label[at], kind="stable")]
+    sizes = np.bincount(label[at], minlength=count)
+    out = np.zeros((count, int(sizes.max(initial=0)), rows.shape[1]))
+    within = np.arange(at.size) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    out[label[at], within] = rows[at]
+    return out
 
 
 def _flat(parts: _Parts) -> list[FloatArray]:
     return [parts[0], parts[1], *parts[2]]
-
-
-def _add(x: FloatArray, first: int, edges: Sequence[int], into: _Parts, k: int) -> None:
-    """Add the products of some rows to those of fold or block k."""
-    known = x[:, :first].T @ x
-    into[0][k] += known[:, :first]
-    into[1][k] += known[:, first:]
-    for (a, b), own in zip(pairwise(edges), into[2], strict=True):
-        own[k] += x[:, a:b].T @ x[:, a:b]
 
 
 def _forms(a: FloatArray, m: FloatArray, b: FloatArray) -> FloatArray:

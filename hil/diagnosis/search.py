@@ -147,7 +147,7 @@ class Search:
         changed = changes(result, projector)
         if not changed:
             terms = [t for t in terms if not t.effect.sudden]
-        projector, found = tried(result, terms)
+        projector, found = tried(result, terms, projector=projector)
         floor = measured_floor(found, projector, result) if self.first is None else self.first.floor
         priced(found, floor, result)
         detect(found, projector, floor, result, self.seed)
