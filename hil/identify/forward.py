@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.identify.design import Term, by_run
+from hil.identify.joined import runs_of
 from hil.identify.kept import watched
 from hil.identify.result import FitResult
 from hil.models.mass import RigidBody
@@ -52,6 +53,8 @@ class Windows:
         The run with the load of this model, where that is another one.
     offset : ndarray (2, windows, d), optional
         What the first positions and speeds differ from the measured ones by [rad, rad/s].
+    run : int
+        Number of the run, where several are joined.
     """
 
     result: FitResult
@@ -60,6 +63,7 @@ class Windows:
     servo: float = 0.0
     motion: Motion | None = None
     offset: FloatArray | None = None
+    run: int = 0
 
 
 class _Forward:
@@ -70,7 +74,8 @@ class _Forward:
 
     def __init__(self, jobs: Sequence[Windows], motion: Motion, owner: IntArray) -> None:
         self.motion, self.owner = motion, owner
-        every = shared([parts_of(job.result, motion) for job in jobs], owner)
+        runs = runs_of(motion)
+        every = shared([parts_of(job.result, runs[job.run]) for job in jobs], owner)
         #: Rigid-body parameters: the robot gives their balance at once; no parts of the rest.
         own = [isinstance(t.effect, RigidBody) for t, _ in every]
         self._masses = [theta for (_, theta), mine in zip(every, own, strict=True) if mine]
@@ -170,7 +175,7 @@ def forward(motion: Motion, jobs: Sequence[Windows]) -> list[tuple[FloatArray, F
     Parameters
     ----------
     motion : Motion
-        Measured run.
+        Measured run, or several joined ones.
     jobs : sequence of Windows
         Models and windows.
     """
@@ -224,19 +229,11 @@ def _loads(
     jobs: Sequence[Windows], motion: Motion, owner: IntArray
 ) -> Callable[[IntArray, IntArray], FloatArray]:
     """Load of rows (w,) at instants (w,) and its part at rest, (w, 2, d): each model's own."""
-    carried = [job.motion or motion for job in jobs]
-    if all(m is carried[0] for m in carried):
-        m = carried[0]
-        return lambda rows, now: np.stack([m.load[now], m.static[now]], axis=1)
-
-    def each(rows: IntArray, now: IntArray) -> FloatArray:
-        out = np.empty((len(rows), 2, motion.d))
-        for k, m in enumerate(carried):
-            own = owner[rows] == k
-            out[own, 0], out[own, 1] = m.load[now[own]], m.static[now[own]]
-        return out
-
-    return each
+    carried = {id(job.motion or motion): job.motion or motion for job in jobs}
+    place = {key: k for k, key in enumerate(carried)}
+    which = np.array([place[id(job.motion or motion)] for job in jobs])[owner]
+    every = np.stack([np.stack([m.load, m.static], axis=1) for m in carried.values()])
+    return lambda rows, now: np.asarray(every[which[rows], now])
 
 
 def _step(
@@ -389,11 +386,17 @@ def replayed(result: FitResult, motion: Motion, own: Motion | None = None) -> Fl
 
     `own` is the run with this model's load, where that is another one.
     """
+    parts = zip(runs_of(motion), runs_of(own or motion), strict=True)
+    return np.concatenate([_replayed(result, m, mine) for m, mine in parts])
+
+
+def _replayed(result: FitResult, motion: Motion, own: Motion) -> FloatArray:
+    """The same of one run."""
     out = np.zeros_like(motion.q)
     for t, theta in parts_of(result, motion):
         if t.effect.replayed:
             where = slice(None) if t.effect.whole_robot else t.joint
-            out[:, where] += t.effect.columns(own or motion, t.joint, t.shape) @ theta
+            out[:, where] += t.effect.columns(own, t.joint, t.shape) @ theta
     return out
 
 

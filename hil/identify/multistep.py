@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.identify.context import carrying
-from hil.identify.forward import Windows, forward
+from hil.identify.forward import Windows, forward, looked_at
+from hil.identify.joined import groups, joined
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.motion import Motion
@@ -129,21 +130,28 @@ def _simulated(
     asked: Sequence[tuple[FitResult, float, float]], problem: Problem
 ) -> list[MultiStep]:
     """Errors of models over horizons [s] under servos [Hz], over all runs."""
-    found: list[list[tuple[FloatArray, FloatArray]]] = [[] for _ in asked]
-    carried = {id(r): carrying(r, problem) for r, _, _ in asked}
-    for i, motion in enumerate(problem.motions):
+    found: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
+    results = list({id(r): r for r, _, _ in asked}.values())
+    carried = {id(r): carrying(r, problem) for r in results}
+    terms = [t for r in results for t in r.terms if not t.effect.replayed]
+    seen = set().union(*(looked_at(t, problem.motions[0]) for t in terms))
+    for group in groups(problem.motions, seen):
+        motion = joined([problem.motions[i] for i in group])
+        own = {key: joined([motions[i] for i in group]) for key, motions in carried.items()}
+        firsts = np.cumsum([0, *(problem.motions[i].n for i in group)]).tolist()
         jobs = {
-            k: Windows(result, starts, horizon, servo, carried[id(result)][i])
+            (i, k): Windows(result, starts + first, horizon, servo, own[id(result)], run=at)
+            for at, (i, first) in enumerate(zip(group, firsts, strict=False))
             for k, (result, seconds, servo) in enumerate(asked)
-            for starts, horizon in [_windows(motion, seconds, servo)]
-            if starts.size
+            for starts, horizon in [_windows(problem.motions[i], seconds, servo)]
+            if starts.size  # else a run shorter than the shortest window
         }
-        if not jobs:  # a run shorter than the shortest window
-            continue
-        for k, pair in zip(jobs, forward(motion, list(jobs.values())), strict=True):
-            found[k].append(pair)
-    parts = zip(asked, found, strict=True)
-    return [_summary(pairs, seconds, problem) for (_, seconds, _), pairs in parts]
+        if jobs:
+            found |= dict(zip(jobs, forward(motion, list(jobs.values())), strict=True))
+    return [
+        _summary([found[key] for key in sorted(found) if key[1] == k], seconds, problem)
+        for k, (_, seconds, _) in enumerate(asked)
+    ]
 
 
 def _windows(motion: Motion, seconds: float, servo: float) -> tuple[NDArray[np.int_], int]:
