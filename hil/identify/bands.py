@@ -10,6 +10,7 @@ import scipy.signal
 from numpy.typing import NDArray
 
 from hil.errors import DataError
+from hil.identify.lanes import acceleration_power
 from hil.identify.standstill import holding, position_noise
 from hil.models.model import Band
 from hil.record.recording import Recording
@@ -157,7 +158,7 @@ def information(r: Recording) -> tuple[FloatArray, FloatArray]:
     tried = tried[tried < 0.45 * r.rate]
     if not used.size or not tried.size:
         return np.zeros(0), np.zeros(0)
-    share = np.array([_share(r, noise, f)[used] for f in tried])
+    share = _shares(r, noise, tried)[:, used]
     level = np.log(np.maximum(np.maximum.accumulate(share, axis=0), 1e-300))
     clean = [np.exp(np.interp(np.log(SHARE), x, np.log(tried))) for x in level.T]
     return np.array(clean), np.array([_loud(r.tau[:, j], r.rate) for j in used])
@@ -170,9 +171,16 @@ def noise_share(r: Recording, cutoff: float) -> FloatArray:
 
 def _share(r: Recording, noise: FloatArray, cutoff: float) -> FloatArray:
     """Noise of the acceleration behind a cut-off in units of its rms (d,)."""
-    s_a = noise * (2 * np.pi) ** 2 * np.sqrt(0.4 * cutoff**5 / r.rate)
-    qdd = derivatives(r.q, r.rate, min(cutoff, 0.35 * r.rate))[2]
-    out: FloatArray = s_a / np.maximum(np.sqrt(np.mean(qdd**2, axis=0)), 1e-300)
+    out: FloatArray = _shares(r, noise, np.array([cutoff]))[0]
+    return out
+
+
+def _shares(r: Recording, noise: FloatArray, cutoffs: FloatArray) -> FloatArray:
+    """The same behind several cut-offs (cutoffs, d)."""
+    s_a = noise * (2 * np.pi) ** 2 * np.sqrt(0.4 * cutoffs[:, None] ** 5 / r.rate)
+    _long_enough(r.q)
+    power = acceleration_power(r.q, r.rate, np.minimum(cutoffs, 0.35 * r.rate))
+    out: FloatArray = s_a / np.maximum(np.sqrt(power), 1e-300)
     return out
 
 
@@ -232,12 +240,16 @@ def derivatives(q: FloatArray, fs: float, cutoff: float) -> tuple[FloatArray, ..
     DataError
         If the run is too short for the filter.
     """
-    if len(q) < 60:
-        raise DataError(f"a run of {len(q)} samples is too short to differentiate; record longer")
+    _long_enough(q)
     sos = scipy.signal.butter(4, cutoff / (fs / 2), output="sos")
     smooth = scipy.signal.sosfiltfilt(sos, q, axis=0)
     speed = np.gradient(smooth, 1 / fs, axis=0)
     return smooth, speed, np.gradient(speed, 1 / fs, axis=0)
+
+
+def _long_enough(q: FloatArray) -> None:
+    if len(q) < 60:
+        raise DataError(f"a run of {len(q)} samples is too short to differentiate; record longer")
 
 
 def smooth(x: FloatArray, fs: float, cutoff: float) -> FloatArray:

@@ -23,6 +23,8 @@ from hil.identify.regression import Basis, of_factors
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]
+#: Factors of a joint's rows that are kept.
+LAST = 3
 
 
 def factored(
@@ -59,7 +61,7 @@ def factors(
         rest = [k for k in here if k not in once]
         pair = _kept(problem, j, [terms[k] for k in once], [_rows(blocks[k], j) for k in once])
         if rest:
-            pair = _appended(pair, np.concatenate([_rows(blocks[k], j) for k in rest], axis=1))
+            pair = _extended(problem, j, pair, [blocks[k] for k in rest])
         wide = np.zeros((len(pair[1]), int(edges[-1])))
         if here:
             wide[:, np.concatenate([places[k] for k in (*once, *rest)])] = pair[1] / sigma[j]
@@ -84,6 +86,26 @@ def _kept(problem: Problem, j: int, terms: list[Term], blocks: list[FloatArray])
         problem.memo[key] = scipy.linalg.qr(x, mode="economic", check_finite=False)
     q, r = problem.memo[key]
     return q, r
+
+
+def _extended(problem: Problem, j: int, pair: Pair, blocks: list[FloatArray]) -> Pair:
+    """Factors of [X, C] for the rows of joint j, of X's and of the blocks of C.
+
+    The last few are kept: a search leaves out one term after the other, each of its own joint.
+    """
+    key = ("extended", j)
+    made: list[tuple[FloatArray, list[FloatArray], Pair]] = problem.memo.get(key, [])
+    found = next((m for m in made if m[0] is pair[0] and _same(m[1], blocks)), None)
+    if found is None:
+        out = _appended(pair, np.concatenate([_rows(b, j) for b in blocks], axis=1))
+        found = (pair[0], blocks, out)
+    # a list of its own: another thread may go through the present one
+    problem.memo[key] = [*(m for m in made if m is not found), found][-LAST:]
+    return found[2]
+
+
+def _same(a: list[FloatArray], b: list[FloatArray]) -> bool:
+    return len(a) == len(b) and all(x is y for x, y in zip(a, b, strict=True))
 
 
 def _appended(pair: Pair, c: FloatArray) -> Pair:
