@@ -228,6 +228,9 @@ class Table:
         theta, chosen = self.solutions(keys)
         alone = self._alone(keys)
         own = chosen.size - (0 if alone is None else self.groups[alone].lower.size)
+        if alone is not None and not np.any(theta[:, own:]):
+            # nothing of it: not even rounding is to tell the two models apart
+            return self.errors([k for k in keys if k != alone])
         full = np.zeros((len(theta), self._width))
         full[:, chosen[:own]] = theta[:, :own]
         v, u = full[self.split.fold], theta[self.split.fold, own:]

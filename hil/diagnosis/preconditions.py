@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
+from hil.identify.reach import Reach
 from hil.identify.result import FitResult
 from hil.models.contact import penetration
 from hil.models.model import RobotModel
@@ -28,6 +29,9 @@ FloatArray = NDArray[np.float64]
 HOPELESS, DOUBTFUL, OTHER = 50.0, 12.0, 10.0
 #: Share of the error that is left when the columns are put right, at most.
 RIGHT = 1 / 3
+#: Least error that a fit can reach, in units of what would do, from which it is not tried: what a
+#: shape between those of the grid may do beyond them is far less.
+HOPED = 1.2
 
 
 # ------------------------------------------------------------ columns
@@ -49,12 +53,14 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
     doubtful = float(np.max(result.relative)) >= DOUBTFUL or driven(result)
     if result.model.explains != "motor" or pushed or not doubtful:
         return []
-    before, found = _size(result), []
+    before, reach, found = _size(result), Reach(result), []
     for code, text, columns, signs in _changes(result.problem.joints, result.relative):
         changed = [replace(r, tau=r.tau[:, columns] * signs) for r in recordings]
         problem = Problem(
             changed, result.problem.source, result.model.explains, rates=result.problem.rates
         )
+        if reach.least(problem) > HOPED * RIGHT * before:
+            continue
         after = fit(problem, result.model, sweeps=1)
         better = _size(after) < RIGHT * before and float(np.max(after.relative)) < HOPELESS
         if better:
