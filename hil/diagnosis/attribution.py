@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, f
+from scipy.special import chdtrc, fdtrc
 
 from hil.diagnosis.constants import LEVEL
 from hil.diagnosis.types import Candidate, Evidence
@@ -156,7 +156,7 @@ def begins(poorer: Candidate, richer: Candidate, projector: Projector) -> bool:
         return False
     unseen = seen(richer, projector) <= seen(poorer, projector)
     tempered = more / (1.0 + RICHER * poorer.chi2)
-    if not unseen and chi2.sf(tempered, dof) > LEVEL:
+    if not unseen and chdtrc(dof, tempered) > LEVEL:
         return False
     return overlap(poorer, richer, projector) > COINCIDE
 
@@ -341,7 +341,7 @@ def chance(result: FitResult, key: tuple[str, int]) -> float:
     inverse = np.linalg.pinv(own / np.outer(size, size), hermitian=True)
     # T^2 = b' V^-1 b
     square = float((b / size) @ inverse @ (b / size))
-    return float(f.sf(square * (count - m) / (m * (count - 1)), m, count - m))
+    return float(fdtrc(m, count - m, square * (count - m) / (m * (count - 1))))
 
 
 def effort(result: FitResult, key: tuple[str, int]) -> float:

@@ -28,7 +28,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from hil.diagnosis.artefacts import blur, coarse
 from hil.diagnosis.constants import ADEQUATE, LEVEL
@@ -106,7 +106,7 @@ def _change_of(projector: Projector, result: FitResult, j: int) -> Change | None
     tried = len(cuts) * len(VALUES) * problem.d
     # gain / (noise * inflation) ~ chi2(1), Bonferroni over all that was tried
     noise = rest / max(float(problem.count[j]), 1.0) * inflation(r, problem.run)
-    chance = gain < chi2.isf(LEVEL / tried, 1) * max(noise, 1e-300)
+    chance = gain < chdtri(1, LEVEL / tried) * max(noise, 1e-300)
     if chance or rest * ADEQUATE**2 > rss:
         return None
     name, unit = VALUES[what]

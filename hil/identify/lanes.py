@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numba
 import numpy as np
-import scipy.signal
+import scipy
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]

@@ -10,8 +10,8 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from hil.identify.design import Term
 from hil.models.motion import Motion
@@ -82,7 +82,7 @@ class Response:
         values = np.stack(columns, axis=2)
         if len(self._pick) < 4:
             return np.broadcast_to(values[:1], (self._motion.n, *values.shape[1:])).copy()
-        spline = CubicSpline(self._motion.t[self._pick], values, axis=0)
+        spline = scipy.interpolate.CubicSpline(self._motion.t[self._pick], values, axis=0)
         return np.asarray(spline(self._motion.t), dtype=np.float64)
 
     def _effort(self, aside: FloatArray | float, qdd: FloatArray | float) -> FloatArray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.signal
+import scipy
 from numpy.typing import NDArray
 
 from hil.identify.design import Term, block
