@@ -193,8 +193,8 @@ class Table:
     def _nothing(self, g: Group) -> _Apart:
         """Products of a group before any joint's are added."""
         folds, p, m = self.split.folds, self._width, g.lower.size
-        zeros = (np.zeros(shape) for shape in ((folds, p, m), (folds, m, m), (folds, m)))
-        return _Apart(*zeros, {})
+        cross, own = np.zeros((folds, p, m)), np.zeros((folds, m, m))
+        return _Apart(cross, own, np.zeros((folds, m)), {})
 
     def _products(self, j: int, tested: NDArray[np.bool_]) -> None:
         """Products of joint j's rows, of which some are tested (n,)."""
@@ -411,7 +411,7 @@ def _flat(parts: _Parts) -> list[FloatArray]:
 
 
 def _forms(a: FloatArray, m: FloatArray, b: FloatArray) -> FloatArray:
-    """a' M b of each of several (k,): a (k, p), M (k, p, q), b (k, q)."""
+    """Forms a' M b of several (k,): a (k, p), M (k, p, q), b (k, q)."""
     out: FloatArray = np.einsum("kp,kp->k", a, (m @ b[:, :, None])[:, :, 0])
     return out
 

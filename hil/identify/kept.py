@@ -17,7 +17,7 @@ from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 #: Columns that are kept for another round of a search, all together [bytes].
-ROOM = 2**28
+ROOM = 2**27
 #: Fields of a motion; the robot is the problem's own.
 FIELDS = frozenset(f.name for f in fields(Motion)) - {"robot"}
 #: Those that are compared by value and not as objects.

@@ -7,8 +7,6 @@ for each other, which is what makes this quick.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numba
 import numpy as np
 import scipy
@@ -22,7 +20,7 @@ Section = tuple[float, float, float, float, float]
 State = tuple[float, float]
 
 
-def acceleration_power(q: FloatArray, fs: float, cutoffs: Sequence[float]) -> FloatArray:
+def acceleration_power(q: FloatArray, fs: float, cutoffs: FloatArray) -> FloatArray:
     """Mean square of the filtered acceleration (cutoffs, d) of positions q (n, d).
 
     Parameters
@@ -31,7 +29,7 @@ def acceleration_power(q: FloatArray, fs: float, cutoffs: Sequence[float]) -> Fl
         Evenly sampled positions [rad or m].
     fs : float
         Their rate [Hz].
-    cutoffs : sequence of float
+    cutoffs : ndarray (cutoffs,)
         Cut-offs of a fourth order Butterworth filter, forward and backward [Hz].
     """
     filters = [scipy.signal.butter(4, f / (fs / 2), output="sos") for f in cutoffs]
@@ -96,9 +94,7 @@ def _cascade(x: FloatArray, sos: FloatArray, rest: FloatArray, start: int, step:
 
 
 @numba.njit(cache=True, nogil=True)
-def _power(
-    wide: FloatArray, sos: FloatArray, rest: FloatArray, edge: int, fs: float
-) -> FloatArray:
+def _power(wide: FloatArray, sos: FloatArray, rest: FloatArray, edge: int, fs: float) -> FloatArray:
     """Mean square acceleration (lanes,) of one extended signal (n + 2 edge,)."""
     lanes, n = sos.shape[1], wide.size - 2 * edge
     x = np.empty((wide.size, lanes))
