@@ -216,6 +216,11 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
     seed : int
         Of the sign flips.
     """
+    with result.problem.aside():
+        return _gathered(result, seed)
+
+
+def _gathered(result: FitResult, seed: int) -> Evidence:
     projector = Projector(result.problem, result.terms, result.sigma)
     terms, impossible = possible_terms(result)
     changed = changes(result, projector)
@@ -243,7 +248,8 @@ def floor_of(result: FitResult, evidence: Evidence) -> Floor:
         for t in possible_terms(result)[0]
         if t.key in known or not t.effect.sudden
     ]
-    return measured_floor(try_all(projector, result, terms), projector, result)
+    with result.problem.aside():
+        return measured_floor(try_all(projector, result, terms), projector, result)
 
 
 def measured_floor(found: list[Candidate], projector: Projector, result: FitResult) -> Floor:

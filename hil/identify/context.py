@@ -194,8 +194,12 @@ def _carried(problem: Problem, mass: list[tuple[Term, FloatArray]], rest: bool) 
     """Rigid-body effort along the motion, or held at each of its postures: (n, d) a run."""
     out = [np.zeros_like(m.q) for m in problem.motions]
     for t, theta in mass:
-        raw = problem.raw(t.effect, t.joint, t.shape, rest)
         where = slice(None) if t.effect.whole_robot else t.joint
-        for total, columns in zip(out, raw, strict=True):
-            total[:, where] += columns @ theta
+        every = np.arange(theta.size)
+        if rest:
+            parts = problem.at_rest(t.effect, t.joint, t.shape)
+        else:
+            parts = [(every, x) for x in problem.raw(t.effect, t.joint, t.shape)]
+        for total, (some, columns) in zip(out, parts, strict=True):
+            total[:, where] += columns @ theta[some]
     return out

@@ -24,7 +24,7 @@ from hil.identify.regression import Basis, of_factors
 FloatArray = NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]
 #: Factors of a joint's rows that are kept.
-LAST = 3
+LAST = 2
 
 
 def factored(

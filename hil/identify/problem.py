@@ -112,24 +112,38 @@ class Problem(Rows):
         joints = range(self.d)
         return np.stack([self.gated([x[:, i] for x in raw], i) for i in joints], axis=1)
 
-    def raw(
-        self, effect: Effect, j: int, shape: Sequence[float], rest: bool = False
-    ) -> list[FloatArray]:
-        """Columns of an effect before the filter, one array a run; `rest`: held at each posture.
+    def raw(self, effect: Effect, j: int, shape: Sequence[float]) -> list[FloatArray]:
+        """Columns of an effect before the filter, one array a run.
 
         Those that depend on nothing but the motion, without a shape, are made once.
         """
-        return self._made(effect, j, shape, rest)[0]
+        return self._made(effect, j, shape)[0]
+
+    def at_rest(
+        self, effect: Effect, j: int, shape: Sequence[float]
+    ) -> list[tuple[NDArray[np.int_], FloatArray]]:
+        """Which columns of an effect are not zero where the robot rests at each posture, and these.
+
+        One pair a run; what depends on nothing but the motion, without a shape, is made once.
+        """
+        key = (effect.name, j)
+        if key in self._rest:
+            return self._rest[key]
+        made, _ = watched(effect, [m.at_rest() for m in self.motions], j, shape)
+        some = [np.flatnonzero(np.any(x.reshape(-1, x.shape[-1]), axis=0)) for x in made]
+        out = [(k, np.ascontiguousarray(x[..., k])) for k, x in zip(some, made, strict=True)]
+        if effect.motion_only and not effect.shape and sum(x.nbytes for _, x in out) <= KEPT:
+            self._rest[key] = out
+        return out
 
     def _made(
-        self, effect: Effect, j: int, shape: Sequence[float], rest: bool = False
+        self, effect: Effect, j: int, shape: Sequence[float]
     ) -> tuple[list[FloatArray], Seen]:
         """Columns before the filter, one array a run, and what they were made of."""
-        key = (effect.name, j, rest)
+        key = (effect.name, j)
         if key in self._raw:
             return self._raw[key], ()
-        motions = [m.at_rest() for m in self.motions] if rest else self.motions
-        out, fields = watched(effect, motions, j, shape)
+        out, fields = watched(effect, self.motions, j, shape)
         _sound(effect, j, self.motions[0], out[0])
         if effect.motion_only and not effect.shape and sum(x.nbytes for x in out) <= KEPT:
             self._raw[key] = out

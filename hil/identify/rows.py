@@ -134,6 +134,7 @@ class Rows:
         #: Whether columns are made that another round of a search may make again.
         self._spare = False
         self._raw: dict[tuple[object, ...], list[FloatArray]] = {}
+        self._rest: dict[tuple[object, ...], list[tuple[NDArray[np.int_], FloatArray]]] = {}
 
     @property
     def d(self) -> int:

@@ -37,8 +37,6 @@ class Screen:
     ----------
     wave : ndarray (orders, n) of complex
         exp(2 pi i p q), at the evaluation rate.
-    twice : ndarray (orders, n) of complex
-        The same at twice the order.
     size : ndarray (2, orders)
         Squared length of each filtered column, of both harmonics.
     carrier : ndarray (n,)
@@ -48,10 +46,14 @@ class Screen:
     """
 
     wave: NDArray[np.complex64]
-    twice: NDArray[np.complex64]
     size: FloatArray
     carrier: FloatArray
     stride: int
+
+    @property
+    def twice(self) -> NDArray[np.complex64]:
+        """The same at twice the order; made when asked, for it is as large."""
+        return self.wave**2
 
     def gains(self, back: FloatArray) -> FloatArray:
         """Approximate gains (orders,) of back-projected rows (n,)."""
@@ -67,7 +69,8 @@ class Screen:
         number = blocks[:: self.stride]
         starts = np.flatnonzero(np.diff(number, prepend=-1))
         total = np.zeros((len(self.size[0]), len(signs)))
-        for wave, size in ((self.wave, self.size[0]), (self.twice, self.size[1])):
+        for power, size in enumerate(self.size, start=1):
+            wave = self.wave if power == 1 else self.twice
             parts = _stretches(wave, b.astype(np.complex64), starts)
             total += _turned(parts, signs[:, number[starts]]) / size[:, None]
         return np.asarray(total.max(axis=0))
@@ -156,7 +159,7 @@ def _ripples(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Rip
     size = np.maximum(size, 1e-3 * max(float(size.max()), 1e-300))
     columns = len(term.effect.terms(problem.motions[0], j))
     return Ripples(
-        _waves(problem, j, orders, q[::stride])[0], k, size, w[::stride] * stride, stride,
+        _waves(problem, j, orders, q[::stride]), k, size, w[::stride] * stride, stride,
         [_overtone(orders, m) for m in range(2, columns // 2 + 1)],
     )  # fmt: skip
 
@@ -191,7 +194,7 @@ def _screen(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Scre
     v = np.concatenate([m.qd[:, j] for m in problem.motions])
     orders = np.array([s[0] for s in grid])
     stride = max(1, q.size // ENOUGH)
-    wave, twice = _waves(problem, j, orders, q[::stride])
+    wave = _waves(problem, j, orders, q[::stride])
     few = slice(None, None, max(1, q.size // 400))
     size = np.empty((2, orders.size))
     for k, p in enumerate((orders, 2 * orders)):
@@ -199,13 +202,11 @@ def _screen(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Scre
         size[k] = problem.count[j] / 2 * np.mean((w[few] * gain) ** 2, axis=1)
     # an order that the filter takes out altogether has no evidence
     size = np.maximum(size, 1e-3 * size.max())
-    return Screen(wave, twice, size, w[::stride] * stride, stride)
+    return Screen(wave, size, w[::stride] * stride, stride)
 
 
-def _waves(
-    problem: Problem, j: int, orders: FloatArray, q: FloatArray
-) -> tuple[NDArray[np.complex64], NDArray[np.complex64]]:
-    """exp(2 pi i p q) and its square, (orders, n); made once, for they hold the motion alone."""
+def _waves(problem: Problem, j: int, orders: FloatArray, q: FloatArray) -> NDArray[np.complex64]:
+    """exp(2 pi i p q), (orders, n); made once, for it holds the motion alone."""
     key = ("waves", j, orders.size, float(orders[-1]))
     if key not in problem.memo:
         wave = np.empty((orders.size, q.size), dtype=np.complex64)
@@ -216,9 +217,9 @@ def _waves(
         for k in range(orders.size):
             wave[k] = now if even else np.exp(2j * np.pi * orders[k] * q)
             now *= turn
-        problem.memo[key] = (wave, wave**2)
-    wave, twice = problem.memo[key]
-    return wave, twice
+        problem.memo[key] = wave
+    found: NDArray[np.complex64] = problem.memo[key]
+    return found
 
 
 def promising(gains: FloatArray, count: int = EXACT) -> list[int]:

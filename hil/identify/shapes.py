@@ -85,9 +85,10 @@ def search_shapes(
             continue
         others = [t for t in out[:k] + out[k + 1 :] if t.key not in idle]
         projector = Projector(problem, others, sigma)
-        found, gain = best_shape(projector, term)
-        if term.effect.name == "coulomb":
-            found = _sharpest(projector, found, gain)
+        with problem.aside():
+            found, gain = best_shape(projector, term)
+            if term.effect.name == "coulomb":
+                found = _sharpest(projector, found, gain)
         out[k] = found
     return out
 
