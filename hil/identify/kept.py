@@ -17,7 +17,9 @@ from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 #: Columns that are kept for another round of a search, all together [bytes].
-ROOM = 2**27
+ROOM = 3 * 2**26
+#: Part of it that former columns leave to new ones: one in so many.
+NEW = 2
 #: Fields of a motion; the robot is the problem's own.
 FIELDS = frozenset(f.name for f in fields(Motion)) - {"robot"}
 #: Those that are compared by value and not as objects.
@@ -101,33 +103,31 @@ class Kept:
         motions: Sequence[Motion], spare: bool = False,
     ) -> None:  # fmt: skip
         """Keep columns that were made of these fields; `spare` ones if there is room."""
-        if spare:
-            if columns.nbytes > self._room:
-                return
-            self._room -= columns.nbytes
-        made = _Made(columns, seen, self._now(seen, motions), spare)
-        self._made[key] = [*self._made.get(key, ()), made]
+        if not spare or columns.nbytes <= self._room:
+            self._hold(key, _Made(columns, seen, self._now(seen, motions), spare))
 
     def pruned(self, motions: Sequence[Motion]) -> Kept:
-        """The same without what has changed; spare columns may be as they are now once more."""
-        out = Kept()
-        for spare in (True, False):
-            self._hand_on(out, motions, spare)
-            if out._room > ROOM // 2:
-                break
-            # too many: those of former values go first
-            out._made, out._room = {}, ROOM
+        """The same without what has changed.
+
+        Spare columns whose small fields alone have changed may be as they are now once more: the
+        latest of them stay, but for a part of the room that is left to new ones.
+        """
+        out, former = Kept(), []
+        for key, every in self._made.items():
+            for made in every:
+                if out._fresh(made, motions):
+                    out._hold(key, made)
+                elif made.spare and out._may(made):
+                    former.append((key, made))
+        for key, made in reversed(former):
+            if out._room - made.columns.nbytes > ROOM // NEW:
+                out._hold(key, made)
         return out
 
-    def _hand_on(self, out: Kept, motions: Sequence[Motion], again: bool) -> None:
-        """Give another one what is as it is now or, if `again`, may be so once more."""
-        for key, every in self._made.items():
-            left = [
-                m for m in every if out._fresh(m, motions) or (again and m.spare and out._may(m))
-            ]
-            if left:
-                out._made[key] = left
-                out._room -= sum(m.columns.nbytes for m in left if m.spare)
+    def _hold(self, key: tuple[object, ...], made: _Made) -> None:
+        self._made[key] = [*self._made.get(key, ()), made]
+        if made.spare:
+            self._room -= made.columns.nbytes
 
     def _fresh(self, made: _Made, motions: Sequence[Motion]) -> bool:
         """Whether the runs are as they were in all that was looked at."""
