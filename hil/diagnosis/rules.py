@@ -270,15 +270,11 @@ def _beyond(case: Case) -> str:
 
 @_candidate("at-floor")
 def _at_floor(case: Case) -> str:
-    """What noise may as well be needs no name; many coefficients find something in any floor.
-
-    An effect may show on another joint than its own, through what the joints share.
-    """
-    r, result = case.rated, case.search.now.result
-    falls = r.errors.power < (1 - WORTH) ** 2 * r.now.power
-    shown = np.flatnonzero(falls & ~case.search.problem.holds)
-    above = any(case.evidence.floor.exceeded(result.rms, int(k)) for k in shown)
-    return "" if above else "the error of its joint is at the noise floor"
+    """Many coefficients on many joints find something in any floor."""
+    c, evidence = case.rated.candidate, case.evidence
+    above = evidence.floor.exceeded(case.search.now.result.rms, case.rated.joint)
+    met = c.term.effect.jointless and not above
+    return "the error of its joint is at the noise floor" if met else ""
 
 
 @_candidate("returned-noise")
@@ -361,6 +357,19 @@ def _robs(case: Refit) -> str:
     names = [key for key in case.search.standing if key in efforts[0]]
     robbed = [key for key in names if efforts[1].get(key, 0.0) < (1 - ROBBED) * efforts[0][key]]
     return f"it takes the place of {robbed[0][0]}" if robbed else ""
+
+
+@_fit("transfers")
+def _transfers(case: Refit) -> str:
+    """A correction must serve parts of the recording that it has not been near to.
+
+    No law keeps it from following what is special to one part; neighbouring blocks share that.
+    """
+    if not case.rated.candidate.term.effect.correction or case.before.step.heldout.kind != "folds":
+        return ""
+    j, search = case.rated.joint, case.search
+    old, new = (search.parted(rung.result).power[j] for rung in (case.before, case.after))
+    return "it does not hold from one part of the recording to the next" if new > old else ""
 
 
 @_fit("coefficients")

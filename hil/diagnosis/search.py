@@ -29,7 +29,7 @@ from hil.diagnosis.candidates import (
 from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
 from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, RIVAL, SURE, WORTH
 from hil.diagnosis.evidence import detect, in_time, measured_floor, priced
-from hil.diagnosis.folds import Split
+from hil.diagnosis.folds import Split, parts
 from hil.diagnosis.grams import Errors, Group, Table
 from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
@@ -70,6 +70,32 @@ class Rung:
         return {c.term.key for c in self.added}
 
 
+@dataclass(frozen=True)
+class _Tried:
+    """Evidence that was gathered last, and beside which model."""
+
+    rung: Rung
+    kind: str
+    joints: tuple[int, ...]
+    first: Evidence | None
+    evidence: Evidence
+    rated: list[Rated]
+
+    def serves(
+        self, rung: Rung, kind: str, joints: Sequence[int], first: Evidence | None
+    ) -> bool:  # fmt: skip
+        """Whether it holds what is asked for; floors of the first evidence are kept."""
+        same = rung is self.rung and kind == self.kind and set(joints) <= set(self.joints)
+        return same and (first is self.first or first is self.evidence)
+
+    def of(self, joints: Sequence[int]) -> tuple[Evidence, list[Rated]]:
+        """What belongs to some joints, or to the whole robot."""
+        if set(joints) == set(self.joints):
+            return self.evidence, self.rated
+        some = [r for r in self.rated if r.joint in joints or r.candidate.term.effect.of_robot]
+        return replace(self.evidence, candidates=[r.candidate for r in some]), some
+
+
 @dataclass
 class Search:
     """State of the search.
@@ -105,6 +131,7 @@ class Search:
     standing: list[tuple[str, int]] = field(default_factory=list)
     first: Evidence | None = None
     last: Evidence | None = None
+    _tried: _Tried | None = None
 
     @property
     def now(self) -> Rung:
@@ -133,10 +160,24 @@ class Search:
             heldout = of_blocks(table.left_out(keys), self.problem, self.split)
         return Rung(Step(label, result, heldout), errors)
 
+    def parted(self, result: FitResult) -> Errors:
+        """Errors of a fit on each part of the recording by the coefficients of the others."""
+        groups = model_groups(result)
+        table = Table(self.problem, parts(self.split), result.sigma, groups)
+        return table.errors([g.key for g in groups])
+
     # ------------------------------------------------------------------ evidence
 
     def evidence(self, joints: Sequence[int], kind: str = EFFECT) -> tuple[Evidence, list[Rated]]:
-        """All candidates of a kind on some joints beside the present model."""
+        """All candidates of a kind on some joints beside the present model, or of these."""
+        known = self._tried
+        if known is not None and known.serves(self.now, kind, joints, self.first):
+            return known.of(joints)
+        out, rated = self._evidence(joints, kind)
+        self._tried = _Tried(self.now, kind, tuple(joints), self.first, out, rated)
+        return out, rated
+
+    def _evidence(self, joints: Sequence[int], kind: str) -> tuple[Evidence, list[Rated]]:
         result = self.now.result
         terms, impossible = terms_to_try(result, joints, kind=kind)
         projector, _ = tried(result, [])
@@ -195,6 +236,9 @@ class Search:
         """
         kept, start = (list(self.found), dict(self.stops), dict(self.fired)), len(self.rungs)
         self._corrected(joints, CORRECTION)
+        if "robs" not in self.fired:
+            self.found, self.stops, self.fired = kept
+            return self.rungs[start:]
         named, first = self.now.result, len(self.rungs)
         self.rungs.append(self.rung("kept", _kept(named.model), named.sigma))
         self.refused = {key for key in self.refused if not catalogue.get(key[0]).correction}

@@ -16,6 +16,8 @@ from hil.models.motion import FloatArray, Motion
 LUGRE = 2.0
 #: Words for its values.
 FORMS = ((0.0, "Maxwell slip"), (1.0, "Dahl"), (LUGRE, "LuGre"))
+#: Least displacement over which friction builds up, in units of the least that is tried.
+WIDE = 1.1
 #: Share of the friction that loops carry at least, to be more than the error of a sign's form.
 LEAST = 0.02
 
@@ -179,9 +181,7 @@ class Presliding(Effect):
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """From 1e-4 of the span, and from twice what the encoder resolves, to 5e-2 of the span."""
-        span = float(np.ptp(motion.span[j])) or 1.0
-        grain = float(motion.grain[j]) if motion.grain.size else 0.0
-        least = min(max(1e-4 * span, 2 * grain), 4e-2 * span)
+        span, least = float(np.ptp(motion.span[j])) or 1.0, _least(motion, j)
         v0, scales = float(motion.v0[j]), log_grid(least, 5e-2 * span, 10)
         return [(s, form, v0, 0.0) for form in (0.0, 1.0) for (s,) in scales]
 
@@ -193,7 +193,13 @@ class Presliding(Effect):
         self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
         error: Sequence[float] = (),
     ) -> bool:  # fmt: skip
-        """Loops that carry a part of the friction, one of them surely; else it is a blunt sign."""
+        """Loops that carry a part of the friction, one of them surely; else it is a blunt sign.
+
+        And over more than the least displacement that is tried: what builds up within less is a
+        sign that turns a little late.
+        """
+        if shape[0] < WIDE * _least(motion, j):
+            return False
         sure = any(b > e for b, e in zip(beta[1:], margins(beta, error)[1:], strict=True))
         part = sum(beta[1:]) > LEAST * sum(beta)
         return sure and part and super().credible(motion, j, shape, beta, error)
@@ -207,6 +213,13 @@ class Presliding(Effect):
         lugre = [(x, LUGRE, v0, vs) for vs in speeds for (x,) in log_grid(0.7 * s, 6 * s, 5)]
         beside: list[tuple[float, ...]] = [(s, 0.0, v0, vs) for vs in speeds]
         return [tuple(map(float, x)) for x in lugre], _BESIDE, beside
+
+
+def _least(motion: Motion, j: int) -> float:
+    """Least displacement that is tried for joint j [rad or m]."""
+    span = float(np.ptp(motion.span[j])) or 1.0
+    grain = float(motion.grain[j]) if motion.grain.size else 0.0
+    return min(max(1e-4 * span, 2 * grain), 4e-2 * span)
 
 
 def _lugre(q: FloatArray, v: FloatArray, s: float, vs: float, dt: float) -> list[FloatArray]:
