@@ -27,6 +27,7 @@ from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.identify.trial import CLOSE
 from hil.identify.validity import outside
+from hil.models.effect import Trait
 from hil.record.checks import check
 from hil.record.recording import Recording, RobotSource
 
@@ -195,7 +196,7 @@ def blunt(result: FitResult, heldout: HeldOut, examine: Examiner) -> dict[tuple[
         return {}
     problem = result.problem
     ratio = heldout.rms / np.maximum(result.rms, 1e-300)
-    signs = [t for t in result.terms if t.effect.name == "coulomb" and not t.fixed_shape]
+    signs = [t for t in result.terms if Trait.DRY in t.effect.traits and not t.fixed_shape]
     signs = [t for t in signs if ratio[t.joint] > APART and not problem.holds[t.joint]]
     if not signs:
         return {}

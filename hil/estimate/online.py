@@ -21,7 +21,7 @@ from hil.estimate.knots import sampled
 from hil.estimate.part import Part, refusal
 from hil.estimate.probe import ENDS, made_up
 from hil.models import catalogue
-from hil.models.effect import Effect
+from hil.models.effect import Effect, terms_of
 
 FloatArray = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def _numbers(
     """Shape and coefficients of an effect on joint j, in the order of its columns."""
     motion = made_up(np.tile(ENDS["q"], (3, 1)))
     shapes = [p.name for p in effect.shape]
-    names = [p.name for p in effect.terms(motion, j)]
+    names = [p.name for p in terms_of(effect, motion, j)]
     missing = [n for n in (*shapes, *names) if not math.isfinite(given.get(n, math.nan))]
     if missing:
         raise refusal(effect, f"its {', '.join(missing[:6])} on joint {j + 1} are unknown")

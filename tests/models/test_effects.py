@@ -48,8 +48,8 @@ def test_catalogue_holds_the_names_of_the_design() -> None:
 def test_confusions_and_replacements_name_no_typing_errors() -> None:
     planned = {"backlash", "elastic-transmission", "actuator-lag"}
     for effect in catalogue.table().values():
-        assert set(effect.confused_with) <= set(EFFECTS) | planned, effect.name
-        assert set(effect.replaces) <= set(EFFECTS), effect.name
+        assert set(effect.doc.confused_with) <= set(EFFECTS) | planned, effect.name
+        assert set(effect.relations.replaces) <= set(EFFECTS), effect.name
 
 
 Row = Callable[[Motion, int, int, tuple[float, ...]], list[float]]
