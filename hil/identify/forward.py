@@ -19,7 +19,6 @@ from hil.identify.design import Term, by_run
 from hil.identify.kept import watched
 from hil.identify.result import FitResult
 from hil.models.effect import Trait
-from hil.models.mass import RigidBody
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
@@ -73,7 +72,7 @@ class _Forward:
         self.motion, self.owner = motion, owner
         every = shared([parts_of(job.result, motion) for job in jobs], owner)
         #: Rigid-body parameters: the robot gives their balance at once; no parts of the rest.
-        own = [isinstance(t.effect, RigidBody) for t, _ in every]
+        own = [Trait.BODY in t.effect.traits for t, _ in every]
         self._masses = [theta for (_, theta), mine in zip(every, own, strict=True) if mine]
         self._parts = [part for part, mine in zip(every, own, strict=True) if not mine]
         self._seen = [looked_at(t, motion) for t, _ in self._parts]

@@ -26,7 +26,7 @@ SMALL = 1e-3
 def line(problem: Problem, term: Term) -> FloatArray:
     """Values of the first shape parameter on the term's grid, the form being as it is; sorted.
 
-    All values where the others were changed to what the grid does not hold (`Effect.across`).
+    All values where the others were changed to what the grid does not hold (`Search.across`).
     """
     grid = problem.grid(term.effect, term.joint)
     own = [s[0] for s in grid if s[1:] == term.shape[1:]]

@@ -64,7 +64,8 @@ class Trait(Flag):
     DRY = auto()
     #: Proportional to the own speed, with one coefficient.
     VISCOUS = auto()
-    #: The robot's own parameters, whose prior is the robot's description.
+    #: The robot's own parameters: its columns are the robot's regressor, and the robot's
+    #: description is their prior.
     BODY = auto()
     #: Its shape is the surface, (position, side), that laws of a contact refer to.
     SURFACE = auto()

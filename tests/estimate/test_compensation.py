@@ -147,15 +147,17 @@ def test_refusals_say_what_is_missing():
 
 
 EYELET = """
-from hil.models.effect import Effect, Param
+from hil.models.effect import Doc, Effect, Param
 
 
 class LoopEyelet(Effect):
     name, family = "loop-eyelet", "friction"
-    equation = "tau = fe (q - q_low) tanh(v / v0)"
-    signature = "friction that grows from one end of the range to the other"
-    shown_by = "slow strokes over the whole range"
-    source = "notebook"
+    doc = Doc(
+        equation="tau = fe (q - q_low) tanh(v / v0)",
+        signature="friction that grows from one end of the range to the other",
+        shown_by="slow strokes over the whole range",
+        source="notebook",
+    )
     params = (Param("fe", "{F}/{x}", "friction per wound-up angle", 0.0),)
 
     def columns(self, motion, j, shape):
