@@ -22,6 +22,7 @@ from hil.estimate.part import Part, refusal
 from hil.estimate.probe import ENDS, made_up
 from hil.models import catalogue
 from hil.models.effect import Effect, terms_of
+from hil.models.presliding import Presliding
 
 FloatArray = NDArray[np.float64]
 
@@ -67,7 +68,7 @@ def tables(values: Mapping[str, float], span: Sequence[float] = ()) -> Tables:
     for j, effect, given in _groups(values):
         part = Part(effect, j, *_numbers(effect, j, given), ends, bool(len(span)))
         theta = part.theta
-        if effect.name == "presliding":
+        if isinstance(effect, Presliding):
             if part.shape[0] <= 0.0:
                 raise refusal(effect, "its displacement s is not positive")
             if part.shape[1] > 1.0:

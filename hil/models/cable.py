@@ -79,8 +79,8 @@ class HardeningCable(Effect):
     name, family = "hardening-cable", "transmission"
     doc = Doc(
         equation=(
-            "tau = a (P - L),  L = load + fl sgn(v - d'),  I d'' + P = L,  P = T + c T',  d = (T "
-            "/ k0) / (1 + |T| / T0),  k0 = (2 pi f)^2 I,  c = zeta / (pi f)"
+            "tau = a (P - L),  L = load + fl sgn(v - d'),  I d'' + P = L,  P = T + c T',  "
+            "d = (T / k0) / (1 + |T| / T0),  k0 = (2 pi f)^2 I,  c = zeta / (pi f)"
         ),
         signature=(
             "the load comes late and rings after it changes its sign, the less the larger it is"

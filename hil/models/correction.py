@@ -98,8 +98,8 @@ class OfPosition(Correction):
     name = "correction-position"
     doc = _doc(
         equation=(
-            "tau = sum_k c_k T_k(x),  x = (q - centre) / half, T_k Chebyshev's, k = 1 to 4 "
-            "(beside a spring from 2 on)"
+            "tau = sum_k c_k T_k(x),  "
+            "x = (q - centre) / half, T_k Chebyshev's, k = 1 to 4 (beside a spring from 2 on)"
         ),
         variables="the position",
     )
@@ -156,8 +156,8 @@ class OfSpeed(Correction):
     name = "correction-speed"
     doc = _doc(
         equation=(
-            "tau = c1 v + c2 |v| + c3 v |v| + c4 sgn(v) sqrt|v| + c5 |sgn v| + sgn(v) (c6 "
-            "exp(-(v / 0.1)^2) + c7 exp(-(v / 0.3)^2)),  v in units of the rms speed"
+            "tau = c1 v + c2 |v| + c3 v |v| + c4 sgn(v) sqrt|v| + c5 |sgn v| + "
+            "sgn(v) (c6 exp(-(v / 0.1)^2) + c7 exp(-(v / 0.3)^2)),  v in units of the rms speed"
         ),
         variables="the speed",
     )
@@ -282,8 +282,8 @@ class OfOtherJoint(Correction):
     name = "correction-joint"
     doc = _doc(
         equation=(
-            "tau = c1 vk + c2 sgn vk + c3 ak + c4 T_1(xk) + c5 T_2(xk) + c6 T_3(xk) + c7 sgn(v + "
-            "r vk) + c8 (a + r ak)"
+            "tau = c1 vk + c2 sgn vk + c3 ak + c4 T_1(xk) + c5 T_2(xk) + c6 T_3(xk) + "
+            "c7 sgn(v + r vk) + c8 (a + r ak)"
         ),
         variables="another joint's motion",
     )

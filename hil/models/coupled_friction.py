@@ -36,8 +36,9 @@ class LoadFriction(Effect):
     name, family = "load-friction", "friction"
     doc = Doc(
         equation=(
-            "tau = mu |load| tanh(v / v0),  load = all that is transmitted, its static part, or "
-            "the motor's own effort (a gear or a cable around a capstan)"
+            "tau = mu |load| tanh(v / v0),  "
+            "load = all that is transmitted, its static part, "
+            "or the motor's own effort (a gear or a cable around a capstan)"
         ),
         signature="friction grows with gravity, acceleration or contact load",
         confused_with=("torque-gain", "coulomb", "position-friction"),

@@ -55,8 +55,9 @@ class FrictionDrift(Effect):
     name, family = "friction-drift", "friction"
     doc = Doc(
         equation=(
-            "tau = s (dc tanh(v / v0) + dv v),  s = 1 - exp(-t / T)  (t since the start of the "
-            "run), or s = temperature - its first value"
+            "tau = s (dc tanh(v / v0) + dv v),  "
+            "s = 1 - exp(-t / T)  (t since the start of the run), "
+            "or s = temperature - its first value"
         ),
         signature="friction at the end of the run differs from that at its start, at all speeds",
         confused_with=("load-friction", "coulomb", "viscous"),

@@ -80,8 +80,8 @@ class EncoderEccentricity(Effect):
     name, family = "encoder-eccentricity", "sensor"
     doc = Doc(
         equation=(
-            "tau = -(M e'' + D e' + G e),  e = es sin kq + ec cos kq + es2 sin 2kq + .. + ec3 "
-            "cos 3kq, k = 2 pi p"
+            "tau = -(M e'' + D e' + G e),  "
+            "e = es sin kq + ec cos kq + es2 sin 2kq + .. + ec3 cos 3kq, k = 2 pi p"
         ),
         signature="a ripple over position that grows with the square of the speed",
         confused_with=("cogging", "position-friction"),
@@ -171,8 +171,8 @@ class MissedCounts(Effect):
     name, family = "missed-counts", "sensor"
     doc = Doc(
         equation=(
-            "tau = f(q - a e) - f(q), e = jumps of the recorded position, each staying; without "
-            "any tau = -G s for t > t0 (s = shift of the measured position)"
+            "tau = f(q - a e) - f(q), e = jumps of the recorded position, each staying; "
+            "without any tau = -G s for t > t0 (s = shift of the measured position)"
         ),
         signature=(
             "the position jumps and the effort does not; or gravity fits before an instant only"

@@ -190,10 +190,10 @@ class Presliding(Effect):
     name, family = "presliding", "friction"
     doc = Doc(
         equation=(
-            "tau = f0 tanh(v / v0) + f1 z(s) + f2 z(3 s) + f3 z(9 s),  z <- clip(z + dq / s, -1, "
-            "1) (Maxwell slip) or dz/dq = (1 - z sgn v) / s (Dahl); LuGre: f1 z + f2 (z' - z) + "
-            "f3 s/vs dz/dt, z' with g = 1 + exp(-(v/vs)^2) in dz/dq = (1 - z sgn v / g) / s, z "
-            "with g = 1"
+            "tau = f0 tanh(v / v0) + f1 z(s) + f2 z(3 s) + f3 z(9 s),  "
+            "z <- clip(z + dq / s, -1, 1) (Maxwell slip) or dz/dq = (1 - z sgn v) / s (Dahl); "
+            "LuGre: f1 z + f2 (z' - z) + f3 s/vs dz/dt, "
+            "z' with g = 1 + exp(-(v/vs)^2) in dz/dq = (1 - z sgn v / g) / s, z with g = 1"
         ),
         signature="a loop over the displacement since reversal, independent of speed",
         confused_with=("backlash", "elastic-transmission", "stribeck", "delay"),

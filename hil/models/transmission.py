@@ -130,8 +130,8 @@ class ElasticTransmission(_Resonance):
     name, family = "elastic-transmission", "transmission"
     doc = Doc(
         equation=(
-            "tau = a (T(load) - load) + fl (T(sgn(v - d')) - sgn v),  T = k d + c d',  I d'' + T "
-            "= load,  k = (2 pi f)^2 I,  c = 2 zeta sqrt(k I)"
+            "tau = a (T(load) - load) + fl (T(sgn(v - d')) - sgn v),  T = k d + c d',  "
+            "I d'' + T = load,  k = (2 pi f)^2 I,  c = 2 zeta sqrt(k I)"
         ),
         signature="residual grows with frequency towards a resonance, and rings after reversals",
         confused_with=("vibration-mode", "hardening-cable", "armature"),
@@ -188,8 +188,8 @@ class Backlash(Effect):
     name, family = "backlash", "transmission"
     doc = Doc(
         equation=(
-            "tau = a (P - L),  L = load + fl sgn(v - d'),  I d'' + P = L,  P = T + c T',  T = 0 "
-            "for |d| < b / 2, whatever is needed at the flanks"
+            "tau = a (P - L),  L = load + fl sgn(v - d'),  I d'' + P = L,  P = T + c T',  "
+            "T = 0 for |d| < b / 2, whatever is needed at the flanks"
         ),
         signature="the load is missing over a fixed displacement after it changes its sign",
         confused_with=("hardening-cable", "presliding", "elastic-transmission", "coulomb"),
