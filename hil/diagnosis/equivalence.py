@@ -468,8 +468,8 @@ def _low_speed(result: FitResult, evidence: Evidence) -> list[Unseen]:
 
 
 def _showing(sight: Sight) -> list[Effect]:
-    """Effects that only show where a recording has this, in the order of the catalogue."""
-    table = catalogue.table().values()
+    """Effects of a motor that only show where a recording has this, in the catalogue's order."""
+    table = (e for e in catalogue.table().values() if "motor" in e.scope.explains)
     return [e for e in table if sight in e.doc.shown and Trait.GIVEN not in e.traits]
 
 

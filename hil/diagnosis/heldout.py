@@ -8,8 +8,6 @@ about zero speed does, and its error is then neither noise nor a missing effect.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -229,6 +227,6 @@ def _blunter(term: Term, result: FitResult) -> list[float]:
 
 def _with(result: FitResult, term: Term, v0: float) -> FitResult:
     """The fit with another sign on a joint, its coefficients solved again."""
-    terms = [replace(t, shape=(v0,)) if t is term else t for t in result.terms]
+    terms = [t.reshaped((v0, *t.shape[1:])) if t is term else t for t in result.terms]
     set_context(result.problem, terms)
     return assemble(result.problem, result.model, terms, result.sigma)

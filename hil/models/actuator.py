@@ -56,7 +56,7 @@ def _torque_gain_forwards(f: Fitted) -> bool:
     return f.beta[0] > -0.9
 
 
-def _torque_gain_available(motion: Motion, j: int) -> str:
+def _torque_gain_lacks(motion: Motion, j: int) -> str:
     """Structural: without an external force the gain scales every parameter alike."""
     if np.any(motion.tau_ext[:, j]) or motion.d > 1:
         return ""
@@ -77,7 +77,7 @@ class TorqueGain(Effect):
         over=Over.LOAD,
     )
     params = (Param("g", "1", "relative error of the command"),)
-    scope = Scope(lacks=_torque_gain_available)
+    scope = Scope(lacks=_torque_gain_lacks)
     limits = (Limit("backwards", _torque_gain_forwards),)
     traits = Trait.LOAD | Trait.GAIN
 
@@ -129,7 +129,7 @@ def _coupled_transmission_grid(motion: Motion, j: int) -> Shapes:
     return [(float(k + 1), r) for k in range(j + 1, motion.d) for r in (1.0, -1.0)]
 
 
-def _coupled_transmission_available(motion: Motion, j: int) -> str:
+def _coupled_transmission_lacks(motion: Motion, j: int) -> str:
     """Needs a later joint."""
     return "" if j + 1 < motion.d else "no later joint to couple with"
 
@@ -155,7 +155,7 @@ class CoupledTransmission(Effect):
         Param(JOINT, "1", "number of the other joint", 1.0, choice=True),
         Param("r", "1", "ratio of the other joint's motion"),
     )
-    scope = Scope(Of.JOINTS, lacks=_coupled_transmission_available)
+    scope = Scope(Of.JOINTS, lacks=_coupled_transmission_lacks)
     search = Grid(_coupled_transmission_grid, refine=False)
     limits = (Limit("drives", _coupled_transmission_brakes),)
 

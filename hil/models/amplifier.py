@@ -143,7 +143,7 @@ def _torque_crosstalk_leaks(f: Fitted) -> bool:
     return bool(felt and abs(f.beta[0]) < 1.0 + f.slack[0])
 
 
-def _torque_crosstalk_available(motion: Motion, j: int) -> str:
+def _torque_crosstalk_lacks(motion: Motion, j: int) -> str:
     """Needs a second joint."""
     return "" if motion.d > 1 else "the robot has one joint"
 
@@ -161,7 +161,7 @@ class TorqueCrosstalk(Effect):
     )
     params = (Param("e", "1", "share of the other motor's command"),)
     shape = (Param(JOINT, "1", "number of the other joint", 1.0, choice=True),)
-    scope = Scope(lacks=_torque_crosstalk_available)
+    scope = Scope(lacks=_torque_crosstalk_lacks)
     relations = Relations(foils=_torque_crosstalk_foils)
     search = Grid(_torque_crosstalk_grid, refine=False)
     limits = (Limit("leak", _torque_crosstalk_leaks),)

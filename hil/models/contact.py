@@ -33,7 +33,7 @@ def penetration(motion: Motion, j: int) -> tuple[FloatArray, float]:
     return np.maximum(0.0, side * (motion.q[:, j] - q0)), float(side)
 
 
-def _contact_law_available(motion: Motion, j: int) -> str:
+def _contact_law_lacks(motion: Motion, j: int) -> str:
     """Needs a surface."""
     known = np.isfinite(motion.contact[j]).all()
     return "" if known else "needs 'contact-stiffness' in the model: it finds the surface"
@@ -43,7 +43,7 @@ class _ContactLaw(Effect):
     """A law that needs the surface found first."""
 
     family = "contact"
-    scope = Scope(explains=("external",), lacks=_contact_law_available)
+    scope = Scope(explains=("external",), lacks=_contact_law_lacks)
 
 
 def _contact_stiffness_grid(motion: Motion, j: int) -> Shapes:

@@ -259,7 +259,7 @@ class OfLoad(Correction):
         return np.stack([load * sign, *slips, load**2 * sign], axis=1)
 
 
-def _of_other_joint_available(motion: Motion, j: int) -> str:
+def _of_other_joint_lacks(motion: Motion, j: int) -> str:
     """Needs another joint that moves."""
     return "" if _of_other_joint_grid(motion, j) else "needs another joint that moves"
 
@@ -295,7 +295,7 @@ class OfOtherJoint(Correction):
         Param("half", "1", "half its range, in rad or m", 0.0),
         Param("scale", "1", "its rms speed, in rad/s or m/s", 0.0),
     )
-    scope = replace(Correction.scope, lacks=_of_other_joint_available)
+    scope = replace(Correction.scope, lacks=_of_other_joint_lacks)
     search = Grid(_of_other_joint_grid, refine=False)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

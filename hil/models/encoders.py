@@ -63,7 +63,7 @@ def _encoder_eccentricity_grid(motion: Motion, j: int) -> Shapes:
     return position_orders(motion, j, HIGHEST)
 
 
-def _encoder_eccentricity_available(motion: Motion, j: int) -> str:
+def _encoder_eccentricity_lacks(motion: Motion, j: int) -> str:
     """Needs a fitted model."""
     return _UNFITTED if motion.response is None else ""
 
@@ -97,7 +97,7 @@ class EncoderEccentricity(Effect):
         Param("ec3", "{x}", "three times a turn, with the cosine"),
     )
     shape = (Param("p", "1/{x}", "turns of the disc per unit of position", 0.0, size=True),)
-    scope = Scope(Of.JOINTS, lacks=_encoder_eccentricity_available)
+    scope = Scope(Of.JOINTS, lacks=_encoder_eccentricity_lacks)
     search = Waves(_encoder_eccentricity_grid, powers=_encoder_eccentricity_powers)
     traits = Trait.LOAD | Trait.REPLAYED
 
@@ -150,7 +150,7 @@ def _missed_counts_own(shape: Sequence[float]) -> bool:
     return not _missed_counts_dated(shape)
 
 
-def _missed_counts_available(motion: Motion, j: int) -> str:
+def _missed_counts_lacks(motion: Motion, j: int) -> str:
     """Needs gravity or a spring, unless the jumps are recorded."""
     if motion.response is None:
         return _UNFITTED
@@ -194,7 +194,7 @@ class MissedCounts(Effect):
             codes=((SEEN[0], "at the jumps that are recorded"),),
         ),
     )
-    scope = Scope(Of.JOINTS, lacks=_missed_counts_available, terms=_missed_counts_terms)
+    scope = Scope(Of.JOINTS, lacks=_missed_counts_lacks, terms=_missed_counts_terms)
     variation = Variation(per_run=True, dated=_missed_counts_dated, own=_missed_counts_own)
     search = Grid(_missed_counts_grid)
     limits = (Limit("size", _missed_counts_small),)
@@ -211,7 +211,7 @@ class MissedCounts(Effect):
         return out
 
 
-def _filter_lag_available(motion: Motion, j: int) -> str:
+def _filter_lag_lacks(motion: Motion, j: int) -> str:
     """Structural: without an external effort it is a delay of the command."""
     if np.std(motion.tau_ext[:, j]) > PUSH * np.std(motion.tau[:, j]):
         return ""
@@ -243,7 +243,7 @@ class FilterLag(Effect):
         Param("T", "s", "time constant of a pole", 0.0, size=True),
         Param("n", "1", "number of poles", 1.0, 2.0, codes=POLES, choice=True),
     )
-    scope = Scope(lacks=_filter_lag_available)
+    scope = Scope(lacks=_filter_lag_lacks)
     relations = Relations(causes=LATENESS)
     search = Grid(late_grid)
     limits = (STRICT,)

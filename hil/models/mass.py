@@ -57,7 +57,7 @@ class RigidBody(Effect):
         return motion.robot.regressor(motion.q, motion.qd, motion.qdd)
 
 
-def _armature_available(motion: Motion, j: int) -> str:
+def _armature_lacks(motion: Motion, j: int) -> str:
     """One inertia per independent axis is all there is."""
     return "" if motion.robot.has_armature else "the axis' inertia already contains it"
 
@@ -74,7 +74,7 @@ class Armature(Effect):
         source="Featherstone, Rigid Body Dynamics Algorithms, 2008, 9.6",
     )
     params = (Param("ia", "{F} s^2/{x}", "reflected rotor inertia", 0.0),)
-    scope = Scope(lacks=_armature_available)
+    scope = Scope(lacks=_armature_lacks)
     traits = Trait.GIVEN | Trait.MOTION
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -82,7 +82,7 @@ class Armature(Effect):
         return motion.qdd[:, j : j + 1]
 
 
-def _payload_available(motion: Motion, j: int) -> str:
+def _payload_lacks(motion: Motion, j: int) -> str:
     """Needs a tip."""
     none = motion.robot.tip_mass(motion.q[:2], motion.qd[:2], motion.qdd[:2]) is None
     return "the robot has no geometry, so no tip" if none else ""
@@ -104,7 +104,7 @@ class Payload(Effect):
         source="Naerum thesis 3.1.3 (sensor adapter as payload)",
     )
     params = (Param("m", "kg", "mass at the tip, with several runs more than in the first one"),)
-    scope = Scope(Of.ROBOT, lacks=_payload_available)
+    scope = Scope(Of.ROBOT, lacks=_payload_lacks)
     variation = RELATIVE
     traits = Trait.MOTION
 

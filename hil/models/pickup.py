@@ -47,7 +47,7 @@ def _payload_change_near(f: Fitted) -> bool:
     return float(np.linalg.norm(f.beta[1:])) <= REACH * abs(f.beta[0])
 
 
-def _payload_change_available(motion: Motion, j: int) -> str:
+def _payload_change_lacks(motion: Motion, j: int) -> str:
     """Needs a tip."""
     none = motion.robot.tip_load(motion.q[:2], motion.qd[:2], motion.qdd[:2]) is None
     return "the robot has no geometry, so no tip" if none else ""
@@ -72,7 +72,7 @@ class PayloadChange(Effect):
     )
     params = _LOAD
     shape = (Param("t0", "s", "instant, since the start of the run", 0.0),)
-    scope = Scope(Of.TIP, lacks=_payload_change_available, terms=_payload_change_terms)
+    scope = Scope(Of.TIP, lacks=_payload_change_lacks, terms=_payload_change_terms)
     variation = AT_AN_INSTANT
     search = Grid(_payload_change_grid)
     limits = (Limit("reach", _payload_change_near),)
