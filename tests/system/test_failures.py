@@ -23,7 +23,8 @@ from hil.models.effect import Doc, Effect, Param
 @dataclass(frozen=True)
 class Broken(Effect):
     name, family = "{name}", "friction"
-    doc = Doc("tau = k q", signature="none", shown_by="none", source="none")
+    doc = Doc(equation="tau = k q",
+              signature="none", shown_by="none", source="none")
     params = (Param("k", "{{F}}", "stiffness", 0.0),)
 
     def columns(self, motion, j, shape):
