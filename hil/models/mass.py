@@ -75,7 +75,7 @@ class Armature(Effect):
     )
     params = (Param("ia", "{F} s^2/{x}", "reflected rotor inertia", 0.0),)
     scope = Scope(lacks=_armature_lacks)
-    traits = Trait.GIVEN | Trait.MOTION
+    traits = Trait.GIVEN | Trait.MOTION | Trait.ROTOR
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """The joint's acceleration qdd."""

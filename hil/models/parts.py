@@ -67,6 +67,8 @@ class Trait(Flag):
     #: The robot's own parameters: its columns are the robot's regressor, and the robot's
     #: description is their prior.
     BODY = auto()
+    #: The rotor's inertia, one coefficient; where an axis' only inertia holds it there is none.
+    ROTOR = auto()
     #: Its shape is the surface, (position, side), that laws of a contact refer to.
     SURFACE = auto()
     #: Scales the whole effort: without another measured effort it scales all parameters alike.

@@ -38,7 +38,7 @@ from hil.testing import ConformanceError, check_effect
 
 ROOT = Path(__file__).parents[2] / "hil"
 #: Packages that serve every effect alike, and literals in them that may be an effect's name.
-SHARED, ALLOWED = ("diagnosis", "identify", "report", "excite"), frozenset[str]()
+SHARED, ALLOWED = ("diagnosis", "identify", "report", "excite", "estimate"), frozenset[str]()
 DOC = Doc("tau = ...", signature="any", shown_by="any motion", source="this test")
 AXIS = RobotSource("single-axis")
 
@@ -65,8 +65,9 @@ def test_shared_code_names_no_effect(package: str) -> None:
     assert not found, "ask for a part or a trait of the effect instead:\n" + "\n".join(found)
 
 
-@pytest.mark.parametrize("package", SHARED)
+@pytest.mark.parametrize("package", [p for p in SHARED if p != "estimate"])
 def test_shared_code_imports_no_effect(package: str) -> None:
+    """The loop alone has a kernel for one law (decision 7)."""
     kinds = {type(e).__name__ for e in catalogue.table().values()}
     found = [
         f"{path.relative_to(ROOT)}:{node.lineno}: {a.name}"
