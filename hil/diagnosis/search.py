@@ -41,7 +41,7 @@ from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
-from hil.models.effect import Effect
+from hil.models.effect import Effect, Lines, Trait
 from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -92,7 +92,9 @@ class _Tried:
         """What belongs to some joints, or to the whole robot."""
         if set(joints) == set(self.joints):
             return self.evidence, self.rated
-        some = [r for r in self.rated if r.joint in joints or r.candidate.term.effect.of_robot]
+        some = [
+            r for r in self.rated if r.joint in joints or r.candidate.term.effect.scope.of_robot
+        ]
         return replace(self.evidence, candidates=[r.candidate for r in some]), some
 
 
@@ -183,7 +185,7 @@ class Search:
         projector, _ = tried(result, [])
         changed = changes(result, projector)
         if not changed:
-            terms = [t for t in terms if not t.effect.sudden]
+            terms = [t for t in terms if not t.effect.variation.sudden]
         projector, found = tried(result, terms)
         floor = measured_floor(found, projector, result) if self.first is None else self.first.floor
         priced(found, floor, result)
@@ -204,7 +206,7 @@ class Search:
 
     def replaced(self, c: Candidate) -> int:
         """Values of the model that a candidate takes the place of."""
-        gone = {(name, c.term.joint) for name in c.term.effect.replaces}
+        gone = {(name, c.term.joint) for name in c.term.effect.relations.replaces}
         own = [t for t in self.now.result.terms if t.key in gone]
         return sum(len(t.effect.params) + len(t.effect.shape) for t in own)
 
@@ -220,7 +222,7 @@ class Search:
             picks = self._picks(rated, evidence, open_joints)
             open_joints = [
                 j for j in open_joints
-                if any(p.joint == j or p.candidate.term.effect.whole_robot for p in picks)
+                if any(p.joint == j or p.candidate.term.effect.scope.whole for p in picks)
             ]  # fmt: skip
             if not picks:
                 return
@@ -241,7 +243,8 @@ class Search:
             return self.rungs[start:]
         named, first = self.now.result, len(self.rungs)
         self.rungs.append(self.rung("kept", _kept(named.model), named.sigma))
-        self.refused = {key for key in self.refused if not catalogue.get(key[0]).correction}
+        table = catalogue.table()
+        self.refused = {k for k in self.refused if Trait.CORRECTION not in table[k[0]].traits}
         self._corrected(joints, CORRECTION)
         self.found, self.stops, self.fired = kept
         del self.rungs[first]
@@ -272,13 +275,13 @@ class Search:
     def _picks(self, rated: list[Rated], evidence: Evidence, joints: Sequence[int]) -> list[Rated]:
         """The best candidate of each joint, or one of the whole robot that does more alone."""
         good = [r for r in rated if self.pays(r, evidence)]
-        own = [r for r in good if not r.candidate.term.effect.whole_robot]
+        own = [r for r in good if not r.candidate.term.effect.scope.whole]
         picks = []
         for j in joints:
             mine = [r for r in own if r.joint == j]
             if mine:
                 picks.append(simplest(mine, self.score))
-        whole = [r for r in good if r.candidate.term.effect.whole_robot]
+        whole = [r for r in good if r.candidate.term.effect.scope.whole]
         if whole:
             best = max(whole, key=self.score)
             rest = [p for p in picks if p.joint == best.joint]
@@ -346,7 +349,7 @@ class Search:
         for c in self.found[:-1]:
             now = self.now
             key, j = c.term.key, c.joint
-            if not any(t.key == key for t in now.result.terms) or c.term.effect.replaces:
+            if not any(t.key == key for t in now.result.terms) or c.term.effect.relations.replaces:
                 continue
             groups = model_groups(now.result)
             table = Table(self.problem, self.split, now.result.sigma, groups)
@@ -527,7 +530,9 @@ def _comparable(t: Term, own: Effect, j: int) -> bool:
     """
     if t.effect.name == own.name:
         return True
-    return (t.joint == j or t.effect.whole_robot) and not (t.effect.spectral or t.effect.sudden)
+    return (t.joint == j or t.effect.scope.whole) and not (
+        isinstance(t.effect.search, Lines) or t.effect.variation.sudden
+    )
 
 
 def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | None:
@@ -650,7 +655,7 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
     base = model_groups(now.result)
     for j in sorted({c.joint for c in search.found}):
         free = [g for what in COMPETITORS if (g := competitor(search.problem, j, what)) is not None]
-        for c in (c for c in search.found if c.joint == j and not c.term.effect.whole_robot):
+        for c in (c for c in search.found if c.joint == j and not c.term.effect.scope.whole):
             free += foils(search.problem, c.term.effect, c.term.joint, c.term.shape)
         race = _Race(Table(search.problem, search.split, now.result.sigma, [*base, *free]), free, j)
         every = [g.key for g in base]
@@ -661,7 +666,7 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
             own = race.power(rest) - race.power(every)
             gain, words = beside
             out[c.term.key] = (taken / (taken + gain) if taken > 0 else 0.0, words)
-            if not c.term.effect.replaces:  # what it replaced is not there to be put back
+            if not c.term.effect.relations.replaces:  # what it replaced is not there to be put back
                 gain, words = race.best(rest, every)
                 stands = own > 0 and gain <= (0.0 if words == FOIL else BEATEN) * own
                 out[c.term.key] = min(
