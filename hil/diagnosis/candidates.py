@@ -25,7 +25,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.models import catalogue
-from hil.models.effect import Effect
+from hil.models.effect import Effect, Trait, terms_of
 
 FloatArray = NDArray[np.float64]
 Key = tuple[str, int]
@@ -93,9 +93,9 @@ def model_groups(result: FitResult, without: Collection[Key] = ()) -> list[Group
             continue
         held = result.theta[where]
         # what acts at one instant is not to be learnt from the others: it is kept as it is
-        kept = t.fixed or t.effect.dated(t.shape)
+        kept = t.fixed or t.effect.variation.dated(t.shape)
         lower, upper = (held, held) if kept else (low[where], high[where])
-        joint = None if t.effect.whole_robot else t.joint
+        joint = None if t.effect.scope.whole else t.joint
         out.append(Group(t.key, joint, block(problem, t), lower, upper, result.prior[where]))
     return out
 
@@ -104,19 +104,19 @@ def candidate_group(problem: Problem, c: Candidate) -> Group:
     """Columns of a candidate."""
     t, columns = c.term, block(problem, c.term)
     m = columns.shape[-1]
-    each = t.effect.terms(problem.motions[0], t.joint)
+    each = terms_of(t.effect, problem.motions[0], t.joint)
     params = [each[k % len(each)] for k in range(m)]
     lower = np.array([p.lower for p in params], dtype=np.float64)
     upper = np.array([p.upper for p in params], dtype=np.float64)
-    joint = None if t.effect.whole_robot else t.joint
+    joint = None if t.effect.scope.whole else t.joint
     return Group(key_of(c), joint, columns, lower, upper, np.zeros(m))
 
 
 def _kind(effect: Effect) -> str:
     """Which search an effect belongs to; empty for what every model has."""
-    if effect.correction:
-        return GEOMETRY if effect.geometry else CORRECTION
-    return EFFECT if effect.candidate else ""
+    if Trait.CORRECTION in effect.traits:
+        return GEOMETRY if Trait.GEOMETRY in effect.traits else CORRECTION
+    return EFFECT if Trait.GIVEN not in effect.traits else ""
 
 
 def terms_to_try(
@@ -142,16 +142,16 @@ def terms_to_try(
     terms: list[Term] = []
     impossible: dict[str, str] = {}
     for effect in catalogue.table().values():
-        if _kind(effect) != kind or explains not in effect.explains:
+        if _kind(effect) != kind or explains not in effect.scope.explains:
             continue
-        for j in range(1 if effect.of_robot else problem.d):
-            if (effect.name, j) in present or (held[j] and not effect.of_robot):
+        for j in range(1 if effect.scope.of_robot else problem.d):
+            if (effect.name, j) in present or (held[j] and not effect.scope.of_robot):
                 continue
-            reason = effect.available(motion, j)
+            reason = effect.scope.lacks(motion, j)
             if reason:
                 impossible.setdefault(effect.name, reason)
-            elif j in joints or (effect.of_robot and joints):
-                own = effect.per_run and problem.runs > 1
+            elif j in joints or (effect.scope.of_robot and joints):
+                own = effect.variation.per_run and problem.runs > 1
                 terms.append(Term(effect, j, per_run=own))
     tried = {t.effect.name for t in terms}
     return terms, [(n, why) for n, why in impossible.items() if n not in tried]
@@ -205,13 +205,13 @@ def held_out(result: FitResult, split: Split) -> FloatArray:
 
 def rated(c: Candidate, table: Table, keys: Sequence[object], now: Errors) -> Rated:
     """One candidate beside the groups `keys`, whose errors are `now`."""
-    gone = {(name, c.term.joint) for name in c.term.effect.replaces}
+    gone = {(name, c.term.joint) for name in c.term.effect.relations.replaces}
     chosen = [k for k in keys if k not in gone] + [key_of(c)]
-    if c.term.effect.dated(c.term.shape):
+    if c.term.effect.variation.dated(c.term.shape):
         table.hold(key_of(c), table.coefficients(chosen)[key_of(c)])
     errors = table.errors(chosen)
     j = c.term.joint
-    if c.term.effect.whole_robot:
+    if c.term.effect.scope.whole:
         j = int(np.argmax((now.power - errors.power) / np.maximum(now.power, 1e-300)))
     fall = now.squared[:, j] - errors.squared[:, j]
     return Rated(

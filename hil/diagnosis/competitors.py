@@ -141,7 +141,7 @@ def competitor(problem: Problem, j: int, what: str) -> Group | None:
 
 def foils(problem: Problem, effect: Effect, j: int, shape: Sequence[float]) -> list[Group]:
     """Columns of laws without a name that come close to an effect (`Effect.foils`)."""
-    laws = [effect.foils(m, j, shape) for m in problem.motions]
+    laws = [effect.relations.foils(m, j, shape) for m in problem.motions]
     out = []
     for k, raw in enumerate(zip(*laws, strict=True)):
         columns = problem.gated(list(raw), j)

@@ -148,7 +148,7 @@ def told(rung: Rung, before: HeldOut, problem: Problem) -> list[Correction]:
         errors = (before.relative, after.relative, after.standard_error())
         effect, name = c.term.effect, problem.joints[c.joint]
         one = (float(e[c.joint]) for e in errors)
-        out.append(Correction(effect.name, effect.variables, name, *one))
+        out.append(Correction(effect.name, effect.doc.variables, name, *one))
     return out
 
 
@@ -287,7 +287,11 @@ def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
     1 without such runs, and of what acts at instants of the fitted runs alone.
     """
     last, j = search.now.step.heldout, c.joint
-    if floor is None or last.rms[j] <= ADEQUATE * floor[j] or c.term.effect.dated(c.term.shape):
+    if (
+        floor is None
+        or last.rms[j] <= ADEQUATE * floor[j]
+        or c.term.effect.variation.dated(c.term.shape)
+    ):
         return 1.0
     share, se = last.share(search.base.step.heldout, ADEQUATE * float(floor[j]), j)
     return float(share + CHANCE * se)

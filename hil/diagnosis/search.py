@@ -29,7 +29,7 @@ from hil.diagnosis.candidates import (
 from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
 from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, RIVAL, SURE, WORTH
 from hil.diagnosis.evidence import detect, in_time, measured_floor, priced
-from hil.diagnosis.folds import Split
+from hil.diagnosis.folds import Split, parts
 from hil.diagnosis.grams import Errors, Group, Table
 from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
@@ -41,7 +41,7 @@ from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
-from hil.models.effect import Effect
+from hil.models.effect import Effect, Lines, Trait
 from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -68,6 +68,34 @@ class Rung:
     def keys(self) -> set[tuple[str, int]]:
         """Effects that were added with it, by name and joint."""
         return {c.term.key for c in self.added}
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """Evidence that was gathered last, and beside which model."""
+
+    rung: Rung
+    kind: str
+    joints: tuple[int, ...]
+    first: Evidence | None
+    evidence: Evidence
+    rated: list[Rated]
+
+    def serves(
+        self, rung: Rung, kind: str, joints: Sequence[int], first: Evidence | None
+    ) -> bool:  # fmt: skip
+        """Whether it holds what is asked for; floors of the first evidence are kept."""
+        same = rung is self.rung and kind == self.kind and set(joints) <= set(self.joints)
+        return same and (first is self.first or first is self.evidence)
+
+    def of(self, joints: Sequence[int]) -> tuple[Evidence, list[Rated]]:
+        """What belongs to some joints, or to the whole robot."""
+        if set(joints) == set(self.joints):
+            return self.evidence, self.rated
+        some = [
+            r for r in self.rated if r.joint in joints or r.candidate.term.effect.scope.of_robot
+        ]
+        return replace(self.evidence, candidates=[r.candidate for r in some]), some
 
 
 @dataclass
@@ -105,6 +133,7 @@ class Search:
     standing: list[tuple[str, int]] = field(default_factory=list)
     first: Evidence | None = None
     last: Evidence | None = None
+    _tried: _Tried | None = None
 
     @property
     def now(self) -> Rung:
@@ -133,12 +162,23 @@ class Search:
             heldout = of_blocks(table.left_out(keys), self.problem, self.split)
         return Rung(Step(label, result, heldout), errors)
 
+    def parted(self, result: FitResult) -> Errors:
+        """Errors of a fit on each part of the recording by the coefficients of the others."""
+        groups = model_groups(result)
+        table = Table(self.problem, parts(self.split), result.sigma, groups)
+        return table.errors([g.key for g in groups])
+
     # ------------------------------------------------------------------ evidence
 
     def evidence(self, joints: Sequence[int], kind: str = EFFECT) -> tuple[Evidence, list[Rated]]:
-        """All candidates of a kind on some joints beside the present model."""
+        """All candidates of a kind on some joints beside the present model, or of these."""
+        known = self._tried
+        if known is not None and known.serves(self.now, kind, joints, self.first):
+            return known.of(joints)
         with self.problem.aside():
-            return self._evidence(joints, kind)
+            out, rated = self._evidence(joints, kind)
+        self._tried = _Tried(self.now, kind, tuple(joints), self.first, out, rated)
+        return out, rated
 
     def _evidence(self, joints: Sequence[int], kind: str) -> tuple[Evidence, list[Rated]]:
         result = self.now.result
@@ -146,7 +186,7 @@ class Search:
         projector, _ = tried(result, [])
         changed = changes(result, projector)
         if not changed:
-            terms = [t for t in terms if not t.effect.sudden]
+            terms = [t for t in terms if not t.effect.variation.sudden]
         projector, found = tried(result, terms, projector=projector)
         floor = measured_floor(found, projector, result) if self.first is None else self.first.floor
         priced(found, floor, result)
@@ -167,7 +207,7 @@ class Search:
 
     def replaced(self, c: Candidate) -> int:
         """Values of the model that a candidate takes the place of."""
-        gone = {(name, c.term.joint) for name in c.term.effect.replaces}
+        gone = {(name, c.term.joint) for name in c.term.effect.relations.replaces}
         own = [t for t in self.now.result.terms if t.key in gone]
         return sum(len(t.effect.params) + len(t.effect.shape) for t in own)
 
@@ -183,7 +223,7 @@ class Search:
             picks = self._picks(rated, evidence, open_joints)
             open_joints = [
                 j for j in open_joints
-                if any(p.joint == j or p.candidate.term.effect.whole_robot for p in picks)
+                if any(p.joint == j or p.candidate.term.effect.scope.whole for p in picks)
             ]  # fmt: skip
             if not picks:
                 return
@@ -199,9 +239,13 @@ class Search:
         """
         kept, start = (list(self.found), dict(self.stops), dict(self.fired)), len(self.rungs)
         self._corrected(joints, CORRECTION)
+        if "robs" not in self.fired:
+            self.found, self.stops, self.fired = kept
+            return self.rungs[start:]
         named, first = self.now.result, len(self.rungs)
         self.rungs.append(self.rung("kept", _kept(named.model), named.sigma))
-        self.refused = {key for key in self.refused if not catalogue.get(key[0]).correction}
+        table = catalogue.table()
+        self.refused = {k for k in self.refused if Trait.CORRECTION not in table[k[0]].traits}
         self._corrected(joints, CORRECTION)
         self.found, self.stops, self.fired = kept
         del self.rungs[first]
@@ -232,13 +276,13 @@ class Search:
     def _picks(self, rated: list[Rated], evidence: Evidence, joints: Sequence[int]) -> list[Rated]:
         """The best candidate of each joint, or one of the whole robot that does more alone."""
         good = [r for r in rated if self.pays(r, evidence)]
-        own = [r for r in good if not r.candidate.term.effect.whole_robot]
+        own = [r for r in good if not r.candidate.term.effect.scope.whole]
         picks = []
         for j in joints:
             mine = [r for r in own if r.joint == j]
             if mine:
                 picks.append(simplest(mine, self.score))
-        whole = [r for r in good if r.candidate.term.effect.whole_robot]
+        whole = [r for r in good if r.candidate.term.effect.scope.whole]
         if whole:
             best = max(whole, key=self.score)
             rest = [p for p in picks if p.joint == best.joint]
@@ -306,7 +350,7 @@ class Search:
         for c in self.found[:-1]:
             now = self.now
             key, j = c.term.key, c.joint
-            if not any(t.key == key for t in now.result.terms) or c.term.effect.replaces:
+            if not any(t.key == key for t in now.result.terms) or c.term.effect.relations.replaces:
                 continue
             groups = model_groups(now.result)
             table = Table(self.problem, self.split, now.result.sigma, groups)
@@ -487,7 +531,9 @@ def _comparable(t: Term, own: Effect, j: int) -> bool:
     """
     if t.effect.name == own.name:
         return True
-    return (t.joint == j or t.effect.whole_robot) and not (t.effect.spectral or t.effect.sudden)
+    return (t.joint == j or t.effect.scope.whole) and not (
+        isinstance(t.effect.search, Lines) or t.effect.variation.sudden
+    )
 
 
 def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | None:
@@ -610,7 +656,7 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
     base = model_groups(now.result)
     for j in sorted({c.joint for c in search.found}):
         free = [g for what in COMPETITORS if (g := competitor(search.problem, j, what)) is not None]
-        for c in (c for c in search.found if c.joint == j and not c.term.effect.whole_robot):
+        for c in (c for c in search.found if c.joint == j and not c.term.effect.scope.whole):
             free += foils(search.problem, c.term.effect, c.term.joint, c.term.shape)
         race = _Race(Table(search.problem, search.split, now.result.sigma, base, free), free, j)
         every = [g.key for g in base]
@@ -621,7 +667,7 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
             own = race.power(rest) - race.power(every)
             gain, words = beside
             out[c.term.key] = (taken / (taken + gain) if taken > 0 else 0.0, words)
-            if not c.term.effect.replaces:  # what it replaced is not there to be put back
+            if not c.term.effect.relations.replaces:  # what it replaced is not there to be put back
                 gain, words = race.best(rest, every)
                 stands = own > 0 and gain <= (0.0 if words == FOIL else BEATEN) * own
                 out[c.term.key] = min(

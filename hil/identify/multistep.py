@@ -17,6 +17,7 @@ from hil.identify.forward import Windows, forward, looked_at
 from hil.identify.joined import groups, joined
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.models.effect import Trait
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
@@ -133,7 +134,7 @@ def _simulated(
     found: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
     results = list({id(r): r for r, _, _ in asked}.values())
     carried = {id(r): carrying(r, problem) for r in results}
-    terms = [t for r in results for t in r.terms if not t.effect.replayed]
+    terms = [t for r in results for t in r.terms if Trait.REPLAYED not in t.effect.traits]
     seen = set().union(*(looked_at(t, problem.motions[0]) for t in terms))
     for group in groups(problem.motions, seen):
         motion = joined([problem.motions[i] for i in group])

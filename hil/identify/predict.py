@@ -41,14 +41,14 @@ def predict(result: FitResult, problem: Problem) -> FloatArray:
 
 def _own(t: Term) -> bool:
     """Whether every run has its own coefficients."""
-    return t.per_run or t.effect.belongs(t.shape)
+    return t.per_run or t.effect.variation.own(t.shape)
 
 
 def _without(r: FloatArray, term: Term, problem: Problem, sigma: FloatArray) -> FloatArray:
     """Residual r (d, n) less what a term of every run for itself explains of it."""
     columns = problem.columns(term.effect, term.joint, term.shape, per_run=True, every=True)
-    at = slice(None) if term.effect.whole_robot else slice(term.joint, term.joint + 1)
-    wide = columns if term.effect.whole_robot else columns[None]
+    at = slice(None) if term.effect.scope.whole else slice(term.joint, term.joint + 1)
+    wide = columns if term.effect.scope.whole else columns[None]
     scale = sigma[at, None]
     rows = (wide / scale[..., None]).reshape(-1, wide.shape[-1])
     part = np.linalg.lstsq(rows, (r[at] / scale).reshape(-1), rcond=None)[0]
