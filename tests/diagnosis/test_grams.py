@@ -87,3 +87,16 @@ def test_a_column_of_noise_costs_on_left_out_blocks(made):
     noise = np.random.default_rng(0).normal(size=(problem.n, 30))
     table = Table(problem, folds, np.array([0.01]), [*columns(problem, *"avs1"), group("n", noise)])
     assert table.errors([*"avs1", "n"]).power[0] > table.errors(list("avs1")).power[0]
+
+
+def test_a_group_apart_gives_what_it_gives_among_the_others(made):
+    problem, folds = made
+    every = columns(problem, *"avs1q")
+    whole = Table(problem, folds, np.array([0.01]), every)
+    apart = Table(problem, folds, np.array([0.01]), every[:3], every[3:])
+    for keys in ("avs", "avs1", "avsq", "as1"):
+        one, other = whole.errors(list(keys)), apart.errors(list(keys))
+        assert one.squared == pytest.approx(other.squared, rel=1e-9)
+        assert whole.residual(list(keys), 0) == pytest.approx(apart.residual(list(keys), 0))
+    with pytest.raises(ValueError, match="one at a time"):
+        apart.errors(list("avs1q"))
