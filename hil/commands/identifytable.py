@@ -8,11 +8,20 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from hil.bench.identify import Report
+from hil.bench.identify import DATA, Report
 from hil.commands import common
 
 COMMAND = "hil bench identify"
 TITLE = "# Speed of identification and diagnosis"
+#: Most that a peer may take, in units of the reference, without and with the missing effect.
+GOALS = (
+    ("hil.fit", False, 0.8),
+    ("hil.fit", True, 0.8),
+    ("hil diagnose", False, 6.0),
+    ("hil diagnose", True, 15.0),
+)
+#: Most memory of the longest recording [MiB].
+PEAK_MIB = 1024.0
 
 
 def text(r: Report) -> str:
@@ -95,8 +104,28 @@ def page(r: Report) -> str:
         f"Printed by `{COMMAND} --figaroh PYTHON --report docs/bench/identify.md`, where\n"
         "PYTHON is an interpreter that has `figaroh` (the extra `bench`). It measures speed: the\n"
         "data come from the same rigid-body equations that are fitted.\n\n"
-        f"```\n{text(r)}\n```\n"
+        f"```\n{text(r)}\n```\n\n"
+        f"{goals(r)}\n"
     )
+
+
+def goals(r: Report) -> str:
+    """Which goals hold in this run, a line each."""
+    ratios = {(row.peer, row.data): row.ratio for row in r.rows}
+    found = [
+        (f"{peer}, {DATA[missing]}", ratios.get((peer, DATA[missing]), float("nan")), most)
+        for peer, missing, most in GOALS
+    ]
+    rows = [
+        f"- {what}: {ratio:.2f} times the reference, goal {most:g}" for what, ratio, most in found
+    ]
+    met = [ratio <= most for _, ratio, most in found]
+    if r.lengths:
+        longest = max(r.lengths, key=lambda x: (x.recorded, x.peak_mib))
+        rows.append(f"- {longest.recorded:g} s: {longest.peak_mib:.0f} MiB, goal {PEAK_MIB:g}")
+        met.append(longest.peak_mib <= PEAK_MIB)
+    said = (f"{row}: {'met' if ok else 'missed'}" for row, ok in zip(rows, met, strict=True))
+    return "Goals:\n\n" + "\n".join(said)
 
 
 def is_page(path: Path) -> bool:
