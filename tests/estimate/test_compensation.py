@@ -32,6 +32,9 @@ REFUSED = {
     "periodic-disturbance", "force-bias", "force-drift", "force-gain", "force-crosstalk",
     "encoder-eccentricity", "missed-counts", "filter-lag", "elastic-transmission",
     "hardening-cable", "backlash", "vibration-mode", "delay", "actuator-lag",
+    # a memory, an acceleration, or more joints than a table holds
+    "correction-hysteresis", "correction-relaxation", "correction-load", "correction-joint",
+    "generic-gravity", "generic-posture", "generic-inertia",
 }  # fmt: skip
 
 

@@ -102,10 +102,13 @@ def test_a_structure_rings() -> None:
 
 
 def test_loops_without_a_part_of_the_friction_are_a_blunt_sign() -> None:
-    shape = (2e-4, 0.0, 0.01, 0.0)
+    shape = (4e-4, 0.0, 0.01, 0.0)
     assert not allowed("presliding", shape, (0.9, 0.0, 0.0, 0.002), (0.004, 0.008, 0.006, 0.001))
     assert not allowed("presliding", shape, (0.5, 0.3, 0.0, 0.0), (0.2, 0.3, 0.2, 0.1))
     assert allowed("presliding", shape, (0.5, 0.3, 0.0, 0.0), (0.02, 0.03, 0.02, 0.01))
+    # what builds up within the least displacement that is tried is a sign that turns late
+    stiff = (2e-4, 0.0, 0.01, 0.0)
+    assert not allowed("presliding", stiff, (0.5, 0.3, 0.0, 0.0), (0.02, 0.03, 0.02, 0.01))
 
 
 def test_a_transient_at_the_start_is_no_drift() -> None:
