@@ -18,6 +18,7 @@ from hil.identify.design import Term
 from hil.identify.fit import time_blocks
 from hil.identify.projector import Projector
 from hil.identify.refine import COARSE
+from hil.identify.regression import ROUNDING
 from hil.identify.result import FitResult
 from hil.identify.screening import screen
 from hil.identify.shapes import best_shape
@@ -25,6 +26,8 @@ from hil.identify.timing import LATE, real_delay
 from hil.models import catalogue
 
 FloatArray = NDArray[np.float64]
+#: Share of the squared length of columns of length one below which one is made of the others.
+ALIKE = 1e-9
 
 
 # ------------------------------------------------------------ candidates beside a fit
@@ -47,7 +50,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
     if size == 0.0:
         return None
     absorbed = float(np.sum(qc**2)) / size
-    dof = columns.shape[1] + _free(term, projector)
+    dof = _directions(columns) + _free(term, projector)
     net = _net(projector, result, term, gain)
     parts = _parts(projector, term, net, columns @ beta, qc @ beta)
     return Candidate(
@@ -61,6 +64,15 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
         joint=int(np.argmax(parts)) if term.effect.of_robot else term.joint,
         parts=parts,
     )
+
+
+def _directions(columns: FloatArray) -> int:
+    """Coefficients that columns (N, m) tell apart: of a body on a link of an arm hardly all ten."""
+    gram = columns.T @ columns
+    size = np.sqrt(np.diag(gram))
+    live = size > ROUNDING * float(size.max())
+    unit = gram[np.ix_(live, live)] / np.outer(size[live], size[live])
+    return int(np.linalg.matrix_rank(unit, tol=ALIKE, hermitian=True))
 
 
 def _free(term: Term, projector: Projector) -> int:
