@@ -606,8 +606,8 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
     base = model_groups(now.result)
     for j in sorted({c.joint for c in search.found}):
         free = [g for what in COMPETITORS if (g := competitor(search.problem, j, what)) is not None]
-        for c in (c for c in search.found if c.joint == j and not c.term.effect.whole_robot):
-            free += foils(search.problem, c.term.effect, c.term.joint, c.term.shape)
+        for c in (c for c in search.found if c.joint == j):
+            free += foils(search.problem, c.term)
         race = _Race(Table(search.problem, search.split, now.result.sigma, [*base, *free]), free, j)
         every = [g.key for g in base]
         taken = float(search.base.errors.power[j]) - race.power(every)

@@ -87,13 +87,16 @@ def explanation(fitted: FitResult, alone: FitResult, residual: FloatArray, j: in
 def _terms(fitted: FitResult, alone: FitResult, j: int) -> list[tuple[Term, bool]]:
     """Terms on joint j: the model's own with their shapes (True), and candidates without any.
 
-    What has a shape to be searched would imitate anything.
+    What has a shape to be searched would imitate anything, but for a difference between runs; what
+    every run has for itself says nothing of another one.
     """
-    own = [(t, True) for t in fitted.terms if t.effect.whole_robot or t.joint == j]
+    mine = [t for t in fitted.terms if t.effect.whole_robot or t.joint == j]
+    own = [(t, True) for t in mine if not t.per_run]
     new = [
-        replace(t, per_run=False)
+        replace(t, per_run=False, shape=shape)
         for t in possible_terms(alone)[0]
-        if not t.effect.shape and (t.effect.of_robot or t.joint == j)
+        if (t.effect.relative or not t.effect.shape) and (t.effect.of_robot or t.joint == j)
+        for shape in t.effect.grid(alone.problem.motions[0], j)
     ]
     return [*own, *((t, False) for t in new)]
 

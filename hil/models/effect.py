@@ -131,7 +131,9 @@ class Effect(ABC):
         """
 
     def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
-        """Columns (n, m) of laws without a name that must explain less than this one.
+        """Columns of laws without a name that must explain less than this one.
+
+        Each (n, m), or (n, d, m) of an effect of the whole robot.
 
         Nearby forms that the catalogue does not hold: where one of them fits better, the effect
         would be a wrong name for it, however much it explains.

@@ -56,6 +56,7 @@ class Payload(Effect):
         *(Param(n, "kg m", f"first moment, {axis} axis of the link") for n, axis in _MOMENTS),
         *(Param(n, "kg m^2", "moment of inertia, in axes of the link") for n in _INERTIAS),
     )
+    caveat = "what is marked as not identifiable acts in combinations with the others alone"
     shape = (Param(JOINT, "1", "number of the joint whose link carries it", 1.0, choice=True),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -69,6 +70,10 @@ class Payload(Effect):
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Links that can carry a load: of equals the tip's, else the one nearest to the base."""
         return [(float(k),) for k in motion.robot.links]
+
+    def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+        """Other inertias of all links at once: a description that is a bit wrong everywhere."""
+        return [motion.robot.regressor(motion.q, motion.qd, motion.qdd)]
 
     def credible(
         self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
