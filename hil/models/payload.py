@@ -29,6 +29,8 @@ MISSES = 0.0125
 #: Instants of a run that show which parameters a motion determines, and the share of the largest
 #: direction below which it does not.
 SOME, UNSEEN = 400, 1e-5
+#: Rounding of an eigenvalue, and the least one that a search starts from, in the largest.
+EXACT, NEAR = 1e-12, 1e-4
 #: Columns below this share of the largest are zero but for rounding.
 ROUNDING = 1e-11
 _MOMENTS = (("mx", "x"), ("my", "y"), ("mz", "z"))
@@ -127,9 +129,7 @@ def _noise(seen: FloatArray, errors: FloatArray) -> float:
     Standard errors s_k of parameters are  s^2 diag((R'R)^+)_k;  chance is s^2 (r + 2 sqrt(2 r)) for
     r parameters that are determined.
     """
-    scale = np.linalg.norm(seen, axis=0)
-    scale = np.where(scale > UNSEEN * max(float(scale.max()), 1e-300), scale, np.inf)
-    inverse = np.linalg.pinv(seen / scale, rcond=UNSEEN)
+    scale, inverse = _inverse(seen)
     known = np.diag(inverse @ inverse.T) / scale**2
     live = np.isfinite(scale) & np.isfinite(errors).all(axis=0) & (known > 0)
     if not np.any(live):
@@ -137,6 +137,13 @@ def _noise(seen: FloatArray, errors: FloatArray) -> float:
     rank = float(np.linalg.matrix_rank(seen / scale, tol=UNSEEN))
     s2 = float(np.median(np.max(errors[:, live] ** 2, axis=0) / known[live]))
     return s2 * (rank + SURE * np.sqrt(2 * rank))
+
+
+def _inverse(seen: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lengths of columns (10,), infinite where there is next to nothing, and (R D^-1)^+ of R."""
+    scale = np.linalg.norm(seen, axis=0)
+    scale = np.where(scale > UNSEEN * max(float(scale.max()), 1e-300), scale, np.inf)
+    return scale, np.asarray(np.linalg.pinv(seen / scale, rcond=UNSEEN))
 
 
 def real(seen: FloatArray, pi: FloatArray, noise: float) -> bool:
@@ -151,21 +158,25 @@ def real(seen: FloatArray, pi: FloatArray, noise: float) -> bool:
 
 def _apart(seen: FloatArray, pi: FloatArray) -> float:
     """Squared effort between parameters (10,) and those of the nearest real body."""
-    value, vector = np.linalg.eigh(pseudo_inertia(pi))
-    if value[0] >= 0:
-        return 0.0
-    at = np.tril_indices(4)
-    least = 1e-6 * float(np.abs(value).max())
-    start = np.linalg.cholesky((vector * np.maximum(value, least)) @ vector.T)
-    unit = max(float(np.linalg.norm(seen @ pi)), 1e-300)
+    scale, inverse = _inverse(seen)
+    at, unit = np.tril_indices(4), max(float(np.linalg.norm(seen @ pi)), 1e-300)
 
     def left(x: FloatArray) -> FloatArray:
         low = np.zeros((4, 4))
         low[at] = x
         return np.asarray(seen @ (parameters(low @ low.T) - pi)) / unit
 
-    found = scipy.optimize.least_squares(left, start[at], x_scale="jac", max_nfev=200)
-    return float(2 * found.cost) * unit**2
+    # from the values as they are, and without what no motion shows
+    least = np.inf
+    for start in (pi, inverse @ (seen @ pi) / scale):
+        value, vector = np.linalg.eigh(pseudo_inertia(start))
+        size = max(float(np.abs(value).max()), 1e-300)
+        if value[0] >= -EXACT * size:
+            return 0.0
+        low = np.linalg.cholesky((vector * np.maximum(value, NEAR * size)) @ vector.T)
+        found = scipy.optimize.least_squares(left, low[at], x_scale="jac", max_nfev=200)
+        least = min(least, float(2 * found.cost))
+    return least * unit**2
 
 
 EFFECTS: tuple[Effect, ...] = (Payload(),)

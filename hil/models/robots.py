@@ -53,9 +53,7 @@ class Robot(Protocol):
         Shape (n, d, 1 or 4), moments about the tip in axes of the last link; None without a tip.
         """
 
-    def body_load(
-        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int
-    ) -> FloatArray:
+    def body_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int) -> FloatArray:
         """Effort (n, d, 10) of a body on the link behind joint number `link`, one of `links`.
 
         Of unit m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz in axes of the link: about the tip on
