@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,10 +24,64 @@ from hil.identify.screening import screen
 from hil.identify.shapes import best_shape
 from hil.identify.timing import LATE, real_delay
 from hil.models import catalogue
+from hil.models.effect import Effect
 
 FloatArray = NDArray[np.float64]
+Key = tuple[str, int]
+#: What is sought: effects with a name; free functions for what none explains; a robot's geometry.
+EFFECT, CORRECTION, GEOMETRY = "effect", "correction", "geometry"
 #: Share of the squared length of columns of length one below which one is made of the others.
 ALIKE = 1e-9
+
+
+# ------------------------------------------------------------ what may be added
+
+
+def _kind(effect: Effect) -> str:
+    """Which search an effect belongs to; empty for what every model has."""
+    if effect.correction:
+        return GEOMETRY if effect.geometry else CORRECTION
+    return EFFECT if effect.candidate else ""
+
+
+def terms_to_try(
+    result: FitResult, joints: Collection[int] | None = None, without: Collection[Key] = (),
+    kind: str = EFFECT,
+) -> tuple[list[Term], list[tuple[str, str]]]:  # fmt: skip
+    """Terms that may be added on some joints, and effects that cannot be tried, with the reason.
+
+    Parameters
+    ----------
+    result : FitResult
+        The present fit.
+    joints : collection of int, optional
+        Joints that are still open, by default all; effects of the whole robot are tried if there
+        is one.
+    without : collection of (effect, joint)
+        Terms of the fit that count as absent, so that they are tried again.
+    kind : str
+        `EFFECT`, or `CORRECTION` or `GEOMETRY` without a name.
+    """
+    problem, explains = result.problem, result.model.explains
+    motion, held = problem.motions[0], problem.holds
+    joints = range(problem.d) if joints is None else joints
+    present = {t.key for t in result.terms} - set(without)
+    terms: list[Term] = []
+    impossible: dict[str, str] = {}
+    for effect in catalogue.table().values():
+        if _kind(effect) != kind or explains not in effect.explains:
+            continue
+        for j in range(1 if effect.of_robot else problem.d):
+            if (effect.name, j) in present or (held[j] and not effect.of_robot):
+                continue
+            reason = effect.available(motion, j)
+            if reason:
+                impossible.setdefault(effect.name, reason)
+            elif j in joints or (effect.of_robot and joints):
+                own = effect.per_run and problem.runs > 1
+                terms.append(Term(effect, j, () if own else effect.single, per_run=own))
+    tried = {t.effect.name for t in terms}
+    return terms, [(n, why) for n, why in impossible.items() if n not in tried]
 
 
 # ------------------------------------------------------------ candidates beside a fit
@@ -152,7 +206,9 @@ def _null(
 ) -> FloatArray:
     """Gains of a candidate on sign-flipped noise, the best over its grid, shape (FLIPS,)."""
     best = np.zeros(len(signs))
-    grid = projector.problem.grid(c.term.effect, c.term.joint) or [c.term.shape]
+    grid = projector.problem.grid(c.term.effect, c.term.joint)
+    if not grid or c.term.shape == c.term.effect.single:
+        grid = [c.term.shape]
     if c.term.effect.spectral:
         own = projector.rows(c.term)
         return timelines.flipped(projector.problem, c.term, noise[own], rows[own], signs)
@@ -190,31 +246,6 @@ LINE = 1 - 1 / 1.1**2
 # ------------------------------------------------------------ all evidence
 
 
-def possible_terms(
-    result: FitResult, per_run: bool = False
-) -> tuple[list[Term], list[tuple[str, str]]]:
-    """Candidate terms for these data, and the effects that cannot be tried, with the reason."""
-    problem, explains = result.problem, result.model.explains
-    motion, held = problem.motions[0], problem.holds
-    present = {t.key for t in result.terms}
-    terms: list[Term] = []
-    impossible: dict[str, str] = {}
-    for effect in catalogue.table().values():
-        if not effect.candidate or explains not in effect.explains:
-            continue
-        for j in range(1 if effect.of_robot else problem.d):
-            if (effect.name, j) in present or (held[j] and not effect.of_robot):
-                continue
-            reason = effect.available(motion, j)
-            if reason:
-                impossible.setdefault(effect.name, reason)
-            else:
-                own = effect.per_run and problem.runs > 1
-                terms.append(Term(effect, j, per_run=own))
-    tried = {t.effect.name for t in terms}
-    return terms, [(n, why) for n, why in impossible.items() if n not in tried]
-
-
 def gather(result: FitResult, seed: int = 0) -> Evidence:
     """Try every candidate beside a fitted model.
 
@@ -226,7 +257,7 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
         Of the sign flips.
     """
     projector = Projector(result.problem, result.terms, result.sigma)
-    terms, impossible = possible_terms(result)
+    terms, impossible = terms_to_try(result)
     changed = changes(result, projector)
     if not changed:
         terms = [t for t in terms if not t.effect.sudden]
@@ -249,7 +280,7 @@ def floor_of(result: FitResult, evidence: Evidence) -> Floor:
     known = {c.term.key: c.term.shape for c in evidence.candidates if not c.term.effect.spectral}
     terms = [
         replace(t, shape=known.get(t.key, ()))
-        for t in possible_terms(result)[0]
+        for t in terms_to_try(result)[0]
         if t.key in known or not t.effect.sudden
     ]
     return measured_floor(try_all(projector, result, terms), projector, result)

@@ -15,20 +15,19 @@ from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import as_use, choose, kindred, physical
-from hil.diagnosis.candidates import (
+from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
+from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
+from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, RIVAL, SURE, WORTH
+from hil.diagnosis.evidence import (
     CORRECTION,
     EFFECT,
     GEOMETRY,
-    Rated,
-    model_groups,
-    paired,
-    rate,
+    detect,
+    in_time,
+    measured_floor,
+    priced,
     terms_to_try,
-    tried,
 )  # fmt: skip
-from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
-from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, RIVAL, SURE, WORTH
-from hil.diagnosis.evidence import detect, in_time, measured_floor, priced
 from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import Errors, Group, Table
 from hil.diagnosis.heldout import Examiner, of_blocks

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from hil.diagnosis.attribution import choose, plausible
 from hil.diagnosis.constants import ADEQUATE
-from hil.diagnosis.evidence import gather, in_time, possible_terms
+from hil.diagnosis.evidence import gather, in_time, terms_to_try
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut
 from hil.identify.assemble import in_units
@@ -94,7 +94,7 @@ def _terms(fitted: FitResult, alone: FitResult, j: int) -> list[tuple[Term, bool
     own = [(t, True) for t in mine if not t.per_run]
     new = [
         replace(t, per_run=False, shape=shape)
-        for t in possible_terms(alone)[0]
+        for t in terms_to_try(alone)[0]
         if (t.effect.relative or not t.effect.shape) and (t.effect.of_robot or t.joint == j)
         for shape in t.effect.grid(alone.problem.motions[0], j)
     ]

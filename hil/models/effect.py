@@ -91,6 +91,8 @@ class Effect(ABC):
     sudden: ClassVar[bool] = False
     #: Whether only differences between runs can be seen: the first run's coefficients are zero.
     relative: ClassVar[bool] = False
+    #: Shape that such an effect is tried with in a single run.
+    single: ClassVar[tuple[float, ...]] = ()
     #: Whether all coefficients must lie within their bounds for the effect to be proposed.
     strict: ClassVar[bool] = False
     #: Simpler effect that this one becomes in a limit; real parts are near it, not at it.

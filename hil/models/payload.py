@@ -40,9 +40,10 @@ _INERTIAS = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 class Payload(Effect):
     """A body on a link, in some runs and not in others.
 
-    Within one run the links' own inertias contain it; what is fitted is the difference to the
-    first run, negative where that one carried the body.  Parameters are in axes of the link, about
-    the tip on the link that holds it, else about the joint's frame.
+    Within one run the links' own inertias contain it, and a mass at the tip is all that is tried.
+    Of several runs the difference to the first one is fitted, negative where that one carried the
+    body.  Parameters are in axes of the link, about the tip on the link that holds it, else about
+    the joint's frame.
     """
 
     motion_only = per_run = relative = jointless = whole_robot = True
@@ -59,15 +60,20 @@ class Payload(Effect):
         *(Param(n, "kg m^2", "moment of inertia, in axes of the link") for n in _INERTIAS),
     )
     caveat = "what is marked as not identifiable acts in combinations with the others alone"
-    shape = (Param(JOINT, "1", "number of the joint whose link carries it", 1.0, choice=True),)
+    shape = (Param(JOINT, "1", "number of the joint whose link carries it", 0.0, choice=True),)
+    single = (0.0,)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """Effort of unit parameters, shape (n, d, 10); without a shape on the tip's link."""
-        link = int(shape[0]) if shape else next(iter(motion.robot.links), 1)
-        out = motion.robot.body_load(motion.q, motion.qd, motion.qdd, link)
+        """Effort of unit parameters, shape (n, d, 10); without a link of a point mass at the tip.
+
+        What is nothing but rounding is zero, so that it is not scaled up to a direction of its own.
+        """
+        link = int(shape[0]) if shape else 0
+        first = link or next(iter(motion.robot.links), 0)
+        out = motion.robot.body_load(motion.q, motion.qd, motion.qdd, first)
         size = np.abs(out).max(axis=(0, 1), initial=0.0)
-        # what is nothing but rounding must not be scaled up to a direction of its own
-        return np.where(size > ROUNDING * size.max(initial=0.0), out, 0.0)
+        acts = size > ROUNDING * size.max(initial=0.0)
+        return np.where(acts if link else acts & (np.arange(10) == 0), out, 0.0)
 
     def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
         """Links that can carry a load: of equals the tip's, else the one nearest to the base."""
@@ -136,7 +142,7 @@ def _noise(seen: FloatArray, errors: FloatArray) -> float:
         return 0.0
     rank = float(np.linalg.matrix_rank(seen / scale, tol=UNSEEN))
     s2 = float(np.median(np.max(errors[:, live] ** 2, axis=0) / known[live]))
-    return s2 * (rank + SURE * np.sqrt(2 * rank))
+    return float(s2 * (rank + SURE * np.sqrt(2 * rank)))
 
 
 def _inverse(seen: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -152,8 +158,7 @@ def real(seen: FloatArray, pi: FloatArray, noise: float) -> bool:
     The least |R (pi(L L') - pi)|^2 over lower triangles L (4, 4): directions that no motion shows
     are free.
     """
-    allowed = max(noise, MISSES * float(np.sum((seen @ pi) ** 2)))
-    return _apart(seen, pi) <= allowed
+    return _apart(seen, pi) <= max(noise, MISSES * float(np.sum((seen @ pi) ** 2)))
 
 
 def _apart(seen: FloatArray, pi: FloatArray) -> float:
@@ -167,7 +172,7 @@ def _apart(seen: FloatArray, pi: FloatArray) -> float:
         return np.asarray(seen @ (parameters(low @ low.T) - pi)) / unit
 
     # from the values as they are, and without what no motion shows
-    least = np.inf
+    least = float(np.inf)
     for start in (pi, inverse @ (seen @ pi) / scale):
         value, vector = np.linalg.eigh(pseudo_inertia(start))
         size = max(float(np.abs(value).max()), 1e-300)
@@ -176,7 +181,7 @@ def _apart(seen: FloatArray, pi: FloatArray) -> float:
         low = np.linalg.cholesky((vector * np.maximum(value, NEAR * size)) @ vector.T)
         found = scipy.optimize.least_squares(left, low[at], x_scale="jac", max_nfev=200)
         least = min(least, float(2 * found.cost))
-    return least * unit**2
+    return float(least * unit**2)
 
 
 EFFECTS: tuple[Effect, ...] = (Payload(),)

@@ -97,10 +97,10 @@ class _Phantom:
         across, up.  On the forearm about the tip, else about the joint.
         """
         # angles of the tree: the forearm's is counted from the upper link there
-        states = (np.ascontiguousarray(x @ FOLLOW.T, dtype=np.float64) for x in (q, qd, qdd))
+        states = tuple(np.ascontiguousarray(x @ FOLLOW.T, dtype=np.float64) for x in (q, qd, qdd))
         place = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [self.l1, 0.0, 0.0]])
-        out = bodies.regressor(BEFORE, UPRIGHT, place, AXES, DOWN, *states, link - 1)
-        out = FOLLOW.T @ out
+        tree = (BEFORE, UPRIGHT, place, AXES, DOWN, *states)
+        out: FloatArray = FOLLOW.T @ bodies.regressor(*tree, link - 1)  # type: ignore[call-arg, arg-type]
         return np.asarray(out @ bodies.about(np.array([0.0, 0.0, -self.l2])) if link == 3 else out)
 
     def tip_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:

@@ -31,7 +31,7 @@ class Robot(Protocol):
 
     @property
     def links(self) -> tuple[int, ...]:
-        """Joints, counted from 1, whose links may carry a load: the tip's, then from the base on."""
+        """Joints, from 1 on, whose links may carry a load: the tip's, then from the base on."""
 
     def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
         """Regressor Y with tau = Y pi, shape (n, d, p), from arrays (n, d)."""

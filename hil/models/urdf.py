@@ -167,7 +167,7 @@ class UrdfRobot:
 
     @property
     def links(self) -> tuple[int, ...]:
-        """Joints that move a link of their own, counted from 1: the tip's, then from the base on."""
+        """Joints that move a link of their own, from 1 on: the tip's, then from the base on."""
         holder = self._held
         while holder >= 0 and holder not in self._moved:
             holder = int(self._tree[0][holder])
@@ -186,7 +186,7 @@ class UrdfRobot:
         """Effort (n, d, 10) of unit parameters on a body: about the tip if it holds it."""
         back = self._all.T
         states = (q @ back + self._shift, qd @ back, qdd @ back)
-        own: FloatArray = bodies.regressor(*self._tree, *states, body)
+        own: FloatArray = bodies.regressor(*(*self._tree, *states), body)  # type: ignore[call-arg]
         own = own if self._same else back @ own
         if body != self._held:
             return own

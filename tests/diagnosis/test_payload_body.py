@@ -22,11 +22,12 @@ def arm(d: int, axes: tuple[str, ...] = AXES) -> str:
     """URDF of a serial arm."""
     out = '<robot name="arm"><link name="l0"/>'
     for k in range(1, d + 1):
+        up = 0.1 if k == 1 else 0.22
         out += (
             f'<link name="l{k}"><inertial><origin xyz="0.01 0.005 0.1"/><mass value="{4 / k}"/>'
             f'<inertia ixx="{0.02 / k}" ixy="0" ixz="0" iyy="{0.018 / k}" iyz="0" '
             f'izz="{0.006 / k}"/></inertial></link><joint name="joint{k}" type="revolute">'
-            f'<parent link="l{k - 1}"/><child link="l{k}"/><origin xyz="0 0 {0.1 if k == 1 else 0.22}"/>'
+            f'<parent link="l{k - 1}"/><child link="l{k}"/><origin xyz="0 0 {up}"/>'
             f'<axis xyz="{axes[k - 1]}"/><limit lower="-3" upper="3" effort="200" velocity="10"/>'
             "</joint>"
         )
