@@ -22,7 +22,7 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.folds import split
 from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.preconditions import mistaken, undetermined
-from hil.diagnosis.search import Named, Rung, Search, exchange, shares
+from hil.diagnosis.search import Named, Search, Visited, exchange, shares
 from hil.diagnosis.types import (
     NOTHING,
     Candidate,
@@ -141,7 +141,7 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
     return out
 
 
-def told(rung: Rung, before: HeldOut, problem: Problem) -> list[Correction]:
+def told(rung: Visited, before: HeldOut, problem: Problem) -> list[Correction]:
     """What the corrections of a rung are functions of, and what they do."""
     after, out = rung.step.heldout, []
     for c in rung.added:

@@ -51,7 +51,7 @@ FORMS = ("never-rises", "coefficients", "scales", "allowed")
 
 
 @dataclass
-class Rung:
+class Visited:
     """A model on the way, with its errors on the fitted runs' folds and on held-out runs."""
 
     step: Step
@@ -94,7 +94,7 @@ class Search:
     stops: dict[tuple[str, int], CheckResult] = field(default_factory=dict)
     #: Rules that stopped something -> whether of one thing at least no other would have.
     fired: dict[str, bool] = field(default_factory=dict)
-    rungs: list[Rung] = field(default_factory=list)
+    rungs: list[Visited] = field(default_factory=list)
     #: Whether several joints have no robot description.
     blind: bool = False
     #: The rung that names are judged against: the first one, unless the geometry was missing.
@@ -106,21 +106,21 @@ class Search:
     last: Evidence | None = None
 
     @property
-    def now(self) -> Rung:
+    def now(self) -> Visited:
         """The last model."""
         return self.rungs[-1]
 
     @property
-    def base(self) -> Rung:
+    def base(self) -> Visited:
         """The model that names are judged against."""
         return self.rungs[self.start]
 
-    def rung(self, label: str, model: RobotModel, scale: FloatArray | None = None) -> Rung:
+    def rung(self, label: str, model: RobotModel, scale: FloatArray | None = None) -> Visited:
         """Fit a model and judge it."""
         result = fit_aligned(self.problem, model, scale)
         return self.judged(label, result)
 
-    def judged(self, label: str, result: FitResult) -> Rung:
+    def judged(self, label: str, result: FitResult) -> Visited:
         """A fit with its errors."""
         groups = model_groups(result)
         table = Table(self.problem, self.split, result.sigma, groups)
@@ -130,7 +130,7 @@ class Search:
             heldout = self.examine(result)
         else:
             heldout = of_blocks(table.left_out(keys), self.problem, self.split)
-        return Rung(Step(label, result, heldout), errors)
+        return Visited(Step(label, result, heldout), errors)
 
     # ------------------------------------------------------------------ evidence
 
@@ -185,7 +185,7 @@ class Search:
             open_joints = self._added(picks, open_joints)
             self.backward()
 
-    def correct(self, joints: Sequence[int]) -> list[Rung]:
+    def correct(self, joints: Sequence[int]) -> list[Visited]:
         """Add corrections without a name where no effect pays any more; the rungs they give.
 
         They pass the same rules as effects do, but are none: names, stops and rules that fired
@@ -273,7 +273,7 @@ class Search:
             renew(before.result)
         return joints
 
-    def _fitted(self, picks: list[Rated], before: Rung) -> list[Rated]:
+    def _fitted(self, picks: list[Rated], before: Visited) -> list[Rated]:
         """Fit with some picks; the new rung is kept if all of them hold, else those that do not."""
         model = before.result.model
         for p in picks:
@@ -287,7 +287,7 @@ class Search:
             self.found += list(rung.added)
         return bad
 
-    def _holds(self, p: Rated, before: Rung, after: Rung) -> bool:
+    def _holds(self, p: Rated, before: Visited, after: Visited) -> bool:
         """Whether an effect stands after everything was fitted again."""
         fail = rules.fails(rules.Refit(self, p, before, after))
         if fail is not None:
@@ -454,7 +454,7 @@ def _own(r: Rated, c: Candidate) -> bool:
     return r.candidate.term.key == c.term.key
 
 
-def _settled(rated: list[Rated], c: Candidate, now: Rung) -> list[Rated]:
+def _settled(rated: list[Rated], c: Candidate, now: Visited) -> list[Rated]:
     """The same; an effect of the model that a rival seems to beat counts as the model has it.
 
     Its shapes were searched beside everything then, the rivals' coarsely.
@@ -465,7 +465,7 @@ def _settled(rated: list[Rated], c: Candidate, now: Rung) -> list[Rated]:
     return [_refitted(r, now) if r is own else r for r in rated]
 
 
-def _refitted(r: Rated, now: Rung) -> Rated:
+def _refitted(r: Rated, now: Visited) -> Rated:
     """An effect of the model with the errors that the model has, where its shapes settled lower."""
     j = r.joint
     if now.errors.power[j] >= r.after or now.errors.squared.shape != r.errors.squared.shape:

@@ -7,11 +7,14 @@ import pinocchio as pin
 import pytest
 
 import hil
+from hil.commands.diagnosetext import text
 from hil.diagnosis.types import Diagnosis
 from hil.models.files import read_model
 from hil.models.model import Use, Value, base_model
 from hil.models.writing import write_model
 from hil.record.recording import Recording, RobotSource
+from hil.report.html import diagnosis_report
+from hil.report.json import diagnosis_json
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "1 0 0", "0 1 0")
 FRICTION = np.array([1.5, 6.0, 3.0, 1.0, 0.6, 0.4, 0.3])
@@ -95,13 +98,34 @@ def test_a_body_in_one_of_two_runs_is_named_with_its_link(d: int, link: int) -> 
 
 
 @pytest.mark.parametrize("held", [(0,), (3,), (0, 3)], ids=["bare", "loaded", "both"])
-def test_held_out_runs_with_and_without_the_body(held: tuple[int, ...]) -> None:
+def test_held_out_runs_with_and_without_the_body(held: tuple[int, ...], tmp_path) -> None:
     """A relative payload with one held-out run: it has no other run to differ from."""
     runs = [run(3, 1), run(3, 2, 3)]
     answer = hil.diagnose(
         runs, base_model(runs[0].robot), [run(3, 5 + k, link) for k, link in enumerate(held)]
     )
     assert values(answer)["m"] == pytest.approx(MASS, rel=0.05)
+    (said,) = [text for code, text in answer.warnings if code == "held-out-values"]
+    assert "payload (10 values a run)" in said and f"{10 * len(held)} values were fitted" in said
+    assert said in text(answer, hil.ladder(answer))
+    assert said in [w["text"] for w in diagnosis_json(answer)["warnings"]]
+    diagnosis_report(answer, tmp_path / "r.html")
+    assert said in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+def test_an_offset_of_a_held_out_run_s_own_is_said() -> None:
+    runs = [run(2, k) for k in (1, 2, 3)]
+    effects = tuple(
+        replace(u, options={"per_run": u.type == "torque-offset"})
+        for u in base_model(runs[0].robot).effects
+    )
+    model = replace(base_model(runs[0].robot), effects=effects)
+    compared = hil.compare(runs[:2], model, runs[2:])
+    (said,) = [f.text for f in compared.faults if f.code == "held-out-values"]
+    assert "torque-offset on joint1, joint2 (2 values a run): 2 values were fitted to run3" in said
+    assert not [f for f in hil.compare(runs[:2], model).faults if f.code == "held-out-values"]
+    _, after = hil.add(runs[:2], model, "payload", holdout=runs[2:])
+    assert "held-out-values" in [code for code, _ in after.step.result.warnings]
 
 
 def test_the_first_run_may_be_the_loaded_one() -> None:
