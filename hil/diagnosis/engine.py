@@ -197,19 +197,25 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     partial = [f for f in every if f.confidence < (WORTHLESS if f.rivals else ALONE)]
     findings = [f for f in every if f not in partial]
     # what stands for a robot description explains nothing either
-    lacking = bool(np.any(above(search, last, there, named))) or search.start > 0
+    stands = [(a, b) for a, b in pairwise(search.rungs) if _geometry(b)]
+    lacking = bool(np.any(above(search, last, there, named))) or bool(stands)
     verdict = _verdict(findings, partial, lacking)
     out = Diagnosis(
         verdict, findings, ladder, search.first or last, last, floor, notes(end, last), partial
     )
     out.heldout_floor = other
-    for a, b in pairwise(search.rungs[: search.start + 1]):
+    for a, b in stands:
         out.corrections += told(b, a.step.heldout, search.problem)
     out.warnings += noticed(last, end) + overtones(search)
     felt = dict(zip(search.problem.joints, matters(end), strict=True))
     if out.verdict == "adequate" and any(felt[c.joint] for c in last.changes):
         out.verdict = "unexplained"
     return out
+
+
+def _geometry(rung: Visited) -> bool:
+    """Whether a rung adds what stands for a robot description."""
+    return any(c.term.effect.geometry for c in rung.added)
 
 
 def overtones(search: Search) -> list[tuple[str, str]]:

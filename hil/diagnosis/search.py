@@ -182,7 +182,11 @@ class Search:
             ]  # fmt: skip
             if not picks:
                 return
+            before = self.now
             open_joints = self._added(picks, open_joints)
+            if self.blind and self.now is not before:
+                # what a large effect hid of the geometry is no news, and gets no name
+                self._corrected([c.joint for c in self.now.added], GEOMETRY)
             self.backward()
 
     def correct(self, joints: Sequence[int]) -> list[Visited]:
