@@ -165,3 +165,31 @@ def test_a_model_with_a_mass_at_the_tip_still_reads(tmp_path) -> None:
     result = hil.fit(runs, base_model(runs[0].robot) + kept)
     assert result.values["payload.m[run2]"].value == 0.4
     assert result.values["payload.mx[run2]"].value == 0.0
+
+
+@pytest.mark.parametrize(
+    ("robot", "amplitude"), [("planar2", 5.0), ("elbow3", 5.0), ("elbow3", 0.0)]
+)
+def test_a_mujoco_arm_under_control_with_a_mass_at_its_tip(robot: str, amplitude: float) -> None:
+    """Its description is wrong by up to a fifth, which is no payload."""
+    pytest.importorskip("mujoco")
+    from sim_devices.mujoco_plants import session
+    from sim_devices.mujoco_plants.laws import Place
+    from sim_devices.mujoco_plants.robots import ROBOTS
+    from sim_devices.mujoco_plants.structure import load_mass
+
+    told, runs = session.robots()[robot], []
+    hidden = [{"effect": "payload", "joint": 0, "amplitude": amplitude}] if amplitude else []
+    for k, some in enumerate(([], hidden)):
+        rows = session.simulate(robot, ("wander", 1 + k), some, seed=k)
+        source = RobotSource("", str(told["urdf"]))
+        q, tau = rows["q"], rows["tau"]
+        runs.append(Recording(f"run{k}", "arm", told["joints"], rows["t"], q, tau, robot=source))
+    answer = hil.diagnose(runs, base_model(runs[0].robot))
+    if not amplitude:
+        assert answer.verdict == "adequate"
+        return
+    mass = load_mass(Place(ROBOTS[robot], 0, amplitude, np.random.default_rng(0)))
+    found = values(answer)
+    assert found["joint"] == len(told["joints"])
+    assert found["m"] == pytest.approx(mass, rel=0.02)
