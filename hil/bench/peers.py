@@ -73,7 +73,7 @@ def heldout_of_fit(result: FitResult, test: arm.Data) -> FloatArray:
     effort = np.zeros_like(test.tau)
     for term, where in zip(result.terms, result.slices, strict=True):
         part = term.effect.columns(motion, term.joint, term.shape) @ result.theta[where]
-        if term.effect.whole_robot:
+        if term.effect.scope.whole:
             effort += part
         else:
             effort[:, term.joint] += part

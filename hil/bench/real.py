@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 
 import hil
 from hil.bench import person
+from hil.diagnosis.heldout import Examiner
 from hil.errors import DataError, unknown
 from hil.identify.abreast import alone
+from hil.identify.context import renew
 from hil.identify.problem import Problem
 from hil.models.model import RobotModel, Use, base_model
 from hil.record import datasets
@@ -121,6 +123,8 @@ class Ours:
     floor: list[float]
     refitted: bool
     seconds: float
+    #: Error of each joint [%] of the model that is written where the tool sees no judged run.
+    blind: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -194,7 +198,17 @@ def ours(train: list[Recording], hold: list[Recording], model: RobotModel) -> Ou
         floor=(100 * d.noise / effort).tolist(),
         refitted=any(bool(u.options.get("per_run")) for u in d.model.effects),
         seconds=seconds,
+        blind=blind(train, hold, model),
     )
+
+
+def blind(train: list[Recording], hold: list[Recording], model: RobotModel) -> tuple[float, ...]:
+    """Errors of the joints [%] on runs that the tool had not seen when it chose its model."""
+    d = hil.diagnose(train, model)
+    if not d.ladder:
+        return ()
+    renew(d.result)
+    return tuple(Examiner(d.result.problem, hold)(d.result).relative.tolist())
 
 
 def script(train: list[Recording], hold: list[Recording], explains: str) -> Script:

@@ -14,7 +14,7 @@ AIM = 1.1
 #: An error is worse than the given model's from this ratio on: two fits differ by rounding.
 WORSE = 1.001
 HEAD = (
-    "case", "given", "with offset", "person", "ours", "best rung", "floor", "ours / person",
+    "case", "given", "with offset", "person", "ours", "blind", "floor", "ours / person",
     "verdict", "named", "person s", "ours s", "MiB",
 )  # fmt: skip
 JOINTS = ("case", "joint", "given", "with offset", "person", "ours", "floor", "person's features")
@@ -27,6 +27,20 @@ def ratio(row: Row) -> float:
     if not isinstance(row.ours, Ours) or not isinstance(row.script, Script) or not row.ours.ladder:
         return math.nan
     return row.whole(row.ours.ladder[row.ours.written]) / row.whole(row.script.final)
+
+
+def blind(row: Row) -> float:
+    """The same for the model that was chosen without the judged runs."""
+    if not isinstance(row.ours, Ours) or not isinstance(row.script, Script) or not row.ours.blind:
+        return math.nan
+    return row.whole(row.ours.blind) / row.whole(row.script.final)
+
+
+def blindly_worse(row: Row) -> bool:
+    """Whether that model is worse than the given one."""
+    if not isinstance(row.ours, Ours) or not row.ours.blind:
+        return False
+    return row.whole(row.ours.blind) > WORSE * row.whole(row.ours.ladder[0])
 
 
 def worse(row: Row) -> bool:
@@ -48,7 +62,8 @@ def line(row: Row) -> list[str]:
         verdict, ours_s = row.ours.verdict, f"{row.ours.seconds:.1f}"
         named = ", ".join(f"{name} ({p:.2f})" for name, p in row.ours.names) or NOTHING
         if whole := [row.whole(x) for x in row.ours.ladder]:
-            mine = (whole[0], whole[row.ours.written], min(whole), row.whole(row.ours.floor))
+            unseen = row.whole(row.ours.blind) if row.ours.blind else math.nan
+            mine = (whole[0], whole[row.ours.written], unseen, row.whole(row.ours.floor))
             errors[0], errors[3], errors[4], errors[5] = map(_number, mine)
     else:
         verdict = FAILED
@@ -88,10 +103,14 @@ def aims(rows: Sequence[Row]) -> list[str]:
     alone = [r.case for r in rows if not isinstance(r.script, Script)]
     near, below = sum(ratio(r) <= AIM for r, _ in known), sum(ratio(r) < 1 for r, _ in known)
     own = [r.case for r in rows if isinstance(r.ours, Ours) and r.ours.refitted]
+    blinds = sum(blind(r) <= AIM for r, _ in known), sum(blind(r) < 1 for r, _ in known)
+    harmed = [r.case for r in rows if blindly_worse(r)]
     lines = [
         f"at most {AIM:g} times the person's error: {near} of {len(known)} cases (aim: all)",
         f"below the person's error: {below} of {len(known)} cases (aim: half)",
         f"worse than the given model: {_some(late)} (aim: none)",
+        f"chosen without a look at the judged runs: at most {AIM:g} times {blinds[0]}, below "
+        f"{blinds[1]}, worse than the given model {_some(harmed)}",
         f"internal errors: {_some(broken)} (aim: none)",
         f"named where nothing is missing: {_some(named)} of {len(complete)} cases (aim: none)",
     ]
@@ -177,8 +196,9 @@ def page(rows: Sequence[Row], command: str, revision: str) -> str:
         "  joint;",
         "- *person*: greedy least squares on hand-made features (`hil/bench/person.py`), chosen on",
         "  the training runs alone; same rows and band;",
-        "- *ours*: the model that `hil improve` writes; *best rung*: the least error of its",
-        "  ladder, written or not; *floor*: the noise floor that it states;",
+        "- *ours*: the model that `hil improve` writes where the judged runs are given as held-out",
+        "  runs (no rung of its ladder may raise their error); *blind*: where it does not see them",
+        "  at all, as the person's script; *floor*: the noise floor that it states;",
         "- *named*: with the confidence stated; seconds and memory of one process on one core;",
         "- \\*: the written model has a value of every run by itself (an offset, say), which is",
         "  estimated on the judged runs, too; the person's script has one value for all runs.",

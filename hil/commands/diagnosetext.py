@@ -125,7 +125,7 @@ def _finding(f: Finding, joints: tuple[str, ...]) -> list[str]:
     lines += [f"    {common.value_line(name, v, joints)}" for name, v in f.parameters.items()]
     if said := remark(f.effect, f.parameters):
         lines.append(f"    {said}")
-    if caveat := catalogue.get(f.effect).caveat:
+    if caveat := catalogue.get(f.effect).doc.caveat:
         lines.append(f"    read with care: {caveat}")
     if f.rivals:
         lines.append(f"    rivals with this motion: {', '.join(f.rivals)}")

@@ -39,7 +39,8 @@ def run(args: argparse.Namespace) -> int:
         common.out(describe(chosen[0]))
     else:
         rows = [
-            [e.name, e.family, e.equation] for e in sorted(chosen, key=lambda e: (e.family, e.name))
+            [e.name, e.family, e.doc.equation]
+            for e in sorted(chosen, key=lambda e: (e.family, e.name))
         ]
         width = max(len(r[0]) for r in rows)
         common.out("\n".join(f"  {r[0].ljust(width)}  {r[1].ljust(12)}  {r[2]}" for r in rows))
@@ -61,10 +62,11 @@ def as_dict(e: Effect) -> dict[str, object]:
         {"name": p.name, "unit": p.unit, "text": p.text, "shape": p in e.shape}
         for p in (*e.params, *e.shape)
     ]
+    doc = e.doc
     return {
-        "name": e.name, "family": e.family, "equation": e.equation, "signature": e.signature,
-        "confused_with": list(e.confused_with), "shown_by": e.shown_by, "source": e.source,
-        "explains": list(e.explains), "parameters": params, "caveat": e.caveat,
+        "name": e.name, "family": e.family, "equation": doc.equation, "signature": doc.signature,
+        "confused_with": list(doc.confused_with), "shown_by": doc.shown_by, "source": doc.source,
+        "explains": list(e.scope.explains), "parameters": params, "caveat": doc.caveat,
     }  # fmt: skip
 
 
@@ -73,7 +75,7 @@ def describe(e: Effect) -> str:
     lines = [
         f"{e.name} ({e.family}): {(e.__doc__ or '').strip().splitlines()[0]}",
         "",
-        f"  {e.equation}",
+        f"  {e.doc.equation}",
         "",
     ]
     wide = max((len(_unit(p.unit)) for p in (*e.params, *e.shape)), default=0) + 2
@@ -82,11 +84,11 @@ def describe(e: Effect) -> str:
         lines.append(f"  {p.name:6s} {kind:7s} {f'[{_unit(p.unit)}]':{wide}s}  {p.text}")
     lines += [
         "",
-        f"  shows itself by    {e.signature}",
-        f"  mistaken for       {', '.join(e.confused_with) or 'nothing'}",
-        f"  motion to show it  {e.shown_by}",
-        f"  source             {e.source}",
-        *([f"  read with care     {e.caveat}"] if e.caveat else []),
+        f"  shows itself by    {e.doc.signature}",
+        f"  mistaken for       {', '.join(e.doc.confused_with) or 'nothing'}",
+        f"  motion to show it  {e.doc.shown_by}",
+        f"  source             {e.doc.source}",
+        *([f"  read with care     {e.doc.caveat}"] if e.doc.caveat else []),
     ]
     return "\n".join(lines)
 

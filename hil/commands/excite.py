@@ -146,7 +146,7 @@ def _inseparable(names: tuple[str, ...]) -> str:
     return (
         f"no motion of this robot separates {_versus(names)}: whatever it does, the one "
         "imitates the other (structural); a different measurement is needed: "
-        + "; ".join(dict.fromkeys(catalogue.get(n).shown_by for n in names))
+        + "; ".join(dict.fromkeys(catalogue.get(n).doc.shown_by for n in names))
     )
 
 

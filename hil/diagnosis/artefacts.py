@@ -43,7 +43,8 @@ from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
-from hil.identify.timing import LATE, real_delay
+from hil.identify.timing import real_delay
+from hil.models.effect import Trait
 
 FloatArray = NDArray[np.float64]
 BLURRED = "blurred"
@@ -87,7 +88,7 @@ class Blur:
 
 def blur(result: FitResult, projector: Projector, j: int) -> Blur:
     """The other sign that explains most of joint j's residual, with a positive coefficient."""
-    term = next((t for t in result.terms if t.effect.name == "coulomb" and t.joint == j), None)
+    term = next((t for t in result.terms if Trait.DRY in t.effect.traits and t.joint == j), None)
     if term is None:
         return Blur(np.zeros(result.problem.n), np.zeros(result.problem.n), 0.0)
     key = ("blur", j, term.shape)
@@ -165,11 +166,13 @@ def mark_blurred(found: list[Candidate], result: FitResult, projector: Projector
     projector : Projector
         Of that fit.
     """
-    own = [c for c in found if c.p_value <= LEVEL and c.score > 0 and not c.term.effect.of_robot]
+    own = [
+        c for c in found if c.p_value <= LEVEL and c.score > 0 and not c.term.effect.scope.of_robot
+    ]
     for j in {c.term.joint for c in own}:
         blurred = blur(result, projector, j)
         for c in own:
-            if blurred.gain > 0.0 and c.term.joint == j and not c.term.effect.whole_robot:
+            if blurred.gain > 0.0 and c.term.joint == j and not c.term.effect.scope.whole:
                 beside = np.column_stack([blurred.column, projector.weighted(c.term)])
                 more = projector.gain_of(c.term, beside) - blurred.gain
                 less = not blurred.early or c.gain < blurred.gain
@@ -250,7 +253,11 @@ def mark_smoothers(found: list[Candidate], projector: Projector) -> None:
     projector : Projector
         Of the fit that they were tried beside.
     """
-    own = [c for c in found if c.term.effect.smooths and c.p_value <= LEVEL and c.score > 0]
+    own = [
+        c
+        for c in found
+        if Trait.SMOOTHS in c.term.effect.traits and c.p_value <= LEVEL and c.score > 0
+    ]
     for j in {c.term.joint for c in own}:
         smoothers = _smoothers(projector, j)
         for c in own:
@@ -323,7 +330,7 @@ def returned(evidence: Evidence, result: FitResult) -> FloatArray:
     out, rough = np.zeros(result.problem.d), coarse(result.problem)
     for c in evidence.candidates:
         j = c.term.joint
-        if not (rough[j] and c.name in LATE and c.p_value <= LEVEL):
+        if not (rough[j] and Trait.LATE in c.term.effect.traits and c.p_value <= LEVEL):
             continue
         if not real_delay(result, j, c.late):
             power = c.parts[j] * result.sigma[j] ** 2 / max(result.problem.count[j], 1.0)

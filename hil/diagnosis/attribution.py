@@ -27,7 +27,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector, within
 from hil.identify.regression import cluster_covariance
 from hil.identify.result import FitResult
-from hil.identify.timing import LATE
+from hil.models.effect import Lines, Trait, Waves, are_twins, refused, strict
 from hil.models.model import Use, Value
 from hil.models.motion import Motion
 
@@ -81,11 +81,11 @@ def twins(a: Candidate, b: Candidate, projector: Projector) -> bool:
     One on all joints is several on single joints; else they must explain as much, to a hundredth.
     """
     motion = projector.problem.motions[0]
-    same = b.name in a.term.effect.twins(motion) or a.name in b.term.effect.twins(motion)
-    if a.term.effect.jointless != b.term.effect.jointless:
+    same = are_twins(a.term.effect, b.term.effect, motion)
+    if a.term.effect.scope.tip != b.term.effect.scope.tip:
         # a sensor has a coefficient for every channel; one of them may be a joint's effect
         same |= overlap(a, b, projector) > COINCIDE
-    several = a.term.effect.whole_robot and not b.term.effect.whole_robot
+    several = a.term.effect.scope.whole and not b.term.effect.scope.whole
     return same and (several or min(a.chi2, b.chi2) > 0.99 * max(a.chi2, b.chi2))
 
 
@@ -119,7 +119,7 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
             share = RICHER if r.chi2 <= best.chi2 else 0.0
         elif late(best, r):
             share = TEMPER / 4  # their forms are those of real drives
-        elif r.name == best.term.effect.limit or (
+        elif r.name == best.term.effect.relations.limit or (
             dof == copies and overlap(best, r, projector) > COINCIDE
         ):
             share = 10 * TEMPER
@@ -173,7 +173,8 @@ def seen(c: Candidate, projector: Projector) -> int:
 
 def late(a: Candidate, b: Candidate) -> bool:
     """Whether two candidates are two forms of one lateness of a joint's effort."""
-    return a.name in LATE and b.name in LATE and a.term.joint == b.term.joint
+    both = a.term.effect.traits & b.term.effect.traits
+    return Trait.LATE in both and a.term.joint == b.term.joint
 
 
 def mirrored(a: Candidate, b: Candidate) -> bool:
@@ -193,13 +194,6 @@ ALONE = 0.8
 #: ... or this share, if without the line the joint is within so much of its floor: a floor that is
 #: a twentieth too low is a third of an excess of half a floor.
 MAJOR, MET = 0.6, 1.06
-#: Forms of one physical cause as the motor sees it: beside one of them another is no news.
-KINDRED = (
-    {"elastic-transmission", "hardening-cable", "vibration-mode"},
-    {"hardening-cable", "backlash"},
-    set(LATE),
-    {"torque-offset", "asymmetric-coulomb"},
-)
 
 
 # ------------------------------------------------------------ choice
@@ -215,10 +209,10 @@ def variance_share(c: Candidate, evidence: Evidence, result: FitResult) -> float
 def physical(c: Candidate, motion: Motion) -> bool:
     """Whether the coefficients can be: a negative Stribeck peak cannot, nor an unseen bias."""
     term = c.term
-    if not term.effect.credible(motion, term.joint, term.shape, c.coefficients, c.errors):
+    if refused(term.effect, motion, term.joint, term.shape, c.coefficients, c.errors):
         return False
     params = c.term.effect.params
-    if len(params) != 1 and not c.term.effect.strict:
+    if len(params) != 1 and not strict(c.term.effect):
         return True
     return within(c.term.effect, np.array(c.coefficients))
 
@@ -229,7 +223,7 @@ def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
     Any missing effect leaves lines at sums of the motion's frequencies: one among many is its
     shadow, and only a line that stands by itself is a disturbance.
     """
-    if not c.term.effect.spectral:
+    if not isinstance(c.term.effect.search, Lines):
         return True
     j = c.term.joint
     noise = min(evidence.floor.rms[j], evidence.floor.scale[j])
@@ -264,8 +258,12 @@ def plausible(evidence: Evidence, result: FitResult) -> list[Candidate]:
 
 
 def kindred(a: Candidate, b: Candidate) -> bool:
-    """Whether two candidates are forms of one cause on one joint."""
-    return a.term.joint == b.term.joint and any({a.name, b.name} <= k for k in KINDRED)
+    """Whether two candidates are forms of one physical cause, as the motor sees it, on one joint.
+
+    Beside one of them the other is no news.
+    """
+    causes = (set(c.term.effect.relations.causes) for c in (a, b))
+    return a.term.joint == b.term.joint and bool(set.intersection(*causes))
 
 
 def choose(
@@ -279,13 +277,13 @@ def choose(
     make the two one (of two torque gains only the ratio is determined).
     """
     best = candidates[0]
-    anywhere = best.term.effect.whole_robot
+    anywhere = best.term.effect.scope.whole
     same = [
         c
         for c in candidates[1:]
         if anywhere
         or c.term.joint == best.term.joint
-        or c.term.effect.whole_robot
+        or c.term.effect.scope.whole
         or mirrored(best, c)
     ]
     p = weights(best, same[:12], projector)
@@ -336,7 +334,7 @@ def chance(result: FitResult, key: tuple[str, int]) -> float:
     every = cluster_covariance(weighted, result.basis, np.tile(blocks, result.problem.d))
     own, b = every[where, where], result.theta[where]
     size = np.sqrt(np.diag(own))
-    if result.terms[number].effect.whole_robot:
+    if result.terms[number].effect.scope.whole:
         # coefficients that no row sees are none
         seen = size > 0
         own, b, size, m = own[np.ix_(seen, seen)], b[seen], size[seen], int(seen.sum())
@@ -356,22 +354,18 @@ def effort(result: FitResult, key: tuple[str, int]) -> float:
     return float(np.linalg.norm(rows))
 
 
-#: Shape parameters that are a size.
-SCALES = ("T", "f", "b", "s", "p", "vs")
-
-
 # ------------------------------------------------------------ values that can be physics
 
 
 def impossible(result: FitResult, effect: str) -> list[str]:
     """Sentences on an effect's values that its own law does not allow, joint by joint."""
     joints = result.problem.joints
+    broken = [t for t in result.terms if t.effect.name == effect and not allowed(result, t)]
     return [
-        f"{effect}{'' if t.effect.of_robot else f' on {joints[t.joint]}'}: values that fit best "
+        f"{effect}{where}: values that fit best "
         "cannot be physics (a stop that pulls, friction that drives, a cause that is another one); "
         "'hil diagnose' would not name it"
-        for t in result.terms
-        if t.effect.name == effect and not allowed(result, t)
+        for where in ("" if t.effect.scope.of_robot else f" on {joints[t.joint]}" for t in broken)
     ]
 
 
@@ -383,11 +377,11 @@ def allowed(result: FitResult, term: Term) -> bool:
     if not len(each):
         return True
     # differences to one run belong together
-    one = term.effect.relative or not term.per_run
+    one = term.effect.variation.relative or not term.per_run
     parts = [each] if one else np.array_split(each, runs)
     motion = result.problem.motions[0]
-    return all(
-        term.effect.credible(motion, term.joint, term.shape, p[:, 0].tolist(), p[:, 1].tolist())
+    return not any(
+        refused(term.effect, motion, term.joint, term.shape, p[:, 0].tolist(), p[:, 1].tolist())
         for p in parts
     )
 
@@ -401,7 +395,7 @@ def as_use(c: Candidate, problem: Problem) -> Use:
         for p, v in zip(effect.shape, c.term.shape, strict=True)
     }
     options: dict[str, object] = {"per_run": True} if c.term.per_run else {}
-    joints = ("*",) if effect.of_robot else (problem.joints[c.term.joint],)
+    joints = ("*",) if effect.scope.of_robot else (problem.joints[c.term.joint],)
     return Use(effect.name, joints, options, values)
 
 
@@ -454,6 +448,8 @@ def _more(wave: Candidate, projector: Projector) -> float:
 
 def _wave(c: Candidate, motion: Motion) -> bool:
     """Whether a candidate repeats over position, with an order for its first shape value."""
-    effect, j = c.term.effect, c.term.joint
-    waves = effect.carrier(motion, j) is not None or effect.powers(motion, j) is not None
+    search, j = c.term.effect.search, c.term.joint
+    if not isinstance(search, Waves):
+        return False
+    waves = search.carrier(motion, j) is not None or search.powers(motion, j) is not None
     return waves and bool(c.term.shape) and c.term.shape[0] > 0

@@ -24,6 +24,7 @@ from hil.identify.design import Term, block
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
+from hil.models.effect import terms_of
 
 FloatArray = NDArray[np.float64]
 
@@ -88,9 +89,9 @@ def model_groups(result: FitResult, without: Collection[Key] = ()) -> list[Group
             continue
         held = result.theta[where]
         # what acts at one instant is not to be learnt from the others: it is kept as it is
-        kept = t.fixed or t.effect.dated(t.shape)
+        kept = t.fixed or t.effect.variation.dated(t.shape)
         lower, upper = (held, held) if kept else (low[where], high[where])
-        joint = None if t.effect.whole_robot else t.joint
+        joint = None if t.effect.scope.whole else t.joint
         out.append(Group(t.key, joint, block(problem, t), lower, upper, result.prior[where]))
     return out
 
@@ -99,11 +100,11 @@ def candidate_group(problem: Problem, c: Candidate) -> Group:
     """Columns of a candidate."""
     t, columns = c.term, block(problem, c.term)
     m = columns.shape[-1]
-    each = t.effect.terms(problem.motions[0], t.joint)
+    each = terms_of(t.effect, problem.motions[0], t.joint)
     params = [each[k % len(each)] for k in range(m)]
     lower = np.array([p.lower for p in params], dtype=np.float64)
     upper = np.array([p.upper for p in params], dtype=np.float64)
-    joint = None if t.effect.whole_robot else t.joint
+    joint = None if t.effect.scope.whole else t.joint
     return Group(key_of(c), joint, columns, lower, upper, np.zeros(m))
 
 
@@ -150,13 +151,13 @@ def held_out(result: FitResult, split: Split) -> FloatArray:
 
 def rated(c: Candidate, table: Table, keys: Sequence[object], now: Errors) -> Rated:
     """One candidate beside the groups `keys`, whose errors are `now`."""
-    gone = {(name, c.term.joint) for name in c.term.effect.replaces}
+    gone = {(name, c.term.joint) for name in c.term.effect.relations.replaces}
     chosen = [k for k in keys if k not in gone] + [key_of(c)]
-    if c.term.effect.dated(c.term.shape):
+    if c.term.effect.variation.dated(c.term.shape):
         table.hold(key_of(c), table.coefficients(chosen)[key_of(c)])
     errors = table.errors(chosen)
     j = c.term.joint
-    if c.term.effect.whole_robot:
+    if c.term.effect.scope.whole:
         j = int(np.argmax((now.power - errors.power) / np.maximum(now.power, 1e-300)))
     fall = now.squared[:, j] - errors.squared[:, j]
     return Rated(

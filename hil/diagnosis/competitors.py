@@ -142,17 +142,17 @@ def competitor(problem: Problem, j: int, what: str) -> Group | None:
 
 
 def foils(problem: Problem, term: Term) -> list[Group]:
-    """Columns of laws without a name that come close to a term's effect (`Effect.foils`)."""
+    """Columns of laws without a name that come close to a term's effect (`Relations.foils`)."""
     effect, j = term.effect, term.joint
-    laws = [effect.foils(m, j, term.shape) for m in problem.motions]
-    joint, words = (None, ROBOT) if effect.whole_robot else (j, FOIL)
+    laws = [effect.relations.foils(m, j, term.shape) for m in problem.motions]
+    joint, words = (None, ROBOT) if effect.scope.whole else (j, FOIL)
     out = []
     for k, raw in enumerate(zip(*laws, strict=True)):
         columns = problem.acting(list(raw), joint)
         if term.per_run:
-            columns = problem.by_run(columns, int(effect.relative))
+            columns = problem.by_run(columns, int(effect.variation.relative))
         free = np.full(columns.shape[-1], np.inf)
         key = ("free", words, j, effect.name, k)
-        columns = np.moveaxis(columns, 0, 1) if effect.whole_robot else columns
+        columns = np.moveaxis(columns, 0, 1) if effect.scope.whole else columns
         out.append(Group(key, joint, columns, -free, free, np.zeros(free.size)))
     return out

@@ -74,6 +74,9 @@ PERIODS, GUARD = 6.0, 0.5
 #: Folds into which blocks are dealt.  Half: a fifth less data for each fit; double: twice the
 #: time.
 FOLDS = 8
+#: Pieces of a recording on each of which a correction of the others must serve.  Half: none of
+#: short recordings passes; double: pieces lie near each other and share what is special to them.
+PARTS = 3
 #: Bins of position by which it is seen where a joint has been.  Half: extrapolation is
 #: overlooked; double: more instants are not judged.
 BINS = 12

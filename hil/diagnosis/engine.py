@@ -46,6 +46,7 @@ from hil.identify.context import renew
 from hil.identify.problem import Problem
 from hil.identify.threads import single_threaded
 from hil.identify.timing import fit_aligned
+from hil.models.effect import Trait
 from hil.models.model import BASE_EFFECTS, RobotModel
 from hil.record.checks import check
 from hil.record.recording import Recording
@@ -148,7 +149,7 @@ def told(rung: Visited, before: HeldOut, problem: Problem) -> list[Correction]:
         errors = (before.relative, after.relative, after.standard_error())
         effect, name = c.term.effect, problem.joints[c.joint]
         one = (float(e[c.joint]) for e in errors)
-        out.append(Correction(effect.name, effect.variables, name, *one))
+        out.append(Correction(effect.name, effect.doc.variables, name, *one))
     return out
 
 
@@ -215,7 +216,7 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
 
 def _geometry(rung: Visited) -> bool:
     """Whether a rung adds what stands for a robot description."""
-    return any(c.term.effect.geometry for c in rung.added)
+    return any(Trait.GEOMETRY in c.term.effect.traits for c in rung.added)
 
 
 def overtones(search: Search) -> list[tuple[str, str]]:
@@ -293,7 +294,11 @@ def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
     1 without such runs, and of what acts at instants of the fitted runs alone.
     """
     last, j = search.now.step.heldout, c.joint
-    if floor is None or last.rms[j] <= ADEQUATE * floor[j] or c.term.effect.dated(c.term.shape):
+    if (
+        floor is None
+        or last.rms[j] <= ADEQUATE * floor[j]
+        or c.term.effect.variation.dated(c.term.shape)
+    ):
         return 1.0
     share, se = last.share(search.base.step.heldout, ADEQUATE * float(floor[j]), j)
     return float(share + CHANCE * se)

@@ -44,15 +44,16 @@ from hil.excite.question import Question, Rival, in_context, sharp
 from hil.excite.recorded import model_words, output_words, robot_word, room, stage_of
 from hil.excite.separate import gram
 from hil.excite.stage import Stage
-from hil.identify.design import Term
+from hil.identify.design import Term, head
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
-from hil.identify.timing import LATE
 from hil.models import catalogue
-from hil.models.friction import Stribeck
+from hil.models.effect import Effect, Sight, Trait
 
 FloatArray = NDArray[np.float64]
+#: Unit of a shape value that is a speed.
+SPEED = "{x}/s"
 #: Share of an effect's columns from which the base model is said to absorb it.
 ABSORBED = 0.9999
 #: Size in units of the noise that an effect gets which the base model absorbs.
@@ -88,7 +89,7 @@ class Planner:
     def plan(self, among: tuple[Candidate, ...], pair: tuple[str, ...]) -> Choice | None:
         """Choice for a set of rivals among the candidates of one joint; None without a menu."""
         # a planned motion meets no force, so it says nothing of a force sensor
-        among = tuple(c for c in among if not c.term.effect.jointless)
+        among = tuple(c for c in among if not c.term.effect.scope.tip)
         if self._stage is None or not among or not set(pair) <= {c.name for c in among}:
             return None
         key = tuple((c.name, c.term.joint) for c in among)
@@ -112,7 +113,7 @@ class Planner:
         context = in_context(result.problem, v0, result.problem.motions[0].contact, span)
         question = _question(context, base, theta, result, self.evidence, among)
         known = gram(context, question)
-        whole = all(c.term.effect.whole_robot for c in among)
+        whole = all(c.term.effect.scope.whole for c in among)
         names = tuple(n for n in menu.MENU if not whole or n in RICH)
         joint = None if whole else among[0].term.joint
         return survey(question, stage, joint, known, names), question
@@ -215,15 +216,15 @@ def pairs(
         That fit; without it nothing is planned.
     """
     out = [
-        Indistinguishable((name, "every other parameter"), why, catalogue.get(name).shown_by)
+        Indistinguishable((name, "every other parameter"), why, catalogue.get(name).doc.shown_by)
         for name, why in evidence.impossible
-        if name == "torque-gain"
+        if Trait.GAIN in catalogue.get(name).traits
     ]
-    late = [n for n, *_ in rivals if n in LATE]
+    late = [n for n, *_ in rivals if Trait.LATE in catalogue.get(n).traits]
     out += [
-        Indistinguishable((late[0], name), why, catalogue.get(name).shown_by)
+        Indistinguishable((late[0], name), why, catalogue.get(name).doc.shown_by)
         for name, why in evidence.impossible
-        if name == "filter-lag" and late
+        if late and Trait.LATE in catalogue.get(name).traits
     ]
     sets = _absorbed(evidence, {e for x in out for e in x.effects})
     for name, others, j in rivals:
@@ -244,7 +245,7 @@ def concerned(named: list[tuple[str, list[str], float]], *evidence: Evidence) ->
     `named` holds name, rivals and confidence of each.
     """
     unsure = [name for name, _, confidence in named if confidence < CONFIDENT]
-    doubles = {x for name in unsure for x in catalogue.get(name).confused_with}
+    doubles = {x for name in unsure for x in catalogue.get(name).doc.confused_with}
     evident = {c.name for e in evidence for c in e.candidates if c.score > 0}
     return {n for name, rivals, _ in named for n in (name, *rivals)} | doubles | evident
 
@@ -280,7 +281,7 @@ def _absorbed(evidence: Evidence, known: set[str]) -> list[_Set]:
     for c in evidence.candidates:
         if c.absorbed > ABSORBED and c.name not in known:
             known.add(c.name)
-            partners = c.term.effect.confused_with
+            partners = c.term.effect.doc.confused_with
             why = (
                 f"parameters that are free already take up {100 * c.absorbed:.2f} % of what it "
                 f"does: any {c.name} shows up as other values of theirs"
@@ -320,7 +321,7 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
     if planner is not None and len(s.among):
         names = tuple(c.name for c in s.among)
         choice = planner.plan(_group(s, sets), names)
-    ways = [w for c in s.among for w in catalogue.get(c.name).shown_by.split("; ")]
+    ways = [w for c in s.among for w in catalogue.get(c.name).doc.shown_by.split("; ")]
     shown = "; ".join(dict.fromkeys(ways))
     if choice is None or planner is None:
         reason = STRUCTURAL if len(s.among) == 1 else EXCITATION
@@ -356,7 +357,7 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
         return Indistinguishable(s.effects, why, "the same effect, larger", EXCITATION)
     names = tuple(c.name for c in s.among)
     joint = problem.joints[s.among[0].term.joint]
-    whole = all(c.term.effect.whole_robot for c in s.among)
+    whole = all(c.term.effect.scope.whole for c in s.among)
     motion = best.motion.name
     now = "" if choice.now is None else f", {choice.now.odds:.1f} now"
     words = ["hil", "excite", robot_word(problem), "--for", ",".join(names)]
@@ -422,7 +423,7 @@ def unseen(result: FitResult, evidence: Evidence) -> list[Unseen]:
         return []
     found: dict[tuple[tuple[str, ...], str], list[str]] = {}
     for j in np.flatnonzero(~problem.holds).tolist():
-        there = {t.effect.name for t in result.terms if t.joint == j or t.effect.whole_robot}
+        there = {t.effect.name for t in result.terms if t.joint == j or t.effect.scope.whole}
         for effects, why in _of_joint(problem, j):
             new = tuple(e for e in effects if e not in there)
             if new:
@@ -438,7 +439,7 @@ def _command(effect: str, problem: Problem, joints: Sequence[str]) -> str:
     """What plans a motion that shows an effect; empty where the robot's own motion cannot."""
     places = [problem.joints.index(name) for name in joints]
     loaded = any(np.any(m.static[:, places]) for m in problem.motions)
-    if effect == "load-friction" and not loaded:
+    if Sight.LOAD in catalogue.get(effect).doc.shown and not loaded:
         return ""
     where = f" --joint {joints[0]}" if len(joints) == 1 and problem.d > 1 else ""
     out = " ".join(output_words(problem))
@@ -448,19 +449,42 @@ def _command(effect: str, problem: Problem, joints: Sequence[str]) -> str:
 def _low_speed(result: FitResult, evidence: Evidence) -> list[Unseen]:
     """Stribeck friction that would go unseen, over all joints with Coulomb friction."""
     problem, missed = result.problem, {}
+    laws = [e for e in _showing(Sight.SLOW) if e.shape and e.shape[0].unit == SPEED]
+    present = {t.key for t in result.terms}
     for j in np.flatnonzero(~problem.holds).tolist():
-        fc = result.values.get(f"j{j + 1}.coulomb.fc")
-        share = _missed(result, evidence, j) / fc.value if fc and fc.value > 0 else 0.0
-        if share > MISSED and (Stribeck.name, j) not in {t.key for t in result.terms}:
+        fc = _dry(result, j)
+        unseen = [e for e in laws if (e.name, j) not in present] if fc > 0 else []
+        share = max((_missed(result, evidence, e, j) / fc for e in unseen), default=0.0)
+        if share > MISSED:
             missed[problem.joints[j]] = share
     if not missed:
         return []
+    names = tuple(e.name for e in _showing(Sight.SLOW))
     why = (
         f"too little motion is slower than {100 * LOW:g} % of the top speed; friction that rises "
         f"only there goes unseen{_up_to(max(missed.values()))}"
     )
-    command = _command(Stribeck.name, problem, list(missed))
-    return [Unseen((Stribeck.name, "presliding"), tuple(missed), why, command)]
+    return [Unseen(names, tuple(missed), why, _command(laws[0].name, problem, list(missed)))]
+
+
+def _showing(sight: Sight) -> list[Effect]:
+    """Effects of a motor that only show where a recording has this, in the catalogue's order."""
+    table = (e for e in catalogue.table().values() if "motor" in e.scope.explains)
+    return [e for e in table if sight in e.doc.shown and Trait.GIVEN not in e.traits]
+
+
+def _richest(sight: Sight) -> tuple[str, ...]:
+    """Their names; what has most coefficients, hence shows most of it, first."""
+    return tuple(e.name for e in sorted(_showing(sight), key=lambda e: -len(e.params)))
+
+
+def _dry(result: FitResult, j: int) -> float:
+    """Coulomb friction of joint j; zero without any."""
+    for t in result.terms:
+        if t.joint == j and Trait.DRY in t.effect.traits:
+            found = result.values.get(f"{head(t.effect, j)}.{t.effect.params[0].name}")
+            return found.value if found else 0.0
+    return 0.0
 
 
 def _up_to(share: float) -> str:
@@ -468,15 +492,15 @@ def _up_to(share: float) -> str:
     return f" up to {100 * share:.2g} % of Coulomb friction" if share < 1.0 else ", however large"
 
 
-def _missed(result: FitResult, evidence: Evidence, j: int) -> float:
+def _missed(result: FitResult, evidence: Evidence, effect: Effect, j: int) -> float:
     """Excess of static friction that pays no more than its price [N m or N]; infinite if unseen."""
     problem, floor, projector = result.problem, evidence.floor, evidence.projector
     speed = np.abs(problem.qd[j][problem.live[j]])
     if projector is None or not speed.size:
         return 0.0
     vs = LOW * float(np.quantile(speed, 0.995))
-    effect = Stribeck()
-    _, _, inverse, _ = projector.score(Term(effect, j, (vs, 2.0)))
+    form = effect.search.grid(problem.motions[0], j)[0][1:]
+    _, _, inverse, _ = projector.score(Term(effect, j, (vs, *form)))
     noise = (floor.scale[j] / result.sigma[j]) ** 2 * floor.inflation[j]
     instants = max(float(floor.effective(problem)[j]), 2.0)
     count = len(effect.params) + len(effect.shape)
@@ -487,12 +511,12 @@ def _of_joint(problem: Problem, j: int) -> Iterator[tuple[tuple[str, ...], str]]
     """Effects and reasons of one joint."""
     turns = _reversals(problem, j)
     if turns < TURNS:
-        yield ("presliding", "backlash"), f"fewer than {TURNS} reversals"
+        yield _richest(Sight.REVERSALS), f"fewer than {TURNS} reversals"
     limits = of_robot(problem.source)
     if limits is not None and np.ptp(problem.q[j]) < RANGE * (limits.high[j] - limits.low[j]):
-        yield ("position-torque", "cogging", "end-stop"), "less than half of its range was visited"
+        yield _richest(Sight.RANGE), "less than half of its range was visited"
     if _steady(problem, j):
-        yield ("load-friction",), "its static and external load hardly change"
+        yield _richest(Sight.LOAD), "its static and external load hardly change"
 
 
 def _reversals(problem: Problem, j: int) -> int:
@@ -517,8 +541,8 @@ def _of_all(problem: Problem) -> list[Unseen]:
     length = max(float(r.t[-1] - r.t[0]) for r in problem.recordings)
     if length < MINUTE:
         why = f"the longest recording has {length:.3g} s, and warming mostly takes minutes"
-        out.append(Unseen(("friction-drift",), (), why))
+        out.append(Unseen(_richest(Sight.MINUTES), (), why))
     if not any(np.any(m.tau_ext) or np.any(m.wrench) for m in problem.motions):
         why = "no external force was measured; without one it scales all parameters alike"
-        out.append(Unseen(("torque-gain",), (), why))
+        out.append(Unseen(_richest(Sight.FORCE), (), why))
     return out

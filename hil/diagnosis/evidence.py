@@ -22,9 +22,9 @@ from hil.identify.regression import ROUNDING
 from hil.identify.result import FitResult
 from hil.identify.screening import screen
 from hil.identify.shapes import best_shape
-from hil.identify.timing import LATE, real_delay
+from hil.identify.timing import real_delay
 from hil.models import catalogue
-from hil.models.effect import Effect
+from hil.models.effect import Effect, Lines, Trait
 
 FloatArray = NDArray[np.float64]
 Key = tuple[str, int]
@@ -39,9 +39,9 @@ ALIKE = 1e-9
 
 def _kind(effect: Effect) -> str:
     """Which search an effect belongs to; empty for what every model has."""
-    if effect.correction:
-        return GEOMETRY if effect.geometry else CORRECTION
-    return EFFECT if effect.candidate else ""
+    if Trait.CORRECTION in effect.traits:
+        return GEOMETRY if Trait.GEOMETRY in effect.traits else CORRECTION
+    return EFFECT if Trait.GIVEN not in effect.traits else ""
 
 
 def terms_to_try(
@@ -69,17 +69,17 @@ def terms_to_try(
     terms: list[Term] = []
     impossible: dict[str, str] = {}
     for effect in catalogue.table().values():
-        if _kind(effect) != kind or explains not in effect.explains:
+        if _kind(effect) != kind or explains not in effect.scope.explains:
             continue
-        for j in range(1 if effect.of_robot else problem.d):
-            if (effect.name, j) in present or (held[j] and not effect.of_robot):
+        for j in range(1 if effect.scope.of_robot else problem.d):
+            if (effect.name, j) in present or (held[j] and not effect.scope.of_robot):
                 continue
-            reason = effect.available(motion, j)
+            reason = effect.scope.lacks(motion, j)
             if reason:
                 impossible.setdefault(effect.name, reason)
-            elif j in joints or (effect.of_robot and joints):
-                own = effect.per_run and problem.runs > 1
-                terms.append(Term(effect, j, () if own else effect.single, per_run=own))
+            elif j in joints or (effect.scope.of_robot and joints):
+                own = effect.variation.per_run and problem.runs > 1
+                terms.append(Term(effect, j, () if own else effect.variation.single, per_run=own))
     tried = {t.effect.name for t in terms}
     return terms, [(n, why) for n, why in impossible.items() if n not in tried]
 
@@ -115,7 +115,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
         absorbed=absorbed,
         coefficients=tuple(map(float, beta)),
         errors=tuple(np.sqrt(np.maximum(np.diag(inverse), 0.0)).tolist()),
-        joint=int(np.argmax(parts)) if term.effect.of_robot else term.joint,
+        joint=int(np.argmax(parts)) if term.effect.scope.of_robot else term.joint,
         parts=parts,
     )
 
@@ -141,7 +141,7 @@ def _parts(
 ) -> FloatArray:
     """Fall of every joint's squared residual (d,); `known`: what the base takes, in Q."""
     d = projector.problem.d
-    if not term.effect.whole_robot:
+    if not term.effect.scope.whole:
         out = np.zeros(d)
         out[term.joint] = net
         return out
@@ -153,7 +153,9 @@ def _parts(
 def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> float:
     """Gain when the candidate replaces what it stands for, e.g. presliding for Coulomb."""
     gone = [
-        t for t in result.terms if t.joint == term.joint and t.effect.name in term.effect.replaces
+        t
+        for t in result.terms
+        if t.joint == term.joint and t.effect.name in term.effect.relations.replaces
     ]
     if not gone:
         return gain
@@ -207,9 +209,9 @@ def _null(
     """Gains of a candidate on sign-flipped noise, the best over its grid, shape (FLIPS,)."""
     best = np.zeros(len(signs))
     grid = projector.problem.grid(c.term.effect, c.term.joint)
-    if not grid or c.term.shape == c.term.effect.single:
+    if not grid or c.term.shape == c.term.effect.variation.single:
         grid = [c.term.shape]
-    if c.term.effect.spectral:
+    if isinstance(c.term.effect.search, Lines):
         own = projector.rows(c.term)
         return timelines.flipped(projector.problem, c.term, noise[own], rows[own], signs)
     waves = screen(projector.problem, c.term, grid)
@@ -260,7 +262,7 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
     terms, impossible = terms_to_try(result)
     changed = changes(result, projector)
     if not changed:
-        terms = [t for t in terms if not t.effect.sudden]
+        terms = [t for t in terms if not t.effect.variation.sudden]
     found = try_all(projector, result, terms)
     floor = measured_floor(found, projector, result)
     priced(found, floor, result)
@@ -277,11 +279,15 @@ def floor_of(result: FitResult, evidence: Evidence) -> Floor:
     Only lines over time are sought anew: they belong to a run.
     """
     projector = Projector(result.problem, result.terms, result.sigma)
-    known = {c.term.key: c.term.shape for c in evidence.candidates if not c.term.effect.spectral}
+    known = {
+        c.term.key: c.term.shape
+        for c in evidence.candidates
+        if not isinstance(c.term.effect.search, Lines)
+    }
     terms = [
         replace(t, shape=known.get(t.key, ()))
         for t in terms_to_try(result)[0]
-        if t.key in known or not t.effect.sudden
+        if t.key in known or not t.effect.variation.sudden
     ]
     return measured_floor(try_all(projector, result, terms), projector, result)
 
@@ -306,9 +312,9 @@ def _free_functions(projector: Projector, result: FitResult) -> list[Candidate]:
     terms = [
         Term(e, j)
         for e in catalogue.table().values()
-        if e.correction and explains in e.explains
+        if Trait.CORRECTION in e.traits and explains in e.scope.explains
         for j in np.flatnonzero(~problem.holds).tolist()
-        if (e.name, j) not in present and not e.available(problem.motions[0], j)
+        if (e.name, j) not in present and not e.scope.lacks(problem.motions[0], j)
     ]
     with problem.aside():
         return try_all(projector, result, terms)
@@ -322,14 +328,15 @@ def _picked(c: Candidate, projector: Projector) -> bool:
     """
     own = projector.rows(c.term)
     many = len(projector.problem.grid(c.term.effect, c.term.joint)) > MANY
-    least = LINE if c.term.effect.spectral else LITTLE
+    least = LINE if isinstance(c.term.effect.search, Lines) else LITTLE
     return many and c.gain < least * float(np.sum(projector.residual[own] ** 2))
 
 
 def in_time(c: Candidate, result: FitResult) -> bool:
     """False for a lateness of the effort that the slow motion does not confirm."""
-    whole = c.name == "filter-lag"
-    return c.name not in LATE or real_delay(result, c.term.joint, c.late, whole)
+    traits = c.term.effect.traits
+    whole = Trait.WHOLE in traits
+    return Trait.LATE not in traits or real_delay(result, c.term.joint, c.late, whole)
 
 
 def _collect(d: int, term: Term, problem: object, extra: list[list[FloatArray]]) -> None:
@@ -351,7 +358,7 @@ def priced(found: list[Candidate], floor: Floor, result: FitResult) -> None:
     noise = np.maximum((floor.scale / result.sigma) ** 2 * floor.inflation, 1e-300)
     for c in found:
         j = c.joint
-        replaced = len(c.term.effect.replaces)
+        replaced = len(c.term.effect.relations.replaces)
         c.chi2 = float(np.sum(c.parts / noise))
         # so far for noise of variance 1 in the weighted rows
         c.errors = tuple(float(e * np.sqrt(noise[j])) for e in c.errors)

@@ -13,12 +13,12 @@ Source: Roberts et al., Ecography 40, 2017 (blocked cross-validation); Racine, J
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import BINS, FEWEST, FOLDS, GUARD, MOST, PERIODS
+from hil.diagnosis.constants import BINS, FEWEST, FOLDS, GUARD, MOST, PARTS, PERIODS
 from hil.identify.problem import Problem
 
 FloatArray = NDArray[np.float64]
@@ -85,6 +85,12 @@ def split(problem: Problem, seed: int = 0, whole_runs: bool = True) -> Split:
     fold = run % FOLDS if by_run else _dealt(first.size, seed)
     beyond = inner & _beyond(problem, fold[block])
     return Split(block, np.asarray(fold), inner & ~beyond, beyond, by_run)
+
+
+def parts(dealt: Split) -> Split:
+    """The same blocks in `PARTS` folds, each of which is one piece of the recording."""
+    fold = np.arange(dealt.blocks) * PARTS // dealt.blocks
+    return replace(dealt, fold=fold, tested=dealt.tested | dealt.extrapolated, by_run=False)
 
 
 def _blocks(problem: Problem) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:

@@ -8,8 +8,6 @@ about zero speed does, and its error is then neither noise nor a missing effect.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +26,7 @@ from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.identify.trial import CLOSE
 from hil.identify.validity import outside
+from hil.models.effect import Trait
 from hil.record.checks import check
 from hil.record.recording import Recording, RobotSource
 
@@ -217,7 +216,7 @@ def blunt(result: FitResult, heldout: HeldOut, examine: Examiner) -> dict[tuple[
         return {}
     problem = result.problem
     ratio = heldout.rms / np.maximum(result.rms, 1e-300)
-    signs = [t for t in result.terms if t.effect.name == "coulomb" and not t.fixed_shape]
+    signs = [t for t in result.terms if Trait.DRY in t.effect.traits and not t.fixed_shape]
     signs = [t for t in signs if ratio[t.joint] > APART and not problem.holds[t.joint]]
     if not signs:
         return {}
@@ -250,6 +249,6 @@ def _blunter(term: Term, result: FitResult) -> list[float]:
 
 def _with(result: FitResult, term: Term, v0: float) -> FitResult:
     """The fit with another sign on a joint, its coefficients solved again."""
-    terms = [replace(t, shape=(v0,)) if t is term else t for t in result.terms]
+    terms = [t.reshaped((v0, *t.shape[1:])) if t is term else t for t in result.terms]
     set_context(result.problem, terms)
     return assemble(result.problem, result.model, terms, result.sigma)

@@ -15,10 +15,12 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.identify.design import head
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.contact import penetration
+from hil.models.effect import Trait
 from hil.models.model import RobotModel
 from hil.record.recording import Recording, RobotSource
 
@@ -64,7 +66,10 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
 
 def driven(result: FitResult) -> bool:
     """Whether all friction lies on its bound, zero: free masses take a wrong sign, it cannot."""
-    names = [n for n in result.values if n.endswith((".coulomb.fc", ".viscous.fv"))]
+    friction = Trait.DRY | Trait.VISCOUS
+    rubbing = [t for t in result.terms if t.effect.traits & friction]
+    every = [f"{head(t.effect, t.joint)}.{t.effect.params[0].name}" for t in rubbing]
+    names = [n for n in every if n in result.values]
     return bool(names) and all(result.values[n].at_bound for n in names)
 
 

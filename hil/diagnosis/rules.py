@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from hil.diagnosis.attribution import (
-    SCALES,
     allowed,
     alone,
     by_chance,
@@ -41,6 +40,7 @@ from hil.diagnosis.types import CheckResult, Evidence
 from hil.identify.context import SOLID
 from hil.identify.design import head
 from hil.identify.regression import inflation
+from hil.models.effect import Trait
 
 if TYPE_CHECKING:
     from hil.diagnosis.search import Search, Visited
@@ -175,7 +175,7 @@ def _discrepancy(case: Case) -> str:
     No name is given to that; a correction may take it.
     """
     r = case.rated
-    if r.candidate.term.effect.correction:
+    if Trait.CORRECTION in r.candidate.term.effect.traits:
         return ""
     explained = max(float(case.search.base.errors.power[r.joint]) - r.before, 0.0)
     small = r.removed <= DISCREPANCY * explained
@@ -216,7 +216,7 @@ def _line(case: Case) -> str:
 def _geometry(case: Case) -> str:
     """Without a robot description springs and masses are names for what gravity may be."""
     effect = case.rated.candidate.term.effect
-    if effect.correction or not case.search.blind or effect.family not in SOLID:
+    if Trait.CORRECTION in effect.traits or not case.search.blind or effect.family not in SOLID:
         return ""
     return "gravity of an unknown geometry would explain it as well"
 
@@ -242,7 +242,7 @@ def _paired(case: Case) -> str:
     r = case.rated
     # what acts in a few stretches only spreads its own gains: one that takes most is sure earlier
     least = MOSTLY if r.after < (1 - MUCH) * r.before else BEYOND
-    sure = r.sureness > least or term.effect.dated(term.shape)
+    sure = r.sureness > least or term.effect.variation.dated(term.shape)
     return "" if sure else "the fall varies as much from block to block"
 
 
@@ -257,7 +257,7 @@ def _beyond(case: Case) -> str:
     Source: Schwarz, Ann. Statist. 6, 1978.
     """
     r, search = case.rated, case.search
-    if r.candidate.term.effect.correction:
+    if Trait.CORRECTION in r.candidate.term.effect.traits:
         return ""
     tested = float(r.now.count[:, r.joint].sum())
     count = max(tested / inflation(r.residual(r.joint), search.problem.run), 2.0)
@@ -270,15 +270,11 @@ def _beyond(case: Case) -> str:
 
 @_candidate("at-floor")
 def _at_floor(case: Case) -> str:
-    """What noise may as well be needs no name; many coefficients find something in any floor.
-
-    An effect may show on another joint than its own, through what the joints share.
-    """
-    r, result = case.rated, case.search.now.result
-    falls = r.errors.power < (1 - WORTH) ** 2 * r.now.power
-    shown = np.flatnonzero(falls & ~case.search.problem.holds)
-    above = any(case.evidence.floor.exceeded(result.rms, int(k)) for k in shown)
-    return "" if above else "the error of its joint is at the noise floor"
+    """Many coefficients on many joints find something in any floor."""
+    c, evidence = case.rated.candidate, case.evidence
+    above = evidence.floor.exceeded(case.search.now.result.rms, case.rated.joint)
+    met = c.term.effect.scope.tip and not above
+    return "the error of its joint is at the noise floor" if met else ""
 
 
 @_candidate("returned-noise")
@@ -344,7 +340,7 @@ def _confirmed(case: Refit) -> str:
     """Held-out runs must show it, too; not what acts at instants of the fitted ones."""
     one, other, r = case.before.step.heldout, case.after.step.heldout, case.rated
     term = r.candidate.term
-    if one.kind != "holdout" or term.effect.dated(term.shape) or term.per_run:
+    if one.kind != "holdout" or term.effect.variation.dated(term.shape) or term.per_run:
         return ""
     return "" if other.gain(one, r.joint) > RISEN else "held-out runs do not show it"
 
@@ -352,7 +348,7 @@ def _confirmed(case: Refit) -> str:
 @_fit("robs")
 def _robs(case: Refit) -> str:
     """A correction leaves their efforts to the effects whose names stand."""
-    if not case.rated.candidate.term.effect.correction:
+    if Trait.CORRECTION not in case.rated.candidate.term.effect.traits:
         return ""
     efforts = [
         {t.key: effort(rung.result, t.key) for t in rung.result.terms}
@@ -361,6 +357,20 @@ def _robs(case: Refit) -> str:
     names = [key for key in case.search.standing if key in efforts[0]]
     robbed = [key for key in names if efforts[1].get(key, 0.0) < (1 - ROBBED) * efforts[0][key]]
     return f"it takes the place of {robbed[0][0]}" if robbed else ""
+
+
+@_fit("transfers")
+def _transfers(case: Refit) -> str:
+    """A correction must serve parts of the recording that it has not been near to.
+
+    No law keeps it from following what is special to one part; neighbouring blocks share that.
+    """
+    traits = case.rated.candidate.term.effect.traits
+    if Trait.CORRECTION not in traits or case.before.step.heldout.kind != "folds":
+        return ""
+    j, search = case.rated.joint, case.search
+    old, new = (search.parted(rung.result).power[j] for rung in (case.before, case.after))
+    return "it does not hold from one part of the recording to the next" if new > old else ""
 
 
 @_fit("coefficients")
@@ -380,7 +390,7 @@ def _scales(case: Refit) -> str:
     start = head(term.effect, term.joint)
     for p in term.effect.shape:
         v = result.values.get(f"{start}.{p.name}")
-        if v is not None and p.name in SCALES and v.stderr > abs(v.value):
+        if v is not None and p.size and v.stderr > abs(v.value):
             return f"its {p.text} is not determined"
     return ""
 

@@ -28,7 +28,7 @@ from hil.diagnosis.evidence import (
     priced,
     terms_to_try,
 )  # fmt: skip
-from hil.diagnosis.folds import Split
+from hil.diagnosis.folds import Split, parts
 from hil.diagnosis.grams import Errors, Group, Table
 from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
@@ -40,7 +40,7 @@ from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
-from hil.models.effect import Effect
+from hil.models.effect import Effect, Lines, Trait
 from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -67,6 +67,34 @@ class Visited:
     def keys(self) -> set[tuple[str, int]]:
         """Effects that were added with it, by name and joint."""
         return {c.term.key for c in self.added}
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """Evidence that was gathered last, and beside which model."""
+
+    rung: Visited
+    kind: str
+    joints: tuple[int, ...]
+    first: Evidence | None
+    evidence: Evidence
+    rated: list[Rated]
+
+    def serves(
+        self, rung: Visited, kind: str, joints: Sequence[int], first: Evidence | None
+    ) -> bool:  # fmt: skip
+        """Whether it holds what is asked for; floors of the first evidence are kept."""
+        same = rung is self.rung and kind == self.kind and set(joints) <= set(self.joints)
+        return same and (first is self.first or first is self.evidence)
+
+    def of(self, joints: Sequence[int]) -> tuple[Evidence, list[Rated]]:
+        """What belongs to some joints, or to the whole robot."""
+        if set(joints) == set(self.joints):
+            return self.evidence, self.rated
+        some = [
+            r for r in self.rated if r.joint in joints or r.candidate.term.effect.scope.of_robot
+        ]
+        return replace(self.evidence, candidates=[r.candidate for r in some]), some
 
 
 @dataclass
@@ -104,6 +132,7 @@ class Search:
     standing: list[tuple[str, int]] = field(default_factory=list)
     first: Evidence | None = None
     last: Evidence | None = None
+    _tried: _Tried | None = None
 
     @property
     def now(self) -> Visited:
@@ -132,16 +161,30 @@ class Search:
             heldout = of_blocks(table.left_out(keys), self.problem, self.split)
         return Visited(Step(label, result, heldout), errors)
 
+    def parted(self, result: FitResult) -> Errors:
+        """Errors of a fit on each part of the recording by the coefficients of the others."""
+        groups = model_groups(result)
+        table = Table(self.problem, parts(self.split), result.sigma, groups)
+        return table.errors([g.key for g in groups])
+
     # ------------------------------------------------------------------ evidence
 
     def evidence(self, joints: Sequence[int], kind: str = EFFECT) -> tuple[Evidence, list[Rated]]:
-        """All candidates of a kind on some joints beside the present model."""
+        """All candidates of a kind on some joints beside the present model, or of these."""
+        known = self._tried
+        if known is not None and known.serves(self.now, kind, joints, self.first):
+            return known.of(joints)
+        out, rated = self._evidence(joints, kind)
+        self._tried = _Tried(self.now, kind, tuple(joints), self.first, out, rated)
+        return out, rated
+
+    def _evidence(self, joints: Sequence[int], kind: str) -> tuple[Evidence, list[Rated]]:
         result = self.now.result
         terms, impossible = terms_to_try(result, joints, kind=kind)
         projector, _ = tried(result, [])
         changed = changes(result, projector)
         if not changed:
-            terms = [t for t in terms if not t.effect.sudden]
+            terms = [t for t in terms if not t.effect.variation.sudden]
         projector, found = tried(result, terms)
         floor = measured_floor(found, projector, result) if self.first is None else self.first.floor
         priced(found, floor, result)
@@ -162,7 +205,7 @@ class Search:
 
     def replaced(self, c: Candidate) -> int:
         """Values of the model that a candidate takes the place of."""
-        gone = {(name, c.term.joint) for name in c.term.effect.replaces}
+        gone = {(name, c.term.joint) for name in c.term.effect.relations.replaces}
         own = [t for t in self.now.result.terms if t.key in gone]
         return sum(len(t.effect.params) + len(t.effect.shape) for t in own)
 
@@ -178,7 +221,7 @@ class Search:
             picks = self._picks(rated, evidence, open_joints)
             open_joints = [
                 j for j in open_joints
-                if any(p.joint == j or p.candidate.term.effect.whole_robot for p in picks)
+                if any(p.joint == j or p.candidate.term.effect.scope.whole for p in picks)
             ]  # fmt: skip
             if not picks:
                 return
@@ -198,9 +241,13 @@ class Search:
         """
         kept, start = (list(self.found), dict(self.stops), dict(self.fired)), len(self.rungs)
         self._corrected(joints, CORRECTION)
+        if "robs" not in self.fired:
+            self.found, self.stops, self.fired = kept
+            return self.rungs[start:]
         named, first = self.now.result, len(self.rungs)
         self.rungs.append(self.rung("kept", _kept(named.model), named.sigma))
-        self.refused = {key for key in self.refused if not catalogue.get(key[0]).correction}
+        table = catalogue.table()
+        self.refused = {k for k in self.refused if Trait.CORRECTION not in table[k[0]].traits}
         self._corrected(joints, CORRECTION)
         self.found, self.stops, self.fired = kept
         del self.rungs[first]
@@ -231,13 +278,13 @@ class Search:
     def _picks(self, rated: list[Rated], evidence: Evidence, joints: Sequence[int]) -> list[Rated]:
         """The best candidate of each joint, or one of the whole robot that does more alone."""
         good = [r for r in rated if self.pays(r, evidence)]
-        own = [r for r in good if not r.candidate.term.effect.whole_robot]
+        own = [r for r in good if not r.candidate.term.effect.scope.whole]
         picks = []
         for j in joints:
             mine = [r for r in own if r.joint == j]
             if mine:
                 picks.append(simplest(mine, self.score))
-        whole = [r for r in good if r.candidate.term.effect.whole_robot]
+        whole = [r for r in good if r.candidate.term.effect.scope.whole]
         if whole:
             best = max(whole, key=self.score)
             rest = [p for p in picks if p.joint == best.joint]
@@ -305,7 +352,7 @@ class Search:
         for c in self.found[:-1]:
             now = self.now
             key, j = c.term.key, c.joint
-            if not any(t.key == key for t in now.result.terms) or c.term.effect.replaces:
+            if not any(t.key == key for t in now.result.terms) or c.term.effect.relations.replaces:
                 continue
             groups = model_groups(now.result)
             table = Table(self.problem, self.split, now.result.sigma, groups)
@@ -486,7 +533,9 @@ def _comparable(t: Term, own: Effect, j: int) -> bool:
     """
     if t.effect.name == own.name:
         return True
-    return (t.joint == j or t.effect.whole_robot) and not (t.effect.spectral or t.effect.sudden)
+    return (t.joint == j or t.effect.scope.whole) and not (
+        isinstance(t.effect.search, Lines) or t.effect.variation.sudden
+    )
 
 
 def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | None:
@@ -620,7 +669,7 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
             own = race.power(rest) - race.power(every)
             gain, words = beside
             out[c.term.key] = (taken / (taken + gain) if taken > 0 else 0.0, words)
-            if not c.term.effect.replaces:  # what it replaced is not there to be put back
+            if not c.term.effect.relations.replaces:  # what it replaced is not there to be put back
                 gain, words = race.best(rest, every)
                 stands = own > 0 and gain <= (0.0 if words == FOIL else BEATEN) * own
                 out[c.term.key] = min(

@@ -90,13 +90,14 @@ def _terms(fitted: FitResult, alone: FitResult, j: int) -> list[tuple[Term, bool
     What has a shape to be searched would imitate anything, but for a difference between runs; what
     every run has for itself says nothing of another one.
     """
-    mine = [t for t in fitted.terms if t.effect.whole_robot or t.joint == j]
+    mine = [t for t in fitted.terms if t.effect.scope.whole or t.joint == j]
     own = [(t, True) for t in mine if not t.per_run]
     new = [
         replace(t, per_run=False, shape=shape)
         for t in terms_to_try(alone)[0]
-        if (t.effect.relative or not t.effect.shape) and (t.effect.of_robot or t.joint == j)
-        for shape in t.effect.grid(alone.problem.motions[0], j)
+        if (t.effect.variation.relative or not t.effect.shape)
+        and (t.effect.scope.of_robot or t.joint == j)
+        for shape in t.effect.search.grid(alone.problem.motions[0], j)
     ]
     return [*own, *((t, False) for t in new)]
 
@@ -108,7 +109,7 @@ def _tried(
     rows = bare.residual[bare.rows(term)]
     beta = np.asarray(np.linalg.lstsq(columns, rows, rcond=None)[0], dtype=np.float64)
     n = bare.problem.n
-    part = (columns @ beta)[j * n : (j + 1) * n] if term.effect.whole_robot else columns @ beta
+    part = (columns @ beta)[j * n : (j + 1) * n] if term.effect.scope.whole else columns @ beta
     r = bare.residual[j * n : (j + 1) * n]
     gain = float(r @ r - (r - part) @ (r - part))
     return _Try(_words(term, known, beta, bare), gain / missed, gain / per - price * beta.size)
@@ -124,7 +125,7 @@ def _words(term: Term, known: bool, beta: FloatArray, bare: Projector) -> str:
         if beta.size == 1:
             return f"another {named[0][0]} ({size})"
         return f"other values of {term.effect.name}"
-    where = "" if term.effect.of_robot else f" on {joints[term.joint]}"
+    where = "" if term.effect.scope.of_robot else f" on {joints[term.joint]}"
     return f"{term.effect.name}{where}{f' ({size})' if size else ''} in one of them"
 
 

@@ -17,6 +17,7 @@ from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult, relative
+from hil.models.effect import Trait
 from hil.models.model import Range, RobotModel, Value
 
 FloatArray = NDArray[np.float64]
@@ -561,14 +562,18 @@ class Diagnosis:
 def describe(c: Candidate, problem: Problem) -> str:
     """E.g. ``stribeck on joint2``; of a correction what it is a function of."""
     where = joint_of(c, problem)
-    if c.term.effect.correction:
-        of = c.term.effect.variables
-        return f"{of} on {where}" if c.term.effect.geometry else f"correction over {of} on {where}"
+    if Trait.CORRECTION in c.term.effect.traits:
+        of = c.term.effect.doc.variables
+        return (
+            f"{of} on {where}"
+            if Trait.GEOMETRY in c.term.effect.traits
+            else f"correction over {of} on {where}"
+        )
     return f"{c.name} on {where}" if where else c.name
 
 
 def joint_of(c: Candidate, problem: Problem) -> str | None:
     """Joint's name, None for an effect of the whole robot."""
-    if c.term.effect.of_robot:
+    if c.term.effect.scope.of_robot:
         return None
     return problem.joints[c.term.joint]

@@ -203,7 +203,9 @@ def add(
     before = settled(fit_aligned(problem, model), examine, "before")
     where = "" if joints == ("*",) else f" on {', '.join(joints)}"
     joints = _usable(effect, joints, problem)
-    own: dict[str, object] = {"per_run": True} if kind.per_run and len(recordings) > 1 else {}
+    own: dict[str, object] = (
+        {"per_run": True} if kind.variation.per_run and len(recordings) > 1 else {}
+    )
     larger = before.result.model + Use(effect, joints, own)
     after = complete(fit_problem(problem, larger))
     after = replace(after, warnings=[*after.warnings, *examine.own(after)])
@@ -215,9 +217,9 @@ def add(
 def _usable(effect: str, joints: tuple[str, ...], problem: Problem) -> tuple[str, ...]:
     """Joints among those asked for on which an effect can be fitted to these data."""
     kind, every = catalogue.get(effect), problem.joints
-    asked = every if joints == ("*",) and not kind.whole_robot else joints
+    asked = every if joints == ("*",) and not kind.scope.whole else joints
     reasons = {
-        name: kind.available(problem.motions[0], every.index(name) if name in every else 0)
+        name: kind.scope.lacks(problem.motions[0], every.index(name) if name in every else 0)
         for name in asked
     }
     good = tuple(name for name, why in reasons.items() if not why)

@@ -7,6 +7,7 @@ does, is not adequate.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -26,8 +27,10 @@ from hil.identify.errors import complete
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.standstill import HELD
-from hil.identify.timing import LATE, late_effort
+from hil.identify.timing import late_effort
 from hil.identify.validity import outside
+from hil.models import catalogue
+from hil.models.effect import Trait
 from hil.models.model import RobotModel
 from hil.record.checks import Finding as Fault
 from hil.record.jumps import described
@@ -168,7 +171,8 @@ def common(findings: list[Finding], moving: list[str]) -> list[tuple[str, str]]:
     moving : list of str
         Joints that move.
     """
-    late = {f.joint: _lateness(f) for f in findings if f.effect in LATE}
+    traits = ((f, catalogue.get(f.effect).traits) for f in findings)
+    late = {f.joint: _lateness(f) for f, own in traits if Trait.LATE in own}
     if len(moving) < 2 or set(late) != set(moving):
         return []
     times = list(late.values())
@@ -184,9 +188,10 @@ def common(findings: list[Finding], moving: list[str]) -> list[tuple[str, str]]:
 
 
 def _lateness(f: Finding) -> float:
-    """How late the whole effort acts [s]: a T n, as far as the effect has them."""
+    """How late the whole effort acts [s]: the product of its coefficient and its shape values."""
+    effect = catalogue.get(f.effect)
     values = {name.rsplit(".", 1)[-1]: v.value for name, v in f.parameters.items()}
-    return values.get("a", 1.0) * values["T"] * values.get("n", 1.0)
+    return math.prod(values.get(p.name, 1.0) for p in (*effect.params, *effect.shape))
 
 
 def lost_counts(
@@ -195,7 +200,7 @@ def lost_counts(
     """Instants and sizes of jumps that are named, unless the checks of the recording gave them."""
     out = []
     for f in findings:
-        if f.effect != "missed-counts" or f.joint is None:
+        if Trait.JUMPS not in catalogue.get(f.effect).traits or f.joint is None:
             continue
         for r in recordings:
             j = r.joints.index(f.joint)

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError
 from hil.estimate import online
 from hil.models import catalogue
+from hil.models.effect import Trait
 from hil.models.model import RobotModel, Value
 from hil.models.phantom import Premium
 from hil.models.robots import bare_robot
 
 FloatArray = NDArray[np.float64]
 #: Parts of a model that the rigid-body part of the loop holds.
-RIGID = ("rigid-body", "armature")
+RIGID = Trait.BODY | Trait.ROTOR
 JOINTS = ("joint1", "joint2", "joint3")
 #: What stands for an effect without values.
 _NONE = Value(math.nan)
@@ -41,12 +42,18 @@ def rigid_parameters(model: RobotModel) -> FloatArray:
             f"{model.robot.preset or 'a URDF'!r}"
         )
     values = model.values()
-    pi = np.array([_value(values, f"rigid-body.{n}") for n in Premium.names])
+    body, rotors = _names(Trait.BODY), _names(Trait.ROTOR)
+    pi = np.array([_value(values, f"{body[0]}.{n}") for n in Premium.names])
     for row, name in ((0, "j1"), (4, "j2"), (5, "j3")):
         for key, value in values.items():
-            if key.startswith(f"{name}.armature."):
+            if key.startswith(tuple(f"{name}.{rotor}." for rotor in rotors)):
                 pi[row] += value.value
     return pi
+
+
+def _names(trait: Trait) -> list[str]:
+    """Names of the effects with a trait."""
+    return [name for name, effect in catalogue.table().items() if trait in effect.traits]
 
 
 def effects(model: RobotModel) -> dict[str, float]:
@@ -61,7 +68,7 @@ def effects(model: RobotModel) -> dict[str, float]:
     found = {
         name: value.value
         for use in model.effects
-        if use.type not in RIGID
+        if not catalogue.get(use.type).traits & RIGID
         for name, value in (use.values or {f"j1.{use.type}.-": _NONE}).items()
     }
     online.tables(found, span(model))

@@ -21,7 +21,8 @@ from hil.estimate.knots import sampled
 from hil.estimate.part import Part, refusal
 from hil.estimate.probe import ENDS, made_up
 from hil.models import catalogue
-from hil.models.effect import Effect
+from hil.models.effect import Effect, terms_of
+from hil.models.presliding import Presliding
 
 FloatArray = NDArray[np.float64]
 
@@ -67,7 +68,7 @@ def tables(values: Mapping[str, float], span: Sequence[float] = ()) -> Tables:
     for j, effect, given in _groups(values):
         part = Part(effect, j, *_numbers(effect, j, given), ends, bool(len(span)))
         theta = part.theta
-        if effect.name == "presliding":
+        if isinstance(effect, Presliding):
             if part.shape[0] <= 0.0:
                 raise refusal(effect, "its displacement s is not positive")
             if part.shape[1] > 1.0:
@@ -102,7 +103,7 @@ def _numbers(
     """Shape and coefficients of an effect on joint j, in the order of its columns."""
     motion = made_up(np.tile(ENDS["q"], (3, 1)))
     shapes = [p.name for p in effect.shape]
-    names = [p.name for p in effect.terms(motion, j)]
+    names = [p.name for p in terms_of(effect, motion, j)]
     missing = [n for n in (*shapes, *names) if not math.isfinite(given.get(n, math.nan))]
     if missing:
         raise refusal(effect, f"its {', '.join(missing[:6])} on joint {j + 1} are unknown")

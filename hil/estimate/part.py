@@ -73,7 +73,7 @@ class Part:
         ConfigError
             If it has a memory, or needs what the loop does not know.
         """
-        if "motor" not in self.effect.explains:
+        if "motor" not in self.effect.scope.explains:
             raise refusal(
                 self.effect, "it is a part of the measured force, not of a motor's torque"
             )

@@ -78,14 +78,14 @@ def _scale(torque: FloatArray, problem: Problem) -> FloatArray:
 def _unknown(name: str, j: int, problem: Problem, size: float) -> Rival:
     """A rival with the middle of its shapes and coefficients of a given rms effort."""
     effect = catalogue.get(name)
-    if "motor" not in effect.explains:
+    if "motor" not in effect.scope.explains:
         raise ConfigError(
             f"effect {name!r} shows in contact only; no free motion can tell: press on the object "
-            f"instead ({effect.shown_by})"
+            f"instead ({effect.doc.shown_by})"
         )
-    if reason := effect.available(problem.motions[0], j):
+    if reason := effect.scope.lacks(problem.motions[0], j):
         raise ConfigError(f"effect {name!r}: {reason}; no motion of this rig can show it")
-    grid = effect.grid(problem.motions[0], j)
+    grid = effect.search.grid(problem.motions[0], j)
     term = Term(effect, j, grid[len(grid) // 2] if grid else ())
     columns = problem.columns(effect, j, term.shape)
     flat = columns[j] if columns.ndim == 3 else columns

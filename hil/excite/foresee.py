@@ -14,6 +14,7 @@ from hil.identify.context import update_load
 from hil.identify.design import Term, bind, coefficients
 from hil.identify.problem import Problem
 from hil.identify.solve import prior, slices_of
+from hil.models.effect import Trait
 from hil.models.model import RobotModel
 from hil.record.recording import Recording, RobotSource
 
@@ -48,7 +49,7 @@ def complete(problem: Problem, terms: Sequence[Term], theta: FloatArray) -> None
     update_load(problem, listed, theta, slices)
     total = [np.zeros_like(m.q) for m in problem.motions]
     for t, where in zip(listed, slices, strict=True):
-        at = slice(None) if t.effect.whole_robot else t.joint
+        at = slice(None) if t.effect.scope.whole else t.joint
         for tau, columns in zip(total, problem.raw(t.effect, t.joint, t.shape), strict=True):
             tau[:, at] += columns @ theta[where]
     pairs = zip(problem.motions, total, strict=True)
@@ -63,15 +64,15 @@ def nominal(model: RobotModel, problem: Problem, limits: Limits) -> tuple[list[T
     """
     terms = []
     for t in bind(model, problem):
-        shape = t.shape or t.effect.grid(problem.motions[0], t.joint)[0]
+        shape = t.shape or t.effect.search.grid(problem.motions[0], t.joint)[0]
         terms.append(t.reshaped(shape))
     names = [n for t in terms for n, _ in coefficients(t, problem)]
     theta = prior(problem, terms, model, names)
     for t, where in zip(terms, slices_of(problem, terms), strict=True):
         torque, speed = float(limits.torque[t.joint]), float(limits.speed[t.joint])
-        if t.effect.name in ("coulomb", "viscous") and not np.any(theta[where]):
+        if t.effect.traits & (Trait.DRY | Trait.VISCOUS) and not np.any(theta[where]):
             dry = FRICTION * torque if np.isfinite(torque) else 0.0
-            theta[where] = dry if t.effect.name == "coulomb" else dry / max(speed, 1e-9)
+            theta[where] = dry if Trait.DRY in t.effect.traits else dry / max(speed, 1e-9)
     return terms, theta
 
 

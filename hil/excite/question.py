@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hil.excite import foresee
 from hil.identify.design import Term
 from hil.identify.problem import Problem
+from hil.models.effect import Trait
 
 FloatArray = NDArray[np.float64]
 #: Share of a signal's power by which functional forms miss the truth.
@@ -113,7 +114,9 @@ def sharp(base: Sequence[Term], v0: FloatArray) -> tuple[list[Term], FloatArray]
     as a difference between two effects.
     """
     tiny = SHARP * v0
-    terms = [t.reshaped((float(tiny[t.joint]),)) if t.effect.name == "coulomb" else t for t in base]
+    dry = (Trait.DRY in t.effect.traits for t in base)
+    each = zip(base, dry, strict=True)
+    terms = [t.reshaped((float(tiny[t.joint]), *t.shape[1:])) if dry else t for t, dry in each]
     return terms, tiny
 
 

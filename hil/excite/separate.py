@@ -126,6 +126,6 @@ def imitations(term: Term, problem: Problem, near: Sequence[tuple[float, ...]]) 
     tuple[float, ...], ...
 ]:  # fmt: skip
     """Shapes with which an effect may imitate another: its own, `near`, and its grid thinned."""
-    grid = term.effect.grid(problem.motions[0], term.joint) or [term.shape]
+    grid = term.effect.search.grid(problem.motions[0], term.joint) or [term.shape]
     step = max(1, len(grid) // SHAPES)
     return tuple(dict.fromkeys([term.shape, *near, *grid[step // 2 :: step]]))

@@ -14,6 +14,7 @@ from hil.identify.design import Term, block, by_run
 from hil.identify.problem import Problem
 from hil.identify.response import Response
 from hil.identify.shapes import search_shapes
+from hil.models.effect import Trait
 from hil.models.motion import Motion
 
 if TYPE_CHECKING:
@@ -35,11 +36,11 @@ def impossible(term: Term, problem: Problem, reason: str) -> FitError:
 def find_surface(problem: Problem, terms: list[Term], sigma: FloatArray) -> None:
     """Set the surface that contact laws refer to before any of them is evaluated."""
     motion = problem.motions[0]
-    ready = [t for t in terms if not t.effect.available(motion, t.joint)]
+    ready = [t for t in terms if not t.effect.scope.lacks(motion, t.joint)]
     if len(ready) < len(terms):
         set_context(problem, search_shapes(problem, ready, sigma))
     for t in terms:
-        reason = t.effect.available(problem.motions[0], t.joint)
+        reason = t.effect.scope.lacks(problem.motions[0], t.joint)
         if reason and not np.all(np.isfinite(block(problem, t))):
             raise impossible(t, problem, reason)
 
@@ -51,7 +52,7 @@ def references(terms: Sequence[Term], v0: FloatArray, contact: FloatArray) -> di
         names = [p.name for p in t.effect.shape]
         if "v0" in names:
             v0[t.joint] = t.shape[names.index("v0")]
-        if t.effect.name == "contact-stiffness":
+        if Trait.SURFACE in t.effect.traits:
             contact[t.joint] = t.shape
     return {"v0": v0, "contact": contact}
 
@@ -88,7 +89,7 @@ def _drives(
             continue
         each = by_run(t, theta[where], problem.runs)[problem.whole] if t.per_run else None
         parts = [theta[where]] * len(out) if each is None else list(each)
-        at = slice(None) if t.effect.whole_robot else t.joint
+        at = slice(None) if t.effect.scope.whole else t.joint
         raw = problem.raw(t.effect, t.joint, t.shape)
         for total, columns, part in zip(out, raw, parts, strict=True):
             total[:, at] += columns @ part
@@ -111,8 +112,8 @@ def _sliding(
     """The motion with the friction's states that the terms have; the same if they are as before."""
     states: list[FloatArray | None] = [None] * motion.d
     for t, where in zip(terms, slices, strict=True):
-        if not (t.effect.whole_robot or t.per_run):
-            made = t.effect.state(motion, t.joint, t.shape, theta[where].tolist())
+        if not (t.effect.scope.whole or t.per_run):
+            made = t.effect.relations.state(motion, t.joint, t.shape, theta[where].tolist())
             states[t.joint] = made if made is not None else states[t.joint]
     if all(s is None for s in states):
         return replace(motion, friction=()) if motion.friction else motion
@@ -134,7 +135,7 @@ def carrying(result: FitResult, problem: Problem) -> list[Motion]:
     problem : Problem
         Its own, or one of other runs; stays as it is.
     """
-    if not any(t.effect.uses_load for t in result.terms):
+    if not any(Trait.LOAD in t.effect.traits for t in result.terms):
         return problem.motions
     fitted = result.terms, result.theta, result.slices
     parts = zip(problem.motions, *_loads(problem, *fitted), strict=True)
@@ -179,13 +180,13 @@ def _responding(
     solid = [
         (t, theta[where])
         for t, where in zip(terms, slices, strict=True)
-        if (t.effect.family in SOLID or t.effect.name == "viscous") and not t.per_run
+        if (t.effect.family in SOLID or Trait.VISCOUS in t.effect.traits) and not t.per_run
     ]
     more = [
         (t, theta[where])
         for t, where in zip(terms, slices, strict=True)
-        if t.effect.family == "friction" and t.effect.name != "viscous"
-        and not (t.per_run or t.effect.replayed or t.effect.uses_load)
+        if t.effect.family == "friction"
+        and not (t.per_run or t.effect.traits & (Trait.VISCOUS | Trait.REPLAYED | Trait.LOAD))
     ]  # fmt: skip
     return [replace(m, response=Response(m, solid, more)) for m in motions]
 
@@ -195,7 +196,7 @@ def _carried(problem: Problem, mass: list[tuple[Term, FloatArray]], rest: bool) 
     out = [np.zeros_like(m.q) for m in problem.motions]
     for t, theta in mass:
         raw = problem.raw(t.effect, t.joint, t.shape, rest)
-        where = slice(None) if t.effect.whole_robot else t.joint
+        where = slice(None) if t.effect.scope.whole else t.joint
         for total, columns in zip(out, raw, strict=True):
             total[:, where] += columns @ theta
     return out

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError, unknown
 from hil.identify.problem import Problem
 from hil.models import catalogue
-from hil.models.effect import Effect, Param
+from hil.models.effect import Effect, Param, Trait, terms_of
 from hil.models.model import RobotModel, Use, Value
 
 FloatArray = NDArray[np.float64]
@@ -56,7 +56,7 @@ class Term:
 
 def head(effect: Effect, j: int) -> str:
     """Start of the full names of an effect's parameters on joint j."""
-    return effect.name if effect.of_robot else f"j{j + 1}.{effect.name}"
+    return effect.name if effect.scope.of_robot else f"j{j + 1}.{effect.name}"
 
 
 def prefix(term: Term, joints: tuple[str, ...]) -> str:
@@ -67,17 +67,19 @@ def prefix(term: Term, joints: tuple[str, ...]) -> str:
 def coefficients(term: Term, problem: Problem) -> list[tuple[str, Param]]:
     """Full names and declarations of a term's linear coefficients, one a column."""
     start = prefix(term, problem.joints)
-    params = term.effect.terms(problem.motions[0], term.joint)
+    params = terms_of(term.effect, problem.motions[0], term.joint)
     if not term.per_run:
         return [(f"{start}.{p.name}", p) for p in params]
     firsts = np.unique(problem.whole, return_index=True)[1]
-    names = [problem.recordings[k].name for k in firsts][1 if term.effect.relative else 0 :]
+    names = [problem.recordings[k].name for k in firsts][
+        1 if term.effect.variation.relative else 0 :
+    ]
     return [(f"{start}.{p.name}[{run}]", p) for run in names for p in params]
 
 
 def by_run(term: Term, theta: FloatArray, runs: int) -> FloatArray:
     """Coefficients (runs, m) of a term with its own ones in every run."""
-    first = int(term.effect.relative)
+    first = int(term.effect.variation.relative)
     each = theta.reshape(runs - first, -1) if runs > first else np.zeros((0, theta.size))
     return np.concatenate([np.zeros((first, each.shape[1])), each])
 
@@ -100,28 +102,28 @@ def bind(model: RobotModel, problem: Problem) -> list[Term]:
     terms: list[Term] = []
     for index, use in enumerate(model.effects):
         effect = catalogue.get(use.type)
-        if model.explains not in effect.explains:
+        if model.explains not in (efforts := effect.scope.explains):
             raise ConfigError(
-                f"effect {use.type!r} explains {' and '.join(effect.explains)} effort, but the "
+                f"effect {use.type!r} explains {' and '.join(efforts)} effort, but the "
                 f"model explains {model.explains!r} effort; set robot.explains or remove it"
             )
         joints = _joints(use, effect, problem)
-        if use.joints == ("*",) and any(effect.grid(motion, j) for j in joints):
-            joints = [j for j in joints if effect.grid(motion, j)]
+        if use.joints == ("*",) and any(effect.search.grid(motion, j) for j in joints):
+            joints = [j for j in joints if effect.search.grid(motion, j)]
         for j in joints:
-            if effect.available(motion, j) and not effect.candidate:
+            if effect.scope.lacks(motion, j) and Trait.GIVEN in effect.traits:
                 continue
             options = {k: bool(use.options.get(k, False)) for k in OPTIONS}
-            if effect.relative and options["per_run"] and problem.runs == 1:
+            if effect.variation.relative and options["per_run"] and problem.runs == 1:
                 continue  # one run alone shows no difference between runs
             shape = stored_shape(use, effect, j, problem)
             terms.append(Term(effect, j, shape, use=index, **options))
-    gone = {(name, t.joint) for t in terms for name in t.effect.replaces}
+    gone = {(name, t.joint) for t in terms for name in t.effect.relations.replaces}
     return [t for t in terms if t.key not in gone]
 
 
 def _joints(use: Use, effect: Effect, problem: Problem) -> list[int]:
-    if effect.of_robot:
+    if effect.scope.of_robot:
         return [0]
     if use.joints == ("*",):
         return list(range(problem.d))

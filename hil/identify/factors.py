@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from hil.identify.design import Term, block
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, of_factors
+from hil.models.effect import Trait
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]
@@ -69,7 +70,7 @@ def factors(
 
 
 def _once(term: Term) -> bool:
-    return term.effect.motion_only and not term.effect.shape
+    return Trait.MOTION in term.effect.traits and not term.effect.shape
 
 
 def _rows(values: FloatArray, j: int) -> FloatArray:

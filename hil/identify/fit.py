@@ -79,7 +79,7 @@ def fit(
 def _start(term: Term, problem: Problem) -> tuple[float, ...]:
     grid = problem.grid(term.effect, term.joint)
     if not grid:
-        reason = term.effect.available(problem.motions[0], term.joint) or "no shape to try"
+        reason = term.effect.scope.lacks(problem.motions[0], term.joint) or "no shape to try"
         raise impossible(term, problem, reason)
     return grid[0]
 

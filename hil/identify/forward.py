@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hil.identify.design import Term, by_run
 from hil.identify.kept import watched
 from hil.identify.result import FitResult
-from hil.models.mass import RigidBody
+from hil.models.effect import Trait
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
@@ -72,7 +72,7 @@ class _Forward:
         self.motion, self.owner = motion, owner
         every = shared([parts_of(job.result, motion) for job in jobs], owner)
         #: Rigid-body parameters: the robot gives their balance at once; no parts of the rest.
-        own = [isinstance(t.effect, RigidBody) for t, _ in every]
+        own = [Trait.BODY in t.effect.traits for t, _ in every]
         self._masses = [theta for (_, theta), mine in zip(every, own, strict=True) if mine]
         self._parts = [part for part, mine in zip(every, own, strict=True) if not mine]
         self._seen = [looked_at(t, motion) for t, _ in self._parts]
@@ -138,12 +138,12 @@ class _Forward:
             few = self.motion.at_states(q, qd, qdd[0], *flat[2:])
         out = np.zeros(shape)
         for (t, theta), seen in zip(self._parts, self._seen, strict=True):
-            if not mass and (t.effect.whole_robot or "qd" not in seen):
+            if not mass and (t.effect.scope.whole or "qd" not in seen):
                 continue
             theta = theta if rows is None else theta[rows]
             m = every if "qdd" in seen else few
             columns = t.effect.columns(m, t.joint, t.shape)
-            if t.effect.whole_robot:
+            if t.effect.scope.whole:
                 columns = columns.reshape(-1, shape[1], *columns.shape[1:])
                 out += np.einsum("rwdm,wm->rwd", columns, theta)
             elif theta.shape[1] == 1:
@@ -209,7 +209,7 @@ def _drives(
 ) -> Callable[[IntArray, IntArray], FloatArray]:
     """What drives rows (w,) at instants (w,): efforts less those that are replayed, (w, d)."""
     results = list({id(job.result): job.result for job in jobs}.values())
-    if not any(t.effect.replayed for r in results for t in r.terms):
+    if not any(Trait.REPLAYED in t.effect.traits for r in results for t in r.terms):
         pushed = motion.tau + motion.tau_ext
         return lambda rows, now: np.asarray(pushed[now])
     place = {id(r): k for k, r in enumerate(results)}
@@ -360,7 +360,7 @@ def shared(parts: Sequence[Sequence[Part]], owner: IntArray) -> list[Part]:
     found: dict[tuple[object, ...], Part] = {}
     for k, own in enumerate(parts):
         for t, theta in own:
-            if not t.effect.replayed:
+            if Trait.REPLAYED not in t.effect.traits:
                 key = (*t.key, t.shape)
                 if key not in found:
                     found[key] = (t, np.zeros((len(owner), theta.size)))
@@ -378,7 +378,9 @@ def parts_of(result: FitResult, motion: Motion) -> list[Part]:
             own = by_run(t, theta, result.problem.runs)[result.problem.whole]
             known = [own[k] for k, m in enumerate(motions) if m is motion]
             theta = np.asarray(known[0]) if known else np.zeros(own.shape[1])
-        elif t.effect.belongs(t.shape) and all(m is not motion for m in result.problem.motions):
+        elif t.effect.variation.own(t.shape) and all(
+            m is not motion for m in result.problem.motions
+        ):
             theta = np.zeros_like(theta)
         out.append((t, theta))
     return out
@@ -391,8 +393,8 @@ def replayed(result: FitResult, motion: Motion, own: Motion | None = None) -> Fl
     """
     out = np.zeros_like(motion.q)
     for t, theta in parts_of(result, motion):
-        if t.effect.replayed:
-            where = slice(None) if t.effect.whole_robot else t.joint
+        if Trait.REPLAYED in t.effect.traits:
+            where = slice(None) if t.effect.scope.whole else t.joint
             out[:, where] += t.effect.columns(own or motion, t.joint, t.shape) @ theta
     return out
 

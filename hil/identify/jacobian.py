@@ -12,6 +12,7 @@ from hil.identify.design import Term, by_run
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, extended
 from hil.identify.solve import noise_to_signal
+from hil.models.effect import Trait
 from hil.models.motion import Motion
 from hil.models.param import JOINT
 
@@ -25,7 +26,7 @@ SMALL = 1e-3
 def line(problem: Problem, term: Term) -> FloatArray:
     """Values of the first shape parameter on the term's grid, the form being as it is; sorted.
 
-    All values where the others were changed to what the grid does not hold (`Effect.across`).
+    All values where the others were changed to what the grid does not hold (`Search.across`).
     """
     grid = problem.grid(term.effect, term.joint)
     own = [s[0] for s in grid if s[1:] == term.shape[1:]]
@@ -34,7 +35,7 @@ def line(problem: Problem, term: Term) -> FloatArray:
 
 def searched(problem: Problem, term: Term) -> bool:
     """Whether the first shape value was found on a continuous range (the others are forms)."""
-    held = term.fixed or term.fixed_shape or not term.effect.shape or not term.effect.refine
+    held = term.fixed or term.fixed_shape or not term.effect.shape or not term.effect.search.refine
     return not held and line(problem, term).size > 1
 
 
@@ -117,7 +118,7 @@ def _effort(
 def _refers(term: Term, joint: int) -> bool:
     """Whether a term's columns may depend on what was found for a joint."""
     coupled = any(p.name == JOINT for p in term.effect.shape)
-    return not term.effect.motion_only and (term.joint == joint or coupled)
+    return Trait.MOTION not in term.effect.traits and (term.joint == joint or coupled)
 
 
 def _acting(
@@ -131,7 +132,7 @@ def _acting(
         for m, c in zip(motions, own, strict=True)
     ]
     out = np.zeros((problem.d, problem.n))
-    if term.effect.whole_robot:
+    if term.effect.scope.whole:
         out[:] = problem.acting(raw, None).T
     else:
         out[term.joint] = problem.acting(raw, term.joint)

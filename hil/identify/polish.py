@@ -53,7 +53,7 @@ def polish(problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatA
 
 
 def _movable(problem: Problem, term: Term) -> bool:
-    if term.effect.ends_at_resolution or not searched(problem, term):
+    if term.effect.search.at_resolution or not searched(problem, term):
         return False
     return end_of_range(problem, term) == 0
 

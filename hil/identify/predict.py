@@ -49,8 +49,8 @@ def own_values(result: FitResult) -> dict[str, tuple[int, list[int]]]:
         if _own(t):
             motion = result.problem.motions[0]
             count = np.any(t.effect.columns(motion, t.joint, t.shape) != 0, axis=0)
-            size = int(np.sum(np.any(count, axis=0) if t.effect.whole_robot else count))
-            joints = [] if t.effect.of_robot else [t.joint]
+            size = int(np.sum(np.any(count, axis=0) if t.effect.scope.whole else count))
+            joints = [] if t.effect.scope.of_robot else [t.joint]
             known = out.setdefault(t.effect.name, (size, []))
             known[1].extend(joints)
     return out
@@ -58,14 +58,14 @@ def own_values(result: FitResult) -> dict[str, tuple[int, list[int]]]:
 
 def _own(t: Term) -> bool:
     """Whether every run has its own coefficients."""
-    return t.per_run or t.effect.belongs(t.shape)
+    return t.per_run or t.effect.variation.own(t.shape)
 
 
 def _without(r: FloatArray, term: Term, problem: Problem, sigma: FloatArray) -> FloatArray:
     """Residual r (d, n) less what a term of every run for itself explains of it."""
     columns = problem.columns(term.effect, term.joint, term.shape, per_run=True, every=True)
-    at = slice(None) if term.effect.whole_robot else slice(term.joint, term.joint + 1)
-    wide = columns if term.effect.whole_robot else columns[None]
+    at = slice(None) if term.effect.scope.whole else slice(term.joint, term.joint + 1)
+    wide = columns if term.effect.scope.whole else columns[None]
     scale = sigma[at, None]
     rows = (wide / scale[..., None]).reshape(-1, wide.shape[-1])
     part = np.linalg.lstsq(rows, (r[at] / scale).reshape(-1), rcond=None)[0]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError
 from hil.identify.kept import Seen, watched
 from hil.identify.rows import Rows
-from hil.models.effect import Effect
+from hil.models.effect import Effect, Trait, terms_of
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
@@ -63,16 +63,16 @@ class Problem(Rows):
         With `per_run` a set a run: all runs but the first one of an effect that only shows in
         differences between runs, unless `every`.
         """
-        first = int(effect.relative and not every) if per_run else None
+        first = int(effect.variation.relative and not every) if per_run else None
         key = (effect.name, j, tuple(shape), first)
         known = self._kept.get(key, self.motions)
         if known is not None:
             return known
         if first is not None and first >= self.runs:
             # one run alone shows no difference between runs
-            return np.zeros((self.d, self.n, 0) if effect.whole_robot else (self.n, 0))
+            return np.zeros((self.d, self.n, 0) if effect.scope.whole else (self.n, 0))
         raw, fields = self._made(effect, j, shape)
-        out = self.acting(raw, None if effect.whole_robot else j)
+        out = self.acting(raw, None if effect.scope.whole else j)
         if first is not None:
             out = self.by_run(out, first)
         return self._keep(key, out, effect, fields)
@@ -80,7 +80,7 @@ class Problem(Rows):
     def _keep(
         self, key: tuple[object, ...], out: FloatArray, effect: Effect, fields: Seen
     ) -> FloatArray:
-        columns = np.moveaxis(out, 0, 1) if effect.whole_robot else out
+        columns = np.moveaxis(out, 0, 1) if effect.scope.whole else out
         self._kept.put(key, columns, fields, self.motions)
         return columns
 
@@ -95,7 +95,7 @@ class Problem(Rows):
             made += [self._made(effect, j, s) for s in now[1:]]
             runs = zip(*(raw for raw, _ in made), strict=True)
             wide = [_beside(parts) for parts in runs]
-            out = self.acting(wide, None if effect.whole_robot else j)
+            out = self.acting(wide, None if effect.scope.whole else j)
             edges = np.cumsum([raw[0].shape[-1] for raw, _ in made])[:-1]
             parts = zip(now, np.split(out, edges, axis=-1), made, strict=True)
             for shape, part, (_, fields) in parts:
@@ -127,7 +127,11 @@ class Problem(Rows):
         motions = [m.at_rest() for m in self.motions] if rest else self.motions
         out, fields = watched(effect, motions, j, shape)
         _sound(effect, j, self.motions[0], out[0])
-        if effect.motion_only and not effect.shape and sum(x.nbytes for x in out) <= KEPT:
+        if (
+            Trait.MOTION in effect.traits
+            and not effect.shape
+            and sum(x.nbytes for x in out) <= KEPT
+        ):
             self._raw[key] = out
         return out, fields
 
@@ -151,8 +155,8 @@ def _beside(parts: Sequence[FloatArray]) -> FloatArray:
 
 def _sound(effect: Effect, j: int, motion: Motion, columns: FloatArray) -> None:
     """Refuse columns of a shape that was not declared, or with a number that is none."""
-    rows = (motion.n, motion.d) if effect.whole_robot else (motion.n,)
-    expected = (*rows, len(effect.terms(motion, j)))
+    rows = (motion.n, motion.d) if effect.scope.whole else (motion.n,)
+    expected = (*rows, len(terms_of(effect, motion, j)))
     if np.shape(columns) != expected:
         raise ConfigError(
             f"effect {effect.name!r}: columns have shape {np.shape(columns)}, expected {expected}: "
@@ -162,7 +166,7 @@ def _sound(effect: Effect, j: int, motion: Motion, columns: FloatArray) -> None:
         raise ConfigError(f"effect {effect.name!r} has no params, so there is nothing to fit")
     # a sum is cheap; one that is no number may still be an overflow
     sound = np.isfinite(np.sum(columns)) or np.isfinite(columns).all()
-    if not sound and not effect.available(motion, j):
+    if not sound and not effect.scope.lacks(motion, j):
         raise ConfigError(
             f"effect {effect.name!r}: its columns hold NaN or infinity on joint {j + 1}; "
             "guard its equation (division by zero, power of a negative number)"

@@ -20,7 +20,7 @@ from hil.identify.design import Term, block
 from hil.identify.factors import factors
 from hil.identify.problem import BATCH, Problem
 from hil.identify.regression import basis
-from hil.models.effect import Effect
+from hil.models.effect import Effect, strict
 
 FloatArray = NDArray[np.float64]
 #: Relative error of a coefficient that was put on its bound in other units.
@@ -101,14 +101,14 @@ class Projector:
     def rows(self, term: Term) -> slice:
         """Rows that a term acts on."""
         n = self.problem.n
-        if term.effect.whole_robot:
+        if term.effect.scope.whole:
             return slice(0, n * self.problem.d)
         return slice(term.joint * n, (term.joint + 1) * n)
 
     def weighted(self, term: Term) -> FloatArray:
         """The term's weighted columns on its rows."""
         columns = block(self.problem, term)
-        if term.effect.whole_robot:
+        if term.effect.scope.whole:
             flat = columns / self.sigma[:, None, None]
             return flat.reshape(self.problem.d * self.problem.n, -1)
         out: FloatArray = columns / self.sigma[term.joint]
@@ -152,7 +152,7 @@ class Projector:
 
     def _stacked(self, term: Term, parts: Sequence[FloatArray]) -> FloatArray:
         """Weighted columns (N, shapes, m) of several shapes."""
-        m, whole = parts[0].shape[-1], term.effect.whole_robot
+        m, whole = parts[0].shape[-1], term.effect.scope.whole
         d, n = (self.problem.d if whole else 1), self.problem.n
         sigma = self.sigma[:, None, None] if whole else self.sigma[term.joint]
         out = np.empty((d, n, len(parts), m))
@@ -189,7 +189,7 @@ class Projector:
         inverse = (vector * share[:, None, :]) @ vector.transpose(0, 2, 1)
         beta = (inverse @ right[:, :, None])[:, :, 0]
         gain = np.sum(right * beta, axis=1)
-        if term.effect.strict:
+        if strict(term.effect):
             for k in range(g):
                 if not within(term.effect, beta[k] / norm[k]):
                     beta[k] = _kept(term.effect, beta[k], vector[k], value[k], norm[k])
@@ -236,6 +236,6 @@ def within(effect: Effect, beta: FloatArray) -> bool:
 
 def _counted(effect: Effect, scores: Scores) -> FloatArray:
     """Gains (g,); none where a strict effect's coefficients leave their bounds."""
-    if not effect.strict:
+    if not strict(effect):
         return scores.gain
     return np.where([within(effect, b) for b in scores.beta], scores.gain, 0.0)

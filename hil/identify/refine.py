@@ -24,16 +24,16 @@ def searched(
 ) -> tuple[Term, float]:  # fmt: skip
     """The best shape about the grid's best: its first value, the others, the first again."""
     gain, effect = known[found.shape], found.effect
-    movable = effect.refine and len(effect.shape) and len(grid) > 1
+    movable = effect.search.refine and len(effect.shape) and len(grid) > 1
     line = line_of(grid, found.shape) if movable else []
     if movable:
         found, gain = _refine(projector, found, line, known, accuracy)
-        if effect.rounds:
+        if effect.search.rounds:
             found, gain, line = _summits(projector, (found, gain, line), grid, known, accuracy)
-    for _ in range(max(effect.rounds, 1)):
+    for _ in range(max(effect.search.rounds, 1)):
         before = found.shape
         found, gain = _across(projector, found, gain)
-        if not (effect.rounds and movable) or found.shape == before:
+        if not (effect.search.rounds and movable) or found.shape == before:
             break
         known[found.shape] = gain
         found, gain = _refine(projector, found, line, known, accuracy)
@@ -68,12 +68,12 @@ def present(
     accuracy: float,
 ) -> tuple[Term, float]:  # fmt: skip
     """The shape that the term has already, climbed from there, where it leaves clearly less."""
-    if not term.effect.rounds or not term.shape or term.shape == found[0].shape:
+    if not term.effect.search.rounds or not term.shape or term.shape == found[0].shape:
         return found
     gain = projector.gain(term)
     if gain - found[1] <= (CLOSE - 1) * left(projector, term, gain):
         return found
-    if not term.effect.refine or len(grid) < 2:
+    if not term.effect.search.refine or len(grid) < 2:
         return term, gain
     return _refine(projector, term, line_of(grid, term.shape), {term.shape: gain}, accuracy)
 
@@ -86,7 +86,7 @@ def line_of(grid: list[tuple[float, ...]], shape: tuple[float, ...]) -> list[flo
 
 def _across(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
     """The term with other values than the first one changed, where that leaves clearly less."""
-    shapes = term.effect.across(projector.problem.motions[0], term.joint, term.shape)
+    shapes = term.effect.search.across(projector.problem.motions[0], term.joint, term.shape)
     if not shapes:
         return term, gain
     gains = [*projector.gains(term, shapes).tolist(), gain]
@@ -99,7 +99,7 @@ def _across(projector: Projector, term: Term, gain: float) -> tuple[Term, float]
 
 def _other(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
     """The term in an unusual form where that leaves clearly less than what it has to beat."""
-    found = term.effect.others(projector.problem.motions[0], term.joint, term.shape)
+    found = term.effect.search.others(projector.problem.motions[0], term.joint, term.shape)
     if found is None or not found[0]:
         return term, gain
     shapes, rival, theirs = found

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hil.identify.design import Term
+from hil.models.effect import Trait
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
@@ -60,7 +61,7 @@ class Response:
         """Viscous coefficient of each joint, shape (d,)."""
         out = np.zeros(self._motion.d)
         for t, theta in self._parts:
-            if t.effect.name == "viscous":
+            if Trait.VISCOUS in t.effect.traits:
                 out[t.joint] += float(theta[0])
         return out
 
@@ -72,7 +73,7 @@ class Response:
             true = replace(m, q=m.q - e[0], qd=m.qd - e[1], qdd=m.qdd - e[2])
             out = np.zeros_like(m.q)
             for t, theta in (*self._parts, *self._more) if np.any(e) else ():
-                where = slice(None) if t.effect.whole_robot else t.joint
+                where = slice(None) if t.effect.scope.whole else t.joint
                 moved = t.effect.columns(true, t.joint, t.shape)
                 out[:, where] += (moved - t.effect.columns(m, t.joint, t.shape)) @ theta
             self._unslipped[j] = out
@@ -93,6 +94,6 @@ class Response:
         )
         out = np.zeros_like(zero)
         for t, theta in self._parts:
-            where = slice(None) if t.effect.whole_robot else t.joint
+            where = slice(None) if t.effect.scope.whole else t.joint
             out[:, where] += t.effect.columns(posed, t.joint, t.shape) @ theta
         return out

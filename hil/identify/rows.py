@@ -195,7 +195,7 @@ class Rows:
     def grid(self, effect: Effect, j: int) -> list[tuple[float, ...]]:
         """Shapes of an effect that are worth trying on joint j, from the first run."""
         first = self.motions[0]
-        return self.remembered(("grid", effect, j), [first], lambda: effect.grid(first, j))
+        return self.remembered(("grid", effect, j), [first], lambda: effect.search.grid(first, j))
 
     def rms(self, x: FloatArray) -> FloatArray:
         """Root mean square over the instants at which each joint moves, (d, n) to (d,)."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hil.identify.design import Term
 from hil.identify.problem import Problem
+from hil.models.effect import Waves, terms_of
 
 FloatArray = NDArray[np.float64]
 #: Instants beyond which the screening uses every second, third, ... one.
@@ -141,7 +142,10 @@ def _turned(parts: NDArray[np.complexfloating], signs: FloatArray) -> FloatArray
 def _ripples(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Ripples | None:
     """Screen of a term with `powers`; None for any other."""
     j = term.joint
-    powers = [term.effect.powers(m, j) for m in problem.motions]
+    search = term.effect.search
+    if not isinstance(search, Waves):
+        return None
+    powers = [search.powers(m, j) for m in problem.motions]
     if any(w is None for w in powers):
         return None
     w = np.concatenate([x for x in powers if x is not None])
@@ -154,7 +158,7 @@ def _ripples(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Rip
     gain = 1.0 / (1.0 + (np.abs(orders[:, None] * v[few]) / problem.rates.effort) ** 8)
     size = problem.count[j] / 2 * np.mean(np.abs(bent * gain) ** 2, axis=1)
     size = np.maximum(size, 1e-3 * max(float(size.max()), 1e-300))
-    columns = len(term.effect.terms(problem.motions[0], j))
+    columns = len(terms_of(term.effect, problem.motions[0], j))
     return Ripples(
         _waves(problem, j, orders, q[::stride])[0], k, size, w[::stride] * stride, stride,
         [_overtone(orders, m) for m in range(2, columns // 2 + 1)],
@@ -182,8 +186,10 @@ def screen(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Scree
 
 def _screen(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Screen | None:
     """Screen of a term with a `carrier`; None for any other."""
-    j, effect = term.joint, term.effect
-    carriers = [effect.carrier(m, j) for m in problem.motions]
+    j, search = term.joint, term.effect.search
+    if not isinstance(search, Waves):
+        return None
+    carriers = [search.carrier(m, j) for m in problem.motions]
     if any(c is None for c in carriers):
         return None
     w = np.concatenate([c for c in carriers if c is not None])

@@ -18,6 +18,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.refine import FINE, present, searched
 from hil.identify.trial import CLOSE, grid_of, left, simplest, tried
+from hil.models.effect import Waves
 
 FloatArray = NDArray[np.float64]
 #: Share of the squared residual below which a shape is not worth refining.
@@ -61,7 +62,8 @@ def _fundamental(
     """
     twice = tuple(2 * s for s in term.shape)
     waves = len(twice) == 1 and len(grid) > 1 and twice[0] <= grid[-1][0]
-    if not waves or term.effect.carrier(projector.problem.motions[0], term.joint) is None:
+    search, motion = term.effect.search, projector.problem.motions[0]
+    if not waves or not isinstance(search, Waves) or search.carrier(motion, term.joint) is None:
         return term, gain
     most = projector.gain(term.reshaped(twice))
     if most >= gain - ODD * abs(left(projector, term, gain)):
@@ -86,14 +88,14 @@ def search_shapes(
         others = [t for t in out[:k] + out[k + 1 :] if t.key not in idle]
         projector = Projector(problem, others, sigma)
         found, gain = best_shape(projector, term)
-        if term.effect.name == "coulomb":
+        if term.effect.search.sharpest:
             found = _sharpest(projector, found, gain)
         out[k] = found
     return out
 
 
 def _sharpest(projector: Projector, term: Term, best_gain: float) -> Term:
-    """Coulomb's sign resolution: the sharpest that is within 1 % of what the best one leaves.
+    """A sign's resolution: the sharpest that is within 1 % of what the best one leaves.
 
     A wide tanh imitates low-speed effects; it is taken only where the data ask for it.
     """

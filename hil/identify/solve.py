@@ -13,6 +13,7 @@ from hil.identify.design import Term, coefficients, known_values, stack
 from hil.identify.factors import factored
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis
+from hil.models.effect import Trait
 from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +56,7 @@ def prior(problem: Problem, terms: list[Term], model: RobotModel, names: list[st
     """Where undetermined directions stay: the model's values, the robot's, else zero."""
     values = np.nan_to_num(known_values(model, names))
     for t, where in zip(terms, slices_of(problem, terms), strict=True):
-        if t.effect.name == "rigid-body" and not values[where].any():
+        if Trait.BODY in t.effect.traits and not values[where].any():
             values[where] = problem.robot.prior
     return values
 

@@ -91,7 +91,7 @@ def spread(
         if not np.any(theta[slices[k]]):  # no effect, so no shape
             found[k] = ShapeError(identifiable=False)
         elif end:
-            found[k] = ShapeError(at_bound=end > 0 or not terms[k].effect.ends_at_resolution)
+            found[k] = ShapeError(at_bound=end > 0 or not terms[k].effect.search.at_resolution)
     shapes = [
         tuple(found.get(k, ShapeError()) if i == 0 else ShapeError() for i in range(len(t.shape)))
         for k, t in enumerate(terms)

@@ -20,7 +20,7 @@ from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
-from hil.models.effect import Effect, Param
+from hil.models.effect import Doc, Effect, Param, Trait
 from hil.models.model import RobotModel, base_model
 from hil.models.motion import Motion
 from hil.record.recording import Recording
@@ -36,17 +36,15 @@ KNOWN = 0.5
 FINEST = 20
 #: Time by which friction turns early in the column that keeps its turns out of the lateness [s].
 TURN = 0.005
-#: Effects that noise in a closed loop imitates; the slow motion must show them, too.
-LATE = ("delay", "filter-lag", "actuator-lag")
 
 
 class _Rate(Effect):
     """A short lateness of the effort: its first-order term in T."""
 
     name, family = "effort-rate", "actuator"
-    equation = "tau(t) = model(t) + T dtau/dt"
+    doc = Doc("tau(t) = model(t) + T dtau/dt", "late", "any motion", "Taylor's series")
     params = (Param("T", "s", "lateness"),)
-    candidate = False
+    traits = Trait.GIVEN
     #: Of motor and external effort together.
     whole = False
 
@@ -67,9 +65,14 @@ class _Turn(Effect):
     """Friction that turns a little before the speed does, or after it, in its first order."""
 
     name, family = "friction-turn", "friction"
-    equation = "tau = c (tanh((v + T a) / v0) - tanh(v / v0)),  T = 5 ms"
+    doc = Doc(
+        "tau = c (tanh((v + T a) / v0) - tanh(v / v0)),  T = 5 ms",
+        "friction that leads the speed",
+        "reversals",
+        "Taylor's series",
+    )
     params = (Param("c", "{F}", "friction that turns early"),)
-    candidate = False
+    traits = Trait.GIVEN
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Difference of a sign that turns early and the sign."""
@@ -145,7 +148,7 @@ def sample_shift(result: FitResult) -> float:
     problem = result.problem
     if result.model.explains != "motor":
         return 0.0
-    late = {t.joint for t in result.terms if t.effect.name == "delay"}
+    late = {t.joint for t in result.terms if Trait.SHIFTS in t.effect.traits}
     longest = longest_shift(problem)
     seen = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
     seen = [(value, error) for value, error in seen if error < KNOWN * longest]

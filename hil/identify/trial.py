@@ -9,6 +9,7 @@ from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.screening import FIRST, SURE, promising, screen
+from hil.models.effect import Lines
 
 #: Difference of gains that is none, relative to the gain, and to what it leaves: the first of a
 #: grid's equals is taken.  Where hardly anything is left, much of it is little of the gain.
@@ -34,11 +35,11 @@ def tried(
     Of orders over position those that promise most come first, with their neighbours; the others
     follow where they could still leave less than the best of these.
     """
-    if term.effect.spectral:
+    if isinstance(term.effect.search, Lines):
         rows, j = projector.rows(term), term.joint
         effort = projector.problem.effort[j] / projector.sigma[j]
         grid = timelines.promising(projector.problem, term, projector.residual[rows], effort)
-    waves = None if term.effect.spectral else screen(projector.problem, term, grid)
+    waves = None if isinstance(term.effect.search, Lines) else screen(projector.problem, term, grid)
     if waves is None:
         return _gains(projector, term, grid)
     n, j = projector.problem.n, term.joint
@@ -86,5 +87,5 @@ def left(projector: Projector, term: Term, gain: float = 0.0) -> float:
     Joints are weighted by their own residuals, so that these are alike; of the sum over all of
     them one joint's loss would seem small on a robot with many.
     """
-    joints = 1 if term.effect.whole_robot else projector.problem.d
+    joints = 1 if term.effect.scope.whole else projector.problem.d
     return (projector.rss - gain) / joints

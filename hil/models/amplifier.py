@@ -6,7 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hil.models.effect import Effect, Param, margins
+from hil.models.effect import (
+    STRICT,
+    Doc,
+    Effect,
+    Fitted,
+    Grid,
+    Limit,
+    Param,
+    Relations,
+    Scope,
+    Shapes,
+    Trait,
+)
 from hil.models.motion import FloatArray, Motion
 from hil.models.param import JOINT
 
@@ -28,19 +40,44 @@ LEAK = 0.01
 CUBIC = 3
 
 
+def _torque_saturation_grid(motion: Motion, j: int) -> Shapes:
+    """Limits from about the largest effort down to the least, by knee."""
+    size = np.abs(motion.tau[:, j])
+    top = max(float(size.max(initial=0.0)), 1e-12)
+    return [
+        (float(limit), p)
+        for p, (_, most, count) in KNEES.items()
+        for limit in np.geomspace(most * top, least_limit(size, p), count)
+    ]
+
+
+def _torque_saturation_felt(f: Fitted) -> bool:
+    """It takes something of the largest efforts, and more than a few rows meet it.
+
+    At the least limit that was tried another law is meant: one that bends everywhere.
+    """
+    limit, order = float(f.shape[0]), float(f.shape[1])
+    size = np.sort(np.abs(f.motion.tau[:, f.j]))
+    met = size[-ROWS:][:1]
+    felt = bool(np.all(met - given(met, limit, order) > LEAST * met))
+    inside = 1.02 * least_limit(size, order) < limit < BEYOND * size[-1]
+    return felt and inside
+
+
 class TorqueSaturation(Effect):
     """The motor gives less than it is asked for: its amplifier clips, or its iron saturates."""
 
-    replayed = strict = True
     name, family = "torque-saturation", "actuator"
-    equation = (
-        "tau = model + a (tau - s(tau)),  s = tau / (1 + |tau/L|^p)^(1/p) or clip(tau, -L, L)"
-    )
-    signature = "what is missing grows with the command beyond a limit, in both directions"
-    confused_with = ("load-friction", "torque-gain", "actuator-lag")
-    shown_by = "the same motion slower, or with less load: what the limit cuts off is gone"
-    source = (
-        "Krause, Wasynczuk, Sudhoff, Pekarek, Analysis of Electric Machinery, 2013 (saturation)"
+    doc = Doc(
+        equation=(
+            "tau = model + a (tau - s(tau)),  s = tau / (1 + |tau/L|^p)^(1/p) or clip(tau, -L, L)"
+        ),
+        signature="what is missing grows with the command beyond a limit, in both directions",
+        confused_with=("load-friction", "torque-gain", "actuator-lag"),
+        shown_by="the same motion slower, or with less load: what the limit cuts off is gone",
+        source=(
+            "Krause, Wasynczuk, Sudhoff, Pekarek, Analysis of Electric Machinery, 2013 (saturation)"
+        ),
     )
     params = (Param("a", "1", "share of what the limit takes: 1 but for errors", 0.75, 1.33),)
     shape = (
@@ -55,6 +92,9 @@ class TorqueSaturation(Effect):
             choice=True,
         ),
     )
+    search = Grid(_torque_saturation_grid)
+    limits = (Limit("unfelt", _torque_saturation_felt), STRICT)
+    traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Command less what is given of it."""
@@ -63,31 +103,6 @@ class TorqueSaturation(Effect):
         # foretold effort does, and the measured one would explain whatever else grows with it
         tau = motion.driven(j) if order else motion.tau[:, j]
         return (tau - given(tau, limit, order))[:, None]
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Limits from about the largest effort down to the least, by knee."""
-        size = np.abs(motion.tau[:, j])
-        top = max(float(size.max(initial=0.0)), 1e-12)
-        return [
-            (float(limit), p)
-            for p, (_, most, count) in KNEES.items()
-            for limit in np.geomspace(most * top, least_limit(size, p), count)
-        ]
-
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """It takes something of the largest efforts, and more than a few rows meet it.
-
-        At the least limit that was tried another law is meant: one that bends everywhere.
-        """
-        limit, order = float(shape[0]), float(shape[1])
-        size = np.sort(np.abs(motion.tau[:, j]))
-        met = size[-ROWS:][:1]
-        felt = bool(np.all(met - given(met, limit, order) > LEAST * met))
-        inside = 1.02 * least_limit(size, order) < limit < BEYOND * size[-1]
-        return felt and inside and super().credible(motion, j, shape, beta, error)
 
 
 def least_limit(size: FloatArray, order: float) -> float:
@@ -105,51 +120,57 @@ def given(wanted: FloatArray, limit: float, order: float) -> FloatArray:
     return out
 
 
+def _torque_crosstalk_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+    """What hangs on both joints' positions: a hose or a bundle of cables between them."""
+    a, b = motion.scaled(j), motion.scaled(int(shape[0]) - 1)
+    powers = [(m, n) for m in range(CUBIC + 1) for n in range(CUBIC + 1 - m) if m or n]
+    return [np.stack([a**m * b**n for m, n in powers], axis=1)]
+
+
+def _torque_crosstalk_grid(motion: Motion, j: int) -> Shapes:
+    """Every other joint."""
+    return [(float(k + 1),) for k in range(motion.d) if k != j]
+
+
+def _torque_crosstalk_leaks(f: Fitted) -> bool:
+    """A channel that follows another one more than its own is swapped, not crossed.
+
+    What is less than `LEAK` of the largest effort is no leak: forces are measured to a
+    percent or two, and within a sample of the motion.
+    """
+    most = np.max(np.abs(f.motion.tau), axis=0)
+    felt = abs(f.beta[0]) * most[int(f.shape[0]) - 1] >= LEAK * most[f.j]
+    return bool(felt and abs(f.beta[0]) < 1.0 + f.slack[0])
+
+
+def _torque_crosstalk_lacks(motion: Motion, j: int) -> str:
+    """Needs a second joint."""
+    return "" if motion.d > 1 else "the robot has one joint"
+
+
 class TorqueCrosstalk(Effect):
     """A part of another motor's command reaches this one: a common ground, cables side by side."""
 
-    replayed = True
     name, family = "torque-crosstalk", "actuator"
-    equation = "tau_j = model - e tau_k"
-    signature = "residual that follows another motor's whole effort, its friction included"
-    confused_with = ("coupled-friction", "rigid-body", "torque-gain")
-    shown_by = "one joint at a time, the others holding different loads"
-    source = "as in a force sensor: Cao, Laws, Rodriguez y Baena, IEEE Sensors J. 21(18), 2021"
+    doc = Doc(
+        equation="tau_j = model - e tau_k",
+        signature="residual that follows another motor's whole effort, its friction included",
+        confused_with=("coupled-friction", "rigid-body", "torque-gain"),
+        shown_by="one joint at a time, the others holding different loads",
+        source="as in a force sensor: Cao, Laws, Rodriguez y Baena, IEEE Sensors J. 21(18), 2021",
+    )
     params = (Param("e", "1", "share of the other motor's command"),)
     shape = (Param(JOINT, "1", "number of the other joint", 1.0, choice=True),)
-    refine = False
+    scope = Scope(lacks=_torque_crosstalk_lacks)
+    relations = Relations(foils=_torque_crosstalk_foils)
+    search = Grid(_torque_crosstalk_grid, refine=False)
+    limits = (Limit("leak", _torque_crosstalk_leaks),)
+    traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Less the other motor's command."""
         k = int(shape[0]) - 1
         return -motion.driven(k)[:, None]
-
-    def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
-        """What hangs on both joints' positions: a hose or a bundle of cables between them."""
-        a, b = motion.scaled(j), motion.scaled(int(shape[0]) - 1)
-        powers = [(m, n) for m in range(CUBIC + 1) for n in range(CUBIC + 1 - m) if m or n]
-        return [np.stack([a**m * b**n for m, n in powers], axis=1)]
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Every other joint."""
-        return [(float(k + 1),) for k in range(motion.d) if k != j]
-
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """A channel that follows another one more than its own is swapped, not crossed.
-
-        What is less than `LEAK` of the largest effort is no leak: forces are measured to a
-        percent or two, and within a sample of the motion.
-        """
-        most = np.max(np.abs(motion.tau), axis=0)
-        felt = abs(beta[0]) * most[int(shape[0]) - 1] >= LEAK * most[j]
-        return bool(felt and abs(beta[0]) < 1.0 + margins(beta, error)[0])
-
-    def available(self, motion: Motion, j: int) -> str:
-        """Needs a second joint."""
-        return "" if motion.d > 1 else "the robot has one joint"
 
 
 EFFECTS: tuple[Effect, ...] = (TorqueSaturation(), TorqueCrosstalk())

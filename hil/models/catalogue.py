@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 from hil.errors import ConfigError, unknown
+from hil.models.declared import misdeclared
 from hil.models.effect import Effect
 
 #: Modules with a tuple `EFFECTS`; adding an effect touches its own file, its test, one line here.
@@ -45,11 +46,17 @@ def _add(module: ModuleType, origin: str) -> None:
                 f"EFFECTS of {origin} holds {effect!r}, which is not an Effect instance; "
                 "write EFFECTS = (MyEffect(),)"
             )
-        for name in ("confused_with", "replaces"):
-            listed = getattr(effect, name)
-            if not isinstance(listed, tuple):
+        if said := misdeclared(effect):
+            raise ConfigError(f"EFFECTS of {origin}: {said}")
+        listed = {
+            "confused_with": effect.doc.confused_with,
+            "replaces": effect.relations.replaces,
+            "causes": effect.relations.causes,
+        }
+        for name, value in listed.items():
+            if not isinstance(value, tuple):
                 raise ConfigError(
-                    f"effect {effect.name!r} of {origin}: {name} is {listed!r}, expected a tuple "
+                    f"effect {effect.name!r} of {origin}: {name} is {value!r}, expected a tuple "
                     'of names, e.g. ("stribeck",)'
                 )
         known = _table.get(effect.name)

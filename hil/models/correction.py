@@ -12,12 +12,12 @@ elements); Nelles, Nonlinear System Identification, 2001.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from dataclasses import replace
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
-from hil.models.effect import Effect, Param, typical_speed
+from hil.models.effect import Doc, Effect, Grid, Param, Scope, Shapes, Trait, typical_speed
 from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.presliding import slip_state
@@ -56,44 +56,63 @@ def _powers(q: FloatArray, centre: float, half: float, degree: int) -> FloatArra
     return np.asarray(chebvander(x, degree), dtype=np.float64)
 
 
+def _doc(equation: str, variables: str) -> Doc:
+    """Documentation of a correction."""
+    return Doc(
+        equation=equation,
+        signature="no law of the catalogue explains it",
+        shown_by="the motion that was recorded: it foretells no other",
+        source="Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2009, 5",
+        caveat=(
+            "a function without a name: it foretells motions like the recorded ones and "
+            "explains none"
+        ),
+        variables=variables,
+    )
+
+
 class Correction(Effect):
     """Base of the corrections: a free function of some variables of the recording."""
 
     family = "correction"
-    explains: ClassVar[tuple[str, ...]] = ("motor", "external")
-    candidate, correction, refine = False, True, False
-    signature = "no law of the catalogue explains it"
-    shown_by = "the motion that was recorded: it foretells no other"
-    source = "Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2009, 5"
-    caveat = (
-        "a function without a name: it foretells motions like the recorded ones and explains none"
-    )
+    scope = Scope(explains=("motor", "external"))
+    traits = Trait.GIVEN | Trait.CORRECTION
+
+
+_POWERS = _coefficients(DEGREE, "coefficient of T_k")
+
+
+def _of_position_terms(motion: Motion, j: int) -> tuple[Param, ...]:
+    """Without T_1 beside a spring that the model has already."""
+    return _POWERS[int(_sprung(motion, j)) :]
+
+
+def _of_position_grid(motion: Motion, j: int) -> Shapes:
+    """The range that was recorded."""
+    return [_range(motion, j)]
 
 
 class OfPosition(Correction):
     """Any smooth function of the position."""
 
-    name, variables = "correction-position", "the position"
-    motion_only = True
-    equation = (
-        "tau = sum_k c_k T_k(x),  x = (q - centre) / half, T_k Chebyshev's, k = 1 to 4 "
-        "(beside a spring from 2 on)"
+    name = "correction-position"
+    doc = _doc(
+        equation=(
+            "tau = sum_k c_k T_k(x),  "
+            "x = (q - centre) / half, T_k Chebyshev's, k = 1 to 4 (beside a spring from 2 on)"
+        ),
+        variables="the position",
     )
-    params = _coefficients(DEGREE, "coefficient of T_k")
+    params = _POWERS
     shape = (_CENTRE, _HALF)
-
-    def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
-        """Without T_1 beside a spring that the model has already."""
-        return self.params[int(_sprung(motion, j)) :]
+    scope = replace(Correction.scope, terms=_of_position_terms)
+    search = Grid(_of_position_grid, refine=False)
+    traits = Correction.traits | Trait.MOTION
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """T_k(x)."""
         powers = _powers(motion.q[:, j], shape[0], shape[1], DEGREE)
         return powers[:, 1 + int(_sprung(motion, j)) :]
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """The range that was recorded."""
-        return [_range(motion, j)]
 
 
 def _sprung(motion: Motion, j: int) -> bool:
@@ -102,13 +121,22 @@ def _sprung(motion: Motion, j: int) -> bool:
     return bool(np.isfinite(q0)) and bool(np.min(side * (motion.span[j] - q0)) >= 0)
 
 
+def _of_direction_grid(motion: Motion, j: int) -> Shapes:
+    """The range that was recorded."""
+    return [_range(motion, j)]
+
+
 class OfDirection(Correction):
     """Friction, and viscous friction, that are any smooth function of the position."""
 
-    name, variables = "correction-friction", "the position, by direction"
-    equation = "tau = z sum_k c_k T_k(x) + v (c5 T_1(x) + c6 T_2(x)),  z the friction's state"
+    name = "correction-friction"
+    doc = _doc(
+        equation="tau = z sum_k c_k T_k(x) + v (c5 T_1(x) + c6 T_2(x)),  z the friction's state",
+        variables="the position, by direction",
+    )
     params = _coefficients(DEGREE + 2, "coefficient of z T_k, then of v T_k")
     shape = (_CENTRE, _HALF)
+    search = Grid(_of_direction_grid, refine=False)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """State times T_k(x), and v T_1(x), v T_2(x); v in ranges a second."""
@@ -116,21 +144,26 @@ class OfDirection(Correction):
         state, v = motion.sign(j)[:, None], motion.qd[:, j : j + 1] / shape[1]
         return np.concatenate([state * powers, v * powers[:, :2]], axis=1)
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """The range that was recorded."""
-        return [_range(motion, j)]
+
+def _of_speed_grid(motion: Motion, j: int) -> Shapes:
+    """The rms speed of the run."""
+    return [(typical_speed(motion, j),)]
 
 
 class OfSpeed(Correction):
     """Any smooth function of the speed, another one in each direction."""
 
-    name, variables = "correction-speed", "the speed"
-    equation = (
-        "tau = c1 v + c2 |v| + c3 v |v| + c4 sgn(v) sqrt|v| + c5 |sgn v| + "
-        "sgn(v) (c6 exp(-(v / 0.1)^2) + c7 exp(-(v / 0.3)^2)),  v in units of the rms speed"
+    name = "correction-speed"
+    doc = _doc(
+        equation=(
+            "tau = c1 v + c2 |v| + c3 v |v| + c4 sgn(v) sqrt|v| + c5 |sgn v| + "
+            "sgn(v) (c6 exp(-(v / 0.1)^2) + c7 exp(-(v / 0.3)^2)),  v in units of the rms speed"
+        ),
+        variables="the speed",
     )
     params = _coefficients(5 + len(PEAKS), "coefficient of a function of the speed")
     shape = (_RMS,)
+    search = Grid(_of_speed_grid, refine=False)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Powers of the speed, and peaks about zero."""
@@ -139,67 +172,84 @@ class OfSpeed(Correction):
         peaks = (sign * np.exp(-((v / peak) ** 2)) for peak in PEAKS)
         return np.stack([v, size, v * size, sign * np.sqrt(size), np.abs(sign), *peaks], axis=1)
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """The rms speed of the run."""
-        return [(typical_speed(motion, j),)]
+
+def _of_displacement_grid(motion: Motion, j: int) -> Shapes:
+    """A thousandth to three hundredths of the range."""
+    half = _range(motion, j)[1]
+    return [(2 * half * share,) for share in SLIPS]
 
 
 class OfDisplacement(Correction):
     """Any hysteresis over the displacement since a reversal: three elements that slip."""
 
-    name, variables = "correction-hysteresis", "the displacement since a reversal"
-    replayed = True
-    equation = "tau = sum_k c_k z(w_k),  z <- clip(z + dq / w, -1, 1),  w_k = s, 3 s, 9 s"
+    name = "correction-hysteresis"
+    doc = _doc(
+        equation="tau = sum_k c_k z(w_k),  z <- clip(z + dq / w, -1, 1),  w_k = s, 3 s, 9 s",
+        variables="the displacement since a reversal",
+    )
     params = _coefficients(len(WIDER), "force at which an element slips")
-    shape = (Param("s", "{x}", "displacement at which the first element slips", 0.0),)
+    shape = (Param("s", "{x}", "displacement at which the first element slips", 0.0, size=True),)
+    search = Grid(_of_displacement_grid, refine=False)
+    traits = Correction.traits | Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """States of the elements."""
         q = np.ascontiguousarray(motion.q[:, j])
         return np.stack([slip_state(q, k * float(shape[0])) for k in WIDER], axis=1)
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """A thousandth to three hundredths of the range."""
-        half = _range(motion, j)[1]
-        return [(2 * half * share,) for share in SLIPS]
+
+def _of_past_grid(motion: Motion, j: int) -> Shapes:
+    """All pairs of times that are a factor of three or more apart."""
+    half = _range(motion, j)[1]
+    return [(half, a, b) for k, a in enumerate(TIMES) for b in TIMES[k + 1 :]]
 
 
 class OfPast(Correction):
     """What follows the position late: something that creeps or relaxes."""
 
-    name, variables = "correction-relaxation", "the past of the position"
-    replayed = True
-    equation = "tau = sum_k c_k (q - q_k) / half,  T_k dq_k/dt + q_k = q"
+    name = "correction-relaxation"
+    doc = _doc(
+        equation="tau = sum_k c_k (q - q_k) / half,  T_k dq_k/dt + q_k = q",
+        variables="the past of the position",
+    )
     params = _coefficients(2, "force of a spring behind a damper")
     shape = (
         _HALF,
         Param("T1", "s", "time of the faster one", 0.0),
         Param("T2", "s", "time of the slower one", 0.0),
     )
+    search = Grid(_of_past_grid, refine=False)
+    traits = Correction.traits | Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Deflection of the springs behind the dampers."""
         q = np.ascontiguousarray(motion.q[:, j]) / shape[0]
         return np.stack([q - lag(q, motion.dt, float(t)) for t in shape[1:]], axis=1)
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """All pairs of times that are a factor of three or more apart."""
-        half = _range(motion, j)[1]
-        return [(half, a, b) for k, a in enumerate(TIMES) for b in TIMES[k + 1 :]]
+
+def _of_load_grid(motion: Motion, j: int) -> Shapes:
+    """The rms load, and displacements from a thousandth of the range on."""
+    size = max(float(np.sqrt(np.mean(motion.load[:, j] ** 2))), 1e-12)
+    half = _range(motion, j)[1]
+    return [(size, 2 * half * share) for share in SLIPS]
 
 
 class OfLoad(Correction):
     """Friction that grows with the transmitted load, with and without memory."""
 
-    name, variables = "correction-load", "the load, by direction"
-    explains = ("motor",)
-    uses_load = replayed = True
-    equation = "tau = |L| (c1 z + c2 z(s) + c3 z(9 s)) / Lrms + c4 (L / Lrms)^2 z"
+    name = "correction-load"
+    doc = _doc(
+        equation="tau = |L| (c1 z + c2 z(s) + c3 z(9 s)) / Lrms + c4 (L / Lrms)^2 z",
+        variables="the load, by direction",
+    )
     params = _coefficients(4, "coefficient of a function of the load")
     shape = (
         Param("load", "{F}", "rms load", 0.0),
-        Param("s", "{x}", "displacement at which the first element slips", 0.0),
+        Param("s", "{x}", "displacement at which the first element slips", 0.0, size=True),
     )
+    scope = Scope(explains=("motor",))
+    search = Grid(_of_load_grid, refine=False)
+    traits = Correction.traits | Trait.LOAD | Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """The load's size times friction's state, and times elements that slip."""
@@ -208,20 +258,34 @@ class OfLoad(Correction):
         slips = (load * slip_state(q, k * float(shape[1])) for k in (1.0, 9.0))
         return np.stack([load * sign, *slips, load**2 * sign], axis=1)
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """The rms load, and displacements from a thousandth of the range on."""
-        size = max(float(np.sqrt(np.mean(motion.load[:, j] ** 2))), 1e-12)
-        half = _range(motion, j)[1]
-        return [(size, 2 * half * share) for share in SLIPS]
+
+def _of_other_joint_lacks(motion: Motion, j: int) -> str:
+    """Needs another joint that moves."""
+    return "" if _of_other_joint_grid(motion, j) else "needs another joint that moves"
+
+
+def _of_other_joint_grid(motion: Motion, j: int) -> Shapes:
+    """Every other joint that moves, in either direction."""
+    out: Shapes = []
+    for k in range(motion.d):
+        moves = float(np.ptp(motion.span[k])) > 0
+        if k == j or not moves:
+            continue
+        about = (*_range(motion, k), typical_speed(motion, k))
+        out += [(float(k + 1), r, *about) for r in (1.0, -1.0)]
+    return out
 
 
 class OfOtherJoint(Correction):
     """What the motion of another joint does to this one."""
 
-    name, variables = "correction-joint", "another joint's motion"
-    equation = (
-        "tau = c1 vk + c2 sgn vk + c3 ak + c4 T_1(xk) + c5 T_2(xk) + c6 T_3(xk) + "
-        "c7 sgn(v + r vk) + c8 (a + r ak)"
+    name = "correction-joint"
+    doc = _doc(
+        equation=(
+            "tau = c1 vk + c2 sgn vk + c3 ak + c4 T_1(xk) + c5 T_2(xk) + c6 T_3(xk) + "
+            "c7 sgn(v + r vk) + c8 (a + r ak)"
+        ),
+        variables="another joint's motion",
     )
     params = _coefficients(8, "coefficient of a function of the other joint's motion")
     shape = (
@@ -231,10 +295,8 @@ class OfOtherJoint(Correction):
         Param("half", "1", "half its range, in rad or m", 0.0),
         Param("scale", "1", "its rms speed, in rad/s or m/s", 0.0),
     )
-
-    def available(self, motion: Motion, j: int) -> str:
-        """Needs another joint that moves."""
-        return "" if self.grid(motion, j) else "needs another joint that moves"
+    scope = replace(Correction.scope, lacks=_of_other_joint_lacks)
+    search = Grid(_of_other_joint_grid, refine=False)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Speed, sign, acceleration and place of the other joint; friction between the two."""
@@ -246,17 +308,6 @@ class OfOtherJoint(Correction):
         powers = _powers(motion.q[:, k], shape[2], shape[3], 3)[:, 1:]
         own = np.stack([v, motion.sign(k), a], axis=1)
         return np.concatenate([own, powers, np.stack([between, accelerated], axis=1)], axis=1)
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Every other joint that moves, in either direction."""
-        out: list[tuple[float, ...]] = []
-        for k in range(motion.d):
-            moves = float(np.ptp(motion.span[k])) > 0
-            if k == j or not moves:
-                continue
-            about = (*_range(motion, k), typical_speed(motion, k))
-            out += [(float(k + 1), r, *about) for r in (1.0, -1.0)]
-        return out
 
 
 EFFECTS: tuple[Effect, ...] = (

@@ -7,8 +7,24 @@ from functools import lru_cache
 
 import numpy as np
 
-from hil.models.effect import Effect, Param, log_grid
+from hil.models.effect import (
+    Doc,
+    Effect,
+    Fitted,
+    Grid,
+    Limit,
+    Lines,
+    Over,
+    Param,
+    Relations,
+    Shapes,
+    Sight,
+    Trait,
+    Variation,
+    log_grid,
+)
 from hil.models.motion import FloatArray, Motion
+from hil.models.parts import always
 
 #: Highest frequency of a disturbance that is looked for [Hz]; the effort filter passes no more.
 FASTEST = 25.0
@@ -20,25 +36,44 @@ PARTS = 8
 SHORTEST = 0.1
 
 
+def _friction_drift_lasts(f: Fitted) -> bool:
+    """What is over within a tenth of the run is no drift: that run began differently."""
+    return bool(f.shape[1]) or f.shape[0] > 1.01 * SHORTEST * float(f.motion.since[-1])
+
+
+def _friction_drift_grid(motion: Motion, j: int) -> Shapes:
+    """A tenth of the run to three times its length; temperature where it was recorded."""
+    length = max(float(motion.since[-1]), 1e-9)
+    times = [(x, 0.0) for (x,) in log_grid(SHORTEST * length, 3 * length, 7)]
+    known = motion.temperature.shape == motion.q.shape and np.ptp(motion.temperature[:, j]) > 0
+    return [*times, (length, 1.0)] if known else list(times)
+
+
 class FrictionDrift(Effect):
     """Friction that changes with time or temperature."""
 
     name, family = "friction-drift", "friction"
-    equation = (
-        "tau = s (dc tanh(v / v0) + dv v),  s = 1 - exp(-t / T)  (t since the start of the run), "
-        "or s = temperature - its first value"
+    doc = Doc(
+        equation=(
+            "tau = s (dc tanh(v / v0) + dv v),  "
+            "s = 1 - exp(-t / T)  (t since the start of the run), "
+            "or s = temperature - its first value"
+        ),
+        signature="friction at the end of the run differs from that at its start, at all speeds",
+        confused_with=("load-friction", "coulomb", "viscous"),
+        shown_by="the same motion at the start and at the end of a long run",
+        source=(
+            "Bittencourt, Axelsson, Jung, Brogardh, IFAC World Congress 2011; Maxon: winding 12 s"
+        ),
+        shown=Sight.MINUTES,
+        over=Over.TIME,
     )
-    signature = "friction at the end of the run differs from that at its start, at all speeds"
-    confused_with = ("load-friction", "coulomb", "viscous")
-    shown_by = "the same motion at the start and at the end of a long run"
-    source = "Bittencourt, Axelsson, Jung, Brogardh, IFAC World Congress 2011; Maxon: winding 12 s"
-    replayed = True
     params = (
         Param("dc", "{F}", "change of Coulomb friction, per kelvin in the second form"),
         Param("dv", "{F} s/{x}", "change of viscous friction, per kelvin in the second form"),
     )
     shape = (
-        Param("T", "s", "time constant; much longer than the run: a linear drift", 0.0),
+        Param("T", "s", "time constant; much longer than the run: a linear drift", 0.0, size=True),
         Param(
             "of",
             "1",
@@ -49,25 +84,14 @@ class FrictionDrift(Effect):
             choice=True,
         ),
     )
+    search = Grid(_friction_drift_grid)
+    limits = (Limit("transient", _friction_drift_lasts),)
+    traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[s tanh(v / v0), s v]."""
         s = _warmth(motion, j, shape)
         return np.stack([s * motion.sign(j), s * motion.qd[:, j]], axis=1)
-
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """What is over within a tenth of the run is no drift: that run began differently."""
-        return bool(shape[1]) or shape[0] > 1.01 * SHORTEST * float(motion.since[-1])
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """A tenth of the run to three times its length; temperature where it was recorded."""
-        length = max(float(motion.since[-1]), 1e-9)
-        times = [(x, 0.0) for (x,) in log_grid(SHORTEST * length, 3 * length, 7)]
-        known = motion.temperature.shape == motion.q.shape and np.ptp(motion.temperature[:, j]) > 0
-        return [*times, (length, 1.0)] if known else list(times)
 
 
 def _warmth(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -80,51 +104,59 @@ def _warmth(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
     return s
 
 
+def _periodic_disturbance_foils(
+    motion: Motion, j: int, shape: Sequence[float]
+) -> Sequence[FloatArray]:
+    """Inertia, friction or stiffness that is another one in each part of the run.
+
+    What changes once leaves the motion's own lines, a little shifted.
+    """
+    part = np.floor(PARTS * motion.since / max(float(motion.since[-1]), 1e-9))
+    here = part[:, None].clip(0, PARTS - 1) == np.arange(PARTS)
+    own = (motion.qdd[:, j], motion.qd[:, j], motion.sign(j), motion.q[:, j])
+    return [here * x[:, None] for x in own]
+
+
+def _periodic_disturbance_grid(motion: Motion, j: int) -> Shapes:
+    """Every half period over the run; read off the residual's spectrum, not tried one by one.
+
+    The spacing 1 / (2 duration) is half of what a spectrum resolves.
+    """
+    step = 0.5 / max(float(motion.since[-1]), 1e-9)
+    top = min(FASTEST, 0.4 / motion.dt)
+    first = max(2 * PERIODS * step, step)
+    return list(_steps(first, max(top, first + 1.5 * step), step))
+
+
 class PeriodicDisturbance(Effect):
     """A sinusoid in time that the motion does not cause: a fan, a hum, a tremor."""
 
     name, family = "periodic-disturbance", "structure"
-    equation = "tau = a sin(2 pi f t) + b cos(2 pi f t)  (t since the start of the run)"
-    signature = "one line of the residual over time, in moving and resting phases alike"
-    confused_with = ("cogging", "torque-offset")
-    shown_by = "a motion that does not repeat itself, or a rest with the brakes open"
-    source = "Bodson, Douglas, Automatica 33(12), 1997 (periodic disturbances of unknown frequency)"
-    replayed = per_run = spectral = True
+    doc = Doc(
+        equation="tau = a sin(2 pi f t) + b cos(2 pi f t)  (t since the start of the run)",
+        signature="one line of the residual over time, in moving and resting phases alike",
+        confused_with=("cogging", "torque-offset"),
+        shown_by="a motion that does not repeat itself, or a rest with the brakes open",
+        source=(
+            "Bodson, Douglas, Automatica 33(12), 1997 (periodic disturbances of unknown frequency)"
+        ),
+        over=Over.PERIOD,
+    )
     params = (Param("a", "{F}", "sine's amplitude"), Param("b", "{F}", "cosine's amplitude"))
-    shape = (Param("f", "Hz", "frequency", 0.0),)
+    shape = (Param("f", "Hz", "frequency", 0.0, size=True),)
+    variation = Variation(per_run=True, own=always)
+    relations = Relations(foils=_periodic_disturbance_foils)
+    search = Lines(_periodic_disturbance_grid)
+    traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[sin 2 pi f t, cos 2 pi f t]."""
         angle = 2 * np.pi * float(shape[0]) * motion.since
         return np.stack([np.sin(angle), np.cos(angle)], axis=1)
 
-    def belongs(self, shape: Sequence[float]) -> bool:
-        """Its phase does."""
-        return True
-
-    def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
-        """Inertia, friction or stiffness that is another one in each part of the run.
-
-        What changes once leaves the motion's own lines, a little shifted.
-        """
-        part = np.floor(PARTS * motion.since / max(float(motion.since[-1]), 1e-9))
-        here = part[:, None].clip(0, PARTS - 1) == np.arange(PARTS)
-        own = (motion.qdd[:, j], motion.qd[:, j], motion.sign(j), motion.q[:, j])
-        return [here * x[:, None] for x in own]
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Every half period over the run; read off the residual's spectrum, not tried one by one.
-
-        The spacing 1 / (2 duration) is half of what a spectrum resolves.
-        """
-        step = 0.5 / max(float(motion.since[-1]), 1e-9)
-        top = min(FASTEST, 0.4 / motion.dt)
-        first = max(2 * PERIODS * step, step)
-        return list(_steps(first, max(top, first + 1.5 * step), step))
-
 
 @lru_cache(maxsize=64)
-def _steps(first: float, end: float, step: float) -> list[tuple[float, ...]]:
+def _steps(first: float, end: float, step: float) -> Shapes:
     """Thousands of frequencies, asked for again and again."""
     return [(float(f),) for f in np.arange(first, end, step)]
 

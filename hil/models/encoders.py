@@ -12,8 +12,24 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.models.drive import WHOLE, behind, late_grid
-from hil.models.effect import Effect, Param
+from hil.models.drive import LATENESS, WHOLE, behind, late_grid
+from hil.models.effect import (
+    STRICT,
+    Doc,
+    Effect,
+    Fitted,
+    Grid,
+    Limit,
+    Of,
+    Over,
+    Param,
+    Relations,
+    Scope,
+    Shapes,
+    Trait,
+    Variation,
+    Waves,
+)
 from hil.models.friction import position_orders
 from hil.models.kernels import eccentric
 from hil.models.motion import FloatArray, Motion
@@ -28,7 +44,28 @@ SEEN = (0.0,)
 CONFIRMED = Param("a", "1", "share of the recorded jumps that the effort confirms as lost", 0.0)
 #: Largest such share beside a model that was fitted with the jumps as motion.
 DILUTED = 5.0
+_SHIFT = Param("s", "{x}", "shift of the measured position")
 _UNFITTED = "needs the fitted model's inertia; fit the model first"
+
+
+def _encoder_eccentricity_powers(motion: Motion, j: int) -> NDArray[np.complex128] | None:
+    """-(G, i (M q'' + D q'), -M q'^2) on the own joint: e, e' and e'' of exp(i k q)."""
+    if motion.response is None:
+        return None
+    m, g = motion.response.inertia[:, j, j], motion.response.gradient[:, j, j]
+    v, damping = motion.qd[:, j], motion.response.damping[j]
+    parts = (g, 1j * (m * motion.qdd[:, j] + damping * v), -m * v**2)
+    return -np.stack(parts, axis=1).astype(np.complex128)
+
+
+def _encoder_eccentricity_grid(motion: Motion, j: int) -> Shapes:
+    """Every half order over the span."""
+    return position_orders(motion, j, HIGHEST)
+
+
+def _encoder_eccentricity_lacks(motion: Motion, j: int) -> str:
+    """Needs a fitted model."""
+    return _UNFITTED if motion.response is None else ""
 
 
 class EncoderEccentricity(Effect):
@@ -41,15 +78,16 @@ class EncoderEccentricity(Effect):
     """
 
     name, family = "encoder-eccentricity", "sensor"
-    equation = (
-        "tau = -(M e'' + D e' + G e),  e = es sin kq + ec cos kq + es2 sin 2kq + .. + ec3 cos 3kq, "
-        "k = 2 pi p"
+    doc = Doc(
+        equation=(
+            "tau = -(M e'' + D e' + G e),  "
+            "e = es sin kq + ec cos kq + es2 sin 2kq + .. + ec3 cos 3kq, k = 2 pi p"
+        ),
+        signature="a ripple over position that grows with the square of the speed",
+        confused_with=("cogging", "position-friction"),
+        shown_by="the same stroke at several speeds",
+        source="Kavanagh, IEEE Trans. Instrumentation and Measurement 50(6), 2001 (encoder errors)",
     )
-    signature = "a ripple over position that grows with the square of the speed"
-    confused_with = ("cogging", "position-friction")
-    shown_by = "the same stroke at several speeds"
-    source = "Kavanagh, IEEE Trans. Instrumentation and Measurement 50(6), 2001 (encoder errors)"
-    whole_robot = replayed = uses_load = True
     params = (
         Param("es", "{x}", "error that goes with the sine"),
         Param("ec", "{x}", "error that goes with the cosine"),
@@ -58,7 +96,10 @@ class EncoderEccentricity(Effect):
         Param("es3", "{x}", "three times a turn, with the sine"),
         Param("ec3", "{x}", "three times a turn, with the cosine"),
     )
-    shape = (Param("p", "1/{x}", "turns of the disc per unit of position", 0.0),)
+    shape = (Param("p", "1/{x}", "turns of the disc per unit of position", 0.0, size=True),)
+    scope = Scope(Of.JOINTS, lacks=_encoder_eccentricity_lacks)
+    search = Waves(_encoder_eccentricity_grid, powers=_encoder_eccentricity_powers)
+    traits = Trait.LOAD | Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """-(M e'' + D e' + G e) for e = sin and cos of kq, 2kq and 3kq, shape (n, d, 6)."""
@@ -75,22 +116,47 @@ class EncoderEccentricity(Effect):
             )  # fmt: skip
         return out
 
-    def powers(self, motion: Motion, j: int) -> NDArray[np.complex128] | None:
-        """-(G, i (M q'' + D q'), -M q'^2) on the own joint: e, e' and e'' of exp(i k q)."""
-        if motion.response is None:
-            return None
-        m, g = motion.response.inertia[:, j, j], motion.response.gradient[:, j, j]
-        v, damping = motion.qd[:, j], motion.response.damping[j]
-        parts = (g, 1j * (m * motion.qdd[:, j] + damping * v), -m * v**2)
-        return -np.stack(parts, axis=1).astype(np.complex128)
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Every half order over the span."""
-        return position_orders(motion, j, HIGHEST)
+def _missed_counts_grid(motion: Motion, j: int) -> Shapes:
+    """The recorded jumps if there are any, else fifteen instants from 5 to 95 % of the run."""
+    if motion.jumps(j):
+        return [SEEN]
+    return [(float(t),) for t in np.linspace(0.05, 0.95, 15) * motion.since[-1]]
 
-    def available(self, motion: Motion, j: int) -> str:
-        """Needs a fitted model."""
-        return _UNFITTED if motion.response is None else ""
+
+def _missed_counts_terms(motion: Motion, j: int) -> tuple[Param, ...]:
+    """Share of the recorded jumps, or the shift."""
+    return (CONFIRMED,) if motion.jumps(j) else (_SHIFT,)
+
+
+def _missed_counts_small(f: Fitted) -> bool:
+    """No shift beyond half a radian; recorded jumps are nearer to lost counts than to motion.
+
+    Beside jumps a model finds too small an inertia, so that the first share may exceed 1.
+    A run without jumps has none (0).
+    """
+    if not _missed_counts_dated(f.shape):
+        return max(map(abs, f.beta)) < 0.5
+    return all(0.5 < b < DILUTED for b in f.beta if b)
+
+
+def _missed_counts_dated(shape: Sequence[float]) -> bool:
+    """Recorded jumps are."""
+    return tuple(shape) == SEEN
+
+
+def _missed_counts_own(shape: Sequence[float]) -> bool:
+    """A shift does, to the run in which it happened."""
+    return not _missed_counts_dated(shape)
+
+
+def _missed_counts_lacks(motion: Motion, j: int) -> str:
+    """Needs gravity or a spring, unless the jumps are recorded."""
+    if motion.response is None:
+        return _UNFITTED
+    if motion.jumps(j) or np.any(motion.response.gradient[:, :, j]):
+        return ""
+    return "no gravity or spring of the model depends on the position, so a shift has no effect"
 
 
 class MissedCounts(Effect):
@@ -103,16 +169,22 @@ class MissedCounts(Effect):
     """
 
     name, family = "missed-counts", "sensor"
-    equation = (
-        "tau = f(q - a e) - f(q), e = jumps of the recorded position, each staying; without any "
-        "tau = -G s for t > t0 (s = shift of the measured position)"
+    doc = Doc(
+        equation=(
+            "tau = f(q - a e) - f(q), e = jumps of the recorded position, each staying; "
+            "without any tau = -G s for t > t0 (s = shift of the measured position)"
+        ),
+        signature=(
+            "the position jumps and the effort does not; or gravity fits before an instant only"
+        ),
+        confused_with=("force-drift", "torque-offset", "vibration-mode"),
+        shown_by="a return to a mechanical reference at the end of the run",
+        source=(
+            "Naerum thesis, appendix A (counts lost above the decoder's rate are a lasting offset)"
+        ),
+        over=Over.TIME,
     )
-    signature = "the position jumps and the effort does not; or gravity fits before an instant only"
-    confused_with = ("force-drift", "torque-offset", "vibration-mode")
-    shown_by = "a return to a mechanical reference at the end of the run"
-    source = "Naerum thesis, appendix A (counts lost above the decoder's rate are a lasting offset)"
-    whole_robot = replayed = uses_load = per_run = True
-    params = (Param("s", "{x}", "shift of the measured position"),)
+    params = (_SHIFT,)
     shape = (
         Param(
             "t0",
@@ -122,55 +194,31 @@ class MissedCounts(Effect):
             codes=((SEEN[0], "at the jumps that are recorded"),),
         ),
     )
+    scope = Scope(Of.JOINTS, lacks=_missed_counts_lacks, terms=_missed_counts_terms)
+    variation = Variation(per_run=True, dated=_missed_counts_dated, own=_missed_counts_own)
+    search = Grid(_missed_counts_grid)
+    limits = (Limit("size", _missed_counts_small),)
+    traits = Trait.LOAD | Trait.REPLAYED | Trait.JUMPS
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """f(q - e) - f(q), or -G after t0, shape (n, d, 1)."""
         if motion.response is None:
             return np.zeros((motion.n, motion.d, 1))
-        if self.dated(shape):
+        if _missed_counts_dated(shape):
             return motion.response.unslipped(j)[:, :, None]
         after = np.clip((motion.since - float(shape[0])) / motion.dt + 0.5, 0.0, 1.0)
         out: FloatArray = -(motion.response.gradient[:, :, j] * after[:, None])[:, :, None]
         return out
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """The recorded jumps if there are any, else fifteen instants from 5 to 95 % of the run."""
-        if motion.jumps(j):
-            return [SEEN]
-        return [(float(t),) for t in np.linspace(0.05, 0.95, 15) * motion.since[-1]]
 
-    def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
-        """Share of the recorded jumps, or the shift."""
-        return (CONFIRMED,) if motion.jumps(j) else self.params
-
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """No shift beyond half a radian; recorded jumps are nearer to lost counts than to motion.
-
-        Beside jumps a model finds too small an inertia, so that the first share may exceed 1.
-        A run without jumps has none (0).
-        """
-        if not self.dated(shape):
-            return max(map(abs, beta)) < 0.5
-        return all(0.5 < b < DILUTED for b in beta if b)
-
-    def dated(self, shape: Sequence[float]) -> bool:
-        """Recorded jumps are."""
-        return tuple(shape) == SEEN
-
-    def belongs(self, shape: Sequence[float]) -> bool:
-        """A shift does, to the run in which it happened."""
-        return not self.dated(shape)
-
-    def available(self, motion: Motion, j: int) -> str:
-        """Needs gravity or a spring, unless the jumps are recorded."""
-        if motion.response is None:
-            return _UNFITTED
-        if motion.jumps(j) or np.any(motion.response.gradient[:, :, j]):
-            return ""
-        return "no gravity or spring of the model depends on the position, so a shift has no effect"
+def _filter_lag_lacks(motion: Motion, j: int) -> str:
+    """Structural: without an external effort it is a delay of the command."""
+    if np.std(motion.tau_ext[:, j]) > PUSH * np.std(motion.tau[:, j]):
+        return ""
+    return (
+        "without a measured external force of some size a lag of the measured motion is the "
+        "same as 'delay' (or 'actuator-lag'): both let the effort lead the motion"
+    )
 
 
 class FilterLag(Effect):
@@ -182,34 +230,28 @@ class FilterLag(Effect):
     """
 
     name, family = "filter-lag", "sensor"
-    equation = "tau + tau_ext = model(t) + a (u - y),  (1 + T s)^n y = u,  u = tau + tau_ext"
-    signature = "motor effort and external effort both lead the measured motion"
-    confused_with = ("delay", "actuator-lag")
-    shown_by = "pushes by hand while the motor moves"
-    source = "Gautier, Vandanjon, Presse, CDC 1994 (filtering in identification)"
-    replayed = strict = True
+    doc = Doc(
+        equation="tau + tau_ext = model(t) + a (u - y),  (1 + T s)^n y = u,  u = tau + tau_ext",
+        signature="motor effort and external effort both lead the measured motion",
+        confused_with=("delay", "actuator-lag"),
+        shown_by="pushes by hand while the motor moves",
+        source="Gautier, Vandanjon, Presse, CDC 1994 (filtering in identification)",
+        over=Over.EFFORT_RATE,
+    )
     params = (WHOLE,)
     shape = (
-        Param("T", "s", "time constant of a pole", 0.0),
+        Param("T", "s", "time constant of a pole", 0.0, size=True),
         Param("n", "1", "number of poles", 1.0, 2.0, codes=POLES, choice=True),
     )
+    scope = Scope(lacks=_filter_lag_lacks)
+    relations = Relations(causes=LATENESS)
+    search = Grid(late_grid)
+    limits = (STRICT,)
+    traits = Trait.REPLAYED | Trait.LATE | Trait.WHOLE
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Motor and external effort less their lagged copy."""
         return behind(motion.tau[:, j] + motion.tau_ext[:, j], motion.dt, shape)
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """0.5 to 60 ms in all, one pole and two."""
-        return late_grid()
-
-    def available(self, motion: Motion, j: int) -> str:
-        """Structural: without an external effort it is a delay of the command."""
-        if np.std(motion.tau_ext[:, j]) > PUSH * np.std(motion.tau[:, j]):
-            return ""
-        return (
-            "without a measured external force of some size a lag of the measured motion is the "
-            "same as 'delay' (or 'actuator-lag'): both let the effort lead the motion"
-        )
 
 
 EFFECTS: tuple[Effect, ...] = (EncoderEccentricity(), MissedCounts(), FilterLag())

@@ -6,7 +6,20 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil.models.effect import Effect, Param, log_grid, typical_speed
+from hil.models.effect import (
+    Doc,
+    Effect,
+    Grid,
+    Over,
+    Param,
+    Relations,
+    Shapes,
+    Sight,
+    Trait,
+    Waves,
+    log_grid,
+    typical_speed,
+)
 from hil.models.motion import FloatArray, Motion
 
 _OLSSON = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Eur. J. Control 4, 1998"
@@ -16,60 +29,77 @@ def _column(values: FloatArray) -> FloatArray:
     return values[:, None]
 
 
+def _coulomb_grid(motion: Motion, j: int) -> Shapes:
+    """From the velocity resolution up to a tenth of the typical speed."""
+    low = float(motion.resolution[j])
+    return log_grid(low, max(0.1 * typical_speed(motion, j), 1.01 * low), 7)
+
+
 class Coulomb(Effect):
     """Constant friction against the motion."""
 
     name, family = "coulomb", "friction"
-    equation = "tau = fc tanh(v / v0)"
-    signature = "a step of the residual at every reversal, the same at all speeds"
-    confused_with = ("stribeck", "presliding", "torque-offset")
-    shown_by = "slow motion in both directions"
-    source = _OLSSON
+    doc = Doc(
+        equation="tau = fc tanh(v / v0)",
+        signature="a step of the residual at every reversal, the same at all speeds",
+        confused_with=("stribeck", "presliding", "torque-offset"),
+        shown_by="slow motion in both directions",
+        source=_OLSSON,
+        over=Over.SPEED,
+    )
     params = (Param("fc", "{F}", "Coulomb friction", 0.0),)
     shape = (Param("v0", "{x}/s", "speed over which the sign is resolved", 0.0),)
-    ends_at_resolution = True
-    candidate = False
+    search = Grid(_coulomb_grid, sharpest=True, at_resolution=True)
+    traits = Trait.GIVEN | Trait.DRY
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """tanh(v / v0)."""
         return _column(motion.sign(j, float(shape[0])))
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """From the velocity resolution up to a tenth of the typical speed."""
-        low = float(motion.resolution[j])
-        return log_grid(low, max(0.1 * typical_speed(motion, j), 1.01 * low), 7)
-
 
 class Viscous(Effect):
     """Friction proportional to speed."""
 
-    motion_only = True
     name, family = "viscous", "friction"
-    equation = "tau = fv v"
-    signature = "residual proportional to speed, odd"
-    confused_with = ("quadratic-drag", "stribeck")
-    shown_by = "the same path at several speeds"
-    source = _OLSSON
+    doc = Doc(
+        equation="tau = fv v",
+        signature="residual proportional to speed, odd",
+        confused_with=("quadratic-drag", "stribeck"),
+        shown_by="the same path at several speeds",
+        source=_OLSSON,
+        over=Over.SPEED,
+    )
     params = (Param("fv", "{F} s/{x}", "viscous friction", 0.0),)
-    candidate = False
+    traits = Trait.GIVEN | Trait.MOTION | Trait.VISCOUS
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Speed v."""
         return _column(motion.qd[:, j])
 
 
+def _stribeck_grid(motion: Motion, j: int) -> Shapes:
+    """From twice the sign resolution up to 0.7 of the typical speed."""
+    speed = typical_speed(motion, j)
+    slow = log_grid(max(2 * motion.v0[j], 0.03 * speed), 0.7 * speed, 8)
+    return [(vs, n) for n in (2.0, 1.0, 0.5) for (vs,) in slow]
+
+
 class Stribeck(Effect):
     """Friction that rises as the speed goes to zero."""
 
     name, family = "stribeck", "friction"
-    equation = "tau = fs exp(-|v / vs|^n) tanh(v / v0)"
-    signature = "friction peak at low speed that fades over vs"
-    confused_with = ("quadratic-drag", "presliding", "coulomb")
-    shown_by = "slow constant-speed strokes in both directions, log-spaced speeds"
-    source = "Stribeck 1902; " + _OLSSON
+    doc = Doc(
+        equation="tau = fs exp(-|v / vs|^n) tanh(v / v0)",
+        signature="friction peak at low speed that fades over vs",
+        confused_with=("quadratic-drag", "presliding", "coulomb"),
+        shown_by="slow constant-speed strokes in both directions, log-spaced speeds",
+        source="Stribeck 1902; " + _OLSSON,
+        shown=Sight.SLOW,
+        over=Over.SPEED,
+    )
     params = (Param("fs", "{F}", "excess of static over Coulomb friction", 0.0),)
     shape = (
-        Param("vs", "{x}/s", "Stribeck speed", 0.0),
+        Param("vs", "{x}/s", "Stribeck speed", 0.0, size=True),
         Param(
             "n",
             "1",
@@ -79,28 +109,27 @@ class Stribeck(Effect):
             codes=((2.0, "Gaussian"), (1.0, "exponential"), (0.5, "long tail")),
         ),
     )
+    search = Grid(_stribeck_grid)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """exp(-|v / vs|^n) tanh(v / v0)."""
         return _column(np.exp(-(np.abs(motion.qd[:, j] / shape[0]) ** shape[1])) * motion.sign(j))
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """From twice the sign resolution up to 0.7 of the typical speed."""
-        speed = typical_speed(motion, j)
-        slow = log_grid(max(2 * motion.v0[j], 0.03 * speed), 0.7 * speed, 8)
-        return [(vs, n) for n in (2.0, 1.0, 0.5) for (vs,) in slow]
 
 
 class AsymmetricCoulomb(Effect):
     """Coulomb friction that differs between the two directions."""
 
     name, family = "asymmetric-coulomb", "friction"
-    equation = "tau = da |tanh(v / v0)|"
-    signature = "the same residual in both directions while moving, none at rest"
-    confused_with = ("torque-offset",)
-    shown_by = "motion with rests: an offset stays at rest, this does not"
-    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
+    doc = Doc(
+        equation="tau = da |tanh(v / v0)|",
+        signature="the same residual in both directions while moving, none at rest",
+        confused_with=("torque-offset",),
+        shown_by="motion with rests: an offset stays at rest, this does not",
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
+        over=Over.SPEED,
+    )
     params = (Param("da", "{F}", "half the difference of the two directions"),)
+    relations = Relations(causes=("constant",))
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """|tanh(v / v0)|."""
@@ -111,11 +140,14 @@ class AsymmetricViscous(Effect):
     """Viscous friction that differs between the two directions."""
 
     name, family = "asymmetric-viscous", "friction"
-    equation = "tau = dv |v|"
-    signature = "even residual that grows with speed"
-    confused_with = ("asymmetric-coulomb", "position-torque")
-    shown_by = "the same path at several speeds, both directions"
-    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
+    doc = Doc(
+        equation="tau = dv |v|",
+        signature="even residual that grows with speed",
+        confused_with=("asymmetric-coulomb", "position-torque"),
+        shown_by="the same path at several speeds, both directions",
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
+        over=Over.SPEED,
+    )
     params = (Param("dv", "{F} s/{x}", "half the difference of the two directions"),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -123,37 +155,56 @@ class AsymmetricViscous(Effect):
         return _column(np.abs(motion.qd[:, j]))
 
 
+def _quadratic_drag_remark(values: Mapping[str, float], errors: Mapping[str, float]) -> str:
+    """A negative one."""
+    if values["fd"] >= 0.0:
+        return ""
+    return "negative: friction that bends downwards with speed, by a law of its own, and no drag"
+
+
 class QuadraticDrag(Effect):
     """Drag that grows with the square of the speed."""
 
     name, family = "quadratic-drag", "friction"
-    equation = "tau = fd v |v|"
-    signature = "odd residual that curves upwards (or downwards) with speed"
-    confused_with = ("stribeck", "viscous")
-    shown_by = "fast strokes beside slow ones"
-    source = "Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5), 2007"
+    doc = Doc(
+        equation="tau = fd v |v|",
+        signature="odd residual that curves upwards (or downwards) with speed",
+        confused_with=("stribeck", "viscous"),
+        shown_by="fast strokes beside slow ones",
+        source="Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5), 2007",
+        remark=_quadratic_drag_remark,
+        over=Over.SPEED,
+    )
     params = (Param("fd", "{F} s^2/{x}^2", "quadratic drag"),)
-
-    def remark(self, values: Mapping[str, float], errors: Mapping[str, float]) -> str:
-        """A negative one."""
-        if values["fd"] >= 0.0:
-            return ""
-        return (
-            "negative: friction that bends downwards with speed, by a law of its own, and no drag"
-        )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Signed square v |v|."""
         return _column(motion.qd[:, j] * np.abs(motion.qd[:, j]))
 
 
-def position_orders(
-    motion: Motion, j: int, highest: float = 60.0, lowest: float = 1.5
-) -> list[tuple[float, ...]]:
+def position_orders(motion: Motion, j: int, highest: float = 60.0, lowest: float = 1.5) -> Shapes:
     """Wave numbers [periods per rad or m]: `lowest` to `highest` over the span in steps of 0.5."""
     low, high = motion.span[j]
     length = max(float(high - low), 1e-9)
     return [(float(k) / length,) for k in np.arange(lowest, highest + 0.25, 0.5)]
+
+
+def _position_friction_foils(
+    motion: Motion, j: int, shape: Sequence[float]
+) -> Sequence[FloatArray]:
+    """Viscous friction that varies with position, as fast and as slowly as can be."""
+    v, q = motion.qd[:, j : j + 1], motion.q[:, j]
+    return [v * harmonics(q, p) for p in {shape[0], _position_friction_grid(motion, j)[0][0]}]
+
+
+def _position_friction_carrier(motion: Motion, j: int) -> FloatArray:
+    """Sign of the speed."""
+    return motion.sign(j)
+
+
+def _position_friction_grid(motion: Motion, j: int) -> Shapes:
+    """Every half order over the span, from half a period on."""
+    return position_orders(motion, j, 25.0, 0.5)
 
 
 class PositionFriction(Effect):
@@ -164,31 +215,24 @@ class PositionFriction(Effect):
     """
 
     name, family = "position-friction", "friction"
-    equation = "tau = tanh(v / v0) (a1 sin kq + b1 cos kq + a2 sin 2kq + b2 cos 2kq), k = 2 pi p"
-    signature = "the friction's size repeats over position, its sign follows the direction"
-    confused_with = ("cogging",)
-    shown_by = "full slow strokes in both directions"
-    source = "Popovic, Goldenberg, IEEE Trans. Robotics and Automation 14(1), 1998"
+    doc = Doc(
+        equation="tau = tanh(v / v0) (a1 sin kq + b1 cos kq + a2 sin 2kq + b2 cos 2kq), k = 2 pi p",
+        signature="the friction's size repeats over position, its sign follows the direction",
+        confused_with=("cogging",),
+        shown_by="full slow strokes in both directions",
+        source="Popovic, Goldenberg, IEEE Trans. Robotics and Automation 14(1), 1998",
+        over=Over.POSITION,
+    )
     params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
-    shape = (Param("p", "1/{x}", "periods per unit of position; least: a smooth change", 0.0),)
-    ends_at_resolution = True
+    shape = (
+        Param("p", "1/{x}", "periods per unit of position; least: a smooth change", 0.0, size=True),
+    )
+    relations = Relations(foils=_position_friction_foils)
+    search = Waves(_position_friction_grid, carrier=_position_friction_carrier, at_resolution=True)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """sgn(v) times two harmonics over position."""
         return motion.sign(j)[:, None] * harmonics(motion.q[:, j], shape[0])
-
-    def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
-        """Viscous friction that varies with position, as fast and as slowly as can be."""
-        v, q = motion.qd[:, j : j + 1], motion.q[:, j]
-        return [v * harmonics(q, p) for p in {shape[0], self.grid(motion, j)[0][0]}]
-
-    def carrier(self, motion: Motion, j: int) -> FloatArray:
-        """Sign of the speed."""
-        return motion.sign(j)
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Every half order over the span, from half a period on."""
-        return position_orders(motion, j, 25.0, 0.5)
 
 
 def harmonics(q: FloatArray, p: float) -> FloatArray:

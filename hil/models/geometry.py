@@ -12,13 +12,13 @@ Control, 2006, 7.3 (Christoffel symbols).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
 
 from hil.models.correction import Correction
-from hil.models.effect import Effect, Param
+from hil.models.effect import Doc, Effect, Param, Scope, Trait
 from hil.models.motion import FloatArray, Motion
 from hil.models.robots import IndependentAxes
 
@@ -39,100 +39,127 @@ def waves(motion: Motion, k: int) -> tuple[FloatArray, FloatArray]:
     return np.sin(motion.q[:, k]), np.cos(motion.q[:, k])
 
 
+Count = Callable[[Motion, int], int]
+
+
+def _doc(equation: str, signature: str, variables: str) -> Doc:
+    """Documentation of a law of several joints."""
+    return Doc(
+        equation=equation,
+        signature=signature,
+        shown_by="all joints over their whole ranges, slowly and fast",
+        source="Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, 9.3",
+        caveat="sums of unknown masses and lengths: give a URDF to get values with a meaning",
+        variables=variables,
+    )
+
+
+def _scope(count: Count) -> Scope:
+    """Several turning joints of which nothing is known, a coefficient for each of the products."""
+
+    def lacks(motion: Motion, j: int) -> str:
+        if not isinstance(motion.robot, IndependentAxes) or motion.robot.units[j] != "rad":
+            return "the robot's geometry is known, or it has no turning joints"
+        if motion.d < 2 or not count(motion, j):
+            return "needs two joints that move"
+        return ""
+
+    def terms(motion: Motion, j: int) -> tuple[Param, ...]:
+        names = (f"c{k}" for k in range(1, count(motion, j) + 1))
+        return tuple(Param(name, "{F}", "coefficient of a product") for name in names)
+
+    return Scope(lacks=lacks, terms=terms)
+
+
 class _OfGeometry(Correction):
     """A law of several joints without a robot description."""
 
     family = "mass"
-    explains = ("motor",)
-    geometry = True
-    shown_by = "all joints over their whole ranges, slowly and fast"
-    source = "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, 9.3"
-    caveat = "sums of unknown masses and lengths: give a URDF to get values with a meaning"
+    traits = Correction.traits | Trait.GEOMETRY
 
-    def available(self, motion: Motion, j: int) -> str:
-        """Several turning joints of which nothing is known."""
-        if not isinstance(motion.robot, IndependentAxes) or motion.robot.units[j] != "rad":
-            return "the robot's geometry is known, or it has no turning joints"
-        if motion.d < 2 or not self._each(motion, j):
-            return "needs two joints that move"
-        return ""
 
-    def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
-        """One coefficient for each product."""
-        count = self._each(motion, j)
-        return tuple(Param(f"c{k}", "{F}", "coefficient of a product") for k in range(1, count + 1))
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """All products, (n, m)."""
-        return np.stack(list(self._products(motion, j)), axis=1)
-
-    def _each(self, motion: Motion, j: int) -> int:
-        """Number of products."""
-        raise NotImplementedError
-
-    def _products(self, motion: Motion, j: int) -> Iterator[FloatArray]:
-        """One column after the other (n,)."""
-        raise NotImplementedError
+def _single(motion: Motion, j: int) -> Iterator[FloatArray]:
+    """Waves of single joints, one column after the other (n,)."""
+    for k in moving(motion, j):
+        yield from waves(motion, k)
 
 
 class GenericGravity(_OfGeometry):
     """Gravity: any sum of the sines and cosines of single joint angles."""
 
-    name, variables = "generic-gravity", "gravity of an unknown geometry"
-    motion_only = True
-    equation = "tau_j = sum_k a_k sin q_k + b_k cos q_k"
-    signature = "an effort that stays at rest and varies with the posture"
+    name = "generic-gravity"
+    doc = _doc(
+        "tau_j = sum_k a_k sin q_k + b_k cos q_k",
+        "an effort that stays at rest and varies with the posture",
+        "gravity of an unknown geometry",
+    )
+    scope = _scope(lambda motion, j: 2 * len(moving(motion, j)))
+    traits = _OfGeometry.traits | Trait.MOTION
 
-    def _each(self, motion: Motion, j: int) -> int:
-        return 2 * len(moving(motion, j))
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """All products, (n, m)."""
+        return np.stack(list(_single(motion, j)), axis=1)
 
-    def _products(self, motion: Motion, j: int) -> Iterator[FloatArray]:
-        for k in moving(motion, j):
-            yield from waves(motion, k)
+
+def _pairs(motion: Motion, j: int) -> int:
+    """Number of products of the waves of two joints."""
+    count = len(moving(motion, j))
+    return 2 * count * (count - 1)
+
+
+def _paired(motion: Motion, j: int) -> Iterator[FloatArray]:
+    """Products of the waves of two joints."""
+    for k, other in combinations(moving(motion, j), 2):
+        for a in waves(motion, k):
+            for b in waves(motion, other):
+                yield a * b
 
 
 class GenericPosture(_OfGeometry):
     """Gravity: products of the sines and cosines of two joint angles."""
 
-    name, variables = "generic-posture", "gravity of an unknown geometry, by pairs of joints"
-    motion_only = True
-    equation = "tau_j = sum_kl c_kl {sin, cos} q_k {sin, cos} q_l"
-    signature = "an effort that stays at rest and varies with the posture of two joints"
+    name = "generic-posture"
+    doc = _doc(
+        "tau_j = sum_kl c_kl {sin, cos} q_k {sin, cos} q_l",
+        "an effort that stays at rest and varies with the posture of two joints",
+        "gravity of an unknown geometry, by pairs of joints",
+    )
+    scope = _scope(_pairs)
+    traits = _OfGeometry.traits | Trait.MOTION
 
-    def _each(self, motion: Motion, j: int) -> int:
-        count = len(moving(motion, j))
-        return 2 * count * (count - 1)
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """All products, (n, m)."""
+        return np.stack(list(_paired(motion, j)), axis=1)
 
-    def _products(self, motion: Motion, j: int) -> Iterator[FloatArray]:
-        for k, other in combinations(moving(motion, j), 2):
-            for a in waves(motion, k):
-                for b in waves(motion, other):
-                    yield a * b
+
+def _coupled(motion: Motion, j: int) -> Iterator[FloatArray]:
+    """Accelerations of the other joints, and squares of speeds, times waves."""
+    v, a = motion.qd, motion.qdd
+    for k in (k for k in moving(motion, j) if k != j):
+        yield a[:, k]
+        for w in waves(motion, max(j, k)):
+            yield a[:, k] * w
+            yield v[:, k] ** 2 * w
+            yield v[:, j] * v[:, k] * w
+        for w in waves(motion, k):
+            yield a[:, j] * w
 
 
 class GenericInertia(_OfGeometry):
     """Couplings: inertia of the other joints' motion, and what comes of their speeds."""
 
-    name, variables = "generic-inertia", "inertia of an unknown geometry"
-    equation = (
+    name = "generic-inertia"
+    doc = _doc(
         "tau_j = sum_k qdd_k (a + b sin q_m + c cos q_m) + qdd_j (d sin q_k + e cos q_k) + "
-        "(qd_k^2 and qd_j qd_k) {sin, cos} q_m,  m the farther of j and k"
+        "(qd_k^2 and qd_j qd_k) {sin, cos} q_m,  m the farther of j and k",
+        "an effort with the acceleration of other joints, and with squares of speeds",
+        "inertia of an unknown geometry",
     )
-    signature = "an effort with the acceleration of other joints, and with squares of speeds"
+    scope = _scope(lambda motion, j: 9 * len([k for k in moving(motion, j) if k != j]))
 
-    def _each(self, motion: Motion, j: int) -> int:
-        return 9 * len([k for k in moving(motion, j) if k != j])
-
-    def _products(self, motion: Motion, j: int) -> Iterator[FloatArray]:
-        v, a = motion.qd, motion.qdd
-        for k in (k for k in moving(motion, j) if k != j):
-            yield a[:, k]
-            for w in waves(motion, max(j, k)):
-                yield a[:, k] * w
-                yield v[:, k] ** 2 * w
-                yield v[:, j] * v[:, k] * w
-            for w in waves(motion, k):
-                yield a[:, j] * w
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """All products, (n, m)."""
+        return np.stack(list(_coupled(motion, j)), axis=1)
 
 
 EFFECTS: tuple[Effect, ...] = (GenericGravity(), GenericPosture(), GenericInertia())

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
+from hil.models.effect import Trait
 from hil.record.recording import RobotSource
 
 ALL = ("*",)
@@ -146,7 +147,8 @@ class RobotModel:
         """
         empty = [u.type for u in self.effects if not u.values]
         # a rotor that is part of an axis' only inertia has none, and a description its own masses
-        needed = [name for name in empty if name not in ("rigid-body", "armature")]
+        known = Trait.BODY | Trait.ROTOR
+        needed = [name for name in empty if not catalogue.get(name).traits & known]
         if needed or len(empty) == len(self.effects):
             raise ConfigError(
                 f"the model has no values of {', '.join(empty)}, so it foretells nothing as it is; "

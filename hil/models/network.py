@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from hil.models.effect import Effect, Param, typical_speed
+from hil.models.effect import Doc, Effect, Grid, Param, Scope, Shapes, Trait, typical_speed
 from hil.models.motion import FloatArray, Motion
 
 #: Inputs by the value of the shape: own speed; position and speed; above 0 the other joint.
@@ -67,7 +67,7 @@ def dictionary(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-def input_sets(motion: Motion, j: int) -> list[tuple[float, ...]]:
+def input_sets(motion: Motion, j: int) -> Shapes:
     """Shapes: own speed, position and speed, own and every other joint's speed."""
     size = WIDE * typical_speed(motion, j)
     others = [
@@ -76,15 +76,26 @@ def input_sets(motion: Motion, j: int) -> list[tuple[float, ...]]:
     return [(SPEED, size, 1.0), (PLACE, size, 1.0), *others]
 
 
+def _friction_network_terms(motion: Motion, j: int) -> tuple[Param, ...]:
+    """One weight a wavelet of the largest set of inputs."""
+    one, two = nodes(1), nodes(2)
+    most = 2 * one + two if motion.d > 1 else one + two
+    return tuple(Param(f"w{k + 1}", "{F}", "weight of a wavelet") for k in range(most))
+
+
 class FrictionNetwork(Effect):
     """Any function of own speed, and of position or another joint's speed beside it."""
 
     name, family = "friction-network", "friction"
-    equation = "tau = sum_i w_i psi(2^m (x - c_i)),  x = (v), (q, v) or (v, v_k), scaled"
-    signature = "whatever is left over speed and position"
-    confused_with = ("stribeck", "position-friction", "coupled-friction", "quadratic-drag")
-    shown_by = "motion that visits all combinations of its inputs"
-    source = "Naerum thesis 3.1.1 (wavelet friction network, Paper I); Mexican hat, dyadic levels"
+    doc = Doc(
+        equation="tau = sum_i w_i psi(2^m (x - c_i)),  x = (v), (q, v) or (v, v_k), scaled",
+        signature="whatever is left over speed and position",
+        confused_with=("stribeck", "position-friction", "coupled-friction", "quadratic-drag"),
+        shown_by="motion that visits all combinations of its inputs",
+        source=(
+            "Naerum thesis 3.1.1 (wavelet friction network, Paper I); Mexican hat, dyadic levels"
+        ),
+    )
     params = (Param("w1", "{F}", "weight of a wavelet"),)
     shape = (
         Param(
@@ -102,7 +113,9 @@ class FrictionNetwork(Effect):
         Param("v", "{x}/s", "own speed that counts as 1", 0.0),
         Param("w", "{x}/s", "the other joint's speed that counts as 1", 0.0),
     )
-    candidate = refine = False
+    scope = Scope(terms=_friction_network_terms)
+    search = Grid(input_sets, refine=False)
+    traits = Trait.GIVEN
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Wavelets of the inputs; always as many as the largest set has, the others zero.
@@ -111,19 +124,9 @@ class FrictionNetwork(Effect):
         which is what keeps the weights of overlapping wavelets bounded.
         """
         values = dictionary(motion, j, shape)
-        out = np.zeros((motion.n, len(self.terms(motion, j))))
+        out = np.zeros((motion.n, len(_friction_network_terms(motion, j))))
         out[:, : values.shape[1]] = values
         return out
-
-    def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
-        """One weight a wavelet of the largest set of inputs."""
-        one, two = nodes(1), nodes(2)
-        most = 2 * one + two if motion.d > 1 else one + two
-        return tuple(Param(f"w{k + 1}", "{F}", "weight of a wavelet") for k in range(most))
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Own speed, position and speed, every other joint's speed."""
-        return input_sets(motion, j)
 
 
 EFFECTS: tuple[Effect, ...] = (FrictionNetwork(),)

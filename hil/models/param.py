@@ -31,6 +31,9 @@ class Param:
         Words for some values, e.g. ``((1.0, "Dahl"),)``.
     choice : bool
         Whether it is no quantity at all: there is nothing between its values, and no error.
+    size : bool
+        Whether a shape value is a size (a time, a width, a frequency): one that is less than its
+        standard error is not determined, and nothing is named by it.
     """
 
     name: str
@@ -41,6 +44,7 @@ class Param:
     source: str = ""
     codes: tuple[tuple[float, str], ...] = ()
     choice: bool = False
+    size: bool = False
 
     def words(self, value: float, joints: tuple[str, ...] = ()) -> str:
         """Words for a value; empty where the number says all.

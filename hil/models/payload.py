@@ -19,7 +19,22 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.optimize
 
-from hil.models.effect import SURE, Effect, Param
+from hil.models.effect import (
+    SURE,
+    Doc,
+    Effect,
+    Fitted,
+    Grid,
+    Limit,
+    Of,
+    Param,
+    Relations,
+    Scope,
+    Shape,
+    Shapes,
+    Trait,
+    Variation,
+)
 from hil.models.motion import FloatArray, Motion
 from hil.models.param import JOINT
 
@@ -37,6 +52,38 @@ _MOMENTS = (("mx", "x"), ("my", "y"), ("mz", "z"))
 _INERTIAS = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
+def _payload_lacks(motion: Motion, j: int) -> str:
+    """Needs links."""
+    return "" if motion.robot.links else "the robot has no geometry, so no links and no tip"
+
+
+def _payload_grid(motion: Motion, j: int) -> Shapes:
+    """Links that can carry a load: of equals the tip's, else the one nearest to the base."""
+    return [(float(k),) for k in motion.robot.links]
+
+
+def _payload_foils(motion: Motion, j: int, shape: Shape) -> Sequence[FloatArray]:
+    """Other inertias of all links at once: a description that is a bit wrong everywhere."""
+    return [motion.robot.regressor(motion.q, motion.qd, motion.qdd)]
+
+
+def _payload_real(f: Fitted) -> bool:
+    """Whether a run exists against which all others carry a real body, or none.
+
+    The coefficients are the differences (runs - 1, 10) to the first run, or one body.
+    """
+    if not f.motion.robot.links:
+        return True
+    seen = _seen(f.motion, f.effect.columns(f.motion, f.j, f.shape))
+    each = np.concatenate([np.zeros((1, 10)), np.reshape(f.beta, (-1, 10))])
+    sizes = f.error if len(f.error) == len(f.beta) else np.zeros(len(f.beta))
+    noise = _noise(seen, np.reshape(sizes, (-1, 10)))
+    return any(
+        all(real(seen, other - first, noise) for other in each if other is not first)
+        for first in each
+    )
+
+
 class Payload(Effect):
     """A body on a link, in some runs and not in others.
 
@@ -46,22 +93,27 @@ class Payload(Effect):
     the joint's frame.
     """
 
-    motion_only = per_run = relative = jointless = whole_robot = True
-    refine = False
     name, family = "payload", "mass"
-    equation = "tau = Y_k(q, qd, qdd) [m, m c, I],  the body on link k"
-    signature = "gravity and inertia of all joints up to the link change together"
-    confused_with = ("rigid-body", "load-friction")
-    shown_by = "one recording with and one without the mass"
-    source = "Atkeson, An, Hollerbach, Int. J. Robotics Research 5(3), 1986"
+    doc = Doc(
+        equation="tau = Y_k(q, qd, qdd) [m, m c, I],  the body on link k",
+        signature="gravity and inertia of all joints up to the link change together",
+        confused_with=("rigid-body", "load-friction"),
+        shown_by="one recording with and one without the mass",
+        source="Atkeson, An, Hollerbach, Int. J. Robotics Research 5(3), 1986",
+        caveat="what is marked as not identifiable acts in combinations with the others alone",
+    )
     params = (
         Param("m", "kg", "mass, with several runs more than in the first one"),
         *(Param(n, "kg m", f"first moment, {axis} axis of the link") for n, axis in _MOMENTS),
         *(Param(n, "kg m^2", "moment of inertia, in axes of the link") for n in _INERTIAS),
     )
-    caveat = "what is marked as not identifiable acts in combinations with the others alone"
     shape = (Param(JOINT, "1", "number of the joint whose link carries it", 0.0, choice=True),)
-    single = (0.0,)
+    scope = Scope(Of.ROBOT, lacks=_payload_lacks)
+    variation = Variation(per_run=True, relative=True, single=(0.0,))
+    relations = Relations(foils=_payload_foils)
+    search = Grid(_payload_grid, refine=False)
+    limits = (Limit("real-body", _payload_real),)
+    traits = Trait.MOTION
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Effort of unit parameters, shape (n, d, 10); without a link of a point mass at the tip.
@@ -74,37 +126,6 @@ class Payload(Effect):
         size = np.abs(out).max(axis=(0, 1), initial=0.0)
         acts = size > ROUNDING * size.max(initial=0.0)
         return np.where(acts if link else acts & (np.arange(10) == 0), out, 0.0)
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Links that can carry a load: of equals the tip's, else the one nearest to the base."""
-        return [(float(k),) for k in motion.robot.links]
-
-    def foils(self, motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
-        """Other inertias of all links at once: a description that is a bit wrong everywhere."""
-        return [motion.robot.regressor(motion.q, motion.qd, motion.qdd)]
-
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """Whether a run exists against which all others carry a real body, or none.
-
-        `beta` holds the differences (runs - 1, 10) to the first run, or one body.
-        """
-        if not motion.robot.links:
-            return True
-        seen = _seen(motion, self.columns(motion, j, shape))
-        each = np.concatenate([np.zeros((1, 10)), np.reshape(beta, (-1, 10))])
-        sizes = np.reshape(error if len(error) == len(beta) else np.zeros(len(beta)), (-1, 10))
-        noise = _noise(seen, sizes)
-        return any(
-            all(real(seen, other - first, noise) for other in each if other is not first)
-            for first in each
-        )
-
-    def available(self, motion: Motion, j: int) -> str:
-        """Needs links."""
-        return "" if motion.robot.links else "the robot has no geometry, so no links and no tip"
 
 
 def pseudo_inertia(pi: FloatArray) -> FloatArray:

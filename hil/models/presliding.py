@@ -8,14 +8,32 @@ from typing import ClassVar
 import numba
 import numpy as np
 
-from hil.models.effect import SURE, Effect, Param, log_grid, margins
+from hil.models.effect import (
+    STRICT,
+    SURE,
+    Doc,
+    Effect,
+    Fitted,
+    Grid,
+    Limit,
+    Over,
+    Param,
+    Relations,
+    Shapes,
+    Sight,
+    Trait,
+    log_grid,
+)
 from hil.models.friction import Coulomb, Stribeck
 from hil.models.motion import FloatArray, Motion
+from hil.models.parts import Others
 
 #: Value of `form` that stands for LuGre's.
 LUGRE = 2.0
 #: Words for its values.
 FORMS = ((0.0, "Maxwell slip"), (1.0, "Dahl"), (LUGRE, "LuGre"))
+#: Least displacement over which friction builds up, in units of the least that is tried.
+WIDE = 1.1
 #: Share of the friction that loops carry at least, to be more than the error of a sign's form.
 LEAST = 0.02
 
@@ -99,6 +117,79 @@ def lugre_state(q: FloatArray, level: FloatArray, scale: float) -> FloatArray:
     return z
 
 
+def _loops(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+    """Sign, and the three loops of a form, shape (n, 4)."""
+    q, s = np.ascontiguousarray(motion.q[:, j]), float(shape[0])
+    if shape[1] == LUGRE:
+        loops = _lugre(q, motion.qd[:, j], s, float(shape[3]), motion.dt)
+    else:
+        state = slip_state if shape[1] == 0.0 else dahl_state
+        loops = [state(q, k * s) for k in (1.0, 3.0, 9.0)]
+    return np.stack([motion.sign(j, float(shape[2])), *loops]).T
+
+
+def _presliding_state(
+    motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float]
+) -> FloatArray | None:
+    """Nested loops by their shares of the sliding friction, sum f z / sum f."""
+    count = 2 if shape[1] == LUGRE else len(beta)  # in LuGre's form the rest fades in sliding
+    share = np.array(beta[:count], dtype=np.float64)
+    if float(share.sum()) <= 0.0:
+        return None
+    out: FloatArray = _loops(motion, j, shape)[:, :count] @ (share / share.sum())
+    return out
+
+
+def _presliding_remark(values: Mapping[str, float], errors: Mapping[str, float]) -> str:
+    """LuGre's law without a rise of its level is Dahl's."""
+    if values["form"] != LUGRE or values["f2"] > SURE * errors["f2"]:
+        return ""
+    return (
+        f"f2 is within {SURE:g} standard errors of zero: LuGre's law without a rise at low "
+        "speed is Dahl's, and vs then says nothing"
+    )
+
+
+def _least(motion: Motion, j: int) -> float:
+    """Least displacement that is tried for joint j [rad or m]."""
+    span = float(np.ptp(motion.span[j])) or 1.0
+    grain = float(motion.grain[j]) if motion.grain.size else 0.0
+    return min(max(1e-4 * span, 2 * grain), 4e-2 * span)
+
+
+def _presliding_grid(motion: Motion, j: int) -> Shapes:
+    """From 1e-4 of the span, and from twice what the encoder resolves, to 5e-2 of the span."""
+    span, least = float(np.ptp(motion.span[j])) or 1.0, _least(motion, j)
+    v0, scales = float(motion.v0[j]), log_grid(least, 5e-2 * span, 10)
+    return [(s, form, v0, 0.0) for form in (0.0, 1.0) for (s,) in scales]
+
+
+def _presliding_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Sign resolutions (without the loops Coulomb's sign was smeared out to imitate them)."""
+    return [(*shape[:2], v0, shape[3]) for (v0,) in Coulomb.search.grid(motion, j)]
+
+
+def _presliding_carries(f: Fitted) -> bool:
+    """Loops that carry a part of the friction, one of them surely; else it is a blunt sign."""
+    sure = any(b > e for b, e in zip(f.beta[1:], f.slack[1:], strict=True))
+    part = sum(f.beta[1:]) > LEAST * sum(f.beta)
+    return sure and part
+
+
+def _presliding_wide(f: Fitted) -> bool:
+    """Over more than the least displacement that is tried: else a sign that turns a little late."""
+    return f.shape[0] >= WIDE * _least(f.motion, f.j)
+
+
+def _presliding_others(motion: Motion, j: int, shape: Sequence[float]) -> Others | None:
+    """LuGre's form, against Maxwell slip with a Stribeck curve beside it."""
+    s, _, v0, _ = shape
+    speeds = [vs for vs, n in Stribeck.search.grid(motion, j) if n == 2.0]
+    lugre = [(x, LUGRE, v0, vs) for vs in speeds for (x,) in log_grid(0.7 * s, 6 * s, 5)]
+    beside: Shapes = [(s, 0.0, v0, vs) for vs in speeds]
+    return [tuple(map(float, x)) for x in lugre], _BESIDE, beside
+
+
 class Presliding(Effect):
     """Friction that needs a displacement to build up after each reversal.
 
@@ -108,20 +199,29 @@ class Presliding(Effect):
     LuGre's equation, between them lies a mean of the two.
     """
 
-    replayed = strict = True
     name, family = "presliding", "friction"
-    equation = (
-        "tau = f0 tanh(v / v0) + f1 z(s) + f2 z(3 s) + f3 z(9 s),  "
-        "z <- clip(z + dq / s, -1, 1) (Maxwell slip) or dz/dq = (1 - z sgn v) / s (Dahl); "
-        "LuGre: f1 z + f2 (z' - z) + f3 s/vs dz/dt, z' with g = 1 + exp(-(v/vs)^2) in "
-        "dz/dq = (1 - z sgn v / g) / s, z with g = 1"
-    )
-    signature = "a loop over the displacement since reversal, independent of speed"
-    confused_with = ("backlash", "elastic-transmission", "stribeck", "delay")
-    shown_by = "small reversals below break-away, at two or more frequencies"
-    source = (
-        "Dahl 1968; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control "
-        "40(3), 1995; Lampaert, Swevers, Al-Bender, IEEE Trans. Automatic Control 47(4), 2002"
+    doc = Doc(
+        equation=(
+            "tau = f0 tanh(v / v0) + f1 z(s) + f2 z(3 s) + f3 z(9 s),  "
+            "z <- clip(z + dq / s, -1, 1) (Maxwell slip) or dz/dq = (1 - z sgn v) / s (Dahl); "
+            "LuGre: f1 z + f2 (z' - z) + f3 s/vs dz/dt, "
+            "z' with g = 1 + exp(-(v/vs)^2) in dz/dq = (1 - z sgn v / g) / s, z with g = 1"
+        ),
+        signature="a loop over the displacement since reversal, independent of speed",
+        confused_with=("backlash", "elastic-transmission", "stribeck", "delay"),
+        shown_by="small reversals below break-away, at two or more frequencies",
+        source=(
+            "Dahl 1968; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic "
+            "Control 40(3), 1995; Lampaert, Swevers, Al-Bender, IEEE Trans. Automatic Control "
+            "47(4), 2002"
+        ),
+        caveat=(
+            "dry friction of a link behind a stiff cable or belt builds up over a displacement, "
+            "too: below the resonance a motor's data do not say which of the two gives"
+        ),
+        remark=_presliding_remark,
+        shown=Sight.SLOW | Sight.REVERSALS,
+        over=Over.DISPLACEMENT,
     )
     params: ClassVar[tuple[Param, ...]] = (
         Param("f0", "{F}", "sliding friction that builds up at once", 0.0),
@@ -130,7 +230,7 @@ class Presliding(Effect):
         Param("f3", "{F}", "of the element nine times as soft; LuGre: sigma_1 vs", 0.0),
     )
     shape = (
-        Param("s", "{x}", "presliding displacement", 0.0),
+        Param("s", "{x}", "presliding displacement", 0.0, size=True),
         Param("form", "1", "0 Maxwell slip, 1 Dahl, 2 LuGre", 0.0, 2.0, codes=FORMS, choice=True),
         Param("v0", "{x}/s", "speed over which the sign of f0 is resolved", 0.0),
         Param(
@@ -139,74 +239,17 @@ class Presliding(Effect):
             "LuGre: Stribeck speed; else 0",
             0.0,
             codes=((0.0, "not in this form"),),
+            size=True,
         ),
     )
-    replaces = ("coulomb",)
-    caveat = (
-        "dry friction of a link behind a stiff cable or belt builds up over a displacement, too: "
-        "below the resonance a motor's data do not say which of the two gives"
-    )
+    relations = Relations(replaces=("coulomb",), state=_presliding_state)
+    search = Grid(_presliding_grid, across=_presliding_across, others=_presliding_others)
+    limits = (Limit("stiff", _presliding_wide), Limit("blunt", _presliding_carries), STRICT)
+    traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[sign, z(q; s), z(q; 3 s), z(q; 9 s)]: nested loops; or LuGre's three parts."""
-        q, s = np.ascontiguousarray(motion.q[:, j]), float(shape[0])
-        if shape[1] == LUGRE:
-            loops = _lugre(q, motion.qd[:, j], s, float(shape[3]), motion.dt)
-        else:
-            state = slip_state if shape[1] == 0.0 else dahl_state
-            loops = [state(q, k * s) for k in (1.0, 3.0, 9.0)]
-        return np.stack([motion.sign(j, float(shape[2])), *loops]).T
-
-    def state(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float]
-    ) -> FloatArray | None:
-        """Nested loops by their shares of the sliding friction, sum f z / sum f."""
-        count = 2 if shape[1] == LUGRE else len(beta)  # in LuGre's form the rest fades in sliding
-        share = np.array(beta[:count], dtype=np.float64)
-        if float(share.sum()) <= 0.0:
-            return None
-        out: FloatArray = self.columns(motion, j, shape)[:, :count] @ (share / share.sum())
-        return out
-
-    def remark(self, values: Mapping[str, float], errors: Mapping[str, float]) -> str:
-        """LuGre's law without a rise of its level is Dahl's."""
-        if values["form"] != LUGRE or values["f2"] > SURE * errors["f2"]:
-            return ""
-        return (
-            f"f2 is within {SURE:g} standard errors of zero: LuGre's law without a rise at low "
-            "speed is Dahl's, and vs then says nothing"
-        )
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """From 1e-4 of the span, and from twice what the encoder resolves, to 5e-2 of the span."""
-        span = float(np.ptp(motion.span[j])) or 1.0
-        grain = float(motion.grain[j]) if motion.grain.size else 0.0
-        least = min(max(1e-4 * span, 2 * grain), 4e-2 * span)
-        v0, scales = float(motion.v0[j]), log_grid(least, 5e-2 * span, 10)
-        return [(s, form, v0, 0.0) for form in (0.0, 1.0) for (s,) in scales]
-
-    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
-        """Sign resolutions (without the loops Coulomb's sign was smeared out to imitate them)."""
-        return [(*shape[:2], v0, shape[3]) for (v0,) in Coulomb().grid(motion, j)]
-
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """Loops that carry a part of the friction, one of them surely; else it is a blunt sign."""
-        sure = any(b > e for b, e in zip(beta[1:], margins(beta, error)[1:], strict=True))
-        part = sum(beta[1:]) > LEAST * sum(beta)
-        return sure and part and super().credible(motion, j, shape, beta, error)
-
-    def others(
-        self, motion: Motion, j: int, shape: Sequence[float]
-    ) -> tuple[list[tuple[float, ...]], Effect, list[tuple[float, ...]]] | None:
-        """LuGre's form, against Maxwell slip with a Stribeck curve beside it."""
-        s, _, v0, _ = shape
-        speeds = [vs for vs, n in Stribeck().grid(motion, j) if n == 2.0]
-        lugre = [(x, LUGRE, v0, vs) for vs in speeds for (x,) in log_grid(0.7 * s, 6 * s, 5)]
-        beside: list[tuple[float, ...]] = [(s, 0.0, v0, vs) for vs in speeds]
-        return [tuple(map(float, x)) for x in lugre], _BESIDE, beside
+        return _loops(motion, j, shape)
 
 
 def _lugre(q: FloatArray, v: FloatArray, s: float, vs: float, dt: float) -> list[FloatArray]:
@@ -221,12 +264,12 @@ class _Beside(Presliding):
     """Maxwell slip and a Stribeck curve beside each other: what LuGre's form has to beat."""
 
     name = "presliding-and-stribeck"
-    candidate = False
     params = (*Presliding.params, *Stribeck.params)
+    traits = Presliding.traits | Trait.GIVEN
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """The four of presliding, and exp(-(v / vs)^2) sgn."""
-        loops = super().columns(motion, j, (*shape[:3], 0.0))
+        loops = _loops(motion, j, (*shape[:3], 0.0))
         peak = np.exp(-((motion.qd[:, j] / shape[3]) ** 2)) * loops[:, 0]
         return np.concatenate([loops, peak[:, None]], axis=1)
 

@@ -7,13 +7,27 @@ channels and J are those of `hil.models.channels`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
 
 from hil.models.channels import AXES, BASE, TIP, at_tip, channels, lever, pairs, readings
-from hil.models.effect import Effect, Param, margins
+from hil.models.effect import (
+    Doc,
+    Effect,
+    Fitted,
+    Grid,
+    Limit,
+    Of,
+    Over,
+    Param,
+    Relations,
+    Scope,
+    Shapes,
+    Trait,
+    Twin,
+)
 from hil.models.motion import FloatArray, Motion
 
 #: Share of the motor's effort from which a force is more than the noise of its sensor.
@@ -21,130 +35,133 @@ PUSH = 0.05
 _SOURCE = "Cao, Laws, Rodriguez y Baena, IEEE Sensors J. 21(18), 2021 (six-axis force sensors)"
 
 
-class _ForceSensor(Effect):
-    """An error of every channel of the force sensor, with one coefficient each."""
+def _frames(motion: Motion, j: int) -> Shapes:
+    """Base axes; those of the tip where there is one that turns."""
+    turned = motion.robot.tip_axes(motion.q[:2]) if at_tip(motion) else None
+    return [(BASE,)] if turned is None else [(BASE,), (TIP,)]
 
-    family = "sensor"
-    source = _SOURCE
-    whole_robot = replayed = motion_only = jointless = True
-    refine = False
-    letter = ""
-    shape: ClassVar[tuple[Param, ...]] = (
-        Param(
-            "frame",
-            "1",
-            "axes of the channels: 0 base, 1 tip",
-            BASE,
-            TIP,
-            codes=((BASE, "along the base's axes"), (TIP, "along the tip's axes")),
-            choice=True,
-        ),
-    )
 
-    def error(self, motion: Motion, readings: FloatArray) -> FloatArray:
-        """Error of the channels for unit coefficient (n, channels)."""
-        raise NotImplementedError
+def _missing(motion: Motion, j: int) -> str:
+    """Needs a force sensor."""
+    some = np.any(motion.wrench) if at_tip(motion) else np.any(motion.tau_ext)
+    return "" if some else "no external force was measured"
 
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """J' e of every channel, shape (n, d, channels); nothing without a sensor."""
-        if self.available(motion, j):
-            return np.zeros((motion.n, motion.d, len(self.terms(motion, j))))
-        error = self.error(motion, readings(motion, shape[0]))
-        return lever(motion, shape[0]) * error[:, None, :]
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Base axes; those of the tip where there is one that turns."""
-        turned = motion.robot.tip_axes(motion.q[:2]) if at_tip(motion) else None
-        return [(BASE,)] if turned is None else [(BASE,), (TIP,)]
+def _each(letter: str, unit: str = "{unit}") -> Callable[[Motion, int], tuple[Param, ...]]:
+    """One coefficient a channel; ``{unit}`` stands for the channel's own unit."""
 
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """What a sensor adds to its reading stands in the reading: no more than twice its size."""
-        shown = readings(motion, shape[-1])
-        if len(beta) != shown.shape[1]:
-            return True
-        added = self.error(motion, shown) * np.array(beta) * self.warmth(motion, shape[0])[:, 0]
-        return float(np.sum(added**2)) <= 4.0 * float(np.sum(shown**2))
-
-    def warmth(self, motion: Motion, time: float) -> FloatArray:
-        """Factor over time of all channels, shape (n, 1, 1)."""
-        return np.ones((motion.n, 1, 1))
-
-    def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
-        """One coefficient a channel."""
+    def terms(motion: Motion, j: int) -> tuple[Param, ...]:
         tip = at_tip(motion)
         names = [AXES[k] if tip else str(k + 1) for k in channels(motion)]
         units = ["N m" if tip and k > 2 else "N" if tip else "{F}" for k in channels(motion)]
         return tuple(
-            Param(f"{self.letter}{n}", self.of(u), f"{self.letter} of channel {n}")
+            Param(f"{letter}{n}", unit.replace("{unit}", u), f"{letter} of channel {n}")
             for n, u in zip(names, units, strict=True)
         )
 
-    def of(self, unit: str) -> str:
-        """Unit of the coefficient of a channel in `unit`."""
-        return unit
+    return terms
 
-    def available(self, motion: Motion, j: int) -> str:
-        """Needs a force sensor."""
-        some = np.any(motion.wrench) if at_tip(motion) else np.any(motion.tau_ext)
-        return "" if some else "no external force was measured"
+
+def _felt(motion: Motion, frame: float, own: bool = False) -> FloatArray:
+    """J' e of every channel, e = 1 or its own reading, (n, d, channels); zero without a sensor."""
+    if _missing(motion, 0):
+        return np.zeros((motion.n, motion.d, len(channels(motion))))
+    shown = readings(motion, frame)
+    return lever(motion, frame) * (shown if own else np.ones_like(shown))[:, None, :]
+
+
+def _stands(f: Fitted, warmth: FloatArray | float = 1.0) -> bool:
+    """What a sensor adds to its reading stands in the reading: no more than twice its size."""
+    shown = readings(f.motion, f.shape[-1])
+    if len(f.beta) != shown.shape[1]:
+        return True
+    added = np.ones_like(shown) * np.array(f.beta) * warmth
+    return float(np.sum(added**2)) <= 4.0 * float(np.sum(shown**2))
+
+
+_FRAME = Param(
+    "frame",
+    "1",
+    "axes of the channels: 0 base, 1 tip",
+    BASE,
+    TIP,
+    codes=((BASE, "along the base's axes"), (TIP, "along the tip's axes")),
+    choice=True,
+)
+_BOTH = ("motor", "external")
+
+
+class _ForceSensor(Effect):
+    """An error of every channel of the force sensor, with one coefficient each."""
+
+    family = "sensor"
+    shape: ClassVar[tuple[Param, ...]] = (_FRAME,)
+    search = Grid(_frames, refine=False)
+    traits = Trait.REPLAYED | Trait.MOTION
+
+
+def _by_joint(motion: Motion) -> bool:
+    """The sensors are one a joint.
+
+    Then a sensor's constant is an actuator's; and too much force is too little motor, for all else
+    scales along.
+    """
+    return not at_tip(motion)
 
 
 class ForceBias(_ForceSensor):
     """A constant that the force sensor adds: it was not zeroed."""
 
-    name, letter = "force-bias", "b"
-    equation = "tau = J' b  (b in the sensor's channels, along base or tip axes)"
-    signature = "a residual like that of a constant force at the tip, with no contact, too"
-    confused_with = ("torque-offset", "rigid-body", "payload")
-    shown_by = "rests without contact in several postures"
-    explains = ("motor", "external")
+    name = "force-bias"
+    doc = Doc(
+        equation="tau = J' b  (b in the sensor's channels, along base or tip axes)",
+        signature="a residual like that of a constant force at the tip, with no contact, too",
+        confused_with=("torque-offset", "rigid-body", "payload"),
+        shown_by="rests without contact in several postures",
+        source=_SOURCE,
+    )
     params = (Param("b", "{F}", "bias of a channel"),)
+    scope = Scope(Of.TIP, explains=_BOTH, lacks=_missing, terms=_each("b"))
+    relations = Relations(twins=(Twin("torque-offset", _by_joint),))
+    limits = (Limit("size", _stands),)
 
-    def error(self, motion: Motion, readings: FloatArray) -> FloatArray:
-        """1."""
-        return np.ones_like(readings)
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """J' of every channel, shape (n, d, channels)."""
+        return _felt(motion, shape[0])
 
-    def twins(self, motion: Motion) -> tuple[str, ...]:
-        """Measured joint by joint, a sensor's constant is an actuator's."""
-        return () if at_tip(motion) else ("torque-offset",)
+
+def _warmth(motion: Motion, time: float) -> FloatArray:
+    """T (1 - exp(-t / T)), shape (n, 1)."""
+    return (-time * np.expm1(-motion.since / time))[:, None]
+
+
+def _times(motion: Motion, j: int) -> Shapes:
+    """Straight (a hundred times the run), and from ten times to a twentieth of it."""
+    times = motion.since[-1] * np.array([100.0, 10.0, 1.0, 0.5, 0.2, 0.1, 0.05])
+    return [(float(t), *frame) for frame in _frames(motion, j) for t in times]
 
 
 class ForceDrift(_ForceSensor):
     """A reading of the force sensor that wanders with time."""
 
-    name, letter = "force-drift", "d"
-    equation = "tau = J' d T (1 - exp(-t / T))  (t since the start of the run)"
-    signature = "a residual that grows with time, whatever the motion"
-    confused_with = ("force-bias", "friction-drift", "missed-counts")
-    shown_by = "the same rest without contact at the start and at the end"
-    explains = ("motor", "external")
+    name = "force-drift"
+    doc = Doc(
+        equation="tau = J' d T (1 - exp(-t / T))  (t since the start of the run)",
+        signature="a residual that grows with time, whatever the motion",
+        confused_with=("force-bias", "friction-drift", "missed-counts"),
+        shown_by="the same rest without contact at the start and at the end",
+        source=_SOURCE,
+        over=Over.TIME,
+    )
     params = (Param("d", "{F}/s", "drift of a channel at the start"),)
-    shape = (Param("T", "s", "time constant", 0.0), *_ForceSensor.shape)
-    refine = True
+    shape = (Param("T", "s", "time constant", 0.0, size=True), _FRAME)
+    scope = Scope(Of.TIP, explains=_BOTH, lacks=_missing, terms=_each("d", "{unit}/s"))
+    search = Grid(_times)
+    limits = (Limit("size", lambda f: _stands(f, _warmth(f.motion, f.shape[0]))),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """J' T (1 - exp(-t / T)) of every channel, shape (n, d, channels)."""
-        return super().columns(motion, j, shape[1:]) * self.warmth(motion, shape[0])
-
-    def warmth(self, motion: Motion, time: float) -> FloatArray:
-        """T (1 - exp(-t / T)), shape (n, 1, 1)."""
-        return (-time * np.expm1(-motion.since / time))[:, None, None]
-
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Straight (a hundred times the run), and from ten times to a twentieth of it."""
-        times = motion.since[-1] * np.array([100.0, 10.0, 1.0, 0.5, 0.2, 0.1, 0.05])
-        return [(float(t), *frame) for frame in super().grid(motion, j) for t in times]
-
-    def error(self, motion: Motion, readings: FloatArray) -> FloatArray:
-        """1, before the time's part."""
-        return np.ones_like(readings)
-
-    def of(self, unit: str) -> str:
-        """Per second."""
-        return f"{unit}/s"
+        return _felt(motion, shape[1]) * _warmth(motion, shape[0])[:, :, None]
 
 
 def pushed(motion: Motion) -> str:
@@ -156,76 +173,71 @@ def pushed(motion: Motion) -> str:
 class ForceGain(_ForceSensor):
     """Channels of the force sensor that show too much or too little."""
 
-    name, letter = "force-gain", "g"
-    equation = "tau = J' diag(g) w_m  (w_m measured; g = share of the reading that is too much)"
-    signature = "residual proportional to the measured external force"
-    confused_with = ("torque-gain", "force-crosstalk")
-    shown_by = "known weights on the tip, each axis by itself"
+    name = "force-gain"
+    doc = Doc(
+        equation="tau = J' diag(g) w_m  (w_m measured; g = share of the reading that is too much)",
+        signature="residual proportional to the measured external force",
+        confused_with=("torque-gain", "force-crosstalk"),
+        shown_by="known weights on the tip, each axis by itself",
+        source=_SOURCE,
+    )
     params = (Param("g", "1", "relative error of a channel"),)
+    scope = Scope(
+        Of.TIP, lacks=lambda motion, j: _missing(motion, j) or pushed(motion), terms=_each("g", "1")
+    )
+    relations = Relations(twins=(Twin("torque-gain", _by_joint),))
+    # a channel that shows half as much again is broken, not out of calibration
+    limits = (Limit("broken", lambda f: max(abs(b) for b in f.beta) < 0.5),)
 
-    def error(self, motion: Motion, readings: FloatArray) -> FloatArray:
-        """The channel's own reading."""
-        return readings
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """J' times the channel's own reading, shape (n, d, channels)."""
+        if pushed(motion):
+            return np.zeros((motion.n, motion.d, len(channels(motion))))
+        return _felt(motion, shape[0], own=True)
 
-    def of(self, unit: str) -> str:
-        """A pure number."""
-        return "1"
 
-    def available(self, motion: Motion, j: int) -> str:
-        """Needs a force that is felt."""
-        return super().available(motion, j) or pushed(motion)
+def _crossed(f: Fitted) -> bool:
+    """A channel that shows more of another than of itself is swapped, not crossed."""
+    return all(abs(b) < 1.0 + e for b, e in zip(f.beta, f.slack, strict=True))
 
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """A channel that shows half as much again is broken, not out of calibration."""
-        return max(abs(b) for b in beta) < 0.5
 
-    def twins(self, motion: Motion) -> tuple[str, ...]:
-        """Joint by joint, too much force is too little motor: all else scales along."""
-        return () if at_tip(motion) else ("torque-gain",)
+def _each_pair(motion: Motion, j: int) -> tuple[Param, ...]:
+    """One coefficient a pair."""
+    names = AXES if at_tip(motion) else tuple(str(k + 1) for k in range(motion.d))
+    found = [(names[a], names[b]) for a, b in pairs(motion)]
+    return tuple(Param(f"e{a}-{b}", "1", f"what {a} shows of {b}") for a, b in found)
+
+
+def _one_channel(motion: Motion, j: int) -> str:
+    """Needs two channels that carry something."""
+    return (
+        _missing(motion, j)
+        or pushed(motion)
+        or ("" if pairs(motion) else "the force sensor has one channel")
+    )
 
 
 class ForceCrosstalk(_ForceSensor):
     """One channel of the force sensor answers the force of another."""
 
-    name, letter = "force-crosstalk", "e"
-    equation = "tau = J' E w_m  (E without diagonal; forces with forces, torques with torques)"
-    signature = "residual in one direction of force that follows the force in another"
-    confused_with = ("force-gain", "rigid-body")
-    shown_by = "forces along one axis at a time"
-    explains = ("motor", "external")
+    name = "force-crosstalk"
+    doc = Doc(
+        equation="tau = J' E w_m  (E without diagonal; forces with forces, torques with torques)",
+        signature="residual in one direction of force that follows the force in another",
+        confused_with=("force-gain", "rigid-body"),
+        shown_by="forces along one axis at a time",
+        source=_SOURCE,
+    )
     params = (Param("e", "1", "share of another channel's reading"),)
+    scope = Scope(Of.TIP, explains=_BOTH, lacks=_one_channel, terms=_each_pair)
+    limits = (Limit("swapped", _crossed),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """J' e_a w_b for every pair of channels (a, b), shape (n, d, pairs)."""
-        if self.available(motion, j):
-            return np.zeros((motion.n, motion.d, len(self.terms(motion, j))))
+        if _one_channel(motion, j):
+            return np.zeros((motion.n, motion.d, len(pairs(motion))))
         w, arm = readings(motion, shape[0]), lever(motion, shape[0])
         return np.stack([arm[:, :, a] * w[:, b : b + 1] for a, b in pairs(motion)], axis=2)
-
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """A channel that shows more of another than of itself is swapped, not crossed."""
-        slack = margins(beta, error)
-        return all(abs(b) < 1.0 + e for b, e in zip(beta, slack, strict=True))
-
-    def terms(self, motion: Motion, j: int) -> tuple[Param, ...]:
-        """One coefficient a pair."""
-        names = AXES if at_tip(motion) else tuple(str(k + 1) for k in range(motion.d))
-        found = [(names[a], names[b]) for a, b in pairs(motion)]
-        return tuple(Param(f"e{a}-{b}", "1", f"what {a} shows of {b}") for a, b in found)
-
-    def available(self, motion: Motion, j: int) -> str:
-        """Needs two channels that carry something."""
-        return (
-            super().available(motion, j)
-            or pushed(motion)
-            or ("" if pairs(motion) else "the force sensor has one channel")
-        )
 
 
 EFFECTS: tuple[Effect, ...] = (ForceBias(), ForceDrift(), ForceGain(), ForceCrosstalk())

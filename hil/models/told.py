@@ -55,7 +55,7 @@ def without_error(name: str, v: Value) -> str:
         return "at the end of what was searched, the optimum may lie beyond"
     if found and found[1].name == SIGN:
         return "the sharpest sign that fits, as fine as the data resolve"
-    if found and found[0].ends_at_resolution:
+    if found and found[0].search.at_resolution:
         return "at the end of what the data resolve"
     return "it hardly changes the effort here"
 
@@ -75,7 +75,7 @@ def remark(effect: str, parameters: Mapping[str, Value]) -> str:
     if not all(p.name in short for p in (*kind.params, *kind.shape)):
         return ""
     values, errors = ({n: getattr(v, k) for n, v in short.items()} for k in ("value", "stderr"))
-    said = [kind.remark(values, errors), _loose(kind, values, errors)]
+    said = [kind.doc.remark(values, errors), _loose(kind, values, errors)]
     return "; ".join(x for x in said if x)
 
 

@@ -12,10 +12,25 @@ soft about zero tension: `hil.models.cable`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
-from hil.models.effect import Effect, Param, log_grid
+from hil.models.effect import (
+    STRICT,
+    Doc,
+    Effect,
+    Fitted,
+    Grid,
+    Limit,
+    Param,
+    Relations,
+    Shapes,
+    Sight,
+    Trait,
+    Twin,
+    log_grid,
+)
 from hil.models.kernels import sprung
 from hil.models.motion import FloatArray, Motion
 from hil.models.passing import link_inertia, load_size, passing
@@ -69,27 +84,40 @@ def spring(motion: Motion, j: int, shape: Sequence[float]) -> tuple[float, float
     return w * w * mean, 2 * zeta * w * mean, inertia
 
 
+def _resonance_grid(motion: Motion, j: int) -> Shapes:
+    """Resonances over the band for two damping ratios, each in steps of its own width."""
+    return [(f, z) for z in ZETAS for f in frequencies(motion, z)]
+
+
+def _resonance_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Damping ratios."""
+    return [(shape[0], z) for z in MORE_ZETAS]
+
+
+def _rings(f: Fitted) -> bool:
+    """Within the band, and ringing: beyond a damping ratio of 0.7 a resonance has no peak."""
+    return f.shape[1] < max(MORE_ZETAS) and inside(f.motion, f.shape[0])
+
+
+RINGS = Limit("resonance", _rings)
+
+
 class _Resonance(Effect):
     """What rings at one frequency: f [Hz] and a damping ratio are its shape."""
 
-    replayed = strict = smooths = True
-    rounds = 2
+    search = Grid(_resonance_grid, across=_resonance_across, rounds=2)
+    limits: ClassVar[tuple[Limit, ...]] = (RINGS, STRICT)
+    traits = Trait.REPLAYED | Trait.SMOOTHS
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """Resonances over the band for two damping ratios, each in steps of its own width."""
-        return [(f, z) for z in ZETAS for f in frequencies(motion, z)]
 
-    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
-        """Damping ratios."""
-        return [(shape[0], z) for z in MORE_ZETAS]
+def _elastic_transmission_carries(f: Fitted) -> bool:
+    """Within the band, and a good part of the load behind it; a small one is a mode."""
+    return f.beta[0] > MOST
 
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """Within the band, and ringing: beyond a damping ratio of 0.7 a resonance has no peak."""
-        resonance = shape[1] < max(MORE_ZETAS) and inside(motion, shape[0])
-        return resonance and super().credible(motion, j, shape, beta, error)
+
+def _free(motion: Motion) -> bool:
+    """One axis without gravity or contact: the load is inertia alone."""
+    return motion.d == 1 and not np.any(motion.static) and not np.any(motion.tau_ext)
 
 
 class ElasticTransmission(_Resonance):
@@ -99,24 +127,28 @@ class ElasticTransmission(_Resonance):
     every change of that sign makes the spring ring.
     """
 
-    uses_load = True
     name, family = "elastic-transmission", "transmission"
-    equation = (
-        "tau = a (T(load) - load) + fl (T(sgn(v - d')) - sgn v),  T = k d + c d',  "
-        "I d'' + T = load,  k = (2 pi f)^2 I,  c = 2 zeta sqrt(k I)"
+    doc = Doc(
+        equation=(
+            "tau = a (T(load) - load) + fl (T(sgn(v - d')) - sgn v),  T = k d + c d',  "
+            "I d'' + T = load,  k = (2 pi f)^2 I,  c = 2 zeta sqrt(k I)"
+        ),
+        signature="residual grows with frequency towards a resonance, and rings after reversals",
+        confused_with=("vibration-mode", "hardening-cable", "armature"),
+        shown_by="fast motion towards the resonance; chirp under load",
+        source=_SPONG + "; Naerum thesis 3.2 (elastic transmission from the motor's side)",
     )
-    signature = "residual grows with frequency towards a resonance, and rings after reversals"
-    confused_with = ("vibration-mode", "hardening-cable", "armature")
-    shown_by = "fast motion towards the resonance; chirp under load"
-    source = _SPONG + "; Naerum thesis 3.2 (elastic transmission from the motor's side)"
     params = (
         Param("a", "1", "share of the load that the spring carries", 0.0, 2.0),
         Param("fl", "{F}", "Coulomb friction behind the spring", 0.0),
     )
     shape = (
-        Param("f", "Hz", "resonance with the motor held, at the mean inertia", 0.0),
+        Param("f", "Hz", "resonance with the motor held, at the mean inertia", 0.0, size=True),
         Param("zeta", "1", "damping ratio", 0.0, 1.0),
     )
+    relations = Relations(twins=(Twin("vibration-mode", _free),), causes=("resonance",))
+    limits = (Limit("share", _elastic_transmission_carries), RINGS, STRICT)
+    traits = Trait.LOAD | _Resonance.traits
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[T(load) - load, T(sgn(v - d')) - sgn v]."""
@@ -129,44 +161,56 @@ class ElasticTransmission(_Resonance):
         own = motion.sign(j, float(motion.v0[j]))
         return np.stack([passed - load, rung - own]).T
 
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """Within the band, and a good part of the load behind it; a small one is a mode."""
-        return beta[0] > MOST and super().credible(motion, j, shape, beta, error)
 
-    def twins(self, motion: Motion) -> tuple[str, ...]:
-        """On one axis without gravity or contact the load is inertia alone."""
-        free = motion.d == 1 and not np.any(motion.static) and not np.any(motion.tau_ext)
-        return ("vibration-mode",) if free else ()
+def _backlash_grid(motion: Motion, j: int) -> Shapes:
+    """From 1e-4 of the span, and from four times what the encoder resolves, to 5e-2."""
+    span = float(np.ptp(motion.span[j])) or 1.0
+    grain = float(motion.grain[j]) if motion.grain.size else 0.0
+    widths = log_grid(min(max(1e-4 * span, 4 * grain), 2e-2 * span), 5e-2 * span, 10)
+    return [(b, 0.0, LAGS[0]) for (b,) in widths]
+
+
+def _backlash_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Frictions of the link, which brakes it in flight: the play then is narrower; flanks."""
+    size, (width, rub, lag) = load_size(motion, j), shape
+    slower = [(k * width, r * size, lag) for r in FRICTIONS for k in (0.7, 0.85, 1.0)]
+    return [(width, 0.0, lag), *slower, *((width, rub, c) for c in LAGS)]
+
+
+def _backlash_carries(f: Fitted) -> bool:
+    """A good part of the load lies behind the play; a small one is friction under load."""
+    return f.beta[0] > MOST
 
 
 class Backlash(Effect):
     """Play between motor and link: within it the link is not carried."""
 
-    uses_load = True
-    replayed = strict = True
-    rounds = 2
     name, family = "backlash", "transmission"
-    equation = (
-        "tau = a (P - L),  L = load + fl sgn(v - d'),  I d'' + P = L,  P = T + c T',  "
-        "T = 0 for |d| < b / 2, whatever is needed at the flanks"
-    )
-    signature = "the load is missing over a fixed displacement after it changes its sign"
-    confused_with = ("hardening-cable", "presliding", "elastic-transmission", "coulomb")
-    shown_by = "small reversals under a load that changes its sign"
-    source = "Nordin, Gutman, Automatica 38, 2002"
-    caveat = (
-        "its flanks are hard and without bounce: where they are springy, width and share may be "
-        "wrong by tens of percent, and the standard errors count noise alone"
+    doc = Doc(
+        equation=(
+            "tau = a (P - L),  L = load + fl sgn(v - d'),  I d'' + P = L,  P = T + c T',  "
+            "T = 0 for |d| < b / 2, whatever is needed at the flanks"
+        ),
+        signature="the load is missing over a fixed displacement after it changes its sign",
+        confused_with=("hardening-cable", "presliding", "elastic-transmission", "coulomb"),
+        shown_by="small reversals under a load that changes its sign",
+        source="Nordin, Gutman, Automatica 38, 2002",
+        shown=Sight.REVERSALS,
+        caveat=(
+            "its flanks are hard and without bounce: where they are springy, width and share may "
+            "be wrong by tens of percent, and the standard errors count noise alone"
+        ),
     )
     params = (Param("a", "1", "share of the load behind the play", 0.0, 1.5),)
     shape = (
-        Param("b", "{x}", "width of the play", 0.0),
+        Param("b", "{x}", "width of the play", 0.0, size=True),
         Param("fl", "{F}", "Coulomb friction behind the play", 0.0),
         Param("c", "s", "time in which a flank loses what a blow has pressed into it", 0.0),
     )
+    relations = Relations(causes=("play",))
+    search = Grid(_backlash_grid, across=_backlash_across, rounds=2)
+    limits = (Limit("share", _backlash_carries), STRICT)
+    traits = Trait.LOAD | Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """What passes the play, less the load."""
@@ -174,39 +218,31 @@ class Backlash(Effect):
         # a cable that a load next to nothing stretches by half the play, and no load by more
         return passing(motion, j, (0.5 * width, HARD * load_size(motion, j)), lag, rub)
 
-    def grid(self, motion: Motion, j: int) -> list[tuple[float, ...]]:
-        """From 1e-4 of the span, and from four times what the encoder resolves, to 5e-2."""
-        span = float(np.ptp(motion.span[j])) or 1.0
-        grain = float(motion.grain[j]) if motion.grain.size else 0.0
-        widths = log_grid(min(max(1e-4 * span, 4 * grain), 2e-2 * span), 5e-2 * span, 10)
-        return [(b, 0.0, LAGS[0]) for (b,) in widths]
 
-    def across(self, motion: Motion, j: int, shape: Sequence[float]) -> list[tuple[float, ...]]:
-        """Frictions of the link, which brakes it in flight: the play then is narrower; flanks."""
-        size, (width, rub, lag) = load_size(motion, j), shape
-        slower = [(k * width, r * size, lag) for r in FRICTIONS for k in (0.7, 0.85, 1.0)]
-        return [(width, 0.0, lag), *slower, *((width, rub, c) for c in LAGS)]
+def _vibration_mode_swings(f: Fitted) -> bool:
+    """A structure that rings: one damped more than `SWINGING` is an inertia that fades.
 
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """A good part of the load lies behind the play; a small one is friction under load."""
-        return beta[0] > MOST and super().credible(motion, j, shape, beta, error)
+    That is also what the filtered noise of a coarse position looks like.
+    """
+    return f.shape[1] < SWINGING
 
 
 class VibrationMode(_Resonance):
     """A mass on a spring that the joint's acceleration excites (structure, tool, table)."""
 
     name, family = "vibration-mode", "structure"
-    equation = "tau = m (H - 1) qdd,  H = (2 z w s + w^2) / (s^2 + 2 z w s + w^2),  w = 2 pi f"
-    signature = "the residual rings at one frequency after every change of acceleration"
-    confused_with = ("elastic-transmission", "armature")
-    shown_by = "steps of acceleration, then rest; chirp through the resonance"
-    source = "Preumont, Vibration Control of Active Structures, 2011, 2.2"
+    doc = Doc(
+        equation="tau = m (H - 1) qdd,  H = (2 z w s + w^2) / (s^2 + 2 z w s + w^2),  w = 2 pi f",
+        signature="the residual rings at one frequency after every change of acceleration",
+        confused_with=("elastic-transmission", "armature"),
+        shown_by="steps of acceleration, then rest; chirp through the resonance",
+        source="Preumont, Vibration Control of Active Structures, 2011, 2.2",
+    )
     params = (Param("m", "{F} s^2/{x}", "inertia of the mode at this joint", 0.0),)
     shape = ElasticTransmission.shape
-    motion_only = True
+    relations = Relations(twins=(Twin("elastic-transmission", _free),), causes=("resonance",))
+    limits = (Limit("damped", _vibration_mode_swings), RINGS, STRICT)
+    traits = Trait.MOTION | _Resonance.traits
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """(H - 1) qdd."""
@@ -214,20 +250,6 @@ class VibrationMode(_Resonance):
         # unit mass: k = w^2, c = 2 zeta w
         passed, _ = sprung(qdd, np.ones(motion.n), motion.dt, w * w, 2 * float(shape[1]) * w)
         return (passed - qdd)[:, None]
-
-    def credible(
-        self, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
-        error: Sequence[float] = (),
-    ) -> bool:  # fmt: skip
-        """A structure that rings: one damped more than `SWINGING` is an inertia that fades.
-
-        That is also what the filtered noise of a coarse position looks like.
-        """
-        return shape[1] < SWINGING and super().credible(motion, j, shape, beta, error)
-
-    def twins(self, motion: Motion) -> tuple[str, ...]:
-        """See the elastic transmission."""
-        return tuple("elastic-transmission" for _ in ElasticTransmission().twins(motion))
 
 
 EFFECTS: tuple[Effect, ...] = (

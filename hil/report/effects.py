@@ -13,6 +13,7 @@ from hil.diagnosis.types import Finding
 from hil.identify.design import Term
 from hil.identify.result import FitResult
 from hil.models.contact import penetration
+from hil.models.effect import Over, Waves
 from hil.report.data import Material
 from hil.report.elements import AFTER, BEFORE, CLOUD, MEASURED, dots, embed, grid, line
 from hil.report.figures import window
@@ -99,9 +100,9 @@ class Variable:
 
 def variable_of(result: FitResult, fit: Learnt) -> Variable:
     """The variable that suits the effect; for a user's effect the one that orders it best."""
-    chosen = CHOICE.get(fit.term.effect.name)
-    if chosen is not None:
-        return chosen(result, fit)
+    over = fit.term.effect.doc.over
+    if over is not None:
+        return CHOICE[over](result, fit)
     options = [speed(result, fit), position(result, fit), load(result, fit)]
     return max(options, key=lambda v: _ordered(v, fit.effort))
 
@@ -150,12 +151,12 @@ def position(result: FitResult, fit: Learnt) -> Variable:
     periods = fit.term.shape[0] * float(np.ptp(x)) if _periodic(fit.term) else 4.0
     edges = _even(x, int(np.clip(12 * periods, 40, 300)))
     label = f"position of {result.problem.joints[j]} [{_unit(result, j)}]"
-    split = _direction(result, j) if fit.term.effect.name == "position-friction" else None
+    split = _direction(result, j) if fit.term.effect.family == "friction" else None
     return Variable(x, label, edges, split)
 
 
 def _periodic(term: Term) -> bool:
-    return [p.name for p in term.effect.shape] == ["p"] and term.shape[0] > 0
+    return isinstance(term.effect.search, Waves) and term.shape[0] > 0
 
 
 def phase(result: FitResult, fit: Learnt) -> Variable | None:
@@ -184,7 +185,7 @@ def other_speed(result: FitResult, fit: Learnt) -> Variable:
     k, mode = int(fit.term.shape[0]) - 1, float(fit.term.shape[1])
     own, other = problem.joints[j], problem.joints[k]
     unit = f"[{_unit(result, k)}/s]"
-    if fit.term.effect.name == "coupled-transmission":
+    if not fit.term.effect.shape[1].choice:  # any ratio of the speeds
         x, sign = problem.qd[j] + mode * problem.qd[k], "+" if mode > 0 else "\u2212"
         return Variable(
             x, f"speed of {own} {sign} {abs(mode):g} x speed of {other} {unit}", dense_at_zero(x)
@@ -270,38 +271,16 @@ def turn(result: FitResult, fit: Learnt) -> Variable:
     return Variable(x, label, np.linspace(0, length, 25))
 
 
-CHOICE: dict[str, Callable[[FitResult, Learnt], Variable]] = {
-    **dict.fromkeys(
-        (
-            "coulomb",
-            "viscous",
-            "stribeck",
-            "asymmetric-coulomb",
-            "asymmetric-viscous",
-            "quadratic-drag",
-        ),
-        speed,
-    ),
-    **dict.fromkeys(
-        (
-            "position-friction",
-            "cogging",
-            "position-torque",
-            "spring",
-            "end-stop",
-            "contact-stiffness",
-        ),
-        position,
-    ),
-    **dict.fromkeys(("contact-damping", "contact-hardening", "contact-hysteresis"), depth),
-    **dict.fromkeys(("load-friction", "torque-gain"), load),
-    **dict.fromkeys(("coupled-friction", "coupled-transmission"), other_speed),
-    **dict.fromkeys(("friction-drift", "force-drift", "missed-counts"), elapsed),
-    "contact-inclusion": depth,
-    "periodic-disturbance": turn,
-    "presliding": displacement,
-    "delay": effort_rate,
-    "filter-lag": effort_rate,
+CHOICE: dict[Over, Callable[[FitResult, Learnt], Variable]] = {
+    Over.SPEED: speed,
+    Over.POSITION: position,
+    Over.DEPTH: depth,
+    Over.LOAD: load,
+    Over.OTHER_SPEED: other_speed,
+    Over.TIME: elapsed,
+    Over.PERIOD: turn,
+    Over.DISPLACEMENT: displacement,
+    Over.EFFORT_RATE: effort_rate,
 }
 CLOUD_POINTS, FEWEST, SECONDS = 2500, 6, 3.0
 #: How to read the figure.
@@ -332,7 +311,7 @@ def effect_figure(m: Material, finding: Finding, name: str) -> str:
     if fit is None:
         return ""
     v, second = variable_of(result, fit), phase(result, fit)
-    loop = finding.effect == "presliding"
+    loop = fit.term.effect.doc.over is Over.DISPLACEMENT
     right = "folded on one period" if second else "loop over position" if loop else "over time"
     seen = f" on {finding.joint}" if finding.joint else f" (seen on {m.joints[fit.joint]})"
     fig = grid(1, 2, [finding.effect + seen, right], 330, sideways=0.1)

@@ -317,7 +317,7 @@ def top_candidates(m: Material) -> list[Candidate]:
 
 def place(m: Material, c: Candidate) -> str | None:
     """Joint of a candidate, None for one of the whole robot."""
-    whole = c.term.effect.of_robot
+    whole = c.term.effect.scope.of_robot
     return None if whole else m.joints[c.term.joint]
 
 

@@ -10,7 +10,9 @@ from hil.diagnosis.equivalence import at_issue, concerned
 from hil.diagnosis.residuals import Region, regions
 from hil.diagnosis.types import Diagnosis, Indistinguishable
 from hil.diagnosis.verbs import Comparison, Rung, rising
+from hil.identify.design import head
 from hil.models import catalogue, told
+from hil.models.effect import Trait
 from hil.models.model import Value
 from hil.models.told import in_words, without_error
 from hil.record.recording import Recording
@@ -220,12 +222,16 @@ def effects(m: Material) -> str:
             continue
         effect = catalogue.get(f.effect)
         parts.append(f"<h3>{escape(text.where(f))}</h3>")
-        parts.append(paragraph(f"{text.meaning(f.effect)}. Equation: {effect.equation}"))
+        parts.append(paragraph(f"{text.meaning(f.effect)}. Equation: {effect.doc.equation}"))
         values = [text.value(n, v, m.joints) for n, v in f.parameters.items()]
         said = told.remark(f.effect, f.parameters)
         parts += [items([*values, *([said] if said else [])]), figure]
-        parts += [paragraph(f"Read with care: {effect.caveat}.", "note")] if effect.caveat else []
-        parts.append(paragraph(f"Source: {effect.source}.", "note"))
+        parts += (
+            [paragraph(f"Read with care: {effect.doc.caveat}.", "note")]
+            if effect.doc.caveat
+            else []
+        )
+        parts.append(paragraph(f"Source: {effect.doc.source}.", "note"))
     return section("The learnt effect over the data", *parts)
 
 
@@ -290,7 +296,9 @@ def parameters(m: Material) -> str:
     new = m.after.result.values
     added = [n for f in (*m.findings, *m.partial) for n in f.parameters if n in new]
     added = list(dict.fromkeys(added))
-    rigid = [n for n in new if n.startswith("rigid-body") and n not in added]
+    terms = m.after.result.terms
+    bodies = tuple(f"{head(t.effect, t.joint)}." for t in terms if Trait.BODY in t.effect.traits)
+    rigid = [n for n in new if n.startswith(bodies) and n not in added]
     if len(rigid) <= FOLD:
         rigid = []
     plain = [n for n in new if n not in added and n not in rigid]

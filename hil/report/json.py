@@ -123,7 +123,7 @@ def candidate_json(c: Candidate, evidence: Evidence, diagnosis: Diagnosis) -> di
     fall = c.parts[j] * base.result.sigma[j] ** 2 / problem.count[j]
     power = base.result.rms[j] ** 2 - fall
     size = float(problem.rms(problem.effort)[j])
-    whole = c.term.effect.of_robot
+    whole = c.term.effect.scope.of_robot
     return {
         "effect": c.name,
         "joint": None if whole else problem.joints[j],

@@ -326,7 +326,7 @@ def next_steps(m: Material) -> list[str]:
 def shown_by(effect: str) -> str:
     """Motion that shows an effect."""
     try:
-        return catalogue.get(effect).shown_by
+        return catalogue.get(effect).doc.shown_by
     except ConfigError:
         return "see the effect's own documentation"
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 
 import numpy as np
 
 from hil.errors import HilError, unknown
 from hil.models import catalogue
-from hil.models.effect import Effect, Param
+from hil.models.declared import misdeclared
+from hil.models.effect import Effect, Fitted, Param, refused, terms_of
 from hil.models.motion import Motion
 from hil.testing.motions import sample_motions
 
@@ -21,8 +22,12 @@ FAMILIES = (
     "friction", "transmission", "actuator", "mass", "stiffness", "sensor", "structure", "contact",
     "correction",
 )  # fmt: skip
-_TEXTS = ("name", "family", "equation", "signature", "shown_by", "source")
-_TUPLES = ("confused_with", "params", "shape", "replaces", "explains")
+#: Texts and tuples that a declaration holds: its part ("": the class itself), then their names.
+_TEXTS = {"": ("name", "family"), "doc": ("equation", "signature", "shown_by", "source")}
+_TUPLES = {
+    "": ("params", "shape"), "doc": ("confused_with",), "scope": ("explains",),
+    "relations": ("replaces", "twins", "causes"),
+}  # fmt: skip
 _EFFORTS = ("motor", "external")
 _KEBAB = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 
@@ -61,21 +66,22 @@ def check_effect(effect: Effect) -> None:
     _declaration(effect)
     tried = 0
     for label, motion in sample_motions():
-        joints = range(1) if effect.of_robot else range(motion.d)
+        joints = range(1) if effect.scope.of_robot else range(motion.d)
         tried += sum(_on_joint(effect, motion, j, f"{label}, joint {j + 1}") for j in joints)
     if not tried:
         raise ConformanceError(
             f"effect {effect.name!r} is not available on any of the sample motions (1 to 3 "
-            "joints, with and without external effort); 'available' must return '' where it acts"
+            "joints, with and without external effort); 'scope.lacks' must return '' where it acts"
         )
 
 
 def _declaration(effect: Effect) -> None:
     kind = type(effect).__name__
-    for attribute in _TEXTS:
-        value = getattr(effect, attribute, None)
+    if said := misdeclared(effect):
+        raise ConformanceError(said)
+    for name, value in _declared(effect, _TEXTS):
         if not isinstance(value, str) or not value.strip():
-            raise ConformanceError(f"{kind}.{attribute} must be a non-empty text, got {value!r}")
+            raise ConformanceError(f"{kind}.{name} must be a non-empty text, got {value!r}")
     if not _KEBAB.fullmatch(effect.name):
         raise ConformanceError(
             f"{kind}.name is {effect.name!r}; expected kebab-case, e.g. 'cable-creep'"
@@ -84,23 +90,33 @@ def _declaration(effect: Effect) -> None:
         raise ConformanceError(
             f"{kind}.family is {effect.family!r}; expected one of {', '.join(FAMILIES)}"
         )
-    for attribute in _TUPLES:
-        value = getattr(effect, attribute)
+    for name, value in _declared(effect, _TUPLES):
         if not isinstance(value, tuple):
-            raise ConformanceError(f"{kind}.{attribute} must be a tuple, got {value!r}")
-    if not effect.explains or not set(effect.explains) <= set(_EFFORTS):
+            raise ConformanceError(f"{kind}.{name} must be a tuple, got {value!r}")
+    efforts = effect.scope.explains
+    if not efforts or not set(efforts) <= set(_EFFORTS):
         raise ConformanceError(
-            f"{kind}.explains is {effect.explains!r}; expected 'motor', 'external' or both"
+            f"{kind}.scope.explains is {efforts!r}; expected 'motor', 'external' or both"
         )
     _names_of_others(effect)
     _parameters(effect, (*effect.params, *effect.shape))
 
 
+def _declared(effect: Effect, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, object]]:
+    """Attributes by their names as they are written, e.g. ``doc.equation``, and their values."""
+    for part, names in wanted.items():
+        owner = getattr(effect, part) if part else effect
+        for name in names:
+            yield f"{part}.{name}".lstrip("."), getattr(owner, name)
+
+
 def _names_of_others(effect: Effect) -> None:
-    if effect.name in effect.replaces or effect.name in effect.confused_with:
+    if effect.name in effect.relations.replaces or effect.name in effect.doc.confused_with:
         raise ConformanceError(f"effect {effect.name!r} replaces or is confused with itself")
-    known = {*catalogue.table(), effect.name}
-    for name in (*effect.confused_with, *effect.replaces):
+    known = {*catalogue.table(), effect.name, ""}
+    twins = (t.name for t in effect.relations.twins)
+    others = (*effect.relations.replaces, *twins, effect.relations.limit)
+    for name in (*effect.doc.confused_with, *others):
         if name not in known:
             raise ConformanceError(
                 f"effect {effect.name!r} names "
@@ -150,14 +166,14 @@ def _on_joint(effect: Effect, motion: Motion, j: int, where: str) -> bool:
 
 
 def _evaluate(effect: Effect, motion: Motion, j: int, head: str) -> bool:
-    reason = effect.available(motion, j)
+    reason = effect.scope.lacks(motion, j)
     if not isinstance(reason, str):
-        raise ConformanceError(f"{head}: 'available' returned {reason!r}, expected a text")
+        raise ConformanceError(f"{head}: 'scope.lacks' returned {reason!r}, expected a text")
     if reason:
         return False
-    terms = effect.terms(motion, j)
+    terms = terms_of(effect, motion, j)
     if not terms:
-        raise ConformanceError(f"{head} has no coefficients; declare 'params' or 'terms'")
+        raise ConformanceError(f"{head} has no coefficients; declare 'params' or 'scope.terms'")
     _parameters(effect, (*terms, *effect.shape))
     shapes = _grid(effect, motion, j, head)
     for shape in dict.fromkeys((shapes[0], shapes[len(shapes) // 2], shapes[-1])):
@@ -173,19 +189,22 @@ def _credible(
     """What cannot be physics is no finding: a value beyond its bounds least of all."""
     inside = [float(np.clip(1.0, p.lower, p.upper)) for p in terms]
     for error in ((), [0.1] * len(terms)):
-        said = effect.credible(motion, j, shape, inside, error)
-        if not isinstance(said, bool | np.bool_):
-            raise ConformanceError(f"{head}: 'credible' returned {said!r}, expected True or False")
+        for limit in effect.limits:
+            said = limit.met(Fitted(effect, motion, j, shape, inside, error))
+            if not isinstance(said, bool | np.bool_):
+                raise ConformanceError(
+                    f"{head}: limit {limit.code!r} returned {said!r}, expected True or False"
+                )
     for k, p in enumerate(effect.params if len(effect.params) == len(terms) else ()):
         beyond = [(p.lower, -1.0), (p.upper, 1.0)]
         for value in (b + side * (1.0 + abs(b)) for b, side in beyond if np.isfinite(b)):
             beta = [*inside[:k], value, *inside[k + 1 :]]
-            if effect.credible(motion, j, shape, beta, [0.0] * len(terms)):
+            if not refused(effect, motion, j, shape, beta, [0.0] * len(terms)):
                 raise ConformanceError(
-                    f"{head}: 'credible' accepts {p.name} = {value}, beyond its bounds {p.lower} "
-                    f".. {p.upper}; an own 'credible' must ask super().credible(...), too"
+                    f"{head}: 'limits' accept {p.name} = {value}, beyond its bounds {p.lower} "
+                    f".. {p.upper}; limits of your own stand beside BOUNDS"
                 )
-    for columns in effect.foils(motion, j, shape):
+    for columns in effect.relations.foils(motion, j, shape):
         if np.shape(columns)[:1] != (motion.n,) or not np.all(np.isfinite(columns)):
             raise ConformanceError(
                 f"{head}: a foil has shape {np.shape(columns)} or values that are not finite; "
@@ -194,7 +213,7 @@ def _credible(
 
 
 def _grid(effect: Effect, motion: Motion, j: int, head: str) -> list[tuple[float, ...]]:
-    shapes = [tuple(s) for s in effect.grid(motion, j)]
+    shapes = [tuple(s) for s in effect.search.grid(motion, j)]
     if not shapes:
         raise ConformanceError(f"{head} is available but its grid is empty")
     for shape in shapes:
@@ -216,7 +235,7 @@ def _columns(
     effect: Effect, motion: Motion, j: int, shape: tuple[float, ...], count: int, head: str
 ) -> None:
     values = np.asarray(effect.columns(motion, j, shape))
-    rows = (motion.n, motion.d) if effect.whole_robot else (motion.n,)
+    rows = (motion.n, motion.d) if effect.scope.whole else (motion.n,)
     if values.shape != (*rows, count):
         raise ConformanceError(
             f"{head}: columns have shape {values.shape}, expected {(*rows, count)} "

@@ -77,5 +77,5 @@ def test_a_hose_between_two_joints_is_no_leak(j: int, k: int) -> None:
 def test_of_one_motor_nothing_leaks() -> None:
     run = plants.axis(0, seconds=4.0)
     motion = Problem([run], hil.base_model(run.robot).robot).motions[0]
-    assert "one joint" in get("torque-crosstalk").available(motion, 0)
-    assert get("torque-saturation").available(motion, 0) == ""
+    assert "one joint" in get("torque-crosstalk").scope.lacks(motion, 0)
+    assert get("torque-saturation").scope.lacks(motion, 0) == ""

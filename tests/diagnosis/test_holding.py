@@ -30,7 +30,9 @@ def test_nothing_is_named_on_joints_that_hold_their_place(tmp_path, capsys):
     assert found.ladder[0].result.problem.holds.tolist() == [False, True, True]
     named = [f.joint for f in (*found.findings, *found.partial)]
     assert not {"joint2", "joint3"} & set(named)
-    assert not {c.term.joint for c in found.first.candidates if not c.term.effect.of_robot} & {1, 2}
+    assert not {
+        c.term.joint for c in found.first.candidates if not c.term.effect.scope.of_robot
+    } & {1, 2}
     assert "joint2, joint3: only held in place" in dict(found.warnings)["holds"]
 
 

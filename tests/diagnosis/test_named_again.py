@@ -13,6 +13,7 @@ from hil.diagnosis.types import ranking
 from hil.identify.problem import Problem
 from hil.identify.projector import within
 from hil.models import catalogue
+from hil.models.effect import refused
 from hil.models.model import base_model
 
 
@@ -86,7 +87,7 @@ def test_what_does_not_vary_over_the_range_is_an_offset(effect: str) -> None:
     flat, sure = [0.0005] * more, [1e-4] * more
     values = [0.1, *flat] if more > 1 else [*flat, 0.1]
     errors = [1e-4, *sure] if more > 1 else [*sure, 1e-4]
-    assert not one.credible(motion, 0, (), values, errors)
+    assert refused(one, motion, 0, (), values, errors)
     # what the data hardly see may vary
     errors = [1e-4, *([0.1] * more)] if more > 1 else [0.1, 1e-4]
-    assert one.credible(motion, 0, (), values, errors)
+    assert not refused(one, motion, 0, (), values, errors)

@@ -72,7 +72,7 @@ def test_presliding_below_the_encoders_count_is_not_proposed() -> None:
     count = 2 * np.pi / 8192
     coarse = replace(run, q=np.round(run.q / count) * count)
     problem = Problem([coarse], coarse.robot)
-    smallest = Presliding().grid(problem.motions[0], 0)[0][0]
+    smallest = Presliding.search.grid(problem.motions[0], 0)[0][0]
     assert smallest == pytest.approx(2 * count, rel=0.01)
 
 

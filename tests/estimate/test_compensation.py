@@ -7,6 +7,7 @@ from controllers import compensation as kernels
 from hil.errors import ConfigError
 from hil.estimate import compensation, online, probe
 from hil.models import catalogue
+from hil.models.effect import terms_of
 from hil.models.model import Range, RobotModel, Use, Value
 from hil.models.motion import Motion
 from hil.models.phantom import Premium
@@ -57,13 +58,13 @@ def ride(n=3000):
 
 
 def values_of(effect, motion, j=1):
-    grid = effect.grid(motion, j)
+    grid = effect.search.grid(motion, j)
     shape = SHAPES.get(effect.name, grid[len(grid) // 2])
-    theta = 0.01 * np.cos(np.arange(len(effect.terms(motion, j)))) + 0.02
+    theta = 0.01 * np.cos(np.arange(len(terms_of(effect, motion, j)))) + 0.02
     given = {f"j{j + 1}.{effect.name}.{p.name}": float(v)
              for p, v in zip(effect.shape, shape, strict=True)}  # fmt: skip
     given |= {f"j{j + 1}.{effect.name}.{p.name}": float(v)
-              for p, v in zip(effect.terms(motion, j), theta, strict=True)}  # fmt: skip
+              for p, v in zip(terms_of(effect, motion, j), theta, strict=True)}  # fmt: skip
     return given, shape, theta
 
 
@@ -146,15 +147,17 @@ def test_refusals_say_what_is_missing():
 
 
 EYELET = """
-from hil.models.effect import Effect, Param
+from hil.models.effect import Doc, Effect, Param
 
 
 class LoopEyelet(Effect):
     name, family = "loop-eyelet", "friction"
-    equation = "tau = fe (q - q_low) tanh(v / v0)"
-    signature = "friction that grows from one end of the range to the other"
-    shown_by = "slow strokes over the whole range"
-    source = "notebook"
+    doc = Doc(
+        equation="tau = fe (q - q_low) tanh(v / v0)",
+        signature="friction that grows from one end of the range to the other",
+        shown_by="slow strokes over the whole range",
+        source="notebook",
+    )
     params = (Param("fe", "{F}/{x}", "friction per wound-up angle", 0.0),)
 
     def columns(self, motion, j, shape):

@@ -14,7 +14,7 @@ from hil.errors import ConfigError, DataError, FitError
 from hil.identify.fit import fit, predict, time_blocks
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
-from hil.models.effect import Effect, Param
+from hil.models.effect import Doc, Effect, Param
 from hil.models.model import RobotModel, Use, Value, base_model
 from hil.models.motion import FloatArray, Motion
 from hil.record.recording import Recording, RobotSource
@@ -307,7 +307,7 @@ class Broken(Effect):
     """An effect with a fault in its equation."""
 
     name, family = "broken", "friction"
-    equation, signature, shown_by, source = "tau = b", "none", "none", "this test"
+    doc = Doc("tau = b", signature="none", shown_by="none", source="this test")
     params = (Param("b", "{F}", "coefficient"),)
 
     def __init__(self, columns: FloatArray) -> None:

@@ -46,7 +46,7 @@ def test_a_grid_is_that_of_the_motion_as_it_is_now(problem: Problem) -> None:
     assert problem.grid(effect, 0) is before and problem.grid(effect, 1) != before
     m = problem.motions[0]
     problem.motions = [m.with_(resolution=2 * m.resolution)]
-    assert problem.grid(effect, 0) == effect.grid(problem.motions[0], 0) != before
+    assert problem.grid(effect, 0) == effect.search.grid(problem.motions[0], 0) != before
 
 
 def test_a_range_of_loads_is_that_of_the_present_load(problem: Problem) -> None:

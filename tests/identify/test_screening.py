@@ -39,7 +39,7 @@ def test_the_best_order_is_promising_and_its_gain_is_close(name: str, order: flo
     problem = Problem([run], run.robot)
     projector = Projector(problem, [], np.ones(1))
     term = Term(catalogue.get(name), 0)
-    grid = term.effect.grid(problem.motions[0], 0)
+    grid = term.effect.search.grid(problem.motions[0], 0)
     exact = np.array([projector.gain(term.reshaped(s)) for s in grid])
     waves = screen(problem, term, grid)
     assert waves is not None
@@ -54,7 +54,7 @@ def test_flipped_signs_give_the_noise_that_exact_columns_give() -> None:
     run = wave(3.0, False)
     problem = Problem([run], run.robot)
     term = Term(catalogue.get("cogging"), 0)
-    grid = term.effect.grid(problem.motions[0], 0)
+    grid = term.effect.search.grid(problem.motions[0], 0)
     noise = np.random.default_rng(5).normal(size=problem.n)
     blocks = np.arange(problem.n) // 30
     signs = np.random.default_rng(6).choice([-1.0, 1.0], size=(60, int(blocks.max()) + 1))
@@ -82,7 +82,7 @@ def test_no_order_over_position_leaves_less_than_the_one_that_is_found() -> None
     problem = Problem([run], run.robot)
     projector = Projector(problem, [], np.ones(1))
     term = Term(catalogue.get("position-friction"), 0)
-    grid = term.effect.grid(problem.motions[0], 0)
+    grid = term.effect.search.grid(problem.motions[0], 0)
     exact = max(projector.gain(term.reshaped(s)) for s in grid)
     found, gain = best_shape(projector, term)
     assert gain >= exact

@@ -122,7 +122,7 @@ def test_refinement_is_at_least_as_good_as_the_grid(
         term = Term(catalogue.get(name), 1)
         found, gain = best_shape(projector, term)
         _, coarse = best_shape(projector, term, refine=False)
-        grid = term.effect.grid(problem.motions[0], 1)
+        grid = term.effect.search.grid(problem.motions[0], 1)
         low, high = min(s[0] for s in grid), max(s[0] for s in grid)
         assert gain >= coarse
         assert gain == pytest.approx(projector.gain(found))

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hil.models.amplifier import KNEES, TorqueCrosstalk, TorqueSaturation
 from hil.models.amplifier import given as gives
 from hil.models.catalogue import get
+from hil.models.effect import refused, strict
 from hil.models.motion import Motion
 from hil.models.robots import IndependentAxes
 
@@ -35,7 +36,9 @@ def test_knees_at_their_limit(order: float, at_limit: float) -> None:
 def test_the_catalogue_has_them() -> None:
     assert isinstance(get("torque-saturation"), TorqueSaturation)
     assert isinstance(get("torque-crosstalk"), TorqueCrosstalk)
-    assert TorqueSaturation.strict, "of a gain, a small share of a low limit would be an imitation"
+    assert strict(TorqueSaturation()), (
+        "of a gain, a small share of a low limit would be an imitation"
+    )
 
 
 def made(q: np.ndarray, tau: np.ndarray | None = None) -> Motion:
@@ -57,7 +60,7 @@ def test_a_leak_of_less_than_a_percent_of_what_it_reaches_is_none(unit: float) -
     leak = TorqueCrosstalk()
 
     def credible(j: int, share: float) -> bool:
-        return leak.credible(motion, j, (2.0 - j,), (share,), (1e-6,))
+        return not refused(leak, motion, j, (2.0 - j,), (share,), (1e-6,))
 
     assert credible(0, 0.0006) and credible(0, -0.0006) and not credible(0, 0.0004)
     assert credible(1, 0.21) and not credible(1, 0.19)
@@ -69,7 +72,7 @@ def test_what_a_leak_is_set_against_knows_no_zero_and_no_unit_of_the_positions()
     q = np.random.default_rng(1).uniform(-0.4, 0.7, (n, 2))
 
     def law(scale: float, shift: float) -> np.ndarray:
-        (columns,) = TorqueCrosstalk().foils(made(scale * q + shift), 0, (2.0,))
+        (columns,) = TorqueCrosstalk.relations.foils(made(scale * q + shift), 0, (2.0,))
         return columns
 
     assert law(1.0, 0.0).shape == (n, 9)

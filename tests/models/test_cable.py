@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, sosfiltfilt
 
 from hil.models import catalogue
+from hil.models.effect import refused
 from hil.models.kernels import softened, sprung
 from hil.models.motion import Motion
 from hil.models.robots import IndependentAxes
@@ -114,8 +115,8 @@ def test_the_friction_of_the_link_slows_it_in_its_flight() -> None:
 def test_what_is_hardly_soft_or_hardly_carries_is_another_effect() -> None:
     motion = swing()
     size = float(np.std(motion.load))
-    assert CABLE.credible(motion, 0, (5.0, 0.3 * size, 0.1, 0.0), (0.8,))
+    assert not refused(CABLE, motion, 0, (5.0, 0.3 * size, 0.1, 0.0), (0.8,))
     for tension in (0.01 * size, 4.0 * size):  # a play, an elastic transmission
-        assert not CABLE.credible(motion, 0, (5.0, tension, 0.1, 0.0), (0.8,))
-    assert not CABLE.credible(motion, 0, (5.0, 0.3 * size, 0.1, 0.0), (0.1,))
-    assert not CABLE.credible(motion, 0, (60.0, 0.3 * size, 0.1, 0.0), (0.8,))
+        assert refused(CABLE, motion, 0, (5.0, tension, 0.1, 0.0), (0.8,))
+    assert refused(CABLE, motion, 0, (5.0, 0.3 * size, 0.1, 0.0), (0.1,))
+    assert refused(CABLE, motion, 0, (60.0, 0.3 * size, 0.1, 0.0), (0.8,))

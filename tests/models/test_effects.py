@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from math import cos, exp, pi, sin, tanh
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from hil.models import catalogue
-from hil.models.effect import Effect, Param
+from hil.models.effect import Doc, Effect, Grid, Limit, Param, Relations, Scope, Twin, terms_of
 from hil.models.motion import Motion
 from hil.models.phantom import Premium
 from hil.models.robots import IndependentAxes, Robot
@@ -48,8 +49,8 @@ def test_catalogue_holds_the_names_of_the_design() -> None:
 def test_confusions_and_replacements_name_no_typing_errors() -> None:
     planned = {"backlash", "elastic-transmission", "actuator-lag"}
     for effect in catalogue.table().values():
-        assert set(effect.confused_with) <= set(EFFECTS) | planned, effect.name
-        assert set(effect.replaces) <= set(EFFECTS), effect.name
+        assert set(effect.doc.confused_with) <= set(EFFECTS) | planned, effect.name
+        assert set(effect.relations.replaces) <= set(EFFECTS), effect.name
 
 
 Row = Callable[[Motion, int, int, tuple[float, ...]], list[float]]
@@ -97,7 +98,7 @@ def hysteresis(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
 
 def dahl(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
     out = [tanh(m.qd[i, j] / s[2])]
-    written = re.findall(r"z\((\d*) ?s\)", catalogue.get("presliding").equation)
+    written = re.findall(r"z\((\d*) ?s\)", catalogue.get("presliding").doc.equation)
     for length in (float(ratio or 1) * s[0] for ratio in written):
         z = 0.0
         for k in range(1, i + 1):
@@ -220,7 +221,7 @@ def test_whole_robot_effects_are_the_robot_s_own_columns() -> None:
     np.testing.assert_array_equal(body, robot.regressor(*arguments))
     tip = catalogue.get("payload").columns(motion, 0, ())
     np.testing.assert_array_equal(tip[:, :, 0], robot.tip_mass(*arguments))
-    assert [p.name for p in catalogue.get("rigid-body").terms(motion, 0)] == list(robot.names)
+    assert [p.name for p in terms_of(catalogue.get("rigid-body"), motion, 0)] == list(robot.names)
 
 
 def test_presliding_has_dahl_s_slope_after_a_reversal() -> None:
@@ -286,22 +287,24 @@ def test_loops_of_presliding_do_not_depend_on_speed(form: float) -> None:
 )
 def test_unavailable_effects_say_why(name: str, text: str) -> None:
     _, motion = next(sample_motions())
-    assert text in catalogue.get(name).available(motion, 0)
+    assert text in catalogue.get(name).scope.lacks(motion, 0)
+
+
+DOC = Doc("tau = a s v", signature="odd", shown_by="any motion", source="a book")
+WRONG: Any = None
 
 
 class Good(Effect):
     """Small correct effect, made wrong one attribute at a time."""
 
     name, family = "good-effect", "friction"
-    equation, signature, shown_by, source = "tau = a s v", "odd", "any motion", "a book"
+    doc = DOC
     params: Any = (Param("a", "1", "size"),)
     shape: Any = (Param("s", "1", "scale", 0.0, 2.0),)
+    search = Grid(lambda motion, j: [(0.5,), (1.0,)])
 
     def columns(self, motion: Motion, j: int, shape: Any) -> Any:
         return motion.qd[:, j : j + 1] * shape[0]
-
-    def grid(self, motion: Motion, j: int) -> Any:
-        return [(0.5,), (1.0,)]
 
 
 def test_a_correct_effect_passes() -> None:
@@ -315,12 +318,12 @@ def spoil(self: Effect, motion: Motion, j: int, shape: Any) -> Any:
 
 counter = iter(range(10**6))
 BROKEN: list[tuple[str, dict[str, Any], str]] = [
-    ("empty", {"equation": " "}, "equation must be a non-empty text"),
+    ("empty", {"doc": replace(DOC, equation=" ")}, "equation must be a non-empty text"),
     ("name", {"name": "Good_Effect"}, "kebab-case"),
     ("family", {"family": "magic"}, "expected one of friction"),
-    ("explains", {"explains": ("mind",)}, "'motor', 'external' or both"),
+    ("explains", {"scope": Scope(explains=("mind",))}, "'motor', 'external' or both"),
     ("list", {"params": [Param("a", "1", "x")]}, "must be a tuple"),
-    ("itself", {"replaces": ("good-effect",)}, "confused with itself"),
+    ("itself", {"relations": Relations(replaces=("good-effect",))}, "confused with itself"),
     ("param", {"params": ("a",)}, "is not a Param"),
     ("unit", {"params": (Param("a", "", "size"),)}, "has no unit"),
     ("text", {"params": (Param("a", "1", ""),)}, "no text"),
@@ -328,12 +331,12 @@ BROKEN: list[tuple[str, dict[str, Any], str]] = [
     ("twice", {"params": (Param("s", "1", "x"),)}, "declared twice"),
     ("bounds", {"params": (Param("a", "1", "x", 2.0, 1.0),)}, "lower < upper"),
     ("none", {"params": ()}, "no coefficients"),
-    ("grid", {"grid": lambda *_: []}, "grid is empty"),
-    ("nan", {"grid": lambda *_: [(float("nan"),)]}, "is not finite"),
-    ("outside", {"grid": lambda *_: [(3.0,)]}, "outside the declared"),
-    ("length", {"grid": lambda *_: [(1.0, 1.0)]}, "2 values for 1 shape"),
-    ("available", {"available": lambda *_: None}, "expected a text"),
-    ("never", {"available": lambda *_: "no"}, "not available on any"),
+    ("grid", {"search": Grid(lambda *_: [])}, "grid is empty"),
+    ("nan", {"search": Grid(lambda *_: [(float("nan"),)])}, "is not finite"),
+    ("outside", {"search": Grid(lambda *_: [(3.0,)])}, "outside the declared"),
+    ("length", {"search": Grid(lambda *_: [(1.0, 1.0)])}, "2 values for 1 shape"),
+    ("available", {"scope": Scope(lacks=lambda *_: WRONG)}, "expected a text"),
+    ("never", {"scope": Scope(lacks=lambda *_: "no")}, "not available on any"),
     ("flat", {"columns": lambda s, m, j, x: m.qd[:, j]}, "columns have shape (2000,)"),
     ("count", {"columns": lambda s, m, j, x: np.ones((m.n, 2))}, "for 1 coefficients"),
     ("dtype", {"columns": lambda s, m, j, x: np.ones((m.n, 1), int)}, "expected float64"),
@@ -346,6 +349,14 @@ BROKEN: list[tuple[str, dict[str, Any], str]] = [
         {"columns": lambda s, m, j, x: np.full((m.n, 1), float(next(counter)))},
         "different columns",
     ),
+    ("part", {"search": WRONG}, "search is None, expected Grid"),
+    ("limit", {"limits": (Limit("odd", lambda f: WRONG),)}, "limit 'odd' returned None"),
+    (
+        "bound",
+        {"params": (Param("a", "1", "size", 0.0),), "limits": (Limit("any", lambda f: True),)},
+        "limits of your own stand beside BOUNDS",
+    ),
+    ("twin", {"relations": Relations(twins=(Twin("stribek"),))}, "Did you mean 'stribeck'"),
     ("time", {"columns": lambda s, m, j, x: m.t[:, None] + 0.0}, "time axis is shifted"),
 ]  # fmt: skip
 
@@ -374,7 +385,7 @@ def test_a_class_instead_of_an_instance_is_named() -> None:
 
 def test_grid_is_demanded_of_effects_with_a_shape() -> None:
     class NoGrid(Good):
-        grid = Effect.grid
+        search = Effect.search
 
     with pytest.raises(ConformanceError, match="no grid"):
         check_effect(NoGrid())

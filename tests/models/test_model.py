@@ -19,12 +19,12 @@ BASE = base_model(AXIS)
 HEAD = 'schema = "hil.model/1"\n[robot]\npreset = "single-axis"\n'
 COULOMB = '[[effects]]\ntype = "coulomb"\n'
 PLUGIN = """
-from hil.models.effect import Effect, Param
+from hil.models.effect import Doc, Effect, Param
 
 
 class Creep(Effect):
-    name, family, equation = "cable-creep", "friction", "tau = c q"
-    signature, shown_by, source = "slow", "rest", "a book"
+    name, family = "cable-creep", "friction"
+    doc = Doc("tau = c q", signature="slow", shown_by="rest", source="a book")
     params = (Param("c", "{F}/{x}", "creep"),)
 
     def columns(self, motion, j, shape):

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.models.effect import Effect, Param, log_grid
+from hil.models.effect import Doc, Effect, Grid, Param, log_grid
 
 
 def bulge(q, middle, width):
@@ -31,24 +31,28 @@ def bulge(q, middle, width):
     return np.exp(-(((q - middle) / width) ** 2))
 
 
+def widths(motion, j):
+    """A twentieth to two fifths of the span."""
+    span = float(np.ptp(motion.span[j])) or 1.0
+    return log_grid(0.05 * span, 0.4 * span, 6)
+
+
 @dataclass(frozen=True)
 class TightSpot(Effect):
     name, family = "tight-spot", "friction"
-    equation = "tau = f exp(-((q - q_mid) / w)^2) tanh(v / v0)"
-    signature = "friction peak at mid-range"
-    shown_by = "slow strokes over the whole range"
-    source = "workshop notes"
+    doc = Doc(
+        equation="tau = f exp(-((q - q_mid) / w)^2) tanh(v / v0)",
+        signature="friction peak at mid-range",
+        shown_by="slow strokes over the whole range",
+        source="workshop notes",
+    )
     params = (Param("f", "{F}", "additional friction at mid-range", 0.0),)
-    shape = (Param("w", "{x}", "width", 0.0),)
+    shape = (Param("w", "{x}", "width", 0.0, size=True),)
+    search = Grid(widths)
 
     def columns(self, motion, j, shape):
         middle = motion.span[j].mean()
         return (bulge(motion.q[:, j], middle, shape[0]) * motion.sign(j))[:, None]
-
-    def grid(self, motion, j):
-        span = float(np.ptp(motion.span[j])) or 1.0
-        return log_grid(0.05 * span, 0.4 * span, 6)
-
 
 EFFECTS = (TightSpot(),)
 '''

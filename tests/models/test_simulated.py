@@ -9,6 +9,7 @@ from test_effects import motion_of
 from hil.identify.design import Term
 from hil.identify.forward import Windows, _Forward
 from hil.models import catalogue
+from hil.models.effect import Trait, terms_of
 from hil.models.robots import IndependentAxes
 
 WINDOWS = 7
@@ -16,7 +17,7 @@ MOTION = motion_of(IndependentAxes(("a", "b")), n=60)
 SIMULATED = [
     name
     for name, effect in sorted(catalogue.table().items())
-    if not effect.replayed and not effect.available(MOTION, 1)
+    if Trait.REPLAYED not in effect.traits and not effect.scope.lacks(MOTION, 1)
 ]
 
 
@@ -24,9 +25,9 @@ SIMULATED = [
 def test_loads_are_those_of_the_windows(name):
     motion, effect = MOTION, catalogue.get(name)
     load = np.stack([motion.load, motion.static], axis=1)[:WINDOWS]
-    shapes = effect.grid(motion, 1) or [()]
+    shapes = effect.search.grid(motion, 1) or [()]
     for shape in {shapes[0], shapes[-1]}:
-        term, m = Term(effect, 1, shape=tuple(shape)), len(effect.terms(motion, 1))
+        term, m = Term(effect, 1, shape=tuple(shape)), len(terms_of(effect, motion, 1))
         result = SimpleNamespace(terms=[term], theta=np.ones(m), slices=[slice(0, m)])
         q, job = motion.q[:WINDOWS], Windows(result, np.arange(WINDOWS), 1)
         model = _Forward([job], motion, np.zeros(WINDOWS, dtype=int))

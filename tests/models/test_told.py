@@ -24,7 +24,7 @@ from hil.testing.effects import sample_motions
 def test_every_choice_that_is_tried_has_words(name):
     effect = catalogue.get(name)
     for _, motion in sample_motions():
-        for shape in effect.grid(motion, 0):
+        for shape in effect.search.grid(motion, 0):
             for p, x in zip(effect.shape, shape, strict=True):
                 # the number of the other joint is a joint's name
                 names = tuple(f"joint{k + 1}" for k in range(motion.d))

@@ -18,13 +18,13 @@ from hil.record.recording import Recording
 
 EFFECT = """
 from dataclasses import dataclass
-from hil.models.effect import Effect, Param
+from hil.models.effect import Doc, Effect, Param
 
 @dataclass(frozen=True)
 class Broken(Effect):
     name, family = "{name}", "friction"
-    equation = "tau = k q"
-    signature = shown_by = source = "none"
+    doc = Doc(equation="tau = k q",
+              signature="none", shown_by="none", source="none")
     params = (Param("k", "{{F}}", "stiffness", 0.0),)
 
     def columns(self, motion, j, shape):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from hil.bench.diagnosis import amplitudes, session
 from hil.models import catalogue
+from hil.models.effect import Trait
 from hil.models.model import RobotModel, base_model
 from hil.record.recording import RobotSource
 
@@ -103,7 +104,7 @@ def suspected(case: Case, robot: RobotSource) -> RobotModel:
 def known() -> set[str]:
     """Effects that a diagnosis of motor effort can name at present."""
     table = catalogue.table().values()
-    return {e.name for e in table if e.candidate and "motor" in e.explains}
+    return {e.name for e in table if Trait.GIVEN not in e.traits and "motor" in e.scope.explains}
 
 
 def plan(quick: bool = False, seeds: int = SEEDS) -> list[Case]:
