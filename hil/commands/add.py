@@ -51,12 +51,13 @@ def run(args: argparse.Namespace) -> int:
         warnings = [{"code": "no-benefit", "text": w} for w in idle]
         warnings += [{"code": "multi-step", "text": w} for w in worse]
         warnings += [{"code": "no-physics", "text": w} for w in odd]
+        warnings += [{"code": code, "text": w} for code, w in rungs[1].step.result.warnings]
         common.emit({**data, "warnings": warnings})
         return 0
     common.out(_table(*rungs))
     for name, value in _new(*rungs).items():
         common.out(f"  {common.value_line(name, value, rungs[1].step.result.problem.joints)}")
-    for line in odd:
+    for line in (*odd, *(text for _, text in rungs[1].step.result.warnings)):
         common.out(f"  warning: {line}")
     for line in idle:
         common.out(f"  {line}")

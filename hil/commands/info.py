@@ -20,6 +20,7 @@ from hil.record.recovery import recover
 
 if TYPE_CHECKING:
     from hil.identify.prepare import Prepared
+    from hil.identify.timing import Lateness
 
 EXAMPLE = "hil info run1.mcap run2.mcap"
 
@@ -77,6 +78,7 @@ class _Arm:
     faults: list[Finding]
     prepared: Prepared | None
     readings: list[tuple[str, str]] = field(default_factory=list)
+    lateness: Lateness | None = None
 
 
 def _session(path: str) -> tuple[SessionSummary, list[_Arm]]:
@@ -89,6 +91,7 @@ def _arm(r: Recording) -> _Arm:
     if any(f.severity == "error" for f in faults):
         return _Arm(r, faults, None)
     from hil.identify.prepare import prepared
+    from hil.identify.timing import lateness
 
     told: list[tuple[str, str]] = []
     try:
@@ -96,7 +99,7 @@ def _arm(r: Recording) -> _Arm:
             from hil.identify.readings import reading_notes
 
             told = reading_notes(r)
-        return _Arm(r, faults, prepared(r), told)
+        return _Arm(r, faults, prepared(r), told, lateness(r))
     except DataError:  # too short for any filter, which the faults say
         return _Arm(r, faults, None)
 
@@ -142,6 +145,7 @@ def _arm_dict(arm: _Arm) -> dict[str, object]:
         ],
         "prepared": arm.prepared.as_dict() if arm.prepared else None,
         "readings": [{"code": code, "text": text} for code, text in arm.readings],
+        "lateness": vars(arm.lateness) if arm.lateness else None,
     }
 
 
@@ -181,6 +185,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
     for arm in arms:
         made = [f"  {text}" for text in arm.prepared.sentences] if arm.prepared else []
         made += [f"  {text}" for _, text in arm.readings]
+        made += [f"  {arm.lateness.text}"] if arm.lateness else []
         lines += [*_arm_text(arm.recording), *made, *_faults_text(arm.faults), ""]
     return "\n".join(lines)
 

@@ -334,7 +334,11 @@ def chance(result: FitResult, key: tuple[str, int]) -> float:
     every = cluster_covariance(weighted, result.basis, np.tile(blocks, result.problem.d))
     own, b = every[where, where], result.theta[where]
     size = np.sqrt(np.diag(own))
-    if not np.all(size > 0):
+    if result.terms[number].effect.scope.whole:
+        # coefficients that no row sees are none
+        seen = size > 0
+        own, b, size, m = own[np.ix_(seen, seen)], b[seen], size[seen], int(seen.sum())
+    if not (m and np.all(size > 0)):
         return 0.0
     inverse = np.linalg.pinv(own / np.outer(size, size), hermitian=True)
     # T^2 = b' V^-1 b
@@ -372,7 +376,9 @@ def allowed(result: FitResult, term: Term) -> bool:
     each = np.array([[v.value, v.stderr] for v in values]).reshape(-1, 2)
     if not len(each):
         return True
-    parts = np.array_split(each, runs - int(term.effect.variation.relative) if term.per_run else 1)
+    # differences to one run belong together
+    one = term.effect.variation.relative or not term.per_run
+    parts = [each] if one else np.array_split(each, runs)
     motion = result.problem.motions[0]
     return not any(
         refused(term.effect, motion, term.joint, term.shape, p[:, 0].tolist(), p[:, 1].tolist())

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.evidence import try_all
+from hil.diagnosis.evidence import Key, try_all
 from hil.diagnosis.folds import Split
 from hil.diagnosis.folds import split as dealt
 from hil.diagnosis.grams import Errors, Group, Table
@@ -24,13 +24,9 @@ from hil.identify.design import Term, block
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
-from hil.models import catalogue
-from hil.models.effect import Effect, Trait, terms_of
+from hil.models.effect import terms_of
 
 FloatArray = NDArray[np.float64]
-Key = tuple[str, int]
-#: What is sought: effects with a name; free functions for what none explains; a robot's geometry.
-EFFECT, CORRECTION, GEOMETRY = "effect", "correction", "geometry"
 
 
 @dataclass(frozen=True)
@@ -110,51 +106,6 @@ def candidate_group(problem: Problem, c: Candidate) -> Group:
     upper = np.array([p.upper for p in params], dtype=np.float64)
     joint = None if t.effect.scope.whole else t.joint
     return Group(key_of(c), joint, columns, lower, upper, np.zeros(m))
-
-
-def _kind(effect: Effect) -> str:
-    """Which search an effect belongs to; empty for what every model has."""
-    if Trait.CORRECTION in effect.traits:
-        return GEOMETRY if Trait.GEOMETRY in effect.traits else CORRECTION
-    return EFFECT if Trait.GIVEN not in effect.traits else ""
-
-
-def terms_to_try(
-    result: FitResult, joints: Collection[int], without: Collection[Key] = (),
-    kind: str = EFFECT,
-) -> tuple[list[Term], list[tuple[str, str]]]:  # fmt: skip
-    """Terms that may be added on some joints, and effects that cannot be tried, with the reason.
-
-    Parameters
-    ----------
-    result : FitResult
-        The present fit.
-    joints : collection of int
-        Joints that are still open; effects of the whole robot are tried if there is one.
-    without : collection of (effect, joint)
-        Terms of the fit that count as absent, so that they are tried again.
-    kind : str
-        `EFFECT`, or `CORRECTION` or `GEOMETRY` without a name.
-    """
-    problem, explains = result.problem, result.model.explains
-    motion, held = problem.motions[0], problem.holds
-    present = {t.key for t in result.terms} - set(without)
-    terms: list[Term] = []
-    impossible: dict[str, str] = {}
-    for effect in catalogue.table().values():
-        if _kind(effect) != kind or explains not in effect.scope.explains:
-            continue
-        for j in range(1 if effect.scope.of_robot else problem.d):
-            if (effect.name, j) in present or (held[j] and not effect.scope.of_robot):
-                continue
-            reason = effect.scope.lacks(motion, j)
-            if reason:
-                impossible.setdefault(effect.name, reason)
-            elif j in joints or (effect.scope.of_robot and joints):
-                own = effect.variation.per_run and problem.runs > 1
-                terms.append(Term(effect, j, per_run=own))
-    tried = {t.effect.name for t in terms}
-    return terms, [(n, why) for n, why in impossible.items() if n not in tried]
 
 
 def tried(

@@ -7,14 +7,14 @@ what a library's law may miss, the name does not stand.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.grams import Group
+from hil.identify.design import Term
 from hil.identify.problem import Problem
-from hil.models.effect import Effect
 from hil.models.kernels import lag
 from hil.models.motion import Motion
 
@@ -29,6 +29,8 @@ PLACES, CREEPS = 25, (0.1, 0.4, 1.6, 6.4)
 KNOTS = 8
 #: What a nearby law that the catalogue does not hold is called.
 FOIL = "a law without a name"
+#: What it is called where it takes in the whole robot.
+ROBOT = "the inertias of all links"
 Columns = Callable[[Motion, int, FloatArray], FloatArray]
 
 
@@ -139,13 +141,18 @@ def competitor(problem: Problem, j: int, what: str) -> Group | None:
     return Group(("free", what, j), j, columns, -free, free, np.zeros(free.size), SHRINK)
 
 
-def foils(problem: Problem, effect: Effect, j: int, shape: Sequence[float]) -> list[Group]:
-    """Columns of laws without a name that come close to an effect (`Effect.foils`)."""
-    laws = [effect.relations.foils(m, j, shape) for m in problem.motions]
+def foils(problem: Problem, term: Term) -> list[Group]:
+    """Columns of laws without a name that come close to a term's effect (`Relations.foils`)."""
+    effect, j = term.effect, term.joint
+    laws = [effect.relations.foils(m, j, term.shape) for m in problem.motions]
+    joint, words = (None, ROBOT) if effect.scope.whole else (j, FOIL)
     out = []
     for k, raw in enumerate(zip(*laws, strict=True)):
-        columns = problem.gated(list(raw), j)
-        free = np.full(columns.shape[1], np.inf)
-        key = ("free", FOIL, j, effect.name, k)
-        out.append(Group(key, j, columns, -free, free, np.zeros(free.size)))
+        columns = problem.acting(list(raw), joint)
+        if term.per_run:
+            columns = problem.by_run(columns, int(effect.variation.relative))
+        free = np.full(columns.shape[-1], np.inf)
+        key = ("free", words, j, effect.name, k)
+        columns = np.moveaxis(columns, 0, 1) if effect.scope.whole else columns
+        out.append(Group(key, joint, columns, -free, free, np.zeros(free.size)))
     return out

@@ -22,7 +22,7 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.folds import split
 from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.preconditions import mistaken, undetermined
-from hil.diagnosis.search import Named, Rung, Search, exchange, shares
+from hil.diagnosis.search import Named, Search, Visited, exchange, shares
 from hil.diagnosis.types import (
     NOTHING,
     Candidate,
@@ -46,6 +46,7 @@ from hil.identify.context import renew
 from hil.identify.problem import Problem
 from hil.identify.threads import single_threaded
 from hil.identify.timing import fit_aligned
+from hil.models.effect import Trait
 from hil.models.model import BASE_EFFECTS, RobotModel
 from hil.record.checks import check
 from hil.record.recording import Recording
@@ -141,7 +142,7 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
     return out
 
 
-def told(rung: Rung, before: HeldOut, problem: Problem) -> list[Correction]:
+def told(rung: Visited, before: HeldOut, problem: Problem) -> list[Correction]:
     """What the corrections of a rung are functions of, and what they do."""
     after, out = rung.step.heldout, []
     for c in rung.added:
@@ -197,19 +198,25 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     partial = [f for f in every if f.confidence < (WORTHLESS if f.rivals else ALONE)]
     findings = [f for f in every if f not in partial]
     # what stands for a robot description explains nothing either
-    lacking = bool(np.any(above(search, last, there, named))) or search.start > 0
+    stands = [(a, b) for a, b in pairwise(search.rungs) if _geometry(b)]
+    lacking = bool(np.any(above(search, last, there, named))) or bool(stands)
     verdict = _verdict(findings, partial, lacking)
     out = Diagnosis(
         verdict, findings, ladder, search.first or last, last, floor, notes(end, last), partial
     )
     out.heldout_floor = other
-    for a, b in pairwise(search.rungs[: search.start + 1]):
+    for a, b in stands:
         out.corrections += told(b, a.step.heldout, search.problem)
     out.warnings += noticed(last, end) + overtones(search)
     felt = dict(zip(search.problem.joints, matters(end), strict=True))
     if out.verdict == "adequate" and any(felt[c.joint] for c in last.changes):
         out.verdict = "unexplained"
     return out
+
+
+def _geometry(rung: Visited) -> bool:
+    """Whether a rung adds what stands for a robot description."""
+    return any(Trait.GEOMETRY in c.term.effect.traits for c in rung.added)
 
 
 def overtones(search: Search) -> list[tuple[str, str]]:

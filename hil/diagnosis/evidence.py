@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,14 +18,70 @@ from hil.identify.design import Term
 from hil.identify.fit import time_blocks
 from hil.identify.projector import Projector
 from hil.identify.refine import COARSE
+from hil.identify.regression import ROUNDING
 from hil.identify.result import FitResult
 from hil.identify.screening import screen
 from hil.identify.shapes import best_shape
 from hil.identify.timing import real_delay
 from hil.models import catalogue
-from hil.models.effect import Lines, Trait
+from hil.models.effect import Effect, Lines, Trait
 
 FloatArray = NDArray[np.float64]
+Key = tuple[str, int]
+#: What is sought: effects with a name; free functions for what none explains; a robot's geometry.
+EFFECT, CORRECTION, GEOMETRY = "effect", "correction", "geometry"
+#: Share of the squared length of columns of length one below which one is made of the others.
+ALIKE = 1e-9
+
+
+# ------------------------------------------------------------ what may be added
+
+
+def _kind(effect: Effect) -> str:
+    """Which search an effect belongs to; empty for what every model has."""
+    if Trait.CORRECTION in effect.traits:
+        return GEOMETRY if Trait.GEOMETRY in effect.traits else CORRECTION
+    return EFFECT if Trait.GIVEN not in effect.traits else ""
+
+
+def terms_to_try(
+    result: FitResult, joints: Collection[int] | None = None, without: Collection[Key] = (),
+    kind: str = EFFECT,
+) -> tuple[list[Term], list[tuple[str, str]]]:  # fmt: skip
+    """Terms that may be added on some joints, and effects that cannot be tried, with the reason.
+
+    Parameters
+    ----------
+    result : FitResult
+        The present fit.
+    joints : collection of int, optional
+        Joints that are still open, by default all; effects of the whole robot are tried if there
+        is one.
+    without : collection of (effect, joint)
+        Terms of the fit that count as absent, so that they are tried again.
+    kind : str
+        `EFFECT`, or `CORRECTION` or `GEOMETRY` without a name.
+    """
+    problem, explains = result.problem, result.model.explains
+    motion, held = problem.motions[0], problem.holds
+    joints = range(problem.d) if joints is None else joints
+    present = {t.key for t in result.terms} - set(without)
+    terms: list[Term] = []
+    impossible: dict[str, str] = {}
+    for effect in catalogue.table().values():
+        if _kind(effect) != kind or explains not in effect.scope.explains:
+            continue
+        for j in range(1 if effect.scope.of_robot else problem.d):
+            if (effect.name, j) in present or (held[j] and not effect.scope.of_robot):
+                continue
+            reason = effect.scope.lacks(motion, j)
+            if reason:
+                impossible.setdefault(effect.name, reason)
+            elif j in joints or (effect.scope.of_robot and joints):
+                own = effect.variation.per_run and problem.runs > 1
+                terms.append(Term(effect, j, () if own else effect.variation.single, per_run=own))
+    tried = {t.effect.name for t in terms}
+    return terms, [(n, why) for n, why in impossible.items() if n not in tried]
 
 
 # ------------------------------------------------------------ candidates beside a fit
@@ -48,7 +104,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
     if size == 0.0:
         return None
     absorbed = float(np.sum(qc**2)) / size
-    dof = columns.shape[1] + _free(term, projector)
+    dof = _directions(columns) + _free(term, projector)
     net = _net(projector, result, term, gain)
     parts = _parts(projector, term, net, columns @ beta, qc @ beta)
     return Candidate(
@@ -62,6 +118,15 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
         joint=int(np.argmax(parts)) if term.effect.scope.of_robot else term.joint,
         parts=parts,
     )
+
+
+def _directions(columns: FloatArray) -> int:
+    """Coefficients that columns (N, m) tell apart: of a body on a link of an arm hardly all ten."""
+    gram = columns.T @ columns
+    size = np.sqrt(np.diag(gram))
+    live = size > ROUNDING * float(size.max())
+    unit = gram[np.ix_(live, live)] / np.outer(size[live], size[live])
+    return int(np.linalg.matrix_rank(unit, tol=ALIKE, hermitian=True))
 
 
 def _free(term: Term, projector: Projector) -> int:
@@ -146,7 +211,9 @@ def _null(
 ) -> FloatArray:
     """Gains of a candidate on sign-flipped noise, the best over its grid, shape (FLIPS,)."""
     best = np.zeros(len(signs))
-    grid = projector.problem.grid(c.term.effect, c.term.joint) or [c.term.shape]
+    grid = projector.problem.grid(c.term.effect, c.term.joint)
+    if not grid or c.term.shape == c.term.effect.variation.single:
+        grid = [c.term.shape]
     if isinstance(c.term.effect.search, Lines):
         own = projector.rows(c.term)
         return timelines.flipped(projector.problem, c.term, noise[own], rows[own], signs)
@@ -184,31 +251,6 @@ LINE = 1 - 1 / 1.1**2
 # ------------------------------------------------------------ all evidence
 
 
-def possible_terms(
-    result: FitResult, per_run: bool = False
-) -> tuple[list[Term], list[tuple[str, str]]]:
-    """Candidate terms for these data, and the effects that cannot be tried, with the reason."""
-    problem, explains = result.problem, result.model.explains
-    motion, held = problem.motions[0], problem.holds
-    present = {t.key for t in result.terms}
-    terms: list[Term] = []
-    impossible: dict[str, str] = {}
-    for effect in catalogue.table().values():
-        if Trait.GIVEN in effect.traits or explains not in effect.scope.explains:
-            continue
-        for j in range(1 if effect.scope.of_robot else problem.d):
-            if (effect.name, j) in present or (held[j] and not effect.scope.of_robot):
-                continue
-            reason = effect.scope.lacks(motion, j)
-            if reason:
-                impossible.setdefault(effect.name, reason)
-            else:
-                own = effect.variation.per_run and problem.runs > 1
-                terms.append(Term(effect, j, per_run=own))
-    tried = {t.effect.name for t in terms}
-    return terms, [(n, why) for n, why in impossible.items() if n not in tried]
-
-
 def gather(result: FitResult, seed: int = 0) -> Evidence:
     """Try every candidate beside a fitted model.
 
@@ -225,7 +267,7 @@ def gather(result: FitResult, seed: int = 0) -> Evidence:
 
 def _gathered(result: FitResult, seed: int) -> Evidence:
     projector = Projector(result.problem, result.terms, result.sigma)
-    terms, impossible = possible_terms(result)
+    terms, impossible = terms_to_try(result)
     changed = changes(result, projector)
     if not changed:
         terms = [t for t in terms if not t.effect.variation.sudden]
@@ -252,7 +294,7 @@ def floor_of(result: FitResult, evidence: Evidence) -> Floor:
     }
     terms = [
         replace(t, shape=known.get(t.key, ()))
-        for t in possible_terms(result)[0]
+        for t in terms_to_try(result)[0]
         if t.key in known or not t.effect.variation.sudden
     ]
     with result.problem.aside():

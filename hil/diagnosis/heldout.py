@@ -15,11 +15,12 @@ from hil.diagnosis.candidates import held_out
 from hil.diagnosis.evidence import floor_of
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Evidence, HeldOut, Step
-from hil.errors import DataError
+from hil.errors import DataError, plural
 from hil.identify.assemble import assemble
 from hil.identify.context import set_context
 from hil.identify.design import Term
 from hil.identify.fit import fit, predict, time_blocks
+from hil.identify.predict import own_values
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
@@ -67,6 +68,27 @@ class Examiner:
             return []
         predict(result, self._other)  # the load there is the fit's
         return outside(result.model.valid, self._other, "held-out session")
+
+    def own(self, result: FitResult) -> list[tuple[str, str]]:
+        """Warning (code, sentence) where held-out runs get values that are fitted to themselves."""
+        found = own_values(result)
+        if self._other is None or not found:
+            return []
+        joints, runs = result.problem.joints, self._other.runs
+        parts = [
+            f"{name}{' on ' + ', '.join(joints[j] for j in some) if some else ''} "
+            f"({plural(size * max(len(some), 1), 'value')} a run)"
+            for name, (size, some) in found.items()
+        ]
+        total = runs * sum(size * max(len(some), 1) for size, some in found.values())
+        names = ", ".join(
+            self._other.recordings[int(np.argmax(self._other.whole == k))].name for k in range(runs)
+        )
+        text = (
+            f"every run has values of its own for {'; '.join(parts)}: {plural(total, 'value')} "
+            f"were fitted to {names}, so that the held-out error says nothing of them"
+        )
+        return [("held-out-values", text)]
 
     def __call__(self, result: FitResult) -> HeldOut:
         """Held-out residuals of a fit."""

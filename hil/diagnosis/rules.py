@@ -43,7 +43,7 @@ from hil.identify.regression import inflation
 from hil.models.effect import Trait
 
 if TYPE_CHECKING:
-    from hil.diagnosis.search import Rung, Search
+    from hil.diagnosis.search import Search, Visited
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ class Refit:
 
     search: Search
     rated: Rated
-    before: Rung
-    after: Rung
+    before: Visited
+    after: Visited
 
 
 #: A case before a fit or after one.

@@ -15,20 +15,19 @@ from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import as_use, choose, kindred, physical
-from hil.diagnosis.candidates import (
+from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
+from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
+from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, RIVAL, SURE, WORTH
+from hil.diagnosis.evidence import (
     CORRECTION,
     EFFECT,
     GEOMETRY,
-    Rated,
-    model_groups,
-    paired,
-    rate,
+    detect,
+    in_time,
+    measured_floor,
+    priced,
     terms_to_try,
-    tried,
 )  # fmt: skip
-from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
-from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, RIVAL, SURE, WORTH
-from hil.diagnosis.evidence import detect, in_time, measured_floor, priced
 from hil.diagnosis.folds import Split, parts
 from hil.diagnosis.grams import Errors, Group, Table
 from hil.diagnosis.heldout import Examiner, of_blocks
@@ -52,7 +51,7 @@ FORMS = ("never-rises", "coefficients", "scales", "allowed")
 
 
 @dataclass
-class Rung:
+class Visited:
     """A model on the way, with its errors on the fitted runs' folds and on held-out runs."""
 
     step: Step
@@ -74,7 +73,7 @@ class Rung:
 class _Tried:
     """Evidence that was gathered last, and beside which model."""
 
-    rung: Rung
+    rung: Visited
     kind: str
     joints: tuple[int, ...]
     first: Evidence | None
@@ -82,7 +81,7 @@ class _Tried:
     rated: list[Rated]
 
     def serves(
-        self, rung: Rung, kind: str, joints: Sequence[int], first: Evidence | None
+        self, rung: Visited, kind: str, joints: Sequence[int], first: Evidence | None
     ) -> bool:  # fmt: skip
         """Whether it holds what is asked for; floors of the first evidence are kept."""
         same = rung is self.rung and kind == self.kind and set(joints) <= set(self.joints)
@@ -123,7 +122,7 @@ class Search:
     stops: dict[tuple[str, int], CheckResult] = field(default_factory=dict)
     #: Rules that stopped something -> whether of one thing at least no other would have.
     fired: dict[str, bool] = field(default_factory=dict)
-    rungs: list[Rung] = field(default_factory=list)
+    rungs: list[Visited] = field(default_factory=list)
     #: Whether several joints have no robot description.
     blind: bool = False
     #: The rung that names are judged against: the first one, unless the geometry was missing.
@@ -136,21 +135,21 @@ class Search:
     _tried: _Tried | None = None
 
     @property
-    def now(self) -> Rung:
+    def now(self) -> Visited:
         """The last model."""
         return self.rungs[-1]
 
     @property
-    def base(self) -> Rung:
+    def base(self) -> Visited:
         """The model that names are judged against."""
         return self.rungs[self.start]
 
-    def rung(self, label: str, model: RobotModel, scale: FloatArray | None = None) -> Rung:
+    def rung(self, label: str, model: RobotModel, scale: FloatArray | None = None) -> Visited:
         """Fit a model and judge it."""
         result = fit_aligned(self.problem, model, scale)
         return self.judged(label, result)
 
-    def judged(self, label: str, result: FitResult) -> Rung:
+    def judged(self, label: str, result: FitResult) -> Visited:
         """A fit with its errors."""
         groups = model_groups(result)
         table = Table(self.problem, self.split, result.sigma, groups)
@@ -160,7 +159,7 @@ class Search:
             heldout = self.examine(result)
         else:
             heldout = of_blocks(table.left_out(keys), self.problem, self.split)
-        return Rung(Step(label, result, heldout), errors)
+        return Visited(Step(label, result, heldout), errors)
 
     def parted(self, result: FitResult) -> Errors:
         """Errors of a fit on each part of the recording by the coefficients of the others."""
@@ -227,10 +226,14 @@ class Search:
             ]  # fmt: skip
             if not picks:
                 return
+            before = self.now
             open_joints = self._added(picks, open_joints)
+            if self.blind and self.now is not before:
+                # what a large effect hid of the geometry is no news, and gets no name
+                self._corrected([c.joint for c in self.now.added], GEOMETRY)
             self.backward()
 
-    def correct(self, joints: Sequence[int]) -> list[Rung]:
+    def correct(self, joints: Sequence[int]) -> list[Visited]:
         """Add corrections without a name where no effect pays any more; the rungs they give.
 
         They pass the same rules as effects do, but are none: names, stops and rules that fired
@@ -322,7 +325,7 @@ class Search:
             renew(before.result)
         return joints
 
-    def _fitted(self, picks: list[Rated], before: Rung) -> list[Rated]:
+    def _fitted(self, picks: list[Rated], before: Visited) -> list[Rated]:
         """Fit with some picks; the new rung is kept if all of them hold, else those that do not."""
         model = before.result.model
         for p in picks:
@@ -336,7 +339,7 @@ class Search:
             self.found += list(rung.added)
         return bad
 
-    def _holds(self, p: Rated, before: Rung, after: Rung) -> bool:
+    def _holds(self, p: Rated, before: Visited, after: Visited) -> bool:
         """Whether an effect stands after everything was fitted again."""
         fail = rules.fails(rules.Refit(self, p, before, after))
         if fail is not None:
@@ -503,7 +506,7 @@ def _own(r: Rated, c: Candidate) -> bool:
     return r.candidate.term.key == c.term.key
 
 
-def _settled(rated: list[Rated], c: Candidate, now: Rung) -> list[Rated]:
+def _settled(rated: list[Rated], c: Candidate, now: Visited) -> list[Rated]:
     """The same; an effect of the model that a rival seems to beat counts as the model has it.
 
     Its shapes were searched beside everything then, the rivals' coarsely.
@@ -514,7 +517,7 @@ def _settled(rated: list[Rated], c: Candidate, now: Rung) -> list[Rated]:
     return [_refitted(r, now) if r is own else r for r in rated]
 
 
-def _refitted(r: Rated, now: Rung) -> Rated:
+def _refitted(r: Rated, now: Visited) -> Rated:
     """An effect of the model with the errors that the model has, where its shapes settled lower."""
     j = r.joint
     if now.errors.power[j] >= r.after or now.errors.squared.shape != r.errors.squared.shape:
@@ -656,8 +659,8 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
     base = model_groups(now.result)
     for j in sorted({c.joint for c in search.found}):
         free = [g for what in COMPETITORS if (g := competitor(search.problem, j, what)) is not None]
-        for c in (c for c in search.found if c.joint == j and not c.term.effect.scope.whole):
-            free += foils(search.problem, c.term.effect, c.term.joint, c.term.shape)
+        for c in (c for c in search.found if c.joint == j):
+            free += foils(search.problem, c.term)
         race = _Race(Table(search.problem, search.split, now.result.sigma, base, free), free, j)
         every = [g.key for g in base]
         taken = float(search.base.errors.power[j]) - race.power(every)

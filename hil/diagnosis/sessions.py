@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from hil.diagnosis.attribution import choose, plausible
 from hil.diagnosis.constants import ADEQUATE
-from hil.diagnosis.evidence import gather, in_time, possible_terms
+from hil.diagnosis.evidence import gather, in_time, terms_to_try
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut
 from hil.identify.assemble import in_units
@@ -87,13 +87,17 @@ def explanation(fitted: FitResult, alone: FitResult, residual: FloatArray, j: in
 def _terms(fitted: FitResult, alone: FitResult, j: int) -> list[tuple[Term, bool]]:
     """Terms on joint j: the model's own with their shapes (True), and candidates without any.
 
-    What has a shape to be searched would imitate anything.
+    What has a shape to be searched would imitate anything, but for a difference between runs; what
+    every run has for itself says nothing of another one.
     """
-    own = [(t, True) for t in fitted.terms if t.effect.scope.whole or t.joint == j]
+    mine = [t for t in fitted.terms if t.effect.scope.whole or t.joint == j]
+    own = [(t, True) for t in mine if not t.per_run]
     new = [
-        replace(t, per_run=False)
-        for t in possible_terms(alone)[0]
-        if not t.effect.shape and (t.effect.scope.of_robot or t.joint == j)
+        replace(t, per_run=False, shape=shape)
+        for t in terms_to_try(alone)[0]
+        if (t.effect.variation.relative or not t.effect.shape)
+        and (t.effect.scope.of_robot or t.joint == j)
+        for shape in t.effect.search.grid(alone.problem.motions[0], j)
     ]
     return [*own, *((t, False) for t in new)]
 

@@ -140,6 +140,7 @@ def compare(
     alike.floor = evidence.floor.rms
     level = evidence.floor.rms if floor is None else floor
     notes = other_robot(model, recordings) + differences(alike, examine) + noticed(evidence, result)
+    notes += examine.own(result)
     notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))
     faults += [Fault(code, "warning", "", x) for code, x in notes]
     out = Comparison(
@@ -207,6 +208,7 @@ def add(
     )
     larger = before.result.model + Use(effect, joints, own)
     after = complete(fit_problem(problem, larger))
+    after = replace(after, warnings=[*after.warnings, *examine.own(after)])
     steps = (before, Step(f"+ {effect}{where}", after, examine(after)))
     first, second = each([s.result for s in steps], problem)
     return Rung(steps[0], first), Rung(steps[1], second)

@@ -244,6 +244,7 @@ def finish(
     left = outside(model.valid, result.problem) + examine.outside(result)
     out.warnings += other_robot(model, recordings)
     out.warnings += [("outside-range", text) for text in left]
+    out.warnings += examine.own(result)
     out.warnings += differ
     out.warnings += [(f.code, f.sentence) for f in faults]
     out.warnings += lost_counts(out.findings, recordings, out.warnings)

@@ -88,8 +88,9 @@ def bind(model: RobotModel, problem: Problem) -> list[Term]:
     """Terms of a model for the joints of a problem.
 
     Effects that cannot act on this robot (a rotor inertia beside an axis' only inertia) are
-    left out, and so are joints without anything to try (the last one of a coupled pair); an
-    effect that another one replaces on a joint is left out there.
+    left out, and so are joints without anything to try (the last one of a coupled pair) and
+    differences between runs where there is one run; an effect that another one replaces on a joint
+    is left out there.
 
     Raises
     ------
@@ -113,6 +114,8 @@ def bind(model: RobotModel, problem: Problem) -> list[Term]:
             if effect.scope.lacks(motion, j) and Trait.GIVEN in effect.traits:
                 continue
             options = {k: bool(use.options.get(k, False)) for k in OPTIONS}
+            if effect.variation.relative and options["per_run"] and problem.runs == 1:
+                continue  # one run alone shows no difference between runs
             shape = stored_shape(use, effect, j, problem)
             terms.append(Term(effect, j, shape, use=index, **options))
     gone = {(name, t.joint) for t in terms for name in t.effect.relations.replaces}

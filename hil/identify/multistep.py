@@ -144,7 +144,9 @@ def _simulated(
             (i, k): Windows(result, starts + first, horizon, servo, own[id(result)], run=at)
             for at, (i, first) in enumerate(zip(group, firsts, strict=False))
             for k, (result, seconds, servo) in enumerate(asked)
-            for starts, horizon in [_windows(problem.motions[i], seconds, servo)]
+            for starts, horizon in [
+                _windows(problem.motions[i], problem.stretches(i), seconds, servo)
+            ]
             if starts.size  # else a run shorter than the shortest window
         }
         if jobs:
@@ -155,16 +157,25 @@ def _simulated(
     ]
 
 
-def _windows(motion: Motion, seconds: float, servo: float) -> tuple[NDArray[np.int_], int]:
-    """First instants of the windows of a run, and their length; windows without a servo overlap."""
+def _windows(
+    motion: Motion, stretches: Sequence[tuple[int, int]], seconds: float, servo: float
+) -> tuple[NDArray[np.int_], int]:
+    """First instants of the windows of a run, and their length; windows without a servo overlap.
+
+    None leaves its stretch of the run: what a bridge puts in the place of missing rows is no
+    motion to compare with.
+    """
     horizon = max(2, round(seconds / motion.dt))
-    edge = int(0.2 / motion.dt)
-    last = motion.n - horizon - edge
-    if last <= edge:
-        return np.zeros(0, dtype=np.int_), horizon
-    overlap = 1 if servo else 2
-    count = min(WINDOWS, max(1, overlap * (last - edge) // max(horizon, 1)))
-    return np.linspace(edge, last, count).astype(np.int_), horizon
+    edge, overlap = int(0.2 / motion.dt), 1 if servo else 2
+    found = [np.zeros(0, dtype=np.int_)]
+    for a, b in stretches:
+        first, last = max(a, edge), min(b, motion.n - edge + 1) - 1 - horizon
+        if last > first:
+            count = min(WINDOWS, max(1, overlap * (last - first) // max(horizon, 1)))
+            found.append(np.linspace(first, last, count).astype(np.int_))
+    every = np.concatenate(found)
+    few = np.linspace(0, every.size - 1, min(every.size, WINDOWS)).astype(np.int_)
+    return every[few], horizon
 
 
 def _summary(

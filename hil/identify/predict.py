@@ -39,6 +39,23 @@ def predict(result: FitResult, problem: Problem) -> FloatArray:
     return residual
 
 
+def own_values(result: FitResult) -> dict[str, tuple[int, list[int]]]:
+    """Effects of which every run has values of its own: how many a joint, and their joints.
+
+    Such values are estimated on held-out runs themselves, by `predict`.
+    """
+    out: dict[str, tuple[int, list[int]]] = {}
+    for t in result.terms:
+        if _own(t):
+            motion = result.problem.motions[0]
+            count = np.any(t.effect.columns(motion, t.joint, t.shape) != 0, axis=0)
+            size = int(np.sum(np.any(count, axis=0) if t.effect.scope.whole else count))
+            joints = [] if t.effect.scope.of_robot else [t.joint]
+            known = out.setdefault(t.effect.name, (size, []))
+            known[1].extend(joints)
+    return out
+
+
 def _own(t: Term) -> bool:
     """Whether every run has its own coefficients."""
     return t.per_run or t.effect.variation.own(t.shape)

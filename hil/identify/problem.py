@@ -73,7 +73,7 @@ class Problem(Rows):
         raw, fields = self._made(effect, j, shape)
         out = self.acting(raw, None if effect.scope.whole else j)
         if first is not None:
-            out = self._split(out, first)
+            out = self.by_run(out, first)
         return self._keep(key, out, effect, fields)
 
     def _keep(
@@ -154,8 +154,8 @@ class Problem(Rows):
             self._raw[key] = out
         return out, fields
 
-    def _split(self, x: FloatArray, first: int) -> FloatArray:
-        """One set of columns a run, from run number `first` on."""
+    def by_run(self, x: FloatArray, first: int) -> FloatArray:
+        """Columns (n, ..) as one set of columns a run, from run number `first` on."""
         runs = range(first, self.runs)
         mask = self.whole[self.run].reshape(-1, *[1] * (x.ndim - 1))
         return np.concatenate([np.where(mask == k, x, 0.0) for k in runs] or [x[..., :0]], axis=-1)

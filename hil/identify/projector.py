@@ -110,7 +110,7 @@ class Projector:
         columns = block(self.problem, term)
         if term.effect.scope.whole:
             flat = columns / self.sigma[:, None, None]
-            return flat.reshape(-1, columns.shape[-1])
+            return flat.reshape(self.problem.d * self.problem.n, -1)
         out: FloatArray = columns / self.sigma[term.joint]
         return out
 

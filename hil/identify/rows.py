@@ -288,6 +288,15 @@ class Rows:
             out.append(own[np.searchsorted((t[1:] + t[:-1]) / 2, m.t)])
         return np.concatenate(out)
 
+    def stretches(self, k: int) -> list[tuple[int, int]]:
+        """First instants of part k's motion, and ends, between bridges over missing rows.
+
+        A bridge that is as exact as the noise is none.
+        """
+        gone = np.concatenate([[1.0], self._spoilt[k], [1.0]]) > 0
+        edges = np.flatnonzero(gone[1:] != gone[:-1]).tolist()
+        return list(zip(edges[::2], edges[1::2], strict=True))
+
     def _sampled(self, name: str) -> FloatArray:
         return self.filtered([getattr(m, name) for m in self.motions])
 

@@ -21,7 +21,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.errors import ConfigError
+from hil.errors import ConfigError, DataError
 from hil.identify.design import stack
 from hil.identify.outputerror import Asked, Coordinates, Simulator, Task, descend
 from hil.identify.predict import predict
@@ -39,6 +39,8 @@ LENGTHS = (1.0, 0.5, 0.25)
 PULLS = (0.005, 0.0005, 0.05)
 #: Windows of one length at most; the ends of a run [s] that filters blur.
 MOST, EDGE = 24, 0.2
+#: Instants of the shortest window.
+SHORTEST = 2
 #: Lengths [s] that are judged where none is asked for: the longest that stays in range.
 USUAL = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
 #: Steps of a fit that is judged, and of the last one.
@@ -199,7 +201,7 @@ def refine(
 
 
 def free_run(result: FitResult, holdout: Sequence[Recording]) -> Errors:
-    """Both errors on other runs, each simulated from its measured first state to its end."""
+    """Both errors on other runs, simulated from the first state of each stretch to its end."""
     return _official(result, _like(result.problem, holdout))
 
 
@@ -251,10 +253,26 @@ class _Refiner:
         self._dt = self.problem.motions[0].dt
         self._centres = [self.where.one_step(self._rows(f, False)) for f in range(FOLDS)]
         self._edge = 0 if free_run else round(EDGE / self._dt)
-        longest = min(self._third) - self._edge - 1
+        longest = min(min(self._third) - self._edge - 1, self._unbroken())
         self.horizon = longest if free_run else self._asked(window, longest)
         self.judged = self.horizon * self._dt
         self.before = self._errors(self._centres)
+
+    def _unbroken(self) -> int:
+        """Instants of the longest window that each third holds, in some run, beside its gaps."""
+        return min(
+            max(
+                b - a - 1
+                for i, third in enumerate(self._third)
+                for a, b in [(0, 1), *self._whole(i, f * third, (f + 1) * third)]
+            )
+            for f in range(FOLDS)
+        )
+
+    def _whole(self, i: int, a: int, b: int) -> list[tuple[int, int]]:
+        """Stretches of part i between two instants, without its gaps and its blurred start."""
+        cut = ((max(a, x, self._edge), min(b, y)) for x, y in self.problem.stretches(i))
+        return [(x, y) for x, y in cut if y > x]
 
     def _asked(self, window: float, longest: int) -> int:
         """Instants of the windows that are judged.
@@ -324,21 +342,21 @@ class _Refiner:
     def _fitted(self, horizon: int, fold: int | None) -> list[IntArray]:
         """First instants of windows outside a third, half over each other, run by run."""
         out = []
-        for third, m in zip(self._third, self.problem.motions, strict=True):
+        for i, (third, m) in enumerate(zip(self._third, self.problem.motions, strict=True)):
             cuts = [0, m.n] if fold is None else [0, fold * third, (fold + 1) * third, m.n]
             ends = zip(cuts[::2], cuts[1::2], strict=True)
-            parts = [
-                _spaced(max(a, self._edge), min(b, m.n - self._edge), horizon, 2) for a, b in ends
-            ]
+            whole = [x for a, b in ends for x in self._whole(i, a, min(b, m.n - self._edge))]
+            parts = [_spaced(a, b, horizon, 2) for a, b in [(0, 0), *whole]]
             out.append(_thinned(np.concatenate(parts), MOST // len(self.problem.motions)))
         return out
 
     def _heldout(self, horizon: int, fold: int | None = None) -> list[IntArray]:
         """First instants of windows within thirds, one after the other, run by run."""
         out = []
-        for third in self._third:
+        for i, third in enumerate(self._third):
             ks = range(FOLDS) if fold is None else [fold]
-            parts = [_spaced(max(k * third, self._edge), (k + 1) * third, horizon, 1) for k in ks]
+            whole = [x for k in ks for x in self._whole(i, k * third, (k + 1) * third)]
+            parts = [_spaced(a, b, horizon, 1) for a, b in [(0, 0), *whole]]
             out.append(_thinned(np.concatenate(parts), MOST))
         return out
 
@@ -378,16 +396,25 @@ def _thinned(starts: IntArray, most: int) -> IntArray:
 
 
 def _official(result: FitResult, other: Problem, horizon: int = 0) -> Errors:
-    """Both errors on other runs: windows one after the other, or with 0 the whole of each."""
+    """Both errors on other runs: windows one after the other, or with 0 the whole of each.
+
+    None leaves its stretch between gaps.
+    """
     one = relative(predict(result, other), other.effort)
     simulator, each = Simulator(other, result), list[FloatArray]()
     for k, m in enumerate(other.motions):
         edge = round(EDGE / m.dt) if horizon else 0
-        long = min(horizon or m.n, m.n - edge - 1)
-        first = _spaced(edge, m.n, long, 1)
-        starts = [first if i == k else first[:0] for i in range(len(other.motions))]
-        found = simulator([Asked(result, starts, long, every=1)])[0]
-        each.append(np.mean(found**2, axis=1))
+        for a, b in other.stretches(k):
+            start = max(a, edge)
+            long = min(horizon or m.n, b - start - 1)
+            if long < SHORTEST:
+                continue
+            first = _spaced(start, b, long, 1)
+            starts = [first if i == k else first[:0] for i in range(len(other.motions))]
+            found = simulator([Asked(result, starts, long, every=1)])[0]
+            each.append(np.mean(found**2, axis=1))
+    if not each:
+        raise DataError("gaps leave no stretch of the held-out runs that is long enough")
     square = np.concatenate(each)
     return Errors(one, np.sqrt(np.mean(square, axis=0)), square)
 

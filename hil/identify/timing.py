@@ -8,19 +8,22 @@ not a physical delay; left in, it imitates small effects at every reversal.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.errors import HilError
 from hil.identify.design import Term, block
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
 from hil.models.effect import Doc, Effect, Param, Trait
-from hil.models.model import RobotModel
+from hil.models.model import RobotModel, base_model
 from hil.models.motion import Motion
+from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
 #: The slow motion: below this fraction of the effort filter's cut-off.
@@ -182,6 +185,67 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
         if abs(shift) < AGAIN * longest:
             break
     return result
+
+
+@dataclass(frozen=True)
+class Lateness:
+    """By how much the efforts of a recording are late, as a diagnosis with the base model has it.
+
+    Parameters
+    ----------
+    seconds : float or None
+        Lateness against the positions [s], negative where they are early; None = not known.
+    samples : float or None
+        The same in samples.
+    text : str
+        One sentence without its full stop.
+    """
+
+    seconds: float | None
+    samples: float | None
+    text: str
+
+
+def lateness(recording: Recording) -> Lateness:
+    """Lateness of the efforts within one sample, by a fit of the base model.
+
+    Parameters
+    ----------
+    recording : Recording
+        With its robot; several joints without a description have no model to tell it by.
+    """
+    source = recording.robot
+    if recording.d > 1 and not source.urdf and source.preset in ("", "single-axis"):
+        return Lateness(
+            None, None,
+            "whether the efforts are late against the positions cannot be told without the robot's "
+            "geometry: import with --robot ARM.urdf",
+        )  # fmt: skip
+    try:
+        problem = Problem([recording], source)
+        result = fit_aligned(problem, base_model(source))
+    except HilError as error:
+        return Lateness(None, None, f"no lateness of the efforts can be told: {error}")
+    longest, samples = longest_shift(problem), min(problem.sources)
+    if problem.given_shift is not None:
+        given = problem.given_shift
+        said = f"the efforts are taken {given * 1e3:.3g} ms later, as the map's [signal] says"
+        return Lateness(-given, -given * samples, said)
+    known = [slow_delay(result, j, turns=True)[1] for j in np.flatnonzero(~problem.holds).tolist()]
+    if min(known, default=np.inf) >= KNOWN * longest:
+        return Lateness(
+            None, None,
+            "this motion does not show the lateness of the efforts to half a sample: needed are "
+            "slow strokes of a second or so with much effort, for a minute",
+        )  # fmt: skip
+    late = -problem.shift
+    size, side = abs(late), "late" if late > 0 else "early"
+    says = "not late" if size < longest / FINEST else f"{size * 1e3:.3g} ms {side}"
+    return Lateness(
+        late, late * samples,
+        f"efforts against positions: {says} ({size * samples:.2g} samples), by a fit of the base "
+        "model; a diagnosis takes that out (shift_s under [signal] overrules it)",
+    )  # fmt: skip
 
 
 def late_effort(problem: Problem) -> list[tuple[str, str]]:

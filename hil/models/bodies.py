@@ -104,9 +104,9 @@ def _own(s: FloatArray, qd: float, qdd: float, v: FloatArray, a: FloatArray) -> 
 @numba.njit(cache=True, nogil=True)
 def regressor(
     parent: IntArray, turn: FloatArray, place: FloatArray, axis: FloatArray, gravity: FloatArray,
-    q: FloatArray, qd: FloatArray, qdd: FloatArray,
+    q: FloatArray, qd: FloatArray, qdd: FloatArray, only: int = -1,
 ) -> FloatArray:  # fmt: skip
-    """Regressor (n, d, 10 d) of d bodies, one behind each joint.
+    """Regressor (n, d, 10 d) of d bodies, one behind each joint; (n, d, 10) of one of them.
 
     Parameters
     ----------
@@ -120,9 +120,11 @@ def regressor(
         In base axes [m/s^2].
     q, qd, qdd : ndarray (n, d)
         States [rad or m and their derivatives].
+    only : int
+        Number of the one body that is asked for, from 0 on; -1 = all of them.
     """
     n, d = q.shape
-    out = np.zeros((n, d, 10 * d))
+    out = np.zeros((n, d, 10 * d if only < 0 else 10))
     v, a, seen = np.zeros((d, 6)), np.zeros((d, 6)), np.zeros((d, d, 6))
     base, spin, r, p = np.zeros(6), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     forces, still = np.zeros((6, 10)), np.zeros(6)
@@ -134,17 +136,20 @@ def regressor(
             _into(r, p, v[before] if before >= 0 else still, v[i])
             _into(r, p, a[before] if before >= 0 else base, a[i])
             _own(axis[i], qd[k, i], qdd[k, i], v[i], a[i])
-            _wrenches(v[i], a[i], forces)
             above = before
             while above >= 0:
                 _into(r, p, seen[before, above], seen[i, above])
                 above = parent[above]
             seen[i, i] = axis[i]
+            if only >= 0 and i != only:
+                continue
+            _wrenches(v[i], a[i], forces)
+            first = 10 * i if only < 0 else 0
             above = i
             while above >= 0:
                 for x in range(6):
                     for c in range(10):
-                        out[k, above, 10 * i + c] += seen[i, above, x] * forces[x, c]
+                        out[k, above, first + c] += seen[i, above, x] * forces[x, c]
                 above = parent[above]
     return out
 
@@ -213,3 +218,19 @@ def _felt(parent: IntArray, i: int, seen: FloatArray, own: FloatArray, out: Floa
         for x in range(6):
             out[above] += seen[above, x] * own[x]
         above = parent[above]
+
+
+def about(p: FloatArray) -> FloatArray:
+    """Parameters of a body about its frame's origin (10, 10) of unit ones about a point p (3,).
+
+    With m and h the mass and the first moments about p and I the inertia about p,
+
+        m,    m p + h,    I + tr(S) 1 - S  with  S = m p p' + p h' + h p'.
+    """
+    out = np.eye(10)
+    for k in range(4):
+        m, h = float(k == 0), np.eye(4)[k, 1:]
+        s = m * np.outer(p, p) + np.outer(p, h) + np.outer(h, p)
+        i = np.trace(s) * np.eye(3) - s
+        out[:, k] = m, *(m * p + h), i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2]
+    return out

@@ -20,6 +20,7 @@ MODULES = (
     "hil.models.coupled_friction",
     "hil.models.presliding",
     "hil.models.mass",
+    "hil.models.payload",
     "hil.models.pickup",
     "hil.models.actuator",
     "hil.models.contact",

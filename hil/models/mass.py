@@ -8,7 +8,6 @@ import numpy as np
 
 from hil.models.effect import (
     BOUNDS,
-    RELATIVE,
     Doc,
     Effect,
     Fitted,
@@ -80,38 +79,6 @@ class Armature(Effect):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """The joint's acceleration qdd."""
         return motion.qdd[:, j : j + 1]
-
-
-def _payload_lacks(motion: Motion, j: int) -> str:
-    """Needs a tip."""
-    none = motion.robot.tip_mass(motion.q[:2], motion.qd[:2], motion.qdd[:2]) is None
-    return "the robot has no geometry, so no tip" if none else ""
-
-
-class Payload(Effect):
-    """A mass at the tip, in some runs and not in others.
-
-    Within one run the links' own inertias contain it; what is fitted is the difference to the
-    first run, negative where that one carried the mass.
-    """
-
-    name, family = "payload", "mass"
-    doc = Doc(
-        equation="tau = m J' (p'' + g e_z)",
-        signature="gravity and inertia of all joints change together",
-        confused_with=("rigid-body", "load-friction"),
-        shown_by="one recording with and one without the mass",
-        source="Naerum thesis 3.1.3 (sensor adapter as payload)",
-    )
-    params = (Param("m", "kg", "mass at the tip, with several runs more than in the first one"),)
-    scope = Scope(Of.ROBOT, lacks=_payload_lacks)
-    variation = RELATIVE
-    traits = Trait.MOTION
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """J^T (p'' + g e_z), shape (n, d, 1)."""
-        effort = motion.robot.tip_mass(motion.q, motion.qd, motion.qdd)
-        return np.zeros((motion.n, motion.d, 1)) if effort is None else effort[:, :, None]
 
 
 def _spring_varies(f: Fitted) -> bool:
@@ -259,5 +226,5 @@ class EndStop(Effect):
 
 
 EFFECTS: tuple[Effect, ...] = (
-    RigidBody(), Armature(), Payload(), Spring(), PositionTorque(), EndStop(),
+    RigidBody(), Armature(), Spring(), PositionTorque(), EndStop(),
 )  # fmt: skip

@@ -240,6 +240,8 @@ class Variation:
         Whether coefficients are of one run alone, so that any other run has its own.
     dated : callable (shape) -> bool
         Whether it acts at instants of a run that are seen there: no other run can confirm it.
+    single : tuple of float
+        Shape that what shows in differences between runs is tried with in a single run.
     """
 
     per_run: bool = False
@@ -247,6 +249,7 @@ class Variation:
     sudden: bool = False
     own: Callable[[Shape], bool] = never
     dated: Callable[[Shape], bool] = never
+    single: tuple[float, ...] = ()
 
 
 NEVER = Variation()
@@ -304,7 +307,7 @@ class Relations:
     causes : tuple of str
         Physical causes of which it is a form, in any words: beside another form of one of them on
         the same joint it is no news.
-    foils : callable (motion, j, shape) -> sequence of ndarray (n, m)
+    foils : callable (motion, j, shape) -> sequence of ndarray (n, m), or (n, d, m) of all joints
         Columns of nearby laws without a name: where one of them fits better, the effect would be
         a wrong name, however much it explains.
     state : callable (motion, j, shape, beta) -> ndarray (n,) or None

@@ -11,10 +11,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.models import closed_form
+from hil.models import bodies, closed_form
 
 FloatArray = NDArray[np.float64]
 G = 9.81
+#: The links as a tree, for what they carry: joints before, poses, axes [linear, angular], gravity.
+BEFORE, UPRIGHT, DOWN = np.array([-1, 0, 1]), np.stack([np.eye(3)] * 3), np.array([0.0, 0.0, -G])
+AXES = np.array([[0, 0, 0, 0, 0, 1], [0, 0, 0, 0, -1, 0], [0, 0, 0, 0, -1, 0]], dtype=np.float64)
+#: Angles of the tree from theta: the forearm's is theta3 - theta2.
+FOLLOW = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 1.0]])
 
 
 class _Phantom:
@@ -28,6 +33,7 @@ class _Phantom:
     names: tuple[str, ...]
     #: Whether the equations are the Omni's.
     omni = False
+    links: tuple[int, ...] = (3, 1, 2)
 
     def __init__(self, joints: tuple[str, ...]) -> None:
         self.joints: tuple[str, ...] = (
@@ -80,12 +86,22 @@ class _Phantom:
 
     def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
         """Effort J^T (J q'' + J' q' + g e_z) of one kilogram at the tip, shape (n, 3)."""
-        jac, eps = self.jacobian(q), 1e-6
-        rate = (self.jacobian(q + eps * qd) - self.jacobian(q - eps * qd)) / (2 * eps)
-        acceleration = np.einsum("nkd,nd->nk", jac, qdd) + np.einsum("nkd,nd->nk", rate, qd)
-        acceleration[:, 2] += G
-        effort: FloatArray = np.einsum("nkd,nk->nd", jac, acceleration)
-        return effort
+        return self.body_load(q, qd, qdd, 3)[:, :, 0]
+
+    def body_load(
+        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int
+    ) -> FloatArray:  # fmt: skip
+        """Effort of a body on the turntable (1), the upper link (2) or the forearm (3), (n, 3, 10).
+
+        Axes of the upper link: along it, across, up; of the forearm, hanging down: forwards,
+        across, up.  On the forearm about the tip, else about the joint.
+        """
+        # angles of the tree: the forearm's is counted from the upper link there
+        states = tuple(np.ascontiguousarray(x @ FOLLOW.T, dtype=np.float64) for x in (q, qd, qdd))
+        place = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [self.l1, 0.0, 0.0]])
+        tree = (BEFORE, UPRIGHT, place, AXES, DOWN, *states)
+        out: FloatArray = FOLLOW.T @ bodies.regressor(*tree, link - 1)  # type: ignore[call-arg, arg-type]
+        return np.asarray(out @ bodies.about(np.array([0.0, 0.0, -self.l2])) if link == 3 else out)
 
     def tip_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
         """Of one kilogram alone, shape (n, 3, 1)."""

@@ -29,6 +29,10 @@ class Robot(Protocol):
     #: Whether a separate rotor inertia is a parameter of its own.
     has_armature: bool
 
+    @property
+    def links(self) -> tuple[int, ...]:
+        """Joints, from 1 on, whose links may carry a load: the tip's, then from the base on."""
+
     def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
         """Regressor Y with tau = Y pi, shape (n, d, p), from arrays (n, d)."""
 
@@ -49,6 +53,13 @@ class Robot(Protocol):
         Shape (n, d, 1 or 4), moments about the tip in axes of the last link; None without a tip.
         """
 
+    def body_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int) -> FloatArray:
+        """Effort (n, d, 10) of a body on the link behind joint number `link`, one of `links`.
+
+        Of unit m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz in axes of the link: about the tip on
+        the link that holds it, else about the joint's frame.
+        """
+
     def tip_axes(self, q: FloatArray) -> FloatArray | None:
         """Axes of the tip's frame as columns in base axes, (n, 3, 3); None without a tip."""
 
@@ -60,6 +71,7 @@ class IndependentAxes:
     """
 
     has_armature = False
+    links: tuple[int, ...] = ()
 
     def __init__(self, joints: tuple[str, ...], unit: str = "rad") -> None:
         self.joints = joints
@@ -99,6 +111,12 @@ class IndependentAxes:
     def tip_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
         """No tip."""
         return None
+
+    def body_load(
+        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int
+    ) -> FloatArray:  # fmt: skip
+        """Nothing: no link is known."""
+        return np.zeros((*q.shape, 10))
 
     def tip_axes(self, q: FloatArray) -> FloatArray | None:
         """No tip."""

@@ -62,6 +62,8 @@ class UrdfRobot:
         self.param_units = tuple(_BODY_UNITS * len(moving))
         self.prior = np.concatenate([i.toDynamicParameters() for i in list(model.inertias)[1:]])
         self._tip = self._frame(tip)
+        #: Number of the body behind each joint, from 0 on.
+        self._moved = [moving.index(name) for name in own]
         self._continuous = [j.nq == 2 for j in list(model.joints)[1:]]
         self._same = self._all.shape[0] == self._all.shape[1]
         self._tree = self._numbers()
@@ -153,26 +155,40 @@ class UrdfRobot:
         return effort
 
     def tip_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Effort of one kilogram at the tip and of its moments, shape (n, d, 4).
+        """Effort of one kilogram at the tip and of its moments, shape (n, d, 4)."""
+        if not self._model.frames[self._tip].parentJoint:
+            return np.zeros((len(q), q.shape[1], 4))
+        return self._carried(self._held, q, qd, qdd)[:, :, :4]
 
-        With p the tip in its link and h the moments about it, the link gets  m, m p + h  and
-        S = m p p' + p h' + h p',  inertia tr(S) 1 - S.
-        """
-        frame = self._model.frames[self._tip]
-        out: FloatArray = np.zeros((len(q), q.shape[1], 4))
-        if frame.parentJoint:
-            first = 10 * (frame.parentJoint - 1)
-            own = self.regressor(q, qd, qdd)[:, :, first : first + 10]
-            out = own @ _load(np.asarray(frame.placement.translation))
-        return out
+    @property
+    def _held(self) -> int:
+        """Number of the body that the tip is fixed to, from 0 on; -1 for the base."""
+        return int(self._model.frames[self._tip].parentJoint) - 1
 
+    @property
+    def links(self) -> tuple[int, ...]:
+        """Joints that move a link of their own, from 1 on: the tip's, then from the base on."""
+        holder = self._held
+        while holder >= 0 and holder not in self._moved:
+            holder = int(self._tree[0][holder])
+        order = sorted(range(len(self.joints)), key=lambda k: self._moved[k] != holder)
+        return tuple(k + 1 for k in order)
 
-def _load(p: FloatArray) -> FloatArray:
-    """Pinocchio's parameters of a link (10, 4) for a unit mass at p and unit moments about it."""
-    out = np.zeros((10, 4))
-    for k in range(4):
-        m, h = float(k == 0), np.eye(4)[k, 1:]
-        s = m * np.outer(p, p) + np.outer(p, h) + np.outer(h, p)
-        i = np.trace(s) * np.eye(3) - s
-        out[:, k] = m, *(m * p + h), i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2]
-    return out
+    def body_load(
+        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int
+    ) -> FloatArray:  # fmt: skip
+        """Effort of a body on the link behind joint number `link`, shape (n, d, 10)."""
+        return self._carried(self._moved[link - 1], q, qd, qdd)
+
+    def _carried(
+        self, body: int, q: FloatArray, qd: FloatArray, qdd: FloatArray
+    ) -> FloatArray:  # fmt: skip
+        """Effort (n, d, 10) of unit parameters on a body: about the tip if it holds it."""
+        back = self._all.T
+        states = (q @ back + self._shift, qd @ back, qdd @ back)
+        own: FloatArray = bodies.regressor(*(*self._tree, *states), body)  # type: ignore[call-arg]
+        own = own if self._same else back @ own
+        if body != self._held:
+            return own
+        at = np.asarray(self._model.frames[self._tip].placement.translation)
+        return np.asarray(own @ bodies.about(at))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hil
+from hil.commands.diagnosetext import text
 from hil.models.model import base_model
 from hil.record.recording import Recording, RobotSource
 
@@ -65,3 +66,41 @@ def test_a_known_geometry_needs_none() -> None:
                        robot=RobotSource("single-axis"))  # fmt: skip
     d = hil.diagnose([single], base_model(single.robot))
     assert not any(c.effect.startswith("generic") for c in d.corrections)
+
+
+def plant(robot: str, motion: int, *hidden: dict[str, object]) -> Recording:
+    """A MuJoCo arm, recorded without its description."""
+    pytest.importorskip("mujoco")
+    from sim_devices.mujoco_plants import session
+
+    rows = session.simulate(robot, ("wander", motion), list(hidden))
+    sound = np.isfinite(rows["q"]).all(axis=1)
+    t, q, tau = (rows[key][sound] for key in ("t", "q", "tau"))
+    joints = tuple(str(name) for name in session.robots()[robot]["joints"])
+    return Recording("run", "arm", joints, t, q, tau, robot=RobotSource("single-axis"))
+
+
+@pytest.mark.parametrize("robot", ["planar2", "elbow3"])
+def test_a_mujoco_arm_without_a_description_lacks_its_description_alone(robot: str) -> None:
+    run = plant(robot, 1)
+    d = hil.diagnose([run], base_model(run.robot))
+    assert d.verdict == "unexplained" and not d.findings
+    first, last = (d.ladder[k].heldout.relative for k in (0, -1))
+    assert np.all(last < 0.2 * first)
+    assert all("unknown geometry" in c.of for c in d.corrections)
+    said = text(d, hil.ladder(d))
+    assert "gravity of an unknown geometry" in said and "--robot ARM.urdf" in said
+
+
+@pytest.mark.parametrize(
+    ("robot", "motion", "effect", "joint"),
+    [("planar2", 1, "stribeck", 1), ("elbow3", 2, "cogging", 1), ("elbow3", 3, "stribeck", 0)],
+)
+def test_a_name_beside_an_unknown_geometry_stands_alone(
+    robot: str, motion: int, effect: str, joint: int
+) -> None:
+    """What a large effect hides of the geometry is found beside it, and gets no name."""
+    run = plant(robot, motion, {"effect": effect, "joint": joint, "amplitude": 5.0})
+    d = hil.diagnose([run], base_model(run.robot))
+    assert [(f.effect, f.joint) for f in d.findings] == [(effect, run.joints[joint])]
+    assert {c.effect.split("-")[0] for c in d.corrections} >= {"generic"}

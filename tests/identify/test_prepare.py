@@ -18,7 +18,7 @@ from hil.identify.fit import fit
 from hil.identify.prepare import bridged, prepared, signal
 from hil.identify.problem import Problem
 from hil.identify.readings import reading_notes, readings
-from hil.identify.timing import fit_aligned, late_effort, longest_shift
+from hil.identify.timing import fit_aligned, late_effort, lateness, longest_shift
 from hil.models.model import Band, RobotModel, base_model
 from hil.record.recording import COLUMNS, Recording, RobotSource
 from hil.record.urdf_joints import urdf_joints
@@ -247,6 +247,24 @@ def test_lateness_within_a_sample_is_found(late: float) -> None:
     assert code == "late-effort"
     assert ("early" if late > 0 else "late") in text
     assert longest_shift(problem) == pytest.approx(1.05 / fs)
+
+
+def test_lateness_is_told_before_a_diagnosis() -> None:
+    fs = 200.0
+    t = np.arange(int(40 * fs)) / fs
+    rng = np.random.default_rng(4)
+    seen, moved = at(t, t, rng, 0.002), at(t, t - 0.4 / fs, rng, 0.002)
+    found = lateness(replace(seen, tau=moved.tau, robot=AXIS.robot))
+    assert found.seconds == pytest.approx(0.4 / fs, abs=0.1 / fs)
+    assert found.samples == pytest.approx(0.4, abs=0.1)
+    assert " late (" in found.text
+    same = lateness(replace(seen, robot=AXIS.robot))
+    assert same.seconds == pytest.approx(0.0, abs=0.1 / fs)
+    two = replace(seen, joints=("a", "b"), q=np.tile(seen.q, 2), tau=np.tile(seen.tau, 2), qd=None)
+    blind = lateness(replace(two, robot=AXIS.robot))
+    assert blind.seconds is None and "--robot ARM.urdf" in blind.text
+    given = replace(seen, robot=AXIS.robot, metadata={"signal_shift_s": "0.002"})
+    assert lateness(given).seconds == -0.002
 
 
 def test_a_given_shift_is_taken() -> None:

@@ -1,0 +1,208 @@
+"""A body that a link carries in some runs and not in others.
+
+A rigid body on a link acts through its ten parameters, mass m, first moments h = m c and inertia I,
+linearly.  They are those of a real body where the pseudo-inertia
+
+    J = [[Sigma, h], [h', m]] >= 0,    Sigma = tr(I) / 2 1 - I,
+
+which holds the mass, the triangle inequality of the moments of inertia and the place of the centre
+in one condition.
+
+Source: Atkeson, An, Hollerbach, Int. J. Robotics Research 5(3), 1986 (load of a manipulator);
+Wensing, Kim, Slotine, IEEE Robotics and Automation Letters 3(1), 2018 (pseudo-inertia).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.optimize
+
+from hil.models.effect import (
+    SURE,
+    Doc,
+    Effect,
+    Fitted,
+    Grid,
+    Limit,
+    Of,
+    Param,
+    Relations,
+    Scope,
+    Shape,
+    Shapes,
+    Trait,
+    Variation,
+)
+from hil.models.motion import FloatArray, Motion
+from hil.models.param import JOINT
+
+#: Share of its squared effort by which a body may miss being a real one, whatever the errors: by so
+#: much the laws of a library miss their effects.
+MISSES = 0.0125
+#: Instants of a run that show which parameters a motion determines, and the share of the largest
+#: direction below which it does not.
+SOME, UNSEEN = 400, 1e-5
+#: Rounding of an eigenvalue, and the least one that a search starts from, in the largest.
+EXACT, NEAR = 1e-12, 1e-4
+#: Columns below this share of the largest are zero but for rounding.
+ROUNDING = 1e-11
+_MOMENTS = (("mx", "x"), ("my", "y"), ("mz", "z"))
+_INERTIAS = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+
+
+def _payload_lacks(motion: Motion, j: int) -> str:
+    """Needs links."""
+    return "" if motion.robot.links else "the robot has no geometry, so no links and no tip"
+
+
+def _payload_grid(motion: Motion, j: int) -> Shapes:
+    """Links that can carry a load: of equals the tip's, else the one nearest to the base."""
+    return [(float(k),) for k in motion.robot.links]
+
+
+def _payload_foils(motion: Motion, j: int, shape: Shape) -> Sequence[FloatArray]:
+    """Other inertias of all links at once: a description that is a bit wrong everywhere."""
+    return [motion.robot.regressor(motion.q, motion.qd, motion.qdd)]
+
+
+def _payload_real(f: Fitted) -> bool:
+    """Whether a run exists against which all others carry a real body, or none.
+
+    The coefficients are the differences (runs - 1, 10) to the first run, or one body.
+    """
+    if not f.motion.robot.links:
+        return True
+    seen = _seen(f.motion, f.effect.columns(f.motion, f.j, f.shape))
+    each = np.concatenate([np.zeros((1, 10)), np.reshape(f.beta, (-1, 10))])
+    sizes = f.error if len(f.error) == len(f.beta) else np.zeros(len(f.beta))
+    noise = _noise(seen, np.reshape(sizes, (-1, 10)))
+    return any(
+        all(real(seen, other - first, noise) for other in each if other is not first)
+        for first in each
+    )
+
+
+class Payload(Effect):
+    """A body on a link, in some runs and not in others.
+
+    Within one run the links' own inertias contain it, and a mass at the tip is all that is tried.
+    Of several runs the difference to the first one is fitted, negative where that one carried the
+    body.  Parameters are in axes of the link, about the tip on the link that holds it, else about
+    the joint's frame.
+    """
+
+    name, family = "payload", "mass"
+    doc = Doc(
+        equation="tau = Y_k(q, qd, qdd) [m, m c, I],  the body on link k",
+        signature="gravity and inertia of all joints up to the link change together",
+        confused_with=("rigid-body", "load-friction"),
+        shown_by="one recording with and one without the mass",
+        source="Atkeson, An, Hollerbach, Int. J. Robotics Research 5(3), 1986",
+        caveat="what is marked as not identifiable acts in combinations with the others alone",
+    )
+    params = (
+        Param("m", "kg", "mass, with several runs more than in the first one"),
+        *(Param(n, "kg m", f"first moment, {axis} axis of the link") for n, axis in _MOMENTS),
+        *(Param(n, "kg m^2", "moment of inertia, in axes of the link") for n in _INERTIAS),
+    )
+    shape = (Param(JOINT, "1", "number of the joint whose link carries it", 0.0, choice=True),)
+    scope = Scope(Of.ROBOT, lacks=_payload_lacks)
+    variation = Variation(per_run=True, relative=True, single=(0.0,))
+    relations = Relations(foils=_payload_foils)
+    search = Grid(_payload_grid, refine=False)
+    limits = (Limit("real-body", _payload_real),)
+    traits = Trait.MOTION
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Effort of unit parameters, shape (n, d, 10); without a link of a point mass at the tip.
+
+        What is nothing but rounding is zero, so that it is not scaled up to a direction of its own.
+        """
+        link = int(shape[0]) if shape else 0
+        first = link or next(iter(motion.robot.links), 0)
+        out = motion.robot.body_load(motion.q, motion.qd, motion.qdd, first)
+        size = np.abs(out).max(axis=(0, 1), initial=0.0)
+        acts = size > ROUNDING * size.max(initial=0.0)
+        return np.where(acts if link else acts & (np.arange(10) == 0), out, 0.0)
+
+
+def pseudo_inertia(pi: FloatArray) -> FloatArray:
+    """Pseudo-inertia (4, 4) of parameters m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz (10,)."""
+    m, h, (xx, xy, yy, xz, yz, zz) = pi[0], pi[1:4], pi[4:]
+    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    sigma = np.trace(about) / 2 * np.eye(3) - about
+    return np.block([[sigma, h[:, None]], [h[None, :], np.array([[m]])]])
+
+
+def parameters(j: FloatArray) -> FloatArray:
+    """Parameters (10,) of a pseudo-inertia (4, 4)."""
+    i = np.trace(j[:3, :3]) * np.eye(3) - j[:3, :3]
+    return np.array([j[3, 3], *j[:3, 3], i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2]])
+
+
+def _seen(motion: Motion, columns: FloatArray) -> FloatArray:
+    """Triangle R (10, 10) of columns (n, d, 10), each joint's rows over its rms effort."""
+    size = np.sqrt(np.mean(motion.tau**2, axis=0))
+    few = columns[:: max(1, motion.n // SOME)] / np.where(size > 0, size, 1.0)[:, None]
+    out = np.linalg.qr(few.reshape(-1, columns.shape[2]), mode="r")
+    return np.asarray(np.concatenate([out, np.zeros((max(10 - len(out), 0), 10))]))
+
+
+def _noise(seen: FloatArray, errors: FloatArray) -> float:
+    """Most squared effort, as `seen` measures it, that errors (runs - 1, 10) account for.
+
+    Standard errors s_k of parameters are  s^2 diag((R'R)^+)_k;  chance is s^2 (r + 2 sqrt(2 r)) for
+    r parameters that are determined.
+    """
+    scale, inverse = _inverse(seen)
+    known = np.diag(inverse @ inverse.T) / scale**2
+    live = np.isfinite(scale) & np.isfinite(errors).all(axis=0) & (known > 0)
+    if not np.any(live):
+        return 0.0
+    rank = float(np.linalg.matrix_rank(seen / scale, tol=UNSEEN))
+    s2 = float(np.median(np.max(errors[:, live] ** 2, axis=0) / known[live]))
+    return float(s2 * (rank + SURE * np.sqrt(2 * rank)))
+
+
+def _inverse(seen: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lengths of columns (10,), infinite where there is next to nothing, and (R D^-1)^+ of R."""
+    scale = np.linalg.norm(seen, axis=0)
+    scale = np.where(scale > UNSEEN * max(float(scale.max()), 1e-300), scale, np.inf)
+    return scale, np.asarray(np.linalg.pinv(seen / scale, rcond=UNSEEN))
+
+
+def real(seen: FloatArray, pi: FloatArray, noise: float) -> bool:
+    """Whether some real body, or none, has the effort of parameters (10,) but for what is allowed.
+
+    The least |R (pi(L L') - pi)|^2 over lower triangles L (4, 4): directions that no motion shows
+    are free.
+    """
+    return _apart(seen, pi) <= max(noise, MISSES * float(np.sum((seen @ pi) ** 2)))
+
+
+def _apart(seen: FloatArray, pi: FloatArray) -> float:
+    """Squared effort between parameters (10,) and those of the nearest real body."""
+    scale, inverse = _inverse(seen)
+    at, unit = np.tril_indices(4), max(float(np.linalg.norm(seen @ pi)), 1e-300)
+
+    def left(x: FloatArray) -> FloatArray:
+        low = np.zeros((4, 4))
+        low[at] = x
+        return np.asarray(seen @ (parameters(low @ low.T) - pi)) / unit
+
+    # from the values as they are, and without what no motion shows
+    least = float(np.inf)
+    for start in (pi, inverse @ (seen @ pi) / scale):
+        value, vector = np.linalg.eigh(pseudo_inertia(start))
+        size = max(float(np.abs(value).max()), 1e-300)
+        if value[0] >= -EXACT * size:
+            return 0.0
+        low = np.linalg.cholesky((vector * np.maximum(value, NEAR * size)) @ vector.T)
+        found = scipy.optimize.least_squares(left, low[at], x_scale="jac", max_nfev=200)
+        least = min(least, float(2 * found.cost))
+    return float(least * unit**2)
+
+
+EFFECTS: tuple[Effect, ...] = (Payload(),)
