@@ -142,7 +142,10 @@ def mine(*rungs: float, written: int = 0, names: tuple[str, ...] = (), own: bool
     """Our side with the same error on every joint that moves."""
     named = [(n, 0.9) for n in names]
     ladder = [[x, x, 70.0] for x in rungs]
-    return Ours("verdict", named, ["rung"] * len(rungs), ladder, written, [0.5] * 3, own, 2.0)
+    # without the judged runs the last rung is written
+    blind = tuple(ladder[-1]) if ladder else ()
+    labels = ["rung"] * len(rungs)
+    return Ours("verdict", named, labels, ladder, written, [0.5] * 3, own, 2.0, blind)
 
 
 ROWS = (
@@ -156,8 +159,8 @@ ROWS = (
 
 
 def test_table_of_results():
-    given, _, person_error, ours, best, floor, far = realtable.line(ROWS[0])[1:8]
-    assert (given, person_error, ours, best, floor, far) == (
+    given, _, person_error, ours, blind, floor, far = realtable.line(ROWS[0])[1:8]
+    assert (given, person_error, ours, blind, floor, far) == (
         "5.0",
         "2.2",
         "2.0",
@@ -168,7 +171,10 @@ def test_table_of_results():
     assert realtable.line(ROWS[1])[4:6] == ["5.0", "2.0"]
     assert realtable.line(ROWS[3])[7] == "1.03*"
     assert realtable.line(ROWS[4])[3:5] == ["2.2", "-"]
-    assert math.isnan(realtable.ratio(ROWS[4]))
+    assert math.isnan(realtable.ratio(ROWS[4])) and math.isnan(realtable.blind(ROWS[4]))
+    assert realtable.blindly_worse(ROWS[2]) and not realtable.blindly_worse(ROWS[1])
+    (line,) = (x for x in realtable.aims(ROWS) if "without a look" in x)
+    assert line.endswith("at most 1.1 times 3, below 2, worse than the given model 1 (alarm)")
     assert realtable.joint_lines(ROWS[0])[0][-1] == "slip"
     assert realtable.joint_lines(ROWS[0])[2][1:3] == ["c (holds)", "-"]
     assert realtable.by_kind(ROWS) == [["arm", "6", "2", "1", "1", "2.46"]]
