@@ -21,8 +21,9 @@ from hil.diagnosis.constants import (
 )  # fmt: skip
 from hil.diagnosis.folds import split
 from hil.diagnosis.heldout import Examiner, settled
+from hil.diagnosis.naming import Named, exchange, shares
 from hil.diagnosis.preconditions import mistaken, undetermined
-from hil.diagnosis.search import Named, Search, Visited, exchange, shares
+from hil.diagnosis.search import Search, Visited
 from hil.diagnosis.types import (
     NOTHING,
     Candidate,
@@ -133,7 +134,7 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
         (f.effect, max(joints.index(f.joint) - 1, 0)) for f in out.findings if f.confidence >= ALONE
     ]
     for rung in search.correct(np.flatnonzero(open_joints).tolist()):
-        out.corrections += told(rung, out.ladder[-1].heldout, problem)
+        out.corrections += corrections_of(rung, out.ladder[-1].heldout, problem)
         out.ladder.append(rung.step)
         out.corrected += 1
     if out.corrected:
@@ -142,7 +143,7 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
     return out
 
 
-def told(rung: Visited, before: HeldOut, problem: Problem) -> list[Correction]:
+def corrections_of(rung: Visited, before: HeldOut, problem: Problem) -> list[Correction]:
     """What the corrections of a rung are functions of, and what they do."""
     after, out = rung.step.heldout, []
     for c in rung.added:
@@ -206,7 +207,7 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     )
     out.heldout_floor = other
     for a, b in stands:
-        out.corrections += told(b, a.step.heldout, search.problem)
+        out.corrections += corrections_of(b, a.step.heldout, search.problem)
     out.warnings += noticed(last, end) + overtones(search)
     felt = dict(zip(search.problem.joints, matters(end), strict=True))
     if out.verdict == "adequate" and any(felt[c.joint] for c in last.changes):

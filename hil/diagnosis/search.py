@@ -1,4 +1,4 @@
-"""The search: forward while something pays, backward and by exchange, joint by joint.
+"""The search: forward while something pays, and backward, joint by joint.
 
 In each round every joint that is still open gets its best candidate; all of them are fitted
 together with everything else.  A joint closes when nothing pays on it any more.  What an effect is
@@ -7,47 +7,39 @@ judged by is what is left now, on blocks that it was not fitted to.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts, rules
-from hil.diagnosis.attribution import as_use, choose, kindred, physical
+from hil.diagnosis.attribution import as_use
 from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
-from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
-from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, RIVAL, SURE, WORTH
+from hil.diagnosis.constants import BEYOND, DISCREPANCY, WORTH
 from hil.diagnosis.evidence import (
     CORRECTION,
     EFFECT,
     GEOMETRY,
     detect,
-    in_time,
     measured_floor,
     priced,
     terms_to_try,
 )  # fmt: skip
 from hil.diagnosis.folds import Split, parts
-from hil.diagnosis.grams import Errors, Group, Table
+from hil.diagnosis.grams import Errors, Table
 from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
-from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe, ranking
+from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
 from hil.identify.context import renew
-from hil.identify.design import Term
 from hil.identify.problem import Problem
-from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
-from hil.models.effect import Effect, Lines, Trait
+from hil.models.effect import Trait
 from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
-#: Draws of the bootstrap.
-DRAWS = 400
-#: Rules of a fit in which one effect takes the place of another.
-FORMS = ("never-rises", "coefficients", "scales", "allowed")
 
 
 @dataclass
@@ -424,282 +416,3 @@ def _alike(r: Rated, best: Rated) -> bool:
 def _values(c: Candidate) -> tuple[int, int]:
     """Values that a candidate fits, and shape values that its law has."""
     return c.dof, len(c.term.shape)
-
-
-# ---------------------------------------------------------------------- names
-
-
-@dataclass
-class Named:
-    """An effect of the last model, and how sure its name is.
-
-    Parameters
-    ----------
-    candidate : Candidate
-        The effect.
-    confidence : float
-        Weight of the models that hold it, among those that cannot be told apart.
-    rivals : list of Candidate
-        Effects that take its place in the others.
-    """
-
-    candidate: Candidate
-    confidence: float
-    rivals: list[Candidate]
-
-
-def exchange(search: Search) -> list[Named]:
-    """Try every other effect in the place of each one that was found, beside all the others.
-
-    One that does better takes the place; those that cannot be told from it are its rivals.
-    """
-    named: dict[tuple[str, int], Named] = {}
-    for _ in range(2):
-        changed = False
-        for c in list(search.found):
-            if c.term.key in named:
-                continue
-            rated, projector = _beside(search, c)
-            rated = _settled(rated, c, search.now)
-            other = _better(search, c, rated)
-            if other is not None:
-                changed = True
-                named.clear()
-                break
-            named[c.term.key] = _weighed(search, c, rated, projector)
-        if not changed:
-            break
-    return [named.get(c.term.key) or Named(c, 0.5, []) for c in search.found]
-
-
-def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
-    """Every effect of a joint beside the model without one of them, rated; and that projector."""
-    now = search.now
-    rung = search.rung("without", without(now.result.model, c, search.problem), now.result.sigma)
-    result = rung.result
-    own, moves = c.term.effect, np.flatnonzero(~search.problem.holds).tolist()
-    terms = [t for t in terms_to_try(result, moves)[0] if _comparable(t, own, c.joint)]
-    projector, found = tried(result, terms)
-    floor = search.first.floor if search.first else None
-    assert floor is not None  # noqa: S101
-    priced(found, floor, result)
-    artefacts.mark_smoothers(found, projector)
-    artefacts.mark_blurred(found, result, projector)
-    rated = rate(result, search.split, found)
-    motion = search.problem.motions[0]
-    others = [f for f in search.found if f is not c]
-    sound = [
-        r for r in rated
-        if r.candidate.name == own.name
-        or (
-            r.removed > 0 and r.candidate.score > 0 and physical(r.candidate, motion)
-            and not (r.candidate.smoother or r.candidate.blurred)
-            and r.candidate.absorbed < 0.9999 and in_time(r.candidate, result)
-            and not any(kindred(r.candidate, f) for f in others)
-        )
-    ]  # fmt: skip
-    return sound, projector
-
-
-def _own(r: Rated, c: Candidate) -> bool:
-    """Whether a rated candidate is an effect of the model itself."""
-    return r.candidate.term.key == c.term.key
-
-
-def _settled(rated: list[Rated], c: Candidate, now: Visited) -> list[Rated]:
-    """The same; an effect of the model that a rival seems to beat counts as the model has it.
-
-    Its shapes were searched beside everything then, the rivals' coarsely.
-    """
-    own = next((r for r in rated if _own(r, c)), None)
-    if own is None or all(r.after > own.after - DISCREPANCY * own.removed for r in rated):
-        return rated
-    return [_refitted(r, now) if r is own else r for r in rated]
-
-
-def _refitted(r: Rated, now: Visited) -> Rated:
-    """An effect of the model with the errors that the model has, where its shapes settled lower."""
-    j = r.joint
-    if now.errors.power[j] >= r.after or now.errors.squared.shape != r.errors.squared.shape:
-        return r
-    fall = r.now.squared[:, j] - now.errors.squared[:, j]
-    return replace(r, errors=now.errors, fall=fall, after=float(now.errors.power[j]))
-
-
-def _comparable(t: Term, own: Effect, j: int) -> bool:
-    """Whether a term may stand in the place of an effect on joint j.
-
-    The same effect on any joint, for of some only ratios are determined; of the others those of
-    its joint and of the whole robot, but for lines over time and what changes at an instant.
-    """
-    if t.effect.name == own.name:
-        return True
-    return (t.joint == j or t.effect.scope.whole) and not (
-        isinstance(t.effect.search, Lines) or t.effect.variation.sudden
-    )
-
-
-def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | None:
-    """The effect that takes the place of one, if the model with it does better held out."""
-    own = next((r for r in rated if r.candidate.term.key == c.term.key), None)
-    good = [
-        r for r in rated
-        if (r.candidate.name, c.term.joint) not in search.refused
-        and (r is own or r.candidate.name != c.name) and r.joint == c.joint
-    ]  # fmt: skip
-    if own is None or not good:
-        renew(search.now.result)
-        return None
-    best = simplest(good, search.score)
-    if best is own or paired(best.fall - own.fall) < 1.0 or best.after > own.after:
-        renew(search.now.result)
-        return None
-    now = search.now
-    model = without(now.result.model, c, search.problem) + as_use(best.candidate, search.problem)
-    label = f"{describe(best.candidate, search.problem)} for {describe(c, search.problem)}"
-    rung = search.rung(label, model, now.result.sigma)
-    weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
-    gain = paired((now.errors.squared - rung.errors.squared) @ weight)
-    if gain < 1.0 or rules.fails(rules.Refit(search, best, now, rung), FORMS):
-        search.refused.add((best.candidate.name, c.term.joint))
-        renew(now.result)
-        return None
-    rung.added = (best.candidate,)
-    search.rungs.append(rung)
-    search.found[search.found.index(c)] = best.candidate
-    search.refused.add((c.name, c.term.joint))
-    return best.candidate
-
-
-def _weighed(
-    search: Search, c: Candidate, rated: list[Rated], projector: Projector
-) -> Named:  # fmt: skip
-    """Confidence and rivals of an effect among those that could stand in its place.
-
-    The lesser of two weights: by the likelihood, tempered by what a law may miss of its effect,
-    and by how often it does best when blocks are drawn anew.
-    """
-    rated = _in_noise(search, c, rated)
-    order = sorted((r.candidate for r in rated), key=ranking)
-    own = next((x for x in order if x.term.key == c.term.key), None)
-    if own is None:
-        return Named(c, 0.5, [])
-    rest = [x for x in order if x is not own]
-    _, likely, rivals = choose([own, *rest], projector)
-    drawn = _drawn(own, rated, ~search.problem.holds)
-    rivals += [r.candidate for r, p in drawn if p >= RIVAL and r.candidate not in [own, *rivals]]
-    best = next(p for r, p in drawn if r.candidate is own)
-    return Named(c, min(likely, best), rivals)
-
-
-def _in_noise(search: Search, c: Candidate, rated: list[Rated]) -> list[Rated]:
-    """The same with what each candidate takes of the held-out error, in units of the noise.
-
-        chi2 = sum_j N_j (before_j - after_j) / s_j^2 + 2 m,
-
-    s_j^2 what the best of them leaves and m its values: held out, m chance values cost m where
-    they gain m on the fitted instants.
-    """
-    good = [r for r in rated if r.candidate.term.key == c.term.key] or rated
-    if not good:
-        return []
-    noise = np.minimum.reduce([r.errors.power for r in rated])
-    colour = search.first.floor.inflation if search.first else np.ones(search.problem.d)
-    out = []
-    for r in rated:
-        count = r.now.count.sum(axis=0) / colour
-        fall = (r.now.power - r.errors.power) / np.maximum(noise, 1e-300)
-        chi2 = float(np.sum((count * fall)[~search.problem.holds])) + 2.0 * r.candidate.dof
-        size = float(np.log(max(float(count[r.joint]), 2.0)))
-        net = max(r.candidate.dof - search.replaced(r.candidate), 1)
-        out.append(replace(r, candidate=replace(r.candidate, chi2=chi2, price=net * size)))
-    return [r for r in out if r.candidate.score > 0]
-
-
-def _drawn(
-    own: Candidate, rated: list[Rated], moves: NDArray[np.bool_]
-) -> list[tuple[Rated, float]]:
-    """How often each effect does best, with weights of blocks drawn from Dirichlet(1, .., 1).
-
-    One that is as good as the best, within what a law may miss, and has no more to fit, is best.
-
-    Source: Rubin, Ann. Statist. 9, 1981; Yao, Vehtari, Simpson, Gelman, Bayesian Analysis 13, 2018
-    (pseudo-BMA+).
-    """
-    mine = next(r for r in rated if r.candidate is own)
-    near = [r for r in rated if r.joint == mine.joint and r.fall.size == mine.fall.size]
-    # over all joints: what a law of two joints takes on the other one is its own, too
-    noise = np.minimum.reduce([r.errors.power for r in near])
-    weight = moves / np.maximum(noise, 1e-300)
-    falls = np.stack([(r.now.squared - r.errors.squared) @ weight for r in near])
-    draws = np.random.default_rng(0).dirichlet(np.ones(falls.shape[1]), DRAWS)
-    total = draws @ falls.T
-    top = total.max(axis=1)
-    order = sorted(
-        range(len(near)), key=lambda k: (near[k].candidate is not own, near[k].candidate.dof)
-    )
-    good = total >= (top * (1 - DISCREPANCY))[:, None]
-    first = np.argmax(good[:, order], axis=1)
-    share = np.bincount(first, minlength=len(near)) / DRAWS
-    return [(near[k], float(share[n])) for n, k in enumerate(order)]
-
-
-def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
-    """What each name takes of all that it and any free function take, and that one's variables.
-
-        share = D / (D + G),
-
-    D the fall of the held-out mean square error by the name, and G by how much a free function
-    does better: in its place, against the fall by that name; or beside all names of the joint,
-    against the fall by them together.  Only what is sure of G counts.
-    """
-    now, out = search.now, {}
-    if now.result.model.explains != "motor" or not search.found:
-        return {}
-    base = model_groups(now.result)
-    for j in sorted({c.joint for c in search.found}):
-        free = [g for what in COMPETITORS if (g := competitor(search.problem, j, what)) is not None]
-        for c in (c for c in search.found if c.joint == j):
-            free += foils(search.problem, c.term)
-        race = _Race(Table(search.problem, search.split, now.result.sigma, base, free), free, j)
-        every = [g.key for g in base]
-        taken = float(search.base.errors.power[j]) - race.power(every)
-        beside = race.best(every, every)
-        for c in (c for c in search.found if c.joint == j):
-            rest = [k for k in every if k != c.term.key]
-            own = race.power(rest) - race.power(every)
-            gain, words = beside
-            out[c.term.key] = (taken / (taken + gain) if taken > 0 else 0.0, words)
-            if not c.term.effect.relations.replaces:  # what it replaced is not there to be put back
-                gain, words = race.best(rest, every)
-                stands = own > 0 and gain <= (0.0 if words == FOIL else BEATEN) * own
-                out[c.term.key] = min(
-                    out[c.term.key], (own / (own + gain) if stands else 0.0, words)
-                )
-    return out
-
-
-@dataclass(frozen=True)
-class _Race:
-    """A model of one joint, and free functions that run against its names."""
-
-    table: Table
-    free: list[Group]
-    joint: int
-
-    def power(self, keys: Sequence[Hashable]) -> float:
-        """Held-out mean square error of the joint."""
-        return float(self.table.errors(keys).power[self.joint])
-
-    def best(self, keys: Sequence[Hashable], against: Sequence[Hashable]) -> tuple[float, str]:
-        """What is sure of how much the best function with `keys` does better than `against`."""
-        start, j = self.table.errors(against), self.joint
-        gain, words = 0.0, ""
-        for g in self.free:
-            after = self.table.errors([*keys, g.key])
-            fall = start.squared[:, j] - after.squared[:, j]
-            sure = float(start.power[j] - after.power[j])
-            sure *= max(1.0 - SURE / max(paired(fall), 1e-9), 0.0)
-            if sure > gain:
-                gain, words = sure, str(g.key[1])  # type: ignore[index]
-        return gain, words
