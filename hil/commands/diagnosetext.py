@@ -11,7 +11,7 @@ from hil.diagnosis.sessions import DIFFER
 from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.unnamed import told
 from hil.diagnosis.verbs import Rung
-from hil.diagnosis.verdict import only_there
+from hil.diagnosis.verdict import NO_GEOMETRY, only_there
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
 from hil.models.told import remark
@@ -31,6 +31,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     lines = [f"Verdict: {verdict(d)}"]
     if d.verdict == "not-identifiable":
         lines += [f"  {w}." for _, w in d.warnings]
+    lines += [f"  {w}." for code, w in d.warnings if code == NO_GEOMETRY]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
     partial = [f"{f.effect} on {f.joint}" if f.joint else f.effect for f in d.partial]
@@ -38,7 +39,8 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
         why = "explains too little to be the cause"
         lines += [f"  best partial explanation: {', '.join(partial)} ({why})"]
     lines += _left(d) + _corrections(d)
-    lines += [f"  {w}." for code, w in d.warnings if code in LEADING]
+    beside = set(LEADING) - {NO_GEOMETRY}
+    lines += [f"  {w}." for code, w in d.warnings if code in beside]
     if d.verdict == "adequate":
         lines += [f"  {floor_says(d.beyond)}"]
     if d.network:

@@ -35,6 +35,7 @@ from hil.diagnosis.types import (
     joint_of,
 )  # fmt: skip
 from hil.diagnosis.verdict import (
+    NO_GEOMETRY,
     finish,
     matters,
     notes,
@@ -160,11 +161,10 @@ def without_robot(problem: Problem) -> list[tuple[str, str]]:
         return []
     text = (
         f"{problem.d} joints without a robot description: gravity, couplings and kinematics are "
-        "not in the model; sums of sines and cosines stand for them where they pay, and a name may "
-        "still stand for one of them; give --robot ARM.urdf (makers publish it, or write masses "
-        "and lengths into one)"
+        "not in the model, and a name may stand for one of them; give --robot ARM.urdf (makers "
+        "publish it, or write masses and lengths into one)"
     )
-    return [("no-geometry", text)]
+    return [(NO_GEOMETRY, text)]
 
 
 def _last(search: Search) -> Evidence:

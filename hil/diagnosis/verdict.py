@@ -153,7 +153,7 @@ def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
     )
 
 
-COMMON = "common-cause"
+COMMON, NO_GEOMETRY = "common-cause", "no-geometry"
 #: Spread of times, relative to their mean, within which they are one: late forms differ by as much.
 ALIKE = 0.2
 

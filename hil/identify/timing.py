@@ -32,7 +32,8 @@ SLOW = 4
 STEPS, AGAIN = 3, 0.25
 #: Share of a sample to which a joint's lateness must be known to count.
 KNOWN = 0.5
-#: Parts of a sample below which one joint's lateness is not better known than another's.
+#: Parts of a sample below which there is no lateness, and below which one joint's is not better
+#: known than another's.
 FINEST = 20
 #: Time by which friction turns early in the column that keeps its turns out of the lateness [s].
 TURN = 0.005
@@ -153,7 +154,7 @@ def sample_shift(result: FitResult) -> float:
     seen = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
     seen = [(value, error) for value, error in seen if error < KNOWN * longest]
     shift = _middle(seen, longest / FINEST) if seen else 0.0
-    return shift if abs(shift) <= longest else 0.0
+    return shift if longest / FINEST <= abs(shift) <= longest else 0.0
 
 
 def _middle(seen: Sequence[tuple[float, float]], finest: float) -> float:
@@ -250,7 +251,7 @@ def lateness(recording: Recording) -> Lateness:
 
 def late_effort(problem: Problem) -> list[tuple[str, str]]:
     """Note (code, sentence) on the lateness of the effort that was taken out; none for none."""
-    if not problem.shift:
+    if abs(problem.shift) < longest_shift(problem) / FINEST:
         return []
     shift = problem.shift
     later, share = ("late" if shift < 0 else "early"), abs(shift) * min(problem.sources)

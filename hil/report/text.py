@@ -19,9 +19,10 @@ from hil.diagnosis.residual_tests import CHANGED, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import Correction, Finding
 from hil.diagnosis.unnamed import told
-from hil.diagnosis.verdict import COMMON, EXPLAINED, only_there
+from hil.diagnosis.verdict import COMMON, EXPLAINED, NO_GEOMETRY, only_there
 from hil.errors import ConfigError
 from hil.models import catalogue
+from hil.models.effect import Trait
 from hil.models.model import Value
 from hil.models.told import in_words, without_error
 from hil.report.data import COMPARED, Material
@@ -46,7 +47,7 @@ ORIGIN = {
     "smooth functions of all positions and speeds).",
 }
 #: Codes of warnings that stand beside the verdict.
-LEADING = (DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
+LEADING = (NO_GEOMETRY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
 
 
 # ------------------------------------------------------------ verdict
@@ -97,16 +98,28 @@ def corrections(which: Sequence[Correction]) -> str:
     which : sequence of Correction
         In the order in which they were added.
     """
-    if not which:
-        return ""
+    stands = [c for c in which if Trait.GEOMETRY in catalogue.get(c.effect).traits]
     each = [
         f"{c.of} on {c.joint} ({c.relative_before:.2f} % -> {c.relative_after:.2f} %)"
         for c in which
+        if c not in stands
     ]
-    return (
-        f"The improved model also holds corrections without a name, functions of {listed(each)}. "
-        "They predict motions like the recorded ones; they do not say what the cause is."
-    )
+    out = []
+    if stands:
+        joints = listed(list(dict.fromkeys(c.joint for c in stands)))
+        out.append(
+            f"Sums of sines and cosines stand for the missing robot description on {joints}."
+        )
+    if each:
+        out.append(
+            "The improved model also holds corrections without a name. They are functions of "
+            f"{listed(each)}."
+        )
+    if out:
+        out.append(
+            "They predict motions like the recorded ones; they do not say what the cause is."
+        )
+    return " ".join(out)
 
 
 def worst(m: Material) -> int:
@@ -181,7 +194,7 @@ def explains(blurred: bool, model: str) -> str:
 
 def details(m: Material) -> list[str]:
     """Sentences below the headline: effect, confidence, error before and after, floor."""
-    out = [_finding(m, f) for f in m.findings]
+    out = _said(m, NO_GEOMETRY) + [_finding(m, f) for f in m.findings]
     out += _said(m, BLURRED) + apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
     for f in m.partial:
         out.append(
@@ -358,16 +371,27 @@ class Files:
         held = [w for h in self.holdout for w in ("--holdout", h)]
         return [*(["--arm", self.arm] if self.arm else []), "--session", *self.sessions, *held]
 
+    def improved(self) -> list[str]:
+        """Words of a command line that takes the sessions first, and the model."""
+        named = ["--model", self.model] if self.model else []
+        held = [w for h in self.holdout for w in ("--holdout", h)]
+        return [*self.sessions, *(["--arm", self.arm] if self.arm else []), *named, *held]
+
     def better(self, k: int) -> str:
         """Name of the k-th improved model, beside the model or the first session."""
         return str(Path(self.model or self.sessions[0]).with_suffix(f".plus{k}.toml"))
 
 
 def command(m: Material, files: Files | None = None) -> str:
-    """Commands that add the findings; empty if there is nothing to add."""
+    """Commands that add the findings; empty if there is nothing to add.
+
+    Where the model holds corrections, too, the one that writes all of it.
+    """
+    names = files or Files()
+    if m.corrections:
+        return shlex.join(["hil", "improve", *names.improved(), "-o", names.better(1)])
     if m.verdict != "missing-effect":
         return ""
-    names = files or Files()
     lines, source = [], names.model
     for k, f in enumerate(m.findings, 1):
         words = ["hil", "add", f.effect, *(["--joint", f.joint] if f.joint else [])]

@@ -9,6 +9,8 @@ import hil
 from hil.commands.diagnosetext import text
 from hil.models.model import base_model
 from hil.record.recording import Recording, RobotSource
+from hil.report.data import from_diagnosis
+from hil.report.text import Files, command, details
 
 RATE = 200.0
 
@@ -104,3 +106,24 @@ def test_a_name_beside_an_unknown_geometry_stands_alone(
     d = hil.diagnose([run], base_model(run.robot))
     assert [(f.effect, f.joint) for f in d.findings] == [(effect, run.joints[joint])]
     assert {c.effect.split("-")[0] for c in d.corrections} >= {"generic"}
+
+
+def test_what_stands_for_the_geometry_is_said_first_and_written() -> None:
+    """The terminal and the report begin with it; the command writes the whole model."""
+    run = arm(stribeck=0.8)
+    d = hil.diagnose([run], base_model(run.robot))
+    lines = text(d, hil.ladder(d)).splitlines()
+    assert "without a robot description" in lines[1] and "--robot" in lines[1]
+    assert sum("without a robot description" in line for line in lines) == 1
+    assert "sines and cosines stand for the missing robot description on joint1" in " ".join(lines)
+    m = from_diagnosis(d)
+    assert "without a robot description" in details(m)[0]
+    assert command(m, Files(("s.mcap",), model="")) == "hil improve s.mcap -o s.plus1.toml"
+    assert any(u.type.startswith("generic") for u in d.model.effects)
+
+
+def test_a_lateness_that_is_none_is_not_told() -> None:
+    """What was shifted to and fro while the geometry was missing is no news."""
+    run = arm()
+    d = hil.diagnose([run], base_model(run.robot))
+    assert not any(code == "late-effort" for code, _ in d.warnings)
