@@ -61,7 +61,7 @@ def test_no_benefit_only_within_the_standard_error():
 
 def test_suggested_commands_name_the_files():
     finding = SimpleNamespace(effect="stribeck", joint="joint2")
-    found = SimpleNamespace(verdict="missing-effect", findings=[finding, finding])
+    found = SimpleNamespace(verdict="missing-effect", findings=[finding, finding], corrections=[])
     files = Files(("my runs/a.mcap", "b.mcap"), ("h.mcap",), "arm.toml", "follower")
     first, second = command(found, files).splitlines()
     assert first == (
@@ -71,6 +71,12 @@ def test_suggested_commands_name_the_files():
     assert "--model arm.plus1.toml" in second and "-o arm.plus2.toml" in second
     alone = command(found, Files(("a.mcap",), (), "")).splitlines()[0]
     assert alone == "hil add stribeck --joint joint2 --session a.mcap -o a.plus1.toml"
+    # what has no name is written by one command only
+    found.corrections = [SimpleNamespace()]
+    assert command(found, files) == (
+        "hil improve 'my runs/a.mcap' b.mcap --arm follower --model arm.toml --holdout h.mcap "
+        "-o arm.plus1.toml"
+    )
 
 
 def test_both_simulations_of_a_sticking_drive_improve_with_the_missing_effect() -> None:
