@@ -9,7 +9,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from controllers import multisine
+from hil.controllers import multisine
 from hil.errors import ConfigError
 from hil.excite import files
 from hil.excite.trajectory import grid, sample

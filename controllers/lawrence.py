@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from controllers import channel, ela, lawrence_kernels, lawrence_records, lawrence_state
-from controllers.lawrence_config import LawrenceConfig
+from hil.controllers import channel, ela, lawrence_kernels, lawrence_records, lawrence_state
+from hil.controllers.lawrence_config import LawrenceConfig
 from hil.errors import ConfigError
 from hil.signals.device import FloatArray
 from hil.teleop.files import loops_of

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers import ela
-from controllers.channel import ChannelConfig
+from hil.controllers import ela
+from hil.controllers.channel import ChannelConfig
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
 from hil.signals.settable import Range

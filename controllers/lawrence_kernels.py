@@ -1,7 +1,7 @@
 """Kernels of the Lawrence law: both arms measured, heard, commanded, and turned into torques.
 
-`c`, `w` and `tables` are made by `controllers.lawrence_records`; `x` is laid out by
-`controllers.lawrence_state`.
+`c`, `w` and `tables` are made by `hil.controllers.lawrence_records`; `x` is laid out by
+`hil.controllers.lawrence_state`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from typing import Any
 
 import numba as nb
 
-from controllers import compensation, dynamics, ela, geometry, observer
-from controllers.lawrence_state import FIRST_ESTIMATE, FIRST_FILTER, FIRST_OBSERVED, FIRST_SLIP
+from hil.controllers import compensation, dynamics, ela, geometry, observer
+from hil.controllers.lawrence_state import FIRST_ESTIMATE, FIRST_FILTER, FIRST_OBSERVED, FIRST_SLIP
 
 
 @nb.njit(cache=True, nogil=True)
@@ -116,8 +116,8 @@ def believe(u: Any, c: Any, w: Any) -> None:
 def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
     """Momentum observer of arm `a`: the force ON its tip without a sensor.
 
-    F = J^-T r with r of `controllers.observer`.  Memory per arm: integral (3,), torque sent (3,),
-    force (3,); the torque of this tick is written by `law`.
+    F = J^-T r with r of `hil.controllers.observer`.  Memory per arm: integral (3,),
+    torque sent (3,), force (3,); the torque of this tick is written by `law`.
     """
     at = FIRST_OBSERVED + 9 * a
     observer.advance(
@@ -158,14 +158,14 @@ def law(
     tick: int, x: Any, u: Any, c: Any, tables: Any, w: Any, line: Any, ages: Any, x_next: Any,
     y: Any,
 ) -> None:  # fmt: skip
-    """One period of `controllers.lawrence.Lawrence`.
+    """One period of `hil.controllers.lawrence.Lawrence`.
 
     Parameters
     ----------
     tick : int
         Number of the tick, from 1.
     tables : tuple of (terms, slips, values)
-        Friction of leader, follower; see `controllers.compensation`.
+        Friction of leader, follower; see `hil.controllers.compensation`.
     line : ndarray (2, length, 3, 4)
         What each arm has sent; slot tick % length.
     ages : ndarray (2, CYCLE)

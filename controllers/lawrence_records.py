@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from controllers import compensation, ela
-from controllers.lawrence_config import SHAPES, LawrenceConfig
+from hil.controllers import compensation, ela
+from hil.controllers.lawrence_config import SHAPES, LawrenceConfig
 from hil.estimate import online
 from hil.models import catalogue
 

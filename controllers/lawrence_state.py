@@ -6,19 +6,19 @@ who changes something here deletes controllers/__pycache__.
 
 from __future__ import annotations
 
-from controllers.lawrence_config import AXES
+from hil.controllers.lawrence_config import AXES
 
 _ARMS = ("leader", "follower")
 _JOINTS = (1, 2, 3)
 #: Of one axis: where it started, and the memory of `ela.sense`.
 _FILTERS = ("origin", "velocity", "raw", "acceleration", "force", "on")
-#: Of one arm: the momentum observer of `controllers.observer`.
+#: Of one arm: the momentum observer of `hil.controllers.observer`.
 _OBSERVER = (
     *(f"impulse{j}" for j in _JOINTS),
     *(f"sent{j}" for j in _JOINTS),
     *(f"observed_{axis}" for axis in AXES),
 )
-#: Of one arm: friction with a state, `controllers.compensation`.
+#: Of one arm: friction with a state, `hil.controllers.compensation`.
 _SLIP = (
     *(f"last{j}" for j in _JOINTS),
     *(f"slip{j}_{e}" for j in _JOINTS for e in (1, 2, 3)),

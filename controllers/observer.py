@@ -6,7 +6,7 @@ from typing import Any
 
 import numba as nb
 
-from controllers import dynamics
+from hil.controllers import dynamics
 
 
 @nb.njit(cache=True, nogil=True)

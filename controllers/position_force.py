@@ -13,7 +13,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from controllers import geometry
+from hil.controllers import geometry
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
 from hil.signals.settable import Range

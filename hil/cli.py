@@ -29,6 +29,7 @@ COMMANDS: dict[str, Command] = {
         "the whole story on simulated devices: a hidden effect, found from the recording alone",
     ),
     "run": Command("hil.commands.run", "run a session of a rig and record it"),
+    "init": Command("hil.commands.init", "copy a rig file of the package, to edit"),
     "devices": Command(
         "hil.commands.devices",
         "show what is attached, what of a rig is reachable, and what is missing and why",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import ConfigError, unknown
+from hil.rigs import NAMES, packaged
 from hil.rigtables import (
     ArmConfig,
     BoxConfig,
@@ -97,20 +98,24 @@ def load_rig(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Ri
     Parameters
     ----------
     path : str or Path
-        TOML file.
+        TOML file, or the name of a rig file that comes with the package, e.g. ``"teleop"``.
     overrides : mapping, optional
         Tables that are merged over the file, e.g.
         ``{"simulation": {"hidden": [{"effect": "stribeck", "joint": "joint2"}]}}``.
     """
+    path = packaged(path)
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8")
         table = tomllib.loads(text)
     except FileNotFoundError:
-        raise ConfigError(f"{path}: no such rig file.") from None
+        raise ConfigError(
+            f"{path}: no such rig file. Name a file, or a rig that comes with the package: "
+            f"{', '.join(NAMES)} ('hil init teleop' copies one to edit)."
+        ) from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{path}: not a readable TOML file ({error}).") from error
     try:
-        return parse(RigConfig, merge(_beside(table, Path(path)), overrides or {}), "rig")
+        return parse(RigConfig, merge(_beside(table, path), overrides or {}), "rig")
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
 

@@ -12,25 +12,25 @@ from hil.errors import ConfigError, unknown
 #: group -> name -> module (with `Config` and `open_device` or `build`) or ``module:attribute``.
 #: Entry points of the same groups join in.
 BUILT_IN: dict[str, dict[str, str]] = {
-    "hil.drivers": {"premium": "drivers.premium", "ft-sensor": "drivers.ft_sensor"},
+    "hil.drivers": {"premium": "hil.drivers.premium", "ft-sensor": "hil.drivers.ft_sensor"},
     "hil.boxes": {
-        "usb-quad08": "drivers.usb_quad08",
-        "usb-31xx": "drivers.usb_31xx",
-        "netcanoem": "drivers.netcanoem",
-        "netft-can": "drivers.netft_can",
-        "netft-rdt": "drivers.netft_rdt",
+        "usb-quad08": "hil.drivers.usb_quad08",
+        "usb-31xx": "hil.drivers.usb_31xx",
+        "netcanoem": "hil.drivers.netcanoem",
+        "netft-can": "hil.drivers.netft_can",
+        "netft-rdt": "hil.drivers.netft_rdt",
     },
     "hil.controllers": {
-        "joint-tracking": "controllers.joint_tracking",
-        "lawrence": "controllers.lawrence",
-        "position-force": "controllers.position_force",
+        "joint-tracking": "hil.controllers.joint_tracking",
+        "lawrence": "hil.controllers.lawrence",
+        "position-force": "hil.controllers.position_force",
     },
     "hil.estimators": {
-        "force": "controllers.estimators.forces",
-        "friction-network": "controllers.estimators.network",
-        "elastic-ukf": "controllers.estimators.transmission",
+        "force": "hil.controllers.estimators.forces",
+        "friction-network": "hil.controllers.estimators.network",
+        "elastic-ukf": "hil.controllers.estimators.transmission",
     },
-    "hil.taps": {"usb": "drivers.links.usb_tap", "hid": "drivers.links.hid_tap"},
+    "hil.taps": {"usb": "hil.drivers.links.usb_tap", "hid": "hil.drivers.links.hid_tap"},
     "hil.velocity": {
         "first-difference": "hil.signals.velocity.methods:FirstDifference",
         "filtered-difference": "hil.signals.velocity.methods:FilteredDifference",
@@ -38,7 +38,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "foaw-best-fit": "hil.signals.velocity.methods:FoawBestFit",
         "kalman": "hil.signals.velocity.methods:Kalman",
     },
-    "hil.kinematics": {"phantom-premium-1.5": "controllers.geometry:premium"},
+    "hil.kinematics": {"phantom-premium-1.5": "hil.controllers.geometry:premium"},
     "hil.sim_devices": {},
     "hil.sim_sessions": {},
 }

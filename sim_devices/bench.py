@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError, unknown
 from hil.signals.bus import Bus
 from hil.signals.device import Status
-from sim_devices.plants import build, world
-from sim_devices.plants.layout import GEL, NOISES, OPERATOR, SUBSTEPS
-from sim_devices.quadrature import Quadrature
+from hil.sim_devices.plants import build, world
+from hil.sim_devices.plants.layout import GEL, NOISES, OPERATOR, SUBSTEPS
+from hil.sim_devices.quadrature import Quadrature
 
 #: Ticks whose random numbers are drawn at once: few, so that no tick is much longer than others.
 BLOCK = 16
@@ -98,7 +98,7 @@ class Bench:
 
     def buses(self, plan: dict[str, dict[str, Any]]) -> dict[str, Bus]:
         """Simulated buses, by kind, with the boxes of `plan` on them."""
-        from sim_devices.wired import WiredBench  # the libraries of the buses, where needed
+        from hil.sim_devices.wired import WiredBench  # the libraries of the buses, where needed
 
         self.wired = WiredBench(self, plan)
         return self.wired.buses

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
 from hil.signals.bus import Bus, Step
-from sim_devices.bench import Bench
-from sim_devices.force.mount import SimForce
-from sim_devices.hid.module import SimHid
-from sim_devices.hid.usb31xx import Sim31xx
-from sim_devices.usb.backend import SimUsb
-from sim_devices.usb.quad08 import SimQuad08
+from hil.sim_devices.bench import Bench
+from hil.sim_devices.force.mount import SimForce
+from hil.sim_devices.hid.module import SimHid
+from hil.sim_devices.hid.usb31xx import Sim31xx
+from hil.sim_devices.usb.backend import SimUsb
+from hil.sim_devices.usb.quad08 import SimQuad08
 
 #: An amplifier switches off when its heartbeat line has not changed for so long [ns].
 WATCHDOG_NS = 60_000_000

@@ -12,8 +12,8 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from controllers import compensation, dynamics, geometry, observer
-from controllers.lawrence_config import PREMIUM
+from hil.controllers import compensation, dynamics, geometry, observer
+from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError, unknown
 from hil.estimate import online
 from hil.models import catalogue

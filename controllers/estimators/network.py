@@ -1,7 +1,7 @@
 """Friction learnt in the loop, and with it the force on the tip without a sensor.
 
 A momentum observer that knows no friction sees r = LPF(tau_s - tau_f).  While nothing touches the
-arm, -r is what the wavelet networks of `controllers.estimators.wavelets` learn; then
+arm, -r is what the wavelet networks of `hil.controllers.estimators.wavelets` learn; then
 tau_s = r + LPF(tau_f).  With a force sensor "nothing touches" is measured; without one, say for how
 long.
 """
@@ -14,9 +14,9 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from controllers import dynamics, geometry, observer
-from controllers.estimators import wavelets
-from controllers.lawrence_config import PREMIUM
+from hil.controllers import dynamics, geometry, observer
+from hil.controllers.estimators import wavelets
+from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
 from hil.signals.device import FloatArray
 

@@ -6,18 +6,18 @@
 Each joint has an unscented filter with the ten states of `hil.estimate.ukf`: its link's inertia is
 1 / (L^-1)_jj, and what the other links' torques do to it enters as a known torque.  The momentum
 that the corrections bring in a second, (Jm K_2 + L K_4) innovation / T, is what the model lacks:
-friction tau_n that the networks of `controllers.estimators.wavelets` learn while nothing touches
-the arm, a force on the tip afterwards.  Thesis section 3.1.3 is one joint; filter and networks
-together on three joints are its future work.
+friction tau_n that the networks of `hil.controllers.estimators.wavelets` learn while nothing
+touches the arm, a force on the tip afterwards.  Thesis section 3.1.3 is one joint; filter and
+networks together on three joints are its future work.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from controllers.estimators import wavelets
-from controllers.estimators.transmission_config import NAMES, UNITS, TransmissionConfig
-from controllers.estimators.transmission_kernels import FIRST, estimate
+from hil.controllers.estimators import wavelets
+from hil.controllers.estimators.transmission_config import NAMES, UNITS, TransmissionConfig
+from hil.controllers.estimators.transmission_kernels import FIRST, estimate
 from hil.estimate.ukf import RECORD
 from hil.estimate.ukf_kernels import N
 from hil.signals.device import FloatArray

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers import geometry
-from controllers.estimators.network import WaveletConfig
-from controllers.lawrence_config import PREMIUM
+from hil.controllers import geometry
+from hil.controllers.estimators.network import WaveletConfig
+from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
 from hil.estimate.ukf import UkfConfig
 

@@ -1,7 +1,7 @@
 """Kernels of the transmission's estimator: loads of the links, a filter a joint, what is left.
 
-The equations are those of `controllers.estimators.transmission`, which makes the records `c`, `n`,
-`f` and `w`.
+The equations are those of `hil.controllers.estimators.transmission`, which makes the records
+`c`, `n`, `f` and `w`.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from controllers import dynamics, geometry
-from controllers.estimators import network, wavelets
-from controllers.estimators.transmission_config import NAMES
+from hil.controllers import dynamics, geometry
+from hil.controllers.estimators import network, wavelets
+from hil.controllers.estimators.transmission_config import NAMES
 from hil.estimate.ukf_kernels import N, correct, foresee
 
 #: Memory: filters (3 x (N + N^2)), network's friction (3), residuals (3), time, last touch.
@@ -149,7 +149,7 @@ def estimate(
     phase: int, u: Any, sent: Any, c: Any, n: Any, psi: Any, f: Any, w: Any, past: Any, now: Any,
     out: Any,
 ) -> None:  # fmt: skip
-    """One period; see `controllers.estimators.transmission.Transmission.update`."""
+    """One period; see `hil.controllers.estimators.transmission.Transmission.update`."""
     now[:] = past
     free = network.untouched(phase, u[6:9], c, past, now, FIRST - 2)
     nets = now[FIRST:]

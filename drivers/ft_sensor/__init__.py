@@ -1,7 +1,7 @@
 """ATI Nano17 and Nano25 force/torque sensors: gauge words in, wrench in the base frame out."""
 
-from drivers.ft_sensor.config import FtSensorConfig
-from drivers.ft_sensor.driver import ForceSensor, FtSensor, open_device
+from hil.drivers.ft_sensor.config import FtSensorConfig
+from hil.drivers.ft_sensor.driver import ForceSensor, FtSensor, open_device
 
 Config = FtSensorConfig
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.ft_sensor import convert
-from drivers.ft_sensor.config import MODELS, FtSensorConfig
-from drivers.ft_sensor.source import GaugeSource, IdealGauges
+from hil.drivers.ft_sensor import convert
+from hil.drivers.ft_sensor.config import MODELS, FtSensorConfig
+from hil.drivers.ft_sensor.source import GaugeSource, IdealGauges
 from hil.signals.device import FloatArray, Status, Wire
 from hil.signals.state import OperatingState, StateCommand, StateMachine
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-from drivers.ft_sensor import convert
+from hil.drivers.ft_sensor import convert
 from hil.signals.device import FloatArray, IntArray, Status, Wire
 
 

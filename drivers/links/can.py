@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 import can
 
-from drivers.links.can_open import open_bus
-from drivers.links.can_tap import CanBus, ReplayedBus, TappedBus
+from hil.drivers.links.can_open import open_bus
+from hil.drivers.links.can_tap import CanBus, ReplayedBus, TappedBus
 from hil.errors import ConfigError
 from hil.signals.bus import Bus
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.links.can import CanLink, frame
+from hil.drivers.links.can import CanLink, frame
 from hil.errors import DeviceError, DeviceTimeoutError
 from hil.signals.device import IntArray, Status
 

@@ -15,8 +15,8 @@ from typing import Any
 from usb.backend import IBackend
 from usb.core import NoBackendError, USBError, USBTimeoutError
 
-from drivers.links import libusb
-from drivers.usb_quad08.codec import VENDOR
+from hil.drivers.links import libusb
+from hil.drivers.usb_quad08.codec import VENDOR
 from hil.signals.bus import Bus, FrameLog, Replay
 
 _HEAD = "bLength bDescriptorType"

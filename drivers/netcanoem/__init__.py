@@ -1,7 +1,7 @@
 """ATI 9105-NETCANOEM: strain gauges over CAN, calibrated by the matrix that the board holds."""
 
-from drivers.netcanoem.config import NetCanOemConfig
-from drivers.netcanoem.driver import NetCanOem, attached, open_box
+from hil.drivers.netcanoem.config import NetCanOemConfig
+from hil.drivers.netcanoem.driver import NetCanOem, attached, open_box
 
 BUS = "can"
 Config = NetCanOemConfig

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.netcanoem import codec
+from hil.drivers.netcanoem import codec
 from hil.errors import ConfigError, unknown
 
 

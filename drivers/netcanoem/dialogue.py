@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.links.can import CanLink
-from drivers.netcanoem import codec
-from drivers.netcanoem.config import NetCanOemConfig
+from hil.drivers.links.can import CanLink
+from hil.drivers.netcanoem import codec
+from hil.drivers.netcanoem.config import NetCanOemConfig
 from hil.errors import DeviceError, DeviceTimeoutError
 from hil.signals.device import FloatArray
 

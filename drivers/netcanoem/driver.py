@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivers.links.can import CanLink, shared, split_address
-from drivers.links.can_open import can_channels
-from drivers.links.polled import Patience, PolledGauges
-from drivers.netcanoem import codec
-from drivers.netcanoem.config import NetCanOemConfig
-from drivers.netcanoem.dialogue import Dialogue, Identity
+from hil.drivers.links.can import CanLink, shared, split_address
+from hil.drivers.links.can_open import can_channels
+from hil.drivers.links.polled import Patience, PolledGauges
+from hil.drivers.netcanoem import codec
+from hil.drivers.netcanoem.config import NetCanOemConfig
+from hil.drivers.netcanoem.dialogue import Dialogue, Identity
 from hil.errors import ConfigError, DeviceError
 from hil.signals.bus import Attached, Bus
 

@@ -1,6 +1,6 @@
 """ATI Net F/T box over CAN, basic protocol, short form."""
 
-from drivers.netft_can.driver import NetFtCan, NetFtCanConfig, open_box
+from hil.drivers.netft_can.driver import NetFtCan, NetFtCanConfig, open_box
 
 BUS = "can"
 Config = NetFtCanConfig

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from drivers.links.can import CanLink, shared, split_address
-from drivers.links.polled import Patience, PolledGauges
-from drivers.links.units import CountScale
-from drivers.netft_can import codec
+from hil.drivers.links.can import CanLink, shared, split_address
+from hil.drivers.links.polled import Patience, PolledGauges
+from hil.drivers.links.units import CountScale
+from hil.drivers.netft_can import codec
 from hil.errors import ConfigError
 from hil.signals.bus import Bus
 

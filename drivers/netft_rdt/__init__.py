@@ -1,6 +1,6 @@
 """ATI Net F/T box over UDP, Raw Data Transfer."""
 
-from drivers.netft_rdt.driver import NetFtRdt, NetFtRdtConfig, open_box
+from hil.drivers.netft_rdt.driver import NetFtRdt, NetFtRdtConfig, open_box
 
 BUS = "udp"
 Config = NetFtRdtConfig

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.links.udp import UdpLink, split_host
-from drivers.links.units import CountScale
-from drivers.netft_rdt import codec
+from hil.drivers.links.udp import UdpLink, split_host
+from hil.drivers.links.units import CountScale
+from hil.drivers.netft_rdt import codec
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
 from hil.signals.device import IntArray, Status

@@ -1,7 +1,7 @@
 """PHANTOM Premium 1.5: three joints, motor encoders, motor DACs."""
 
-from drivers.premium.config import PremiumConfig
-from drivers.premium.driver import PremiumArm
+from hil.drivers.premium.config import PremiumConfig
+from hil.drivers.premium.driver import PremiumArm
 
 Config = PremiumConfig
 open_device = PremiumArm

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.premium import convert
-from drivers.premium.config import PremiumConfig
+from hil.drivers.premium import convert
+from hil.drivers.premium.config import PremiumConfig
 from hil.errors import DeviceError
 from hil.signals.device import FloatArray, Status, Wire
 from hil.signals.state import OperatingState, StateCommand, StateMachine

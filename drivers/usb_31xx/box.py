@@ -10,9 +10,9 @@ import atexit
 import threading
 from collections import deque
 
-from drivers.usb_31xx import codec
-from drivers.usb_31xx.config import QUERIES_PER_S, Usb31xxConfig
-from drivers.usb_31xx.link import FRAME_S, Link
+from hil.drivers.usb_31xx import codec
+from hil.drivers.usb_31xx.config import QUERIES_PER_S, Usb31xxConfig
+from hil.drivers.usb_31xx.link import FRAME_S, Link
 from hil.errors import ConfigError, DeviceError
 from hil.signals.bus import Bus
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.usb_31xx import codec
+from hil.drivers.usb_31xx import codec
 from hil.errors import ConfigError, unknown
 
 #: Frames of full-speed USB, one report each [1/s]; seen on hardware by users of the family.

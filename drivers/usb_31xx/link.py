@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from drivers.usb_31xx import codec
+from hil.drivers.usb_31xx import codec
 from hil.errors import DeviceError, DeviceTimeoutError
 from hil.signals.bus import Attached, Bus
 

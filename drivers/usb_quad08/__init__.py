@@ -1,8 +1,8 @@
 """Measurement Computing USB-QUAD08: eight quadrature counters over USB (pyusb)."""
 
-from drivers.usb_quad08.box import Quad08
-from drivers.usb_quad08.config import Quad08Config
-from drivers.usb_quad08.link import attached
+from hil.drivers.usb_quad08.box import Quad08
+from hil.drivers.usb_quad08.config import Quad08Config
+from hil.drivers.usb_quad08.link import attached
 
 Config = Quad08Config
 BUS = "usb"

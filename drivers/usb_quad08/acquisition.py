@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from drivers.usb_quad08 import codec
-from drivers.usb_quad08.config import Quad08Config
-from drivers.usb_quad08.link import Link
+from hil.drivers.usb_quad08 import codec
+from hil.drivers.usb_quad08.config import Quad08Config
+from hil.drivers.usb_quad08.link import Link
 from hil.errors import DeviceError
 
 

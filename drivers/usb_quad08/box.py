@@ -7,10 +7,10 @@ from math import inf
 
 import numpy as np
 
-from drivers.usb_quad08 import codec, startup
-from drivers.usb_quad08.acquisition import arm, configure
-from drivers.usb_quad08.config import WORDS, Quad08Config
-from drivers.usb_quad08.scan import ScanClock
+from hil.drivers.usb_quad08 import codec, startup
+from hil.drivers.usb_quad08.acquisition import arm, configure
+from hil.drivers.usb_quad08.config import WORDS, Quad08Config
+from hil.drivers.usb_quad08.scan import ScanClock
 from hil.errors import DeviceError
 from hil.signals.bus import Bus
 from hil.signals.device import Status

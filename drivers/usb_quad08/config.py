@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.usb_quad08 import codec
+from hil.drivers.usb_quad08 import codec
 from hil.errors import ConfigError, unknown
 
 WORDS = {16: 1, 32: 2}

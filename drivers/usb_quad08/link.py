@@ -9,8 +9,8 @@ from typing import Any
 import usb.core
 import usb.util
 
-from drivers.links import libusb
-from drivers.usb_quad08 import codec
+from hil.drivers.links import libusb
+from hil.drivers.usb_quad08 import codec
 from hil.errors import DeviceError, DeviceTimeoutError
 from hil.signals.bus import Attached, Bus
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from drivers.usb_quad08 import codec
-from drivers.usb_quad08.link import Link, find
+from hil.drivers.usb_quad08 import codec
+from hil.drivers.usb_quad08.link import Link, find
 from hil.errors import ConfigError, DeviceError
 
 #: Longest time that the box takes to come back with its firmware [s]; ULDAQ waits a flat 5 s.

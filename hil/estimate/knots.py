@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.compensation import BEND
+from hil.controllers.compensation import BEND
 from hil.estimate.part import BENT, Part, refusal
 from hil.estimate.probe import ENDS, kind_of
 

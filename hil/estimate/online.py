@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.compensation import SLIP, TERM, VARIABLES
+from hil.controllers.compensation import SLIP, TERM, VARIABLES
 from hil.estimate.knots import sampled
 from hil.estimate.part import Part, refusal
 from hil.estimate.probe import ENDS, made_up
@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tables:
-    """What the loop's kernels take for one arm; see `controllers.compensation`.
+    """What the loop's kernels take for one arm; see `hil.controllers.compensation`.
 
     Parameters
     ----------

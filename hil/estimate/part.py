@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.compensation import BEND, VARIABLES
+from hil.controllers.compensation import BEND, VARIABLES
 from hil.errors import ConfigError
 from hil.estimate.probe import ENDS, OTHERS, ROWS, changed, kind_of, made_up, stirred
 from hil.models.effect import Effect

@@ -1,7 +1,7 @@
 """One axis in sampled time: the law's own kernels around an exactly sampled plant.
 
-Two masses with operator and environment, moved by held forces; the law of `controllers.ela` with
-its filters and the delay lines.  One period is a linear map.
+Two masses with operator and environment, moved by held forces; the law of `hil.controllers.ela`
+with its filters and the delay lines.  One period is a linear map.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from controllers import ela
+from hil.controllers import ela
 from hil.errors import ConfigError
 from hil.teleop.design import IDEAL, Design, Realisation
 from hil.teleop.hybrid import FREE, GEL, HAND, FloatArray, Impedance
@@ -99,7 +99,7 @@ class Loop:
 
 
 def gains(design: Design) -> FloatArray:
-    """Gains in the order of `controllers.ela.GAINS`, shape (16,)."""
+    """Gains in the order of `hil.controllers.ela.GAINS`, shape (16,)."""
     terms = [x for c in (design.c1, design.c4, design.c7, design.c8) for x in (c.k, c.b, c.a)]
     return np.array([*terms, design.c2, design.c3, design.c5, design.c6])
 

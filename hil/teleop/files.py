@@ -30,7 +30,7 @@ class Way(Protocol):
 
 
 class Law(Protocol):
-    """What is read of a law's parameters; see `controllers.lawrence.LawrenceConfig`."""
+    """What is read of a law's parameters; see `hil.controllers.lawrence.LawrenceConfig`."""
 
     @property
     def shape(self) -> str: ...  # noqa: D102

@@ -11,8 +11,8 @@ from typing import Any
 
 import can
 
-from sim_devices.canbus.frame import Frame
-from sim_devices.canbus.line import LINES, Node
+from hil.sim_devices.canbus.frame import Frame
+from hil.sim_devices.canbus.line import LINES, Node
 
 #: Frames that the transmit queue takes, as a SocketCAN device does by default.
 QUEUE = 10
@@ -51,7 +51,7 @@ class SimBus(can.BusABC):
     Parameters
     ----------
     channel : str
-        Name of the line in `sim_devices.canbus.line.LINES`.
+        Name of the line in `hil.sim_devices.canbus.line.LINES`.
     can_filters : sequence, optional
         As everywhere in python-can.
     bitrate : int

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections import deque
 from weakref import WeakValueDictionary
 
-from sim_devices.canbus.frame import ERROR, PAUSE, Frame, length
-from sim_devices.simtime import SimTime
+from hil.sim_devices.canbus.frame import ERROR, PAUSE, Frame, length
+from hil.sim_devices.simtime import SimTime
 
 #: A transmitter counts 8 per failure, and leaves the bus above 255.
 FAILURE, PASSIVE, OFF = 8, 128, 256

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from sim_devices.plants import truth
+from hil.sim_devices.plants import truth
 
 #: Names that begin so are in no catalogue.
 OUTSIDE = "outside-"

@@ -8,8 +8,8 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from sim_devices.fast import laws
-from sim_devices.plants import arm, drive, friction, passive
+from hil.sim_devices.fast import laws
+from hil.sim_devices.plants import arm, drive, friction, passive
 
 
 @nb.njit(cache=True, nogil=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numba as nb
 
-from sim_devices.plants import drive, friction
+from hil.sim_devices.plants import drive, friction
 
 #: Load at which the exponent of the load friction is normalised [N m].
 LOAD = 0.05

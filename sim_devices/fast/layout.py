@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim_devices.plants.layout import ARM as PLANT_ARM
-from sim_devices.plants.layout import ELEMENTS
-from sim_devices.plants.layout import STATE as PLANT_STATE
+from hil.sim_devices.plants.layout import ARM as PLANT_ARM
+from hil.sim_devices.plants.layout import ELEMENTS
+from hil.sim_devices.plants.layout import STATE as PLANT_STATE
 
 _F, _J = np.float64, (3,)
 

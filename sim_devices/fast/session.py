@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_devices.fast import effects, kernel, sensors
-from sim_devices.fast.layout import ARM, STATE
-from sim_devices.plants import arm, truth
-from sim_devices.plants.layout import NOISES, SUBSTEPS
+from hil.sim_devices.fast import effects, kernel, sensors
+from hil.sim_devices.fast.layout import ARM, STATE
+from hil.sim_devices.plants import arm, truth
+from hil.sim_devices.plants.layout import NOISES, SUBSTEPS
 
 FloatArray = NDArray[np.float64]
 TICK = 1e-3

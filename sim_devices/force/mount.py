@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
-from sim_devices.bench import Bench
-from sim_devices.canbus.line import LINES, CanLine
-from sim_devices.force.netcanoem import DEFAULT_BASE, NetCanOemBoard
-from sim_devices.force.netft import NetFtCanBox, RdtBox
-from sim_devices.force.transducer import Transducer
-from sim_devices.simtime import VirtualTime
+from hil.sim_devices.bench import Bench
+from hil.sim_devices.canbus.line import LINES, CanLine
+from hil.sim_devices.force.netcanoem import DEFAULT_BASE, NetCanOemBoard
+from hil.sim_devices.force.netft import NetFtCanBox, RdtBox
+from hil.sim_devices.force.transducer import Transducer
+from hil.sim_devices.simtime import VirtualTime
 
 _NUMBER = itertools.count()
 

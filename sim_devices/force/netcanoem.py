@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim_devices.canbus.frame import Frame
-from sim_devices.canbus.line import Node
-from sim_devices.force.transducer import Certificate, Transducer
+from hil.sim_devices.canbus.frame import Frame
+from hil.sim_devices.canbus.line import Node
+from hil.sim_devices.force.transducer import Certificate, Transducer
 
 LATENCY_NS = 60_000
 RESET_NS = 5_000_000

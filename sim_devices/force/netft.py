@@ -11,11 +11,11 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_devices.canbus.frame import Frame
-from sim_devices.canbus.line import Node
-from sim_devices.force.netcanoem import LATENCY_NS, Faults
-from sim_devices.force.transducer import Transducer
-from sim_devices.simtime import SimTime
+from hil.sim_devices.canbus.frame import Frame
+from hil.sim_devices.canbus.line import Node
+from hil.sim_devices.force.netcanoem import LATENCY_NS, Faults
+from hil.sim_devices.force.transducer import Transducer
+from hil.sim_devices.simtime import SimTime
 
 #: Counts per N and per N m of both boxes here.
 COUNTS = 1_000_000

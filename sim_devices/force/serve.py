@@ -1,8 +1,8 @@
 """A simulated NETCANOEM on any python-can interface, as a process of its own.
 
-``python -m sim_devices.force.serve udp_multicast 239.74.163.2`` answers until it is stopped; a rig
-with ``interface = "udp_multicast"`` and ``backend = "hardware"`` then has a sensor.  Time is the
-machine's; the bus has no bit rate of its own.
+``python -m hil.sim_devices.force.serve udp_multicast 239.74.163.2`` answers until it is stopped; a
+rig with ``interface = "udp_multicast"`` and ``backend = "hardware"`` then has a sensor.  Time is
+the machine's; the bus has no bit rate of its own.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from collections import deque
 
 import can
 
-from sim_devices.canbus.frame import Frame
-from sim_devices.force.netcanoem import DEFAULT_BASE, RESET_NS, NetCanOemBoard
-from sim_devices.force.transducer import Transducer
+from hil.sim_devices.canbus.frame import Frame
+from hil.sim_devices.force.netcanoem import DEFAULT_BASE, RESET_NS, NetCanOemBoard
+from hil.sim_devices.force.transducer import Transducer
 
 
 def answer(

@@ -64,7 +64,7 @@ def load(model: str) -> tuple[Certificate, dict[str, Any]]:
     ConfigError
         If there is none of that name.
     """
-    table = tomllib.loads((files("sim_devices.force") / "transducers.toml").read_text("utf-8"))
+    table = tomllib.loads((files("hil.sim_devices.force") / "transducers.toml").read_text("utf-8"))
     if model not in table:
         raise ConfigError(unknown("simulated transducer", model, table))
     facts = table[model]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sim_devices.hid.module import QUEUE
+from hil.sim_devices.hid.module import QUEUE
 
 FRAME_NS = 1_000_000
 PRODUCTS = {"usb-3101": (0x009A, 4), "usb-3103": (0x009C, 8), "usb-3105": (0x009E, 16),

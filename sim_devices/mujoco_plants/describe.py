@@ -9,7 +9,7 @@ from math import cos, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_devices.mujoco_plants.robots import Link, Robot
+from hil.sim_devices.mujoco_plants.robots import Link, Robot
 
 FloatArray = NDArray[np.float64]
 

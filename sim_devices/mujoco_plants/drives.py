@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from math import copysign, cos, exp, sin, tanh
 
-from sim_devices.mujoco_plants.laws import Place, State
+from hil.sim_devices.mujoco_plants.laws import Place, State
 
 #: Effort of all motors, changed in place, at every step of the physics.
 Drive = Callable[[list[float], State], None]

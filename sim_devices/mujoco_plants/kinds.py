@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim_devices.mujoco_plants import drives, laws, sensors, structure
+from hil.sim_devices.mujoco_plants import drives, laws, sensors, structure
 
 #: Smallest and largest amplitude where nothing else is said.
 USUAL = (0.0, 60.0)

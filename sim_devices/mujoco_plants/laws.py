@@ -11,7 +11,7 @@ from math import atan, copysign, cos, exp, log1p, pi, sin, sqrt, tanh
 
 import numpy as np
 
-from sim_devices.mujoco_plants.robots import Link, Robot
+from hil.sim_devices.mujoco_plants.robots import Link, Robot
 
 #: Effort of amplitude 1, share of the motor's largest effort.
 UNIT = 0.01

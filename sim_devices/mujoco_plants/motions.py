@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from sim_devices.mujoco_plants.robots import Robot
+from hil.sim_devices.mujoco_plants.robots import Robot
 
 FloatArray = NDArray[np.float64]
 #: Seconds within which a motion swells, and comes to rest again.

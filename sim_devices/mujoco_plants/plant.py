@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
-from sim_devices.mujoco_plants import describe, drives, laws, sensors, structure
-from sim_devices.mujoco_plants.describe import Additions
-from sim_devices.mujoco_plants.laws import Place, State
-from sim_devices.mujoco_plants.robots import Robot
+from hil.sim_devices.mujoco_plants import describe, drives, laws, sensors, structure
+from hil.sim_devices.mujoco_plants.describe import Additions
+from hil.sim_devices.mujoco_plants.laws import Place, State
+from hil.sim_devices.mujoco_plants.robots import Robot
 
 FloatArray = NDArray[np.float64]
 #: Steps of the physics in one of the controller, where a shaft lies between motor and link.

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
 
-from sim_devices.mujoco_plants.laws import Place, State
+from hil.sim_devices.mujoco_plants.laws import Place, State
 
 FloatArray = NDArray[np.float64]
 #: What the encoder of a joint sees beside its motor's angle.

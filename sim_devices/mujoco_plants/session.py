@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from sim_devices.mujoco_plants import describe, motions, sensors
-from sim_devices.mujoco_plants.kinds import NAMES, kinds
-from sim_devices.mujoco_plants.plant import Plant
-from sim_devices.mujoco_plants.robots import ROBOTS, Robot
+from hil.sim_devices.mujoco_plants import describe, motions, sensors
+from hil.sim_devices.mujoco_plants.kinds import NAMES, kinds
+from hil.sim_devices.mujoco_plants.plant import Plant
+from hil.sim_devices.mujoco_plants.robots import ROBOTS, Robot
 
 __all__ = ["MOTIONS", "NOISES", "kinds", "robots", "simulate"]
 

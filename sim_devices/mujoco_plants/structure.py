@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import copysign, exp, expm1, pi, sin
 
-from sim_devices.mujoco_plants.describe import Additions, size
-from sim_devices.mujoco_plants.laws import UNIT, Place, State
+from hil.sim_devices.mujoco_plants.describe import Additions, size
+from hil.sim_devices.mujoco_plants.laws import UNIT, Place, State
 
 #: Effort that motor and link exchange, from twist and its rate.
 Shaft = Callable[[State], float]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from sim_devices.plants import arm, hidden, truth
-from sim_devices.plants.layout import ARM, GEL, OPERATOR, SINES, STATE
+from hil.sim_devices.plants import arm, hidden, truth
+from hil.sim_devices.plants.layout import ARM, GEL, OPERATOR, SINES, STATE
 
 #: Keys of ``[simulation]`` and of its tables, with their defaults.
 DEFAULTS: dict[str, Any] = {

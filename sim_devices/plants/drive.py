@@ -7,7 +7,7 @@ from typing import Any
 
 import numba as nb
 
-from sim_devices.plants.layout import HISTORY
+from hil.sim_devices.plants.layout import HISTORY
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -11,7 +11,7 @@ from typing import Any
 
 import numba as nb
 
-from sim_devices.plants.layout import ELEMENTS
+from hil.sim_devices.plants.layout import ELEMENTS
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from sim_devices.plants import truth
+from hil.sim_devices.plants import truth
 
 JOINTS = ("joint1", "joint2", "joint3")
 

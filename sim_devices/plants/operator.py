@@ -7,7 +7,7 @@ from typing import Any
 
 import numba as nb
 
-from sim_devices.plants.layout import SINES
+from hil.sim_devices.plants.layout import SINES
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

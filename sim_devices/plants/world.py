@@ -8,7 +8,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from sim_devices.plants import arm, contact, drive, friction, operator, passive
+from hil.sim_devices.plants import arm, contact, drive, friction, operator, passive
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

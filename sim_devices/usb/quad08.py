@@ -14,8 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_devices.usb.backend import failure
-from sim_devices.usb.quad08_fpga import Fpga
+from hil.sim_devices.usb.backend import failure
+from hil.sim_devices.usb.quad08_fpga import Fpga
 
 #: Bytes of the real bit-stream without its header.
 FPGA_BYTES = 212_410

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_devices.usb import counters
+from hil.sim_devices.usb import counters
 
 #: Bytes that the results FIFO holds (unknown).
 FIFO_BYTES = 65_536

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers.lawrence import Lawrence
 from hil import app
 from hil.config import load_rig
+from hil.controllers.lawrence import Lawrence
 from hil.diagnosis.verbs import fit
 from hil.models.model import Use, base_model
 from hil.models.writing import write_model

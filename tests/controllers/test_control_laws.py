@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from controllers import geometry, multisine
-from controllers.joint_tracking import JointTracking, JointTrackingConfig
-from controllers.position_force import PositionForce, PositionForceConfig
+from hil.controllers import geometry, multisine
+from hil.controllers.joint_tracking import JointTracking, JointTrackingConfig
+from hil.controllers.position_force import PositionForce, PositionForceConfig
 from hil.errors import ConfigError
 from hil.runtime import safety
 

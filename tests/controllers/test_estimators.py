@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers.estimators import forces, network, transmission, wavelets
-from controllers.estimators.transmission_config import NAMES, TransmissionConfig
-from controllers.lawrence_config import PREMIUM
 from hil import app, companions
 from hil.cli import main
 from hil.config import load_rig
+from hil.controllers.estimators import forces, network, transmission, wavelets
+from hil.controllers.estimators.transmission_config import NAMES, TransmissionConfig
+from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
 from hil.estimate import ukf_kernels
 from hil.estimate.ukf import RECORD, ElasticUkf, UkfConfig

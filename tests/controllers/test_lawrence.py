@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers import (
+from hil.cli import main
+from hil.config import load_rig
+from hil.controllers import (
     channel,
     dynamics,
     ela,
@@ -18,10 +20,8 @@ from controllers import (
     lawrence_kernels,
     lawrence_records,
 )
-from controllers.channel import ChannelConfig
-from controllers.lawrence import Lawrence, LawrenceConfig
-from hil.cli import main
-from hil.config import load_rig
+from hil.controllers.channel import ChannelConfig
+from hil.controllers.lawrence import Lawrence, LawrenceConfig
 from hil.errors import ConfigError, DeviceError
 from hil.estimate import force
 from hil.models.phantom import Premium

@@ -73,7 +73,7 @@ def test_a_known_geometry_needs_none() -> None:
 def plant(robot: str, motion: int, *hidden: dict[str, object]) -> Recording:
     """A MuJoCo arm, recorded without its description."""
     pytest.importorskip("mujoco")
-    from sim_devices.mujoco_plants import session
+    from hil.sim_devices.mujoco_plants import session
 
     rows = session.simulate(robot, ("wander", motion), list(hidden))
     sound = np.isfinite(rows["q"]).all(axis=1)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from hil.sim_devices.bench import open_bench
+from hil.sim_devices.plants import world
+from hil.sim_devices.plants.layout import NOISES
 from hil.testing import FarEnd
-from sim_devices.bench import open_bench
-from sim_devices.plants import world
-from sim_devices.plants.layout import NOISES
 
 
 class BenchFar(FarEnd):

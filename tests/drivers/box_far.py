@@ -4,12 +4,12 @@ from contextlib import ExitStack
 
 from bench_far import ArmFar
 
-from drivers.premium import PremiumArm, PremiumConfig
-from drivers.usb_31xx import Usb31xx, Usb31xxConfig
-from drivers.usb_quad08 import Quad08, Quad08Config
 from hil.boxwire import BoxWire
+from hil.drivers.premium import PremiumArm, PremiumConfig
+from hil.drivers.usb_31xx import Usb31xx, Usb31xxConfig
+from hil.drivers.usb_quad08 import Quad08, Quad08Config
+from hil.sim_devices.wired import WiredBench
 from hil.wiring import Place
-from sim_devices.wired import WiredBench
 
 
 class BoxFar(ArmFar):

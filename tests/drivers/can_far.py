@@ -4,20 +4,20 @@ import itertools
 
 import numpy as np
 
-from drivers import netft_can, netft_rdt
-from drivers.ft_sensor import ForceSensor
-from drivers.links.can import CanLink
-from drivers.links.can_open import open_bus
-from drivers.netcanoem import NetCanOem, NetCanOemConfig
-from drivers.netft_can import NetFtCanConfig
-from drivers.netft_rdt import NetFtRdtConfig
+from hil.drivers import netft_can, netft_rdt
+from hil.drivers.ft_sensor import ForceSensor
+from hil.drivers.links.can import CanLink
+from hil.drivers.links.can_open import open_bus
+from hil.drivers.netcanoem import NetCanOem, NetCanOemConfig
+from hil.drivers.netft_can import NetFtCanConfig
+from hil.drivers.netft_rdt import NetFtRdtConfig
 from hil.signals.bus import Bus
+from hil.sim_devices.canbus.line import LINES, CanLine
+from hil.sim_devices.force.netcanoem import NetCanOemBoard
+from hil.sim_devices.force.netft import NetFtCanBox, RdtBox
+from hil.sim_devices.force.transducer import Transducer
+from hil.sim_devices.simtime import VirtualTime
 from hil.testing import FarEnd
-from sim_devices.canbus.line import LINES, CanLine
-from sim_devices.force.netcanoem import NetCanOemBoard
-from sim_devices.force.netft import NetFtCanBox, RdtBox
-from sim_devices.force.transducer import Transducer
-from sim_devices.simtime import VirtualTime
 
 _NUMBER = itertools.count()
 FAST = 1_000_000

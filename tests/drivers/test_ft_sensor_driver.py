@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from drivers.ft_sensor import FtSensor, FtSensorConfig
+from hil.drivers.ft_sensor import FtSensor, FtSensorConfig
 from hil.errors import ConfigError
-from sim_devices.bench import open_bench
-from sim_devices.plants import world
-from sim_devices.plants.layout import NOISES
+from hil.sim_devices.bench import open_bench
+from hil.sim_devices.plants import world
+from hil.sim_devices.plants.layout import NOISES
 
 
 @pytest.mark.parametrize(("model", "tolerance"), [("nano17", 0.02), ("nano25", 0.04)])

@@ -5,7 +5,7 @@ import types
 
 import pytest
 
-from drivers.links import libusb
+from hil.drivers.links import libusb
 
 
 def test_a_given_one_comes_first() -> None:

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.links.can_open import open_bus
-from drivers.netcanoem import NetCanOem, NetCanOemConfig, attached, open_box
+from hil.drivers.links.can_open import open_bus
+from hil.drivers.netcanoem import NetCanOem, NetCanOemConfig, attached, open_box
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
 from hil.signals.device import MeasuredCf, Status, Tareable
 from hil.signals.state import OperatingState
+from hil.sim_devices.force.netcanoem import NetCanOemBoard
+from hil.sim_devices.force.transducer import Transducer
 from hil.testing import check_driver
-from sim_devices.force.netcanoem import NetCanOemBoard
-from sim_devices.force.transducer import Transducer
 
 sys.path.insert(0, str(Path(__file__).parent))
 from can_far import NetCanFar, Rig, board, open_sensor
@@ -315,7 +315,7 @@ def test_hil_devices_lists_boards_interfaces_and_missing_libraries(monkeypatch, 
 
     rig = Rig(board(base=0x21))
     bus = Bus("can", {"interface": "hil-sim", "prefix": ""}, advance=rig.time.at, simulated=True)
-    monkeypatch.setattr("drivers.netcanoem.driver.can_channels", lambda: [rig.channel])
+    monkeypatch.setattr("hil.drivers.netcanoem.driver.can_channels", lambda: [rig.channel])
     (found,) = attached(bus)
     assert found.usable
     assert found.address == f"{rig.channel}/0x21"
@@ -324,7 +324,7 @@ def test_hil_devices_lists_boards_interfaces_and_missing_libraries(monkeypatch, 
     (found,) = attached(bus)
     assert not found.usable
     assert "SW2-1" in found.what
-    monkeypatch.setattr("drivers.netcanoem.driver.can_channels", list)
+    monkeypatch.setattr("hil.drivers.netcanoem.driver.can_channels", list)
     monkeypatch.setitem(registry.BUILT_IN["hil.boxes"], "netft-can", "no_such_library_here")
     assert main(["devices"]) in (0, 3)
     said = capsys.readouterr().out

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.netcanoem import NetCanOem, NetCanOemConfig, codec
+from hil.drivers.netcanoem import NetCanOem, NetCanOemConfig, codec
 from hil.errors import DeviceError
-from sim_devices.canbus.frame import Frame
+from hil.sim_devices.canbus.frame import Frame
 
 sys.path.insert(0, str(Path(__file__).parent))
 from can_far import Rig, board

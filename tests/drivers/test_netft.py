@@ -8,14 +8,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from drivers.netft_can import NetFtCanConfig
-from drivers.netft_can import codec as can_codec
-from drivers.netft_rdt import NetFtRdtConfig, open_box
-from drivers.netft_rdt import codec as rdt_codec
+from hil.drivers.netft_can import NetFtCanConfig
+from hil.drivers.netft_can import codec as can_codec
+from hil.drivers.netft_rdt import NetFtRdtConfig, open_box
+from hil.drivers.netft_rdt import codec as rdt_codec
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.device import Status
+from hil.sim_devices.canbus.frame import Frame
 from hil.testing import check_driver
-from sim_devices.canbus.frame import Frame
 
 sys.path.insert(0, str(Path(__file__).parent))
 from can_far import NetFtCanFar, RdtFar

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.premium import PremiumArm, PremiumConfig
+from hil.drivers.premium import PremiumArm, PremiumConfig
 from hil.errors import DeviceError
 from hil.signals.device import MeasuredJs, ServoJf, Status
 from hil.signals.state import OperatingState

@@ -8,8 +8,8 @@ import sys
 import can
 import pytest
 
-from drivers.links.can_open import open_bus
-from drivers.netcanoem import NetCanOemConfig, open_box
+from hil.drivers.links.can_open import open_bus
+from hil.drivers.netcanoem import NetCanOemConfig, open_box
 from hil.errors import DeviceError
 from hil.signals.bus import Bus
 
@@ -37,7 +37,7 @@ def test_the_driver_meets_a_board_in_another_process():
         with pytest.raises(DeviceError, match=r"multicast|no answer"):
             open_box("ft", Bus("can"), GROUP, CONFIG, (0,))
         return
-    words = [sys.executable, "-m", "sim_devices.force.serve", "udp_multicast", GROUP]
+    words = [sys.executable, "-m", "hil.sim_devices.force.serve", "udp_multicast", GROUP]
     with subprocess.Popen([*words, "--idle", "30"], stdout=subprocess.PIPE, text=True) as board:
         try:
             assert board.stdout.readline() == "ready\n"
@@ -74,7 +74,7 @@ def test_without_msgpack_the_message_says_what_to_install(monkeypatch):
 
 
 def test_the_served_board_says_when_it_cannot_be_served(capsys):
-    from sim_devices.force import serve
+    from hil.sim_devices.force import serve
 
     assert serve.main(["socketcan", "can77"]) == 3
     assert "can77" in capsys.readouterr().err

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.usb_31xx import Usb31xx, Usb31xxConfig, codec
-from drivers.usb_31xx.link import Link
+from hil.drivers.usb_31xx import Usb31xx, Usb31xxConfig, codec
+from hil.drivers.usb_31xx.link import Link
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
-from sim_devices.hid.module import SimHid
-from sim_devices.hid.usb31xx import Sim31xx
+from hil.sim_devices.hid.module import SimHid
+from hil.sim_devices.hid.usb31xx import Sim31xx
 
 MS = 1_000_000
 

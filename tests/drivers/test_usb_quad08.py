@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.usb_quad08 import Quad08, Quad08Config, codec, startup
-from drivers.usb_quad08.acquisition import arm, configure, read_count
-from drivers.usb_quad08.link import Link, find
-from drivers.usb_quad08.scan import ScanClock
+from hil.drivers.usb_quad08 import Quad08, Quad08Config, codec, startup
+from hil.drivers.usb_quad08.acquisition import arm, configure, read_count
+from hil.drivers.usb_quad08.link import Link, find
+from hil.drivers.usb_quad08.scan import ScanClock
 from hil.errors import ConfigError, DeviceError
 from hil.signals.bus import Bus
 from hil.signals.device import Status
-from sim_devices.usb import quad08
-from sim_devices.usb.backend import SimUsb
+from hil.sim_devices.usb import quad08
+from hil.sim_devices.usb.backend import SimUsb
 
 MS = 1_000_000
 #: UL for Linux 1.2.1, as in the protocol notes: six counters of 32 bits.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controllers import compensation as kernels
+from hil.controllers import compensation as kernels
 from hil.errors import ConfigError
 from hil.estimate import compensation, online, probe
 from hil.models import catalogue

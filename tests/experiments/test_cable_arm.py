@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil.experiments import cable_arm
-from sim_devices.plants import truth
+from hil.sim_devices.plants import truth
 
 
 @pytest.mark.slow

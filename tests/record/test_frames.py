@@ -21,8 +21,8 @@ from hil.record.reader import summary
 from hil.record.replay import Replay
 from hil.rig import open_rig
 from hil.session import rig_text
-from sim_devices.force.netcanoem import NetCanOemBoard
-from sim_devices.usb.quad08 import SimQuad08
+from hil.sim_devices.force.netcanoem import NetCanOemBoard
+from hil.sim_devices.usb.quad08 import SimQuad08
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 #: Arms on ideal wires, the follower's force sensor on its bus.

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_devices.canbus.frame import Frame, bits
-from sim_devices.canbus.line import LINES, CanLine, Node
-from sim_devices.simtime import VirtualTime
+from hil.sim_devices.canbus.frame import Frame, bits
+from hil.sim_devices.canbus.line import LINES, CanLine, Node
+from hil.sim_devices.simtime import VirtualTime
 
 _NUMBER = itertools.count()
 

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from controllers import multisine
-from controllers.joint_tracking import JointTracking, JointTrackingConfig
 from hil.bench import hidden
 from hil.bench.diagnosis import amplitudes
 from hil.bench.diagnosis.amplitudes import base_rms
+from hil.controllers import multisine
+from hil.controllers.joint_tracking import JointTracking, JointTrackingConfig
 from hil.record.reader import load
 from hil.record.recording import Recording
 from hil.rigs import rig_path
-from sim_devices.fast import laws, session
-from sim_devices.fast.effects import EFFECTS
-from sim_devices.plants import friction
+from hil.sim_devices.fast import laws, session
+from hil.sim_devices.fast.effects import EFFECTS
+from hil.sim_devices.plants import friction
 
 SECONDS = 30.0
 

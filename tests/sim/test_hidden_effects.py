@@ -10,7 +10,7 @@ from hil.app import run
 from hil.config import load_rig
 from hil.errors import ConfigError
 from hil.record.reader import load
-from sim_devices.plants.hidden import HIDDEN, RANDOM, choose
+from hil.sim_devices.plants.hidden import HIDDEN, RANDOM, choose
 
 RIGS = Path(__file__).parents[2] / "rigs"
 

@@ -11,10 +11,10 @@ pytest.importorskip("mujoco", reason="the test plants need MuJoCo (extra 'mujoco
 
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
-from sim_devices.mujoco_plants import describe, motions, plant, session
-from sim_devices.mujoco_plants.kinds import NAMES
-from sim_devices.mujoco_plants.laws import Place
-from sim_devices.mujoco_plants.robots import ROBOTS
+from hil.sim_devices.mujoco_plants import describe, motions, plant, session
+from hil.sim_devices.mujoco_plants.kinds import NAMES
+from hil.sim_devices.mujoco_plants.laws import Place
+from hil.sim_devices.mujoco_plants.robots import ROBOTS
 
 DESCRIBED = [name for name, robot in ROBOTS.items() if robot.described]
 SECONDS = 8.0

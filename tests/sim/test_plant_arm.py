@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from sim_devices.plants import arm, truth, world
-from sim_devices.plants.layout import GEL, NOISES, OPERATOR, STATE
+from hil.sim_devices.plants import arm, truth, world
+from hil.sim_devices.plants.layout import GEL, NOISES, OPERATOR, STATE
 
 ROWS = np.array([[1, 0, 0], [0, 1, 0], [0, -1, 1], [0, 0, 1], [0, 1, -1]], float)
 

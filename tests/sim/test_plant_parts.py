@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sim_devices.bench import open_bench
-from sim_devices.plants import contact, friction
-from sim_devices.plants.layout import ELEMENTS, GEL, STATE
+from hil.sim_devices.bench import open_bench
+from hil.sim_devices.plants import contact, friction
+from hil.sim_devices.plants.layout import ELEMENTS, GEL, STATE
 
 ARMS = {"leader": "nano25", "follower": "nano17"}
 

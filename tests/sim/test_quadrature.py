@@ -11,7 +11,7 @@ from hil import app
 from hil.config import load_rig
 from hil.errors import ConfigError
 from hil.record.fields import read_fields
-from sim_devices.quadrature import Quadrature, tracks
+from hil.sim_devices.quadrature import Quadrature, tracks
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 MS = 1e-3

@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers import usb_31xx, usb_quad08
 from hil import reach, registry, wiring
 from hil.app import run
 from hil.cli import main
 from hil.config import load_rig
+from hil.drivers import usb_31xx, usb_quad08
 from hil.errors import ConfigError, DeviceError
 from hil.record.reader import load
 from hil.rig import bench_of
 from hil.signals.bus import Bus
-from sim_devices import bench as bench_module
-from sim_devices.hid.module import SimHid
-from sim_devices.hid.usb31xx import Sim31xx
-from sim_devices.usb.backend import SimUsb
-from sim_devices.usb.quad08 import SimQuad08
+from hil.sim_devices import bench as bench_module
+from hil.sim_devices.hid.module import SimHid
+from hil.sim_devices.hid.usb31xx import Sim31xx
+from hil.sim_devices.usb.backend import SimUsb
+from hil.sim_devices.usb.quad08 import SimQuad08
 
 RIGS = Path(__file__).parents[2] / "rigs"
 WIRE = {"backend": "sim-wire"}

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.premium import PremiumArm, PremiumConfig
 from hil import registry
 from hil.boxwire import BoxWire
 from hil.config import load_rig
+from hil.drivers.premium import PremiumArm, PremiumConfig
 from hil.errors import DeviceError
 from hil.rig import open_rig
 from hil.signals.bus import Bus

@@ -11,7 +11,7 @@ from hil.cli import main
 from hil.config import load_rig
 from hil.errors import ConfigError, DeviceError
 from hil.selftest import selftest
-from sim_devices.hid.usb31xx import Sim31xx
+from hil.sim_devices.hid.usb31xx import Sim31xx
 
 RIGS = Path(__file__).parents[2] / "rigs"
 

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.ft_sensor import FtSensorConfig, open_device
 from hil import app
 from hil.config import load_rig
+from hil.drivers.ft_sensor import FtSensorConfig, open_device
 from hil.errors import ConfigError
 from hil.record.fields import read_fields
 from hil.record.reader import summary
 from hil.rig import force_sensors, open_rig
 from hil.signals.device import Status
+from hil.sim_devices.bench import open_bench
 from hil.wiring import open_boxes, plan
-from sim_devices.bench import open_bench
 
 RIGS = Path(__file__).parents[2] / "rigs"
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.ft_sensor import FtSensor, FtSensorConfig
-from drivers.premium import PremiumArm, PremiumConfig
+from hil.drivers.ft_sensor import FtSensor, FtSensorConfig
+from hil.drivers.premium import PremiumArm, PremiumConfig
 from hil.errors import DeviceError
 from hil.signals.device import Status
 from hil.signals.state import OperatingState, StateCommand

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from sim_devices.plants.layout import ARM
+from hil.sim_devices.plants.layout import ARM
 
 GRAVITY = 9.81
 
