@@ -94,6 +94,12 @@ def stopped(case: Case) -> CheckResult | None:
     return _first(case, CANDIDATE, "candidate")
 
 
+def refused(r: Rated) -> CheckResult:
+    """What the search says of a candidate that it has fitted before."""
+    reason = "a model with it was fitted before and did not hold"
+    return CheckResult("refused", "candidate", reason, _numbers(r))
+
+
 def fails(case: Refit, only: Sequence[str] = ()) -> CheckResult | None:
     """The first rule, of all or of some, that a refitted model with a candidate fails."""
     return _first(case, {k: rule for k, rule in FIT.items() if k in (only or FIT)}, "fit")
@@ -136,13 +142,6 @@ def _numbers(r: Rated) -> dict[str, float]:
 
 
 # ---------------------------------------------------------------------- before a fit with it
-
-
-@_candidate("refused")
-def _refused(case: Case) -> str:
-    c = case.rated.candidate
-    tried = (c.name, c.term.joint) in case.search.refused
-    return "a model with it was fitted before and did not hold" if tried else ""
 
 
 @_candidate("detected")

@@ -190,8 +190,13 @@ class Search:
         return out, [rated[k] for k in order]
 
     def pays(self, r: Rated, evidence: Evidence) -> bool:
-        """Whether a candidate passes every rule; the first that stops it is kept."""
-        stop = rules.stopped(rules.Case(self, r, evidence))
+        """Whether a candidate passes every rule; the first that stops it is kept.
+
+        What was fitted and did not hold is no rule's matter: it is not tried again, so that the
+        search ends.
+        """
+        tried = (r.candidate.name, r.candidate.term.joint) in self.refused
+        stop = rules.refused(r) if tried else rules.stopped(rules.Case(self, r, evidence))
         if stop is not None:
             self.stops[r.candidate.term.key] = stop
         return stop is None
@@ -360,6 +365,7 @@ class Search:
             if rung.errors.power[j] <= (1 + WORTH / 2) ** 2 * now.errors.power[j]:
                 self.rungs.append(rung)
                 self.found.remove(c)
+                self.refused.add((c.name, c.term.joint))
                 return
             renew(now.result)
 

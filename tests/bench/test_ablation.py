@@ -80,7 +80,7 @@ def test_a_rule_is_asked_again_after_an_error():
 
 
 def candidate(p_value, after):
-    """A candidate of a search that has tried nothing yet; enough for the first three rules."""
+    """A candidate of a search that has tried nothing yet; enough for the first two rules."""
     term = SimpleNamespace(joint=0)
     rated = SimpleNamespace(
         candidate=SimpleNamespace(name="x", term=term, p_value=p_value),
@@ -91,12 +91,12 @@ def candidate(p_value, after):
 
 
 @pytest.fixture
-def three(monkeypatch):
-    some = {k: rules.CANDIDATE[k] for k in ("refused", "detected", "worth")}
+def two(monkeypatch):
+    some = {k: rules.CANDIDATE[k] for k in ("detected", "worth")}
     monkeypatch.setattr(rules, "CANDIDATE", some)
 
 
-def test_without_a_rule_what_it_alone_stopped_is_added(three):
+def test_without_a_rule_what_it_alone_stopped_is_added(two):
     case = candidate(1.0, 0.1)
     assert rules.stopped(case).code == "detected" and case.search.fired == {"detected": True}
     with rules.without("worth"):
@@ -105,7 +105,7 @@ def test_without_a_rule_what_it_alone_stopped_is_added(three):
         assert rules.stopped(case) is None
 
 
-def test_without_a_rule_what_another_stops_too_stays_out(three):
+def test_without_a_rule_what_another_stops_too_stays_out(two):
     case = candidate(1.0, 0.99)
     assert rules.stopped(case).code == "detected" and case.search.fired == {"detected": False}
     with rules.without("detected"):

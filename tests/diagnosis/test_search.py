@@ -39,6 +39,20 @@ def test_one_effect_is_named_and_the_error_falls_to_the_floor():
     assert d.ladder[-1].heldout.rms[0] < 1.15 * d.noise[0]
 
 
+def test_the_search_ends_where_no_fit_holds(monkeypatch):
+    """What was fitted and did not hold is not tried again, whichever rule is asked or not."""
+    asked = []
+
+    def never(case):
+        asked.append(case.rated.candidate.term.key)
+        return "nothing holds"
+
+    monkeypatch.setattr(rules, "FIT", {"never": never})
+    d = said(axis(2, extra=lambda t, q, v, a: 0.15 * np.exp(-((v / 0.4) ** 2)) * np.tanh(v / 0.02)))
+    assert asked and len(asked) == len(set(asked))
+    assert d.verdict == "unexplained" and not d.findings
+
+
 def test_a_second_effect_is_judged_by_what_is_left_now():
     """A spring of a twentieth of the first effect's power is named all the same."""
 
