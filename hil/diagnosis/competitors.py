@@ -65,7 +65,7 @@ def narrow(m: Motion, j: int, rms: FloatArray) -> FloatArray:
 def inertia(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     """An inertia that is any smooth function of the position: a linkage or a slider behind it.
 
-        M(q) qdd + M'(q) qd^2 / 2, with the two functions free of each other.
+    M(q) qdd + M'(q) qd^2 / 2, with the two functions free of each other.
     """
     place = _place(m, j, 4)
     quick = m.qdd[:, j : j + 1] * place[:, 1:]
