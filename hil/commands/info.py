@@ -96,7 +96,7 @@ def _arm(r: Recording) -> _Arm:
     told: list[tuple[str, str]] = []
     try:
         if any(f.code == "velocity-scale" for f in faults):
-            from hil.identify.readings import reading_notes
+            from hil.identify.timing import reading_notes
 
             told = reading_notes(r)
         return _Arm(r, faults, prepared(r), told, lateness(r))

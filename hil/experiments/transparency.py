@@ -21,9 +21,9 @@ from scipy import stats
 from hil import app, registry
 from hil.config import RigConfig, load_rig
 from hil.diagnosis.verbs import fit
+from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.phantom import Premium
-from hil.models.writing import write_model
 from hil.record.reader import load
 from hil.rigs import rig_path
 from hil.rigtables import ControllerConfig
