@@ -14,7 +14,7 @@ import numpy as np
 from hil.commands import infoloop, outputs
 from hil.errors import ConfigError, DataError, plural
 from hil.record.checks import Finding, check, columns, joint_units
-from hil.record.reader import ChannelSummary, SessionSummary, load, summary
+from hil.record.mcap_read import ChannelSummary, SessionSummary, load, summary
 from hil.record.recording import Recording
 from hil.record.recovery import recover
 

@@ -24,7 +24,7 @@ from hil.diagnosis.verbs import fit
 from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.phantom import Premium
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.rigs import rig_path
 from hil.rigtables import ControllerConfig
 from hil.teleop import files, make, measure, sampled

@@ -276,7 +276,7 @@ def late_effort(problem: Problem) -> list[tuple[str, str]]:
 
 
 #: Correlation of measured velocity and derivative from which a factor is believed, and the factor
-#: up to which nothing is said (as in `hil.record.motioncheck`).
+#: up to which nothing is said (as in `hil.record.checks`).
 SURE, ALIKE = 0.95, 1.25
 #: Factors of different joints that are one, as a ratio: the clock is common to all of them.
 COMMON = 1.05
