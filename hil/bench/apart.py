@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil import app, session
 from hil.errors import DeviceError
 from hil.record.ring import Ring
+from hil.runtime import runner, session
 from hil.runtime.realtime import arranged
 
 #: Words that both processes see: rows in, rows out, time of tick 0, the loop has ended.
@@ -56,8 +56,8 @@ class SharedRing(Ring):
         self.words[_TAIL] = value
 
 
-class Apart(app.Session):
-    """`hil.app.Session` with the slow side in a process."""
+class Apart(runner.Session):
+    """`hil.runtime.runner.Session` with the slow side in a process."""
 
     ring_type = SharedRing
 

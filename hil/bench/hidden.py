@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hil import app
-from hil.config import load_rig
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
 from hil.models.model import base_model
 from hil.record.mcap_read import load
+from hil.rig.config import load_rig
+from hil.runtime import runner
 
 #: Ten effects that motion in free space can show, and the joint each is hidden in.
 EFFECTS: tuple[tuple[str, str], ...] = (
@@ -79,7 +79,7 @@ def session(
         {"simulation": {"hidden": hidden}, "controller": {"parameters": {"seed": motion}}},
     )
     path = folder / f"{effect or 'none'}-{joint}-{seed}-{motion}.mcap"
-    app.run(config, seed=seed, clock="lockstep", output=path)
+    runner.run(config, seed=seed, clock="lockstep", output=path)
     return path
 
 

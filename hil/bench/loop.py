@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil import app
 from hil.bench.apart import Apart
-from hil.config import load_rig
+from hil.rig.config import load_rig
 from hil.rigs import rig_path
+from hil.runtime import runner
 from hil.runtime.statistics import Histogram
 
 PERIOD_NS = 1_000_000
@@ -55,12 +55,12 @@ class Run:
 
 
 def hil_loop(
-    seconds: float, what: str = "", kind: type[app.Session] | None = None, **loop: Any
+    seconds: float, what: str = "", kind: type[runner.Session] | None = None, **loop: Any
 ) -> Run:
     """The teleoperation rig in real time, with full recording; `loop` over its rig file."""
     config = load_rig(rig_path("teleop"), {"loop": loop})
     with tempfile.TemporaryDirectory() as folder:
-        done = app.run(config, seconds, 1, "real", Path(folder) / "loop.mcap", kind=kind)
+        done = runner.run(config, seconds, 1, "real", Path(folder) / "loop.mcap", kind=kind)
     f = done.figures
     lost = f"; {done.dropped} rows dropped" if done.dropped else ""
     return Run(

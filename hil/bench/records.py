@@ -7,10 +7,10 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from hil import app
-from hil.config import load_rig
 from hil.record.mcap_read import load_arms
+from hil.rig.config import load_rig
 from hil.rigs import rig_path
+from hil.runtime import runner
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ def measure(seconds: float) -> Measured:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.mcap"
         config = load_rig(rig_path("teleop"))
-        app.run(config, 0.05, 1, "lockstep", path)
-        done = app.run(config, seconds, 1, "lockstep", path)
+        runner.run(config, 0.05, 1, "lockstep", path)
+        done = runner.run(config, seconds, 1, "lockstep", path)
         size = path.stat().st_size
         began = time.perf_counter()
         load_arms(path)

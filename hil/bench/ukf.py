@@ -13,7 +13,7 @@ from hil.errors import ConfigError
 from hil.estimate.ukf import ElasticUkf, UkfConfig
 from hil.estimate.ukf_kernels import N
 from hil.experiments.elastic_plant import PERIOD, FloatArray, Plant, record
-from hil.tomltable import parse
+from hil.toml import parse
 
 
 @dataclass(frozen=True)

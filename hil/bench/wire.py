@@ -15,17 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from hil import wiring
-from hil.app import run
-from hil.config import RigConfig, load_rig
 from hil.record.decode import read_fields
 from hil.record.ring import Ring
-from hil.rig import Rig, bench_of, open_rig
+from hil.rig import boxes
+from hil.rig.config import RigConfig, load_rig
+from hil.rig.open import Rig, bench_of, open_rig
 from hil.rigs import rig_path
 from hil.runtime.clock import VirtualClock
 from hil.runtime.frame import FrameLayout
 from hil.runtime.loop import Loop
 from hil.runtime.realtime import arranged
+from hil.runtime.runner import run
 from hil.signals.bus import Bus, Step
 from hil.signals.device import FloatArray
 
@@ -232,9 +232,9 @@ def rates(rig_name: str = "teleop") -> dict[str, float]:
     """Updates per second of every motor box of a rig."""
     config = load_rig(rig_path(rig_name), {"backend": "sim-wire"})
     found = {}
-    for name in wiring.backends(config):
-        options = wiring.box_options(config, name)
+    for name in boxes.backends(config):
+        options = boxes.box_options(config, name)
         rate = getattr(options, "rate_hz", None)
         if callable(rate):
-            found[name] = float(rate(len(wiring.used_channels(config, name))))
+            found[name] = float(rate(len(boxes.used_channels(config, name))))
     return found

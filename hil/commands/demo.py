@@ -11,7 +11,6 @@ from pathlib import Path
 from hil.bench import hidden
 from hil.commands import common, outputs, plugins
 from hil.commands.diagnosetext import text
-from hil.config import load_rig
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.types import Diagnosis
 from hil.errors import ConfigError
@@ -20,6 +19,7 @@ from hil.record.mcap_read import load
 from hil.report.html import diagnosis_report
 from hil.report.json import diagnosis_json, ladder_json
 from hil.report.text import Files
+from hil.rig.config import load_rig
 from hil.rigs import rig_path
 
 EXAMPLE = "hil demo --seed 7 -o out/demo"

@@ -8,14 +8,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hil import registry, rig, session
+from hil import registry
 from hil.commands import common, designtext, outputs, plugins
-from hil.config import RigConfig, load_rig
 from hil.errors import ConfigError, unknown
+from hil.rig import open
+from hil.rig.config import RigConfig, load_rig
+from hil.runtime import session
 from hil.teleop import files, fsf, make, named, refuse
 from hil.teleop.make import Arms
 from hil.teleop.summary import Summary, summarise
-from hil.tomltable import parse
+from hil.toml import parse
 
 EXAMPLE = (
     "hil design rigs/lawrence.toml --design position-force --set stiffness=200 -o own.toml\n"
@@ -152,7 +154,7 @@ def _with_estimators(config: RigConfig, parameters: Mapping[str, Any]) -> str:
     if config.estimators:
         law = dataclasses.replace(config.controller, name="lawrence", parameters=parameters)
         try:
-            rig.build_controller(dataclasses.replace(config, controller=law))
+            open.build_controller(dataclasses.replace(config, controller=law))
         except ConfigError as error:
             return str(error)
     return ""

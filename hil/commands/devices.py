@@ -6,9 +6,9 @@ import argparse
 import json
 import sys
 
-from hil import reach
 from hil.commands import rigfile
-from hil.config import load_rig
+from hil.rig import status
+from hil.rig.config import load_rig
 
 EXAMPLE = "hil devices rigs/teleop.toml"
 
@@ -22,11 +22,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print one row per box and device of a rig, or what is attached at all."""
     if args.rig is None:
-        rows = reach.everything()
+        rows = status.everything()
     else:
         config = load_rig(args.rig)
         with rigfile.named(args.rig):
-            rows = reach.check(config)
+            rows = status.check(config)
     if args.json:
         sys.stdout.write(json.dumps({"schema": "hil.devices/1", "devices": rows}) + "\n")
     else:

@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from hil.commands import common
-from hil.config import RigConfig, load_rig
 from hil.errors import ConfigError, unknown
 from hil.excite.foresee import BAND
 from hil.excite.limits import Limits, of_arm, of_robot
@@ -19,6 +18,7 @@ from hil.models.model import RobotModel, base_model
 from hil.models.robots import Robot, bare_robot
 from hil.record.mcap_read import load
 from hil.record.recording import RobotSource
+from hil.rig.config import RigConfig, load_rig
 
 #: Share of a joint's range that encoders resolve where nothing is known.
 RESOLUTION = 1e-4

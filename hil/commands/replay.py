@@ -8,7 +8,7 @@ from dataclasses import asdict
 from hil.commands import common
 from hil.errors import ConfigError
 from hil.record.difference import first_difference
-from hil.replay import Replayed, replay
+from hil.runtime.replay import Replayed, replay
 
 EXAMPLE = (
     "hil replay s.mcap\n  hil replay s.mcap --set force_scale=0.5\n"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from hil.config import RigConfig
 from hil.errors import ConfigError
-from hil.rig import Rig, open_rig
+from hil.rig.config import RigConfig
+from hil.rig.open import Rig, open_rig
 
 
 @contextmanager
@@ -20,7 +20,7 @@ def named(path: str) -> Iterator[None]:
 
 
 def opener(path: str) -> Callable[[RigConfig, int], Rig]:
-    """`hil.rig.open_rig` whose mistakes have the name of the rig file."""
+    """`hil.rig.open.open_rig` whose mistakes have the name of the rig file."""
 
     def opened(config: RigConfig, seed: int) -> Rig:
         with named(path):

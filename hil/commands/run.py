@@ -13,12 +13,12 @@ from typing import Any
 
 from tqdm import tqdm
 
-from hil import app
 from hil.commands import outputs, rigfile
-from hil.config import RigConfig, load_rig
 from hil.errors import ConfigError
 from hil.excite import files
 from hil.record import mcap_read
+from hil.rig.config import RigConfig, load_rig
+from hil.runtime import runner
 from hil.runtime.commands import COMMANDS, scheduled
 
 EXAMPLE = "hil run rigs/teleop.toml --clock lockstep --seconds 10 -o s.mcap"
@@ -105,15 +105,15 @@ def _played(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _with_bar(config: RigConfig, args: argparse.Namespace) -> app.Summary:
+def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
     seconds = config.loop.seconds if args.seconds is None else args.seconds
     total = round(seconds * config.loop.rate_hz)
     with tqdm(total=total, unit="tick", disable=None, leave=False, file=sys.stderr) as bar:
         live = bar.set_postfix_str if not bar.disable else None
-        operator = app.Operator(
+        operator = runner.Operator(
             scheduled(args.at), bar_writer(bar), live, _lines if args.operator else None, args.wait
         )
-        return app.run(
+        return runner.run(
             config, args.seconds, args.seed, args.clock, args.output, bar.update, operator,
             args.model, rigfile.opener(args.rig), aside=lambda path: _aside(bar, path),
         )  # fmt: skip
@@ -141,7 +141,7 @@ def _lines(take: Callable[[str], None]) -> None:
     threading.Thread(target=read, name="operator", daemon=True).start()
 
 
-def table(summary: app.Summary) -> str:
+def table(summary: runner.Summary) -> str:
     """Closing table of a session."""
     speed = summary.seconds / max(summary.wall_seconds, 1e-9)
     rows = [
@@ -159,11 +159,11 @@ def table(summary: app.Summary) -> str:
     return "\n".join(f"{name:<17} {value}" for name, value in rows)
 
 
-def _ring(summary: app.Summary) -> str:
+def _ring(summary: runner.Summary) -> str:
     return f"{summary.figures['ring_most']:.0f}"
 
 
-def _times(summary: app.Summary) -> list[tuple[str, str]]:
+def _times(summary: runner.Summary) -> list[tuple[str, str]]:
     """Rows about time, which does not pass within a tick of a virtual clock."""
     if summary.clock == "lockstep":
         return [("longest tick", "no time passes within a tick")]

@@ -8,9 +8,9 @@ import sys
 from dataclasses import asdict
 
 from hil.commands import common, rigfile
-from hil.config import RigConfig, load_rig
-from hil.exits import unwinding_signals
-from hil.selftest import USUAL, selftest
+from hil.rig.config import RigConfig, load_rig
+from hil.runtime.runner import unwinding_signals
+from hil.runtime.selftest import USUAL, selftest
 
 EXAMPLE = "hil selftest rigs/teleop.toml --torque 0.1"
 
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
                 common.out(f"{mark}  {step.device:<16} {step.what:<10} {step.text}")
     if args.json:
         rows = [asdict(step) for step in steps]
-        common.out(json.dumps({"schema": "hil.selftest/1", "steps": rows}))
+        common.out(json.dumps({"schema": "hil.runtime.selftest/1", "steps": rows}))
     if not all(step.passed for step in steps):
         return 3
     return 0 if all(answers) else 2

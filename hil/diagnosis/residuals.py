@@ -15,10 +15,13 @@ band.
 **Seeming**: joints that are at their noise floor, and fail in places all the same.  A floor is
 what no model at hand goes below; where effects are missing that hide each other it holds them,
 too.
+
+An interval in words that rounding does not close.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -30,7 +33,23 @@ from hil.diagnosis.constants import LEVEL
 from hil.diagnosis.types import Floor
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
-from hil.interval import interval
+
+
+def interval(low: float, high: float, digits: int = 2) -> str:
+    """E.g. ``2.35 to 2.41``: significant digits enough that a tenth of the width still shows.
+
+    Parameters
+    ----------
+    low, high : float
+        Ends, in the same unit.
+    digits : int
+        Significant digits at least.
+    """
+    largest, width = max(abs(low), abs(high)), abs(high - low)
+    if 0.0 < width < largest and math.isfinite(largest):
+        digits = max(digits, min(math.ceil(math.log10(largest / width)) + 2, 15))
+    return f"{low:.{digits}g} to {high:.{digits}g}"
+
 
 FloatArray = NDArray[np.float64]
 #: Name, unit, values (n,) and edges of bins.

@@ -13,7 +13,7 @@ from hil.errors import ConfigError
 from hil.models.robots import Robot
 from hil.record.recording import RobotSource
 from hil.record.urdf_joints import urdf_joints
-from hil.rigtables import ArmConfig
+from hil.rig.config import ArmConfig
 
 FloatArray = NDArray[np.float64]
 INF = float("inf")

@@ -17,15 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from hil import app, registry
-from hil.config import load_rig
+from hil import registry
 from hil.diagnosis.verbs import fit
 from hil.estimate import compensation
 from hil.models.model import RobotModel, base_model
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
+from hil.rig.config import load_rig
 from hil.rigs import rig_path
+from hil.runtime import runner
 from hil.teleop.hybrid import FloatArray
 
 PERIOD, CORNER = 1e-3, 10.0
@@ -144,13 +145,13 @@ def session(
     first, path = folder / "identify.mcap", folder / "s.mcap"
     simulation: dict[str, Any] = {"hidden": list(hidden)}
     identify = load_rig(rig_path("identify"), {"simulation": simulation})
-    app.run(identify, IDENTIFY, seed, "lockstep", first)
+    runner.run(identify, IDENTIFY, seed, "lockstep", first)
     run = load(first, ARM)
     model = fit([run], base_model(run.robot, ARM) - "torque-offset").model
     hand = {"kind": "hand", "frequency": 0.5, "size": [0.05, 0.05, 0.05]}
     simulation |= {"operator": hand, "gel": {"below_home": 0.01}}
     over = {"simulation": simulation, "estimators": estimators(model, learn)}
-    app.run(load_rig(rig_path("lawrence"), over), seconds, seed + 1, "lockstep", path)
+    runner.run(load_rig(rig_path("lawrence"), over), seconds, seed + 1, "lockstep", path)
     return path
 
 

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, filtfilt
 
-from hil import app
-from hil.config import load_rig
 from hil.estimate import manual
 from hil.estimate.manual import FloatArray, Identified
 from hil.models.phantom import Premium
 from hil.record.mcap_read import load
+from hil.rig.config import load_rig
 from hil.rigs import rig_path
+from hil.runtime import runner
 
 #: Friction fc, fv of the joints, then kappa of the motors.
 TRUE: FloatArray = np.array([
@@ -107,7 +107,7 @@ def on_the_rig(seed: int = 1, seconds: float = 40.0) -> dict[str, Identified]:
             simulation = {"hidden": hidden, "operator": hand, "gel": {"below_home": 0.01}}
             path = Path(folder) / "s.mcap"
             config = load_rig(rig_path("lawrence"), {"simulation": simulation})
-            app.run(config, seconds, seed, "lockstep", path)
+            runner.run(config, seconds, seed, "lockstep", path)
             out[name] = _identified(path)
     return out
 

@@ -21,13 +21,14 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from hil import app, registry
+from hil import registry
 from hil.experiments import transparency as rig
 from hil.experiments import without_sensors
+from hil.runtime import runner
 from hil.teleop import files, fsf, hybrid, make
 from hil.teleop.design import Design
 from hil.teleop.make import Arms
-from hil.tomltable import parse
+from hil.toml import parse
 
 HZ, TRIALS = 1.0, 6
 #: Stiffness of the gel, and over the bolt [N/m^1.3].
@@ -139,7 +140,7 @@ def impedances(
     """Transmitted and environment's impedance of one run [N s/m]."""
     path = folder / "palpation.mcap"
     seconds = rig.SETTLE + rig.PERIODS / HZ
-    app.run(rig.config_of(law, HZ, stiffness), seconds, seed, "lockstep", path)
+    runner.run(rig.config_of(law, HZ, stiffness), seconds, seed, "lockstep", path)
     y, u = (x.mean(0) for x in rig.cut(path, HZ).spectra(1))
     # y = (f_m, -v_s), u = (v_m, f_s)
     return complex(y[0] / u[0]), complex(-u[1] / y[1])

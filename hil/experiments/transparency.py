@@ -18,20 +18,20 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from hil import app, registry
-from hil.config import RigConfig, load_rig
+from hil import registry
 from hil.diagnosis.verbs import fit
 from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.phantom import Premium
 from hil.record.mcap_read import load
+from hil.rig.config import ControllerConfig, RigConfig, load_rig
 from hil.rigs import rig_path
-from hil.rigtables import ControllerConfig
+from hil.runtime import runner
 from hil.teleop import files, make, measure, sampled
 from hil.teleop.hybrid import ComplexArray, FloatArray
 from hil.teleop.make import Arms
 from hil.teleop.measure import Experiment
-from hil.tomltable import parse
+from hil.toml import parse
 
 PERIOD = 1e-3
 #: Frequencies of the leader's motion [Hz]; whole numbers of samples a period.
@@ -86,7 +86,7 @@ class Row:
 def identified(folder: Path, seed: int) -> dict[str, str]:
     """Model files of both arms from one identifying session of the simulated rig."""
     session = folder / "identify.mcap"
-    app.run(load_rig(rig_path("identify")), 15.0, seed, "lockstep", session)
+    runner.run(load_rig(rig_path("identify")), 15.0, seed, "lockstep", session)
     out = {}
     for arm in ("leader", "follower"):
         run = load(session, arm)
@@ -108,7 +108,7 @@ def sessions(law: Mapping[str, Any], hz: float, folder: Path, seed: int) -> list
     for k, gel in enumerate(GELS):
         config = config_of(law, hz, gel)
         path = folder / f"{hz:g}-{k}.mcap"
-        app.run(config, SETTLE + PERIODS / hz, seed + k, "lockstep", path)
+        runner.run(config, SETTLE + PERIODS / hz, seed + k, "lockstep", path)
         out.append(cut(path, hz))
     return out
 

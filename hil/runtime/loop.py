@@ -1,6 +1,12 @@
 """The fast loop: read, examine, update, limit, write, one row into the ring; nothing else.
 
 No array is allocated, nothing is logged, no lock is taken per tick.
+
+Periods missed within the last second.
+
+Exchange with all arms in one tick: measured and examined values in, limited efforts out.
+
+No array is allocated, nothing is logged, no lock is taken.
 """
 
 from __future__ import annotations
@@ -10,17 +16,158 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hil import companions
 from hil.record.ring import Ring
-from hil.runtime.arms import Arms
+from hil.rig import estimators
+from hil.runtime import safety
 from hil.runtime.clock import Clock
 from hil.runtime.commands import Command
 from hil.runtime.conditions import BITS, FAULTING, PAUSING
 from hil.runtime.frame import FrameLayout
-from hil.runtime.overload import Overload
 from hil.runtime.port import ArmPort
-from hil.signals.device import Controller
+from hil.signals.device import Controller, FloatArray, Status
 from hil.signals.state import OperatingState, StateCommand, StateMachine
+
+
+class Overload:
+    """Counts missed periods in ten slots of a tenth of a second.
+
+    Parameters
+    ----------
+    limit : int
+        More than so many missed within a second are too many.
+    ticks : int
+        Per second; the first second does not count (cold caches).
+    """
+
+    def __init__(self, limit: int, ticks: int) -> None:
+        self._limit, self._ticks = limit, ticks
+        self._slot = max(1, ticks // 10)
+        self._counts = np.zeros(10, np.int64)
+        self._at = 0
+        self._sum = 0
+
+    def over(self, tick: int, missed: int) -> bool:
+        """Count what was `missed` before `tick`; whether the last second had too many."""
+        at = tick // self._slot
+        if at != self._at:
+            for k in range(self._at + 1, min(at, self._at + 10) + 1):
+                self._sum -= int(self._counts[k % 10])
+                self._counts[k % 10] = 0
+            if at - self._at >= 10:
+                self._counts[:] = 0
+                self._sum = 0
+            self._at = at
+        if missed and tick > self._ticks:
+            self._counts[at % 10] += missed
+            self._sum += missed
+        return self._sum > self._limit
+
+
+_HELD_BACK, _INVALID = BITS["effort-limited"], BITS["effort-invalid"]
+_REFUSED, _OUT = BITS["motor-refused"], BITS["workspace"]
+_OK = int(Status.OK)
+
+
+class Arms:
+    """The arms of a loop, with their parts of its row.
+
+    Parameters
+    ----------
+    ports : list of ArmPort
+        Arms in the order of the controller.
+    layout : FrameLayout
+        Where everything stands in a row.
+    frame : ndarray
+        The row: measured values, efforts sent and words are written into it.
+    period_ns : int
+        Tick [ns].
+
+    Attributes
+    ----------
+    efforts : ndarray (arms, 3)
+        What the law commands [N m]; limited in place.
+    worst : int
+        Worst status of the tick.
+    hottest : float
+        Hottest winding [degC].
+    """
+
+    def __init__(
+        self, ports: list[ArmPort], layout: FrameLayout, frame: FloatArray, period_ns: int
+    ) -> None:
+        self.efforts = np.zeros((len(ports), 3))
+        self.worst, self.hottest = _OK, 0.0
+        self._arms = [
+            (p, *layout.arm(frame, i), self.efforts[i], np.zeros(safety.MEMORY), np.zeros(3))
+            for i, p in enumerate(ports)
+        ]
+        self._period_ns, self._steps = period_ns, 1
+
+    def forget(self) -> None:
+        """No effort, and no memory of what was measured."""
+        self.efforts[:] = 0.0
+        for *_, memory, _tip in self._arms:
+            memory[:] = 0.0
+
+    def read(self, t_ns: int, steps: int) -> int:
+        """Measured joint states and forces of all arms; the conditions that they show.
+
+        Parameters
+        ----------
+        t_ns : int
+            Time of the devices [ns].
+        steps : int
+            Periods since the last tick.
+        """
+        mask, worst, hot = 0, _OK, 0.0
+        single = steps == 1 and self._steps == 1
+        dt, self._steps = steps * self._period_ns * 1e-9, steps
+        for port, q, qd, wrench, sent, _words, _y, memory, tip in self._arms:
+            js = int(port.joints.measured_js(t_ns, q, qd))
+            force = port.force
+            cf = _OK if force is None else int(force.measured_cf(t_ns, q, wrench))
+            mask |= safety.examine(
+                dt, single, js, cf, q, qd, wrench, sent, memory, port.limits
+            )  # fmt: skip
+            if port.tip is not None:
+                port.tip(q, tip)
+                if safety.outside(tip, port.box):
+                    mask |= _OUT
+            if js > worst or cf > worst:
+                worst = max(js, cf)
+            hot = max(hot, memory.item(safety.HOTTEST))
+        self.worst, self.hottest = worst, hot
+        return mask
+
+    def write(self, state: OperatingState) -> int:
+        """Limited efforts to all arms, words into the row; the conditions found on the way."""
+        # plain integers: an enumeration beside a number of numpy costs a microsecond
+        mask, worst = 0, self.worst
+        enabled, faulted = state is _ENABLED, state is _FAULT
+        for port, _q, qd, _wrench, sent, words, y, _memory, _tip in self._arms:
+            safe = safety.limit(y, qd, port.torque_limit, port.speed_limit)
+            if safe == safety.INVALID:
+                port.efforts.fault()
+                mask |= _INVALID if enabled else 0
+            said = int(port.efforts.servo_jf(y, sent))
+            if safe == safety.CLAMPED or said == safety.CLAMPED:
+                mask |= _HELD_BACK
+            elif said >= safety.INVALID and safe != safety.INVALID and not faulted:
+                mask |= _REFUSED
+            if said > worst or safe > worst:
+                worst = max(said, safe)
+            safety.leave(sent, port.counts, port.codes, port.gauges, words)
+        self.worst = worst
+        return mask
+
+    def let_go(self) -> None:
+        """FAULT in every arm, and no effort sent."""
+        self.efforts[:] = 0.0
+        for port, _q, _qd, _wrench, sent, words, y, *_ in self._arms:
+            port.efforts.fault()
+            port.efforts.servo_jf(y, sent)
+            words[3:6] = port.codes
+
 
 _LIMITED, _OVERRUN = BITS["effort-limited"], BITS["overrun"]
 _ENABLED, _FAULT = OperatingState.ENABLED, OperatingState.FAULT
@@ -186,7 +333,7 @@ class Loop:
         before, self._controller = self._controller, controller
         size = len(controller.state_names)
         if restart or size != len(self._x):
-            self._x = companions.anew(controller, before, self._x)
+            self._x = estimators.anew(controller, before, self._x)
             self._x_next = np.zeros(size)
             self._zero_ns = (self.tick - 1) * self._period_ns
             self._shown = min(size, self._state.size)

@@ -27,7 +27,7 @@ class ArmPort:
     torque_limit, speed_limit : ndarray (3,)
         [N m], [rad/s].
     limits : ndarray
-        Of `hil.runtime.watch.limits`.
+        Of `hil.runtime.safety.limits`.
     tip : callable or None
         Writes the tip position [m] of a posture into an array (3,), where there is a `box`.
     box : ndarray (2, 3) or None

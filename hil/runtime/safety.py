@@ -1,11 +1,25 @@
-"""Limits between the law and the device: torque clamp, speed limit, not-a-number."""
+"""Limits between the law and the device: torque clamp, speed limit, not-a-number.
+
+Plausibility and limits of one arm, every tick, compiled: one mask of conditions out.
+
+`examine` runs before the law sees the measured values; it also rounds them to a grid far finer
+than any device, so that the session holds exactly what the law saw in a third fewer bytes.
+
+Winding temperature of a motor by two time constants: winding to housing, housing to air.
+"""
 
 from __future__ import annotations
 
-from math import fabs, isfinite
+from math import fabs, floor, isfinite, sqrt
 from typing import Any
 
 import numba as nb
+import numpy as np
+
+from hil.excite.limits import Limits
+from hil.rig.config import ArmConfig, SafetyConfig
+from hil.runtime.conditions import BITS
+from hil.signals.device import FloatArray, Status
 
 #: Outcomes, the larger the worse (as `hil.signals.device.Status`).
 OK, CLAMPED, INVALID = 0, 1, 3
@@ -32,3 +46,248 @@ def limit(effort: Any, velocity: Any, torque_limit: Any, speed_limit: Any) -> in
             effort[i] = torque_limit[i] if effort[i] > 0.0 else -torque_limit[i]
             status = CLAMPED
     return status
+
+
+#: Copper: resistance per kelvin, about 25 degC [1/K].
+COPPER = 0.00393
+#: Order of the constants that `warm` takes.
+CONSTANTS = (
+    "resistance", "winding_to_housing", "housing_to_air", "winding_time", "housing_time", "ambient",
+)  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True)
+def warm(current: float, dt: float, c: Any, heat: Any) -> float:
+    """Advance one motor by `dt` [s] under `current` [A]; its winding temperature [degC].
+
+    Parameters
+    ----------
+    c : ndarray (6,)
+        `CONSTANTS`.
+    heat : ndarray (2,)
+        Rise of the housing over the air, and of the winding over the housing [K]; written.
+
+    Notes
+    -----
+    Maxon, key information on motors: the two stages are first-order lags of the copper loss.
+    Exact only while the stages are far apart in time (here 12 s and 612 s).
+    """
+    # P = R25 (1 + alpha (T - 25)) i^2
+    temperature = c[5] + heat[0] + heat[1]
+    loss = c[0] * (1.0 + COPPER * (temperature - 25.0)) * current * current
+    # tau1 dT1/dt = R1 P - T1;  tau2 dT2/dt = R2 P - T2
+    heat[1] += dt / c[3] * (c[1] * loss - heat[1])
+    heat[0] += dt / c[4] * (c[2] * loss - heat[0])
+    return float(c[5] + heat[0] + heat[1])
+
+
+#: Grids: position 1/240 of a count [rad], velocity 1/20 of what the longest window resolves
+#: [rad/s], force and torque 1/6 of a word of the finest sensor [N], [N m], effort 1/700 of a DAC
+#: code [N m].
+POSITION_GRID, VELOCITY_GRID, FORCE_GRID, TORQUE_GRID = 2.0**-21, 2.0**-12, 2.0**-13, 2.0**-20
+EFFORT_GRID = 2.0**-24
+#: What a count or two may do to a difference of positions [rad].
+FLOOR = 5e-4
+#: A lamp goes back below this share of its threshold.
+HYSTERESIS = 0.9
+#: memory: last position (3), last step (3), time stood still (3), stale joint and force
+#: readings, readings so far, lamp, then heat (3, 2), hottest winding [degC] to a hundredth.
+_Q, _STEP, _STILL, _STALE_JS, _STALE_CF, _SEEN, _LAMP, _HEAT = 0, 3, 6, 9, 10, 11, 12, 13
+HOTTEST = 19
+MEMORY = 20
+#: limits: low, high, speed, torque (3 each), acceleration, force yellow and red, stale readings,
+#: stuck time, winding yellow and red, effort per ampere (3), thermal constants (6), number of
+#: folds and four numbers a fold.
+_LOW, _HIGH, _SPEED, _TORQUE, _ACC, _FORCE, _READS, _STUCK, _HOT, _AMP, _C, _FOLDS = (
+    0, 3, 6, 9, 12, 13, 15, 16, 17, 19, 22, 28,
+)  # fmt: skip
+
+_YELLOW, _WARM, _LATE = BITS["force-yellow"], BITS["winding-yellow"], BITS["sensor-late"]
+_STALE_BITS = (BITS["joint-stale"], BITS["force-stale"])
+_SATURATED, _RED, _HOT_BIT = BITS["force-saturated"], BITS["force-red"], BITS["winding-red"]
+_RANGE, _FAST, _JUMP = BITS["position"], BITS["overspeed"], BITS["encoder-jump"]
+_STUCK_BIT, _NAN = BITS["encoder-stuck"], BITS["not-a-number"]
+_LOST = (BITS["joint-lost"], BITS["force-lost"])
+_CLAMPED, _STALE, _INVALID = int(Status.CLAMPED), int(Status.STALE), int(Status.INVALID)
+
+
+def limits(arm: ArmConfig, robot: Limits, safety: SafetyConfig, force_range: float) -> FloatArray:
+    """Numbers that `examine` takes.
+
+    Parameters
+    ----------
+    arm, safety : ArmConfig, SafetyConfig
+        Of the rig file.
+    robot : Limits
+        Ranges of the joints.
+    force_range : float
+        Of the force sensor [N]; infinite without one.
+    """
+    yellow = arm.force_yellow or 0.6 * force_range
+    red = arm.force_red or 0.85 * force_range
+    winding = arm.winding
+    folds = [float(x) for fold in robot.folds for x in fold]
+    return np.array(
+        [
+            *robot.low, *robot.high, *arm.speed_limit, *arm.torque_limit, arm.acceleration_limit,
+            yellow, red, safety.stale_ticks, safety.stuck_time, winding.yellow, winding.red,
+            *winding.effort_per_amp, *(getattr(winding, n) for n in CONSTANTS),
+            len(robot.folds), *folds,
+        ]
+    )  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True)
+def snap(values: Any, grid: float) -> bool:
+    """Round `values` in place to multiples of `grid`; False if one is not a number."""
+    good = True
+    for i in range(values.size):
+        if isfinite(values[i]):
+            values[i] = floor(values[i] / grid + 0.5) * grid
+        else:
+            good = False
+    return good
+
+
+@nb.njit(cache=True, nogil=True)
+def sensors(js: int, cf: int, memory: Any, lim: Any) -> int:
+    """What the drivers said of their readings."""
+    mask = 0
+    for k, status, at in ((0, js, _STALE_JS), (1, cf, _STALE_CF)):
+        if status == _STALE:
+            memory[at] += 1.0
+            mask |= _STALE_BITS[k] if memory[at] >= lim[_READS] else _LATE
+        else:
+            memory[at] = 0.0
+        if status >= _INVALID:
+            mask |= _LOST[k]
+    if cf == _CLAMPED:
+        mask |= _SATURATED
+    return mask
+
+
+@nb.njit(cache=True, nogil=True)
+def moved(q: Any, qd: Any, dt: float, single: bool, memory: Any, lim: Any) -> int:
+    """Range, speed and steps of the joints."""
+    mask = 0
+    for i in range(3):
+        if not lim[_LOW + i] <= q[i] <= lim[_HIGH + i]:
+            mask |= _RANGE
+        if fabs(qd[i]) > lim[_SPEED + i]:
+            mask |= _FAST
+        step = q[i] - memory[_Q + i]
+        if memory[_SEEN] >= 2.0:
+            # |q_k - q_(k-1)| <= 2 v_max dt;  |q_k - 2 q_(k-1) + q_(k-2)| <= a_max dt^2
+            if fabs(step) > 2.0 * lim[_SPEED + i] * dt + FLOOR:
+                mask |= _JUMP
+            bend = lim[_ACC] * dt * dt + FLOOR
+            if single and memory[_SEEN] >= 4.0 and fabs(step - memory[_STEP + i]) > bend:
+                mask |= _JUMP
+        memory[_STEP + i], memory[_Q + i] = step, q[i]
+    for k in range(int(lim[_FOLDS])):
+        n = _FOLDS + 1 + 4 * k
+        fold = q[int(lim[n])] - q[int(lim[n + 1])]
+        if not lim[n + 2] <= fold <= lim[n + 3]:
+            mask |= _RANGE
+    return mask
+
+
+@nb.njit(cache=True, nogil=True)
+def driven(sent: Any, dt: float, memory: Any, lim: Any) -> int:
+    """Heat of the motors, and joints that do not answer to them; `sent` of the last tick."""
+    mask, hottest = 0, -273.0
+    for i in range(3):
+        heat = memory[_HEAT + 2 * i : _HEAT + 2 * i + 2]
+        constants = lim[_C : _C + 6]
+        hottest = max(hottest, warm(sent[i] / lim[_AMP + i], dt, constants, heat))
+        pushed = fabs(sent[i]) > 0.5 * lim[_TORQUE + i]
+        still = fabs(memory[_STEP + i]) < 1e-6
+        memory[_STILL + i] = memory[_STILL + i] + dt if pushed and still else 0.0
+        if lim[_STUCK] > 0.0 and memory[_STILL + i] > lim[_STUCK]:
+            mask |= _STUCK_BIT
+    if hottest > lim[_HOT + 1]:
+        mask |= _HOT_BIT
+    if hottest > lim[_HOT]:
+        mask |= _WARM
+    return mask
+
+
+@nb.njit(cache=True, nogil=True)
+def pressed(wrench: Any, memory: Any, lim: Any) -> int:
+    """Lamp of the force at the tip, with hysteresis."""
+    force = sqrt(wrench[0] ** 2 + wrench[1] ** 2 + wrench[2] ** 2)
+    lamp, last = 0, int(memory[_LAMP])
+    for k in range(2):
+        share = HYSTERESIS if last > k else 1.0
+        if force > share * lim[_FORCE + k]:
+            lamp = k + 1
+    memory[_LAMP] = lamp
+    return _RED | _YELLOW if lamp == 2 else (_YELLOW if lamp == 1 else 0)
+
+
+@nb.njit(cache=True, nogil=True)
+def examine(
+    dt: float, single: bool, js: int, cf: int, q: Any, qd: Any, wrench: Any, sent: Any,
+    memory: Any, lim: Any,
+) -> int:  # fmt: skip
+    """Conditions of one arm in one tick.
+
+    Parameters
+    ----------
+    dt : float
+        Time since the last tick [s].
+    single : bool
+        Whether that was one period, and the one before too.
+    js, cf : int
+        `Status` of the joint and the force reading.
+    q, qd, wrench : ndarray (3,), (3,), (6,)
+        Measured [rad], [rad/s], [N, N m]; rounded in place.
+    sent : ndarray (3,)
+        Efforts of the last tick [N m].
+    memory, lim : ndarray
+        What is kept between ticks; limits.
+    """
+    mask = sensors(js, cf, memory, lim)
+    good = snap(q, POSITION_GRID) and snap(qd, VELOCITY_GRID)
+    good = snap(wrench[:3], FORCE_GRID) and snap(wrench[3:], TORQUE_GRID) and good
+    if not good:
+        memory[HOTTEST] = hottest(memory, lim)
+        return mask | _NAN
+    # a repeated reading is no motion, and what follows it is no single step
+    if js == _STALE:
+        memory[_SEEN] = min(memory[_SEEN], 1.0)
+    else:
+        memory[_SEEN] += 1.0
+        mask |= moved(q, qd, dt, single, memory, lim)
+    mask |= driven(sent, dt, memory, lim) | pressed(wrench, memory, lim)
+    memory[HOTTEST] = hottest(memory, lim)
+    return mask
+
+
+@nb.njit(cache=True, nogil=True)
+def hottest(memory: Any, lim: Any) -> float:
+    """Hottest winding of an arm [degC], to a hundredth."""
+    rise = 0.0
+    for i in range(3):
+        rise = max(rise, memory[_HEAT + 2 * i] + memory[_HEAT + 2 * i + 1])
+    return float(floor(100.0 * (lim[_C + 5] + rise) + 0.5) / 100.0)
+
+
+@nb.njit(cache=True, nogil=True)
+def leave(sent: Any, counts: Any, codes: Any, gauges: Any, words: Any) -> None:
+    """What of the exchange goes into the row: `sent` (3,) rounded, `words` (12,) filled."""
+    snap(sent, EFFORT_GRID)
+    for i in range(3):
+        words[i] = counts[i]
+        words[3 + i] = codes[i]
+    for i in range(6):
+        words[6 + i] = gauges[i]
+
+
+@nb.njit(cache=True, nogil=True)
+def outside(tip: Any, box: Any) -> bool:
+    """Whether `tip` (3,) is outside of `box` (2, 3) [m]."""
+    for i in range(3):
+        if not box[0, i] <= tip[i] <= box[1, i]:
+            return True
+    return False

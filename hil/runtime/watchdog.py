@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from hil.errors import ConfigError
-from hil.rigtables import SafetyConfig
+from hil.rig.config import SafetyConfig
 
 _BEAT = struct.Struct("<qqq")  # monotonic time [ns], tick, 1 = ended properly
 #: How often the heart is felt, in shares of the time-out.

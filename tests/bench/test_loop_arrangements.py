@@ -5,13 +5,13 @@ import os
 import numpy as np
 import pytest
 
-from hil import app
 from hil.bench import loop
 from hil.bench.apart import Apart, SharedRing
-from hil.config import load_rig
 from hil.record.container import read
-from hil.replay import replay
+from hil.rig.config import load_rig
 from hil.rigs import rig_path
+from hil.runtime import runner
+from hil.runtime.replay import replay
 
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
@@ -21,7 +21,7 @@ needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_a_slow_side_in_a_process_writes_the_whole_session(tmp_path):
     path = tmp_path / "s.mcap"
     config = load_rig(rig_path("teleop"), {"loop": {"realtime": False}})
-    done = app.run(config, 0.3, 1, "real", path, kind=Apart)
+    done = runner.run(config, 0.3, 1, "real", path, kind=Apart)
     box = read(path)
     assert not box.truncated and len(box.topics["/loop/timing"].times) == done.ticks
     assert done.figures["ticks"] == done.ticks
@@ -53,7 +53,7 @@ def test_a_process_that_dies_is_an_error_and_not_a_figure(tmp_path, monkeypatch)
     monkeypatch.setattr("hil.bench.apart.session.conclude", lambda *a: 1 / 0)
     config = load_rig(rig_path("teleop"), {"loop": {"realtime": False}})
     with pytest.raises(OSError, match="process of the slow side ended with status"):
-        app.run(config, 0.05, 1, "real", tmp_path / "s.mcap", kind=Apart)
+        runner.run(config, 0.05, 1, "real", tmp_path / "s.mcap", kind=Apart)
 
 
 @pytest.mark.real_time
@@ -69,7 +69,7 @@ def test_the_rows_are_those_that_are_promised():
 def test_faster_loops_record_every_tick_and_are_reproduced(rate, rig, tmp_path):
     path = tmp_path / "s.mcap"
     config = load_rig(rig_path(rig), {"loop": {"rate_hz": float(rate)}})
-    done = app.run(config, 0.5, 1, "lockstep", path)
+    done = runner.run(config, 0.5, 1, "lockstep", path)
     assert (done.ticks, done.state) == (rate // 2, "ENABLED")
     times = np.array(read(path).topics["/loop/timing"].times)
     assert set(np.diff(times).tolist()) == {10**9 // rate}

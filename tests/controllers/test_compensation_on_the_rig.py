@@ -5,8 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hil import app
-from hil.config import load_rig
 from hil.controllers.lawrence import Lawrence
 from hil.diagnosis.verbs import fit
 from hil.models.files import write_model
@@ -14,9 +12,10 @@ from hil.models.model import Use, base_model
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
-from hil.replay import replay
+from hil.rig.config import ControllerConfig, load_rig
 from hil.rigs import rig_path
-from hil.rigtables import ControllerConfig
+from hil.runtime import runner
+from hil.runtime.replay import replay
 from hil.teleop import make
 
 
@@ -30,7 +29,7 @@ def residuals(hidden, model, tmp_path):
     law |= make.models({"follower": str(tmp_path / "m.toml")}, config)
     own = ControllerConfig("lawrence", config.controller.arms, law)
     path = tmp_path / "s.mcap"
-    app.run(dataclasses.replace(config, controller=own), 4.0, 2, "lockstep", path)
+    runner.run(dataclasses.replace(config, controller=own), 4.0, 2, "lockstep", path)
     at = Lawrence.state_names.index("follower_observed_x")
     observed = decode_numbers(read(path).topics["/controller/state"])[150:, at : at + 3]
     leader, follower = (load(path, arm).q[1500:] for arm in ("leader", "follower"))
@@ -43,7 +42,7 @@ def test_a_compensated_effect_is_felt_no_more(effect, tmp_path):
     """The simulator's law differs from the library's; what is left is that difference."""
     hidden = [{"effect": effect, "arm": "follower", "joint": "joint2", "amplitude": 2.0}]
     over = {"simulation": {"hidden": hidden}}
-    app.run(load_rig(rig_path("identify"), over), 15.0, 1, "lockstep", tmp_path / "i.mcap")
+    runner.run(load_rig(rig_path("identify"), over), 15.0, 1, "lockstep", tmp_path / "i.mcap")
     run = load(tmp_path / "i.mcap", "follower")
     base = base_model(run.robot, "follower")
     without = residuals(hidden, fit([run], base).model, tmp_path)

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import app, companions
 from hil.cli import main
-from hil.config import load_rig
 from hil.controllers.estimators import forces, network, transmission, wavelets
 from hil.controllers.estimators.transmission_config import NAMES, TransmissionConfig
 from hil.controllers.lawrence_config import PREMIUM
@@ -22,12 +20,15 @@ from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
 from hil.record.ring import Ring
-from hil.replay import replay
-from hil.rig import open_rig
+from hil.rig import estimators
+from hil.rig.config import load_rig
+from hil.rig.open import open_rig
 from hil.rigs import rig_path
+from hil.runtime import runner
 from hil.runtime.clock import VirtualClock
 from hil.runtime.loop import Loop
-from hil.tomltable import parse
+from hil.runtime.replay import replay
+from hil.toml import parse
 
 MODEL = load_rig(rig_path("lawrence")).controller.parameters["follower_model"]
 NETS = {"gain": 0.02}
@@ -70,7 +71,7 @@ def rig(estimators, **simulation):
 def session(tmp_path_factory):
     """Ten seconds with all estimators: the hand moves freely and touches the gel."""
     path = tmp_path_factory.mktemp("estimators") / "s.mcap"
-    app.run(rig(table(*KINDS)), 10.0, 2, "lockstep", path)
+    runner.run(rig(table(*KINDS)), 10.0, 2, "lockstep", path)
     return path
 
 
@@ -117,13 +118,13 @@ def test_a_law_runs_on_an_estimate_instead_of_its_sensor(tmp_path):
     """The operator feels the gel through the observer; the law never sees the sensor."""
     fed = rig(table("network", replaces_force=True), gel={"below_home": -0.002})
     path = tmp_path / "s.mcap"
-    app.run(fed, 5.0, 3, "lockstep", path)
+    runner.run(fed, 5.0, 3, "lockstep", path)
     leader, follower = load(path, "leader"), load(path, "follower")
     touch = follower.wrench[:, 2] > 0.1
     assert touch.sum() > 200
     assert np.corrcoef(leader.wrench[touch, 2], follower.wrench[touch, 2])[0, 1] < -0.3
     assert np.abs(np.diff(leader.qd[100:], axis=0)).max() < 0.6
-    at = companions.law_of(open_law(fed)).state_names.index("follower_force_z")
+    at = estimators.law_of(open_law(fed)).state_names.index("follower_force_z")
     box = read(path)
     law = decode_numbers(box.topics["/controller/state"])
     kept = np.array(box.topics["/controller/state"].sequence) - 1
@@ -133,7 +134,7 @@ def test_a_law_runs_on_an_estimate_instead_of_its_sensor(tmp_path):
 
 
 def open_law(config):
-    from hil.rig import build_controller
+    from hil.rig.open import build_controller
 
     return build_controller(config)
 
@@ -143,7 +144,7 @@ def test_an_operator_commands_a_session_with_estimators(tmp_path):
     fed = rig(table("network", replaces_force=True), gel={"below_home": 1.0})
     orders = ((0.4, "set friction_share 0.5"), (0.8, "pause"), (0.9, "resume"), (1.4, "home"))
     path = tmp_path / "s.mcap"
-    summary = app.run(fed, 2.0, 1, "lockstep", path, operator=app.Operator(schedule=orders))
+    summary = runner.run(fed, 2.0, 1, "lockstep", path, operator=runner.Operator(schedule=orders))
     assert summary.state == "ENABLED"
     again = replay(path)
     assert again.compared == 2000 and again.differ == 0
@@ -219,7 +220,7 @@ def test_an_estimator_is_pure(kind):
 def test_estimators_keep_no_memory_in_the_hot_path(memory_growth):
     config = rig(table(*KINDS))
     opened = open_rig(config, 0)
-    layout = companions.layout(2, opened.controller)
+    layout = estimators.layout(2, opened.controller)
     ring = Ring(100, layout.width)
     loop = Loop(opened.ports, opened.controller, VirtualClock(1_000_000), ring, layout,
                 1_000_000, opened.origin_ns)  # fmt: skip

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from hil.cli import main
-from hil.config import load_rig
 from hil.controllers import (
     channel,
     dynamics,
@@ -28,9 +27,10 @@ from hil.models.phantom import Premium
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
+from hil.rig.config import load_rig
 from hil.teleop import axis, files, named, refuse, transparency
 from hil.teleop.design import Design, Robot, Term
-from hil.tomltable import parse
+from hil.toml import parse
 
 RIGS = Path(__file__).parents[2] / "rigs"
 ARMS, T = ("leader", "follower"), 1e-3
@@ -260,7 +260,7 @@ def test_the_command_refuses_to_write_a_bad_design(tmp_path, capsys):
 
 
 def session(tmp_path, over, seconds=3.0):
-    from hil.app import run
+    from hil.runtime.runner import run
 
     run(load_rig(RIGS / "lawrence.toml", over), seconds, 3, output=tmp_path / "s.mcap")
     return [load(tmp_path / "s.mcap", arm) for arm in ARMS]

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import app
 from hil.cli import main
-from hil.config import load_rig
 from hil.diagnosis.engine import diagnose
 from hil.identify import standstill
 from hil.models.model import base_model
 from hil.record.mcap_read import load
+from hil.rig.config import load_rig
+from hil.runtime import runner
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 
@@ -24,7 +24,7 @@ def test_nothing_is_named_on_joints_that_hold_their_place(tmp_path, capsys):
     capsys.readouterr()
     over = {"controller": {"parameters": {"trajectory": str(place)}}}
     path = tmp_path / "one.mcap"
-    app.run(load_rig(RIG, over), None, 1, "lockstep", path)
+    runner.run(load_rig(RIG, over), None, 1, "lockstep", path)
     run = load(path, "follower")
     found = diagnose([run], base_model(run.robot))
     assert found.ladder[0].result.problem.holds.tolist() == [False, True, True]

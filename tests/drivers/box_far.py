@@ -4,12 +4,11 @@ from contextlib import ExitStack
 
 from bench_far import ArmFar
 
-from hil.boxwire import BoxWire
 from hil.drivers.premium import PremiumArm, PremiumConfig
 from hil.drivers.usb_31xx import Usb31xx, Usb31xxConfig
 from hil.drivers.usb_quad08 import Quad08, Quad08Config
+from hil.rig.boxes import BoxWire, Place
 from hil.sim_devices.wired import WiredBench
-from hil.wiring import Place
 
 
 class BoxFar(ArmFar):

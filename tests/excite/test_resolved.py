@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from hil import app
 from hil.cli import main
-from hil.config import load_rig
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import sets_of
 from hil.models.model import base_model
 from hil.record.mcap_read import load
 from hil.report.json import diagnosis_json
+from hil.rig.config import load_rig
+from hil.runtime import runner
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 SLOW = {"speed": [0.5, 0.5, 0.5]}
@@ -27,7 +27,7 @@ def record(folder: Path, effect: str, joint: str, seed: int, parameters: dict, s
     row = {"effect": effect, "arm": "follower", "joint": joint}
     over = {"simulation": {"hidden": [row]}, "controller": {"parameters": parameters}}
     path = folder / f"{effect}-{seed}.mcap"
-    app.run(load_rig(RIG, over), seconds, seed, "lockstep", path)
+    runner.run(load_rig(RIG, over), seconds, seed, "lockstep", path)
     return load(path, "follower")
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.interval import interval
+from hil.diagnosis.residuals import interval
 from hil.models import catalogue
 from hil.models.effect import Trait, refused
 from hil.models.motion import Motion

@@ -204,7 +204,10 @@ def test_one_joint_may_be_written_as_text(tmp_path: Path) -> None:
 
 VALUE = HEAD + COULOMB + "[effects.parameters]\n"
 BAD = {
-    "schema": (HEAD.replace("model/1", "rig/1"), r"schema is 'hil.rig/1', expected 'hil.model/1'"),
+    "schema": (
+        HEAD.replace("model/1", "rig/1"),
+        r"schema is 'hil.rig/1', expected 'hil.model/1'",
+    ),
     "no-schema": (COULOMB, "schema is None"),
     "not-toml": ("schema = ", "cannot be read"),
     "top-key": ("effect = 1\n" + HEAD, "unknown key in the model 'effect'. Did you mean 'effects'"),

@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from hil import app
 from hil.cli import main
 from hil.commands.run import differences
-from hil.config import load_rig
 from hil.errors import ConfigError, DataError, DeviceError
 from hil.record.container import read
 from hil.record.decode import read_fields
 from hil.record.frames import RX, START, TX, Frame, FrameLog, Replay, decode, encode, read_frames
 from hil.record.mcap_read import summary
-from hil.rig import open_rig
-from hil.session import rig_text
+from hil.rig.config import load_rig
+from hil.rig.open import open_rig
+from hil.runtime import runner
+from hil.runtime.session import rig_text
 from hil.sim_devices.force.netcanoem import NetCanOemBoard
 from hil.sim_devices.usb.quad08 import SimQuad08
 
@@ -32,7 +32,7 @@ RDT = {"follower-ft": {"driver": "netft-rdt", "address": "192.168.1.1"}}
 def run(path, backend, boxes=None, seconds=0.3, **record):
     over = {"devices": {**ARMS, "follower-force": {"backend": backend}}, "record": record}
     config = load_rig(RIG, {**over, "boxes": boxes or {}})
-    app.run(config, seconds, seed=3, output=path)
+    runner.run(config, seconds, seed=3, output=path)
     return path
 
 
@@ -152,7 +152,7 @@ def test_what_a_replay_needs_is_asked_for(tmp_path):
 
 def whole(path, backend, seconds=0.5, **record):
     config = load_rig(RIG, {"backend": backend, "record": record})
-    app.run(config, seconds, seed=3, output=path)
+    runner.run(config, seconds, seed=3, output=path)
     return read_fields(path, "/rig/raw")[1]
 
 
@@ -205,7 +205,7 @@ def test_an_encoder_box_that_was_unplugged_is_unplugged_again(tmp_path, monkeypa
 def test_frames_have_the_log_time_of_their_tick(tmp_path):
     over = {"devices": {**ARMS, "follower-force": {"backend": "sim-wire"}},
             "record": {"frames": True}}  # fmt: skip
-    app.run(load_rig(RIG, over), 0.2, seed=3, clock="real", output=tmp_path / "s.mcap")
+    runner.run(load_rig(RIG, over), 0.2, seed=3, clock="real", output=tmp_path / "s.mcap")
     topics = read(tmp_path / "s.mcap").topics
     rows, frames = topics["/rig/raw"].times, topics["/frames/follower-ft"].times
     # frames from before tick 0 have its log time; a loaded machine may miss the first ticks

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from hil.record.mcap_read import load_arms, summary
-from hil.replay import replay
+from hil.runtime.replay import replay
 
 SMALL = Path(__file__).with_name("small.mcap")
 

@@ -13,19 +13,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.config import load_rig
 from hil.excite.limits import of_arm
 from hil.record.recording import RobotSource
 from hil.record.ring import Ring
-from hil.rigtables import ArmConfig, SafetyConfig
-from hil.runtime import thermal, watch
+from hil.rig.config import ArmConfig, SafetyConfig, load_rig
+from hil.runtime import safety
 from hil.runtime.clock import VirtualClock
 from hil.runtime.commands import Command
 from hil.runtime.conditions import BITS, FAULTING, PAUSING, TABLE, named, sentence
 from hil.runtime.frame import FrameLayout
-from hil.runtime.loop import Loop
-from hil.runtime.overload import Overload
+from hil.runtime.loop import Loop, Overload
 from hil.runtime.port import ArmPort
+from hil.runtime.safety import limits
 from hil.signals.device import Status
 from hil.signals.state import OperatingState as State
 
@@ -87,7 +86,7 @@ class Bench:
         port = ArmPort(
             self.arm, self.arm, self.arm, self.arm.counts, self.arm.codes, self.arm.gauges,
             np.array(config.torque_limit), np.array(config.speed_limit),
-            watch.limits(config, robot, safety, 12.0), tip, box,
+            limits(config, robot, safety, 12.0), tip, box,
         )  # fmt: skip
         self.ring = Ring(5000, FrameLayout(1, 1).width)
         self.clock = VirtualClock(DT_NS)
@@ -245,7 +244,7 @@ def test_the_winding_follows_its_two_time_constants():
     constants = np.array([2.18, 3.1, 14.0, 12.0, 612.0, 25.0])
     heat, i = np.zeros(2), 0.1
     for _ in range(60_000):
-        found = thermal.warm(i, 1e-3, constants, heat)
+        found = safety.warm(i, 1e-3, constants, heat)
     loss = 2.18 * i * i
     fast, slow = 1 - np.exp(-60 / 12), 1 - np.exp(-60 / 612)
     assert found == pytest.approx(25 + loss * (3.1 * fast + 14.0 * slow), rel=1e-3)
@@ -271,15 +270,15 @@ def test_the_table_of_conditions_is_whole():
 def test_rounding_is_finer_than_the_devices(bench):
     bench.arm.q[:] += 1e-5 / 3
     bench.run()
-    assert np.abs(bench.loop.frame[:3] - bench.arm.q).max() <= watch.POSITION_GRID / 2
+    assert np.abs(bench.loop.frame[:3] - bench.arm.q).max() <= safety.POSITION_GRID / 2
 
 
 LIVE = f"""
 import signal
 import sys
-from hil.app import run
-from hil.config import load_rig
-from hil.rig import open_rig
+from hil.runtime.runner import run
+from hil.rig.config import load_rig
+from hil.rig.open import open_rig
 
 def opener(config, seed):
     rig = open_rig(config, seed)
@@ -365,7 +364,7 @@ def test_a_loop_that_is_gone_before_its_watchdog_has_begun_is_gone(tmp_path):
 
 @pytest.mark.real_time
 def test_the_watchdog_keeps_still_where_the_session_ends(tmp_path):
-    from hil.app import run
+    from hil.runtime.runner import run
 
     over = {"safety": {"watchdog": 1.0, "cut": ["touch", str(tmp_path / "cut")]}}
     run(load_rig(RIG, over), 0.5, output=tmp_path / "s.mcap", clock="real")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from test_run_session import RIGS, record
 
-from hil.app import Operator, run
 from hil.cli import main
-from hil.config import load_rig
 from hil.errors import DataError
-from hil.replay import replay
-from hil.shop import Shop
+from hil.rig.config import load_rig
+from hil.rig.operator import Shop
+from hil.runtime.replay import replay
+from hil.runtime.runner import Operator, run
 
 
 @pytest.mark.parametrize("rig", ["teleop.toml", "identify.toml", "mechanical-operator.toml"])

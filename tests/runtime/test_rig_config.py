@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from hil.cli import main
-from hil.config import BACKENDS, load_rig
 from hil.errors import ConfigError
-from hil.rig import build_controller
-from hil.session import rig_text, to_toml
-from hil.tomltable import merge
+from hil.rig.config import BACKENDS, load_rig
+from hil.rig.open import build_controller
+from hil.runtime.session import rig_text, to_toml
+from hil.toml import merge
 
 RIGS = Path(__file__).parents[2] / "rigs"
 

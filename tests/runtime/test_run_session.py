@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.app import Operator, run
 from hil.cli import main
-from hil.config import load_rig
 from hil.errors import ConfigError, DeviceError
 from hil.record.mcap_read import load, summary
 from hil.record.ring import Ring
-from hil.rig import open_rig
+from hil.rig.config import load_rig
+from hil.rig.open import open_rig
 from hil.runtime.clock import MonotonicClock, VirtualClock
 from hil.runtime.frame import FrameLayout
 from hil.runtime.loop import Loop
+from hil.runtime.runner import Operator, run
 
 RIGS = Path(__file__).parents[2] / "rigs"
 ALL = sorted(p.name for p in RIGS.glob("*.toml"))

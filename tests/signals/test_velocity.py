@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import app
-from hil.config import load_rig
 from hil.errors import ConfigError
 from hil.record.mcap_read import load
+from hil.rig.config import load_rig
+from hil.runtime import runner
 from hil.signals.velocity import FilteredAcceleration, estimator, names
 from hil.signals.velocity.methods import low_pass
 
@@ -124,7 +124,7 @@ def test_filtered_acceleration_has_its_noise_and_its_delay():
 def test_a_rig_file_chooses_it(name, tmp_path):
     arm = {"driver": "premium", "arm": "follower", "options": {"velocity": name}}
     config = load_rig(RIG, {"devices": {"follower-arm": arm}})
-    app.run(config, 0.3, seed=1, output=tmp_path / "s.mcap")
+    runner.run(config, 0.3, seed=1, output=tmp_path / "s.mcap")
     run = load(tmp_path / "s.mcap", "follower")
     slope = np.gradient(run.q, run.t, axis=0)
     assert np.abs(run.qd - slope)[50:].max() < 0.2

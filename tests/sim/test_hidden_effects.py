@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from hil.app import run
-from hil.config import load_rig
 from hil.errors import ConfigError
 from hil.record.mcap_read import load
+from hil.rig.config import load_rig
+from hil.runtime.runner import run
 from hil.sim_devices.plants.hidden import HIDDEN, RANDOM, choose
 
 RIGS = Path(__file__).parents[2] / "rigs"

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil import app
-from hil.config import load_rig
 from hil.errors import ConfigError
 from hil.record.decode import read_fields
+from hil.rig.config import load_rig
+from hil.runtime import runner
 from hil.sim_devices.quadrature import Quadrature, tracks
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
@@ -92,7 +92,7 @@ def test_a_rig_file_gives_an_arm_bad_encoders(backend, tmp_path):
         over = {"simulation": {"quadrature": encoders}} if encoders else {}
         force = {"leader-force": {"backend": "sim"}, "follower-force": {"backend": "sim"}}
         config = load_rig(RIG, {"backend": backend, "devices": force, **over})
-        app.run(config, 0.4, seed=2, output=tmp_path / name)
+        runner.run(config, 0.4, seed=2, output=tmp_path / name)
         _, words = read_fields(tmp_path / name, "/rig/raw")
         return {arm: words[f"{arm}_count2"] for arm in ("leader", "follower")}
 

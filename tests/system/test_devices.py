@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import reach, registry, wiring
-from hil.app import run
+from hil import registry
 from hil.cli import main
-from hil.config import load_rig
 from hil.drivers import usb_31xx, usb_quad08
 from hil.errors import ConfigError, DeviceError
 from hil.record.mcap_read import load
-from hil.rig import bench_of
+from hil.rig import boxes, status
+from hil.rig.config import load_rig
+from hil.rig.open import bench_of
+from hil.runtime.runner import run
 from hil.signals.bus import Bus
 from hil.sim_devices import bench as bench_module
 from hil.sim_devices.hid.module import SimHid
@@ -162,11 +163,11 @@ def test_mistakes_in_the_wiring_are_named(tmp_path, change, says):
 
 def test_the_plan_of_the_cables():
     config = load_rig(RIGS / "identify.toml", WIRE)
-    plan = wiring.plan(config)
+    plan = boxes.plan(config)
     assert plan["follower-motor3"]["cables"] == [(0, "motors", "follower", 2, 1)]
     assert [c[0] for c in plan["encoders"]["cables"]] == [0, 1, 2, 3, 4, 5]
     assert bench_of(config, 0) is not None
-    assert wiring.plan(load_rig(RIGS / "identify.toml")) == {}
+    assert boxes.plan(load_rig(RIGS / "identify.toml")) == {}
 
 
 def test_boxes_that_may_not_be_opened_say_what_to_do(monkeypatch, capsys):
@@ -177,8 +178,8 @@ def test_boxes_that_may_not_be_opened_say_what_to_do(monkeypatch, capsys):
     hid.devices += [Sim31xx("usb-3101", "A1"), Sim31xx("usb-3114", "A2")]
     hid.devices[1].readable = False
     handles = {"usb": usb, "hid": hid}
-    monkeypatch.setattr(reach, "Bus", lambda kind: Bus(kind, handles.get(kind)))
-    seen = {(r["device"], r["reachable"]): r["what"] for r in reach.everything()}
+    monkeypatch.setattr(status, "Bus", lambda kind: Bus(kind, handles.get(kind)))
+    seen = {(r["device"], r["reachable"]): r["what"] for r in status.everything()}
     assert seen["Q0", "yes"].startswith("USB-QUAD08")
     assert "eight encoder counters" in seen["Q0", "yes"]
     assert "usb-3101" in seen["A1", "yes"]

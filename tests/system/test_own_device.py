@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 
 from hil import registry
-from hil.boxwire import BoxWire
-from hil.config import load_rig
 from hil.drivers.premium import PremiumArm, PremiumConfig
 from hil.errors import DeviceError
-from hil.rig import open_rig
+from hil.rig.boxes import BoxWire, Place
+from hil.rig.config import load_rig
+from hil.rig.open import open_rig
 from hil.signals.bus import Bus
 from hil.signals.device import Status
 from hil.testing import check_driver
-from hil.wiring import Place
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 RIGS = Path(__file__).parents[2] / "rigs"

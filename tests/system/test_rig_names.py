@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hil import cli, config, rigs
+from hil import cli, rigs
+from hil.rig import config
 
 
 @pytest.mark.parametrize("name", rigs.NAMES)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from hil import boxwire, wiring
 from hil.cli import main
-from hil.config import load_rig
 from hil.errors import ConfigError, DeviceError
-from hil.selftest import selftest
+from hil.rig import boxes
+from hil.rig.config import load_rig
+from hil.runtime.selftest import selftest
 from hil.sim_devices.hid.usb31xx import Sim31xx
 
 RIGS = Path(__file__).parents[2] / "rigs"
@@ -23,14 +23,14 @@ def steps(over=None, torque=0.1, allowed=lambda: True):
 
 def recabled(monkeypatch, change):
     """Cable the simulated boxes otherwise than the rig file says."""
-    real = wiring.plan
+    real = boxes.plan
 
     def plan(config):
         rows = real(config)
         change(rows)
         return rows
 
-    monkeypatch.setattr(wiring, "plan", plan)
+    monkeypatch.setattr(boxes, "plan", plan)
 
 
 def failed(found):
@@ -83,14 +83,14 @@ def test_no_motor_moves_before_it_is_allowed(monkeypatch):
 
 
 def test_a_rig_that_is_not_still_gets_no_power(monkeypatch):
-    real = boxwire.BoxWire.receive
+    real = boxes.BoxWire.receive
 
     def receive(self, t_ns):
         status = real(self, t_ns)
         self.counts[1] += t_ns // 50_000_000
         return status
 
-    monkeypatch.setattr(boxwire.BoxWire, "receive", receive)
+    monkeypatch.setattr(boxes.BoxWire, "receive", receive)
     wrong = failed(steps(allowed=lambda: pytest.fail("asked for power")))
     assert "rest the arm in its dock" in wrong["leader", "encoders"]
 

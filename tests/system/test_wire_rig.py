@@ -6,22 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import app
-from hil.config import load_rig
 from hil.drivers.ft_sensor import FtSensorConfig, open_device
 from hil.errors import ConfigError
 from hil.record.decode import read_fields
 from hil.record.mcap_read import summary
-from hil.rig import force_sensors, open_rig
+from hil.rig.boxes import open_boxes, plan
+from hil.rig.config import load_rig
+from hil.rig.open import force_sensors, open_rig
+from hil.runtime import runner
 from hil.signals.device import Status
 from hil.sim_devices.bench import open_bench
-from hil.wiring import open_boxes, plan
 
 RIGS = Path(__file__).parents[2] / "rigs"
 
 
 def record(path, over=None, seconds=1.0, seed=4, rig="teleop.toml"):
-    app.run(load_rig(RIGS / rig, over), seconds, seed, output=path)
+    runner.run(load_rig(RIGS / rig, over), seconds, seed, output=path)
     return path
 
 
@@ -82,7 +82,7 @@ def test_same_seed_same_bytes(tmp_path):
     ],
 )
 def test_wrong_wiring_of_a_sensor_is_one_sentence(over, text):
-    from hil.rig import open_rig
+    from hil.rig.open import open_rig
 
     with pytest.raises(ConfigError, match=text):
         open_rig(load_rig(RIGS / "teleop.toml", {"backend": "sim-wire", **over}), 0)

@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil import app
 from hil.bench.faults.runner import Outcome
 from hil.bench.faults.tamper import Tampered
-from hil.config import load_rig
 from hil.errors import DataError
 from hil.record.container import Container, read
 from hil.record.decode import decode_numbers
 from hil.record.mcap_write import SessionWriter
+from hil.rig.config import load_rig
 from hil.rigs import rig_path
+from hil.runtime import runner
 from hil.runtime.frame import TIMING, WORDS
 from hil.runtime.watchdog import beside
 from hil.signals.device import Status
@@ -111,8 +111,8 @@ def child(name: str, path: Path) -> int:
     act(path)
     tampered.js = _every_tenth()
     try:
-        operator = app.Operator(say=_say)
-        done = app.run(config, seconds, 1, "real", path, opener=tampered.open, operator=operator)
+        operator = runner.Operator(say=_say)
+        done = runner.run(config, seconds, 1, "real", path, opener=tampered.open, operator=operator)
         sys.stdout.write(f"end {done.ticks + done.missed}\n")
     except KeyboardInterrupt:
         return 130

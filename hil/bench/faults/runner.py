@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from hil import app
 from hil.bench.faults.cases import Fault
 from hil.bench.faults.tamper import Tampered
-from hil.config import load_rig
 from hil.errors import HilError
 from hil.record.container import read
 from hil.record.decode import decode_numbers
+from hil.rig.config import load_rig
 from hil.rigs import rig_path
+from hil.runtime import runner
 from hil.runtime.conditions import BITS, named
 from hil.runtime.frame import TIMING, WORDS
 from hil.signals.state import OperatingState
@@ -85,7 +85,7 @@ def one(fault: Fault, path: Path) -> Outcome:
     # a run that wrote nothing must not be judged by the one before
     path.unlink(missing_ok=True)
     try:
-        app.run(config, None, 1, "lockstep", path, opener=tampered.open, timer=tampered.timer)
+        runner.run(config, None, 1, "lockstep", path, opener=tampered.open, timer=tampered.timer)
     except (HilError, ZeroDivisionError):
         pass  # the record, which `judge` needs, tells how it ended
     return judge(fault, tampered.struck, path)

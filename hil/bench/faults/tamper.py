@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hil.config import RigConfig
-from hil.rig import Rig, open_rig
+from hil.rig.config import RigConfig
+from hil.rig.open import Rig, open_rig
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.signals.device import Controller, FloatArray, Status
 
@@ -52,7 +52,7 @@ class Tampered:
         self.tick = 0
 
     def open(self, config: RigConfig, seed: int) -> Rig:
-        """`hil.rig.open_rig` with the hooks in place."""
+        """`hil.rig.open.open_rig` with the hooks in place."""
         rig = open_rig(config, seed)
         rig.controller = _Law(self, rig.controller)
         port = rig.ports[0]

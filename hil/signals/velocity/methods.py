@@ -17,7 +17,7 @@ from hil import registry
 from hil.errors import ConfigError
 from hil.signals.device import FloatArray, IntArray
 from hil.signals.velocity import kernels
-from hil.tomltable import parse
+from hil.toml import parse
 
 GROUP = "hil.velocity"
 

@@ -8,14 +8,14 @@ from dataclasses import fields
 from typing import Any
 
 from hil import registry
-from hil.config import RigConfig
 from hil.errors import ConfigError, unknown
 from hil.excite.limits import of_arm
 from hil.record.recording import RobotSource
-from hil.rig import Rig, build_controller
+from hil.rig.config import RigConfig
+from hil.rig.open import Rig, build_controller
 from hil.signals import settable
 from hil.signals.device import Controller
-from hil.tomltable import parse
+from hil.toml import parse
 
 #: Time in which the arms go home [s].
 HOMING = 2.0

@@ -7,11 +7,12 @@ from contextlib import ExitStack
 from dataclasses import replace
 from types import ModuleType
 
-from hil import registry, wiring
-from hil.config import SIMULATED, RigConfig
+from hil import registry
 from hil.errors import ConfigError, HilError
-from hil.rig import bench_of, open_rig
-from hil.rigcheck import check_tables
+from hil.rig import boxes
+from hil.rig.check import check_tables
+from hil.rig.config import SIMULATED, RigConfig
+from hil.rig.open import bench_of, open_rig
 from hil.signals.bus import Bus
 
 Row = dict[str, str]
@@ -90,16 +91,16 @@ def check(config: RigConfig) -> list[Row]:
 def _boxes(config: RigConfig) -> tuple[list[Row], dict[str, str]]:
     """Rows of the boxes, each opened alone, and what is wrong with them."""
     rows, trouble = [], {}
-    used = wiring.backends(config)
-    wiring.told_apart(config, used)
+    used = boxes.backends(config)
+    boxes.told_apart(config, used)
     bench = bench_of(config, 0) if "sim-wire" in used.values() else None
-    buses = bench.buses(wiring.plan(config)) if bench else {}
+    buses = bench.buses(boxes.plan(config)) if bench else {}
     for name, backend in used.items():
         table = config.boxes[name]
         try:
             with ExitStack() as stack:
-                box = wiring.open_box(config, name, backend, buses, stack)
-                what = wiring.describe(box)
+                box = boxes.open_box(config, name, backend, buses, stack)
+                what = boxes.describe(box)
         except HilError as error:
             _only_reach(error)
             what = trouble[name] = str(error)
@@ -109,9 +110,9 @@ def _boxes(config: RigConfig) -> tuple[list[Row], dict[str, str]]:
 
 
 def _boxes_of(name: str, config: RigConfig) -> list[str]:
-    if name not in wiring.wired(config):
+    if name not in boxes.wired(config):
         return []
-    spots = wiring.places(config, name)
+    spots = boxes.places(config, name)
     return list(dict.fromkeys(p.box for places in spots.values() for p in places))
 
 
@@ -149,13 +150,13 @@ def _ready(name: str, config: RigConfig) -> str:
     return f"ready, at signal level{rate and f'; over its boxes {rate}'}"
 
 
-def _rate(config: RigConfig, boxes: list[str]) -> str:
+def _rate(config: RigConfig, some: list[str]) -> str:
     """How often motors on these boxes change; empty where none gives a rate."""
     rates = []
-    for box in boxes:
-        options = wiring.box_options(config, box)
+    for box in some:
+        options = boxes.box_options(config, box)
         if callable(getattr(options, "rate_hz", None)):
-            rates.append(options.rate_hz(len(wiring.used_channels(config, box))))
+            rates.append(options.rate_hz(len(boxes.used_channels(config, box))))
     if not rates:
         return ""
     return f"motors change {min(rates):.0f} times/s in a loop of {config.loop.rate_hz:g} Hz"

@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 
 from hil import registry
-from hil.config import RigConfig
 from hil.errors import ConfigError
-from hil.rigtables import EstimatorConfig
+from hil.rig.config import EstimatorConfig, RigConfig
 from hil.runtime.frame import FrameLayout
 from hil.signals.device import Controller, Estimator, FloatArray
-from hil.tomltable import parse
+from hil.toml import parse
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from hil import registry
-from hil.config import RigConfig
 from hil.errors import ConfigError
 from hil.record.container import read
 from hil.record.frames import FrameLog, Replay, read_frames
+from hil.rig.config import RigConfig
 from hil.signals.bus import Bus
 
 #: Kinds of buses whose drivers can be recorded and replayed.

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil import wiring
-from hil.app import CLOCKS
-from hil.config import RigConfig
 from hil.errors import ConfigError, DeviceError
-from hil.rig import Rig, open_rig
+from hil.rig import boxes
+from hil.rig.config import RigConfig
+from hil.rig.open import Rig, open_rig
 from hil.runtime import safety
 from hil.runtime.clock import Clock
 from hil.runtime.port import ArmPort
+from hil.runtime.runner import CLOCKS
 from hil.signals.device import Device, FloatArray, Status
 
 #: Torques that may be asked for [N m].
@@ -87,7 +87,7 @@ def selftest(
         bench = _Bench(rig, config)
         passed = True
         for name, box in rig.boxes.items():
-            yield Step(name, "box", True, wiring.describe(box))
+            yield Step(name, "box", True, boxes.describe(box))
         for step in bench.without_power():
             passed &= step.passed
             yield step

@@ -1,26 +1,35 @@
-"""A session in progress: loop, slow side and file over an open rig, until it ends."""
+"""A session in progress: loop, slow side and file over an open rig, until it ends.
+
+Run a session: open a rig, loop, record, close; the one place that knows all parts.
+
+Ways out: a signal that ends the program unwinds it first, so that the motors get zero.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
 
-from hil import companions, session
-from hil.config import RigConfig
 from hil.errors import ConfigError, DeviceError
 from hil.record.ring import Ring
-from hil.rig import Rig
-from hil.runtime import commands
+from hil.rig import estimators
+from hil.rig.config import RigConfig
+from hil.rig.open import Rig, open_rig
+from hil.rig.operator import Shop
+from hil.runtime import commands, session
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.runtime.conditions import sentence
 from hil.runtime.loop import Loop
 from hil.runtime.realtime import Arrangement, accompany, arranged
-from hil.runtime.slow import SlowSide
-from hil.runtime.slowthread import SlowThread
+from hil.runtime.session import Operator, Summary, cut_short
+from hil.runtime.slow import SlowSide, SlowThread
 from hil.runtime.statistics import Statistics
-from hil.runtime.watchdog import Watchdog
-from hil.shop import Shop
-from hil.summary import Operator, Summary, cut_short
+from hil.runtime.watchdog import Watchdog, guarded
 
 CLOCKS: dict[str, Callable[[int], Clock]] = {"lockstep": VirtualClock, "real": MonotonicClock}
 #: Ticks that a session goes on after a FAULT, with the motors at zero: the record shows it.
@@ -38,7 +47,7 @@ class Session:
         aside: Callable[[Path], None],
     ) -> None:  # fmt: skip
         self.config, self.output, self.operator, self.rig = config, output, operator, rig
-        layout = companions.layout(len(rig.ports), rig.controller)
+        layout = estimators.layout(len(rig.ports), rig.controller)
         loop = config.loop
         self.ring = ring = self.ring_type(loop.ring_rows, layout.width)
         self.timer = (timer or CLOCKS[loop.clock])(loop.period_ns)
@@ -206,3 +215,96 @@ class Session:
             unwritten=self.slow.unwritten, figures=self.figures(),
             granted=self.arrangement.granted, refused=self.arrangement.refused,
         )  # fmt: skip
+
+
+#: Ctrl-C unwinds already, as KeyboardInterrupt.
+SIGNALS = ("SIGTERM", "SIGHUP")
+
+
+def _unwind(number: int, frame: FrameType | None) -> None:
+    raise SystemExit(128 + number)
+
+
+@contextlib.contextmanager
+def unwinding_signals() -> Iterator[None]:
+    """Turn the signals that would kill the process at once into SystemExit(128 + number).
+
+    Outside of the main thread, where Python takes no signals, nothing is changed.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    found = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
+    old = {number: signal.signal(number, _unwind) for number in found}
+    try:
+        yield
+    finally:
+        for number, handler in old.items():
+            signal.signal(number, handler)
+
+
+__all__ = ["CLOCKS", "Operator", "Session", "Summary", "run"]
+
+
+def run(
+    config: RigConfig,
+    seconds: float | None = None,
+    seed: int = 0,
+    clock: str | None = None,
+    output: str | Path = "session.mcap",
+    progress: Callable[[int], None] | None = None,
+    operator: Operator | None = None,
+    model: str | Path | None = None,
+    opener: Callable[[RigConfig, int], Rig] = open_rig,
+    timer: Callable[[int], Clock] | None = None,
+    kind: type[Session] | None = None,
+    aside: Callable[[Path], None] = lambda path: None,
+) -> Summary:
+    """Run a session of a rig and record it.
+
+    Parameters
+    ----------
+    config : RigConfig
+        From `hil.rig.config.load_rig`.
+    seconds : float, optional
+        Length [s]; default: of the rig file.
+    seed : int
+        Noise of the simulation; also the hidden effect and the motion, where the rig file
+        does not fix them (``simulation.hidden_seed``, ``controller.parameters.seed``).
+    clock : str, optional
+        ``"lockstep"`` or ``"real"``; default: of the rig file.
+    output : str or Path
+        Session file.
+    progress : callable, optional
+        Called with the number of ticks done since its last call.
+    operator : Operator, optional
+        Who watches and commands.
+    model : str or Path, optional
+        Model file that is attached.
+    opener, timer : callable
+        Open the rig, and make the clock for a period [ns]; the fault bench puts its faults in.
+    kind : type of Session, optional
+        Another arrangement of loop and slow side, for the bench of the loop.
+    aside : callable
+        Called with `output` when the rig is open, before the file is written.
+
+    Raises
+    ------
+    DeviceError
+        An arm went to FAULT; what was recorded until then is kept.
+    ConfigError
+        The session could not be written on, e.g. for a full disk; the loop ran to its end.
+        Or the recording in place of the boxes ended before it.
+    """
+    config = session.with_run_options(config, seconds, seed, clock)
+    operator = operator or Operator()
+    commands.rehearse(operator.schedule, config.loop.seconds, Shop(None, config))
+    began = time.perf_counter()
+    with unwinding_signals(), guarded(config.safety, Path(output)) as watchdog:
+        rig = opener(config, seed)
+        try:
+            made = (kind or Session)(rig, config, seed, Path(output), operator, model, timer, aside)
+            made.run(progress, watchdog)
+        finally:
+            rig.close()
+    return made.summary(seed, time.perf_counter() - began)

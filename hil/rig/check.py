@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from hil import wiring
-from hil.boxwire import check_roles
-from hil.config import RigConfig
 from hil.errors import ConfigError
 from hil.excite import files, margins
 from hil.excite.limits import of_arm
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
+from hil.rig import boxes
+from hil.rig.boxes import check_roles
+from hil.rig.config import RigConfig
 
 
 def check_tables(config: RigConfig) -> None:
@@ -23,16 +23,16 @@ def check_tables(config: RigConfig) -> None:
         Names the table.
     """
     require_boxes(config)
-    wiring.check_channels(config)
+    boxes.check_channels(config)
     for name in config.devices:
         device_options(config, name)
-        spots = wiring.places(config, name)
+        spots = boxes.places(config, name)
         if "gauges" in spots:
-            wiring.only_gauges(name, spots)
+            boxes.only_gauges(name, spots)
         elif spots:
             check_roles(name, spots)
-    for box in wiring.backends(config):
-        wiring.box_options(config, box)
+    for box in boxes.backends(config):
+        boxes.box_options(config, box)
 
 
 def require_boxes(config: RigConfig) -> None:
@@ -56,7 +56,7 @@ def require_boxes(config: RigConfig) -> None:
 
 def device_options(config: RigConfig, name: str) -> Any:
     """Options of a device, checked."""
-    return wiring.options_of("hil.drivers", config.devices[name], f"devices.{name}")
+    return boxes.options_of("hil.drivers", config.devices[name], f"devices.{name}")
 
 
 def check_trajectory(config: RigConfig) -> None:

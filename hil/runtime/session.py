@@ -2,6 +2,8 @@
 
 Nothing of ``[simulation]`` reaches a session but a hash: an analysis must find hidden effects
 in the signals.  Nothing depends on wall-clock time in lockstep.
+
+Who runs a session, and what it turned out to be.
 """
 
 from __future__ import annotations
@@ -10,17 +12,20 @@ import dataclasses
 import hashlib
 import json
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from hil import companions, registry
-from hil.config import RigConfig
-from hil.errors import ConfigError
+from hil import registry
+from hil.errors import ConfigError, DataError
+from hil.record import mcap_read
 from hil.record.mcap_write import SessionWriter
 from hil.record.schema import Channel
-from hil.rig import Rig
+from hil.rig import estimators
+from hil.rig.config import RigConfig
+from hil.rig.open import Rig
 from hil.runtime.frame import TIMING, TIMING_UNITS, FrameLayout
 from hil.runtime.realtime import Arrangement
 from hil.runtime.statistics import Statistics
@@ -67,7 +72,7 @@ def topics(
         found.append((f"/{arm}/measured_cf", layout.part("cf", i)))
     found.append(("/rig/raw", layout.part("words")))
     first = layout.part("estimates").start
-    for c in companions.beside(controller):
+    for c in estimators.beside(controller):
         found.append((c.topic, slice(first + c.at.start, first + c.at.stop)))
     found.append(("/loop/timing", layout.part("timing")))
     return found
@@ -90,9 +95,9 @@ def channels(config: RigConfig, controller: Controller) -> list[Channel]:
     words = tuple(f"{arm}_{word}" for arm in config.controller.arms for word in WORDS)
     units = tuple(unit for _ in config.controller.arms for unit in UNITS)
     found.append(_fields("/rig/raw", words, units, "RigRaw"))
-    for c in companions.beside(controller):
+    for c in estimators.beside(controller):
         found.append(_fields(c.topic, c.estimator.names, c.estimator.units, c.estimator.message))
-    own = companions.law_of(controller).state_names
+    own = estimators.law_of(controller).state_names
     states = tuple(name.replace(".", "_") for name in own)
     found.append(_fields("/controller/state", states, ("",) * len(states), "ControllerState"))
     found.append(_fields("/loop/timing", TIMING, TIMING_UNITS, "LoopTiming"))
@@ -214,3 +219,98 @@ def to_toml(table: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
             lines.append(f"{json.dumps(key) if '.' in key else key} = {json.dumps(value)}")
     head = [f"[{'.'.join(path)}]"] if path and lines else []
     return "\n".join([*head, *lines, *([""] if lines else [])]) + "".join(below)
+
+
+@dataclass
+class Operator:
+    """Who watches and commands a session.
+
+    Parameters
+    ----------
+    schedule : sequence of (float, str)
+        Commands and their times [s].
+    say : callable
+        Takes sentences.
+    live : callable or None
+        Takes a line of figures a few times a second.
+    lines : callable or None
+        Called with a function that takes the operator's lines, once the loop is ready.
+    wait : bool
+        The session begins DISABLED and waits for ``start``.
+    """
+
+    schedule: Sequence[tuple[float, str]] = ()
+    say: Callable[[str], None] = lambda text: None
+    live: Callable[[str], None] | None = None
+    lines: Callable[[Callable[[str], None]], None] | None = None
+    wait: bool = False
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a session turned out to be.
+
+    Parameters
+    ----------
+    path : str
+        Session file.
+    clock : str
+        ``"lockstep"`` or ``"real"``.
+    seed : int
+        Of the noise, and of what the rig file leaves open.
+    ticks, missed, dropped, limited : int
+        Ticks run, periods skipped, rows lost, ticks with a limited command.
+    seconds, wall_seconds : float
+        Length of the session, and how long it took [s].
+    longest_tick_us : float
+        Longest time from wake-up to the last command [us]; 0 in virtual time.
+    state, reason : str
+        Operating state before the end, and the conditions that led to it.
+    unwritten : int
+        Rows that the loop gave but the disk did not take.
+    figures : dict
+        `hil.runtime.statistics.Figures`.
+    granted, refused : list of str
+        What the operating system did for the loop, and sentences about what it did not.
+    """
+
+    path: str
+    clock: str
+    seed: int
+    ticks: int
+    missed: int
+    dropped: int
+    limited: int
+    seconds: float
+    wall_seconds: float
+    longest_tick_us: float
+    state: str = "ENABLED"
+    reason: str = ""
+    unwritten: int = 0
+    figures: dict[str, float] = field(default_factory=dict)
+    granted: list[str] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain dictionary for JSON."""
+        return {"schema": "hil.run/1", **asdict(self)}
+
+
+def cut_short(output: Path, error: OSError, lost: int) -> str:
+    """What is left of a session that could not be written on."""
+    try:
+        longest = max(
+            (c.last_s for c in mcap_read.summary(output).channels if c.count), default=0.0
+        )
+    except DataError:
+        longest = 0.0
+    kept = (
+        f"the first {longest:.3g} s are kept; once there is room, 'hil info {output} --recover "
+        "NEW.mcap' writes them as a proper session"
+        if longest
+        else "nothing of it was kept; make room and run it again"
+    )
+    return (
+        f"session {output} was cut short while the loop went on to its end, {lost} rows are lost, "
+        f"the arms are released: {error.strerror or error}; {kept}"
+    )

@@ -1,21 +1,72 @@
-"""From a rig file to open devices: drivers by name, wires by back end."""
+"""From a rig file to open devices: drivers by name, wires by back end.
+
+From the open devices of one arm to its port into the loop.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
-from hil import companions, registry, wiring
-from hil.armport import port_of
-from hil.boxwire import BoxWire
-from hil.config import SIMULATED, RigConfig
-from hil.rigcheck import check_tables, check_trajectory, device_options
+import numpy as np
+
+from hil import registry
+from hil.errors import ConfigError
+from hil.excite.limits import of_arm
+from hil.record.recording import RobotSource
+from hil.rig import estimators
+from hil.rig.boxes import BoxWire, only_gauges, open_boxes, places, trouble, wired
+from hil.rig.boxes import plan as plan_of
+from hil.rig.check import check_tables, check_trajectory, device_options
+from hil.rig.config import SIMULATED, RigConfig
+from hil.rig.frame_capture import Taps
+from hil.runtime import safety
 from hil.runtime.port import ArmPort
-from hil.signals.device import Controller, Device, Tareable, Wire
-from hil.tapping import Taps
-from hil.tomltable import parse, within
+from hil.signals.device import (
+    Controller,
+    Device,
+    FloatArray,
+    MeasuredCf,
+    MeasuredJs,
+    ServoJf,
+    Tareable,
+    Wire,
+)
+from hil.toml import parse, within
+
+
+def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPort:
+    """Capabilities of one arm, from whichever of its devices has them."""
+    mine = {n: d for n, d in devices.items() if config.devices[n].arm == arm}
+    joints = [d for d in mine.values() if isinstance(d, MeasuredJs)]
+    efforts = [d for d in mine.values() if isinstance(d, ServoJf)]
+    force = [d for d in mine.values() if isinstance(d, MeasuredCf)]
+    if len(joints) != 1 or len(efforts) != 1 or len(force) > 1:
+        raise ConfigError(
+            f"arm {arm!r}: one device that measures joints and takes efforts is needed, and at "
+            f"most one force sensor; it has {', '.join(mine) or 'no device'}."
+        )
+    zeros = np.zeros(6, np.int64)
+    limits = config.arms[arm]
+    robot = of_arm(limits, RobotSource(limits.robot, tip=limits.tip))
+    boxed = bool(limits.workspace_min or limits.workspace_max)
+    force_range = float(getattr(force[0], "max_force", np.inf)) if force else np.inf
+    return ArmPort(
+        joints[0], efforts[0], force[0] if force else None,
+        getattr(joints[0], "counts", zeros[:3]), getattr(efforts[0], "codes", zeros[:3]),
+        getattr(force[0], "gauges", zeros) if force else zeros,
+        np.array(limits.torque_limit), np.array(limits.speed_limit),
+        safety.limits(limits, robot, config.safety, force_range),
+        _tip(limits.robot) if boxed else None, robot.box if boxed else None,
+    )  # fmt: skip
+
+
+def _tip(robot: str) -> Callable[[FloatArray, FloatArray], None]:
+    """Tip position of a posture, compiled; for the workspace of the loop."""
+    forward, lengths = registry.load("hil.kinematics", robot)()
+    return lambda q, out: forward(q, lengths, out)
 
 
 @dataclass
@@ -61,7 +112,7 @@ class Rig:
 
     def trouble(self) -> str:
         """Why boxes are lost; empty while none is."""
-        return " ".join(filter(None, map(wiring.trouble, self.boxes.values()))).rstrip(".")
+        return " ".join(filter(None, map(trouble, self.boxes.values()))).rstrip(".")
 
     def outrun(self, tick: int) -> str:
         """Where the recording in place of the boxes ends, if before `tick`; empty if not."""
@@ -101,10 +152,10 @@ def open_rig(config: RigConfig, seed: int, bench: Any = None) -> Rig:
 
 def _open(config: RigConfig, bench: Any, stack: ExitStack, controller: Controller) -> Rig:
     """Rig whose devices and boxes `stack` closes."""
-    plan = wiring.plan(config)
+    plan = plan_of(config)
     buses = bench.buses(plan) if bench is not None and plan else {}
     taps = Taps(config)
-    boxes = wiring.open_boxes(config, buses, stack, taps)
+    boxes = open_boxes(config, buses, stack, taps)
     period = config.loop.period_ns * 1e-9
     devices: dict[str, Device] = {}
     for name, device in config.devices.items():
@@ -131,7 +182,7 @@ def build_controller(config: RigConfig) -> Controller:
         built: Controller = law.build(
             parameters, config.controller.arms, config.loop.period_ns * 1e-9
         )
-    return companions.accompanied(built, config)
+    return estimators.accompanied(built, config)
 
 
 def force_sensors(config: RigConfig) -> dict[str, str]:
@@ -154,12 +205,12 @@ def bench_of(config: RigConfig, seed: int) -> Any:
 
 def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any], taps: Taps) -> Wire:
     """Wire of a device: through boxes where it has them, ideal otherwise."""
-    if name not in wiring.wired(config):
+    if name not in wired(config):
         ideal: Wire = bench.wire(config.devices[name].arm)
         return ideal
-    spots = wiring.places(config, name)
+    spots = places(config, name)
     if "gauges" in spots:
-        source: Wire = boxes[wiring.only_gauges(name, spots).box]
+        source: Wire = boxes[only_gauges(name, spots).box]
         return source
     rows = {role: [(boxes[p.box], p) for p in row] for role, row in spots.items()}
     world = None if bench is None else bench.advance

@@ -1,0 +1,357 @@
+"""Re-run the law of a session on what it measured, and compare what it commanded, bit by bit.
+
+The loop's decisions (operating state, commands of the operator) are taken from the record; the
+law, the limits and the conversion of the driver are run again.
+
+The law, the limits and the driver's conversion once more, over the rows of a session.
+
+What a session holds for a replay: rig, measurements, commands, on rows all channels share.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import tempfile
+import tomllib
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil import registry
+from hil.errors import DataError
+from hil.record.container import Container, read
+from hil.record.decode import decode_joint_state, decode_numbers
+from hil.rig import estimators
+from hil.rig.config import RigConfig
+from hil.rig.operator import Shop
+from hil.runtime import commands, safety
+from hil.runtime.frame import TIMING
+from hil.runtime.session import WORDS, source_revision
+from hil.signals.device import Controller, FloatArray, IntArray, ServoJf, Status
+from hil.signals.state import OperatingState
+from hil.toml import parse
+
+
+@dataclass
+class Played:
+    """What a session holds for a replay, on the rows that all its channels share."""
+
+    config: RigConfig
+    ticks: IntArray
+    times: FloatArray
+    u: FloatArray
+    sent: FloatArray
+    codes: FloatArray
+    timing: dict[str, FloatArray]
+    states: dict[int, FloatArray]
+    commands: dict[int, list[str]]
+
+
+def played(box: Container, folder: Path) -> Played:
+    """Everything that a replay needs."""
+    if "rig.toml" not in box.attachments:
+        raise DataError(f"session {box.path} has no rig file; only sessions of 'hil run' replay")
+    config = parse(RigConfig, tomllib.loads(box.attachments["rig.toml"].decode()), "rig")
+    if "trajectory.toml" in box.attachments:
+        (folder / "trajectory.toml").write_bytes(box.attachments["trajectory.toml"])
+        law = config.controller
+        played = {**law.parameters, "trajectory": str(folder / "trajectory.toml")}
+        config = dataclasses.replace(config, controller=dataclasses.replace(law, parameters=played))
+    needed = [f"/{a}/{c}" for a in config.controller.arms
+              for c in ("measured_js", "setpoint_jf", "measured_cf")]  # fmt: skip
+    needed += ["/rig/raw", "/loop/timing"]
+    for name in needed:
+        if name not in box.topics or not len(box.topics[name]):
+            raise DataError(f"session {box.path} holds nothing on {name}; it cannot be replayed")
+    n = min(len(box.topics[name]) for name in needed)
+    if any(box.topics[name].sequence[:n] != box.topics[needed[0]].sequence[:n] for name in needed):
+        raise DataError(f"session {box.path}: its channels do not hold the same ticks")
+    return _arrays(box, config, n)
+
+
+def _arrays(box: Container, config: RigConfig, n: int) -> Played:
+    arms = config.controller.arms
+    u, sent, codes = np.zeros((n, len(arms), 12)), np.zeros((n, len(arms), 3)), []
+    raw = decode_numbers(box.topics["/rig/raw"])[:n].reshape(n, len(arms), len(WORDS))
+    for a, arm in enumerate(arms):
+        _, js = decode_joint_state(box.topics[f"/{arm}/measured_js"])
+        _, jf = decode_joint_state(box.topics[f"/{arm}/setpoint_jf"])
+        for part, at in (("position", 0), ("velocity", 3)):
+            u[:, a, at : at + 3] = _given(js[part], box, arm)[:n]
+        u[:, a, 6:] = decode_numbers(box.topics[f"/{arm}/measured_cf"])[:n]
+        sent[:, a] = _given(jf["effort"], box, arm)[:n]
+        codes.append(raw[:, a, 3:6])
+    columns = decode_numbers(box.topics["/loop/timing"])[:n]
+    timing = {name: columns[:, k] for k, name in enumerate(TIMING[: columns.shape[1]])}
+    timing.setdefault("state", np.full(n, float(_ENABLED)))
+    states = {}
+    if "/controller/state" in box.topics and len(box.topics["/controller/state"]):
+        topic = box.topics["/controller/state"]
+        states = dict(zip(topic.sequence, decode_numbers(topic), strict=True))
+    ticks = box.topics["/loop/timing"].ticks[:n]
+    times = box.topics["/loop/timing"].stamps[:n].astype(np.float64)
+    return Played(
+        config, ticks, times, u, sent, np.stack(codes, axis=1), timing, states, _commands(box)
+    )
+
+
+def _given(values: FloatArray | None, box: Container, arm: str) -> FloatArray:
+    if values is None:
+        raise DataError(f"session {box.path}: arm {arm!r} misses a part of its state")
+    return values
+
+
+def _commands(box: Container) -> dict[int, list[str]]:
+    """Tick -> commands that the loop obeyed before it."""
+    found: dict[int, list[str]] = defaultdict(list)
+    for raw in box.topics["/events"].data if "/events" in box.topics else ():
+        event = json.loads(raw)
+        if event["name"] == "command":
+            found[event["tick"]].append(event["data"]["text"])
+    return found
+
+
+_ENABLED = int(OperatingState.ENABLED)
+
+
+class _Nowhere:
+    """Wire that leads nowhere: a driver converts, nothing moves."""
+
+    trouble = ""
+
+    def __init__(self) -> None:
+        self.counts, self.gauges = np.zeros(3, np.int64), np.zeros(6, np.int64)
+
+    def home(self, counts: IntArray) -> None: ...
+
+    def receive(self, t_ns: int) -> Status:
+        return Status.OK
+
+    def send(self, codes: IntArray) -> None: ...
+
+    def power(self, on: bool) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class Run:
+    """The law over the rows of a record; what commands do to the loop, done to this.
+
+    Parameters
+    ----------
+    record : Played
+        What the session holds.
+    changes : dict of str to float
+        Parameters of the law that are to be others.
+    """
+
+    def __init__(self, record: Played, changes: dict[str, float]) -> None:
+        self.record = record
+        self.shop = Shop(None, record.config, bounded=False)
+        self.law: Controller = self.shop.law({k: (v,) for k, v in changes.items()})
+        self.x = np.zeros(len(self.law.state_names))
+        self.x_next = np.zeros_like(self.x)
+        self.period_ns = record.config.loop.period_ns
+        self.zero_ns = self.tick = 0
+        self.state = _ENABLED
+        self.drivers = [_driver(record.config, arm) for arm in record.config.controller.arms]
+        limits = [record.config.arms[arm] for arm in record.config.controller.arms]
+        self.limits = [(np.array(a.torque_limit), np.array(a.speed_limit)) for a in limits]
+
+    @property
+    def powered(self) -> bool:
+        """ENABLED or PAUSED in the tick before."""
+        return self.state in (_ENABLED, int(OperatingState.PAUSED))
+
+    def begin(self) -> None:
+        """To ENABLED."""
+        if self.state == OperatingState.DISABLED:
+            self.zero_ns = max(0, self.tick - 1) * self.period_ns
+
+    def pause(self) -> None:
+        """To PAUSED; the record says so."""
+
+    def finish(self) -> None:
+        """End; the record says so."""
+
+    def follow(self, controller: Controller, restart: bool) -> None:
+        """As `hil.runtime.loop.Loop.follow`."""
+        before, self.law = self.law, controller
+        size = len(controller.state_names)
+        if restart or size != len(self.x):
+            self.x, self.x_next = estimators.anew(controller, before, self.x), np.zeros(size)
+            self.zero_ns = (self.tick - 1) * self.period_ns
+
+    def all(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Efforts and codes of every row, (n, arms, 3), and where the law's state was known."""
+        r = self.record
+        sent, codes = np.zeros_like(r.sent), np.zeros_like(r.codes)
+        known = np.ones(r.ticks.size, bool)
+        gap = np.diff(r.ticks, prepend=0) - np.diff(r.timing["missed"], prepend=0.0)
+        lost = False
+        for k, tick in enumerate(r.ticks.tolist()):
+            self.tick = tick
+            for text in r.commands.get(tick, ()):
+                commands.parse(text, self.shop).apply(self)
+            lost = lost or gap[k] > 1
+            self.state = int(r.timing["state"][k])
+            if not lost:
+                self.row(k, sent[k], codes[k])
+            known[k] = not lost
+            if lost and tick in r.states and r.states[tick].size == self.x.size:
+                self.x[:] = r.states[tick]
+                lost = False
+        return sent, codes, known
+
+    def row(self, k: int, sent: FloatArray, codes: FloatArray) -> None:
+        """One tick: law if it ran, limits, conversion."""
+        u, y = self.record.u[k], np.zeros((len(self.drivers), 3))
+        if self.state == _ENABLED:
+            t = (self.tick * self.period_ns - self.zero_ns) * 1e-9
+            self.law.update(t, self.x, u, self.x_next, y)
+            self.x, self.x_next = self.x_next, self.x
+        for a, driver in enumerate(self.drivers):
+            safety.limit(y[a], u[a, 3:6], *self.limits[a])
+            driver.servo_jf(y[a], sent[a])
+            if "conditions" in self.record.timing:
+                safety.snap(sent[a], safety.EFFORT_GRID)
+            codes[a] = driver.codes  # type: ignore[attr-defined]
+
+
+def _driver(config: RigConfig, arm: str) -> ServoJf:
+    """Driver that takes the efforts of an arm, enabled on a wire to nowhere."""
+    for name, device in config.devices.items():
+        kind = registry.load("hil.drivers", device.driver)
+        if device.arm == arm and hasattr(kind.open_device, "servo_jf"):
+            options = parse(kind.Config, device.options, f"devices.{name}.options")
+            driver = kind.open_device(name, _Nowhere(), options, config.loop.period_ns * 1e-9)
+            driver.enable()
+            return driver  # type: ignore[no-any-return]
+    raise DataError(f"the rig file of the session has no device that drives arm {arm!r}")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where record and replay part.
+
+    Parameters
+    ----------
+    tick : int
+        First tick that differs.
+    arm, what : str
+        Arm, and ``effort`` or ``code`` with the number of the joint.
+    recorded, replayed : float
+        Values.
+    """
+
+    tick: int
+    arm: str
+    what: str
+    recorded: float
+    replayed: float
+
+
+@dataclass
+class Replayed:
+    """Outcome.
+
+    Parameters
+    ----------
+    path : str
+        Session.
+    ticks, compared, differ : int
+        Rows there are, rows compared, and rows that differ.
+    first : Difference or None
+        The first one.
+    notes : list of str
+        What limits the comparison, or explains a difference.
+    rms : dict of str to list of float
+        Arm -> rms of replayed minus recorded effort per joint [N m].
+    """
+
+    path: str
+    ticks: int
+    compared: int = 0
+    differ: int = 0
+    first: Difference | None = None
+    notes: list[str] = field(default_factory=list)
+    rms: dict[str, list[float]] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain dictionary for JSON."""
+        return {
+            "schema": "hil.replay/1",
+            "identical": not self.differ,
+            **dataclasses.asdict(self),
+        }
+
+
+def replay(path: str | Path, changes: Mapping[str, float] | None = None) -> Replayed:
+    """Re-run the law of a session.
+
+    Parameters
+    ----------
+    path : str or Path
+        Session of `hil run`.
+    changes : mapping, optional
+        Parameters of the law that are to be others: what would it have commanded?
+
+    Raises
+    ------
+    DataError
+        If the session holds no rig file, or misses a channel.
+    """
+    box = read(path)
+    with tempfile.TemporaryDirectory() as folder:
+        record = played(box, Path(folder))
+        out = Replayed(str(path), record.ticks.size)
+        _judge(record, *Run(record, dict(changes or {})).all(), out)
+    _explain(box, out, changes)
+    return out
+
+
+def _judge(r: Played, sent: FloatArray, codes: FloatArray, known: Any, out: Replayed) -> None:
+    """Compare bit by bit."""
+    worse = (sent != r.sent) | (codes != r.codes)
+    worse &= known[:, None, None]
+    out.compared, out.differ = int(known.sum()), int(worse.any(axis=(1, 2)).sum())
+    for a, arm in enumerate(r.config.controller.arms):
+        error = (sent[:, a] - r.sent[:, a])[known]
+        out.rms[arm] = np.sqrt(np.mean(error**2, axis=0)).tolist() if error.size else [0.0] * 3
+    if out.differ:
+        k, a, j = (int(v[0]) for v in np.nonzero(worse))
+        told = ("effort", r.sent, sent), ("code", r.codes, codes)
+        name, old, new = told[int(r.sent[k, a, j] == sent[k, a, j])]
+        out.first = Difference(
+            int(r.ticks[k]), r.config.controller.arms[a], f"{name}{j + 1}", float(old[k, a, j]),
+            float(new[k, a, j]),
+        )  # fmt: skip
+    if out.compared < out.ticks:
+        out.notes.append(
+            f"{out.ticks - out.compared} rows follow rows that the ring dropped: the state of the "
+            "law was unknown until the record gave it again"
+        )
+
+
+def _explain(box: Container, out: Replayed, changes: Mapping[str, float] | None) -> None:
+    """Reasons why record and replay may differ."""
+    told = box.metadata.get("session", {})
+    if changes:
+        changed = ", ".join(f"{k} = {v:g}" for k, v in changes.items())
+        out.notes.append(f"the law was run with {changed}")
+    if changes or not out.differ:
+        return
+    revision, dirty = source_revision()
+    if told.get("git_revision") != revision:
+        out.notes.append(
+            f"recorded by revision {told.get('git_revision', 'unknown')[:12]}, replayed by "
+            f"{revision[:12]}"
+        )
+    if "true" in (dirty, told.get("git_dirty")):
+        out.notes.append("one of the two had uncommitted changes")
