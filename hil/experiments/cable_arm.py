@@ -20,7 +20,7 @@ import numpy as np
 from hil import app, registry
 from hil.config import load_rig
 from hil.diagnosis.verbs import fit
-from hil.estimate import compensation
+from hil.estimate import compensation_tables
 from hil.models.model import RobotModel, base_model
 from hil.record.container import read
 from hil.record.decode import decode_numbers
@@ -93,12 +93,12 @@ class Study:
 
 def estimators(model: RobotModel, learn: float = LEARN) -> dict[str, dict[str, Any]]:
     """Tables ``[estimators]`` of the study, all with the identified rigid body of `model`."""
-    pi = [float(x) for x in compensation.rigid_parameters(model)]
+    pi = [float(x) for x in compensation_tables.rigid_parameters(model)]
     common = {"model": pi, "corner_hz": CORNER}
     late = {**common, "learn_until": learn}
     kinds = {
         "observer": ("force", common),
-        "fitted": ("force", {**common, "effects": compensation.effects(model)}),
+        "fitted": ("force", {**common, "effects": compensation_tables.effects(model)}),
         "network": ("friction-network", {**late, "network": NETWORK}),
         "filters": ("elastic-ukf", late),
         "both": ("elastic-ukf", {**late, "network": {**NETWORK, "backbone": False}}),

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.estimate.ukf import NAMES, ElasticUkf, UkfConfig
+from hil.estimate.elastic_ukf import NAMES, ElasticUkf, UkfConfig
 from hil.experiments.elastic_plant import PERIOD, FloatArray, Plant, Run, record
 
 #: First guess as a multiple of the truth.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol
 
 from hil.errors import ConfigError, unknown
-from hil.estimate import compensation
+from hil.estimate import compensation_tables
 from hil.models.files import read_model
 from hil.models.phantom import Premium
 from hil.teleop import files, named, optimise
@@ -156,9 +156,9 @@ def models(paths: Mapping[str, str], rig: Rig) -> dict[str, Any]:
     for role, arm in zip(("leader", "follower"), rig.controller.arms, strict=True):
         if role in paths:
             model = read_model(paths[role])
-            out[f"{role}_model"] = compensation.rigid_parameters(model).tolist()
-            out[f"{role}_effects"] = compensation.effects(model)
-            out[f"{role}_span"] = compensation.span(model)
+            out[f"{role}_model"] = compensation_tables.rigid_parameters(model).tolist()
+            out[f"{role}_effects"] = compensation_tables.effects(model)
+            out[f"{role}_span"] = compensation_tables.span(model)
             out["plugins"] = [*out.get("plugins", given.get("plugins", [])), *model.plugins]
             if given.get("friction_speeds"):
                 out[f"{role}_friction"] = [0.0] * 3 * len(given["friction_speeds"])

@@ -23,7 +23,7 @@ from hil.controllers import (
 from hil.controllers.channel import ChannelConfig
 from hil.controllers.lawrence import Lawrence, LawrenceConfig
 from hil.errors import ConfigError, DeviceError
-from hil.estimate import force
+from hil.estimate import external_torque
 from hil.models.phantom import Premium
 from hil.record.container import read
 from hil.record.decode import decode_numbers
@@ -352,7 +352,7 @@ def test_momentum_terms_of_the_loop_are_those_of_the_library():
     rng, pi = np.random.default_rng(6), np.array(lawrence_config.PREMIUM)
     p, flow, room = np.zeros(3), np.zeros(3), np.zeros((6, 3))
     q, v = rng.uniform(-1, 1, (50, 3)), rng.uniform(-3, 3, (50, 3))
-    m, rest = force.premium_terms(pi, q, v)
+    m, rest = external_torque.premium_terms(pi, q, v)
     for k in range(50):
         dynamics.momentum(q[k], v[k], pi, room[:2], p)
         dynamics.push(q[k], v[k], pi, room, flow)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil.errors import ConfigError
-from hil.estimate import force
+from hil.estimate import external_torque
 from hil.models.phantom import Premium
 
 PI, T, K = Premium.prior, 2e-4, 60.0
@@ -37,8 +37,8 @@ def run():
 
 def test_the_momentum_observer_is_a_low_pass_of_the_external_torque(run):
     q, v, _, tau, ext = run
-    m, rest = force.premium_terms(PI, q, v)
-    found = force.momentum(m, v, tau + rest, K, T)
+    m, rest = external_torque.premium_terms(PI, q, v)
+    found = external_torque.momentum(m, v, tau + rest, K, T)
     wanted, r = np.zeros_like(ext), np.zeros(3)
     for k in range(len(ext)):
         # r' = K (tau_s - r)
@@ -53,8 +53,8 @@ def test_inverse_dynamics_with_true_accelerations_is_exact(run):
     tau_hat = Premium(()).regressor(q, v, a) @ PI - tau
     np.testing.assert_allclose(tau_hat, ext, atol=1e-12)
     jac = Premium(()).jacobian(q)
-    f = force.tip_force(jac, tau_hat)
-    well = np.abs(np.linalg.det(jac)) > force.SINGULAR
+    f = external_torque.tip_force(jac, tau_hat)
+    well = np.abs(np.linalg.det(jac)) > external_torque.SINGULAR
     assert well.mean() > 0.9
     back = np.einsum("nkd,nk->nd", jac, f)
     np.testing.assert_allclose(back[well], ext[well], atol=1e-12)
@@ -62,13 +62,13 @@ def test_inverse_dynamics_with_true_accelerations_is_exact(run):
 
 def test_near_a_singular_pose_forces_stay_bounded():
     q = np.array([[0.0, np.pi / 2 + 1e-7, 0.0]])
-    f = force.tip_force(Premium(()).jacobian(q), np.full((1, 3), 0.05))
+    f = external_torque.tip_force(Premium(()).jacobian(q), np.full((1, 3), 0.05))
     assert np.isfinite(f).all() and np.abs(f).max() < 1e3
 
 
 def test_a_bad_gain_is_refused():
     with pytest.raises(ConfigError, match="positive"):
-        force.momentum(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 3)), 0.0, T)
+        external_torque.momentum(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 3)), 0.0, T)
 
 
 def test_the_model_finds_the_force_of_a_fitted_run():
@@ -89,11 +89,11 @@ def test_the_model_finds_the_force_of_a_fitted_run():
 
     free = record("free", tau)
     result = fit([free], base_model(free.robot))
-    times, found = force.inverse_dynamics(result, record("touch", tau - ext))
+    times, found = external_torque.inverse_dynamics(result, record("touch", tau - ext))
     truth = np.interp(times, t, ext)
     assert np.corrcoef(found[:, 0], truth)[0, 1] > 0.95
     assert np.median(found[truth > 0.1, 0]) == pytest.approx(0.2, abs=0.02)
     assert np.median(found[truth < 0.1, 0]) == pytest.approx(0.0, abs=0.02)
     other = Recording("two", "arm", ("a",), t, q[:, None], tau[:, None])
     with pytest.raises(ConfigError, match="joints a"):
-        force.inverse_dynamics(result, other)
+        external_torque.inverse_dynamics(result, other)
