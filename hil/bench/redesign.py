@@ -6,9 +6,9 @@ import time
 from dataclasses import dataclass, replace
 
 from hil.teleop import optimise
-from hil.teleop.design import Realisation
+from hil.teleop.architecture import Realisation
 from hil.teleop.hybrid import Impedance
-from hil.teleop.problem import Problem
+from hil.teleop.optimise import Problem
 
 #: Tasks: name -> what differs from the default problem.
 TASKS: dict[str, Problem] = {
@@ -49,7 +49,7 @@ class Row:
 
 def measure() -> list[Row]:
     """Design every task, then re-design it."""
-    from hil.teleop.fsf import conditioning
+    from hil.teleop.force_sensor_free import conditioning
 
     rows = []
     for name, problem in TASKS.items():

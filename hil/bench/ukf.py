@@ -11,7 +11,7 @@ import numpy as np
 from hil import registry
 from hil.errors import ConfigError
 from hil.estimate.elastic_ukf import ElasticUkf, N, UkfConfig
-from hil.experiments.elastic_plant import PERIOD, FloatArray, Plant, record
+from hil.experiments.elastic_transmission import PERIOD, FloatArray, Plant, record
 from hil.tomltable import parse
 
 

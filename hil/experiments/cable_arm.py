@@ -137,9 +137,12 @@ def _tick(seconds: float) -> int:
 
 
 def session(
-    folder: Path, hidden: Sequence[Mapping[str, Any]], seed: int, seconds: float = SECONDS,
+    folder: Path,
+    hidden: Sequence[Mapping[str, Any]],
+    seed: int,
+    seconds: float = SECONDS,
     learn: float = LEARN,
-) -> Path:  # fmt: skip
+) -> Path:
     """Identify the arm, then run all estimators beside the rig's own law."""
     first, path = folder / "identify.mcap", folder / "s.mcap"
     simulation: dict[str, Any] = {"hidden": list(hidden)}
@@ -171,10 +174,16 @@ def judge(condition: str, path: Path, learn: float = LEARN) -> list[Row]:
         values = decode_numbers(read(path).topics[f"/estimate/{name}"])
         error = values[:, :3] - seen
         nodes = values[-1, -1] if name in ("network", "both") else 0
-        rows.append(Row(
-            condition, said, _rms(error[free]), _rms(error[touched]), _rms(seen[touched]),
-            int(nodes),
-        ))  # fmt: skip
+        rows.append(
+            Row(
+                condition,
+                said,
+                _rms(error[free]),
+                _rms(error[touched]),
+                _rms(seen[touched]),
+                int(nodes),
+            )
+        )
     return rows
 
 

@@ -17,7 +17,7 @@ from hil.record.reader import load
 from hil.replay import replay
 from hil.rigs import rig_path
 from hil.rigtables import ControllerConfig
-from hil.teleop import make
+from hil.teleop import rig_designs
 
 
 def residuals(hidden, model, tmp_path):
@@ -27,7 +27,7 @@ def residuals(hidden, model, tmp_path):
     config = load_rig(rig_path("lawrence"), {"simulation": over})
     write_model(model, tmp_path / "m.toml")
     law = {**config.controller.parameters}
-    law |= make.models({"follower": str(tmp_path / "m.toml")}, config)
+    law |= rig_designs.models({"follower": str(tmp_path / "m.toml")}, config)
     own = ControllerConfig("lawrence", config.controller.arms, law)
     path = tmp_path / "s.mcap"
     app.run(dataclasses.replace(config, controller=own), 4.0, 2, "lockstep", path)

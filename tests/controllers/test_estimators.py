@@ -17,7 +17,7 @@ from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
 from hil.estimate import elastic_ukf
 from hil.estimate.elastic_ukf import RECORD, ElasticUkf, UkfConfig
-from hil.experiments import elastic_plant
+from hil.experiments import elastic_transmission
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.reader import load
@@ -231,8 +231,8 @@ def test_estimators_keep_no_memory_in_the_hot_path(memory_growth):
 
 
 def test_predict_then_correct_is_the_filter_that_agrees_with_filterpy():
-    plant = elastic_plant.Plant()
-    run = elastic_plant.record(plant, 0.3, 1)
+    plant = elastic_transmission.Plant()
+    run = elastic_transmission.record(plant, 0.3, 1)
     known = ElasticUkf(UkfConfig(), float(run.y[0]))
     other = ElasticUkf(UkfConfig(), float(run.y[0]))
     f = other._f

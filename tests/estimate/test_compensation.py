@@ -15,16 +15,27 @@ from hil.record.recording import RobotSource
 
 ROBOT = RobotSource("phantom-premium-1.5")
 SPAN = [-0.6, 0.7] * 3
-RIGID = Use("rigid-body", values={
-    f"rigid-body.{n}": Value(float(v)) for n, v in zip(Premium.names, Premium.prior, strict=True)
-})  # fmt: skip
+RIGID = Use(
+    "rigid-body",
+    values={
+        f"rigid-body.{n}": Value(float(v))
+        for n, v in zip(Premium.names, Premium.prior, strict=True)
+    },
+)
 #: Shapes of a likely size, where the effect's own grid depends too much on the motion.
 SHAPES = {
-    "friction-drift": (10.0, 0.0), "friction-network": (1.0, 2.0, 2.0), "end-stop": (0.3, 1.0),
-    "presliding": (2e-3, 0.0, 0.02, 0.0), "position-friction": (2.2,), "cogging": (5.3,),
-    "backlash": (1e-2, 0.0, 0.01), "torque-ripple": (5.3,), "load-friction": (0.0,),
-    "stribeck": (0.12, 2.0), "coulomb": (0.02,),
-}  # fmt: skip
+    "friction-drift": (10.0, 0.0),
+    "friction-network": (1.0, 2.0, 2.0),
+    "end-stop": (0.3, 1.0),
+    "presliding": (2e-3, 0.0, 0.02, 0.0),
+    "position-friction": (2.2,),
+    "cogging": (5.3,),
+    "backlash": (1e-2, 0.0, 0.01),
+    "torque-ripple": (5.3,),
+    "load-friction": (0.0,),
+    "stribeck": (0.12, 2.0),
+    "coulomb": (0.02,),
+}
 REFUSED = {
     "rigid-body", "armature", "payload", "payload-change",
     "coupled-transmission", "contact-stiffness",
@@ -39,9 +50,9 @@ REFUSED = {
 
 
 def use(name, at, **values):
-    return Use(name, (f"joint{at}",), {}, {
-        f"j{at}.{name}.{k}": Value(v) for k, v in values.items()
-    })  # fmt: skip
+    return Use(
+        name, (f"joint{at}",), {}, {f"j{at}.{name}.{k}": Value(v) for k, v in values.items()}
+    )
 
 
 def ride(n=3000):
@@ -64,10 +75,14 @@ def values_of(effect, motion, j=1):
     grid = effect.search.grid(motion, j)
     shape = SHAPES.get(effect.name, grid[len(grid) // 2])
     theta = 0.01 * np.cos(np.arange(len(terms_of(effect, motion, j)))) + 0.02
-    given = {f"j{j + 1}.{effect.name}.{p.name}": float(v)
-             for p, v in zip(effect.shape, shape, strict=True)}  # fmt: skip
-    given |= {f"j{j + 1}.{effect.name}.{p.name}": float(v)
-              for p, v in zip(terms_of(effect, motion, j), theta, strict=True)}  # fmt: skip
+    given = {
+        f"j{j + 1}.{effect.name}.{p.name}": float(v)
+        for p, v in zip(effect.shape, shape, strict=True)
+    }
+    given |= {
+        f"j{j + 1}.{effect.name}.{p.name}": float(v)
+        for p, v in zip(terms_of(effect, motion, j), theta, strict=True)
+    }
     return given, shape, theta
 
 
@@ -77,9 +92,7 @@ def loop(tables, motion):
     z = np.zeros(len(kernels.VARIABLES))
     for k in range(motion.n):
         z[:13] = *motion.q[k], *motion.qd[k], *motion.load[k], *motion.static[k], motion.t[k]
-        kernels.friction(
-            k > 0, z, tables.terms, tables.slips, tables.values, past, now, out[k]
-        )  # fmt: skip
+        kernels.friction(k > 0, z, tables.terms, tables.slips, tables.values, past, now, out[k])
         past, now = now, past
     return out
 
@@ -122,15 +135,20 @@ def test_lugre_s_form_is_refused_by_name():
 
 
 def test_all_effects_of_a_fitted_model_go_into_the_loop():
-    effects = (RIGID, use("coulomb", 2, fc=0.01, v0=0.02), use("viscous", 2, fv=0.002),
-               use("coupled-friction", 3, fk=0.01, vk=0.0, joint=1.0, mode=1.0))  # fmt: skip
+    effects = (
+        RIGID,
+        use("coulomb", 2, fc=0.01, v0=0.02),
+        use("viscous", 2, fv=0.002),
+        use("coupled-friction", 3, fk=0.01, vk=0.0, joint=1.0, mode=1.0),
+    )
     model = RobotModel(ROBOT, effects)
     np.testing.assert_allclose(compensation_tables.rigid_parameters(model), Premium.prior)
     motion = ride(500)
     found = loop(compensation_tables.tables(compensation_tables.effects(model)), motion)
     v = motion.qd
-    np.testing.assert_allclose(found[:, 1], 0.01 * np.tanh(v[:, 1] / 0.02) + 0.002 * v[:, 1],
-                               atol=1e-4)  # fmt: skip
+    np.testing.assert_allclose(
+        found[:, 1], 0.01 * np.tanh(v[:, 1] / 0.02) + 0.002 * v[:, 1], atol=1e-4
+    )
     np.testing.assert_allclose(found[:, 2], 0.01 * np.tanh((v[:, 0] + v[:, 2]) / 0.02), atol=1e-4)
 
 
@@ -176,8 +194,9 @@ def test_a_users_own_effect_is_compensated_as_any_other(tmp_path, monkeypatch):
     plugin = tmp_path / "eyelet.py"
     plugin.write_text(EYELET, encoding="utf-8")
     ranges = tuple(Range(f"joint{j}", (-0.6, 0.7), (-1, 1), (-1, 1)) for j in (1, 2, 3))
-    model = RobotModel(ROBOT, (RIGID, use("loop-eyelet", 1, fe=0.02)), valid=ranges,
-                       plugins=(str(plugin),))  # fmt: skip
+    model = RobotModel(
+        ROBOT, (RIGID, use("loop-eyelet", 1, fe=0.02)), valid=ranges, plugins=(str(plugin),)
+    )
     motion = ride(500)
     found = loop(
         compensation_tables.tables(

@@ -21,8 +21,10 @@ def swing(seconds=1.0):
         ext = np.array([0.03, -0.02, 0.01]) * (t > 0.5)
         rest = arm.regressor(q[None], v[None], np.zeros((1, 3)))[0] @ PI
         still = arm.regressor(q[None], np.zeros((1, 3)), np.zeros((1, 3)))[0] @ PI
-        m = np.stack([arm.regressor(q[None], np.zeros((1, 3)), e[None])[0] @ PI - still
-                      for e in np.eye(3)], 1)  # fmt: skip
+        m = np.stack(
+            [arm.regressor(q[None], np.zeros((1, 3)), e[None])[0] @ PI - still for e in np.eye(3)],
+            1,
+        )
         a = np.linalg.solve(m, tau + ext - rest)
         out.append((q, v, a, tau, ext))
         v = v + T * a
@@ -84,8 +86,15 @@ def test_the_model_finds_the_force_of_a_fitted_run():
     ext = 0.2 * (np.sin(2 * np.pi * 0.3 * t) > 0)
 
     def record(name, effort):
-        return Recording(name, "arm", ("joint1",), t, q[:, None], effort[:, None],
-                         robot=RobotSource("single-axis"))  # fmt: skip
+        return Recording(
+            name,
+            "arm",
+            ("joint1",),
+            t,
+            q[:, None],
+            effort[:, None],
+            robot=RobotSource("single-axis"),
+        )
 
     free = record("free", tau)
     result = fit([free], base_model(free.robot))

@@ -7,8 +7,8 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from hil.bench.ukf import reference
 from hil.errors import ConfigError
 from hil.estimate import elastic_ukf
-from hil.experiments import elastic
-from hil.experiments.elastic_plant import PERIOD, Plant, record
+from hil.experiments import elastic_transmission
+from hil.experiments.elastic_transmission import PERIOD, Plant, record
 
 CONFIG = elastic_ukf.UkfConfig()
 
@@ -29,8 +29,9 @@ def test_the_compiled_filter_is_filterpys():
         np.testing.assert_allclose(mine.state / scale, theirs.x / scale, rtol=1e-4, atol=1e-4)
         theirs.predict(u=run.u[k])
         size = np.sqrt(np.diag(theirs.P))
-        np.testing.assert_allclose(mine.covariance / np.outer(size, size),
-                                   theirs.P / np.outer(size, size), atol=1e-3)  # fmt: skip
+        np.testing.assert_allclose(
+            mine.covariance / np.outer(size, size), theirs.P / np.outer(size, size), atol=1e-3
+        )
 
 
 def test_approximations_are_as_good_as_said():
@@ -41,8 +42,8 @@ def test_approximations_are_as_good_as_said():
 
 def test_parameters_within_five_percent_in_25_seconds():
     """The plant has the filter's friction law only up to the shape of its sign."""
-    found, f = elastic.identify(Plant())
-    ratio = found / elastic.truth(Plant())
+    found, f = elastic_transmission.identify(Plant())
+    ratio = found / elastic_transmission.truth(Plant())
     np.testing.assert_allclose(ratio[:2], 1, atol=0.05)
     # only the sums are well determined: the motor's and the link's correlate with -1
     assert found[2] + found[4] == pytest.approx(0.022, rel=0.05)
@@ -52,7 +53,7 @@ def test_parameters_within_five_percent_in_25_seconds():
 
 
 def test_robust_to_inertia_and_linear_in_interaction():
-    found = elastic.study()
+    found = elastic_transmission.study()
     inertia = [r for r in found.rows if r.study == "link inertia"]
     assert all(r.angle < r.motor_angle for r in inertia)
     assert inertia[0].angle < 1.5e-4 < 3e-4 < inertia[0].motor_angle

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hil.errors import FitError
 from hil.estimate import friction_wavelets
-from hil.experiments.friction import motion, rub
+from hil.experiments.friction_network import motion, rub
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])

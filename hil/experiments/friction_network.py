@@ -57,11 +57,14 @@ def study(seed: int = 1) -> list[Row]:
     rows = []
     for name, make in _MODELS.items():
         nets = [make(one, y[:, j], j) for j in range(3)]
-        rows.append(Row(
-            name, tuple(friction_wavelets.relative(n, one, y[:, j]) for j, n in enumerate(nets)),
-            tuple(friction_wavelets.relative(n, two, z[:, j]) for j, n in enumerate(nets)),
-            max(len(n.nodes) for n in nets),
-        ))  # fmt: skip
+        rows.append(
+            Row(
+                name,
+                tuple(friction_wavelets.relative(n, one, y[:, j]) for j, n in enumerate(nets)),
+                tuple(friction_wavelets.relative(n, two, z[:, j]) for j, n in enumerate(nets)),
+                max(len(n.nodes) for n in nets),
+            )
+        )
     return rows
 
 

@@ -98,8 +98,12 @@ def on_the_rig(seed: int = 1, seconds: float = 40.0) -> dict[str, Identified]:
     dict
         Which arm -> what was identified.
     """
-    gain = {"effect": "torque-gain", "arm": "leader", "joint": "joint2",
-            "amplitude": (WRONG - 1.0) / 0.08}  # fmt: skip
+    gain = {
+        "effect": "torque-gain",
+        "arm": "leader",
+        "joint": "joint2",
+        "amplitude": (WRONG - 1.0) / 0.08,
+    }
     hand = {"kind": "hand", "frequency": 0.8, "size": [0.06, 0.06, 0.06]}
     out = {}
     with tempfile.TemporaryDirectory() as folder:
