@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from hil.identify.simulated import refine
     from hil.models.files import read_model, write_model
     from hil.models.model import RobotModel, Use, base_model
-    from hil.record.reader import load
+    from hil.record.mcap_read import load
     from hil.record.recording import Recording
 
 _WHERE = {
-    "load": "hil.record.reader",
+    "load": "hil.record.mcap_read",
     "Recording": "hil.record.recording",
     "RobotModel": "hil.models.model",
     "Use": "hil.models.model",

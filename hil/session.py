@@ -18,8 +18,8 @@ from typing import Any
 from hil import companions, registry
 from hil.config import RigConfig
 from hil.errors import ConfigError
+from hil.record.mcap_write import SessionWriter
 from hil.record.schema import Channel
-from hil.record.writer import SessionWriter
 from hil.rig import Rig
 from hil.runtime.frame import TIMING, TIMING_UNITS, FrameLayout
 from hil.runtime.realtime import Arrangement

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from hil.errors import DataError
-from hil.record import reader
+from hil.record import mcap_read
 
 
 @dataclass
@@ -88,7 +88,9 @@ class Summary:
 def cut_short(output: Path, error: OSError, lost: int) -> str:
     """What is left of a session that could not be written on."""
     try:
-        longest = max((c.last_s for c in reader.summary(output).channels if c.count), default=0.0)
+        longest = max(
+            (c.last_s for c in mcap_read.summary(output).channels if c.count), default=0.0
+        )
     except DataError:
         longest = 0.0
     kept = (

@@ -9,8 +9,7 @@ from hil import registry
 from hil.config import RigConfig
 from hil.errors import ConfigError
 from hil.record.container import read
-from hil.record.frames import FrameLog, read_frames
-from hil.record.replay import Replay
+from hil.record.frames import FrameLog, Replay, read_frames
 from hil.signals.bus import Bus
 
 #: Kinds of buses whose drivers can be recorded and replayed.

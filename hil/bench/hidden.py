@@ -19,7 +19,7 @@ from hil.config import load_rig
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
 from hil.models.model import base_model
-from hil.record.reader import load
+from hil.record.mcap_read import load
 
 #: Ten effects that motion in free space can show, and the joint each is hidden in.
 EFFECTS: tuple[tuple[str, str], ...] = (

@@ -16,7 +16,7 @@ from pathlib import Path
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
 from hil.models.model import base_model
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.report.html import diagnosis_report
 
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from hil.bench import personfeatures
 from hil.bench.personfeatures import Feature, Scales
+from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
-from hil.identify.threads import single_threaded
 from hil.models import catalogue
 from hil.models.motion import Motion
 from hil.record.recording import Recording, RobotSource

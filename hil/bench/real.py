@@ -24,8 +24,8 @@ import hil
 from hil.bench import person
 from hil.diagnosis.heldout import Examiner
 from hil.errors import DataError, unknown
-from hil.identify.abreast import alone
 from hil.identify.context import renew
+from hil.identify.parallel import alone
 from hil.identify.problem import Problem
 from hil.models.model import RobotModel, Use, base_model
 from hil.record import datasets

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from hil import app
 from hil.config import load_rig
-from hil.record.reader import load_arms
+from hil.record.mcap_read import load_arms
 from hil.rigs import rig_path
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from hil import wiring
 from hil.app import run
 from hil.config import RigConfig, load_rig
-from hil.record.fields import read_fields
+from hil.record.decode import read_fields
 from hil.record.ring import Ring
 from hil.rig import Rig, bench_of, open_rig
 from hil.rigs import rig_path

@@ -15,8 +15,8 @@ from hil.commands import outputs, plugins
 from hil.errors import ConfigError
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Value, base_model
-from hil.models.told import in_words, without_error
-from hil.record.reader import load_all
+from hil.models.param_text import in_words, without_error
+from hil.record.mcap_read import load_all
 from hil.record.recording import Recording
 
 

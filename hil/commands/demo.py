@@ -16,7 +16,7 @@ from hil.diagnosis import engine, verbs
 from hil.diagnosis.types import Diagnosis
 from hil.errors import ConfigError
 from hil.models.model import base_model
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.report.html import diagnosis_report
 from hil.report.json import diagnosis_json, ladder_json
 from hil.report.text import Files

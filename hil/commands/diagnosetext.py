@@ -14,7 +14,7 @@ from hil.diagnosis.verbs import Rung
 from hil.diagnosis.verdict import NO_GEOMETRY, only_there
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
-from hil.models.told import remark
+from hil.models.param_text import remark
 from hil.report.text import LEADING, corrections, explains, floor_says, remains
 
 SENTENCES = {

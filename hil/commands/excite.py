@@ -14,7 +14,7 @@ from hil.excite.choose import decide, survey
 from hil.excite.stage import Stage, foreseen
 from hil.excite.table import Played
 from hil.excite.trajectory import Trajectory
-from hil.identify.threads import single_threaded
+from hil.identify.parallel import single_threaded
 from hil.models import catalogue
 from hil.models.model import RobotModel
 

@@ -17,7 +17,7 @@ from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models.model import RobotModel, base_model
 from hil.models.robots import Robot, bare_robot
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.record.recording import RobotSource
 
 #: Share of a joint's range that encoders resolve where nothing is known.

@@ -8,11 +8,11 @@ from hil.commands import common
 from hil.diagnosis import verbs
 from hil.diagnosis.heldout import Examiner
 from hil.errors import ConfigError
+from hil.identify.parallel import single_threaded
 from hil.identify.result import FitResult
 from hil.identify.simulated import Errors, SimulatedFit, refine
-from hil.identify.threads import single_threaded
 from hil.models.model import Value
-from hil.models.told import in_words, without_error
+from hil.models.param_text import in_words, without_error
 
 EXAMPLE = "hil fit run1.mcap run2.mcap --model arm.toml -o fitted.toml --simulate"
 

@@ -20,11 +20,10 @@ from hil.models.model import base_model
 from hil.models.robots import make_robot
 from hil.record import datasets
 from hil.record.export import write_recordings
-from hil.record.mapfile import builtin_maps, read_map
+from hil.record.mapfile import TableMap, builtin_maps, read_map
 from hil.record.recording import Recording
-from hil.record.table import Imported, import_table
-from hil.record.tablefile import run_names
-from hil.record.tablemap import TableMap
+from hil.record.table_files import run_names
+from hil.record.tables import Imported, import_table
 
 _Item = TypeVar("_Item")
 EXAMPLE = "hil import run1.csv --robot arm.urdf -o run1.mcap"

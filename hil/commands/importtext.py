@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hil.errors import plural
 from hil.record.checks import Finding, check
-from hil.record.table import Imported
+from hil.record.tables import Imported
 
 
 def as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[str, object]:

@@ -14,7 +14,7 @@ import numpy as np
 from hil.commands import infoloop, outputs
 from hil.errors import ConfigError, DataError, plural
 from hil.record.checks import Finding, check, columns, joint_units
-from hil.record.reader import ChannelSummary, SessionSummary, load, summary
+from hil.record.mcap_read import ChannelSummary, SessionSummary, load, summary
 from hil.record.recording import Recording
 from hil.record.recovery import recover
 
@@ -96,7 +96,7 @@ def _arm(r: Recording) -> _Arm:
     told: list[tuple[str, str]] = []
     try:
         if any(f.code == "velocity-scale" for f in faults):
-            from hil.identify.readings import reading_notes
+            from hil.identify.timing import reading_notes
 
             told = reading_notes(r)
         return _Arm(r, faults, prepared(r), told, lateness(r))

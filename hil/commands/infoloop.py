@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from datetime import UTC, datetime
 
-from hil.record.reader import SessionSummary
+from hil.record.mcap_read import SessionSummary
 
 _US = (
     ("wake-up late", "late"),

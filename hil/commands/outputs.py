@@ -14,7 +14,7 @@ from itertools import count
 from pathlib import Path
 
 from hil.errors import ConfigError, HilError
-from hil.record.reader import read_metadata
+from hil.record.mcap_read import read_metadata
 
 #: The beginning of every report holds its title.
 _REPORT = " of a robot model with measurements</title>"

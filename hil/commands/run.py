@@ -18,7 +18,7 @@ from hil.commands import outputs, rigfile
 from hil.config import RigConfig, load_rig
 from hil.errors import ConfigError
 from hil.excite import files
-from hil.record import reader
+from hil.record import mcap_read
 from hil.runtime.commands import COMMANDS, scheduled
 
 EXAMPLE = "hil run rigs/teleop.toml --clock lockstep --seconds 10 -o s.mcap"
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 def differences(path: str) -> list[str]:
     """Where the drivers asked something else than in the recording that answered for a box."""
     lines = []
-    for name, told in reader.summary(path).metadata.items():
+    for name, told in mcap_read.summary(path).metadata.items():
         if name.startswith("replay/") and told["other"] != "0":
             box = name.removeprefix("replay/")
             lines.append(

@@ -21,11 +21,10 @@ from scipy.special import chdtrc, fdtrc
 
 from hil.diagnosis.constants import LEVEL
 from hil.diagnosis.types import Candidate, Evidence
-from hil.identify.blocks import time_blocks
 from hil.identify.design import Term, coefficients, head
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector, within
-from hil.identify.regression import cluster_covariance
+from hil.identify.regression import cluster_covariance, time_blocks
 from hil.identify.result import FitResult
 from hil.models.effect import Lines, Trait, Waves, are_twins, refused, strict
 from hil.models.model import Use, Value

@@ -19,11 +19,11 @@ from hil.diagnosis.folds import Split
 from hil.diagnosis.folds import split as dealt
 from hil.diagnosis.grams import Errors, Group, Table
 from hil.diagnosis.types import Candidate
-from hil.identify.bounds import limits
 from hil.identify.design import Term, block
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
+from hil.identify.solve import limits
 from hil.models.effect import terms_of
 
 FloatArray = NDArray[np.float64]

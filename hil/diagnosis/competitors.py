@@ -23,8 +23,10 @@ FloatArray = NDArray[np.float64]
 SHRINK = 1e-3
 #: Centres and width of bumps over speed, in units of the rms speed.
 SPEEDS, WIDTH = np.linspace(-2.1, 2.1, 9), 0.45
-#: Bumps over the range of the position, and times in which something follows it [s].
-PLACES, CREEPS = 25, (0.1, 0.4, 1.6, 6.4)
+#: Bumps over the range of the position, and those that find a single detent.
+PLACES, NARROW = 25, 100
+#: Times in which something follows the position [s].
+CREEPS = (0.1, 0.4, 1.6, 6.4)
 #: Knots of a slow function of time, a run.
 KNOTS = 8
 #: What a nearby law that the catalogue does not hold is called.
@@ -44,15 +46,30 @@ def _bumps(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     return np.asarray(np.exp(-0.5 * ((v[:, None] - SPEEDS) / WIDTH) ** 2))
 
 
-def _places(m: Motion, j: int) -> FloatArray:
-    """Bumps over the position, PLACES of them."""
-    at = np.linspace(-1.0, 1.0, PLACES)
-    return np.exp(-0.5 * ((m.scaled(j)[:, None] - at) * (PLACES - 1) / 2) ** 2)
+def _places(m: Motion, j: int, count: int = PLACES) -> FloatArray:
+    """Bumps over the position, `count` of them."""
+    at = np.linspace(-1.0, 1.0, count)
+    return np.exp(-0.5 * ((m.scaled(j)[:, None] - at) * (count - 1) / 2) ** 2)
 
 
 def position(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     """Any function of the position, a narrow place included."""
     return np.concatenate([_place(m, j, 6)[:, 1:], _places(m, j)], axis=1)
+
+
+def narrow(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any function of the position with single narrow places: a detent, a latch."""
+    return _places(m, j, NARROW)
+
+
+def inertia(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """An inertia that is any smooth function of the position: a linkage or a slider behind it.
+
+    M(q) qdd + M'(q) qd^2 / 2, with the two functions free of each other.
+    """
+    place = _place(m, j, 4)
+    quick = m.qdd[:, j : j + 1] * place[:, 1:]
+    return np.concatenate([quick, m.qd[:, j : j + 1] ** 2 * place], axis=1)
 
 
 def creep(m: Motion, j: int, rms: FloatArray) -> FloatArray:
@@ -118,6 +135,8 @@ def other_joints(m: Motion, j: int, rms: FloatArray) -> FloatArray:
 #: What a competitor is a function of, in words, and its columns.
 COMPETITORS: dict[str, Columns] = {
     "position": position,
+    "a narrow place": narrow,
+    "position and acceleration": inertia,
     "position, by direction": position_by_direction,
     "speed": speed,
     "position and speed": position_and_speed,

@@ -1,4 +1,14 @@
-"""Which physical effect is missing: prepare, fit, search, name, judge."""
+"""Which physical effect is missing: prepare, fit, search, name, judge.
+
+The measured external effort, at an unknown ratio and sign.
+
+The model says  tau + tau_ext = model.  With a free gain g of the external effort,
+
+    tau + tau_ext = model + (1 - g) tau_ext,
+
+g near 1 is right or a gain error (an effect that may be named), g near -1 a wrong sign, and g far
+from both another ratio: of a gear, of units, or of where it was measured.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +17,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis import external
+from hil.diagnosis.candidates import model_groups, paired
 from hil.diagnosis.constants import (
     ADEQUATE,
     ALONE,
+    BEYOND,
     CHANCE,
     CONFIDENT,
     FAR,
@@ -19,7 +30,8 @@ from hil.diagnosis.constants import (
     WHOLE,
     WORTHLESS,
 )  # fmt: skip
-from hil.diagnosis.folds import split
+from hil.diagnosis.folds import Split, split
+from hil.diagnosis.grams import Group, Table
 from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.naming import Named, exchange, shares
 from hil.diagnosis.preconditions import mistaken, undetermined
@@ -45,8 +57,9 @@ from hil.diagnosis.verdict import (
     with_errors,
 )  # fmt: skip
 from hil.identify.context import renew
+from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
-from hil.identify.threads import single_threaded
+from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models.effect import Trait
 from hil.models.model import BASE_EFFECTS, RobotModel
@@ -94,7 +107,7 @@ def diagnose(
     problem = Problem(recordings, model.robot, model.explains, model.band)
     result = fit_aligned(problem, model)
     folds = split(problem, seed, not any(t.per_run for t in result.terms))
-    wrong, doubtful = external.doubts(result, folds)
+    wrong, doubtful = doubts(result, folds)
     wrong += mistaken(result, recordings)
     if wrong:
         return Diagnosis("bad-data", warnings=wrong)
@@ -303,3 +316,68 @@ def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
         return 1.0
     share, se = last.share(search.base.step.heldout, ADEQUATE * float(floor[j]), j)
     return float(share + CHANCE * se)
+
+
+#: Fall of the held-out mean square error from which the gain is determined, and how near a gain
+#: must be to -1 to be a sign, or to 1 to be a gain error.  Half: signs are taken for ratios.
+FALL, NEAR = 0.25, 0.35
+
+
+def gains(result: FitResult, split: Split) -> dict[int, float]:
+    """Gain g of the external effort on the joints whose held-out error falls with it.
+
+    Parameters
+    ----------
+    result : FitResult
+        Of the given model.
+    split : Split
+        Blocks to judge on.
+    """
+    problem = result.problem
+    if result.model.explains != "motor":
+        return {}
+    columns = {
+        j: problem.gated([m.tau_ext[:, j : j + 1] for m in problem.motions], j)
+        for j in range(problem.d)
+        if any(np.any(m.tau_ext[:, j]) for m in problem.motions)
+    }
+    free = np.array([np.inf])
+    groups = [Group(("external", j), j, x, -free, free, np.zeros(1)) for j, x in columns.items()]
+    if not groups:
+        return {}
+    base = model_groups(result)
+    table = Table(problem, split, result.sigma, [*base, *groups])
+    keys = [g.key for g in base]
+    before, out = table.errors(keys), {}
+    for g in groups:
+        j = int(g.joint or 0)
+        after = table.errors([*keys, g.key])
+        fall = before.squared[:, j] - after.squared[:, j]
+        if after.power[j] < (1 - FALL) * before.power[j] and paired(fall) > BEYOND:
+            out[j] = 1.0 - float(table.coefficients([*keys, g.key])[g.key][0])
+    return out
+
+
+def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Faults and warnings (code, sentence): wrong signs, and ratios to confirm."""
+    faults, warnings = [], []
+    for j, g in gains(result, split).items():
+        joint, column = result.problem.joints[j], f"tauext{j + 1}"
+        if abs(g + 1) < NEAR:
+            faults.append(
+                (
+                    "external-sign",
+                    f"the external effort of {joint} has the wrong sign: turned round, the model "
+                    f"fits; give {column} (or fx, fy, fz) scale = -1 in a map file",
+                )
+            )
+        elif abs(g - 1) > NEAR:
+            warnings.append(
+                (
+                    "external-ratio",
+                    f"the external effort of {joint} fits best at {g:.3g} times its values: "
+                    "confirm the ratio, the unit or the place of the sensor, and give "
+                    f"{column} that scale in a map file",
+                )
+            )
+    return faults, warnings

@@ -12,16 +12,15 @@ from hil.diagnosis import artefacts
 from hil.diagnosis.floor import measure
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import FLIPS, Candidate, Evidence, Floor, ranking
-from hil.identify import timelines
-from hil.identify.abreast import abreast
+from hil.identify import line_spectrum
 from hil.identify.design import Term
 from hil.identify.fit import time_blocks
+from hil.identify.parallel import in_parallel
 from hil.identify.projector import Projector
-from hil.identify.refine import COARSE
 from hil.identify.regression import ROUNDING
 from hil.identify.result import FitResult
 from hil.identify.screening import screen
-from hil.identify.shapes import best_shape
+from hil.identify.shape_search import COARSE, best_shape
 from hil.identify.timing import real_delay
 from hil.models import catalogue
 from hil.models.effect import Effect, Lines, Trait
@@ -89,7 +88,7 @@ def terms_to_try(
 
 def try_all(projector: Projector, result: FitResult, terms: list[Term]) -> list[Candidate]:
     """Candidates for terms, without those that have no shape here, or nothing but zeros."""
-    tried = abreast(lambda t: _try(projector, result, t), terms, projector.problem.instants)
+    tried = in_parallel(lambda t: _try(projector, result, t), terms, projector.problem.instants)
     return [c for c in tried if c is not None]
 
 
@@ -189,7 +188,9 @@ def detect(
     rows = np.tile(blocks, problem.d)
     each = zip(projector.parts, noise.reshape(problem.d, -1), strict=True)
     qb = np.asarray(sum(block_sums(q * x[:, None], blocks, count) @ u for (q, u), x in each))
-    nulls = abreast(lambda c: _null(c, projector, noise, rows, signs, qb), found, problem.instants)
+    nulls = in_parallel(
+        lambda c: _null(c, projector, noise, rows, signs, qb), found, problem.instants
+    )
     for c, null in zip(found, nulls, strict=True):
         c.null = null
     quantile = {id(c): max(float(np.quantile(c.null, 0.95)), 1e-300) for c in found}
@@ -216,7 +217,7 @@ def _null(
         grid = [c.term.shape]
     if isinstance(c.term.effect.search, Lines):
         own = projector.rows(c.term)
-        return timelines.flipped(projector.problem, c.term, noise[own], rows[own], signs)
+        return line_spectrum.flipped(projector.problem, c.term, noise[own], rows[own], signs)
     waves = screen(projector.problem, c.term, grid)
     if waves is not None:
         n, j = projector.problem.n, c.term.joint

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Floor
+from hil.identify.line_spectrum import period
 from hil.identify.problem import Problem
 from hil.identify.regression import inflation
-from hil.identify.repeats import period
 from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]

@@ -16,15 +16,14 @@ from hil.diagnosis.evidence import floor_of
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Evidence, HeldOut, Step
 from hil.errors import DataError, plural
-from hil.identify.assemble import assemble
 from hil.identify.context import set_context
 from hil.identify.design import Term
-from hil.identify.fit import fit, predict, time_blocks
+from hil.identify.fit import assemble, fit, predict, time_blocks
 from hil.identify.predict import own_values
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.identify.screening import CLOSE
 from hil.identify.timing import fit_aligned
-from hil.identify.trial import CLOSE
 from hil.identify.validity import outside
 from hil.models.effect import Trait
 from hil.record.checks import check

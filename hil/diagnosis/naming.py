@@ -300,14 +300,21 @@ class _Race:
         return float(self.table.errors(keys).power[self.joint])
 
     def best(self, keys: Sequence[Hashable], against: Sequence[Hashable]) -> tuple[float, str]:
-        """What is sure of how much the best function with `keys` does better than `against`."""
+        """What is sure of how much the best function with `keys` does better than `against`.
+
+        Sure by the fall of the squared error of blocks, or by that of its logarithm: where a few
+        blocks hold most of the error, the first says little of the rest.
+        """
         start, j = self.table.errors(against), self.joint
         gain, words = 0.0, ""
         for g in self.free:
             after = self.table.errors([*keys, g.key])
             fall = start.squared[:, j] - after.squared[:, j]
             sure = float(start.power[j] - after.power[j])
-            sure *= max(1.0 - SURE / max(paired(fall), 1e-9), 0.0)
+            size = max(float(after.squared[:, j].mean()), 1e-300)
+            ratio = np.log((start.squared[:, j] + size) / (after.squared[:, j] + size))
+            certain = max(paired(fall), paired(ratio), 1e-9)
+            sure *= max(1.0 - SURE / certain, 0.0)
             if sure > gain:
                 gain, words = sure, str(g.key[1])  # type: ignore[index]
         return gain, words

@@ -33,7 +33,7 @@ from scipy.special import chdtri
 from hil.diagnosis.artefacts import blur, coarse
 from hil.diagnosis.constants import ADEQUATE, LEVEL
 from hil.diagnosis.types import Change, Cut
-from hil.identify.assemble import in_units
+from hil.identify.fit import in_units
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.regression import inflation

@@ -25,11 +25,10 @@ from hil.diagnosis.constants import ADEQUATE
 from hil.diagnosis.evidence import gather, in_time, terms_to_try
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut
-from hil.identify.assemble import in_units
-from hil.identify.blocks import time_blocks
 from hil.identify.design import Term, coefficients
+from hil.identify.fit import in_units
 from hil.identify.projector import Projector
-from hil.identify.regression import cluster_covariance, inflation
+from hil.identify.regression import cluster_covariance, inflation, time_blocks
 from hil.identify.result import FitResult
 from hil.identify.validity import identified, leaves
 

@@ -20,10 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.types import Floor, Share
-from hil.identify.abreast import abreast
-from hil.identify.blocks import time_blocks
+from hil.identify.parallel import in_parallel
 from hil.identify.problem import Problem
-from hil.identify.regression import basis
+from hil.identify.regression import basis, time_blocks
 from hil.identify.result import FitResult
 from hil.models.motion import Motion
 from hil.models.network import PLACE, SPEED, dictionary, input_sets
@@ -205,7 +204,7 @@ def _asked(folds: Folds, j: int, sets: Iterable[tuple[str, str, Make]]) -> list[
 
 def _errors(folds: Folds, j: int, sets: Sequence[Make]) -> list[float]:
     """Left-out error of joint j with each set of columns."""
-    return abreast(lambda make: folds.left_out(make(), j), sets, folds.result.problem.instants)
+    return in_parallel(lambda make: folds.left_out(make(), j), sets, folds.result.problem.instants)
 
 
 def shares(found: list[Function], before: float, floor: float, joint: str) -> list[Share]:

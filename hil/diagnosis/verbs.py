@@ -22,9 +22,9 @@ from hil.errors import ConfigError, DataError
 from hil.identify.errors import complete
 from hil.identify.fit import fit as fit_problem
 from hil.identify.multistep import MultiStep, both, each
+from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
-from hil.identify.threads import single_threaded
 from hil.identify.timing import fit_aligned
 from hil.identify.validity import outside
 from hil.models import catalogue

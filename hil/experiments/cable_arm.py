@@ -24,7 +24,7 @@ from hil.estimate import compensation_tables
 from hil.models.model import RobotModel, base_model
 from hil.record.container import read
 from hil.record.decode import decode_numbers
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.rigs import rig_path
 from hil.teleop.hybrid import FloatArray
 

@@ -19,7 +19,7 @@ from hil.config import load_rig
 from hil.estimate import manual_excitation
 from hil.estimate.manual_excitation import FloatArray, Identified
 from hil.models.phantom import Premium
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.rigs import rig_path
 
 #: Friction fc, fv of the joints, then kappa of the motors.

@@ -21,10 +21,10 @@ from scipy import stats
 from hil import app, registry
 from hil.config import RigConfig, load_rig
 from hil.diagnosis.verbs import fit
+from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.phantom import Premium
-from hil.models.writing import write_model
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.rigs import rig_path
 from hil.rigtables import ControllerConfig
 from hil.teleop import hybrid, law_parameters, rig_designs, sampled_loop

@@ -20,9 +20,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from hil.record.consistency import spikes
 from hil.record.jumps import resolution
 from hil.record.recording import COLUMNS, Recording
-from hil.record.spikes import spikes
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

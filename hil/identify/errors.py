@@ -17,10 +17,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.identify.blocks import time_blocks
 from hil.identify.design import Term, prefix
-from hil.identify.jacobian import derivative, end_of_range, searched
-from hil.identify.regression import Basis, basis, cluster_covariance, extended
+from hil.identify.fit import derivative, end_of_range, searched
+from hil.identify.regression import Basis, basis, cluster_covariance, extended, time_blocks
 from hil.identify.result import FitResult
 from hil.identify.solve import noise_to_signal
 from hil.models.model import RobotModel, Value

@@ -1,24 +1,47 @@
-"""Fit a model: all coefficients jointly, shapes by variable projection."""
+"""Fit a model: all coefficients jointly, shapes by variable projection.
+
+The result of a fit: values with errors, bounds and identifiability.
+
+The last step to the optimum: Gauss-Newton of all coefficients and shape values together.
+
+The search on grids stops where the residual hardly falls any more; where the noise is small
+that is still many standard errors away from the optimum.
+
+Standard errors of coefficients and shape values, jointly.
+
+At the optimum the model is linear in both:  d y = X d theta + J d s.  The sandwich covariance
+over blocks of time is taken of [X, J], so a shape that is uncertain widens the coefficients
+that trade off with it, and coloured residuals count as what they are.  A coefficient b
+that its bound holds does not trade off:  var(s | b) = V_ss - V_sb V_bb^-1 V_bs.
+
+Source: Golub and Pereyra, Inverse Problems 19, 2003 (separable least squares); Liang and
+Zeger, Biometrika 73, 1986.
+
+How the model's effort changes with its shape values: central differences.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import FitError
-from hil.identify.assemble import assemble
-from hil.identify.blocks import time_blocks
-from hil.identify.context import find_surface, impossible, set_context, update_load
-from hil.identify.design import Term, bind, coefficients
-from hil.identify.polish import polish
+from hil.identify.context import find_surface, impossible, references, set_context, update_load
+from hil.identify.design import Term, bind, by_run, coefficients, prefix
 from hil.identify.predict import predict
 from hil.identify.problem import Problem
+from hil.identify.regression import Basis, cluster_covariance, extended, time_blocks
 from hil.identify.result import FitResult
-from hil.identify.shapes import search_shapes
-from hil.identify.solve import solve
-from hil.models.model import RobotModel
+from hil.identify.shape_search import search_shapes
+from hil.identify.solve import limits, noise_to_signal, prior, solve
+from hil.identify.validity import identified
+from hil.models.effect import Trait
+from hil.models.model import RobotModel, Use, Value
+from hil.models.motion import Motion
+from hil.models.param import JOINT
 
 __all__ = ["fit", "predict", "solve", "time_blocks"]
 FloatArray = NDArray[np.float64]
@@ -72,7 +95,7 @@ def fit(
         if now == idle and (near or sweep >= sweeps - 1):
             break
         idle = now
-    terms = polish(problem, terms, model, sigma)
+    terms = gauss_newton(problem, terms, model, sigma)
     return assemble(problem, model, terms, sigma)
 
 
@@ -95,3 +118,333 @@ def _scales(
     update_load(problem, terms, theta, slices)
     parts = zip(terms, slices, strict=True)
     return sigma, {t.key for t, s in parts if not t.effect.shape and not np.any(theta[s])}
+
+
+def assemble(
+    problem: Problem, model: RobotModel, terms: list[Term], sigma: FloatArray
+) -> FitResult:
+    """Final solution with errors, bounds and identifiability."""
+    theta, x, b, slices, residual = solve(problem, terms, model, sigma)
+    found = standard_errors(problem, terms, theta, slices, b, residual, sigma)
+    # what no row sees stays at the prior; lying on a bound there says nothing
+    seen = np.linalg.norm(b.v, axis=1) > 1e-9
+    values: dict[str, Value] = {}
+    uses: dict[int, dict[str, Value]] = {}
+    source = "fit of " + ", ".join(r.name for r in problem.recordings)
+    for t, where, shapes in zip(terms, slices, found.shapes, strict=True):
+        part = _linear(
+            problem, t, theta[where], found.stderr[where], found.known[where], seen[where], source
+        )
+        part |= _shapes(problem, t, shapes, source)
+        values |= part
+        uses.setdefault(t.use, {}).update(part)
+    effects = tuple(
+        Use(u.type, u.joints, u.options, uses.get(k, {})) for k, u in enumerate(model.effects)
+    )
+    names = [n for t in terms for n, _ in coefficients(t, problem)]
+    return FitResult(
+        replace(model, effects=effects, valid=identified(problem)), problem, terms, theta, names,
+        values, residual, sigma, b, prior(problem, terms, model, names), x, slices,
+    )  # fmt: skip
+
+
+def _linear(
+    problem: Problem, term: Term, theta: FloatArray, stderr: FloatArray,
+    known: NDArray[np.bool_], seen: NDArray[np.bool_], source: str,
+) -> dict[str, Value]:  # fmt: skip
+    """Coefficients of a term."""
+    out: dict[str, Value] = {}
+    named = coefficients(term, problem)
+    rows = zip(named, theta, stderr, known, seen, strict=True)
+    for (name, p), value, err, ok, moves in rows:
+        out[name] = Value(
+            float(value),
+            float(err) if ok and not term.fixed else float("nan"),
+            in_units(p.unit, problem, term.joint), p.lower, p.upper,
+            at_bound=bool(moves and (value <= p.lower or value >= p.upper)),
+            identifiable=bool(ok) or term.fixed,
+            source="given" if term.fixed else source,
+        )  # fmt: skip
+    return out
+
+
+def _shapes(
+    problem: Problem, term: Term, found: Sequence[ShapeError], source: str
+) -> dict[str, Value]:
+    """Shape values of a term."""
+    head = prefix(term, problem.joints)
+    return {
+        f"{head}.{p.name}": Value(
+            float(value), error.stderr, in_units(p.unit, problem, term.joint), p.lower, p.upper,
+            error.at_bound, error.identifiable, source,
+        )
+        for p, value, error in zip(term.effect.shape, term.shape, found, strict=True)
+    }  # fmt: skip
+
+
+def in_units(unit: str, problem: Problem, j: int) -> str:
+    """A unit with joint j's own for {F} and {x}, e.g. N s/m for {F} s/{x}."""
+    linear = problem.robot.units[j] == "m"
+    return unit.replace("{F}", "N" if linear else "N m").replace("{x}", "m" if linear else "rad")
+
+
+#: A fall of the weighted residual sum of squares (in noise units) that is worth another step.
+WORTH = 0.01
+STEPS = 8
+
+
+def gauss_newton(
+    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
+) -> list[Term]:
+    """Terms with their shapes at the joint optimum, between the neighbours on their grids.
+
+    The sign resolution of Coulomb friction stays: it is the sharpest that fits, not the best.
+    """
+    ranges = {k: around(problem, t) for k, t in enumerate(terms) if _movable(problem, t)}
+    if not ranges:
+        return terms
+    theta, _, b, slices, residual = solve(problem, terms, model, sigma)
+    left, part = _weighted(residual, sigma), 1.0
+    for _ in range(STEPS):
+        joint = with_shapes(problem, terms, theta, slices, b, sigma, list(ranges))
+        new = _stepped(terms, ranges, joint, (residual / sigma[:, None]).reshape(-1), part)
+        set_context(problem, new)
+        found = solve(problem, new, model, sigma)
+        after = _weighted(found[-1], sigma)
+        if after >= left:
+            set_context(problem, terms)
+            part /= 4  # the effort is not linear in the shapes that far
+            continue
+        before, left, terms, part = left, after, new, min(2 * part, 1.0)
+        theta, _, b, _, residual = found
+        # a step that ended at a neighbour on the grid may go on beyond it
+        ranges = {k: around(problem, terms[k]) for k in ranges}
+        if before - left < WORTH:
+            break
+    return terms
+
+
+def _movable(problem: Problem, term: Term) -> bool:
+    if term.effect.search.at_resolution or not searched(problem, term):
+        return False
+    return end_of_range(problem, term) == 0
+
+
+def _stepped(
+    terms: list[Term], ranges: dict[int, tuple[float, float]], joint: Basis, r: FloatArray,
+    part: float,
+) -> list[Term]:  # fmt: skip
+    """Terms after a part of one Gauss-Newton step on the weighted residual r (d n,)."""
+    size, out = joint.scale.size, list(terms)
+    steps = joint.solve(r, np.zeros(size), np.zeros(r.size))[size - len(ranges) :]
+    for (k, (low, high)), step in zip(ranges.items(), steps, strict=True):
+        first = float(np.clip(terms[k].shape[0] + part * step, low, high))
+        out[k] = terms[k].reshaped((first, *terms[k].shape[1:]))
+    return out
+
+
+def _weighted(residual: FloatArray, sigma: FloatArray) -> float:
+    return float(np.sum((residual / sigma[:, None]) ** 2))
+
+
+@dataclass(frozen=True)
+class ShapeError:
+    """What is known of one shape value.
+
+    Parameters
+    ----------
+    stderr : float
+        Standard error; NaN where the value is held, is one of a few forms, or lies at the end
+        of its range (the optimum may lie beyond).
+    at_bound : bool
+        Whether it lies at the end of the range that was searched.
+    identifiable : bool
+        Whether the data determine it beside everything else.
+    """
+
+    stderr: float = float("nan")
+    at_bound: bool = False
+    identifiable: bool = True
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Standard errors of a fit.
+
+    Parameters
+    ----------
+    stderr : ndarray (p,)
+        Of the coefficients.
+    known : ndarray (p,)
+        Whether the data determine each coefficient, the shapes being free.
+    shapes : list of tuple of ShapeError
+        For every term, one for each of its shape values.
+    """
+
+    stderr: FloatArray
+    known: NDArray[np.bool_]
+    shapes: list[tuple[ShapeError, ...]]
+
+
+def standard_errors(
+    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice],
+    b: Basis, residual: FloatArray, sigma: FloatArray,
+) -> Spread:  # fmt: skip
+    """Errors from the solution (p,), its basis, and the residual (d, n) with its scale (d,)."""
+    ends = {k: end_of_range(problem, t) for k, t in enumerate(terms) if searched(problem, t)}
+    free = [k for k, end in ends.items() if not end]
+    b = with_shapes(problem, terms, theta, slices, b, sigma, free)
+    blocks = np.tile(time_blocks(problem), problem.d)
+    weighted = (residual / sigma[:, None]).reshape(-1)
+    covariance = cluster_covariance(weighted, b, blocks)
+    stderr = np.sqrt(np.diag(covariance))
+    known, p = b.identifiable(), theta.size
+    low, high = limits(terms, problem)
+    held = (theta <= low) | (theta >= high)
+    for i, k in enumerate(free):
+        stderr[p + i] = _given(covariance, p + i, slices[k].start + np.flatnonzero(held[slices[k]]))
+    found = {
+        k: ShapeError(float(stderr[p + i]) if known[p + i] else float("nan"), False, bool(ok))
+        for i, (k, ok) in enumerate(zip(free, known[p:], strict=True))
+    }
+    for k, end in ends.items():
+        if not np.any(theta[slices[k]]):  # no effect, so no shape
+            found[k] = ShapeError(identifiable=False)
+        elif end:
+            found[k] = ShapeError(at_bound=end > 0 or not terms[k].effect.search.at_resolution)
+    shapes = [
+        tuple(found.get(k, ShapeError()) if i == 0 else ShapeError() for i in range(len(t.shape)))
+        for k, t in enumerate(terms)
+    ]
+    return Spread(stderr[:p], known[:p], shapes)
+
+
+def _given(covariance: FloatArray, s: int, held: NDArray[np.int_]) -> float:
+    """Standard error of value number s, given others that are held."""
+    across = covariance[s, held]
+    own = covariance[np.ix_(held, held)]
+    # V_ss - V_sb V_bb^-1 V_bs
+    left = covariance[s, s] - across @ np.linalg.pinv(own, hermitian=True) @ across
+    return float(np.sqrt(max(left, 0.0)))
+
+
+#: Step of the difference, in distances between grid values.
+STEP = 0.01
+#: The same for values that lie on no continuous grid, relative to the value.
+SMALL = 1e-3
+
+
+def line(problem: Problem, term: Term) -> FloatArray:
+    """Values of the first shape parameter on the term's grid, the form being as it is; sorted.
+
+    All values where the others were changed to what the grid does not hold (`Search.across`).
+    """
+    grid = problem.grid(term.effect, term.joint)
+    own = [s[0] for s in grid if s[1:] == term.shape[1:]]
+    return np.unique(own or [s[0] for s in grid])
+
+
+def searched(problem: Problem, term: Term) -> bool:
+    """Whether the first shape value was found on a continuous range (the others are forms)."""
+    held = term.fixed or term.fixed_shape or not term.effect.shape or not term.effect.search.refine
+    return not held and line(problem, term).size > 1
+
+
+def end_of_range(problem: Problem, term: Term) -> int:
+    """-1 or 1 where the first shape value lies on the lower or upper end of its range, else 0."""
+    values = line(problem, term)
+    near = 1e-6 * float(np.min(np.diff(values)))
+    value = term.shape[0]
+    return int(value >= values[-1] - near) - int(value <= values[0] + near)
+
+
+def jacobian(
+    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice], k: int
+) -> FloatArray:
+    """Derivative of the model's effort by the first shape value of term k, shape (d, n).
+
+    What other effects take from it (the sign resolution, the surface) changes with it.
+    """
+    return derivative(problem, terms, theta, slices, k, 0)
+
+
+def derivative(
+    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice],
+    k: int, i: int,
+) -> FloatArray:  # fmt: skip
+    """Derivative of the model's effort by shape value i of term k, shape (d, n)."""
+    term = terms[k]
+    shape = term.shape
+    if i == 0:
+        low, high = around(problem, term)
+        h = STEP * (high - low) / 2
+    else:
+        h = SMALL * abs(shape[i])
+    # dy/ds = (y(s + h) - y(s - h)) / (2 h)
+    up, down = (
+        _effort(problem, terms, theta, slices, term.reshaped((*shape[:i], x, *shape[i + 1 :])))
+        for x in (shape[i] + h, shape[i] - h)
+    )
+    return (up - down) / (2 * h)
+
+
+def around(problem: Problem, term: Term) -> tuple[float, float]:
+    """Neighbours of the first shape value on its grid."""
+    values = line(problem, term)
+    below, above = values[values < term.shape[0]], values[values > term.shape[0]]
+    return float(below.max(initial=values[0])), float(above.min(initial=values[-1]))
+
+
+def with_shapes(
+    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice],
+    b: Basis, sigma: FloatArray, which: Sequence[int],
+) -> Basis:  # fmt: skip
+    """Basis of [X, J]: the coefficients' basis and the first shape values of some terms."""
+    if not which:
+        return b
+    columns = [jacobian(problem, terms, theta, slices, k) / sigma[:, None] for k in which]
+    j = np.stack([c.reshape(-1) for c in columns], axis=1)
+    return extended(b, j, noise_to_signal(problem.y / sigma[:, None]))
+
+
+def _effort(
+    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice], new: Term
+) -> FloatArray:
+    """Filtered effort (d, n) of a changed term and of those that may refer to it."""
+    old = problem.motions[0]
+    context = references([new], old.v0, old.contact)
+    motions = [m.with_(**context) for m in problem.motions]
+    changed = not np.array_equal(context["v0"], old.v0) or not np.array_equal(
+        context["contact"], old.contact, equal_nan=True
+    )
+    out = np.zeros((problem.d, problem.n))
+    for t, where in zip(terms, slices, strict=True):
+        if t.key == new.key:
+            out += _acting(problem, motions, new, theta[where])
+        elif changed and _refers(t, new.joint):
+            out += _acting(problem, motions, t, theta[where])
+    return out
+
+
+def _refers(term: Term, joint: int) -> bool:
+    """Whether a term's columns may depend on what was found for a joint."""
+    coupled = any(p.name == JOINT for p in term.effect.shape)
+    return Trait.MOTION not in term.effect.traits and (term.joint == joint or coupled)
+
+
+def _acting(
+    problem: Problem, motions: Sequence[Motion], term: Term, theta: FloatArray
+) -> FloatArray:
+    """Filtered effort (d, n) of one term."""
+    each = by_run(term, theta, problem.runs)[problem.whole] if term.per_run else None
+    own = np.tile(theta, (len(motions), 1)) if each is None else each
+    raw = [
+        term.effect.columns(m, term.joint, term.shape) @ c
+        for m, c in zip(motions, own, strict=True)
+    ]
+    out = np.zeros((problem.d, problem.n))
+    if term.effect.scope.whole:
+        out[:] = problem.acting(raw, None).T
+    else:
+        out[term.joint] = problem.acting(raw, term.joint)
+    return out

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.identify.context import carrying
-from hil.identify.forward import Windows, forward, looked_at
-from hil.identify.joined import groups, joined
+from hil.identify.forward import Windows, forward, groups, joined, looked_at
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.effect import Trait

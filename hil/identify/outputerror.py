@@ -24,12 +24,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.identify.bounds import limits
 from hil.identify.context import carrying
 from hil.identify.design import Term, prefix
 from hil.identify.forward import Windows, forward
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.identify.solve import limits
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int_]

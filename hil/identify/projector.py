@@ -17,9 +17,9 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.identify.design import Term, block
-from hil.identify.factors import factors
 from hil.identify.problem import BATCH, Problem
 from hil.identify.regression import basis
+from hil.identify.solve import factors
 from hil.models.effect import Effect, strict
 
 FloatArray = NDArray[np.float64]

@@ -2,6 +2,8 @@
 
 Columns are scaled to unit norm; directions of the parameter space whose effect on the
 effort stays below one noise unit are left at the prior instead of fitted.
+
+Blocks of time, within which residuals may depend on each other.
 """
 
 from __future__ import annotations
@@ -12,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+
+from hil.identify.problem import Problem
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -173,3 +177,15 @@ def inflation(residual: FloatArray, run: NDArray[np.int_]) -> float:
             break
         total += 2 * rho
     return total
+
+
+def time_blocks(problem: Problem, seconds: float = 1.0) -> NDArray[np.int_]:
+    """Number of the time block of each instant, runs kept apart; shape (n,)."""
+    length = max(1, round(seconds * problem.rate))
+    out = np.empty(problem.n, dtype=int)
+    offset = 0
+    for k in range(len(problem.recordings)):
+        where = np.flatnonzero(problem.run == k)
+        out[where] = offset + np.arange(where.size) // length
+        offset = int(out[where[-1]]) + 1
+    return out

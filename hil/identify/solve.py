@@ -1,18 +1,34 @@
-"""Coefficients of bound terms: weighted least squares within the parameters' bounds."""
+"""Coefficients of bound terms: weighted least squares within the parameters' bounds.
+
+Least squares within bounds, on a problem that is already reduced to p columns.
+
+From the unbounded solution theta_0 the squared residual grows by |R (theta - theta_0)|^2 with
+R = S V' D, so the N rows of the regressor are not needed again.
+
+Basis of a model's regressor from the factors of its joints, most of them made once.
+
+The rows of joint j hold few of all columns.  With X_j = Q_j R_j for each joint,
+
+    X = diag(Q_1 .. Q_d) [R_1; ..; R_d],
+
+so the N rows are needed for the few columns that have changed, and scales by joint only weigh the
+small R_j.  What depends on the motion alone is factored once for a problem.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+import scipy.linalg
+import scipy.optimize
 from numpy.typing import NDArray
 
-from hil.errors import DataError
-from hil.identify.bounds import bounded, limits
-from hil.identify.design import Term, coefficients, known_values, stack
-from hil.identify.factors import factored
+from hil.errors import DataError, FitError
+from hil.identify.design import Term, block, coefficients, known_values, stack
 from hil.identify.problem import Problem
-from hil.identify.regression import Basis
+from hil.identify.regression import Basis, of_factors
 from hil.models.effect import Trait
 from hil.models.model import RobotModel
 
@@ -66,3 +82,175 @@ def slices_of(problem: Problem, terms: list[Term]) -> list[slice]:
     widths = [len(coefficients(t, problem)) for t in terms]
     edges = np.concatenate([[0], np.cumsum(widths)]).astype(int)
     return [slice(int(a), int(b)) for a, b in pairwise(edges)]
+
+
+#: Weight of what the data do not determine, in the smallest determined singular value.
+WEAK = 1e-3
+
+
+def limits(terms: Sequence[Term], problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper bound of every coefficient (p,); infinite where it is held at its value."""
+    free = [p if not t.fixed else None for t in terms for _, p in coefficients(t, problem)]
+    low = [-np.inf if p is None else p.lower for p in free]
+    high = [np.inf if p is None else p.upper for p in free]
+    return np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
+
+
+def bounded(theta: FloatArray, b: Basis, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Coefficients within their bounds that leave the smallest residual.
+
+    Directions that the data determine decide first; among what they leave open the solution
+    stays as close as it can to `theta` (which lies at the prior there).
+
+    Parameters
+    ----------
+    theta : ndarray (p,)
+        Unbounded solution, `b.solve(...)`.
+    b : Basis
+        Basis of the weighted regressor (N, p) that theta was solved with.
+    low, high : ndarray (p,)
+        Bounds; infinite where there is none.
+
+    Returns
+    -------
+    ndarray (p,)
+        `theta` itself where it keeps its bounds.
+    """
+    if np.all((theta >= low) & (theta <= high)):
+        return theta
+    tied = np.isfinite(low) | np.isfinite(high)
+    order = np.concatenate([np.flatnonzero(~tied), np.flatnonzero(tied)])
+    first = int(np.sum(~tied))
+    # free coefficients first: their part of the triangle can always be brought to zero
+    r = np.asarray(np.linalg.qr(_reduced(b)[:, order], mode="r"), dtype=np.float64)
+    lowest: FloatArray = ((low - theta) * b.scale)[tied]
+    highest: FloatArray = ((high - theta) * b.scale)[tied]
+    step, side = _active_set(r[first:, first:], lowest, highest)
+    moved = np.zeros_like(theta)
+    moved[tied] = step
+    moved[~tied] = -scipy.linalg.solve_triangular(r[:first, :first], r[:first, first:] @ step)
+    out: FloatArray = theta + moved / b.scale
+    out[tied] = np.where(side < 0, low[tied], np.where(side > 0, high[tied], out[tied]))
+    return np.clip(out, low, high)
+
+
+def _reduced(b: Basis) -> FloatArray:
+    """[S V'; w N'] (p, p): N spans what the data do not determine, w is small beside S."""
+    p = b.v.shape[0]
+    complement = np.linalg.qr(b.v, mode="complete")[0][:, b.rank :] if b.rank else np.eye(p)
+    weight = WEAK * float(b.s[-1]) if b.rank else 1.0
+    out: FloatArray = np.concatenate([b.s[:, None] * b.v.T, weight * complement.T])
+    return out
+
+
+def _active_set(
+    r: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, NDArray[np.int_]]:
+    """Step within [low, high] that minimises |r step|, and the side (-1, 0, 1) it ends on."""
+    found = scipy.optimize.lsq_linear(
+        r, np.zeros(len(r)), (low, high), method="bvls", tol=1e-14, max_iter=50 + 10 * len(r)
+    )
+    if not found.success:
+        raise FitError(
+            f"bounded least squares of {low.size} coefficients ended with {found.message!r}, "
+            "expected a solution; fix the values of some effects (fixed = true)"
+        )
+    return found.x, found.active_mask
+
+
+Pair = tuple[FloatArray, FloatArray]
+#: Factors of a joint's rows that are kept.
+LAST = 2
+
+
+def factored(
+    problem: Problem, terms: Sequence[Term], sigma: FloatArray, least: float,
+    free: FloatArray | None = None,
+) -> Basis:  # fmt: skip
+    """Basis of the weighted regressor (d n, p) of some terms.
+
+    Parameters
+    ----------
+    problem, terms : Problem, sequence of Term
+        Whose columns.
+    sigma : ndarray (d,)
+        Scale of each joint's rows.
+    least : float
+        Noise to signal, as in `basis`.
+    free : ndarray (p,), optional
+        0 where a column does not count.
+    """
+    return of_factors(*factors(problem, terms, sigma, free), least)
+
+
+def factors(
+    problem: Problem, terms: Sequence[Term], sigma: FloatArray, free: FloatArray | None = None
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Q_j (n, k_j), orthonormal, and R_j (k_j, p) of every joint's weighted rows."""
+    blocks = [block(problem, t) for t in terms]
+    edges = np.concatenate([[0], np.cumsum([b.shape[-1] for b in blocks])]).astype(int)
+    places = [np.arange(a, b) for a, b in pairwise(edges)]
+    q, r = [], []
+    for j in range(problem.d):
+        here = [k for k, t in enumerate(terms) if blocks[k].ndim == 3 or t.joint == j]
+        once = [k for k in here if _once(terms[k])]
+        rest = [k for k in here if k not in once]
+        pair = _kept(problem, j, [terms[k] for k in once], [_rows(blocks[k], j) for k in once])
+        if rest:
+            pair = _extended(problem, j, pair, [blocks[k] for k in rest])
+        wide = np.zeros((len(pair[1]), int(edges[-1])))
+        if here:
+            wide[:, np.concatenate([places[k] for k in (*once, *rest)])] = pair[1] / sigma[j]
+        q.append(pair[0])
+        r.append(wide if free is None else wide * free)
+    return q, r
+
+
+def _once(term: Term) -> bool:
+    return Trait.MOTION in term.effect.traits and not term.effect.shape
+
+
+def _rows(values: FloatArray, j: int) -> FloatArray:
+    return values[j] if values.ndim == 3 else values
+
+
+def _kept(problem: Problem, j: int, terms: list[Term], blocks: list[FloatArray]) -> Pair:
+    """Factors of what depends on the motion alone, made at first use."""
+    key = ("factors", j, tuple((*t.key, t.per_run) for t in terms))
+    if key not in problem.memo:
+        x = np.concatenate([np.zeros((problem.n, 0)), *blocks], axis=1)
+        problem.memo[key] = scipy.linalg.qr(x, mode="economic", check_finite=False)
+    q, r = problem.memo[key]
+    return q, r
+
+
+def _extended(problem: Problem, j: int, pair: Pair, blocks: list[FloatArray]) -> Pair:
+    """Factors of [X, C] for the rows of joint j, of X's and of the blocks of C.
+
+    The last few are kept: a search leaves out one term after the other, each of its own joint.
+    """
+    key = ("extended", j)
+    made: list[tuple[FloatArray, list[FloatArray], Pair]] = problem.memo.get(key, [])
+    found = next((m for m in made if m[0] is pair[0] and _same(m[1], blocks)), None)
+    if found is None:
+        out = _appended(pair, np.concatenate([_rows(b, j) for b in blocks], axis=1))
+        found = (pair[0], blocks, out)
+    # a list of its own: another thread may go through the present one
+    problem.memo[key] = [*(m for m in made if m is not found), found][-LAST:]
+    return found[2]
+
+
+def _same(a: list[FloatArray], b: list[FloatArray]) -> bool:
+    return len(a) == len(b) and all(x is y for x, y in zip(a, b, strict=True))
+
+
+def _appended(pair: Pair, c: FloatArray) -> Pair:
+    """Factors of [X, C]; twice orthogonalised, for once loses what nearly lies in X."""
+    q, r = pair
+    inner = q.T @ c
+    left = c - q @ inner
+    again = q.T @ left
+    p, t = scipy.linalg.qr(left - q @ again, mode="economic", check_finite=False)
+    top = np.concatenate([r, inner + again], axis=1)
+    bottom = np.concatenate([np.zeros((len(t), r.shape[1])), t], axis=1)
+    return np.concatenate([q, p], axis=1), np.concatenate([top, bottom])

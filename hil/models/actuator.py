@@ -1,4 +1,7 @@
-"""What lies between the commanded and the real motor effort, and between motor and link."""
+"""What lies between the commanded and the real motor effort, and between motor and link.
+
+What the motors' amplifiers do to their commands: run into a limit, leak into each other.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import numpy as np
 
 from hil.models.effect import (
     PER_RUN,
+    STRICT,
     Doc,
     Effect,
     Fitted,
@@ -171,6 +175,162 @@ class CoupledTransmission(Effect):
         return out
 
 
-EFFECTS: tuple[Effect, ...] = (
-    TorqueOffset(), TorqueGain(), Cogging(), CoupledTransmission(),
-)  # fmt: skip
+#: How round a knee can be: its words, the largest limit worth trying as a share of the largest
+#: effort, and how many of them.
+KNEES = {0.0: ("clipped", 0.98, 10), 4.0: ("a round knee", 1.8, 9), 2.0: ("gradually", 4.0, 7)}
+#: Share of the rows below the least limit: beyond a limit an effort tells nothing, and with too
+#: many such rows nothing is left to be explained.
+FREE = 0.8
+#: Share of the effort that a limit that acts takes at the largest command, at least.
+LEAST = 0.01
+#: Limit, as a share of the largest effort, beyond which it is none: a law that bends everywhere.
+BEYOND = 2.0
+#: Rows by which the command must be beyond a limit.
+ROWS = 10
+#: Share of the joint's largest command that a leak from the other one's largest is, at least.
+LEAK = 0.01
+#: Order of the polynomial of two positions that a leak is set against.
+CUBIC = 3
+
+
+def _torque_saturation_grid(motion: Motion, j: int) -> Shapes:
+    """Limits from about the largest effort down to the least, by knee."""
+    size = np.abs(motion.tau[:, j])
+    top = max(float(size.max(initial=0.0)), 1e-12)
+    return [
+        (float(limit), p)
+        for p, (_, most, count) in KNEES.items()
+        for limit in np.geomspace(most * top, least_limit(size, p), count)
+    ]
+
+
+def _torque_saturation_felt(f: Fitted) -> bool:
+    """It takes something of the largest efforts, and more than a few rows meet it.
+
+    At the least limit that was tried another law is meant: one that bends everywhere.
+    """
+    limit, order = float(f.shape[0]), float(f.shape[1])
+    size = np.sort(np.abs(f.motion.tau[:, f.j]))
+    met = size[-ROWS:][:1]
+    felt = bool(np.all(met - given(met, limit, order) > LEAST * met))
+    inside = 1.02 * least_limit(size, order) < limit < BEYOND * size[-1]
+    return felt and inside
+
+
+class TorqueSaturation(Effect):
+    """The motor gives less than it is asked for: its amplifier clips, or its iron saturates."""
+
+    name, family = "torque-saturation", "actuator"
+    doc = Doc(
+        equation=(
+            "tau = model + a (tau - s(tau)),  s = tau / (1 + |tau/L|^p)^(1/p) or clip(tau, -L, L)"
+        ),
+        signature="what is missing grows with the command beyond a limit, in both directions",
+        confused_with=("load-friction", "torque-gain", "actuator-lag"),
+        shown_by="the same motion slower, or with less load: what the limit cuts off is gone",
+        source=(
+            "Krause, Wasynczuk, Sudhoff, Pekarek, Analysis of Electric Machinery, 2013 (saturation)"
+        ),
+    )
+    params = (Param("a", "1", "share of what the limit takes: 1 but for errors", 0.75, 1.33),)
+    shape = (
+        Param("L", "{F}", "limit", 0.0),
+        Param(
+            "p",
+            "1",
+            "order of the knee; 0: clipped",
+            0.0,
+            4.0,
+            codes=tuple((p, words) for p, (words, *_) in KNEES.items()),
+            choice=True,
+        ),
+    )
+    search = Grid(_torque_saturation_grid)
+    limits = (Limit("unfelt", _torque_saturation_felt), STRICT)
+    traits = Trait.REPLAYED
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Command less what is given of it."""
+        limit, order = float(shape[0]), float(shape[1])
+        # beyond a sharp limit only the command says what was asked for; of a gradual one the
+        # foretold effort does, and the measured one would explain whatever else grows with it
+        tau = motion.driven(j) if order else motion.tau[:, j]
+        return (tau - given(tau, limit, order))[:, None]
+
+
+def least_limit(size: FloatArray, order: float) -> float:
+    """Least limit worth trying for efforts of these sizes (n,) and a knee of this order."""
+    top = max(float(size.max(initial=0.0)), 1e-12)
+    return top if order == 2.0 else max(float(np.quantile(size, FREE)), 1e-3 * top)
+
+
+def given(wanted: FloatArray, limit: float, order: float) -> FloatArray:
+    """Effort (n,) that an amplifier with this `limit` and knee gives of what is `wanted` (n,)."""
+    if not order:
+        return np.clip(wanted, -limit, limit)
+    # s(u) = u / (1 + |u / L|^p)^(1/p)
+    out: FloatArray = wanted / (1.0 + np.abs(wanted / limit) ** order) ** (1.0 / order)
+    return out
+
+
+def _torque_crosstalk_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+    """What hangs on both joints' positions: a hose or a bundle of cables between them."""
+    a, b = motion.scaled(j), motion.scaled(int(shape[0]) - 1)
+    powers = [(m, n) for m in range(CUBIC + 1) for n in range(CUBIC + 1 - m) if m or n]
+    return [np.stack([a**m * b**n for m, n in powers], axis=1)]
+
+
+def _torque_crosstalk_grid(motion: Motion, j: int) -> Shapes:
+    """Every other joint."""
+    return [(float(k + 1),) for k in range(motion.d) if k != j]
+
+
+def _torque_crosstalk_leaks(f: Fitted) -> bool:
+    """A channel that follows another one more than its own is swapped, not crossed.
+
+    What is less than `LEAK` of the largest effort is no leak: forces are measured to a
+    percent or two, and within a sample of the motion.
+    """
+    most = np.max(np.abs(f.motion.tau), axis=0)
+    felt = abs(f.beta[0]) * most[int(f.shape[0]) - 1] >= LEAK * most[f.j]
+    return bool(felt and abs(f.beta[0]) < 1.0 + f.slack[0])
+
+
+def _torque_crosstalk_lacks(motion: Motion, j: int) -> str:
+    """Needs a second joint."""
+    return "" if motion.d > 1 else "the robot has one joint"
+
+
+class TorqueCrosstalk(Effect):
+    """A part of another motor's command reaches this one: a common ground, cables side by side."""
+
+    name, family = "torque-crosstalk", "actuator"
+    doc = Doc(
+        equation="tau_j = model - e tau_k",
+        signature="residual that follows another motor's whole effort, its friction included",
+        confused_with=("coupled-friction", "rigid-body", "torque-gain"),
+        shown_by="one joint at a time, the others holding different loads",
+        source="as in a force sensor: Cao, Laws, Rodriguez y Baena, IEEE Sensors J. 21(18), 2021",
+    )
+    params = (Param("e", "1", "share of the other motor's command"),)
+    shape = (Param(JOINT, "1", "number of the other joint", 1.0, choice=True),)
+    scope = Scope(lacks=_torque_crosstalk_lacks)
+    relations = Relations(foils=_torque_crosstalk_foils)
+    search = Grid(_torque_crosstalk_grid, refine=False)
+    limits = (Limit("leak", _torque_crosstalk_leaks),)
+    traits = Trait.REPLAYED
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Less the other motor's command."""
+        k = int(shape[0]) - 1
+        return -motion.driven(k)[:, None]
+
+
+EFFECTS = (
+    TorqueOffset(),
+    TorqueGain(),
+    Cogging(),
+    CoupledTransmission(),
+    TorqueSaturation(),
+    TorqueCrosstalk(),
+)

@@ -1,39 +1,36 @@
-"""The one table of effects: built in, from installed packages, and from a user's file."""
+"""The one table of effects: built in, from installed packages, and from a user's file.
+
+Whether an effect is declared so that the rest can use it, and in words why not.
+"""
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 
 from hil.errors import ConfigError, unknown
-from hil.models.declared import misdeclared
-from hil.models.effect import Effect
+from hil.models.effect import FIXED, NEVER, Effect
+from hil.models.parts import Doc, Relations, Scope, Search, Trait, Variation
 
 #: Modules with a tuple `EFFECTS`; adding an effect touches its own file, its test, one line here.
 MODULES = (
     "hil.models.friction",
-    "hil.models.coupled_friction",
     "hil.models.presliding",
     "hil.models.mass",
     "hil.models.payload",
-    "hil.models.pickup",
     "hil.models.actuator",
     "hil.models.contact",
     "hil.models.disturbance",
     "hil.models.sensors",
     "hil.models.encoders",
     "hil.models.transmission",
-    "hil.models.cable",
-    "hil.models.drive",
-    "hil.models.amplifier",
     "hil.models.network",
     "hil.models.correction",
-    "hil.models.geometry",
 )
 _table: dict[str, Effect] = {}
 
@@ -119,3 +116,74 @@ def load_files(paths: Iterable[str]) -> None:
     """Load a user's effects from several Python files; see `load_plugin`."""
     for path in paths:
         load_plugin(Path(path))
+
+
+#: What a class may not leave out.
+NEEDED = ("name", "family", "doc")
+#: Part -> its type, how it is written, its default, and what was an attribute of its own once.
+PARTS: dict[str, tuple[type, str, object, tuple[str, ...]]] = {
+    "doc": (
+        Doc, "Doc(equation=..., signature=..., shown_by=..., source=...)", None,
+        ("equation", "signature", "confused_with", "shown_by", "source", "caveat", "variables",
+         "remark"),
+    ),
+    "scope": (
+        Scope, "Scope(Of.ROBOT, explains=..., lacks=..., terms=...)", Effect.scope,
+        ("whole_robot", "jointless", "explains", "available", "terms"),
+    ),
+    "variation": (
+        Variation, "PER_RUN", NEVER, ("per_run", "relative", "sudden", "belongs", "dated"),
+    ),
+    "relations": (
+        Relations, "Relations(replaces=...)", Effect.relations,
+        ("replaces", "twins", "limit", "foils", "state"),
+    ),
+    "search": (
+        Search, "Grid(shapes), shapes(motion, j) a function", FIXED,
+        ("grid", "across", "others", "carrier", "powers", "rounds", "refine",
+         "ends_at_resolution", "spectral"),
+    ),
+    "limits": (
+        tuple, "(Limit(code, met), BOUNDS)", Effect.limits, ("credible", "strict"),
+    ),
+    "traits": (
+        Trait, "Trait.REPLAYED | ...", Trait.NONE,
+        ("candidate", "uses_load", "motion_only", "replayed", "smooths", "correction", "geometry"),
+    ),
+}  # fmt: skip
+
+
+def misdeclared(effect: Effect) -> str:
+    """What is wrong with an effect's declaration and what to do; empty if nothing."""
+    kind = type(effect)
+    old = "; ".join(_old(kind))
+    if old:
+        return (
+            f"{kind.__name__} is declared in the old way: {old} (docs/own-effects.md shows a "
+            "whole one)"
+        )
+    missing = [name for name in NEEDED if not hasattr(kind, name)]
+    if missing:
+        return f"{kind.__name__} has no {', no '.join(missing)}; docs/own-effects.md shows one"
+    for part, (expected, written, _, _) in PARTS.items():
+        value = getattr(kind, part)
+        if not isinstance(value, expected):
+            return f"{kind.__name__}.{part} is {value!r}, expected {written}"
+    if kind.shape and kind.search.grid is FIXED.grid:
+        return f"{kind.__name__} has shape parameters but no grid: write search = Grid(shapes)"
+    return ""
+
+
+def _old(kind: type[Effect]) -> Iterator[str]:
+    """Where attributes of an earlier declaration belong, part by part."""
+    for part, (_, written, default, names) in PARTS.items():
+        unset = getattr(kind, part, None) == default
+        # a function of such a name may be what a part was made of
+        found = [n for n in names if hasattr(kind, n) and (unset or not _callable(kind, n))]
+        if found:
+            listed = ", ".join(map(repr, found))
+            yield f"{listed} belong{'s' if len(found) == 1 else ''} into {part} = {written}"
+
+
+def _callable(kind: type[Effect], name: str) -> bool:
+    return callable(getattr(kind, name))

@@ -1,19 +1,318 @@
 """Data faults of a recording, before anyone fits it: time base, missing and frozen values.
 
 What needs the laws of motion (scale and sign of velocities and efforts) is in
-`hil.record.motioncheck`.  An ``"error"`` means that any fit would be worthless.
+`hil.record.checks`.  An ``"error"`` means that any fit would be worthless.
+
+Warnings from the motion of a recording: jumps, clipping, wrong scales, signs and units.
+
+What moves a joint: its effort explained by its own motion, and the work that it does.
+
+Warnings where a recording goes beyond the limits that its URDF states.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.record.finding import Finding
-from hil.record.motioncheck import check_motion, described_joints
+from hil.errors import DataError
+from hil.record import consistency as physics
+from hil.record.consistency import Finding, check_spikes, smooth
+from hil.record.jumps import described
 from hil.record.recording import Recording
+from hil.record.urdf_joints import UrdfJoint, urdf_joints
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Joint effort explained by its own motion.
+
+    Parameters
+    ----------
+    inertia, friction : float
+        Coefficients of acceleration and of the direction of motion.
+    work : float
+        Net work of the effort over the work without regard to sign, -1 to 1.
+    external : float
+        Coefficient of the external effort (-1 where all is right); NaN without one.
+    certainty : float
+        Partial correlation of the external effort.
+    """
+
+    inertia: float
+    friction: float
+    work: float
+    external: float
+    certainty: float
+
+
+def balance(t: FloatArray, q: FloatArray, tau: FloatArray, ext: FloatArray | None) -> Balance:
+    """Regress the effort of a joint on its own motion and the external effort.
+
+    Parameters
+    ----------
+    t, q, tau : ndarray (n,)
+        Time, position and motor effort.
+    ext : ndarray (n,) or None
+        External effort on the robot.
+    """
+    period = float(np.median(np.diff(t)))
+    width = max(int(0.02 / period), 3)
+    position, effort = smooth(q, width), smooth(tau, width)
+    speed = np.gradient(position, t)
+    acceleration = smooth(np.gradient(speed, t), width)
+    scale = 0.1 * float(np.sqrt(np.mean(speed**2))) or 1.0
+    direction = smooth(np.tanh(speed / scale), width)
+    trim = slice(3 * width, -3 * width, max(width // 2, 1))
+    y, v, x = effort[trim], speed[trim], position[trim]
+    terms = [acceleration[trim], direction[trim], np.ones_like(x), x, np.sin(x), np.cos(x)]
+    known = np.stack(terms, axis=1)
+    work = float(np.sum(y * v) / (np.sum(np.abs(y * v)) or 1.0))
+    external, certainty = float("nan"), 0.0
+    if ext is not None and np.ptp(ext) > 0:
+        other = smooth(ext, width)[trim]
+        rest = other - known @ np.linalg.lstsq(known, other, rcond=None)[0]
+        left = y - known @ np.linalg.lstsq(known, y, rcond=None)[0]
+        norm = float(np.sqrt(np.sum(rest**2) * np.sum(left**2)))
+        certainty = float(np.sum(rest * left)) / norm if norm else 0.0
+        external = float(np.sum(rest * left) / (np.sum(rest**2) or 1.0))
+        y = y - external * other
+    fitted = np.linalg.lstsq(known, y, rcond=None)[0]
+    return Balance(float(fitted[0]), float(fitted[1]), work, external, certainty)
+
+
+#: Share of the range by which a position, and of the limit by which a speed or an effort, must be
+#: beyond it; and samples that must be: a limit is a round number, a single sample is noise.
+ROOM, BEYOND, FEW = 0.02, 0.05, 3
+#: An effort so many times beyond its limit, but not a thousand times, is in milli-units.
+MILLI = 20.0
+#: Width [s] over which a speed is averaged, so that encoder counts are not taken for speed.
+_WIDTH_S = 0.01
+
+
+def position(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding]:
+    """Position beyond the range of a joint.
+
+    Parameters
+    ----------
+    r : Recording
+        Finite values.
+    k : int
+        Index of the joint in the recording.
+    joint : UrdfJoint
+        What the URDF says of it.
+    """
+    q, room = r.q[:, k], ROOM * (joint.upper - joint.lower)
+    out = int(np.count_nonzero((q > joint.upper + room) | (q < joint.lower - room)))
+    if math.isfinite(room) and out >= FEW:
+        yield Finding(
+            "limits", "warning", r.joints[k],
+            f"q{k + 1} runs from {q.min():.4g} to {q.max():.4g} {joint.unit}, beyond the limits of "
+            f"the URDF ({joint.lower:.4g} to {joint.upper:.4g}) in {_share(out, r.n)} of the "
+            "samples; check sign, unit and zero of this joint",
+        )  # fmt: skip
+
+
+def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding]:
+    """Speed and effort beyond what a joint is said to be capable of; parameters as `position`."""
+    effort = "N m" if joint.unit == "rad" else "N"
+    q = r.q[:, k]
+    # no mean over steps is faster than the fastest of them
+    if float(np.abs(np.diff(q)).max()) > joint.velocity * float(np.diff(r.t).min()):
+        mean = physics.smooth(q, max(round(_WIDTH_S / r.period), 1))
+        yield from _beyond(
+            "velocity-limit", f"the speed of q{k + 1}", np.gradient(mean, r.t), joint.velocity,
+            f"{joint.unit}/s", r.joints[k], "check the unit of this position and of the time",
+        )  # fmt: skip
+    most = float(np.abs(r.tau[:, k]).max())
+    milli = MILLI * joint.effort < most <= 1000 * joint.effort
+    yield from _beyond(
+        "effort-limit", f"tau{k + 1}", r.tau[:, k], joint.effort, effort, r.joints[k],
+        f"is it in m{effort}? Then scale it by 0.001 in a map when importing" if milli else
+        f"check that it is the effort at the joint in {effort} (after the gear, and no current), "
+        "and that the URDF is of this robot",
+    )  # fmt: skip
+
+
+def _beyond(
+    code: str, name: str, values: FloatArray, limit: float, unit: str, joint: str, advice: str
+) -> Iterator[Finding]:
+    size = np.abs(values)
+    out = int(np.count_nonzero(size > (1 + BEYOND) * limit))
+    if out >= FEW:
+        yield Finding(
+            code, "warning", joint,
+            f"{name} reaches {size.max():.5g} {unit}, beyond the limit of the URDF ({limit:.4g}) "
+            f"in {_share(out, size.size)} of the samples; {advice}",
+        )  # fmt: skip
+
+
+def _share(count: int, n: int) -> str:
+    share = max(100 * count / n, 0.01)
+    return f"{share:.0f} %" if share > 10 else f"{share:.2g} %"
+
+
+_KNOWN_FACTORS = (
+    (180 / math.pi, "the velocity is in degrees"),
+    (math.pi / 180, "the position is in degrees"),
+    (1e-3, "the time is in milliseconds, or the position in milli-units"),
+    (1e3, "the velocity is in milli-units"),
+    (60 / (2 * math.pi), "the velocity is in revolutions a minute"),
+)
+
+
+def check_motion(recording: Recording) -> Iterator[Finding]:
+    """Warnings that follow from the motion; the values and the time must be sound.
+
+    Parameters
+    ----------
+    recording : Recording
+        At least 20 samples of finite values.
+    """
+    if np.any(np.diff(recording.t) <= 0):
+        return
+    yield from _units(recording)
+    yield from check_spikes(recording)
+    for k, joint in enumerate(recording.joints):
+        if np.ptp(recording.q[:, k]) > 0:
+            yield from _position(recording, k, joint)
+            yield from _effort(recording, k, joint)
+            yield from _velocity(recording, k, joint)
+    if recording.wrench is not None:
+        always = np.ones(recording.n, dtype=np.bool_)
+        for k, name in enumerate(("fx", "fy", "fz", "tx", "ty", "tz")):
+            for clip in physics.clipping(recording.wrench[:, k], lambda: always):
+                yield _clipped(name, "", clip)
+    yield from _signs(recording)
+
+
+def described_joints(recording: Recording) -> tuple[UrdfJoint, ...]:
+    """Joints of the recording's URDF; empty without one, or if it is of another robot."""
+    try:
+        listed = urdf_joints(recording.robot.urdf) if recording.robot.urdf else ()
+    except DataError:
+        return ()
+    return listed if len(listed) == recording.d else ()
+
+
+def _units(r: Recording) -> Iterator[Finding]:
+    listed = described_joints(r)
+    described = bool(listed)
+    unit = r.metadata.get("unit", "rad")
+    for k, name in enumerate(r.joints):
+        joint = listed[k] if described else UrdfJoint(name, unit)
+        q = r.q[:, k]
+        if physics.unit_doubt(q, joint, described):
+            what = "degrees" if joint.unit == "rad" else "millimetres"
+            yield Finding(
+                "unit", "warning", name,
+                f"q{k + 1} runs from {q.min():.4g} to {q.max():.4g} {joint.unit}; is it in {what}? "
+                "Scale it in a map when importing",
+            )  # fmt: skip
+        elif described:
+            yield from position(r, k, joint)
+            yield from speed_and_effort(r, k, joint)
+
+
+def _position(r: Recording, k: int, joint: str) -> Iterator[Finding]:
+    q = r.q[:, k]
+    frozen = list(physics.stuck(r.t, q))
+    jumps = [j for j in physics.steps(r.t, q) if not _ends(frozen, float(r.t[j]))]
+    if frozen:
+        start, length = max(frozen, key=lambda x: x[1])
+        yield Finding(
+            "stuck", "warning", joint,
+            f"q{k + 1} freezes {len(frozen)} times while moving, the longest for {length:.3g} s at "
+            f"{start:.6g} s, and catches up in one sample; samples were lost before recording",
+        )  # fmt: skip
+    lost = r.jumps[k]
+    # what is less than the fastest ordinary step may be a sample that came late
+    if lost.at.size and np.abs(lost.size).max() > np.quantile(np.abs(np.diff(q)), 0.99):
+        yield Finding("step", "warning", joint, f"q{k + 1} {described(r.t, lost)}")
+    elif jumps:
+        size = float(q[jumps[0] + 1] - q[jumps[0]])
+        yield Finding(
+            "step", "warning", joint,
+            f"q{k + 1} jumps {len(jumps)} times within a sample, first by {size:.3g} at "
+            f"{r.t[jumps[0]]:.6g} s; missed counts or an encoder fault: leave that part out",
+        )  # fmt: skip
+
+
+def _ends(frozen: list[tuple[float, float]], at: float) -> bool:
+    return any(start <= at <= start + 1.5 * length for start, length in frozen)
+
+
+def _effort(r: Recording, k: int, joint: str) -> Iterator[Finding]:
+    moving = partial(physics.moves, r.t, r.q[:, k])
+    for clip in physics.clipping(r.tau[:, k], moving):
+        yield _clipped(f"tau{k + 1}", joint, clip)
+    if r.tau_ext is not None:
+        for clip in physics.clipping(r.tau_ext[:, k], moving):
+            yield _clipped(f"tauext{k + 1}", joint, clip)
+
+
+def _clipped(name: str, joint: str, clip: physics.Clipping) -> Finding:
+    return Finding(
+        "saturation", "warning", joint,
+        f"{name} is cut off at {clip.level:.4g} for {100 * clip.share:.2g} % of the samples; "
+        "what acted there is not what was recorded: move more gently or leave it out",
+    )  # fmt: skip
+
+
+def _velocity(r: Recording, k: int, joint: str) -> Iterator[Finding]:
+    if r.qd is None:
+        return
+    factor, correlation = physics.velocity_factor(r.t, r.q[:, k], r.qd[:, k])
+    if not abs(correlation) > 0.95:
+        return
+    if factor < 0:
+        yield Finding(
+            "velocity-sign", "warning", joint,
+            f"qd{k + 1} is {factor:.3g} times the derivative of q{k + 1}: opposite signs; "
+            "change the sign of one of them in a map",
+        )  # fmt: skip
+    elif not 0.8 < factor < 1.25:
+        guess = [f" ({text})" for f, text in _KNOWN_FACTORS if abs(factor / f - 1) < 0.1]
+        yield Finding(
+            "velocity-scale", "warning", joint,
+            f"qd{k + 1} is {factor:.4g} times the derivative of q{k + 1}"
+            f"{guess[0] if guess else ''}; scale one of them in a map",
+        )  # fmt: skip
+
+
+def _signs(r: Recording) -> Iterator[Finding]:
+    """Efforts that take energy out where the motor is the only one to put it in."""
+    found = {}
+    for k in range(r.d):
+        if physics.swings(r.q[:, k]) >= 2 and np.ptp(r.tau[:, k]) > 0:
+            ext = None if r.tau_ext is None else r.tau_ext[:, k]
+            found[k] = balance(r.t, r.q[:, k], r.tau[:, k], ext)
+    power = np.diff(r.q, axis=0) * r.tau[:-1]
+    total = float(power.sum() / (np.abs(power).sum() or 1.0))
+    for k, b in found.items():
+        name = r.joints[k]
+        backward = b.inertia < 0 and b.friction < 0
+        known = abs(b.certainty) > 0.8 and 0.6 < abs(b.external) < 1.7
+        if known and b.external > 0 and not backward and b.inertia > 0 and b.friction > 0:
+            yield Finding(
+                "sign", "warning", name,
+                f"tauext{k + 1} acts with the motor's resistance instead of against it: it should "
+                "be the effort ON the robot; change its sign in a map",
+            )  # fmt: skip
+        alone = r.wrench is None and r.tau_ext is None
+        if backward and ((alone and b.work < -0.3 and total < -0.3) or (known and b.external > 0)):
+            yield Finding(
+                "sign", "warning", name,
+                f"tau{k + 1} only takes energy out of the motion (net work {100 * b.work:.0f} %) "
+                "and inertia and friction come out negative: change the sign of the effort or the "
+                "position in a map, unless someone moved the joint by hand",
+            )  # fmt: skip
+
 
 FloatArray = NDArray[np.float64]
 

@@ -2,6 +2,12 @@
 
 The file is walked record by record and chunk by chunk; what a killed writer left is read up
 to the last complete chunk.  Payloads stay bytes: decoding is done a channel at a time.
+
+One channel's messages: columns of numbers, and payloads that stay where they were read.
+
+Messages of all channels as they are read, until every topic gets its own.
+
+Where the messages of a chunk lie: a compiled walk, for files that are worth its import.
 """
 
 from __future__ import annotations
@@ -9,16 +15,171 @@ from __future__ import annotations
 import struct
 import sys
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
+import numba
 import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
 from hil.errors import DataError
-from hil.record.found import Found
-from hil.record.topic import Topic
+
+
+def _none() -> NDArray[np.int64]:
+    return np.zeros(0, np.int64)
+
+
+@dataclass(eq=False)
+class Topic:
+    """One channel's messages.
+
+    Parameters
+    ----------
+    name, schema, encoding : str
+        Topic, schema name, message encoding.
+    schema_encoding, schema_text : str, bytes
+        The schema as it stands in the file.
+    stamps : ndarray of uint64 (n,)
+        Log times [ns].
+    ticks : ndarray of int64 (n,)
+        Sequence numbers.
+    starts, sizes : ndarray of int64 (n,)
+        Where each payload lies in `raw`.
+    raw : bytearray
+        Payloads of all channels, and what lies between them.
+    """
+
+    name: str
+    schema: str
+    encoding: str
+    schema_encoding: str = ""
+    schema_text: bytes = b""
+    stamps: NDArray[np.uint64] = field(default_factory=lambda: np.zeros(0, np.uint64), repr=False)
+    ticks: NDArray[np.int64] = field(default_factory=_none, repr=False)
+    starts: NDArray[np.int64] = field(default_factory=_none, repr=False)
+    sizes: NDArray[np.int64] = field(default_factory=_none, repr=False)
+    raw: bytearray = field(default_factory=bytearray, repr=False)
+
+    def __len__(self) -> int:
+        return int(self.stamps.size)
+
+    @cached_property
+    def times(self) -> list[int]:
+        """Log time of each message [ns]."""
+        out: list[int] = self.stamps.tolist()
+        return out
+
+    @cached_property
+    def sequence(self) -> list[int]:
+        """Sequence number of each message."""
+        out: list[int] = self.ticks.tolist()
+        return out
+
+    @cached_property
+    def data(self) -> list[bytes]:
+        """Payloads."""
+        return [self.payload(k) for k in range(len(self))]
+
+    def payload(self, k: int) -> bytes:
+        """Payload of message number k."""
+        start = int(self.starts[k])
+        return bytes(self.raw[start : start + int(self.sizes[k])])
+
+    def cut(self, start: int, size: int) -> NDArray[np.uint8]:
+        """The same `size` bytes of every payload from byte `start` on, (n, size)."""
+        first = self.starts + start
+        if not len(self) or np.any(start + size > self.sizes):
+            raise IndexError(f"topic {self.name}: a message ends before byte {start + size}")
+        # every byte begins a slice here; only those asked for are copied
+        windows = np.ndarray(
+            (len(self.raw) - size + 1,), dtype=f"V{size}", buffer=self.raw, strides=(1,)
+        )
+        return windows[first].view(np.uint8).reshape(len(self), size)
+
+    def only(self, keep: NDArray[np.bool_]) -> Topic:
+        """The messages that `keep` (n,) marks."""
+        return replace(
+            self, stamps=self.stamps[keep], ticks=self.ticks[keep], starts=self.starts[keep],
+            sizes=self.sizes[keep],
+        )  # fmt: skip
+
+
+#: Channel, sequence number, start and size of the payload.
+Row = tuple[int, int, int, int]
+CHANNEL, START = 0, 2
+#: Messages that one call of the compiled walk may find.
+AT_ONCE = 4096
+
+
+class Found:
+    """Messages of all channels in the order in which they are read.
+
+    Parameters
+    ----------
+    large : bool
+        Whether there are so many that a compiled walk is worth its import.
+    """
+
+    def __init__(self, large: bool) -> None:
+        self.known = np.zeros(2**16, dtype=np.bool_)
+        self._large, self._raw = large, bytearray()
+        self._buffers = np.empty((AT_ONCE, 4), np.int64), np.empty(AT_ONCE, np.uint64)
+        self._where: list[NDArray[np.int64]] = []
+        self._stamps: list[NDArray[np.uint64]] = []
+        self._rows: list[Row] = []
+        self._times: list[int] = []
+
+    def add(self, data: bytes) -> int:
+        """Keep the bytes of a chunk; where they begin among all of them."""
+        self._raw += data
+        return len(self._raw) - len(data)
+
+    def note(self, channel: int, sequence: int, stamp: int, start: int, size: int) -> None:
+        """One message."""
+        self._rows.append((channel, sequence, start, size))
+        self._times.append(stamp)
+
+    def walk(self, data: bytes, at: int, base: int) -> int:
+        """Note messages from byte `at` of a chunk on, as far as it is quick; where that ends."""
+        if not self._large:
+            return at
+        from hil.record.container import messages
+
+        raw, (where, stamps), count = np.frombuffer(data, np.uint8), self._buffers, AT_ONCE
+        while count == AT_ONCE:
+            count, at = messages(raw, at, self.known, where, stamps)
+            if count:
+                self._flush()
+                own = where[:count].copy()
+                own[:, START] += base
+                self._where.append(own)
+                self._stamps.append(stamps[:count].copy())
+        return at
+
+    def _flush(self) -> None:
+        if self._rows:
+            self._where.append(np.array(self._rows, np.int64))
+            self._stamps.append(np.array(self._times, np.uint64))
+            self._rows, self._times = [], []
+
+    def hand_out(self, channels: dict[int, Topic]) -> None:
+        """Give every topic its messages."""
+        self._flush()
+        if not self._where:
+            return
+        where, stamps = np.concatenate(self._where), np.concatenate(self._stamps)
+        topics = list({id(t): t for t in channels.values()}.values())
+        place = np.zeros(self.known.size, np.int64)
+        order = {id(t): k for k, t in enumerate(topics)}
+        place[list(channels)] = [order[id(t)] for t in channels.values()]
+        which = place[where[:, CHANNEL]]
+        for k, topic in enumerate(topics):
+            own = which == k
+            topic.stamps, topic.raw = stamps[own], self._raw
+            topic.ticks, topic.starts, topic.sizes = where[own, 1:].T.copy()
+
 
 __all__ = ["Container", "Topic", "read"]
 
@@ -217,3 +378,63 @@ class _Reader:
             _, at = _text(data, at)
             (n,) = struct.unpack_from("<Q", data, at)
             self.out.attachments[name] = data[at + 8 : at + 8 + n]
+
+
+#: Bytes of a record's opcode and length; of what a message has before its payload.
+HEAD, BEFORE = 9, 22
+#: Opcode of a message.
+MESSAGE = 5
+
+
+@numba.njit(cache=True)
+def _number(data: NDArray[np.uint8], at: int, size: int) -> np.uint64:
+    """Little-endian number of `size` bytes."""
+    out = np.uint64(0)
+    for k in range(size):
+        out |= np.uint64(data[at + k]) << np.uint64(8 * k)
+    return out
+
+
+@numba.njit(cache=True)
+def messages(
+    data: NDArray[np.uint8], at: int, known: NDArray[np.bool_],
+    where: NDArray[np.int64], stamps: NDArray[np.uint64],
+) -> tuple[int, int]:  # fmt: skip
+    """Walk messages of known channels from byte `at` on, up to the first other record.
+
+    Parameters
+    ----------
+    data : ndarray of uint8
+        Records of a chunk.
+    at : int
+        Where the first of them begins.
+    known : ndarray of bool (65536,)
+        Whether a channel has been declared.
+    where : ndarray of int64 (n, 4)
+        Filled: channel, sequence number, start and size of the payload.
+    stamps : ndarray of uint64 (n,)
+        Filled: log times [ns].
+
+    Returns
+    -------
+    count, at : int
+        How many messages, and where the record after them begins.
+    """
+    count, size = 0, data.size
+    while count < stamps.size and at + HEAD + BEFORE <= size and data[at] == MESSAGE:
+        # one beyond 2^63 is negative, and as wrong as any that is too long
+        length = np.int64(_number(data, at + 1, 8))
+        if length < BEFORE or length > size - at - HEAD:
+            break
+        body = at + HEAD
+        channel = _number(data, body, 2)
+        if not known[channel]:
+            break
+        where[count, 0] = channel
+        where[count, 1] = _number(data, body + 2, 4)
+        where[count, 2] = body + BEFORE
+        where[count, 3] = length - BEFORE
+        stamps[count] = _number(data, body + 6, 8)
+        at = int(body + length)
+        count += 1
+    return count, at

@@ -16,8 +16,8 @@ from pathlib import Path
 from hil.errors import DataError, unknown
 from hil.record.mapfile import read_map
 from hil.record.recording import Recording
-from hil.record.table import import_table
-from hil.record.tablefile import run_names
+from hil.record.table_files import run_names
+from hil.record.tables import import_table
 
 VARIABLE = "HIL_DATA"
 

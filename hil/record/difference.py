@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hil.errors import DataError
 from hil.record.container import Container, Topic, read
-from hil.record.fields import numbers
+from hil.record.decode import numbers
 
 
 @dataclass(frozen=True)

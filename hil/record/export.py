@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from hil.errors import DataError
+from hil.record.mapfile import SIGNAL
+from hil.record.mcap_write import SessionWriter
 from hil.record.recording import Recording
 from hil.record.schema import LAST_S, Channel
-from hil.record.tablemap import SIGNAL
-from hil.record.writer import SessionWriter
 
 
 def robot_record(recording: Recording) -> dict[str, str]:

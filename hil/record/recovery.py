@@ -1,15 +1,128 @@
-"""A proper session from what a killed writer left: every message, byte for byte."""
+"""A proper session from what a killed writer left: every message, byte for byte.
+
+File of a session: written whole or not at all, in small chunks.
+"""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable
+from io import RawIOBase
 from pathlib import Path
+from typing import IO, Any, cast
 
 import numpy as np
-from mcap.writer import Writer
+from mcap.writer import CompressionType, IndexType, Writer
 
 from hil.errors import ConfigError, DataError
 from hil.record.container import Container, read
-from hil.record.sessionfile import chunk_closer, create, mcap_writer
+
+LIBRARY = "hil"
+CHUNK_BYTES = 64 * 1024
+#: Bytes of a message record around its payload.
+FRAME = 31
+
+
+def mcap_writer(file: SessionFile, largest: int) -> Writer:
+    """Started MCAP writer whose chunks stay within 64 KiB.
+
+    Parameters
+    ----------
+    file : SessionFile
+        Where to.
+    largest : int
+        Size of the largest payload [byte]; a chunk is closed after the message that fills it.
+    """
+    writer = Writer(
+        cast(IO[Any], file), chunk_size=max(CHUNK_BYTES - FRAME - largest, 0),
+        compression=CompressionType.ZSTD, index_types=IndexType.ALL, enable_data_crcs=True,
+    )  # fmt: skip
+    writer.start(profile="ros2", library=LIBRARY)
+    return writer
+
+
+def chunk_closer(writer: Writer) -> Callable[[], None]:
+    """Function that closes the open chunk.
+
+    Not every published mcap 1.6 has a public ``flush``; without it the private step does.
+    """
+    public: Callable[[], None] | None = getattr(writer, "flush", None)
+    private: Callable[[], None] | None = getattr(writer, "_Writer__finalize_chunk", None)
+    found = public or private
+    if found is None:
+        raise ConfigError("this release of mcap cannot close a chunk; install mcap 1.6")
+    return found
+
+
+class SessionFile:
+    """File that is written only by `flush`, and all of it or nothing.
+
+    Parameters
+    ----------
+    raw : RawIOBase
+        Open for writing.
+    """
+
+    def __init__(self, raw: RawIOBase) -> None:
+        self._raw, self._waiting, self._kept = raw, bytearray(), 0
+
+    def write(self, data: bytes) -> int:
+        """Keep `data` for the next `flush`."""
+        self._waiting += data
+        return len(data)
+
+    def tell(self) -> int:
+        """Bytes so far, waiting ones included."""
+        return self._kept + len(self._waiting)
+
+    def flush(self) -> None:
+        """Hand what waits to the operating system."""
+        if not self._waiting:
+            return
+        data, self._waiting = self._waiting, bytearray()
+        view = memoryview(data)
+        while view:
+            view = view[self._raw.write(view) or 0 :]
+        self._kept += len(data)
+
+    def cut(self) -> None:
+        """Take back what an interrupted `flush` left behind, as far as the disk allows."""
+        self._waiting = bytearray()
+        with contextlib.suppress(OSError):  # then the reader leaves the torn chunk out
+            self._raw.truncate(self._kept)
+
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._raw.closed
+
+    def close(self) -> None:
+        """Close without writing what waits."""
+        self._raw.close()
+
+    def __enter__(self) -> SessionFile:
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if kind is None:
+            self.flush()
+        self.close()
+
+
+def create(path: str | Path, overwrite: bool) -> SessionFile:
+    """Open a session file for writing.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be created, or exists and must not be overwritten.
+    """
+    try:
+        return SessionFile(Path(path).open("wb" if overwrite else "xb", buffering=0))
+    except FileExistsError as error:
+        raise ConfigError(f"session {path} exists; name a new file") from error
+    except OSError as error:
+        raise ConfigError(f"cannot write session {path}: {error.strerror}") from error
 
 
 def recover(source: str | Path, target: str | Path) -> int:

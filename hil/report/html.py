@@ -11,10 +11,10 @@ from hil.diagnosis.residuals import Region, regions
 from hil.diagnosis.types import Diagnosis, Indistinguishable
 from hil.diagnosis.verbs import Comparison, Rung, rising
 from hil.identify.design import head
-from hil.models import catalogue, told
+from hil.models import catalogue, param_text
 from hil.models.effect import Trait
 from hil.models.model import Value
-from hil.models.told import in_words, without_error
+from hil.models.param_text import in_words, without_error
 from hil.record.recording import Recording
 from hil.report import text
 from hil.report.data import COMPARED, Material, from_comparison, from_diagnosis
@@ -224,7 +224,7 @@ def effects(m: Material) -> str:
         parts.append(f"<h3>{escape(text.where(f))}</h3>")
         parts.append(paragraph(f"{text.meaning(f.effect)}. Equation: {effect.doc.equation}"))
         values = [text.value(n, v, m.joints) for n, v in f.parameters.items()]
-        said = told.remark(f.effect, f.parameters)
+        said = param_text.remark(f.effect, f.parameters)
         parts += [items([*values, *([said] if said else [])]), figure]
         parts += (
             [paragraph(f"Read with care: {effect.doc.caveat}.", "note")]

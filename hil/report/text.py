@@ -24,7 +24,7 @@ from hil.errors import ConfigError
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import Value
-from hil.models.told import in_words, without_error
+from hil.models.param_text import in_words, without_error
 from hil.report.data import COMPARED, Material
 from hil.report.elements import number
 

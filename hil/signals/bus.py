@@ -55,7 +55,7 @@ class RecordedFrame(Protocol):
 
 
 class Replay(Protocol):
-    """Answers for a device (`hil.record.replay.Replay`)."""
+    """Answers for a device (`hil.record.frames.Replay`)."""
 
     def put(self, key: str, data: bytes) -> None:
         """The driver sends a frame."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from hil.errors import HilError, unknown
 from hil.models import catalogue
-from hil.models.declared import misdeclared
+from hil.models.catalogue import misdeclared
 from hil.models.effect import Effect, Fitted, Param, refused, terms_of
 from hil.models.motion import Motion
 from hil.testing.motions import sample_motions

@@ -9,11 +9,11 @@ from hil import app
 from hil.config import load_rig
 from hil.controllers.lawrence import Lawrence
 from hil.diagnosis.verbs import fit
+from hil.models.files import write_model
 from hil.models.model import Use, base_model
-from hil.models.writing import write_model
 from hil.record.container import read
 from hil.record.decode import decode_numbers
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.replay import replay
 from hil.rigs import rig_path
 from hil.rigtables import ControllerConfig

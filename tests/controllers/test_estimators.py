@@ -20,7 +20,7 @@ from hil.estimate.elastic_ukf import RECORD, ElasticUkf, UkfConfig
 from hil.experiments import elastic_transmission
 from hil.record.container import read
 from hil.record.decode import decode_numbers
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.record.ring import Ring
 from hil.replay import replay
 from hil.rig import open_rig

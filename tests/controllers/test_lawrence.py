@@ -27,7 +27,7 @@ from hil.estimate import external_torque
 from hil.models.phantom import Premium
 from hil.record.container import read
 from hil.record.decode import decode_numbers
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.teleop import architecture, law_parameters, sampled_loop, transparency
 from hil.teleop.architecture import Design, Robot, Term
 from hil.tomltable import parse

@@ -11,7 +11,7 @@ from hil.config import load_rig
 from hil.diagnosis.engine import diagnose
 from hil.identify import standstill
 from hil.models.model import base_model
-from hil.record.reader import load
+from hil.record.mcap_read import load
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 

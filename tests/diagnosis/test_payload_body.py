@@ -9,9 +9,8 @@ import pytest
 import hil
 from hil.commands.diagnosetext import text
 from hil.diagnosis.types import Diagnosis
-from hil.models.files import read_model
+from hil.models.files import read_model, write_model
 from hil.models.model import Use, Value, base_model
-from hil.models.writing import write_model
 from hil.record.recording import Recording, RobotSource
 from hil.report.html import diagnosis_report
 from hil.report.json import diagnosis_json

@@ -9,7 +9,7 @@ from compare_planar import planar
 import hil
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.verbs import ladder
-from hil.identify import abreast
+from hil.identify import parallel
 
 
 @pytest.fixture(scope="module")
@@ -67,10 +67,10 @@ def test_exchanged_efforts_are_bad_data():
 @pytest.mark.parametrize("gain", [(1.0, 1.0), (1.0, 1.2)])
 def test_what_is_found_does_not_depend_on_the_threads(gain, monkeypatch):
     run = planar(1, gain=gain)
-    with abreast.alone():
+    with parallel.alone():
         one = hil.diagnose([run], hil.base_model(run.robot))
-    monkeypatch.setattr(abreast, "LONG", 0)
-    monkeypatch.setattr(abreast, "threads", lambda: 2)
+    monkeypatch.setattr(parallel, "LONG", 0)
+    monkeypatch.setattr(parallel, "threads", lambda: 2)
     two = hil.diagnose([run], hil.base_model(run.robot))
     assert one.verdict == two.verdict
     assert [(f.effect, f.joint) for f in one.findings] == [

@@ -9,7 +9,7 @@ import pytest
 from hil.cli import main
 from hil.excite import files
 from hil.excite.trajectory import sample
-from hil.record.reader import load
+from hil.record.mcap_read import load
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 

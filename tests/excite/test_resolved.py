@@ -14,7 +14,7 @@ from hil.config import load_rig
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import sets_of
 from hil.models.model import base_model
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.report.json import diagnosis_json
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"

@@ -9,7 +9,7 @@ from scipy.fft import next_fast_len
 
 from hil.errors import DataError
 from hil.identify.bands import choose, derivatives, motion_bandwidth, smooth
-from hil.identify.decimator import Decimator
+from hil.identify.prepare import Decimator
 from hil.models.model import Band
 from hil.record.recording import Recording
 

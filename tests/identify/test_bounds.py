@@ -5,11 +5,11 @@ import pytest
 import scipy.optimize
 from identify_arm import record, urdf
 
-from hil.identify.bounds import bounded
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.projector import _kept
 from hil.identify.regression import basis
+from hil.identify.solve import bounded
 from hil.models import catalogue
 from hil.models.model import base_model
 from hil.record.recording import RobotSource

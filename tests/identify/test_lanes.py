@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.identify.bands import derivatives
-from hil.identify.lanes import acceleration_power
+from hil.identify.bands import acceleration_power, derivatives
 
 
 @pytest.mark.parametrize(("rate", "n"), [(1000.0, 3000), (30.0, 300), (1000.0, 60)])

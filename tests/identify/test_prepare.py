@@ -17,8 +17,14 @@ from hil.identify.clock import even
 from hil.identify.fit import fit
 from hil.identify.prepare import bridged, prepared, signal
 from hil.identify.problem import Problem
-from hil.identify.readings import reading_notes, readings
-from hil.identify.timing import fit_aligned, late_effort, lateness, longest_shift
+from hil.identify.timing import (
+    fit_aligned,
+    late_effort,
+    lateness,
+    longest_shift,
+    reading_notes,
+    readings,
+)
 from hil.models.model import Band, RobotModel, base_model
 from hil.record.recording import COLUMNS, Recording, RobotSource
 from hil.record.urdf_joints import urdf_joints

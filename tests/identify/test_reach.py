@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from test_forward import recording
 
+from hil.diagnosis.preconditions import Reach
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
-from hil.identify.reach import Reach
 from hil.models.model import base_model
 
 

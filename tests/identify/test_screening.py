@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.identify.decimator import Decimator
 from hil.identify.design import Term
+from hil.identify.prepare import Decimator
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.screening import EXACT, _overtone, promising, screen
-from hil.identify.shapes import best_shape
+from hil.identify.shape_search import best_shape
 from hil.models import catalogue
 from hil.record.recording import Recording
 

@@ -7,7 +7,7 @@ from hil.identify.design import Term, bind, stack
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
-from hil.identify.shapes import best_shape
+from hil.identify.shape_search import best_shape
 from hil.models import catalogue
 from hil.models.model import RobotModel, Use
 from hil.record.recording import Recording, RobotSource

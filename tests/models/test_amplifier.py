@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.models.amplifier import KNEES, TorqueCrosstalk, TorqueSaturation
-from hil.models.amplifier import given as gives
+from hil.models.actuator import KNEES, TorqueCrosstalk, TorqueSaturation
+from hil.models.actuator import given as gives
 from hil.models.catalogue import get
 from hil.models.effect import refused, strict
 from hil.models.motion import Motion

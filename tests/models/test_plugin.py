@@ -7,8 +7,8 @@ import pytest
 
 from hil.diagnosis.evidence import gather
 from hil.identify.fit import fit
+from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
-from hil.identify.threads import single_threaded
 from hil.models import catalogue
 from hil.models.files import read_model, write_model
 from hil.record.recording import Recording, RobotSource

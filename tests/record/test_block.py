@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.errors import ConfigError
-from hil.record import chunk
+from hil.record import mcap_write
+from hil.record.mcap_write import SessionWriter
 from hil.record.schema import Channel, encoder, places
-from hil.record.writer import SessionWriter
 
 CHANNELS = [
     Channel(
@@ -61,7 +61,7 @@ def test_slow_ticks_close_chunks_by_time(tmp_path):
 def test_another_release_of_mcap_gets_messages(tmp_path, monkeypatch):
     bursts = [(100, 1_000_000, 1), (40, 1_000_000, 2)]
     fast = write(tmp_path / "a.mcap", bursts, True)
-    monkeypatch.setattr("hil.record.writer.appender", lambda w, full: chunk._one_by_one(w))
+    monkeypatch.setattr("hil.record.mcap_write.appender", lambda w, full: mcap_write._one_by_one(w))
     assert write(tmp_path / "b.mcap", bursts, True) == fast
 
 

@@ -15,10 +15,9 @@ from hil.commands.run import differences
 from hil.config import load_rig
 from hil.errors import ConfigError, DataError, DeviceError
 from hil.record.container import read
-from hil.record.fields import read_fields
-from hil.record.frames import RX, START, TX, Frame, FrameLog, decode, encode, read_frames
-from hil.record.reader import summary
-from hil.record.replay import Replay
+from hil.record.decode import read_fields
+from hil.record.frames import RX, START, TX, Frame, FrameLog, Replay, decode, encode, read_frames
+from hil.record.mcap_read import summary
 from hil.rig import open_rig
 from hil.session import rig_text
 from hil.sim_devices.force.netcanoem import NetCanOemBoard

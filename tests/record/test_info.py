@@ -14,7 +14,7 @@ from record_tables import recording
 
 from hil.cli import main
 from hil.record.export import write_recordings
-from hil.record.reader import load
+from hil.record.mcap_read import load
 
 
 @pytest.fixture

@@ -13,13 +13,13 @@ from record_tables import URDF, recording
 
 from hil.cli import main
 from hil.errors import DataError, HilError
+from hil.record.decode import read_fields
 from hil.record.export import write_recordings
-from hil.record.fields import read_fields
-from hil.record.reader import arms, load, load_all, read_metadata, summary
+from hil.record.mcap_read import arms, load, load_all, read_metadata, summary
+from hil.record.mcap_write import SessionWriter
 from hil.record.recording import RobotSource
 from hil.record.recovery import recover
 from hil.record.schema import Channel
-from hil.record.writer import SessionWriter
 
 R = recording(seconds=3.0)
 FULL = replace(R, wrench=np.random.default_rng(1).normal(size=(R.n, 6)), tau_ext=2 * R.tau)

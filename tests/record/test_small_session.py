@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from hil.record.reader import load_arms, summary
+from hil.record.mcap_read import load_arms, summary
 from hil.replay import replay
 
 SMALL = Path(__file__).with_name("small.mcap")

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hil.record.consistency import reached
-from hil.record.spikes import spikes
+from hil.record.consistency import reached, spikes
 
 T = np.arange(4000) * 1e-3
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.errors import DataError
-from hil.record import container, walk
-from hil.record.topic import Topic
+from hil.record import container
+from hil.record.container import Topic
 
 SMALL = (Path(__file__).parent / "small.mcap").read_bytes()
 
@@ -61,7 +61,7 @@ def plain(n=40, channels=3, broken=None):
             body, length = body[:10], 10
         elif k == 20 and broken in ENDLESS:
             length = ENDLESS[broken]
-        out += container._RECORD.pack(walk.MESSAGE, length) + body
+        out += container._RECORD.pack(container.MESSAGE, length) + body
     chunk = bytes(16) + len(out).to_bytes(8, "little") + bytes(8) + len(out).to_bytes(8, "little")
     return container.MAGIC + container._RECORD.pack(6, len(chunk) + len(out)) + chunk + out
 
@@ -82,9 +82,9 @@ def test_both_walks_find_the_same_in_any_file(folder, data):
 
 
 def test_the_compiled_walk_is_that_of_large_files(tmp_path, monkeypatch):
-    path, calls, walked = tmp_path / "s.mcap", [], walk.messages
+    path, calls, walked = tmp_path / "s.mcap", [], container.messages
     path.write_bytes(plain())
-    monkeypatch.setattr(walk, "messages", lambda *a: calls.append(1) or walked(*a))
+    monkeypatch.setattr(container, "messages", lambda *a: calls.append(1) or walked(*a))
     monkeypatch.delitem(sys.modules, "numba", raising=False)
     container.read(path)
     assert not calls
@@ -117,7 +117,7 @@ def test_both_walks_stop_at_the_same_damage(tmp_path, monkeypatch, broken):
 
 
 def test_more_messages_than_the_walk_takes_at_once(tmp_path, monkeypatch):
-    monkeypatch.setattr("hil.record.found.AT_ONCE", 7)
+    monkeypatch.setattr("hil.record.container.AT_ONCE", 7)
     path = tmp_path / "s.mcap"
     path.write_bytes(plain())
     one, other = both(path, monkeypatch)

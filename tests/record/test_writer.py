@@ -16,9 +16,9 @@ from record_tables import recording
 
 from hil.errors import ConfigError
 from hil.record.export import write_recordings
-from hil.record.reader import load, read_attachments, read_metadata
+from hil.record.mcap_read import load, read_attachments, read_metadata
+from hil.record.mcap_write import CHUNK_BYTES, CHUNK_NS, SessionWriter
 from hil.record.schema import Channel
-from hil.record.writer import CHUNK_BYTES, CHUNK_NS, SessionWriter
 
 STATE = Channel("/arm/measured_js", "joint_state", ("a", "b"), ("position",))
 EFFORT = Channel("/arm/setpoint_jf", "joint_state", ("a", "b"), ("effort",))
@@ -105,7 +105,7 @@ def test_a_killed_process_loses_a_tenth_of_a_second_at_most(tmp_path):
     program = f"""
 import os
 from hil.record.schema import Channel
-from hil.record.writer import SessionWriter
+from hil.record.mcap_write import SessionWriter
 names = ("a", "b")
 writer = SessionWriter({str(path)!r}, [
     Channel("/arm/measured_js", "joint_state", names, ("position",)),

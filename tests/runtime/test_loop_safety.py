@@ -330,7 +330,7 @@ def test_a_signal_takes_the_torque_and_the_power_off(tmp_path, number):
     assert process.returncode != 0
     assert lines[-1] == "power False" and lines.count("power False") == 2
     assert [s for s in lines if s.startswith("codes")][-1] == "codes 0 0 0"
-    from hil.record.reader import load, summary
+    from hil.record.mcap_read import load, summary
 
     assert not summary(tmp_path / "s.mcap").truncated
     assert load(tmp_path / "s.mcap", "leader").n > 0

@@ -105,7 +105,7 @@ def test_a_session_may_wait_for_its_operator(tmp_path):
     path = tmp_path / "s.mcap"
     operator = Operator([(0.2, "start")], wait=True)
     run(load_rig(RIGS / "teleop.toml"), 0.5, 3, output=path, operator=operator)
-    from hil.record.reader import load
+    from hil.record.mcap_read import load
 
     codes = load(path, "follower").tau
     assert not codes[:190].any() and codes[220:].any()
@@ -129,9 +129,9 @@ def test_rows_that_the_ring_dropped_are_jumped_over(tmp_path):
 
 
 def test_a_changed_record_is_found(tmp_path, monkeypatch):
-    from hil.record import writer
+    from hil.record import mcap_write
 
-    plain = writer.SessionWriter.write_rows
+    plain = mcap_write.SessionWriter.write_rows
 
     def bent(self, topics, stamps, data):
         data = data.copy()
@@ -141,7 +141,7 @@ def test_a_changed_record_is_found(tmp_path, monkeypatch):
                 data[cell] = np.nextafter(data[cell], 1.0)
         plain(self, topics, stamps, data)
 
-    monkeypatch.setattr(writer.SessionWriter, "write_rows", bent)
+    monkeypatch.setattr(mcap_write.SessionWriter, "write_rows", bent)
     found = replay(record(tmp_path / "s.mcap"))
     assert found.differ == 1
     assert (found.first.tick, found.first.arm, found.first.what) == (200, "follower", "effort2")

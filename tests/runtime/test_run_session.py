@@ -13,7 +13,7 @@ from hil.app import Operator, run
 from hil.cli import main
 from hil.config import load_rig
 from hil.errors import ConfigError, DeviceError
-from hil.record.reader import load, summary
+from hil.record.mcap_read import load, summary
 from hil.record.ring import Ring
 from hil.rig import open_rig
 from hil.runtime.clock import MonotonicClock, VirtualClock

@@ -8,7 +8,7 @@ import pytest
 from hil import app
 from hil.config import load_rig
 from hil.errors import ConfigError
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.signals.velocity import FilteredAcceleration, estimator, names
 from hil.signals.velocity.methods import low_pass
 

@@ -8,7 +8,7 @@ from hil.bench.diagnosis import amplitudes
 from hil.bench.diagnosis.amplitudes import base_rms
 from hil.controllers import multisine
 from hil.controllers.joint_tracking import JointTracking, JointTrackingConfig
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.record.recording import Recording
 from hil.rigs import rig_path
 from hil.sim_devices.fast import laws, session

@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from hil.app import run
 from hil.config import load_rig
 from hil.errors import ConfigError
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.sim_devices.plants.hidden import HIDDEN, RANDOM, choose
 
 RIGS = Path(__file__).parents[2] / "rigs"

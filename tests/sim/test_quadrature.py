@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hil import app
 from hil.config import load_rig
 from hil.errors import ConfigError
-from hil.record.fields import read_fields
+from hil.record.decode import read_fields
 from hil.sim_devices.quadrature import Quadrature, tracks
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"

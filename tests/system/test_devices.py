@@ -14,7 +14,7 @@ from hil.cli import main
 from hil.config import load_rig
 from hil.drivers import usb_31xx, usb_quad08
 from hil.errors import ConfigError, DeviceError
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.rig import bench_of
 from hil.signals.bus import Bus
 from hil.sim_devices import bench as bench_module

@@ -8,7 +8,7 @@ import pytest
 from hil.cli import main
 from hil.models import catalogue
 from hil.record.mapfile import _ROBOT, _TABLE, _TOP
-from hil.record.reader import load
+from hil.record.mcap_read import load
 from hil.testing import check_effect
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -30,7 +30,7 @@ def test_outside_effect_gets_no_name(tmp_path):
     path = hidden.session(rig_path("identify"), tmp_path, 5, 5, "outside-speed-product", "joint2")
     from hil.diagnosis.engine import diagnose
     from hil.models.model import base_model
-    from hil.record.reader import load
+    from hil.record.mcap_read import load
 
     run = load(path, "follower")
     assert diagnose([run], base_model(run.robot)).verdict == "unexplained"

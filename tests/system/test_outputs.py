@@ -9,9 +9,9 @@ import pytest
 
 from hil.cli import main
 from hil.record.export import write_recordings
-from hil.record.reader import load, read_metadata, summary
+from hil.record.mcap_read import load, read_metadata, summary
+from hil.record.mcap_write import SessionWriter
 from hil.record.recording import Recording
-from hil.record.writer import SessionWriter
 
 RIG = Path(__file__).parents[2] / "rigs" / "teleop.toml"
 BASE = 'schema = "hil.model/1"\n[robot]\npreset = "single-axis"\n[[effects]]\ntype = "viscous"\n'

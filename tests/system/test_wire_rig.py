@@ -10,8 +10,8 @@ from hil import app
 from hil.config import load_rig
 from hil.drivers.ft_sensor import FtSensorConfig, open_device
 from hil.errors import ConfigError
-from hil.record.fields import read_fields
-from hil.record.reader import summary
+from hil.record.decode import read_fields
+from hil.record.mcap_read import summary
 from hil.rig import force_sensors, open_rig
 from hil.signals.device import Status
 from hil.sim_devices.bench import open_bench

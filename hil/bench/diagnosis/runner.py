@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from hil.bench.diagnosis import amplitudes, cases, judge, session, testcases
 from hil.errors import DataError
-from hil.identify.abreast import alone
+from hil.identify.parallel import alone
 
 Row = dict[str, Any]
 

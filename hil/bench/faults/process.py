@@ -22,7 +22,7 @@ from hil.config import load_rig
 from hil.errors import DataError
 from hil.record.container import Container, read
 from hil.record.decode import decode_numbers
-from hil.record.writer import SessionWriter
+from hil.record.mcap_write import SessionWriter
 from hil.rigs import rig_path
 from hil.runtime.frame import TIMING, WORDS
 from hil.runtime.watchdog import beside

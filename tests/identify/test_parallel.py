@@ -5,8 +5,8 @@ import threading
 import numpy as np
 import pytest
 
-from hil.identify import abreast as module
-from hil.identify.abreast import LONG, abreast, alone, threads
+from hil.identify import parallel as module
+from hil.identify.parallel import LONG, alone, in_parallel, threads
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +27,7 @@ def together(work, count=2):
 
 
 def test_two_work_at_once_and_results_keep_their_order():
-    assert abreast(together(lambda x: x * x), range(6), LONG) == [0, 1, 4, 9, 16, 25]
+    assert in_parallel(together(lambda x: x * x), range(6), LONG) == [0, 1, 4, 9, 16, 25]
 
 
 @pytest.mark.parametrize("limit", ["short", "alone", "asked", "nested", "one"])
@@ -37,18 +37,20 @@ def test_where_one_is_enough_the_caller_does_it(monkeypatch, limit):
 
     own = where(0)
     if limit == "short":
-        assert set(abreast(where, range(4), LONG - 1)) == {own}
+        assert set(in_parallel(where, range(4), LONG - 1)) == {own}
     elif limit == "alone":
         with alone():
-            assert set(abreast(where, range(4), LONG)) == {own}
+            assert set(in_parallel(where, range(4), LONG)) == {own}
         assert threads() == 2
     elif limit == "asked":
         monkeypatch.setenv("OMP_NUM_THREADS", "1")
-        assert set(abreast(where, range(4), LONG)) == {own}
+        assert set(in_parallel(where, range(4), LONG)) == {own}
     elif limit == "one":
-        assert abreast(where, [0], LONG) == [own]
+        assert in_parallel(where, [0], LONG) == [own]
     else:
-        inner = abreast(lambda x: (where(x), set(abreast(where, range(3), LONG))), range(4), LONG)
+        inner = in_parallel(
+            lambda x: (where(x), set(in_parallel(where, range(3), LONG))), range(4), LONG
+        )
         assert all(found == {outer} for outer, found in inner)
 
 
@@ -57,9 +59,9 @@ def test_what_the_caller_set_holds_in_the_threads_too():
         return float(np.array([1.0])[0] / np.float64(x))
 
     with np.errstate(divide="ignore"):
-        assert abreast(together(divided), [0.0, 2.0], LONG) == [np.inf, 0.5]
+        assert in_parallel(together(divided), [0.0, 2.0], LONG) == [np.inf, 0.5]
     with pytest.raises(FloatingPointError), np.errstate(divide="raise"):
-        abreast(divided, [0.0, 2.0, 4.0], LONG)
+        in_parallel(divided, [0.0, 2.0, 4.0], LONG)
 
 
 def test_nonsense_in_the_environment_is_no_limit(monkeypatch):

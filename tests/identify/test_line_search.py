@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.identify.climb import climb
+from hil.identify.shape_search import line_search
 
 
 def counted(f):
@@ -21,25 +21,25 @@ def counted(f):
 def test_smooth_maximum_in_few_steps(top):
     g, known = counted(lambda x: 1 / (1 + (x - top) ** 2))
     at = min((0.3, 0.5, 0.7), key=lambda x: abs(x - top))
-    x, value = climb(g, (0.0, at, 1.0), 1e-6)
+    x, value = line_search(g, (0.0, at, 1.0), 1e-6)
     assert x == pytest.approx(top, abs=2e-3) and value > 1 - 1e-5
     assert len(known) <= 3 + 8
 
 
 def test_maximum_next_to_an_end_is_found_and_an_end_is_kept():
     g, _ = counted(lambda x: -((x - 0.2) ** 2))
-    assert climb(g, (0.0, 0.0, 1.0), 1e-9)[0] == pytest.approx(0.2, abs=1e-3)
+    assert line_search(g, (0.0, 0.0, 1.0), 1e-9)[0] == pytest.approx(0.2, abs=1e-3)
     g, known = counted(lambda x: -x)
-    assert climb(g, (0.0, 0.0, 1.0), 1e-9) == (0.0, 0.0)
+    assert line_search(g, (0.0, 0.0, 1.0), 1e-9) == (0.0, 0.0)
     assert len(known) <= 3
 
 
 def test_a_kink_is_reached():
     g, _ = counted(lambda x: -((x - 0.05) ** 2) - 30.0 * max(x - 0.05, 0.0) ** 2)
-    assert climb(g, (-0.12, 0.0, 0.12), 1e-9)[0] == pytest.approx(0.05, abs=2e-3)
+    assert line_search(g, (-0.12, 0.0, 0.12), 1e-9)[0] == pytest.approx(0.05, abs=2e-3)
 
 
 def test_flat_function_costs_nothing():
     g, known = counted(lambda x: 1.0)
-    assert climb(g, (0.0, 0.5, 1.0), 1e-6) == (0.5, 1.0) and len(known) == 3
+    assert line_search(g, (0.0, 0.5, 1.0), 1e-6) == (0.5, 1.0) and len(known) == 3
     assert np.isfinite(list(known)).all()

@@ -3,16 +3,24 @@
 Each thing is computed as it would be alone, so that results do not depend on how many there are.
 A diagnosis of some minutes takes a seventh to a quarter less with two; the many small steps of a
 short one wait for the interpreter, so that it has one.
+
+One BLAS thread for the many small matrices of an identification.
+
+Several threads on matrices of a few thousand rows gain nothing on an idle machine and cost a
+factor of a hundred on a busy one, where they spin waiting for each other.
 """
 
 from __future__ import annotations
 
 import contextlib
 import contextvars
+import functools
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -41,7 +49,7 @@ def alone() -> Iterator[None]:
         _limit.reset(token)
 
 
-def abreast(work: Callable[[T], R], things: Iterable[T], instants: int) -> list[R]:
+def in_parallel(work: Callable[[T], R], things: Iterable[T], instants: int) -> list[R]:
     """Results of `work` for all things, in their order.
 
     Parameters
@@ -59,5 +67,19 @@ def abreast(work: Callable[[T], R], things: Iterable[T], instants: int) -> list[
         return [work(x) for x in waiting]
     with alone():
         contexts = [contextvars.copy_context() for _ in waiting]
-    with ThreadPoolExecutor(count, "abreast") as pool:
+    with ThreadPoolExecutor(count, "in_parallel") as pool:
         return list(pool.map(lambda context, x: context.run(work, x), contexts, waiting))
+
+
+P = ParamSpec("P")
+
+
+def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
+    """Run a function with one BLAS thread."""
+
+    @functools.wraps(function)
+    def limited(*args: P.args, **kwargs: P.kwargs) -> R:
+        with threadpool_limits(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return limited

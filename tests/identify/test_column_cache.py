@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from identify_arm import record, urdf
 
-from hil.identify.kept import watched
+from hil.identify.column_cache import watched
 from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.motion import FloatArray

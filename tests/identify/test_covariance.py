@@ -6,14 +6,13 @@ import scipy.signal
 
 from hil.identify.design import Term
 from hil.identify.errors import complete
-from hil.identify.fit import fit
-from hil.identify.jacobian import jacobian
+from hil.identify.fit import fit, jacobian
 from hil.identify.problem import Problem
 from hil.identify.regression import basis, extended
 from hil.identify.result import FitResult
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Use, Value, base_model
-from hil.models.told import in_words
+from hil.models.param_text import in_words
 from hil.record.recording import Recording, RobotSource
 
 AXIS = base_model(RobotSource("single-axis"))

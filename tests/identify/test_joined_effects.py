@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from test_forward import recording
 
-from hil.identify.joined import groups, joined, runs_of
+from hil.identify.forward import groups, joined, runs_of
 from hil.identify.problem import Problem
 
 

@@ -1,0 +1,330 @@
+"""Search of the non-linear parameters, the linear ones eliminated (variable projection).
+
+With an orthonormal basis Q of all other columns and residual r, a term's columns C lower the
+residual sum of squares by  c' G^+ c  with  c = C' r  and  G = C'C - (Q'C)'(Q'C).
+
+Source: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.
+
+From the best shape of a grid to the best shape: its first value climbed, the others tried.
+
+Maximum of a smooth function between three points, by few evaluations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.identify.design import Term
+from hil.identify.problem import Problem
+from hil.identify.projector import Projector
+from hil.identify.screening import CLOSE, flat, grid_of, left, simplest, tried
+from hil.models.effect import Waves
+
+FloatArray = NDArray[np.float64]
+#: Share of the squared residual below which a shape is not worth refining.
+NEGLIGIBLE = 5e-3
+#: Share of what is left that odd harmonics must account for: two columns of noise account for
+#: a percent of a few hundred independent instants.
+ODD = 0.02
+#: Accuracy of a shape's gain, in a fit and among candidates.
+FINE, COARSE = 5e-5, 2e-4
+
+
+def best_shape(
+    projector: Projector, term: Term, refine: bool = True, accuracy: float = FINE
+) -> tuple[Term, float]:
+    """The term with the shape that lowers the residual most, and the gain.
+
+    `accuracy` is the share of the gain, or of what is left if that is less, within which the
+    shape must be the best.
+    """
+    problem = projector.problem
+    grid = grid_of(problem, term)
+    if not grid:
+        return term, 0.0
+    known = tried(projector, term, grid)
+    if not known:
+        return term, 0.0
+    shapes, gains = list(known), list(known.values())
+    first = simplest(shapes, gains, [left(projector, term, g) for g in gains])
+    found, gain = term.reshaped(shapes[first]), gains[first]
+    if refine and gain > NEGLIGIBLE * left(projector, term):
+        found, gain = searched(projector, found, grid, known, accuracy)
+    if refine:
+        found, gain = present(projector, term, (found, gain), grid, accuracy)
+    return _fundamental(projector, found, gain, grid)
+
+
+def _fundamental(
+    projector: Projector, term: Term, gain: float, grid: list[tuple[float, ...]]
+) -> tuple[Term, float]:
+    """Twice the order of waves over position whose odd harmonics are nothing.
+
+    The second harmonic of half an order is the order itself: the data cannot tell, people can.
+    """
+    twice = tuple(2 * s for s in term.shape)
+    waves = len(twice) == 1 and len(grid) > 1 and twice[0] <= grid[-1][0]
+    search, motion = term.effect.search, projector.problem.motions[0]
+    if not waves or not isinstance(search, Waves) or search.carrier(motion, term.joint) is None:
+        return term, gain
+    most = projector.gain(term.reshaped(twice))
+    if most >= gain - ODD * abs(left(projector, term, gain)):
+        return term.reshaped(twice), most
+    return term, gain
+
+
+def search_shapes(
+    problem: Problem,
+    terms: list[Term],
+    sigma: FloatArray,
+    idle: Collection[tuple[str, int]] = (),
+) -> list[Term]:
+    """One round: every term with a shape is searched, all others present.
+
+    Terms in `idle` (effect, joint) are kept at zero by their bounds and take no part.
+    """
+    out = list(terms)
+    for k, term in enumerate(terms):
+        if not term.effect.shape or term.fixed or term.fixed_shape:
+            continue
+        others = [t for t in out[:k] + out[k + 1 :] if t.key not in idle]
+        projector = Projector(problem, others, sigma)
+        with problem.aside():
+            found, gain = best_shape(projector, term)
+            if term.effect.search.sharpest:
+                found = _sharpest(projector, found, gain)
+        out[k] = found
+    return out
+
+
+def _sharpest(projector: Projector, term: Term, best_gain: float) -> Term:
+    """A sign's resolution: the sharpest that is within 1 % of what the best one leaves.
+
+    A wide tanh imitates low-speed effects; it is taken only where the data ask for it.
+    """
+    grid = grid_of(projector.problem, term)
+    least = best_gain - (CLOSE - 1) * left(projector, term, best_gain)
+    for shape in grid:
+        if shape >= term.shape:
+            break
+        if projector.gain(term.reshaped(shape)) >= least:
+            return term.reshaped(shape)
+    return term
+
+
+#: Gain of another form's maximum on the grid, in units of the best climbed one, from which it is
+#: worth a climb: a step beside its summit a resonance keeps a third of it.
+HOPEFUL = 0.3
+
+
+def searched(
+    projector: Projector, found: Term, grid: list[tuple[float, ...]],
+    known: dict[tuple[float, ...], float], accuracy: float,
+) -> tuple[Term, float]:  # fmt: skip
+    """The best shape about the grid's best: its first value, the others, the first again."""
+    gain, effect = known[found.shape], found.effect
+    movable = effect.search.refine and len(effect.shape) and len(grid) > 1
+    line = line_of(grid, found.shape) if movable else []
+    if movable:
+        found, gain = _refine(projector, found, line, known, accuracy)
+        if effect.search.rounds:
+            found, gain, line = _summits(projector, (found, gain, line), grid, known, accuracy)
+    for _ in range(max(effect.search.rounds, 1)):
+        before = found.shape
+        found, gain = _across(projector, found, gain)
+        if not (effect.search.rounds and movable) or found.shape == before:
+            break
+        known[found.shape] = gain
+        found, gain = _refine(projector, found, line, known, accuracy)
+    return found, gain
+
+
+def _summits(
+    projector: Projector, best: tuple[Term, float, list[float]], grid: list[tuple[float, ...]],
+    known: dict[tuple[float, ...], float], accuracy: float,
+) -> tuple[Term, float, list[float]]:  # fmt: skip
+    """The best of the forms' own maxima: term, gain and line of first values.
+
+    A form whose best value on the grid is next to what was found climbs the same one.
+    """
+    first = best[0]
+    for form in dict.fromkeys(shape[1:] for shape in grid):
+        line = sorted(s[0] for s in grid if s[1:] == form)
+        gains = [known.get((x, *form), 0.0) for x in line]
+        k = int(np.argmax(gains))
+        top, gain = line[k], gains[k]
+        same = line[max(k - 1, 0)] <= first.shape[0] <= line[min(k + 1, len(line) - 1)]
+        if form == first.shape[1:] or same or gain < HOPEFUL * best[1]:
+            continue
+        other = _refine(projector, first.reshaped((top, *form)), line, known, accuracy)
+        if other[1] > best[1]:
+            best = (*other, line)
+    return best
+
+
+def present(
+    projector: Projector, term: Term, found: tuple[Term, float], grid: list[tuple[float, ...]],
+    accuracy: float,
+) -> tuple[Term, float]:  # fmt: skip
+    """The shape that the term has already, climbed from there, where it leaves clearly less."""
+    if not term.effect.search.rounds or not term.shape or term.shape == found[0].shape:
+        return found
+    gain = projector.gain(term)
+    if gain - found[1] <= (CLOSE - 1) * left(projector, term, gain):
+        return found
+    if not term.effect.search.refine or len(grid) < 2:
+        return term, gain
+    return _refine(projector, term, line_of(grid, term.shape), {term.shape: gain}, accuracy)
+
+
+def line_of(grid: list[tuple[float, ...]], shape: tuple[float, ...]) -> list[float]:
+    """First values of the grid in the form of a shape; of all forms where it has none like it."""
+    own = [s[0] for s in grid if s[1:] == shape[1:]]
+    return sorted(set(own or (s[0] for s in grid)))
+
+
+def _across(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
+    """The term with other values than the first one changed, where that leaves clearly less."""
+    shapes = term.effect.search.across(projector.problem.motions[0], term.joint, term.shape)
+    if not shapes:
+        return term, gain
+    gains = [*projector.gains(term, shapes).tolist(), gain]
+    most = max(gains)
+    # gain >= most - 1 % of what the best one leaves
+    allowed = (CLOSE - 1) * left(projector, term, most)
+    k = int(np.flatnonzero(np.array(gains) >= most - allowed)[0])
+    return _other(projector, term.reshaped([*shapes, term.shape][k]), gains[k])
+
+
+def _other(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
+    """The term in an unusual form where that leaves clearly less than what it has to beat."""
+    found = term.effect.search.others(projector.problem.motions[0], term.joint, term.shape)
+    if found is None or not found[0]:
+        return term, gain
+    shapes, rival, theirs = found
+    gains = projector.gains(term, shapes)
+    k = int(np.argmax(gains))
+    if gains[k] <= gain:
+        return term, gain
+    beside = float(projector.gains(replace(term, effect=rival, shape=theirs[0]), theirs).max())
+    if gains[k] - max(beside, gain) <= (CLOSE - 1) * left(projector, term, gains[k]):
+        return term, gain
+    known = dict(zip(shapes, gains.tolist(), strict=True))
+    return _refine(projector, term.reshaped(shapes[k]), line_of(shapes, shapes[k]), known, FINE)
+
+
+def _refine(
+    projector: Projector, term: Term, line: list[float],
+    known: dict[tuple[float, ...], float], accuracy: float,
+) -> tuple[Term, float]:  # fmt: skip
+    """Search the first shape parameter between its neighbours on a line (same other values).
+
+    `known` are gains that were computed already, that of the term among them.
+    """
+    value, rest = term.shape[0], term.shape[1:]
+    gain = known[term.shape]
+    low = max((x for x in line if x < value), default=value)
+    high = min((x for x in line if x > value), default=value)
+    if high <= low:
+        return term, gain
+
+    def at(x: float) -> float:
+        shape = (x, *rest)
+        if shape not in known:
+            known[shape] = projector.gain(term.reshaped(shape))
+        return known[shape]
+
+    spare = left(projector, term, gain)
+    enough = accuracy * min(abs(gain), abs(spare))
+    best, most = line_search(at, (low, value, high), enough)
+    if most > gain + flat(gain, spare):
+        return term.reshaped((best, *rest)), most
+    return term, gain
+
+
+#: Share of the larger side that a golden step takes, and the closest step to a known point.
+GOLDEN, CLOSEST = 0.381966, 0.01
+MOST = 12
+Function = Callable[[float], float]
+
+
+def line_search(
+    f: Function, points: tuple[float, float, float], tolerance: float
+) -> tuple[float, float]:
+    """Place and value of a maximum of f on [a, c], found from a, b and c.
+
+    Parabolas through the best three points, golden sections where they lead nowhere or close in
+    from one side only; at most twelve evaluations besides the three.
+
+    Parameters
+    ----------
+    f : callable
+        The function; evaluated at the same points again, so it should remember.
+    points : tuple of float
+        a <= b <= c; b may be one of the ends.
+    tolerance : float
+        Rise that is none: the search ends where a parabola promises no more.
+    """
+    a, b, c = points
+    if b in (a, c):
+        found = _inside(f, b, c if b == a else a)
+        if found is None:
+            return b, f(b)
+        a, b, c = found
+    width = 2 * (c - a)
+    for _ in range(MOST):
+        x, promise = _vertex(f, a, b, c)
+        if promise < tolerance:
+            break
+        x = _apart(a, b, c, x) if c - a < 0.7 * width else _golden(a, b, c)
+        width = c - a
+        if f(x) > f(b):
+            a, b, c = (b, x, c) if x > b else (a, x, b)
+        elif x > b:
+            c = x
+        else:
+            a = x
+    return b, f(b)
+
+
+def _vertex(f: Function, a: float, b: float, c: float) -> tuple[float, float]:
+    """Vertex of the parabola through three points and its height over f(b)."""
+    # f(x) = f(b) + s (x - b) + k (x - b)^2
+    left, right = (f(a) - f(b)) / (a - b), (f(c) - f(b)) / (c - b)
+    k = (right - left) / (c - a)
+    if k >= 0.0:
+        return b, 0.0
+    s = left - k * (a - b)
+    return b - s / (2 * k), -s * s / (4 * k)
+
+
+def _apart(a: float, b: float, c: float, x: float) -> float:
+    """Next point: x, but within the bracket and not on top of b."""
+    near = CLOSEST * (c - a)
+    if abs(x - b) <= near:  # a point close by closes the bracket from the longer side
+        return b + near if c - b > b - a else b - near
+    if a + near < x < c - near:
+        return x
+    return _golden(a, b, c)
+
+
+def _golden(a: float, b: float, c: float) -> float:
+    return b + GOLDEN * (c - b) if c - b > b - a else b - GOLDEN * (b - a)
+
+
+def _inside(f: Function, end: float, far: float) -> tuple[float, float, float] | None:
+    """Bracket with its largest value inside, next to an end; None where f falls from the end."""
+    x = end + GOLDEN * (far - end)
+    for _ in range(3):
+        low, high = sorted((end, far))
+        if f(x) > f(end):
+            return low, x, high
+        top, _ = _vertex(f, low, x, high)
+        if not min(end, x) < top < max(end, x):
+            return None
+        far, x = x, top
+    return None

@@ -1,0 +1,281 @@
+"""From a session file to recordings.
+
+From the topics of one arm to its recording: on common ticks, in the order of the joints.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import DataError, unknown
+from hil.record.container import Container, Topic, read
+from hil.record.decode import decode, decode_joint_state
+from hil.record.mapfile import SIGNAL
+from hil.record.recording import Recording, RobotSource
+
+FloatArray = NDArray[np.float64]
+#: Topics of an arm beside its state that become columns of a recording.
+_COLUMNS = ("setpoint_jf", "measured_cf", "external_jf", "motor_current", "motor_temperature")
+
+
+def recording(box: Container, arm: str) -> Recording:
+    """Recording of one arm of a session.
+
+    Raises
+    ------
+    DataError
+        If its channels do not belong together, or a needed one is missing.
+    """
+    topics = _common(box, arm)
+    info = box.metadata.get(f"robot/{arm}", {})
+    try:
+        names, columns = _columns(topics, info)
+    except DataError as error:
+        raise DataError(f"session {box.path}: {error}") from error
+    except (struct.error, IndexError, ValueError, TypeError) as error:
+        raise DataError(f"session {box.path}: arm {arm!r} cannot be decoded: {error}") from error
+    q, tau = columns.get("position"), columns.get("setpoint_jf", columns.get("effort"))
+    if q is None or tau is None:
+        what = "motor effort (setpoint_jf, or effort of measured_js)" if tau is None else "position"
+        raise DataError(f"session {box.path}: arm {arm!r} has no {what}")
+    if not len(names) == q.shape[1] == tau.shape[1]:
+        raise DataError(
+            f"session {box.path}: arm {arm!r} has {len(names)} joints, {q.shape[1]} positions and "
+            f"{tau.shape[1]} efforts; expected one each a joint"
+        )
+    urdf = box.attachments.get(f"robot/{arm}.urdf", b"").decode(errors="replace")
+    preset = "" if urdf else info.get("preset", "single-axis")
+    metadata = {k: v for k, v in info.items() if k == "unit" or k.startswith(SIGNAL)}
+    metadata |= {f"session.{k}": v for k, v in box.metadata.get("session", {}).items()}
+    t = box.seconds(topics["measured_js"])
+    return Recording(
+        name=box.path.stem, arm=arm, joints=names, t=t, q=q, tau=tau, qd=columns.get("velocity"),
+        wrench=columns.get("measured_cf"), tau_ext=columns.get("external_jf"),
+        current=columns.get("motor_current"), temperature=columns.get("motor_temperature"),
+        robot=RobotSource(preset, urdf, info.get("tip", "")), metadata=metadata,
+    )  # fmt: skip
+
+
+def _columns(
+    topics: dict[str, Topic], info: dict[str, str]
+) -> tuple[tuple[str, ...], dict[str, FloatArray]]:
+    """Joint names, and every array of an arm by part of the state or name of the topic."""
+    if "measured_js" not in topics:
+        raise DataError("measured_js has no samples")
+    state = topics["measured_js"]
+    names, parts = decode_joint_state(state)
+    names = names or tuple(json.loads(info.get("joints", "[]")))
+    out = {part: values for part, values in parts.items() if values is not None}
+    return names, out | {n: _on(t, state, names) for n, t in topics.items() if n in _COLUMNS}
+
+
+def _common(box: Container, arm: str) -> dict[str, Topic]:
+    """Topics of an arm by their last name, on the ticks that the fast ones share.
+
+    A killed writer or a damaged chunk leaves some channels a message longer than others;
+    nothing is invented for the shorter ones.
+    """
+    found = {
+        name.split("/")[2]: topic
+        for name, topic in box.topics.items()
+        if name.startswith(f"/{arm}/") and name.count("/") == 2 and len(topic)
+    }
+    state = found.get("measured_js")
+    if state is None:
+        return found
+    fast = [t for n, t in found.items() if n in _COLUMNS and 2 * len(t) > len(state)]
+    if all(np.array_equal(t.stamps, state.stamps) for t in fast):
+        return found
+    shared = reduce(np.intersect1d, [t.stamps for t in fast], state.stamps)
+    if len(shared) < 0.9 * len(state):  # channels with clocks of their own
+        first = max(t.stamps[0] for t in (state, *fast))
+        last = min(t.stamps[-1] for t in (state, *fast))
+        shared = state.stamps[(first <= state.stamps) & (state.stamps <= last)]
+        fast = []
+    return {n: _only(t, shared) if t is state or t in fast else t for n, t in found.items()}
+
+
+def _only(topic: Topic, stamps: NDArray[np.uint64]) -> Topic:
+    keep = np.isin(topic.stamps, stamps)
+    if not keep.any():
+        raise DataError(f"topic {topic.name} and the others of its arm share no time")
+    return topic.only(keep)
+
+
+def _on(topic: Topic, state: Topic, joints: tuple[str, ...]) -> FloatArray:
+    """Values of a topic in the order of the joints and on the stamps of the state.
+
+    As they are if the stamps agree, else linearly interpolated.
+    """
+    values = decode(topic, joints)
+    if np.array_equal(topic.stamps, state.stamps):
+        return values
+    t, at = topic.stamps.astype(np.float64), state.stamps.astype(np.float64)
+    return np.stack([np.interp(at, t, column) for column in values.T], axis=1)
+
+
+@dataclass(frozen=True)
+class ChannelSummary:
+    """What `hil info` says of a topic."""
+
+    topic: str
+    schema: str
+    count: int
+    rate_hz: float
+    first_s: float
+    last_s: float
+    missing: int
+
+
+@dataclass(frozen=True)
+class SessionSummary:
+    """What a session holds; times of channels count from `zero_ns`, see `Container.zero_ns`."""
+
+    path: str
+    bytes: int
+    truncated: bool
+    unread: int
+    damaged: int
+    channels: tuple[ChannelSummary, ...]
+    metadata: dict[str, dict[str, str]]
+    attachments: tuple[str, ...]
+    arms: tuple[str, ...]
+    zero_ns: int = 0
+
+
+def summary(path: str | Path) -> SessionSummary:
+    """Channels, rates, gaps, metadata.
+
+    Raises
+    ------
+    DataError
+        If the file is not a session.
+    """
+    box = read(path)
+    channels = tuple(_channel(t, box) for t in box.topics.values())
+    return SessionSummary(
+        str(path),
+        box.size,
+        box.truncated,
+        box.unread,
+        box.damaged,
+        channels,
+        box.metadata,
+        tuple(box.attachments),
+        _arms(box),
+        box.zero_ns,
+    )
+
+
+def _channel(topic: Topic, box: Container) -> ChannelSummary:
+    t = box.seconds(topic)
+    rate = float(1 / np.median(np.diff(t))) if t.size > 2 and np.median(np.diff(t)) > 0 else 0.0
+    sequence = topic.ticks
+    # in steps of its own: a slow channel has a message every so many ticks
+    steps = np.diff(sequence) if sequence.size > 1 else np.ones(1, np.int64)
+    missing = int(np.sum(np.maximum(steps // max(1, int(np.median(steps))) - 1, 0)))
+    first, last = (float(t[0]), float(t[-1])) if t.size else (0.0, 0.0)
+    return ChannelSummary(topic.name, topic.schema, t.size, rate, first, last, missing)
+
+
+def _arms(box: Container) -> tuple[str, ...]:
+    return tuple(
+        name.split("/")[1]
+        for name in box.topics
+        if name.endswith("/measured_js") and name.count("/") == 2
+    )
+
+
+def arms(path: str | Path) -> tuple[str, ...]:
+    """Names of the arms of a session, in file order."""
+    return _arms(read(path))
+
+
+def load(path: str | Path, arm: str | None = None) -> Recording:
+    """Read one arm of a session.
+
+    Parameters
+    ----------
+    path : str or Path
+        Session; one that a killed writer left is read up to its last complete chunk.
+    arm : str, optional
+        Arm; default the only one, else the first.  That, and a session cut off or damaged, is
+        told in ``metadata["note"]``.
+
+    Raises
+    ------
+    DataError
+        If the file is no session, has no such arm or no samples.
+    """
+    return _load(read(path), arm)
+
+
+def load_arms(path: str | Path) -> list[Recording]:
+    """Read all arms of a session in one pass, in file order."""
+    box = read(path)
+    return [_load(box, arm) for arm in _arms(box)]
+
+
+def _load(box: Container, arm: str | None) -> Recording:
+    path, names = box.path, _arms(box)
+    if not names:
+        has = ", ".join(box.topics) or "none"
+        raise DataError(f"session {path} has no /<arm>/measured_js channel. It has: {has}")
+    chosen = arm or names[0]
+    if chosen not in names:
+        raise DataError(f"session {path}: " + unknown("arm", chosen, names))
+    found = recording(box, chosen)
+    if notes := list(_notes(box, found, names if arm is None else ())):
+        found.metadata["note"] = "; ".join(notes)
+    return found
+
+
+def load_all(paths: Sequence[str | Path], arm: str | None = None) -> list[Recording]:
+    """Read one arm of several sessions."""
+    return [load(path, arm) for path in paths]
+
+
+def read_metadata(path: str | Path) -> dict[str, dict[str, str]]:
+    """Metadata records of a session by name; they survive a killed writer.
+
+    Raises
+    ------
+    DataError
+        If the file is not a session.
+    """
+    return read(path, messages=False).metadata
+
+
+def read_attachments(path: str | Path) -> dict[str, bytes]:
+    """Attached files of a session by name; they survive a killed writer.
+
+    Raises
+    ------
+    DataError
+        If the file is not a session.
+    """
+    return read(path, messages=False).attachments
+
+
+def _notes(box: Container, found: Recording, names: tuple[str, ...]) -> Iterator[str]:
+    """What the user should know of how a session was read."""
+    if len(names) > 1:
+        yield (
+            f"session {box.path.name} has the arms {', '.join(names)}; using {found.arm!r} "
+            "(choose with --arm, or arm = ... in the model's [robot])"
+        )
+    if box.truncated:
+        yield (
+            f"session {box.path.name} is cut off; {found.n} samples up to "
+            f"{found.t[-1]:.6g} s are left"
+        )
+    if box.damaged:
+        yield f"session {box.path.name} has {box.damaged} damaged chunks; they are left out"

@@ -1,0 +1,477 @@
+"""From a table of any rig to recordings.
+
+What an import refuses: values that no fit could use, each with what to do about it.
+
+Columns of a recording, and whether a table has all that belong together.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError, DataError, plural, unknown
+from hil.record.consistency import unit_doubt, velocity_factor
+from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
+from hil.record.recording import Recording, RobotSource
+from hil.record.schema import LAST_S, Channel
+from hil.record.table_files import Table, open_table
+from hil.record.urdf_joints import UrdfJoint, urdf_joints
+
+#: A step of so many median periods is a jump.
+JUMP = 10.0
+#: A longer median period [s] means that the time is not in seconds, or useless for dynamics.
+LONG_PERIOD = 0.05
+
+
+def refuse_not_finite(
+    table: Table, rules: Mapping[str, Rule], values: Mapping[str, FloatArray]
+) -> None:
+    """Refuse NaN and infinite values, naming the column, how many and which rows first.
+
+    Raises
+    ------
+    DataError
+        If there are any.
+    """
+    for target, column in values.items():
+        bad = np.flatnonzero(~np.isfinite(column))
+        if bad.size:
+            source = ", ".join(rules[target].terms) if target in rules else target
+            first = ", ".join(str(table.first_row + k) for k in bad[:5])
+            some = f"rows {first}, ..." if bad.size > 5 else f"rows {first}"
+            where, these = (f"row {first}", "it") if bad.size == 1 else (some, "these rows")
+            raise DataError(
+                f"table {table.path}: column {source!r} has {bad.size} missing, NaN or infinite "
+                f"values of {column.size}, in {where}; cut or repair {these}"
+            )
+
+
+def clean_time(table: Table, t: FloatArray | None, gaps: str, repeated: str) -> NDArray[np.intp]:
+    """Rows to keep, after checking that the time increases evenly.
+
+    Parameters
+    ----------
+    table : Table
+        For messages.
+    t : ndarray (n,)
+        Time [s].
+    gaps, repeated : str
+        As in the map file.
+
+    Raises
+    ------
+    DataError
+        If time runs backward, repeats, jumps or is not in seconds.
+    """
+    if t is None or t.size < 2:
+        raise DataError(f"table {table.path}: {0 if t is None else t.size} samples; too few")
+    dt = np.diff(t)
+    rows = np.arange(t.size)
+    back, same = np.flatnonzero(dt < 0), np.flatnonzero(dt == 0)
+    if back.size:
+        k = int(back[0])
+        raise DataError(
+            f"table {table.path}: time runs backward {back.size} times, first in row "
+            f"{table.first_row + k + 1} ({t[k]:.6g} s, then {t[k + 1]:.6g} s); "
+            "sort the rows, or import each run by itself"
+        )
+    if same.size and repeated == "refuse":
+        raise DataError(
+            f"table {table.path}: {same.size} repeated time stamps, first in row "
+            f"{table.first_row + int(same[0]) + 1} ({t[same[0]]:.6g} s); remove these rows, or say "
+            'repeated = "drop" in [table] of a map'
+        )
+    even = np.delete(rows, same + 1)
+    _refuse_steps(table, t[even], even, gaps)
+    return rows if repeated == "keep" else even
+
+
+def _refuse_steps(table: Table, t: FloatArray, rows: NDArray[np.intp], gaps: str) -> None:
+    dt = np.diff(t)
+    if not dt.size:
+        raise DataError(f"table {table.path}: the time never changes")
+    period = float(np.median(dt))
+    if period > LONG_PERIOD:
+        raise DataError(
+            f"table {table.path}: the time advances by {period:.4g} s a sample "
+            f"({1 / period:.3g} Hz); it looks like milliseconds (or samples, microseconds): "
+            'scale it to seconds in a map, [columns] t = { from = "t", scale = 0.001 }. If it '
+            "truly is in seconds, the recording is too slow for dynamics"
+        )
+    jumps = np.flatnonzero(dt > JUMP * period)
+    if jumps.size and gaps == "refuse":
+        k = int(jumps[0])
+        raise DataError(
+            f"table {table.path}: time jumps {jumps.size} times, first in row "
+            f"{table.first_row + int(rows[k + 1])} (from {t[k]:.6g} to {t[k + 1]:.6g} s at a "
+            f"period of {period:.4g} s); import each part by itself, or say "
+            'gaps = "keep" in [table] of a map'
+        )
+
+
+def from_zero(table: Table, recordings: Sequence[Recording]) -> list[Recording]:
+    """Shift a table that begins before 0 s as a whole; a session cannot hold earlier times.
+
+    Raises
+    ------
+    DataError
+        If it holds times that are certainly no seconds.
+    """
+    start = min(float(r.t[0]) for r in recordings)
+    if max(float(r.t[-1]) for r in recordings) >= LAST_S:
+        raise DataError(
+            f"table {table.path}: time begins at {start:.6g}; expected seconds. Scale it in a map: "
+            '[columns] t = { from = "t", scale = 0.001 }'
+        )
+    if start >= 0:
+        return list(recordings)
+    return [
+        replace(r, t=r.t - start, metadata={**r.metadata, "time_shift_s": repr(-start)})
+        for r in recordings
+    ]
+
+
+def refuse_units(table: Table, recording: Recording, joints: tuple[UrdfJoint, ...]) -> None:
+    """Refuse positions that are certainly degrees or millimetres.
+
+    Raises
+    ------
+    DataError
+        If they are; `unit` in the map's [robot] overrules it.
+    """
+    for k, name in enumerate(recording.joints):
+        q = recording.q[:, k]
+        joint = joints[k] if joints else UrdfJoint(name, recording.metadata["unit"])
+        bounded = math.isfinite(joint.upper) and math.isfinite(joint.lower)
+        if unit_doubt(q, joint, bool(joints)):
+            degrees = joint.unit == "rad"
+            what, scale = ("degrees", "0.0174532925199433") if degrees else ("millimetres", "0.001")
+            limits = f" (limits {joint.lower:.4g} to {joint.upper:.4g})" if bounded else ""
+            raise DataError(
+                f"table {table.path}: q{k + 1} ({name}) runs from {q.min():.4g} to {q.max():.4g} "
+                f"{joint.unit}{limits}; these look like {what}. Scale them in a map: [columns] "
+                f'q{k + 1} = {{ from = "q{k + 1}", scale = {scale} }}; if they truly are '
+                f'{joint.unit}, say unit = "{joint.unit}" in its [robot] (or --unit {joint.unit})'
+            )
+    for k in range(recording.d):
+        _refuse_mixed(table, recording, k)
+
+
+def _refuse_mixed(table: Table, r: Recording, k: int) -> None:
+    """Refuse a position in degrees beside a velocity in rad/s, or the other way round."""
+    if r.qd is None:
+        return
+    factor, correlation = velocity_factor(r.t, r.q[:, k], r.qd[:, k])
+    degrees = {math.pi / 180: f"q{k + 1}", 180 / math.pi: f"qd{k + 1}"}
+    for known, column in degrees.items():
+        if correlation > 0.98 and abs(factor / known - 1) < 0.05 and r.metadata["unit"] == "rad":
+            raise DataError(
+                f"table {table.path}: qd{k + 1} is {factor:.4g} times the derivative of "
+                f"q{k + 1}, so {column} is in degrees. Scale it in a map: [columns] "
+                f'{column} = {{ from = "{column}", scale = 0.0174532925199433 }}'
+            )
+
+
+WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
+#: Stem of a column -> field of a recording.
+GROUPS = {"q": "q", "tau": "tau", "qd": "qd", "tauext": "tau_ext", "i": "current",
+           "temp": "temperature"}  # fmt: skip
+
+
+def count_joints(
+    rules: Mapping[str, Rule], table: Table, joints: tuple[UrdfJoint, ...], timed: bool
+) -> int:
+    """Number of joints, after checking that every group of columns is complete.
+
+    Parameters
+    ----------
+    rules : mapping
+        By target column.
+    table : Table
+        For messages.
+    joints : tuple of UrdfJoint
+        Of the robot; empty without a URDF.
+    timed : bool
+        Whether the time follows from a rate.
+
+    Raises
+    ------
+    DataError
+        If a column is missing or one too many, or the URDF is of another robot.
+    """
+    groups = _grouped(rules)
+    d = max(groups.get("q", [0]))
+    if "t" not in rules and not timed:
+        raise _no_column(table, ["t"], "the time [s]; or rate_hz = ... in [table] of a map")
+    for stem in GROUPS:
+        if stem in groups or stem in ("q", "tau"):
+            _whole(table, stem, groups.get(stem, []), d)
+    _whole_wrench(table, rules)
+    if joints and len(joints) != d:
+        names = ", ".join(j.name for j in joints)
+        raise DataError(
+            f"the URDF does not match table {table.path}: {plural(len(joints), 'moving joint')} "
+            f"({names}), but {plural(d, 'position column')}"
+        )
+    return d
+
+
+def _grouped(rules: Mapping[str, Rule]) -> dict[str, list[int]]:
+    """Stem -> numbers of the columns that have one."""
+    groups: dict[str, list[int]] = {}
+    for name in rules:
+        match = re.fullmatch(r"([a-z]+)([0-9]+)", name)
+        if match:
+            groups.setdefault(match[1], []).append(int(match[2]))
+    return groups
+
+
+def _whole(table: Table, stem: str, numbers: Sequence[int], d: int) -> None:
+    """Refuse a group that has not one column for each of `d` joints."""
+    count = plural(d, "joint")
+    missing = [f"{stem}{k}" for k in range(1, max(d, 1) + 1) if k not in numbers]
+    if missing:
+        raise _no_column(table, missing, f"it has {count} (q columns)" if d else "")
+    if max(numbers) > d:
+        raise DataError(f"table {table.path}: column {stem}{max(numbers)}, but only {count}")
+
+
+def _whole_wrench(table: Table, rules: Mapping[str, Rule]) -> None:
+    """Refuse a force or a wrench of which a component is missing."""
+    force = [n for n in WRENCH if n in rules]
+    need = WRENCH if any(n in force for n in WRENCH[3:]) else WRENCH[:3]
+    if force and not set(need) <= set(force):
+        raise _no_column(table, [n for n in need if n not in force], f"it has {', '.join(force)}")
+
+
+def _no_column(table: Table, names: Sequence[str], why: str) -> DataError:
+    reason = f" ({why})" if why else ""
+    return DataError(
+        f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It has: "
+        f'{", ".join(table.names[:40])}. Rename in a map file: [columns] {names[0]} = "..."'
+    )
+
+
+FloatArray = NDArray[np.float64]
+EXTRAS = "hil_msgs/msg/Extras"
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What came out of a table.
+
+    Parameters
+    ----------
+    recordings : tuple of Recording
+        One an arm.
+    unused : tuple of str
+        Columns of the table that nothing uses.
+    extras : tuple of (Channel, t (n,), values (n, k))
+        Further columns that the map takes along, as a channel of the session.
+    """
+
+    recordings: tuple[Recording, ...]
+    unused: tuple[str, ...]
+    extras: tuple[tuple[Channel, FloatArray, FloatArray], ...] = ()
+
+
+def import_table(
+    path: str | Path,
+    mapping: TableMap | None = None,
+    *,
+    urdf: str | Path = "",
+    tip: str = "",
+    arm: str = "",
+    run: str = "",
+    unit: str = "",
+) -> Imported:
+    """Read a table through a map; everything is validated, nothing is written.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV, NPZ or MAT file.
+    mapping : TableMap, optional
+        The map; without one the default column names.
+    urdf, tip, unit : str
+        Robot file, frame of the force and unit of the axes; each overrules the map.
+    arm : str
+        Name of the only arm, or which of several arms to keep.
+    run : str
+        Which run of the file.
+
+    Raises
+    ------
+    DataError
+        If a column is missing or not a number, the time is not increasing, the units are
+        certainly wrong, or the URDF does not fit.
+    ConfigError
+        If the map names something that is not there.
+    """
+    given = mapping or TableMap()
+    given = replace(given, tip=tip or given.tip, unit=unit or given.unit)
+    table = open_table(path, given.array, given.columns, run)
+    tables = {"": table, **_joined(table, given)}
+    arms = _select(given, arm)
+    robot, joints = _robot(given, Path(path), urdf)
+    recordings: list[Recording] = []
+    used: set[str] = set()
+    extra: dict[str, FloatArray] = {}
+    for name, rules in arms.items():
+        filled = _with_defaults(rules, table)
+        recording, sources, extra = _arm(name or "arm", filled, tables, given, robot, joints)
+        recordings.append(recording)
+        used |= sources
+    recordings = from_zero(table, recordings)
+    unused = tuple(n for prefix, t in tables.items() for n in _prefixed(prefix, t) if n not in used)
+    return Imported(tuple(recordings), unused, _extras(given, recordings, extra))
+
+
+def _extras(
+    given: TableMap, recordings: Sequence[Recording], values: Mapping[str, FloatArray]
+) -> tuple[tuple[Channel, FloatArray, FloatArray], ...]:
+    if not values:
+        return ()
+    units = tuple(given.units[n] for n in values)
+    channel = Channel("/extras", "fields", tuple(values), units=units, message=EXTRAS)
+    return ((channel, recordings[-1].t, np.stack(list(values.values()), axis=1)),)
+
+
+def _select(given: TableMap, arm: str) -> dict[str, Mapping[str, Rule]]:
+    if len(given.arms) == 1:
+        only = next(iter(given.arms))
+        return {arm or only: given.arms[only]}
+    if arm and arm not in given.arms:
+        raise ConfigError("the map has no " + unknown("arm", arm, given.arms))
+    return {n: r for n, r in given.arms.items() if arm in ("", n)}
+
+
+def _joined(table: Table, given: TableMap) -> dict[str, Table]:
+    return {prefix: open_table(table.path.parent / name) for prefix, name in given.join.items()}
+
+
+def _prefixed(prefix: str, table: Table) -> tuple[str, ...]:
+    return tuple(f"{prefix}.{n}" if prefix else n for n in table.names)
+
+
+def _with_defaults(rules: Mapping[str, Rule], table: Table) -> dict[str, Rule]:
+    """Rules of the map, and columns that bear a default name and that no rule uses."""
+    taken = {source for rule in rules.values() for source in rule.terms}
+    default = {
+        n: Rule({n: 1.0}) for n in table.names if is_target(n) and n not in taken | set(rules)
+    }
+    return {**rules, **default}
+
+
+def _robot(
+    given: TableMap, table: Path, urdf: str | Path
+) -> tuple[RobotSource, tuple[UrdfJoint, ...]]:
+    name = str(urdf or given.urdf)
+    if not name:
+        return RobotSource(given.preset, "", given.tip), ()
+    folders = [Path()] if urdf else [f for f in (given.folder, table.parent) if f is not None]
+    file = next((f / name for f in folders if (f / name).is_file()), folders[0] / name)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise DataError(f"URDF {file}: no such file; give its path with --robot") from error
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise DataError(f"URDF {file} cannot be read: {why}") from error
+    joints = urdf_joints(text, f"URDF {file}")
+    links = set(re.findall(r"<(?:link|joint)\s[^>]*?name\s*=\s*[\"']([^\"']+)", text))
+    if given.tip and given.tip not in links:
+        raise DataError(f"URDF {file}: " + unknown("frame", given.tip, links))
+    return RobotSource("", text, given.tip), joints
+
+
+def _arm(
+    arm: str,
+    rules: Mapping[str, Rule],
+    tables: Mapping[str, Table],
+    given: TableMap,
+    robot: RobotSource,
+    joints: tuple[UrdfJoint, ...],
+) -> tuple[Recording, set[str], dict[str, FloatArray]]:
+    """Recording of an arm, the columns that it took, and the extra ones."""
+    table = tables[""]
+    d = count_joints(rules, table, joints, given.rate_hz > 0)
+    rules = {**rules, **given.extras}
+    columns = _sources(rules, tables)
+    n = next(iter(columns.values())).size
+    values = {target: rule.apply(columns, n) for target, rule in rules.items()}
+    for name, offset in given.offsets.get(table.run, {}).items():
+        owner, _, target = name.rpartition(".")
+        if owner in ("", arm):
+            if target not in values:
+                raise ConfigError(f"[offsets.{table.run}]: " + unknown("column", target, values))
+            values[target] += offset
+    if given.rate_hz:
+        values.setdefault("t", np.arange(n) / given.rate_hz)
+    refuse_not_finite(table, rules, values)
+    keep = clean_time(table, values["t"], given.gaps, given.repeated)
+    values = {k: v[keep] for k, v in values.items()}
+    said = {SIGNAL + k: repr(v) for k, v in given.signal.items()}
+    recording = _recording(arm, table, values, d, robot, joints, given.unit, said)
+    if not given.unit:
+        refuse_units(table, recording, joints)
+    return recording, set(columns), {n: values[n] for n in given.extras}
+
+
+def _sources(rules: Mapping[str, Rule], tables: Mapping[str, Table]) -> dict[str, FloatArray]:
+    """Values of every column that a rule uses, all of one length."""
+    wanted = list(dict.fromkeys(s for rule in rules.values() for s in rule.terms))
+    out: dict[str, FloatArray] = {}
+    for prefix, table in tables.items():
+        names = _prefixed(prefix, table)
+        here = [n for n in wanted if n in names]
+        plain = [table.names[names.index(n)] for n in here]
+        out |= dict(zip(here, table.columns(plain).values(), strict=True))
+    known = [n for p, t in tables.items() for n in _prefixed(p, t)]
+    for name in wanted:
+        if name not in out:
+            raise ConfigError(f"table {tables[''].path}: " + unknown("column", name, known))
+    sizes = {name: values.size for name, values in out.items()}
+    if len(set(sizes.values())) > 1:
+        text = ", ".join(f"{n} {s}" for n, s in sizes.items())
+        raise DataError(f"table {tables[''].path}: columns of different lengths: {text}")
+    if not out or not min(sizes.values()):
+        raise DataError(f"table {tables[''].path} holds no samples")
+    return out
+
+
+def _recording(
+    arm: str,
+    table: Table,
+    values: Mapping[str, FloatArray],
+    d: int,
+    robot: RobotSource,
+    joints: tuple[UrdfJoint, ...],
+    unit: str,
+    said: Mapping[str, str],
+) -> Recording:
+    stacked = {
+        key: np.stack([values[f"{stem}{k + 1}"] for k in range(d)], axis=1)
+        for stem, key in GROUPS.items()
+        if f"{stem}1" in values
+    }
+    wrench = None
+    if "fx" in values:
+        zero = np.zeros(values["t"].size)
+        wrench = np.stack([values.get(name, zero) for name in WRENCH], axis=1)
+    metres = joints and all(j.unit == "m" for j in joints)
+    names = tuple(j.name for j in joints) or tuple(f"joint{k + 1}" for k in range(d))
+    return Recording(
+        name=table.run, arm=arm, joints=names, t=values["t"], q=stacked["q"],
+        tau=stacked["tau"], qd=stacked.get("qd"), wrench=wrench,
+        tau_ext=stacked.get("tau_ext"), current=stacked.get("current"),
+        temperature=stacked.get("temperature"), robot=robot,
+        metadata={"unit": unit or ("m" if metres else "rad"), **said},
+    )  # fmt: skip
