@@ -15,11 +15,13 @@ TASKS: dict[str, Problem] = {
     "gel 300 N/m": Problem(real=Realisation(32.0, 30.0, 32.0)),
     "gel 300 N/m, k <= 225": Problem(real=Realisation(32.0, 30.0, 32.0), stiffness=225.0),
     "gel 600 N/m, k <= 240": Problem(
-        real=Realisation(32.0, 30.0, 32.0), environment=Impedance(0.0, 3.0, 600.0),
-        stiffness=240.0, contact=0.8,
+        real=Realisation(32.0, 30.0, 32.0),
+        environment=Impedance(0.0, 3.0, 600.0),
+        stiffness=240.0,
+        contact=0.8,
     ),
     "condition of Q to 3": Problem(real=Realisation(32.0, 30.0, 32.0), kappa=3.0, force=2.0),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,15 @@ def measure() -> list[Row]:
         start = time.perf_counter()
         optimise.optimise(near, start=found.theta)
         warm = time.perf_counter() - start
-        rows.append(Row(
-            name, found.sensitivity, conditioning(found.design), found.agreeing, found.starts,
-            cold, warm,
-        ))  # fmt: skip
+        rows.append(
+            Row(
+                name,
+                found.sensitivity,
+                conditioning(found.design),
+                found.agreeing,
+                found.starts,
+                cold,
+                warm,
+            )
+        )
     return rows

@@ -12,9 +12,16 @@ from hil.errors import ConfigError, DataError
 
 def row(case, outcome, named=(), alone=()):
     names = [{"effect": e, "joint": "joint1", "rivals": []} for e in named]
-    return {"case": case, "plant": "tuning", "outcome": outcome, "named": names,
-            "verdict": "missing-effect" if named else "adequate", "revision": "abc",
-            "fired": sorted({*alone, "detected"}), "alone": sorted(alone)}  # fmt: skip
+    return {
+        "case": case,
+        "plant": "tuning",
+        "outcome": outcome,
+        "named": names,
+        "verdict": "missing-effect" if named else "adequate",
+        "revision": "abc",
+        "fired": sorted({*alone, "detected"}),
+        "alone": sorted(alone),
+    }
 
 
 def without(code, case, outcome, named=()):
@@ -84,8 +91,10 @@ def candidate(p_value, after):
     term = SimpleNamespace(joint=0)
     rated = SimpleNamespace(
         candidate=SimpleNamespace(name="x", term=term, p_value=p_value),
-        before=1.0, after=after, sureness=5.0,
-    )  # fmt: skip
+        before=1.0,
+        after=after,
+        sureness=5.0,
+    )
     search = SimpleNamespace(refused=set(), fired={})
     return SimpleNamespace(search=search, rated=rated, evidence=None)
 
@@ -123,8 +132,9 @@ def test_only_cases_with_a_rule_of_their_own_are_repeated():
     other = cases.Case("none", "arm", (), "white", "strokes", 1)
     rows = [row(case.name, "right", alone=["worth", "harm"]), row(other.name, "unstable")]
     assert [(a.case, a.code) for a in ablation.repeated([case, other], rows)] == [
-        (case, "harm"), (case, "worth"),
-    ]  # fmt: skip
+        (case, "harm"),
+        (case, "worth"),
+    ]
 
 
 def test_results_of_another_revision_are_refused(monkeypatch, tmp_path):

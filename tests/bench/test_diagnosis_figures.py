@@ -61,8 +61,10 @@ def test_progress_is_told_in_a_file_too(capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_report_and_resume(tmp_path):
-    rows = [row("one", STRIBECK, [("x", "joint2", 0.97, [])], "missing-effect"),
-            row("none", [], [], "adequate")]  # fmt: skip
+    rows = [
+        row("one", STRIBECK, [("x", "joint2", 0.97, [])], "missing-effect"),
+        row("none", [], [], "adequate"),
+    ]
     text = tables.report(rows, "hil bench diagnosis")
     assert "| stribeck" in text and "(0/1" in text
     path = tmp_path / "r.jsonl"
