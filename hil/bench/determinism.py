@@ -108,7 +108,8 @@ def page(found: Sequence[Same], command: str) -> str:
         [
             "# One session by several interpreters",
             "",
-            f"Printed by `{command}`, each PYTHON an interpreter that has this package; sessions in",
+            f"Printed by `{command}`, each PYTHON an interpreter that has this package; "
+            "sessions in",
             "lockstep, each recorded in a process of its own, compared to the byte.",
             "",
             "| " + " | ".join(HEAD) + " |",

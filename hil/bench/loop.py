@@ -313,7 +313,8 @@ def page(found: list[Run], command: str) -> str:
             "# The loop beside cyclictest",
             "",
             f"Printed by `{command}`; runs in turns, at 1",
-            "kHz where nothing else is said. `missed`: periods that were skipped; of cyclictest and",
+            "kHz where nothing else is said. `missed`: periods that were skipped; of cyclictest "
+            "and",
             "plain code, wake-ups later than a period. Latencies are those of the wake-up; the",
             "loop spins for the last 150 us before it, which cyclictest does not.",
             "",

@@ -206,7 +206,8 @@ def page(rows: Sequence[Row], command: str, revision: str) -> str:
         "- *given*: the base model as `hil import` writes it (on foam and springs a linear spring",
         "  and an offset); *with offset*: the same by the person's script, with an offset on every",
         "  joint;",
-        "- *person*: greedy least squares on hand-made features (`hil/bench/least_squares_script.py`),",
+        "- *person*: greedy least squares on hand-made features "
+        "(`hil/bench/least_squares_script.py`),",
         "  chosen on the training runs alone; same rows and band;",
         "- *ours*: the model that `hil improve` writes where the judged runs are given as held-out",
         "  runs (no rung of its ladder may raise their error); *blind*: where it does not see them",
