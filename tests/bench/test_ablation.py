@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hil.bench.diagnosis import ablation, ablationtable, cases, figures, runner
+from hil.bench.diagnosis import ablation, cases, runner, tables
 from hil.commands import benchhidden
 from hil.diagnosis import rules
 from hil.errors import ConfigError, DataError
@@ -44,7 +44,7 @@ AGAIN = [
 
 
 def test_effects_count_flips_of_stable_sessions():
-    found = {e.code: e for e in ablationtable.effects(ROWS, AGAIN)}
+    found = {e.code: e for e in ablation.effects(ROWS, AGAIN)}
     assert list(found) == [*rules.CANDIDATE, *rules.FIT]
     worth, harm, idle = found["worth"], found["harm"], found["scales"]
     assert (worth.stage, worth.fired, worth.alone, worth.seconds) == ("candidate", 3, 3, 6.0)
@@ -55,7 +55,7 @@ def test_effects_count_flips_of_stable_sessions():
 
 
 def test_table():
-    text = ablationtable.report(ROWS, AGAIN, "hil bench diagnosis --ablate")
+    text = ablation.report(ROWS, AGAIN, "hil bench diagnosis --ablate")
     lines = [line.split("|") for line in text.splitlines() if line.startswith("| worth")]
     cells = [x.strip() for x in lines[0]]
     assert cells[1:8] == ["worth", "candidate", "3", "3", "3", "2", "1"]
@@ -67,11 +67,11 @@ def test_table():
 
 def test_difference_of_paired_shares():
     # Newcombe 1998, table II: 36, 12, 2, 0 gives 0.0569 to 0.3404
-    low, high = figures.difference(36, 2, 12, 0)
+    low, high = tables.difference(36, 2, 12, 0)
     assert (round(low, 4), round(high, 4)) == (0.0569, 0.3404)
-    low, high = figures.difference(50, 0, 0, 0)
+    low, high = tables.difference(50, 0, 0, 0)
     assert low == pytest.approx(-high) and 0.05 < high < 0.1
-    assert figures.difference(0, 0, 0, 0) == (-1.0, 1.0)
+    assert tables.difference(0, 0, 0, 0) == (-1.0, 1.0)
 
 
 def test_a_rule_is_asked_again_after_an_error():

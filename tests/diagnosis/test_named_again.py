@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.bench import identify
-from hil.bench.diagnosis import judge
+from hil.bench.diagnosis import runner
 from hil.bench.diagnosis.cases import Case, Hidden
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import ranking
@@ -20,7 +20,7 @@ from hil.models.model import base_model
 def named(*hidden: Hidden, noise: str, excitation: str, seed: int) -> dict[str, set[str]]:
     """Names with their rivals, for effects hidden in a session of the arm."""
     kind = "one" if len(hidden) == 1 else "two"
-    train, other = judge.recordings(Case(kind, "arm", hidden, noise, excitation, seed))
+    train, other = runner.recordings(Case(kind, "arm", hidden, noise, excitation, seed))
     found = diagnose(train, base_model(train[0].robot), other).findings
     return {f.effect: {f.effect, *f.rivals} for f in found}
 
