@@ -249,7 +249,7 @@ def record(
     Parameters
     ----------
     robot : str
-        ``"arm"``, ``"axis"``, or one of `testplants.robots`.
+        ``"arm"``, ``"axis"``, or one of `mujoco_robots`.
     rows : sequence of (effect, joint, amplitude)
         What is hidden.
     noise : str
