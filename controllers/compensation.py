@@ -1,7 +1,7 @@
 """Kernels of friction compensation from tables, and of friction with a state (presliding).
 
 A term is a function of one or two of the quantities of `VARIABLES`, bilinear between knots.  What
-any effect of the library gives such tables is `hil.estimate.online`.
+any effect of the library gives such tables is `hil.estimate.compensation_tables`.
 """
 
 from __future__ import annotations

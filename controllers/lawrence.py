@@ -14,8 +14,8 @@ from hil.controllers import channel, ela, lawrence_kernels, lawrence_records, la
 from hil.controllers.lawrence_config import LawrenceConfig
 from hil.errors import ConfigError
 from hil.signals.device import FloatArray
-from hil.teleop.files import loops_of
-from hil.teleop.refuse import refuse
+from hil.teleop.law_parameters import loops_of
+from hil.teleop.sampled_loop import refuse
 
 
 class Lawrence:

@@ -60,7 +60,8 @@ class LawrenceConfig:
         Friction of joint 1, 2, 3 at the knots [N m].
     leader_effects, follower_effects : mapping
         Further effects that are compensated, as a model file gives their values: full name, as
-        ``j2.position-friction.p``, to value.  What can be is decided by `hil.estimate.online`.
+        ``j2.position-friction.p``, to value.  What can be is decided by
+        `hil.estimate.compensation_tables`.
     leader_span, follower_span : tuple of 6 floats, or empty
         Lowest and highest position of each joint on which these were identified [rad].
     plugins : tuple of str

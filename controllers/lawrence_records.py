@@ -9,7 +9,7 @@ import numpy as np
 
 from hil.controllers import compensation, ela
 from hil.controllers.lawrence_config import SHAPES, LawrenceConfig
-from hil.estimate import online
+from hil.estimate import compensation_tables
 from hil.models import catalogue
 
 _F = np.float64
@@ -57,6 +57,8 @@ def friction_of(config: LawrenceConfig) -> tuple[tuple[Any, Any, Any], ...]:
 
 
 @lru_cache(maxsize=8)
-def _tables(values: tuple[tuple[str, float], ...], span: tuple[float, ...]) -> online.Tables:
+def _tables(
+    values: tuple[tuple[str, float], ...], span: tuple[float, ...]
+) -> compensation_tables.Tables:
     """Tables, made once: an operator who sets a parameter makes a new law while the loop runs."""
-    return online.tables(dict(values), span)
+    return compensation_tables.tables(dict(values), span)

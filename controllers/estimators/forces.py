@@ -15,7 +15,7 @@ import numpy as np
 from hil.controllers import compensation, dynamics, geometry, observer
 from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError, unknown
-from hil.estimate import online
+from hil.estimate import compensation_tables
 from hil.models import catalogue
 from hil.signals.device import FloatArray
 
@@ -138,7 +138,7 @@ class Forces:
 
     def __init__(self, config: ForcesConfig, period: float) -> None:
         catalogue.load_files(config.plugins)
-        tables = online.tables(config.effects, config.span)
+        tables = compensation_tables.tables(config.effects, config.span)
         self.corner_hz = config.corner_hz
         self._tables = tables.terms, tables.slips, tables.values
         self._c, self._w = np.zeros(1, _KNOWN)[0], np.zeros(1, _WORK)[0]

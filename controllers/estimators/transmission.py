@@ -3,10 +3,10 @@
     Jm_j q_m'' = tau_c - Fcm sgn~(q_m') - Fvm q_m' - k1 D - k3 D^3,        D = q_m - q
     L(q) q''   = k1 D + k3 D^3 - Fcl sgn~(q') - Fvl q' - C q' - N - tau_n,  L = M - diag(Jm)
 
-Each joint has an unscented filter with the ten states of `hil.estimate.ukf`: its link's inertia is
-1 / (L^-1)_jj, and what the other links' torques do to it enters as a known torque.  The momentum
-that the corrections bring in a second, (Jm K_2 + L K_4) innovation / T, is what the model lacks:
-friction tau_n that the networks of `hil.controllers.estimators.wavelets` learn while nothing
+Each joint has an unscented filter with the ten states of `hil.estimate.elastic_ukf`: its link's
+inertia is 1 / (L^-1)_jj, and what the other links' torques do to it enters as a known torque.  The
+momentum that the corrections bring in a second, (Jm K_2 + L K_4) innovation / T, is what the model
+lacks: friction tau_n that the networks of `hil.controllers.estimators.wavelets` learn while nothing
 touches the arm, a force on the tip afterwards.  Thesis section 3.1.3 is one joint; filter and
 networks together on three joints are its future work.
 """
@@ -18,8 +18,7 @@ import numpy as np
 from hil.controllers.estimators import wavelets
 from hil.controllers.estimators.transmission_config import NAMES, UNITS, TransmissionConfig
 from hil.controllers.estimators.transmission_kernels import FIRST, estimate
-from hil.estimate.ukf import RECORD
-from hil.estimate.ukf_kernels import N
+from hil.estimate.elastic_ukf import RECORD, N
 from hil.signals.device import FloatArray
 
 _F = np.float64

@@ -10,7 +10,7 @@ from hil.controllers import geometry
 from hil.controllers.estimators.network import WaveletConfig
 from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
-from hil.estimate.ukf import UkfConfig
+from hil.estimate.elastic_ukf import UkfConfig
 
 _EACH = (
     "stiffness", "hardening", "coulomb_motor", "viscous_motor", "coulomb_link", "viscous_link",

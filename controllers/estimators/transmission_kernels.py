@@ -14,7 +14,7 @@ import numpy as np
 from hil.controllers import dynamics, geometry
 from hil.controllers.estimators import network, wavelets
 from hil.controllers.estimators.transmission_config import NAMES
-from hil.estimate.ukf_kernels import N, correct, foresee
+from hil.estimate.elastic_ukf import N, correct, foresee
 
 #: Memory: filters (3 x (N + N^2)), network's friction (3), residuals (3), time, last touch.
 _EACH_JOINT = N + N * N

@@ -85,11 +85,14 @@ def main(folder: Path, repeats: int) -> dict[str, Any]:
     arm._val_num_samples, arm._val_available = len(test["timestamps"]), True  # noqa: SLF001
     joints = arm._compute_validation_metrics()["per_joint"]  # noqa: SLF001
     return {
-        "version": importlib.metadata.version("figaroh"), "import": IMPORT,
-        "seconds": seconds[1:], "wall": wall[1:],
+        "version": importlib.metadata.version("figaroh"),
+        "import": IMPORT,
+        "seconds": seconds[1:],
+        "wall": wall[1:],
         "parameters": len(arm.standard_parameter),
-        "base": len(arm.phi_base), "rms": [joints[n]["rmse_identified"] for n in names],
-    }  # fmt: skip
+        "base": len(arm.phi_base),
+        "rms": [joints[n]["rmse_identified"] for n in names],
+    }
 
 
 if __name__ == "__main__":

@@ -8,7 +8,13 @@ recordings are diagnosed as a user would, by the wall clock and with both thread
 
 from __future__ import annotations
 
+import importlib.util
+import json
+import os
+import subprocess
+import sys
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,12 +22,219 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from hil.bench import arm, peers
 from hil.diagnosis.verbs import fit
+from hil.errors import ConfigError
+from hil.identify.result import FitResult
 from hil.models.model import base_model
 from hil.record.export import write_recordings
+from hil.record.recording import Recording, RobotSource
+
+FloatArray = NDArray[np.float64]
+JOINTS = ("base", "upper", "fore")
+#: Axis, offset from the joint before [m], link length [m] and mass [kg].
+LINKS = (("0 0 1", 0.0, 0.0, 0.30), ("0 1 0", 0.0, 0.215, 0.18), ("0 1 0", 0.215, 0.17, 0.11))
+#: Coulomb [N m], viscous [N m s/rad], rotor inertia [kg m^2], offset [N m] of each joint.
+FC, FV = np.array([0.040, 0.035, 0.025]), np.array([0.008, 0.007, 0.004])
+IA, T0 = np.array([2.0e-4, 1.5e-4, 0.8e-4]), np.array([0.010, -0.008, 0.005])
+#: White noise of the effort [N m]: what no model explains.
+NOISE = 0.005
+#: The effect that is missing: share of Coulomb friction, and its speed [rad/s].
+PEAK, SPEED = 0.5, 0.15
+RATE, HARMONICS, FUNDAMENTAL = 1000.0, 12, 0.1
+
+
+@dataclass(frozen=True)
+class Data:
+    """One run, exact motion included: t (n,), the others (n, 3)."""
+
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    tau: FloatArray
+
+    def recording(self, name: str) -> Recording:
+        """What a rig would have recorded of it: positions and efforts."""
+        robot = RobotSource("", urdf())
+        return Recording(name, "arm", JOINTS, self.t, self.q, self.tau, robot=robot)
+
+
+def urdf() -> str:
+    """Shoulder about z, then two pitch joints; 0.215 m upper arm."""
+    links, joints, parent = ['<link name="world"/>'], [], "world"
+    for name, (axis, at, length, mass) in zip(JOINTS, LINKS, strict=True):
+        i = mass * max(length, 0.06) ** 2 / 12
+        links.append(
+            f'<link name="{name}_link"><inertial><origin xyz="{length / 2 + 0.01} 0.004 0.006"/>'
+            f'<mass value="{mass}"/><inertia ixx="{0.3 * i}" iyy="{i}" izz="{1.05 * i}" '
+            f'ixy="{0.05 * i}" ixz="{-0.03 * i}" iyz="{0.02 * i}"/></inertial></link>'
+        )
+        joints.append(
+            f'<joint name="{name}" type="revolute"><origin xyz="{at} 0 0"/>'
+            f'<parent link="{parent}"/><child link="{name}_link"/><axis xyz="{axis}"/>'
+            '<limit lower="-3" upper="3" effort="9" velocity="30"/></joint>'
+        )
+        parent = f"{name}_link"
+    return f'<robot name="bench-arm">{"".join(links + joints)}</robot>'
+
+
+def motion(t: FloatArray, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, velocity and acceleration (n, 3) of a Fourier series of 12 harmonics."""
+    rng = np.random.default_rng(seed)
+    k = np.arange(1, HARMONICS + 1)
+    w = 2 * np.pi * FUNDAMENTAL * k
+    size = rng.uniform(0.5, 1.0, (3, HARMONICS)) * 0.45 / np.sqrt(k)
+    phase = rng.uniform(0, 2 * np.pi, (3, HARMONICS))
+    angle = t[:, None] * w
+    s, c = np.sin(angle), np.cos(angle)
+    # a sin(w t + p) = a cos p sin w t + a sin p cos w t
+    a, b = (size * np.cos(phase)).T, (size * np.sin(phase)).T
+    q = s @ a + c @ b
+    qd = (c * w) @ a - (s * w) @ b
+    qdd = -(s * w**2) @ a - (c * w**2) @ b
+    return q, qd, qdd
+
+
+def simulate(seconds: float, seed: int, stribeck: bool) -> Data:
+    """Exact motion and noisy effort of one run; `stribeck` adds the missing effect."""
+    import pinocchio as pin
+
+    t = np.arange(round(seconds * RATE)) / RATE
+    q, qd, qdd = motion(t, seed)
+    model = pin.buildModelFromXML(urdf())
+    data = model.createData()
+    tau = np.empty_like(q)
+    for k in range(t.size):
+        tau[k] = pin.rnea(model, data, q[k], qd[k], qdd[k])
+    friction = FC * (1.0 + stribeck * PEAK * np.exp(-((qd / SPEED) ** 2)))
+    tau += friction * np.sign(qd) + FV * qd + IA * qdd + T0
+    tau += NOISE * np.random.default_rng(seed + 1000).standard_normal(tau.shape)
+    return Data(t, q, qd, qdd, tau)
+
+
+#: Eigenvalues of the scaled normal equations below this share of the largest are rounding.
+_RANK = 1e-12
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+def reference_regressor(data: Data) -> FloatArray:
+    """Regressor (n, 3, 42) at every sample: bodies, rotor inertia, Coulomb, viscous, offset."""
+    import pinocchio as pin
+
+    model = pin.buildModelFromXML(urdf())
+    work = model.createData()
+    n, d = data.q.shape
+    x = np.zeros((n, d, 10 * d + 4 * d))
+    for k in range(n):
+        x[k, :, : 10 * d] = pin.computeJointTorqueRegressor(
+            model, work, data.q[k], data.qd[k], data.qdd[k]
+        )
+    for j in range(d):
+        first = 10 * d + 4 * j
+        x[:, j, first] = data.qdd[:, j]
+        x[:, j, first + 1] = np.sign(data.qd[:, j])
+        x[:, j, first + 2] = data.qd[:, j]
+        x[:, j, first + 3] = 1.0
+    return x
+
+
+def reference_fit(data: Data) -> FloatArray:
+    """All 42 parameters by normal equations at the full rate, from the exact motion."""
+    x = reference_regressor(data).reshape(data.tau.size, -1)
+    gram, right = x.T @ x, x.T @ data.tau.reshape(-1)
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    value, vector = np.linalg.eigh(gram / np.outer(scale, scale))
+    keep = value > _RANK * value[-1]
+    theta: FloatArray = vector[:, keep] @ ((vector[:, keep].T @ (right / scale)) / value[keep])
+    return theta / scale
+
+
+def heldout_of_reference(theta: FloatArray, test: Data) -> FloatArray:
+    """Rms error (3,) on another run at the full rate [N m]."""
+    return rms(test.tau - reference_regressor(test) @ theta)
+
+
+def heldout_of_fit(result: FitResult, test: Data) -> FloatArray:
+    """The same of a fitted model of hil."""
+    nothing = np.zeros_like(test.q)
+    motion = replace(
+        result.problem.motions[0],
+        t=test.t,
+        q=test.q,
+        qd=test.qd,
+        qdd=test.qdd,
+        tau=test.tau,
+        tau_ext=nothing,
+        load=nothing,
+        static=nothing,
+        average=0.0,
+    )
+    effort = np.zeros_like(test.tau)
+    for term, where in zip(result.terms, result.slices, strict=True):
+        part = term.effect.columns(motion, term.joint, term.shape) @ result.theta[where]
+        if term.effect.scope.whole:
+            effort += part
+        else:
+            effort[:, term.joint] += part
+    return rms(test.tau - effort)
+
+
+def rms(x: FloatArray) -> FloatArray:
+    """Root mean square of each column."""
+    out: FloatArray = np.sqrt(np.mean(x**2, axis=0))
+    return out
+
+
+def timed(call: Callable[[], Any]) -> tuple[float, float]:
+    """Processor time and wall clock of a call [s]."""
+    start, clock = time.process_time(), time.perf_counter()
+    call()
+    return time.process_time() - start, time.perf_counter() - clock
+
+
+def child_process(
+    words: list[str], python: str = sys.executable, limits: dict[str, str] = ONE_THREAD
+) -> dict[str, Any]:
+    """Result of a script in a process of its own.
+
+    Parameters
+    ----------
+    words : list of str
+        What the interpreter is given.
+    python : str
+        The interpreter.
+    limits : dict of str
+        Environment variables that say how many threads it may have; one, if not given.
+
+    Raises
+    ------
+    ConfigError
+        If it fails.
+    """
+    environment = {**os.environ, **limits}
+    done = subprocess.run(
+        [python, *words], capture_output=True, text=True, env=environment, check=False
+    )
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        raise ConfigError(f"{Path(words[0]).name} ended with code {done.returncode}: {last}")
+    out: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return out
+
+
+def run_figaroh(folder: Path, repeats: int, python: str) -> dict[str, Any] | str:
+    """FIGAROH on train.npz and test.npz in a folder, or why it could not run."""
+    if not python and importlib.util.find_spec("figaroh") is None:
+        return "not installed (pip install 'hil-teleop[bench]', or --figaroh PYTHON)"
+    script = str(Path(__file__).with_name("figaroh_peer.py"))
+    try:
+        return child_process([script, str(folder), str(repeats)], python or sys.executable)
+    except (ConfigError, OSError) as error:
+        return f"did not run: {error}"
+
 
 LENGTHS = (60, 120, 300, 600)
 REFERENCE = "numpy + Pinocchio (reference)"
@@ -79,9 +292,12 @@ class Report:
 
 
 def run(
-    seconds: float = 60.0, repeats: int = 3, lengths: Sequence[float] = LENGTHS,
-    figaroh: str = "", report: Callable[[str], None] | None = None,
-) -> Report:  # fmt: skip
+    seconds: float = 60.0,
+    repeats: int = 3,
+    lengths: Sequence[float] = LENGTHS,
+    figaroh: str = "",
+    report: Callable[[str], None] | None = None,
+) -> Report:
     """Measure everything.
 
     Parameters
@@ -103,7 +319,7 @@ def run(
         folder = Path(name)
         for stribeck, data in DATA.items():
             tell(data)
-            train, test = (arm.simulate(seconds, seed, stribeck) for seed in (1, 2))
+            train, test = (simulate(seconds, seed, stribeck) for seed in (1, 2))
             own = _in_process(train, test, data, repeats)
             own.append(_figaroh(folder, train, test, data, repeats, figaroh, own[0].seconds))
             own += _diagnoses(folder, train, test, data, repeats, own[0].seconds)
@@ -115,48 +331,53 @@ def run(
     return Report(seconds, repeats, rows, grown)
 
 
-def _in_process(train: arm.Data, test: arm.Data, data: str, repeats: int) -> list[Row]:
+def _in_process(train: Data, test: Data, data: str, repeats: int) -> list[Row]:
     """Reference and `hil.fit`, taking turns."""
     recording = train.recording("train")
     model = base_model(recording.robot)
     calls: dict[str, Callable[[], Any]] = {
-        REFERENCE: lambda: peers.reference(train),
+        REFERENCE: lambda: reference_fit(train),
         # a recording keeps what was found in it: each fit gets one that no other has looked at
         "hil.fit": lambda: fit([replace(recording)], model),
     }
     times: dict[str, list[tuple[float, float]]] = {k: [] for k in calls}
     for _ in range(1 + repeats):
         for peer, call in calls.items():
-            times[peer].append(peers.timed(call))
+            times[peer].append(timed(call))
     errors = {
-        REFERENCE: peers.heldout_of_reference(peers.reference(train), test),
-        "hil.fit": peers.heldout_of_fit(fit([recording], model), test),
+        REFERENCE: heldout_of_reference(reference_fit(train), test),
+        "hil.fit": heldout_of_fit(fit([recording], model), test),
     }
     cpu, wall = ({k: median(x[c] for x in t[1:]) for k, t in times.items()} for c in (0, 1))
     return [
-        Row(k, data, cpu[k], wall[k], cpu[k] / cpu[REFERENCE], tuple(errors[k] / arm.NOISE))
+        Row(k, data, cpu[k], wall[k], cpu[k] / cpu[REFERENCE], tuple(errors[k] / NOISE))
         for k in calls
     ]
 
 
 def _figaroh(
-    folder: Path, train: arm.Data, test: arm.Data, data: str, repeats: int, python: str,
+    folder: Path,
+    train: Data,
+    test: Data,
+    data: str,
+    repeats: int,
+    python: str,
     reference: float,
-) -> Row:  # fmt: skip
-    (folder / "arm.urdf").write_text(arm.urdf(), encoding="utf-8")
+) -> Row:
+    (folder / "arm.urdf").write_text(urdf(), encoding="utf-8")
     np.savez(folder / "train.npz", **vars(train))
     np.savez(folder / "test.npz", **vars(test))
-    found = peers.figaroh(folder, repeats, python)
+    found = run_figaroh(folder, repeats, python)
     if isinstance(found, str):
         return Row("FIGAROH", data, np.nan, np.nan, np.nan, (), found)
     cpu, wall = median(found["seconds"]), median(found["wall"])
-    ratio = tuple(float(x) / arm.NOISE for x in found["rms"])
+    ratio = tuple(float(x) / NOISE for x in found["rms"])
     note = f"and {found['import']:.1f} s to import"
     return Row(f"FIGAROH {found['version']}", data, cpu, wall, cpu / reference, ratio, note)
 
 
 def _diagnoses(
-    folder: Path, train: arm.Data, test: arm.Data, data: str, repeats: int, reference: float
+    folder: Path, train: Data, test: Data, data: str, repeats: int, reference: float
 ) -> list[Row]:
     """From the file to the report, judged on fifths of the recording or on the other one."""
     paths = [str(folder / f"{name}.mcap") for name in ("train", "test")]
@@ -172,16 +393,16 @@ def _diagnoses(
 
 
 def _oneshot(
-    folder: Path, repeats: int, paths: list[str], limits: dict[str, str] = peers.ONE_THREAD
+    folder: Path, repeats: int, paths: list[str], limits: dict[str, str] = ONE_THREAD
 ) -> dict[str, Any]:
-    words = ["-m", "hil.bench.oneshot", str(repeats), str(folder / "report.html"), *paths]
-    return peers.child(words, limits=limits)
+    words = ["-m", "hil.bench.diagnose_once", str(repeats), str(folder / "report.html"), *paths]
+    return child_process(words, limits=limits)
 
 
 def _length(folder: Path, seconds: float, stribeck: bool) -> Length:
     """One diagnosis of a recording, with the missing effect or without: time and peak memory."""
     path = str(folder / "long.mcap")
-    write_recordings(path, [arm.simulate(seconds, 1, stribeck).recording("long")])
+    write_recordings(path, [simulate(seconds, 1, stribeck).recording("long")])
     # a long recording gets as many threads as a user's would
     found = _oneshot(folder, 0, [path], {"OPENBLAS_NUM_THREADS": "1"})
     times, peak = (found["seconds"][0], found["wall"][0]), found["peak"] / 2**20

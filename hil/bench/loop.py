@@ -1,10 +1,18 @@
-"""The loop beside cyclictest and beside plain `time.sleep`, in turns on the same machine."""
+"""The loop beside cyclictest and beside plain `time.sleep`, in turns on the same machine.
+
+One of the runs has its slow side in a separate process, over a ring in shared memory.  That process
+is forked before the loop is arranged, writes the same file, and takes no commands: what it lacks
+would not make the loop later.
+"""
 
 from __future__ import annotations
 
+import json
+import mmap
 import os
 import re
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
@@ -16,11 +24,118 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.bench.apart import Apart
+from hil.errors import DeviceError
+from hil.record.ring import Ring
 from hil.rig.config import load_rig
 from hil.rigs import rig_path
-from hil.runtime import runner
+from hil.runtime import runner, session
+from hil.runtime.realtime import arranged
 from hil.runtime.statistics import Histogram
+
+#: Words that both processes see: rows in, rows out, time of tick 0, the loop has ended.
+_HEAD, _TAIL, _EPOCH, _OVER, _WORDS = 0, 1, 2, 3, 8
+
+
+class SharedRing(Ring):
+    """A `Ring` whose rows and counters lie in memory that a forked process shares."""
+
+    def __init__(self, rows: int, width: int) -> None:
+        size = 8 * (_WORDS + rows * (2 + width))
+        self._memory = mmap.mmap(-1, size)
+        whole = np.frombuffer(self._memory, np.int64)
+        self.words: NDArray[np.int64] = whole[:_WORDS]
+        super().__init__(rows, width)
+        stamps = whole[_WORDS : _WORDS + 2 * rows].reshape(rows, 2)
+        self._stamps = stamps
+        self._data = whole[_WORDS + 2 * rows :].view(np.float64).reshape(rows, width)
+
+    @property
+    def _head(self) -> int:
+        return int(self.words[_HEAD])
+
+    @_head.setter
+    def _head(self, value: int) -> None:
+        self.words[_HEAD] = value
+
+    @property
+    def _tail(self) -> int:
+        return int(self.words[_TAIL])
+
+    @_tail.setter
+    def _tail(self, value: int) -> None:
+        self.words[_TAIL] = value
+
+
+class SeparateProcessSession(runner.Session):
+    """`hil.app.Session` with the slow side in a process."""
+
+    ring_type = SharedRing
+
+    def _real(self, progress: Callable[[int], None] | None) -> None:
+        """Fast loop in this process, the slow side in a forked one."""
+        words = self._words()
+        told, tell = os.pipe()
+        child = os.fork()
+        if child == 0:
+            self._child(words, tell)
+        os.close(tell)
+        self.writer.release()
+        try:
+            with arranged(self.config.loop.realtime) as self.arrangement:
+                self._enable()
+                words[_EPOCH] = self.timer.epoch_ns
+                while not self.over():
+                    self.loop.step()
+        finally:
+            try:
+                self._release()
+            finally:
+                words[_OVER] = 1
+                self._figures = _received_figures(told, child)
+
+    def _words(self) -> NDArray[np.int64]:
+        ring: Any = self.ring
+        return np.asarray(ring.words)
+
+    def _child(self, words: NDArray[np.int64], tell: int) -> None:
+        """Drain at the slow rate until the loop has ended, close the file, tell the figures."""
+        code = 1
+        try:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            others = os.sched_getaffinity(0)
+            if len(others) > 1:
+                os.sched_setaffinity(0, others - {max(others)})
+            while not words[_EPOCH]:
+                time.sleep(1e-3)
+            self.slow.note(0, int(words[_EPOCH]), "enabled")
+            while not words[_OVER]:
+                time.sleep(1.0 / self.config.loop.slow_hz)
+                self.slow.step(0.0)
+            self.slow.step(0.0)
+            session.conclude(self.writer, self.statistics, self.arrangement)
+            self.writer.close()
+            os.write(tell, json.dumps(self.statistics.figures().as_dict()).encode())
+            code = 0
+        finally:
+            os._exit(code)
+
+    def _finish(self, name: str, told: dict[str, object]) -> None:
+        """The process has closed the file."""
+
+    def figures(self) -> dict[str, float]:
+        """As the process has counted them."""
+        return self._figures
+
+
+def _received_figures(pipe: int, child: int) -> dict[str, float]:
+    """Figures from the process, once it has ended."""
+    with os.fdopen(pipe, "rb") as file:
+        text = file.read()
+    _, status = os.waitpid(child, 0)
+    if status or not text:
+        raise DeviceError(f"the process of the slow side ended with status {status}")
+    return dict(json.loads(text))
+
 
 PERIOD_NS = 1_000_000
 #: As in cyclictest's histogram: up to 100 ms, a microsecond a bin.
@@ -64,18 +179,23 @@ def hil_loop(
     f = done.figures
     lost = f"; {done.dropped} rows dropped" if done.dropped else ""
     return Run(
-        "hil run, full recording" + (f", {what}" if what else ""), done.ticks,
-        done.missed, f["late_p50"], f["late_p99"], f["late_p999"], f["late_most"],
+        "hil run, full recording" + (f", {what}" if what else ""),
+        done.ticks,
+        done.missed,
+        f["late_p50"],
+        f["late_p99"],
+        f["late_p999"],
+        f["late_most"],
         (", ".join(done.granted) or "nothing granted") + lost,
-    )  # fmt: skip
+    )
 
 
-def apart(seconds: float) -> Run:
+def separate_process(seconds: float) -> Run:
     """The slow side in a process of its own; not on systems that cannot fork."""
     if not hasattr(os, "fork"):
         nan = (_NONE,) * 4
         return Run("hil run, slow side in a process", 0, 0, *nan, "needs fork")
-    return hil_loop(seconds, "slow side in a process (shared memory ring)", Apart)
+    return hil_loop(seconds, "slow side in a process (shared memory ring)", SeparateProcessSession)
 
 
 def plain_sleep(seconds: float) -> Run:
@@ -126,11 +246,15 @@ def cyclictest(seconds: float) -> Run:
 
 #: In turns, so that a busy minute of the machine falls on all.
 RUNS: tuple[Callable[[float], Run], ...] = (
-    cyclictest, hil_loop, apart,
-    lambda seconds: hil_loop(seconds, "no real-time class", realtime=False), plain_sleep,
+    cyclictest,
+    hil_loop,
+    separate_process,
+    lambda seconds: hil_loop(seconds, "no real-time class", realtime=False),
+    plain_sleep,
     lambda seconds: hil_loop(seconds, "2 kHz", rate_hz=2000.0),
-    lambda seconds: hil_loop(seconds, "4 kHz", rate_hz=4000.0), cyclictest,
-)  # fmt: skip
+    lambda seconds: hil_loop(seconds, "4 kHz", rate_hz=4000.0),
+    cyclictest,
+)
 
 
 def compare(seconds: float) -> list[Run]:
@@ -145,10 +269,15 @@ HEAD = ("run", "ticks", "missed", "p50 [us]", "p99 [us]", "p99.9 [us]", "most [u
 def rows(found: list[Run]) -> list[list[str]]:
     """Cells of the table."""
     return [
-        [r.name, str(r.ticks), str(r.missed), *(f"{v:.1f}" for v in (r.p50, r.p99, r.p999, r.most)),
-         r.note]
+        [
+            r.name,
+            str(r.ticks),
+            str(r.missed),
+            *(f"{v:.1f}" for v in (r.p50, r.p99, r.p999, r.most)),
+            r.note,
+        ]
         for r in found
-    ]  # fmt: skip
+    ]
 
 
 def verdict(found: list[Run]) -> str:
@@ -157,9 +286,10 @@ def verdict(found: list[Run]) -> str:
     ours = next(r for r in found if r.name.startswith("hil run"))
     if not tests:
         return "cyclictest did not run: there is nothing to compare the loop with."
-    p99, missed = (" and ".join(text) for text in (
-        [f"{r.p99:.0f}" for r in tests], [str(r.missed) for r in tests]
-    ))  # fmt: skip
+    p99, missed = (
+        " and ".join(text)
+        for text in ([f"{r.p99:.0f}" for r in tests], [str(r.missed) for r in tests])
+    )
     return (
         f"p99 {ours.p99:.1f} us against {p99} us of cyclictest before and after (aim: within 1.5 "
         f"times); {ours.missed} missed deadlines against its {missed} wake-ups later than a period."
@@ -178,11 +308,21 @@ def table(found: list[Run]) -> str:
 
 def page(found: list[Run], command: str) -> str:
     """Page for the documentation."""
-    return "\n".join([
-        "# The loop beside cyclictest", "", f"Printed by `{command}`; runs in turns, at 1",
-        "kHz where nothing else is said. `missed`: periods that were skipped; of cyclictest and",
-        "plain code, wake-ups later than a period. Latencies are those of the wake-up; the",
-        "loop spins for the last 150 us before it, which cyclictest does not.", "",
-        "| " + " | ".join(HEAD) + " |", "|" + "---|" * len(HEAD),
-        *("| " + " | ".join(r) + " |" for r in rows(found)), "", verdict(found), "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "# The loop beside cyclictest",
+            "",
+            f"Printed by `{command}`; runs in turns, at 1",
+            "kHz where nothing else is said. `missed`: periods that were skipped; of cyclictest "
+            "and",
+            "plain code, wake-ups later than a period. Latencies are those of the wake-up; the",
+            "loop spins for the last 150 us before it, which cyclictest does not.",
+            "",
+            "| " + " | ".join(HEAD) + " |",
+            "|" + "---|" * len(HEAD),
+            *("| " + " | ".join(r) + " |" for r in rows(found)),
+            "",
+            verdict(found),
+            "",
+        ]
+    )

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hil
-from hil.bench import person
+from hil.bench import least_squares_script
 from hil.diagnosis.heldout import Examiner
 from hil.errors import DataError, unknown
 from hil.identify.context import renew
@@ -212,9 +212,9 @@ def blind(train: list[Recording], hold: list[Recording], model: RobotModel) -> t
 
 
 def script(train: list[Recording], hold: list[Recording], explains: str) -> Script:
-    """The person's script; arguments as of `hil.bench.person.run`."""
+    """The person's script; arguments as of `hil.bench.least_squares_script.run`."""
     begun = time.perf_counter()
-    found = person.run(train, hold, train[0].robot, explains)
+    found = least_squares_script.run(train, hold, train[0].robot, explains)
     seconds = time.perf_counter() - begun
     features = [list(names) for names in found.chosen]
     return Script(found.given.tolist(), found.final.tolist(), features, seconds)

@@ -20,9 +20,11 @@ from hil.record.recording import Recording, RobotSource
 
 #: Janot, Gautier, Brunot 2019: identified values of the EMPS.
 PUBLISHED = {
-    "rigid-body.m": 95.11, "j1.viscous.fv": 203.5, "j1.coulomb.fc": 20.39,
+    "rigid-body.m": 95.11,
+    "j1.viscous.fv": 203.5,
+    "j1.coulomb.fc": 20.39,
     "j1.torque-offset.t0": -3.17,
-}  # fmt: skip
+}
 PUBLISHED_ERROR = 4.12
 AXIS = RobotSource("single-axis")
 
@@ -33,9 +35,7 @@ def emps_model() -> RobotModel:
     Position filter 100 Hz (4th order, forward and backward) as published; their decimation by
     a Chebyshev filter with a 40 Hz pass band edge is met by a half-power frequency of 50 Hz.
     """
-    sharp = Use(
-        "coulomb", options={"fixed_shape": True}, values={"j1.coulomb.v0": Value(1e-6)}
-    )  # fmt: skip
+    sharp = Use("coulomb", options={"fixed_shape": True}, values={"j1.coulomb.v0": Value(1e-6)})
     parts = (Use("rigid-body"), sharp, Use("viscous"), Use("torque-offset"))
     return RobotModel(AXIS, parts, band=Band(100.0, 50.0))
 
@@ -165,10 +165,14 @@ def contact(run: str) -> Contact:
     law = [f.effect for f in (*d.findings, *d.partial)]
     candidates = {c.name: c.score for c in d.first.candidates}
     return Contact(
-        run, d.verdict, linear_spring(first, second), float(d.ladder[-1].heldout.relative[0]),
+        run,
+        d.verdict,
+        linear_spring(first, second),
+        float(d.ladder[-1].heldout.relative[0]),
         tuple(law),
-        candidates.get("contact-hysteresis", 0.0), candidates.get("contact-damping", 0.0),
-    )  # fmt: skip
+        candidates.get("contact-hysteresis", 0.0),
+        candidates.get("contact-damping", 0.0),
+    )
 
 
 def linear_spring(first: Recording, second: Recording) -> float:

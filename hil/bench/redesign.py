@@ -6,20 +6,22 @@ import time
 from dataclasses import dataclass, replace
 
 from hil.teleop import optimise
-from hil.teleop.design import Realisation
+from hil.teleop.architecture import Realisation
 from hil.teleop.hybrid import Impedance
-from hil.teleop.problem import Problem
+from hil.teleop.optimise import Problem
 
 #: Tasks: name -> what differs from the default problem.
 TASKS: dict[str, Problem] = {
     "gel 300 N/m": Problem(real=Realisation(32.0, 30.0, 32.0)),
     "gel 300 N/m, k <= 225": Problem(real=Realisation(32.0, 30.0, 32.0), stiffness=225.0),
     "gel 600 N/m, k <= 240": Problem(
-        real=Realisation(32.0, 30.0, 32.0), environment=Impedance(0.0, 3.0, 600.0),
-        stiffness=240.0, contact=0.8,
+        real=Realisation(32.0, 30.0, 32.0),
+        environment=Impedance(0.0, 3.0, 600.0),
+        stiffness=240.0,
+        contact=0.8,
     ),
     "condition of Q to 3": Problem(real=Realisation(32.0, 30.0, 32.0), kappa=3.0, force=2.0),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Row:
 
 def measure() -> list[Row]:
     """Design every task, then re-design it."""
-    from hil.teleop.fsf import conditioning
+    from hil.teleop.force_sensor_free import conditioning
 
     rows = []
     for name, problem in TASKS.items():
@@ -61,8 +63,15 @@ def measure() -> list[Row]:
         start = time.perf_counter()
         optimise.optimise(near, start=found.theta)
         warm = time.perf_counter() - start
-        rows.append(Row(
-            name, found.sensitivity, conditioning(found.design), found.agreeing, found.starts,
-            cold, warm,
-        ))  # fmt: skip
+        rows.append(
+            Row(
+                name,
+                found.sensitivity,
+                conditioning(found.design),
+                found.agreeing,
+                found.starts,
+                cold,
+                warm,
+            )
+        )
     return rows

@@ -10,9 +10,8 @@ import numpy as np
 
 from hil import registry
 from hil.errors import ConfigError
-from hil.estimate.ukf import ElasticUkf, UkfConfig
-from hil.estimate.ukf_kernels import N
-from hil.experiments.elastic_plant import PERIOD, FloatArray, Plant, record
+from hil.estimate.elastic_ukf import ElasticUkf, N, UkfConfig
+from hil.experiments.elastic_transmission import PERIOD, FloatArray, Plant, record
 from hil.toml import parse
 
 

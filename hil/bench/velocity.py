@@ -44,10 +44,14 @@ MOTIONS: dict[str, Sines] = {
     "1 Hz, 0.5 rad/s": ((0.5, 1.0, 0.3),),
     "1 Hz, 3 rad/s": ((3.0, 1.0, 0.3),),
     "hand": (
-        (0.3, 0.31, 0.1), (0.4, 0.73, 1.0), (0.3, 1.9, 2.0), (0.1, 4.1, 0.7), (0.02, 9.3, 0.2),
+        (0.3, 0.31, 0.1),
+        (0.4, 0.73, 1.0),
+        (0.3, 1.9, 2.0),
+        (0.1, 4.1, 0.7),
+        (0.02, 9.3, 0.2),
     ),
     "20 Hz, 0.2 rad/s": ((0.2, 20.0, 0.3),),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -146,9 +150,12 @@ def follow(name: str, options: dict[str, object], counts: np.ndarray) -> FloatAr
 
 
 def judge(
-    label: str, motion: str, t: FloatArray, found: FloatArray,
+    label: str,
+    motion: str,
+    t: FloatArray,
+    found: FloatArray,
     truth: Callable[[FloatArray], FloatArray],
-) -> Row:  # fmt: skip
+) -> Row:
     """Error, delay and noise of an estimate `found` (n,) of `truth` at `t` (n,)."""
     keep = t >= SETTLE
     t, found = t[keep], found[keep]
@@ -167,10 +174,19 @@ def judge(
 def report() -> str:
     """Tables of errors and delays in Markdown; the same on every machine."""
     return "\n".join(
-        [*_HEAD, "## Velocity [rad/s]", "", *table(compare(), 4), "",
-         "## Acceleration [rad/s^2]: low-pass filtered first difference of the velocity", "",
-         *table(compare_acceleration(), 2), "", *_TAKE]
-    )  # fmt: skip
+        [
+            *_HEAD,
+            "## Velocity [rad/s]",
+            "",
+            *table(compare(), 4),
+            "",
+            "## Acceleration [rad/s^2]: low-pass filtered first difference of the velocity",
+            "",
+            *table(compare_acceleration(), 2),
+            "",
+            *_TAKE,
+        ]
+    )
 
 
 _URAD = 1e6 * RESOLUTION

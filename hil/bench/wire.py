@@ -134,9 +134,9 @@ def costs(rig_name: str = "teleop", ticks: int = TICKS) -> list[Cost]:
     finally:
         rig.close()
     # whole ticks once more, without what timing their parts costs
-    rows = np.column_stack([
-        parts, _whole(config, ticks, time.thread_time_ns), _whole(config, ticks, PASSING)
-    ])  # fmt: skip
+    rows = np.column_stack(
+        [parts, _whole(config, ticks, time.thread_time_ns), _whole(config, ticks, PASSING)]
+    )
     names = [*watch.now, PROCESSOR, "whole tick"]
     middle, most = np.median(rows, axis=0) * 1e-3, np.percentile(rows, 99, axis=0) * 1e-3
     return [Cost(n, float(m), float(p)) for n, m, p in zip(names, middle, most, strict=True)]
@@ -224,8 +224,9 @@ def speed(backend: str, rig_name: str = "teleop", seconds: float = SECONDS) -> S
         run(config, 0.5, output=path)
         wall, cpu = time.perf_counter(), time.process_time()
         run(config, seconds, output=path)
-        return Speed(backend, seconds / (time.perf_counter() - wall),
-                     seconds / (time.process_time() - cpu))  # fmt: skip
+        return Speed(
+            backend, seconds / (time.perf_counter() - wall), seconds / (time.process_time() - cpu)
+        )
 
 
 def rates(rig_name: str = "teleop") -> dict[str, float]:

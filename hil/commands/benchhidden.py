@@ -10,15 +10,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from hil.bench import hidden, recordings
-from hil.bench.diagnosis import (
-    ablation,
-    ablationtable,
-    cases,
-    runner,
-    tables,
-    testcases,
-    testplants,
-)
+from hil.bench.diagnosis import ablation, cases, runner, session, tables
 from hil.commands import benchpage, common
 from hil.commands.benchpage import Found
 from hil.errors import ConfigError
@@ -41,7 +33,7 @@ def _diagnosis(args: argparse.Namespace) -> Found:
     data: dict[str, object] = {"cases": rows}
     if args.ablate:
         again = ablation.run(todo, rows, args.jobs, kept)
-        text = ablationtable.report(rows, again, f"hil bench diagnosis --ablate{quick}{which}")
+        text = ablation.report(rows, again, f"hil bench diagnosis --ablate{quick}{which}")
         data |= {"without": again}
     else:
         text = tables.report(rows, f"hil bench diagnosis{quick}{which}")
@@ -60,17 +52,17 @@ def _only(todo: list[cases.Case], words: Sequence[str]) -> list[cases.Case]:
 #: Plant -> its cases, quick or by seeds.
 PLANS: dict[str, Callable[[bool, int], list[cases.Case]]] = {
     "tuning": cases.plan,
-    "test": testcases.plan,
+    "test": cases.mujoco_plan,
 }
 
 
 def _plants(wanted: str | None) -> list[str]:
     """Plants of `wanted`; without a wish both, or what there is, which is said then."""
-    if wanted == "tuning" or testplants.available():
+    if wanted == "tuning" or session.mujoco_available():
         return [wanted] if wanted in PLANS else list(PLANS)
     if wanted:
-        raise ConfigError(f"--plants {wanted}: the test plants need MuJoCo: {testplants.WANTED}")
-    common.log(f"without the test plants, which need MuJoCo: {testplants.WANTED}")
+        raise ConfigError(f"--plants {wanted}: the test plants need MuJoCo: {session.MUJOCO_EXTRA}")
+    common.log(f"without the test plants, which need MuJoCo: {session.MUJOCO_EXTRA}")
     return ["tuning"]
 
 

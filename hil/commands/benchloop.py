@@ -11,8 +11,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from hil.bench import loop, records, sameness
-from hil.bench.faults import cases, process, runner, tables
+from hil.bench import determinism, loop, record_speed
+from hil.bench.faults import cases, process, runner
 from hil.commands import benchpage, common
 from hil.commands.benchpage import Found
 
@@ -30,10 +30,10 @@ def _faults(args: argparse.Namespace) -> Found:
             found.append(process.one(name, Path(folder)))
             bar.update()
     benchpage.write(
-        args.report, tables.report(found, f"hil bench faults{' --quick' if args.quick else ''}")
+        args.report, runner.report(found, f"hil bench faults{' --quick' if args.quick else ''}")
     )
-    text = common.table(list(tables.HEAD), [tables.row(o) for o in found])
-    return f"{text}\n\n{tables.verdict(found)}", {"faults": [asdict(o) for o in found]}
+    text = common.table(list(runner.HEAD), [runner.row(o) for o in found])
+    return f"{text}\n\n{runner.verdict(found)}", {"faults": [asdict(o) for o in found]}
 
 
 def _loop(args: argparse.Namespace) -> Found:
@@ -47,20 +47,20 @@ def _loop(args: argparse.Namespace) -> Found:
 
 def _record(args: argparse.Namespace) -> Found:
     """What recording costs, and whether it loses a row."""
-    found = records.measure(args.seconds)
-    return records.table(found), asdict(found)
+    found = record_speed.measure(args.seconds)
+    return record_speed.table(found), asdict(found)
 
 
 def _determinism(args: argparse.Namespace) -> Found:
     """Lockstep sessions by several Pythons: the same bytes, or the first difference."""
     benchpage.check(args.report)
-    found = sameness.compare([sys.executable, *args.python], args.seconds)
+    found = determinism.compare([sys.executable, *args.python], args.seconds)
     others = " --python PYTHON" * len(args.python)
     benchpage.write(
         args.report,
-        sameness.page(found, f"hil bench determinism --seconds {args.seconds:g}{others}"),
+        determinism.page(found, f"hil bench determinism --seconds {args.seconds:g}{others}"),
     )
-    text = common.table(list(sameness.HEAD), sameness.rows(found))
+    text = common.table(list(determinism.HEAD), determinism.rows(found))
     return text, {"sessions": [asdict(s) for s in found]}
 
 

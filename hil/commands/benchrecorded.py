@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from tqdm import tqdm
 
-from hil.bench import real, realtable, recordings
+from hil.bench import real, real_table, recordings
 from hil.bench.diagnosis.runner import revision
 from hil.commands import benchpage, common
 from hil.commands.benchpage import Found
@@ -136,10 +136,10 @@ def _real(args: argparse.Namespace) -> Found:
     rows, made_by = [found[c.name] for c in todo], revision()
     only = "".join(f" --only {word}" for word in args.only)
     benchpage.write(
-        args.report, realtable.page(rows, f"hil bench real{only} --jobs {args.jobs}", made_by)
+        args.report, real_table.page(rows, f"hil bench real{only} --jobs {args.jobs}", made_by)
     )
-    data: dict[str, object] = {"revision": made_by, "cases": realtable.data(rows)}
-    return realtable.text(rows, common.table), data
+    data: dict[str, object] = {"revision": made_by, "cases": real_table.data(rows)}
+    return real_table.text(rows, common.table), data
 
 
 BENCHES: dict[str, Callable[[argparse.Namespace], Found]] = {

@@ -11,11 +11,11 @@ from typing import Any
 from hil import registry
 from hil.commands import common, designtext, outputs, plugins
 from hil.errors import ConfigError, unknown
-from hil.rig import open
 from hil.rig.config import RigConfig, load_rig
+from hil.rig.open import build_controller
 from hil.runtime import session
-from hil.teleop import files, fsf, make, named, refuse
-from hil.teleop.make import Arms
+from hil.teleop import architecture, force_sensor_free, law_parameters, rig_designs, sampled_loop
+from hil.teleop.rig_designs import Arms
 from hil.teleop.summary import Summary, summarise
 from hil.toml import parse
 
@@ -30,13 +30,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     parser.add_argument("rig", metavar="RIG.toml", help="rig file")
     parser.add_argument(
-        "--design", choices=(*named.DESIGNS, "optimised"),
+        "--design", choices=(*architecture.DESIGNS, "optimised"),
         help="named design; default: the controller of the rig file",
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE",
-        help=f"what the design is made from (repeatable): {', '.join(make.WISHES)}; "
-        f"of the law: {', '.join(make.REAL)}; of the optimised design: {', '.join(make.TASK)}",
+        help=f"what the design is made from (repeatable): {', '.join(rig_designs.WISHES)}; "
+        f"of the law: {', '.join(rig_designs.REAL)}; of the optimised design: "
+        f"{', '.join(rig_designs.TASK)}",
     )  # fmt: skip
     parser.add_argument("--fsf", action="store_true", help="transform it to need no force sensor")
     parser.add_argument(
@@ -57,12 +58,12 @@ def run(args: argparse.Namespace) -> int:
     outputs.check(args.report, ".html", [args.rig], _is_report, "a design report")
     plugins.load_installed()
     config = load_rig(args.rig)
-    settings = make.settings(args.set)
+    settings = rig_designs.settings(args.set)
     parameters, notes = _parameters(args, config, settings)
     law_type = registry.load("hil.controllers", "lawrence").Config
     law = parse(law_type, parameters, "controller.parameters")
     period = config.loop.period_ns * 1e-9
-    loops = files.loops_of(law)
+    loops = law_parameters.loops_of(law)
     found = [summarise(loop, period) for loop in loops]
     trouble = _trouble(loops, period) or _with_estimators(config, parameters)
     if args.report:
@@ -95,27 +96,27 @@ def _parameters(
         if args.design is None:
             raise ConfigError(
                 f"{args.rig} runs {config.controller.name!r}, which has no c1..c8; choose one with "
-                f"--design: {', '.join((*named.DESIGNS, 'optimised'))}"
+                f"--design: {', '.join((*architecture.DESIGNS, 'optimised'))}"
             )
-    given |= make.models(_models(args.model), config)
-    given |= {k: v for k, v in settings.items() if k in make.REAL}
-    wishes = {k: v for k, v in settings.items() if k in make.WISHES}
+    given |= rig_designs.models(_models(args.model), config)
+    given |= {k: v for k, v in settings.items() if k in rig_designs.REAL}
+    wishes = {k: v for k, v in settings.items() if k in rig_designs.WISHES}
     law_type = registry.load("hil.controllers", "lawrence").Config
     base = parse(law_type, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "controller.parameters")
     arms = Arms.of(base)
-    task = {k: v for k, v in settings.items() if k in make.TASK}
+    task = {k: v for k, v in settings.items() if k in rig_designs.TASK}
     _fits(args.design, wishes, task)
     notes: list[str] = []
     if args.design is None:
-        designs = files.designs_of(base)
+        designs = law_parameters.designs_of(base)
     elif args.design == "optimised":
-        found = make.optimised(task, arms, base)
+        found = rig_designs.optimised(task, arms, base)
         designs, notes = [f.design for f in found], designtext.reasons(found)
     else:
-        designs = make.designs(args.design, wishes, arms)
+        designs = rig_designs.designs(args.design, wishes, arms)
     if args.fsf:
-        designs = [fsf.transform(d) for d in designs]
-    return given | files.table(designs), notes
+        designs = [force_sensor_free.transform(d) for d in designs]
+    return given | law_parameters.table(designs), notes
 
 
 def _fits(name: str | None, wishes: Mapping[str, Any], task: Mapping[str, Any]) -> None:
@@ -126,8 +127,8 @@ def _fits(name: str | None, wishes: Mapping[str, Any], task: Mapping[str, Any]) 
         raise ConfigError(
             f"--set {wrong[0]} means nothing for "
             f"{f'--design {name}' if name else 'the controller of the rig file'}; "
-            f"named designs read {', '.join(make.WISHES)}, --design optimised "
-            f"{', '.join(make.TASK)}"
+            f"named designs read {', '.join(rig_designs.WISHES)}, --design optimised "
+            f"{', '.join(rig_designs.TASK)}"
         )
 
 
@@ -141,9 +142,9 @@ def _models(words: list[str]) -> dict[str, str]:
     return out
 
 
-def _trouble(loops: list[refuse.Loop], period: float) -> str:
+def _trouble(loops: list[sampled_loop.Loop], period: float) -> str:
     try:
-        refuse.refuse(loops, period)
+        sampled_loop.refuse(loops, period)
     except ConfigError as error:
         return str(error)
     return ""
@@ -154,7 +155,7 @@ def _with_estimators(config: RigConfig, parameters: Mapping[str, Any]) -> str:
     if config.estimators:
         law = dataclasses.replace(config.controller, name="lawrence", parameters=parameters)
         try:
-            open.build_controller(dataclasses.replace(config, controller=law))
+            build_controller(dataclasses.replace(config, controller=law))
         except ConfigError as error:
             return str(error)
     return ""

@@ -10,10 +10,10 @@ from plotly.io import to_html
 
 from hil.commands import common
 from hil.report import elements as html
-from hil.teleop import plots
-from hil.teleop.axis import Loop
-from hil.teleop.design import FORCE, MOTION, Design
+from hil.teleop import summary
+from hil.teleop.architecture import FORCE, MOTION, Design
 from hil.teleop.optimise import Found
+from hil.teleop.sampled_loop import Loop
 from hil.teleop.summary import Summary
 
 TITLE = "Design of a teleoperation controller"
@@ -37,7 +37,7 @@ MARGINS = (
     ("radius", "sampled eigenvalue", "condition: <= 1"),
     ("delay_s", "round-trip delay margin [s]", "more than there is"),
 )
-#: Which rows decide; see `hil.teleop.refuse`.
+#: Which rows decide; see `hil.teleop.sampled_loop`.
 DECIDES = (
     "conditions: gains that can be realised, and the sampled eigenvalue with every declared "
     "operator and environment;\n  the other rows are goals and may be missed"
@@ -114,14 +114,14 @@ def page(loops: Sequence[Loop], found: Sequence[Summary], trouble: str) -> str:
     head = ["", *(f"axis {loop.axis}" for loop in loops)]
     axes = list(loops)
     figures = (
-        (plots.bode(axes), "bode", "Hybrid matrix; transparent is h11 = h22 = 0, h12 = 1, "
+        (summary.bode_plot(axes), "bode", "Hybrid matrix; transparent is h11 = h22 = 0, h12 = 1, "
          "h21 = -1. Dashed: ideal; solid: with filters and delays."),
-        (plots.impedance(axes), "width", "What the operator feels: the width between free and "
-         "stiffest is all that can be told apart."),
-        (plots.stability(axes), "margins", "Above the dashed lines: stable with every passive "
-         "operator and environment; passive; all reflections admissible."),
-        (plots.region(axes[0]), "region", f"Axis {axes[0].axis}: stability circles, reference "
-         "20 N s/m."),
+        (summary.impedance_plot(axes), "width", "What the operator feels: the width between free "
+         "and stiffest is all that can be told apart."),
+        (summary.stability_plot(axes), "margins", "Above the dashed lines: stable with every "
+         "passive operator and environment; passive; all reflections admissible."),
+        (summary.region_plot(axes[0]), "region", f"Axis {axes[0].axis}: stability circles, "
+         "reference 20 N s/m."),
     )  # fmt: skip
     body = f"<h1>{TITLE}</h1>" + html.warnings([trouble] if trouble else [])
     body += html.section("Gains", html.table(head, gains(loops)))

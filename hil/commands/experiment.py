@@ -11,12 +11,12 @@ from hil.commands import common
 from hil.commands.designtext import finite
 from hil.experiments import (
     cable_arm,
-    elastic,
-    excitation,
-    friction,
+    elastic_transmission,
+    friction_network,
+    manual_excitation,
     palpation,
     transparency,
-    without_sensors,
+    without_force_sensors,
 )
 
 EXAMPLE = "hil experiment elastic-ukf"
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _elastic(seed: int) -> tuple[str, dict[str, object]]:
     """An elastic transmission seen from the motor alone, identified on line."""
-    s = elastic.study(seed)
+    s = elastic_transmission.study(seed)
     rows = [[k, f"{v:.3f}"] for k, v in s.parameters.items()]
     lines = ["Parameters after 25 s, from guesses 40 % low to 80 % high",
              common.table(["parameter", "estimate / truth"], rows)]  # fmt: skip
@@ -91,7 +91,7 @@ def _transparency(seed: int) -> tuple[str, dict[str, object]]:
 
 def _fsf(seed: int) -> tuple[str, dict[str, object]]:
     """A law with force sensors against its transform that needs none."""
-    s = without_sensors.study(seed, common.log)
+    s = without_force_sensors.study(seed, common.log)
     cells = [
         [f"{r.hz:g}", f"{100 * r.theory:.1f}", f"{100 * r.measured:.1f}",
          f"{r.master_error:.3f} of {r.master_size:.3f}",
@@ -152,7 +152,7 @@ def _palpation(seed: int) -> tuple[str, dict[str, object]]:
 
 def _friction(seed: int) -> tuple[str, dict[str, object]]:
     """Wavelet friction networks against Coulomb and viscous friction."""
-    rows = friction.study(seed)
+    rows = friction_network.study(seed)
     cells = [
         [r.model, *(f"{100 * x:.1f}" for x in (*r.train, *r.validation)), str(r.nodes)]
         for r in rows
@@ -165,7 +165,7 @@ def _friction(seed: int) -> tuple[str, dict[str, object]]:
 
 def _excitation(seed: int) -> tuple[str, dict[str, object]]:
     """What a hand, the motors, or both determine of an arm."""
-    rows = excitation.study(seed)
+    rows = manual_excitation.study(seed)
     cells = [
         [r.name, f"{r.found.rank} of 17", f"{r.found.condition:.3g}",
          "-" if math.isnan(r.worst) else f"{100 * r.worst:.2f}"]
@@ -174,7 +174,7 @@ def _excitation(seed: int) -> tuple[str, dict[str, object]]:
     head = ["excitation", "rank", "condition", "worst error of what is determined %"]
     text = common.table(head, cells)
     text += "".join(f"\n  {r.name}: {r.found.text}" for r in rows)
-    rig = excitation.on_the_rig(seed)
+    rig = manual_excitation.on_the_rig(seed)
     kappa = [
         [name, *(f"{f.values[f'j{j}.kappa']:.3f} +- {f.stderr[f'j{j}.kappa']:.1g}"
                  for j in (1, 2, 3))]

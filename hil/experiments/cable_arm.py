@@ -19,7 +19,7 @@ import numpy as np
 
 from hil import registry
 from hil.diagnosis.verbs import fit
-from hil.estimate import compensation
+from hil.estimate import compensation_tables
 from hil.models.model import RobotModel, base_model
 from hil.record.container import read
 from hil.record.decode import decode_numbers
@@ -94,12 +94,12 @@ class Study:
 
 def estimators(model: RobotModel, learn: float = LEARN) -> dict[str, dict[str, Any]]:
     """Tables ``[estimators]`` of the study, all with the identified rigid body of `model`."""
-    pi = [float(x) for x in compensation.rigid_parameters(model)]
+    pi = [float(x) for x in compensation_tables.rigid_parameters(model)]
     common = {"model": pi, "corner_hz": CORNER}
     late = {**common, "learn_until": learn}
     kinds = {
         "observer": ("force", common),
-        "fitted": ("force", {**common, "effects": compensation.effects(model)}),
+        "fitted": ("force", {**common, "effects": compensation_tables.effects(model)}),
         "network": ("friction-network", {**late, "network": NETWORK}),
         "filters": ("elastic-ukf", late),
         "both": ("elastic-ukf", {**late, "network": {**NETWORK, "backbone": False}}),
@@ -138,9 +138,12 @@ def _tick(seconds: float) -> int:
 
 
 def session(
-    folder: Path, hidden: Sequence[Mapping[str, Any]], seed: int, seconds: float = SECONDS,
+    folder: Path,
+    hidden: Sequence[Mapping[str, Any]],
+    seed: int,
+    seconds: float = SECONDS,
     learn: float = LEARN,
-) -> Path:  # fmt: skip
+) -> Path:
     """Identify the arm, then run all estimators beside the rig's own law."""
     first, path = folder / "identify.mcap", folder / "s.mcap"
     simulation: dict[str, Any] = {"hidden": list(hidden)}
@@ -172,10 +175,16 @@ def judge(condition: str, path: Path, learn: float = LEARN) -> list[Row]:
         values = decode_numbers(read(path).topics[f"/estimate/{name}"])
         error = values[:, :3] - seen
         nodes = values[-1, -1] if name in ("network", "both") else 0
-        rows.append(Row(
-            condition, said, _rms(error[free]), _rms(error[touched]), _rms(seen[touched]),
-            int(nodes),
-        ))  # fmt: skip
+        rows.append(
+            Row(
+                condition,
+                said,
+                _rms(error[free]),
+                _rms(error[touched]),
+                _rms(seen[touched]),
+                int(nodes),
+            )
+        )
     return rows
 
 

@@ -23,11 +23,11 @@ from scipy import stats
 
 from hil import registry
 from hil.experiments import transparency as rig
-from hil.experiments import without_sensors
+from hil.experiments import without_force_sensors
 from hil.runtime import runner
-from hil.teleop import files, fsf, hybrid, make
-from hil.teleop.design import Design
-from hil.teleop.make import Arms
+from hil.teleop import force_sensor_free, hybrid, law_parameters, rig_designs
+from hil.teleop.architecture import Design
+from hil.teleop.rig_designs import Arms
 from hil.toml import parse
 
 HZ, TRIALS = 1.0, 6
@@ -85,10 +85,10 @@ def study(
     rows = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        given, axes = rig.arms(rig.identified(folder, seed), without_sensors.LAW)
+        given, axes = rig.arms(rig.identified(folder, seed), without_force_sensors.LAW)
         for controller, designs in controllers(given, axes).items():
             report(controller)
-            law = given | files.table(designs)
+            law = given | law_parameters.table(designs)
             rows.append(palpate(controller, designs, law, folder, seed, trials))
     return rows, differences(rows)
 
@@ -98,33 +98,42 @@ def controllers(given: Mapping[str, Any], axes: Arms) -> dict[str, list[Design]]
 
     An optimised design without force gains is its own force-sensor-free form and stands once.
     """
-    config = parse(registry.load("hil.controllers", "lawrence").Config,
-                   {"c1": [0.0] * 3, "c7": [0.0] * 3} | dict(given), "experiment")  # fmt: skip
-    best = [f.design for f in make.optimised({}, axes, config)]
-    four = without_sensors.designs(axes)
+    config = parse(
+        registry.load("hil.controllers", "lawrence").Config,
+        {"c1": [0.0] * 3, "c7": [0.0] * 3} | dict(given),
+        "experiment",
+    )
+    best = [f.design for f in rig_designs.optimised({}, axes, config)]
+    four = without_force_sensors.designs(axes)
     out = {"sensitivity-optimised (SO)": best, "four channels": four}
     for name, designs in list(out.items()):
         if any(x > 1e-6 for d in designs for x in (d.c2, d.c3, d.c5, d.c6)):
-            out[name + FREE_FORM] = [fsf.transform(d) for d in designs]
-    return out | {n: make.designs(kind, wish, axes) for n, (kind, wish) in NAMED.items()}
+            out[name + FREE_FORM] = [force_sensor_free.transform(d) for d in designs]
+    return out | {n: rig_designs.designs(kind, wish, axes) for n, (kind, wish) in NAMED.items()}
 
 
 def palpate(
-    controller: str, designs: Sequence[Design], law: Mapping[str, Any], folder: Path, seed: int,
+    controller: str,
+    designs: Sequence[Design],
+    law: Mapping[str, Any],
+    folder: Path,
+    seed: int,
     trials: int,
-) -> Row:  # fmt: skip
+) -> Row:
     """Trials on gel and bolt with one controller."""
     h = rig.predicted(law, np.array([HZ]))[0]
     found, expected = [], []
     for trial in range(trials):
-        zt, ze = np.array([
-            impedances(folder, law, stiffness, seed + 10 * trial + k)
-            for k, stiffness in enumerate((GEL, BOLT))
-        ]).T  # fmt: skip
+        zt, ze = np.array(
+            [
+                impedances(folder, law, stiffness, seed + 10 * trial + k)
+                for k, stiffness in enumerate((GEL, BOLT))
+            ]
+        ).T
         found.append(float(abs((zt[1] - zt[0]) / (ze[1] - ze[0]))))
-        expected.append(float(abs(
-            h[0, 1] * h[1, 0] / ((1 + h[1, 1] * ze[0]) * (1 + h[1, 1] * ze[1]))
-        )))  # fmt: skip
+        expected.append(
+            float(abs(h[0, 1] * h[1, 0] / ((1 + h[1, 1] * ze[0]) * (1 + h[1, 1] * ze[1]))))
+        )
     config = parse(registry.load("hil.controllers", "lawrence").Config, law, "experiment")
     design, environment = designs[rig.AXIS], hybrid.Impedance(*config.environment)
     s = hybrid.jw(2 * np.pi * np.geomspace(0.2, 5.0, 60))

@@ -3,7 +3,7 @@
 A machine moves the leader up and down on a sine; the follower moves in free space, or in contact
 with gels of two stiffnesses.  Both arms are identified first, and the law computes torques and
 compensates friction with those models.  The prediction is that of the sampled loop with the
-cable (`hil.teleop.sampled.hybrid_at`); nothing of the simulator is read.
+cable (`hil.teleop.sampled_loop.hybrid_at`); nothing of the simulator is read.
 """
 
 from __future__ import annotations
@@ -27,10 +27,9 @@ from hil.record.mcap_read import load
 from hil.rig.config import ControllerConfig, RigConfig, load_rig
 from hil.rigs import rig_path
 from hil.runtime import runner
-from hil.teleop import files, make, measure, sampled
-from hil.teleop.hybrid import ComplexArray, FloatArray
-from hil.teleop.make import Arms
-from hil.teleop.measure import Experiment
+from hil.teleop import hybrid, law_parameters, rig_designs, sampled_loop
+from hil.teleop.hybrid import ComplexArray, Experiment, FloatArray
+from hil.teleop.rig_designs import Arms
 from hil.toml import parse
 
 PERIOD = 1e-3
@@ -97,7 +96,7 @@ def identified(folder: Path, seed: int) -> dict[str, str]:
 
 def arms(models: Mapping[str, str], settings: Mapping[str, Any]) -> tuple[dict[str, Any], Arms]:
     """Parameters of the law for the identified arms, and the masses of the axes."""
-    given = make.models(models, load_rig(rig_path("lawrence"))) | dict(settings)
+    given = rig_designs.models(models, load_rig(rig_path("lawrence"))) | dict(settings)
     law_type = registry.load("hil.controllers", "lawrence").Config
     return given, Arms.of(parse(law_type, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "experiment"))
 
@@ -145,8 +144,8 @@ def cut(path: Path, hz: float, axis: int = AXIS) -> Experiment:
 def predicted(law: Mapping[str, Any], hz: FloatArray) -> ComplexArray:
     """Hybrid matrix of the sampled loop on the vertical axis, (n, 2, 2)."""
     config = parse(registry.load("hil.controllers", "lawrence").Config, law, "experiment")
-    loop = files.loops_of(config)[AXIS]
-    return sampled.hybrid_at(loop, 2 * np.pi * hz, PERIOD, encoders=True)
+    loop = law_parameters.loops_of(config)[AXIS]
+    return sampled_loop.hybrid_at(loop, 2 * np.pi * hz, PERIOD, encoders=True)
 
 
 def relative(h: ComplexArray, goal: ComplexArray) -> FloatArray:
@@ -165,10 +164,14 @@ def scales(goal: ComplexArray) -> FloatArray:
 
 
 DESIGNS: dict[str, dict[str, float]] = {
-    "position-error": {"stiffness": 200.0, "damping": 1.0, "master_stiffness": 200.0,
-                       "master_damping": 1.0},
+    "position-error": {
+        "stiffness": 200.0,
+        "damping": 1.0,
+        "master_stiffness": 200.0,
+        "master_damping": 1.0,
+    },
     "position-force": {"stiffness": 300.0, "damping": 1.2, "share": 0.5, "master_damping": 0.5},
-}  # fmt: skip
+}
 
 
 def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> list[Row]:
@@ -180,7 +183,7 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> list
         for design, settings in DESIGNS.items():
             report(design)
             given, axes = arms(models, {})
-            law = given | files.table(make.designs(design, settings, axes))
+            law = given | law_parameters.table(rig_designs.designs(design, settings, axes))
             rows += compare(design, law, HZ, folder, seed)
     return rows
 
@@ -191,15 +194,24 @@ def compare(
     """Measured against predicted at some frequencies."""
     goal, rows = predicted(law, np.array(hz)), []
     for k, f in enumerate(hz):
-        found = measure.estimate(sessions(law, f, folder, seed))
+        found = hybrid.estimate_hybrid(sessions(law, f, folder, seed))
         off = np.abs(found.h - goal[k]).reshape(4)
         for i, entry in enumerate(NAMES):
             h, g, unit = (x.reshape(4)[i] for x in (found.h, goal[k], scales(goal[k])))
             std = float(found.std.reshape(4)[i])
-            rows.append(Row(
-                design, entry, f, float(abs(g)), float(abs(h)), std, float(unit),
-                float(off[i] / unit), CONFIDENCE * std / float(unit),
-            ))  # fmt: skip
+            rows.append(
+                Row(
+                    design,
+                    entry,
+                    f,
+                    float(abs(g)),
+                    float(abs(h)),
+                    std,
+                    float(unit),
+                    float(off[i] / unit),
+                    CONFIDENCE * std / float(unit),
+                )
+            )
     return rows
 
 

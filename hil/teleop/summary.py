@@ -1,4 +1,7 @@
-"""What is worth knowing of a design before it runs: figures of merit of one axis."""
+"""What is worth knowing of a design before it runs: figures of merit of one axis, and plots.
+
+Plots: Bode plots of H, regions of stability, width of transmitted impedance.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
 
-from hil.teleop import fsf, hybrid, passivity, transparency
-from hil.teleop.axis import Loop
+from hil.teleop import force_sensor_free, hybrid, passivity, transparency
+from hil.teleop.architecture import IDEAL
 from hil.teleop.hybrid import FREE, GRID, FloatArray, Impedance
-from hil.teleop.refuse import Margins, margins
+from hil.teleop.sampled_loop import Loop, Margins, margins
 
 #: Band over which the sensitivity is averaged, and up to which tracking counts [Hz].
 BAND, TRACKING = (0.2, 5.0), 1.0
@@ -96,17 +101,145 @@ def summarise(loop: Loop, period: float) -> Summary:
     d, ze = loop.design, next((z for z in loop.environments if z != FREE), hybrid.GEL)
     w, slow = band(), 2 * np.pi * np.geomspace(0.02, TRACKING, 40)
     wide, near, far = (hybrid.hybrid(d, hybrid.jw(x), loop.real) for x in (GRID, w, slow))
-    sampled = fsf.sampled_condition(d, loop.real.acceleration_hz, period)
+    sampled = force_sensor_free.sampled_condition(d, loop.real.acceleration_hz, period)
     still = hybrid.hybrid(d, np.array([1e-4j]), loop.real)
     gap = tracking(far, ze(hybrid.jw(slow)), d.motion_scale)
     return Summary(
-        loop.axis, d.name,
+        loop.axis,
+        d.name,
         tuple(c.text for c in transparency.check(d) if not c.holds),
         weighted(hybrid.sensitivity(near, ze(hybrid.jw(w))), w),
         float(abs(hybrid.sensitivity(still, ze(np.array([1e-4j])))[0])),
-        float(tracking(far, 0.0, d.motion_scale).max()), float(gap.max()),
+        float(tracking(far, 0.0, d.motion_scale).max()),
+        float(gap.max()),
         float(hybrid.width(near, w, LARGEST).min()),
-        float(passivity.llewellyn(wide).min()), float(passivity.passive(wide).min()),
+        float(passivity.llewellyn(wide).min()),
+        float(passivity.passive(wide).min()),
         float(passivity.half_disc(wide, np.abs(LARGEST(hybrid.jw(GRID)))).min()),
-        d.D, fsf.conditioning(d), sampled.smallest, sampled.bound, margins(loop, period),
-    )  # fmt: skip
+        d.D,
+        force_sensor_free.conditioning(d),
+        sampled.smallest,
+        sampled.bound,
+        margins(loop, period),
+    )
+
+
+_COLORS = ("#0072B2", "#D55E00", "#009E73")
+_ENTRIES = ("h11 [N s/m]", "h12", "h21", "h22 [m/(N s)]")
+_HZ = GRID / (2 * np.pi)
+
+
+def _figure(rows: int, cols: int, titles: tuple[str, ...], height: int) -> Any:
+    figure = make_subplots(rows, cols, subplot_titles=titles, horizontal_spacing=0.09)
+    figure.update_layout(
+        template="plotly_white", height=height, margin={"l": 60, "r": 20, "t": 50, "b": 45}
+    )
+    return figure
+
+
+def bode_plot(loops: list[Loop]) -> Any:
+    """Magnitude and phase of h11..h22: ideal dashed, with filters and delays solid."""
+    figure = _figure(2, 4, _ENTRIES, 520)
+    for loop, color in zip(loops, _COLORS, strict=False):
+        for real, dash in ((IDEAL, "dash"), (loop.real, "solid")):
+            h = hybrid.hybrid(loop.design, hybrid.jw(), real).reshape(-1, 4)
+            for k in range(4):
+                line = {"color": color, "dash": dash, "width": 1.6}
+                size, angle = np.abs(h[:, k]), np.unwrap(np.angle(h[:, k])) * 180 / np.pi
+                name = f"{loop.axis or 'axis'} {'as it runs' if dash == 'solid' else 'ideal'}"
+                shown = k == 0
+                for row, values in ((1, 20 * np.log10(np.maximum(size, 1e-9))), (2, angle)):
+                    figure.add_trace(
+                        go.Scatter(
+                            x=_HZ,
+                            y=values,
+                            line=line,
+                            name=name,
+                            legendgroup=name,
+                            showlegend=shown and row == 1,
+                        ),
+                        row,
+                        k + 1,
+                    )
+    figure.update_xaxes(type="log")
+    figure.update_xaxes(title_text="Hz", row=2)
+    figure.update_yaxes(title_text="dB", row=1, col=1)
+    figure.update_yaxes(title_text="degrees", row=2, col=1)
+    return figure
+
+
+def stability_plot(loops: list[Loop]) -> Any:
+    """Margins over frequency: passivity, Llewellyn, and radius mu of admissible environments."""
+    titles = ("absolute stability", "passivity (min eigenvalue)", "mu: admissible reflection")
+    figure = _figure(1, 3, titles, 330)
+    for loop, color in zip(loops, _COLORS, strict=False):
+        h = hybrid.hybrid(loop.design, hybrid.jw(), loop.real)
+        rows = (passivity.llewellyn(h), passivity.passive(h), passivity.mu(h, 20.0))
+        for col, values in enumerate(rows, 1):
+            figure.add_trace(
+                go.Scatter(
+                    x=_HZ,
+                    y=np.clip(values, -5, 5),
+                    line={"color": color},
+                    name=loop.axis or "axis",
+                    showlegend=col == 1,
+                ),
+                1,
+                col,
+            )
+    figure.update_xaxes(type="log", title_text="Hz")
+    for col, limit in ((1, 0.0), (2, 0.0), (3, 1.0)):
+        figure.add_hline(y=limit, line={"dash": "dash", "color": "#888"}, row=1, col=col)
+    return figure
+
+
+def region_plot(loop: Loop, hz: tuple[float, ...] = (0.5, 2.0, 10.0), b: float = 20.0) -> Any:
+    """Stability circles in the plane of the environment's reflection (z_e - b) / (z_e + b)."""
+    figure = _figure(1, 1, ("environments that are stable with every passive operator",), 460)
+    angle = np.linspace(0, 2 * np.pi, 181)
+    figure.add_trace(
+        go.Scatter(
+            x=np.cos(angle),
+            y=np.sin(angle),
+            line={"color": "#444", "dash": "dot"},
+            name="passive environments (inside)",
+        )
+    )
+    h = hybrid.hybrid(loop.design, hybrid.jw(2 * np.pi * np.array(hz)), loop.real)
+    centre, radius, outside = passivity.stability_circle(h, b)
+    for k, f in enumerate(hz):
+        where = "outside" if outside[k] else "inside"
+        figure.add_trace(
+            go.Scatter(
+                x=centre[k].real + radius[k] * np.cos(angle),
+                y=centre[k].imag + radius[k] * np.sin(angle),
+                name=f"{f:g} Hz: stable {where}",
+            )
+        )
+    figure.update_xaxes(range=[-3, 3], title_text="real part")
+    figure.update_yaxes(range=[-2, 2], scaleanchor="x", title_text="imaginary part")
+    return figure
+
+
+def impedance_plot(loops: list[Loop]) -> Any:
+    """Transmitted impedance in free space and against the stiffest world: its width."""
+    figure = _figure(1, 1, ("transmitted impedance: free, gel, stiffest",), 360)
+    for loop, color in zip(loops, _COLORS, strict=False):
+        h = hybrid.hybrid(loop.design, hybrid.jw(), loop.real)
+        for ze, dash, said in (
+            (hybrid.FREE, "dot", "free"),
+            (loop.environments[-1], "solid", "gel"),
+            (LARGEST, "dash", "stiffest"),
+        ):
+            size = np.abs(hybrid.transmitted(h, ze(hybrid.jw())))
+            figure.add_trace(
+                go.Scatter(
+                    x=_HZ,
+                    y=np.maximum(size, 1e-6),
+                    line={"color": color, "dash": dash},
+                    name=f"{loop.axis or 'axis'} {said}",
+                )
+            )
+    figure.update_xaxes(type="log", title_text="Hz")
+    figure.update_yaxes(type="log", title_text="N s/m")
+    return figure

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 
-from hil.teleop.design import Design, Term
+from hil.teleop.architecture import Design, Term
 
 #: Channel -> the local gain that replaces it, and the value that makes it vanish.
 LOCAL = {

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hil.bench.diagnosis import ablation, ablationtable, cases, figures, runner
+from hil.bench.diagnosis import ablation, cases, runner, tables
 from hil.commands import benchhidden
 from hil.diagnosis import rules
 from hil.errors import ConfigError, DataError
@@ -12,9 +12,16 @@ from hil.errors import ConfigError, DataError
 
 def row(case, outcome, named=(), alone=()):
     names = [{"effect": e, "joint": "joint1", "rivals": []} for e in named]
-    return {"case": case, "plant": "tuning", "outcome": outcome, "named": names,
-            "verdict": "missing-effect" if named else "adequate", "revision": "abc",
-            "fired": sorted({*alone, "detected"}), "alone": sorted(alone)}  # fmt: skip
+    return {
+        "case": case,
+        "plant": "tuning",
+        "outcome": outcome,
+        "named": names,
+        "verdict": "missing-effect" if named else "adequate",
+        "revision": "abc",
+        "fired": sorted({*alone, "detected"}),
+        "alone": sorted(alone),
+    }
 
 
 def without(code, case, outcome, named=()):
@@ -37,7 +44,7 @@ AGAIN = [
 
 
 def test_effects_count_flips_of_stable_sessions():
-    found = {e.code: e for e in ablationtable.effects(ROWS, AGAIN)}
+    found = {e.code: e for e in ablation.effects(ROWS, AGAIN)}
     assert list(found) == [*rules.CANDIDATE, *rules.FIT]
     worth, harm, idle = found["worth"], found["harm"], found["scales"]
     assert (worth.stage, worth.fired, worth.alone, worth.seconds) == ("candidate", 3, 3, 6.0)
@@ -48,7 +55,7 @@ def test_effects_count_flips_of_stable_sessions():
 
 
 def test_table():
-    text = ablationtable.report(ROWS, AGAIN, "hil bench diagnosis --ablate")
+    text = ablation.report(ROWS, AGAIN, "hil bench diagnosis --ablate")
     lines = [line.split("|") for line in text.splitlines() if line.startswith("| worth")]
     cells = [x.strip() for x in lines[0]]
     assert cells[1:8] == ["worth", "candidate", "3", "3", "3", "2", "1"]
@@ -60,11 +67,11 @@ def test_table():
 
 def test_difference_of_paired_shares():
     # Newcombe 1998, table II: 36, 12, 2, 0 gives 0.0569 to 0.3404
-    low, high = figures.difference(36, 2, 12, 0)
+    low, high = tables.difference(36, 2, 12, 0)
     assert (round(low, 4), round(high, 4)) == (0.0569, 0.3404)
-    low, high = figures.difference(50, 0, 0, 0)
+    low, high = tables.difference(50, 0, 0, 0)
     assert low == pytest.approx(-high) and 0.05 < high < 0.1
-    assert figures.difference(0, 0, 0, 0) == (-1.0, 1.0)
+    assert tables.difference(0, 0, 0, 0) == (-1.0, 1.0)
 
 
 def test_a_rule_is_asked_again_after_an_error():
@@ -84,8 +91,10 @@ def candidate(p_value, after):
     term = SimpleNamespace(joint=0)
     rated = SimpleNamespace(
         candidate=SimpleNamespace(name="x", term=term, p_value=p_value),
-        before=1.0, after=after, sureness=5.0,
-    )  # fmt: skip
+        before=1.0,
+        after=after,
+        sureness=5.0,
+    )
     search = SimpleNamespace(refused=set(), fired={})
     return SimpleNamespace(search=search, rated=rated, evidence=None)
 
@@ -123,8 +132,9 @@ def test_only_cases_with_a_rule_of_their_own_are_repeated():
     other = cases.Case("none", "arm", (), "white", "strokes", 1)
     rows = [row(case.name, "right", alone=["worth", "harm"]), row(other.name, "unstable")]
     assert [(a.case, a.code) for a in ablation.repeated([case, other], rows)] == [
-        (case, "harm"), (case, "worth"),
-    ]  # fmt: skip
+        (case, "harm"),
+        (case, "worth"),
+    ]
 
 
 def test_results_of_another_revision_are_refused(monkeypatch, tmp_path):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from hil.bench.diagnosis import cases, excitation, figures, judge, runner, session, tables
+from hil.bench.diagnosis import cases, runner, session, tables
 from hil.errors import DataError
 
 
@@ -20,7 +20,7 @@ def row(kind, hidden, named, verdict, excess=2.0):
     ]
     hid = tuple(cases.Hidden(e, int(j[-1]) - 1, x) for e, j, x in hidden)
     case = cases.Case(kind, "arm", hid, "white", "strokes", 0)
-    return found | {"outcome": judge.outcome(case, found)}
+    return found | {"outcome": runner.outcome(case, found)}
 
 
 STRIBECK = [["stribeck", "joint2", 1.5]]
@@ -46,12 +46,12 @@ def test_outcome(kind, hidden, named, verdict, outcome):
 
 
 def test_wilson_interval():
-    low, high = figures.Share(9, 10).interval
+    low, high = tables.Share(9, 10).interval
     # Brown, Cai, DasGupta 2001: 0.596 to 0.982
     assert (round(low, 3), round(high, 3)) == (0.596, 0.982)
     for n in range(1, 60):
-        assert figures.Share(0, n).interval[0] >= 0.0 and "-0" not in str(figures.Share(0, n))
-        assert figures.Share(n, n).interval[1] <= 1.0
+        assert tables.Share(0, n).interval[0] >= 0.0 and "-0" not in str(tables.Share(0, n))
+        assert tables.Share(n, n).interval[1] <= 1.0
 
 
 def test_progress_is_told_in_a_file_too(capsys: pytest.CaptureFixture[str]) -> None:
@@ -61,8 +61,10 @@ def test_progress_is_told_in_a_file_too(capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_report_and_resume(tmp_path):
-    rows = [row("one", STRIBECK, [("x", "joint2", 0.97, [])], "missing-effect"),
-            row("none", [], [], "adequate")]  # fmt: skip
+    rows = [
+        row("one", STRIBECK, [("x", "joint2", 0.97, [])], "missing-effect"),
+        row("none", [], [], "adequate"),
+    ]
     text = tables.report(rows, "hil bench diagnosis")
     assert "| stribeck" in text and "(0/1" in text
     path = tmp_path / "r.jsonl"
@@ -73,9 +75,9 @@ def test_report_and_resume(tmp_path):
         runner.read(path)
 
 
-@pytest.mark.parametrize("kind", excitation.KINDS)
+@pytest.mark.parametrize("kind", session.MOTION_KINDS)
 def test_reference_is_consistent(kind):
-    r = excitation.reference(kind, 7)
+    r = session.reference(kind, 7)
     slope = np.gradient(r[..., 0], 1e-3, axis=0)
     assert np.abs(slope - r[..., 1])[1500:-1].max() < 5e-3
     assert np.abs(r[..., 1]).max() < 3.0

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from hil.bench.faults import cases, process, runner, tables
+from hil.bench.faults import cases, process, runner
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.runtime.conditions import BITS
@@ -80,7 +80,7 @@ def test_sensors_that_fail_stop_the_motors_within_two_ticks():
 def test_a_killed_process_loses_a_tenth_of_a_second_and_its_power(tmp_path):
     found = process.one("process killed (-9)", tmp_path)
     assert found.lost <= 100 and found.right, found
-    assert "gone" in tables.row(found)[4]
+    assert "gone" in runner.row(found)[4]
 
 
 @pytest.mark.real_time

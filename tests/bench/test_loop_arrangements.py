@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.bench import loop
-from hil.bench.apart import Apart, SharedRing
+from hil.bench.loop import SeparateProcessSession, SharedRing
 from hil.record.container import read
 from hil.rig.config import load_rig
 from hil.rigs import rig_path
@@ -21,7 +21,7 @@ needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_a_slow_side_in_a_process_writes_the_whole_session(tmp_path):
     path = tmp_path / "s.mcap"
     config = load_rig(rig_path("teleop"), {"loop": {"realtime": False}})
-    done = runner.run(config, 0.3, 1, "real", path, kind=Apart)
+    done = runner.run(config, 0.3, 1, "real", path, kind=SeparateProcessSession)
     box = read(path)
     assert not box.truncated and len(box.topics["/loop/timing"].times) == done.ticks
     assert done.figures["ticks"] == done.ticks
@@ -50,10 +50,10 @@ def test_the_shared_ring_is_a_ring_across_processes():
 @pytest.mark.real_time
 @needs_fork
 def test_a_process_that_dies_is_an_error_and_not_a_figure(tmp_path, monkeypatch):
-    monkeypatch.setattr("hil.bench.apart.session.conclude", lambda *a: 1 / 0)
+    monkeypatch.setattr("hil.bench.loop.session.conclude", lambda *a: 1 / 0)
     config = load_rig(rig_path("teleop"), {"loop": {"realtime": False}})
     with pytest.raises(OSError, match="process of the slow side ended with status"):
-        runner.run(config, 0.05, 1, "real", tmp_path / "s.mcap", kind=Apart)
+        runner.run(config, 0.05, 1, "real", tmp_path / "s.mcap", kind=SeparateProcessSession)
 
 
 @pytest.mark.real_time

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil.bench.diagnosis import cases, judge
+from hil.bench.diagnosis import cases, runner
 
 NAMED = {
     # a sign so sharp that the other run's low speeds looked like presliding
@@ -16,5 +16,5 @@ NAMED = {
 @pytest.mark.parametrize("name", NAMED)
 def test_nothing_is_named_where_nothing_is_hidden(name):
     (case,) = (c for c in cases.plan() if c.name == name)
-    row = judge.judge(case)
+    row = runner.judge(case)
     assert (row["outcome"], row["verdict"]) == ("right", "adequate"), row["named"]

@@ -9,7 +9,7 @@ import os
 import numpy as np
 import pytest
 
-from hil.bench import person, real, realtable
+from hil.bench import least_squares_script, real, real_table
 from hil.bench.real import Case, Ours, Row, Script
 from hil.cli import main
 from hil.errors import DataError
@@ -29,25 +29,31 @@ def axis(seed: int, spring: float = 3.0, seconds: float = 8.0) -> Recording:
     f, a = rng.uniform(0.3, 1.0, 3)[:, None], rng.uniform(0.5, 1.0, 3)[:, None]
     phase = 2 * np.pi * f * t + rng.uniform(0, 6, (3, 1))
     w = 2 * np.pi * f
-    q, qd, qdd = (np.sum(a * x, axis=0) for x in (
-        np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)))  # fmt: skip
+    q, qd, qdd = (
+        np.sum(a * x, axis=0) for x in (np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase))
+    )
     tau = 0.1 * qdd + 0.3 * qd + spring * q**3 + 0.2
     tau += 0.02 * rng.normal(size=t.size)
     return Recording(f"run{seed}", "arm", ("j1",), t, q[:, None], tau[:, None], robot=AXIS)
 
 
 def test_person_finds_a_spring_and_nothing_in_a_complete_model():
-    found = person.run([axis(1), axis(2), axis(3)], [axis(4)], AXIS)
+    found = least_squares_script.run([axis(1), axis(2), axis(3)], [axis(4)], AXIS)
     assert found.chosen[0][0] in ("poly3", "poly6")
     assert found.final[0] < 0.1 * found.given[0]
-    plain = person.run([axis(k, spring=0.0) for k in (1, 2, 3)], [axis(4, spring=0.0)], AXIS)
+    plain = least_squares_script.run(
+        [axis(k, spring=0.0) for k in (1, 2, 3)], [axis(4, spring=0.0)], AXIS
+    )
     assert plain.chosen == ((),)
     np.testing.assert_array_equal(plain.given, plain.final)
 
 
 def test_person_chooses_without_the_judged_runs():
     train = [axis(1)]
-    choices = {person.run(train, [axis(k, spring=s)], AXIS).chosen for k, s in ((4, 3), (5, -8))}
+    choices = {
+        least_squares_script.run(train, [axis(k, spring=s)], AXIS).chosen
+        for k, s in ((4, 3), (5, -8))
+    }
     assert len(choices) == 1
 
 
@@ -62,7 +68,7 @@ KNOWN = {
 @pytest.mark.parametrize("name", KNOWN)
 def test_person_on_recordings(name):
     train, hold = datasets.load_set(name, "train"), datasets.load_set(name, "hold")
-    found = person.run(train, hold, train[0].robot)
+    found = least_squares_script.run(train, hold, train[0].robot)
     given, final, joints = KNOWN[name]
     row = Row(name, "", False, list(train[0].joints), found.holds.tolist(), "", "", 0.0)
     assert row.whole(found.given.tolist()) == pytest.approx(given, abs=0.06)
@@ -106,7 +112,7 @@ def test_an_error_of_ours_is_a_row(monkeypatch):
     row = real.examine(Case("axis", "drive", two))
     assert isinstance(row.script, Script)
     assert str(row.ours).startswith("ZeroDivisionError at test_real.py:")
-    assert realtable.FAILED in realtable.line(row)
+    assert real_table.FAILED in real_table.line(row)
 
 
 def dies(case: Case) -> Row:
@@ -121,7 +127,7 @@ def test_a_process_that_dies_is_a_row_and_missing_data_an_error():
     case = Case("axis", "drive", two)
     (row,) = real.run([case], work=dies)
     assert row.ours == row.script == "its process ended with status 7"
-    assert realtable.line(row)[0] == "axis"
+    assert real_table.line(row)[0] == "axis"
     with pytest.raises(DataError, match="get it from there"):
         list(real.run([case], work=lacks))
 
@@ -159,7 +165,7 @@ ROWS = (
 
 
 def test_table_of_results():
-    given, _, person_error, ours, blind, floor, far = realtable.line(ROWS[0])[1:8]
+    given, _, person_error, ours, blind, floor, far = real_table.line(ROWS[0])[1:8]
     assert (given, person_error, ours, blind, floor, far) == (
         "5.0",
         "2.2",
@@ -168,20 +174,20 @@ def test_table_of_results():
         "0.5",
         "0.89",
     )
-    assert realtable.line(ROWS[1])[4:6] == ["5.0", "2.0"]
-    assert realtable.line(ROWS[3])[7] == "1.03*"
-    assert realtable.line(ROWS[4])[3:5] == ["2.2", "-"]
-    assert math.isnan(realtable.ratio(ROWS[4])) and math.isnan(realtable.blind(ROWS[4]))
-    assert realtable.blindly_worse(ROWS[2]) and not realtable.blindly_worse(ROWS[1])
-    (line,) = (x for x in realtable.aims(ROWS) if "without a look" in x)
+    assert real_table.line(ROWS[1])[4:6] == ["5.0", "2.0"]
+    assert real_table.line(ROWS[3])[7] == "1.03*"
+    assert real_table.line(ROWS[4])[3:5] == ["2.2", "-"]
+    assert math.isnan(real_table.ratio(ROWS[4])) and math.isnan(real_table.blind(ROWS[4]))
+    assert real_table.blindly_worse(ROWS[2]) and not real_table.blindly_worse(ROWS[1])
+    (line,) = (x for x in real_table.aims(ROWS) if "without a look" in x)
     assert line.endswith("at most 1.1 times 3, below 2, worse than the given model 1 (alarm)")
-    assert realtable.joint_lines(ROWS[0])[0][-1] == "slip"
-    assert realtable.joint_lines(ROWS[0])[2][1:3] == ["c (holds)", "-"]
-    assert realtable.by_kind(ROWS) == [["arm", "6", "2", "1", "1", "2.46"]]
+    assert real_table.joint_lines(ROWS[0])[0][-1] == "slip"
+    assert real_table.joint_lines(ROWS[0])[2][1:3] == ["c (holds)", "-"]
+    assert real_table.by_kind(ROWS) == [["arm", "6", "2", "1", "1", "2.46"]]
 
 
 def test_aims_count_what_fails():
-    text = "\n".join(realtable.aims(ROWS))
+    text = "\n".join(real_table.aims(ROWS))
     assert "error: 2 of 6 cases (aim: all)" in text
     assert "below the person's error: 1 of 6" in text
     assert "worse than the given model: 1 (alarm)" in text
@@ -189,21 +195,21 @@ def test_aims_count_what_fails():
     assert "missing: 1 (alarm) of 2" in text
     assert "noise floor stated above the person's error: 0" in text
     high = row("high", Ours("adequate", [], ["rung"], [[5.0] * 3], 0, [4.0] * 3, False, 1.0))
-    assert "above the person's error: 1 (high)" in "\n".join(realtable.aims([high]))
+    assert "above the person's error: 1 (high)" in "\n".join(real_table.aims([high]))
     assert "by itself, judged runs included: 1 (own)" in text
 
 
 def test_data_are_json():
     dead = Row("dead", "arm", False, [], [], "gone", "gone", math.nan)
-    back = json.loads(json.dumps(realtable.data([*ROWS, dead]), allow_nan=False))
+    back = json.loads(json.dumps(real_table.data([*ROWS, dead]), allow_nan=False))
     assert back[0]["ours"]["names"] == [["presliding on a", 0.9]]
     assert back[-1]["mebibytes"] is None
 
 
 def test_page():
-    text = realtable.page(ROWS, "hil bench real", "abc123")
+    text = real_table.page(ROWS, "hil bench real", "abc123")
     assert "revision abc123" in text
     assert "crash: ValueError at here.py:1" in text
     tables = [x for x in text.splitlines() if x.startswith("|")]
-    widths = {len(realtable.HEAD), len(realtable.JOINTS), len(realtable.KINDS)}
+    widths = {len(real_table.HEAD), len(real_table.JOINTS), len(real_table.KINDS)}
     assert {x.count("|") - 1 for x in tables} == widths

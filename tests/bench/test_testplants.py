@@ -4,22 +4,12 @@ import json
 
 import pytest
 
-from hil.bench.diagnosis import (
-    amplitudes,
-    cases,
-    figures,
-    judge,
-    runner,
-    session,
-    tables,
-    testcases,
-    testplants,
-)
+from hil.bench.diagnosis import amplitudes, cases, runner, session, tables
 from hil.commands import benchhidden
 from hil.errors import ConfigError
 
 needs_mujoco = pytest.mark.skipif(
-    not testplants.available(), reason="the test plants need MuJoCo (extra 'mujoco')"
+    not session.mujoco_available(), reason="the test plants need MuJoCo (extra 'mujoco')"
 )
 
 
@@ -58,32 +48,30 @@ def test_rows_of_an_earlier_revision_are_of_the_tuning_plants():
     ],
 )
 def test_what_has_no_name_of_its_own_has_right_names(hidden, named, outcome):
-    case = cases.Case(
-        "one", "elbow3", (cases.Hidden(hidden, 0, 1.5),), "white", "points", 0
-    )  # fmt: skip
+    case = cases.Case("one", "elbow3", (cases.Hidden(hidden, 0, 1.5),), "white", "points", 0)
     found = row("test", "elbow3", named, "") | {"hidden": [[hidden, "joint1", 1.5]]}
-    assert judge.outcome(case, found) == outcome
-    (mean,) = [s.k for _, _, _, s in figures.calibration([found]) if s.n]
+    assert runner.outcome(case, found) == outcome
+    (mean,) = [s.k for _, _, _, s in tables.calibration([found]) if s.n]
     assert mean == (outcome == "right")
 
 
 def test_without_mujoco_the_tuning_plants_are_left_and_that_is_said(monkeypatch, capsys):
-    monkeypatch.setattr(testplants, "available", lambda: False)
+    monkeypatch.setattr(session, "mujoco_available", lambda: False)
     assert benchhidden._plants(None) == ["tuning"]
-    assert testplants.WANTED in capsys.readouterr().err
+    assert session.MUJOCO_EXTRA in capsys.readouterr().err
     with pytest.raises(ConfigError, match="mujoco"):
         benchhidden._plants("test")
 
 
 @needs_mujoco
 def test_ten_seeds_put_every_effect_on_every_robot_that_can_show_it():
-    plan = testcases.plan()
+    plan = cases.mujoco_plan()
     assert len({c.name for c in plan}) == len(plan) > 1000
     assert {c.plant for c in plan} == {"test"}
     for effect, (needs, *_) in session.kinds("test").items():
         on = {c.robot for c in plan if any(h.effect == effect for h in c.hidden)}
-        assert on >= set(testplants.fitting(needs)), effect
-    quick = testcases.plan(quick=True)
+        assert on >= set(session.robots_showing(needs)), effect
+    quick = cases.mujoco_plan(quick=True)
     assert len(quick) < 60
     assert {h.effect for c in quick for h in c.hidden} == set(session.kinds("test"))
 
@@ -93,7 +81,7 @@ def test_the_quick_plan_is_calibrated():
     known = amplitudes.table("test")
     missing = {
         amplitudes.name(h.effect, h.joint, c.robot, c.excitation)
-        for c in testcases.plan(quick=True)
+        for c in cases.mujoco_plan(quick=True)
         for h in c.hidden
     } - set(known)
     assert not missing
@@ -104,9 +92,9 @@ def test_the_quick_plan_is_calibrated():
 
 @needs_mujoco
 def test_a_case_becomes_a_row_that_can_be_read_again(tmp_path):
-    (case,) = (c for c in testcases.plan(quick=True) if c.name.startswith("quadratic-drag@"))
-    found = judge.judge(case)
-    assert found["plant"] == "test" and found["outcome"] in (*figures.OUTCOMES, "unexplained")
+    (case,) = (c for c in cases.mujoco_plan(quick=True) if c.name.startswith("quadratic-drag@"))
+    found = runner.judge(case)
+    assert found["plant"] == "test" and found["outcome"] in (*tables.OUTCOMES, "unexplained")
     path = tmp_path / "rows.jsonl"
     path.write_text(json.dumps(found) + "\n", encoding="utf-8")
     assert runner.read(path) == [found]

@@ -34,7 +34,8 @@ def test_positions_and_accelerations_belong_to_the_velocity():
     t = np.arange(0, 1, 1e-5)
     for sines in velocity.MOTIONS.values():
         v = velocity.velocity(sines, t)
-        np.testing.assert_allclose(np.gradient(velocity.position(sines, t), t)[1:-1], v[1:-1],
-                                   atol=1e-4)  # fmt: skip
+        np.testing.assert_allclose(
+            np.gradient(velocity.position(sines, t), t)[1:-1], v[1:-1], atol=1e-4
+        )
         slope = np.gradient(v, t)[1:-1]
         np.testing.assert_allclose(slope, velocity.acceleration(sines, t)[1:-1], atol=1e-3)

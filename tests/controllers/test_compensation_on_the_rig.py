@@ -16,7 +16,7 @@ from hil.rig.config import ControllerConfig, load_rig
 from hil.rigs import rig_path
 from hil.runtime import runner
 from hil.runtime.replay import replay
-from hil.teleop import make
+from hil.teleop import rig_designs
 
 
 def residuals(hidden, model, tmp_path):
@@ -26,7 +26,7 @@ def residuals(hidden, model, tmp_path):
     config = load_rig(rig_path("lawrence"), {"simulation": over})
     write_model(model, tmp_path / "m.toml")
     law = {**config.controller.parameters}
-    law |= make.models({"follower": str(tmp_path / "m.toml")}, config)
+    law |= rig_designs.models({"follower": str(tmp_path / "m.toml")}, config)
     own = ControllerConfig("lawrence", config.controller.arms, law)
     path = tmp_path / "s.mcap"
     runner.run(dataclasses.replace(config, controller=own), 4.0, 2, "lockstep", path)

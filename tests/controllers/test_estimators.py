@@ -13,9 +13,9 @@ from hil.controllers.estimators import forces, network, transmission, wavelets
 from hil.controllers.estimators.transmission_config import NAMES, TransmissionConfig
 from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
-from hil.estimate import ukf_kernels
-from hil.estimate.ukf import RECORD, ElasticUkf, UkfConfig
-from hil.experiments import elastic_plant
+from hil.estimate import elastic_ukf
+from hil.estimate.elastic_ukf import RECORD, ElasticUkf, UkfConfig
+from hil.experiments import elastic_transmission
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
@@ -232,17 +232,17 @@ def test_estimators_keep_no_memory_in_the_hot_path(memory_growth):
 
 
 def test_predict_then_correct_is_the_filter_that_agrees_with_filterpy():
-    plant = elastic_plant.Plant()
-    run = elastic_plant.record(plant, 0.3, 1)
+    plant = elastic_transmission.Plant()
+    run = elastic_transmission.record(plant, 0.3, 1)
     known = ElasticUkf(UkfConfig(), float(run.y[0]))
     other = ElasticUkf(UkfConfig(), float(run.y[0]))
     f = other._f
-    ukf_kernels.correct(f["x"], f["p"], run.y[0], float(f["variance"]), f["gain"])
+    elastic_ukf.correct(f["x"], f["p"], run.y[0], float(f["variance"]), f["gain"])
     f = np.array([f], RECORD)[0]
     known.step(run.y[0], run.u[0], 1e-3)
     for k in range(1, 300):
-        assert ukf_kernels.foresee(f, run.u[k - 1], 1e-3, 1)
-        ukf_kernels.correct(f["x"], f["p"], run.y[k], float(f["variance"]), f["gain"])
+        assert elastic_ukf.foresee(f, run.u[k - 1], 1e-3, 1)
+        elastic_ukf.correct(f["x"], f["p"], run.y[k], float(f["variance"]), f["gain"])
         known.step(run.y[k], run.u[k], 1e-3)
         np.testing.assert_allclose(f["x"], known.state, rtol=1e-9, atol=1e-12)
 

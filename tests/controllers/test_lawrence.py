@@ -22,14 +22,14 @@ from hil.controllers import (
 from hil.controllers.channel import ChannelConfig
 from hil.controllers.lawrence import Lawrence, LawrenceConfig
 from hil.errors import ConfigError, DeviceError
-from hil.estimate import force
+from hil.estimate import external_torque
 from hil.models.phantom import Premium
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
-from hil.teleop import axis, files, named, refuse, transparency
-from hil.teleop.design import Design, Robot, Term
+from hil.teleop import architecture, law_parameters, sampled_loop, transparency
+from hil.teleop.architecture import Design, Robot, Term
 from hil.toml import parse
 
 RIGS = Path(__file__).parents[2] / "rigs"
@@ -39,9 +39,11 @@ HOME = np.array([0.1, 0.4, 0.3])
 
 
 def config(**changes):
-    design = named.design("position-force", named.Wish(stiffness=200, damping=1.5, share=0.5,
-                          master_damping=0.3))  # fmt: skip
-    return LawrenceConfig(**{**files.table([design]), **changes})
+    design = architecture.named_design(
+        "position-force",
+        architecture.Wish(stiffness=200, damping=1.5, share=0.5, master_damping=0.3),
+    )
+    return LawrenceConfig(**{**law_parameters.table([design]), **changes})
 
 
 def at_home():
@@ -86,10 +88,12 @@ def test_the_law_is_pure_also_with_a_channel():
 
 def test_the_two_laws_on_an_axis():
     d = Design(Term(1, 2, 3), 0.4, 0.5, Term(4, 5, 6), 0.6, 0.7, Term(7, 8, 9), Term(10, 11, 12))
-    g = axis.gains(d)
+    g = sampled_loop.gains(d)
     m, s = np.array([0.1, 0.2, 0.3, 0.4]), np.array([0.5, 0.6, 0.7, 0.8])
-    terms = {n: np.array([getattr(d, n).k, getattr(d, n).b, getattr(d, n).a])
-             for n in ("c1", "c4", "c7", "c8")}  # fmt: skip
+    terms = {
+        n: np.array([getattr(d, n).k, getattr(d, n).b, getattr(d, n).a])
+        for n in ("c1", "c4", "c7", "c8")
+    }
     fcm = 0.7 * 0.4 - 0.4 * 0.8 - terms["c4"] @ s[:3] - terms["c8"] @ m[:3]
     fcs = terms["c1"] @ m[:3] + 0.5 * 0.4 - 0.6 * 0.8 - terms["c7"] @ s[:3]
     assert ela.master(g, m, s) == pytest.approx(fcm)
@@ -280,12 +284,14 @@ def test_the_simulated_rig_tracks_and_the_operator_feels_the_gel(tmp_path):
 
 
 def test_design_masses_and_rig_file_belong_together():
-    law = LawrenceConfig(**{
-        k: tuple(v) if isinstance(v, (list, tuple)) else v
-        for k, v in load_rig(RIGS / "lawrence.toml").controller.parameters.items()
-    })  # fmt: skip
+    law = LawrenceConfig(
+        **{
+            k: tuple(v) if isinstance(v, (list, tuple)) else v
+            for k, v in load_rig(RIGS / "lawrence.toml").controller.parameters.items()
+        }
+    )
     for pi, mass in ((law.leader_model, law.leader_mass), (law.follower_model, law.follower_mass)):
-        np.testing.assert_allclose(files.tip_mass(pi, law.pose), mass, atol=1e-4)
+        np.testing.assert_allclose(law_parameters.tip_mass(pi, law.pose), mass, atol=1e-4)
     assert replace(law, shape="force").shape == "force"
     assert Robot(0.1).m == 0.1
 
@@ -323,7 +329,7 @@ def test_the_rig_does_what_the_check_with_the_cable_says(
     if grows:
         with pytest.raises(ConfigError, match="not when sampled"):
             Lawrence(built, ARMS, T)
-        refuse.refuse(files.loops_of(replace(built, cable=())), T)  # rigid: accepted
+        sampled_loop.refuse(law_parameters.loops_of(replace(built, cable=())), T)  # rigid: accepted
         monkeypatch.setattr(lawrence, "refuse", lambda *_: None)
     try:
         leader, _ = session(tmp_path, over, 1.5)
@@ -352,7 +358,7 @@ def test_momentum_terms_of_the_loop_are_those_of_the_library():
     rng, pi = np.random.default_rng(6), np.array(lawrence_config.PREMIUM)
     p, flow, room = np.zeros(3), np.zeros(3), np.zeros((6, 3))
     q, v = rng.uniform(-1, 1, (50, 3)), rng.uniform(-3, 3, (50, 3))
-    m, rest = force.premium_terms(pi, q, v)
+    m, rest = external_torque.premium_terms(pi, q, v)
     for k in range(50):
         dynamics.momentum(q[k], v[k], pi, room[:2], p)
         dynamics.push(q[k], v[k], pi, room, flow)
@@ -363,8 +369,16 @@ def test_momentum_terms_of_the_loop_are_those_of_the_library():
 @pytest.mark.parametrize("shape", lawrence_config.SHAPES)
 def test_every_way_to_a_point_mass_runs_on_the_rig(shape, tmp_path):
     pull, back = [130.0, 0.8, 0.0], [-130.0, -0.8, 0.0]
-    law = {"c1": pull, "c4": back, "c7": pull, "c8": pull, "shape": shape,
-           "leader_mass": [0.12], "follower_mass": [0.08], "acceleration_hz": 5.0}  # fmt: skip
+    law = {
+        "c1": pull,
+        "c4": back,
+        "c7": pull,
+        "c8": pull,
+        "shape": shape,
+        "leader_mass": [0.12],
+        "follower_mass": [0.08],
+        "acceleration_hz": 5.0,
+    }
     leader, follower = session(tmp_path, {"controller": {"parameters": law}}, 1.5)
     assert leader.n == 1500
     tips = [Premium(()).tip(r.q) for r in (leader, follower)]
@@ -383,20 +397,34 @@ def test_a_varying_lossy_link_runs_and_tracks_later(tmp_path):
     assert 1.2 * errors[0] < errors[1] < 2e-3
 
 
-FOUR = {"c1": (130.0, 0.8, 0.0), "c4": (-130.0, -0.8, 0.0), "c7": (130.0, 0.8, 0.0),
-        "c8": (130.0, 0.8, 0.0), "c2": (0.3,), "c3": (0.3,), "c5": (0.1,), "c6": (0.1,),
-        "acceleration_hz": 5.0}  # fmt: skip
+FOUR = {
+    "c1": (130.0, 0.8, 0.0),
+    "c4": (-130.0, -0.8, 0.0),
+    "c7": (130.0, 0.8, 0.0),
+    "c8": (130.0, 0.8, 0.0),
+    "c2": (0.3,),
+    "c3": (0.3,),
+    "c5": (0.1,),
+    "c6": (0.1,),
+    "acceleration_hz": 5.0,
+}
 
 
 def test_forces_from_the_motion_are_the_force_sensor_free_form_of_linear_arms():
     """Class II on point masses commands, tick by tick, what the transformed class I does."""
-    mass = {"shape": "acceleration", "leader_mass": (0.1, 0.12, 0.11),
-            "follower_mass": (0.06, 0.07, 0.08)}  # fmt: skip
+    mass = {
+        "shape": "acceleration",
+        "leader_mass": (0.1, 0.12, 0.11),
+        "follower_mass": (0.06, 0.07, 0.08),
+    }
     own = LawrenceConfig(**FOUR, **mass, forces="estimated")
-    loops = files.loops_of(own)
-    free = files.table([loop.design for loop in loops])
-    other = replace(own, forces="measured", **{k: tuple(v) if isinstance(v, list) else v
-                    for k, v in free.items() if k[0] == "c"})  # fmt: skip
+    loops = law_parameters.loops_of(own)
+    free = law_parameters.table([loop.design for loop in loops])
+    other = replace(
+        own,
+        forces="measured",
+        **{k: tuple(v) if isinstance(v, list) else v for k, v in free.items() if k[0] == "c"},
+    )
     rng, answers = np.random.default_rng(3), []
     waves = rng.uniform(-0.1, 0.1, (2, 3)), rng.uniform(2, 9, (2, 3))
     for law in (Lawrence(own, ARMS, T), Lawrence(other, ARMS, T)):
@@ -420,8 +448,11 @@ def test_forces_from_the_motion_run_on_the_rig_and_are_the_sensors(tmp_path):
     gel = {"below_home": -0.02, "stiffness": 500.0}
     law = {k: list(v) if isinstance(v, tuple) else v for k, v in FOUR.items()}
     law |= {"forces": "estimated", "friction_share": 1.0, **fitted(tmp_path)}
-    runs = session(tmp_path, {"simulation": {"operator": machine, "gel": gel},
-                              "controller": {"parameters": law}}, 5.0)  # fmt: skip
+    runs = session(
+        tmp_path,
+        {"simulation": {"operator": machine, "gel": gel}, "controller": {"parameters": law}},
+        5.0,
+    )
     topic = read(tmp_path / "s.mcap").topics["/controller/state"]
     values, kept = decode_numbers(topic), np.array(topic.sequence) - 1
     late = kept > 1500
@@ -437,16 +468,17 @@ def test_forces_from_the_motion_run_on_the_rig_and_are_the_sensors(tmp_path):
 def fitted(tmp_path):
     """Identified rigid bodies and friction of both arms, as the law takes them."""
     from hil.experiments import transparency
-    from hil.teleop import make
+    from hil.teleop import rig_designs
 
     models = transparency.identified(tmp_path, 1)
-    return make.models(models, load_rig(RIGS / "lawrence.toml"))
+    return rig_designs.models(models, load_rig(RIGS / "lawrence.toml"))
 
 
 def test_forces_from_the_motion_are_refused_where_they_cannot_be():
     with pytest.raises(ConfigError, match="singularity"):
-        Lawrence(LawrenceConfig(**{**FOUR, "c2": (1.05,), "c3": (1.05,)}, forces="estimated"),
-                 ARMS, T)  # fmt: skip
+        Lawrence(
+            LawrenceConfig(**{**FOUR, "c2": (1.05,), "c3": (1.05,)}, forces="estimated"), ARMS, T
+        )
     with pytest.raises(ConfigError, match="without delay"):
         LawrenceConfig(**FOUR, forces="estimated", forward=ChannelConfig(0.002))
     with pytest.raises(ConfigError, match="without a filter"):

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hil.bench import arm
-from hil.bench.diagnosis import judge
+from hil.bench import identify
+from hil.bench.diagnosis import runner
 from hil.bench.diagnosis.cases import Case, Hidden
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import ranking
@@ -20,7 +20,7 @@ from hil.models.model import base_model
 def named(*hidden: Hidden, noise: str, excitation: str, seed: int) -> dict[str, set[str]]:
     """Names with their rivals, for effects hidden in a session of the arm."""
     kind = "one" if len(hidden) == 1 else "two"
-    train, other = judge.recordings(Case(kind, "arm", hidden, noise, excitation, seed))
+    train, other = runner.recordings(Case(kind, "arm", hidden, noise, excitation, seed))
     found = diagnose(train, base_model(train[0].robot), other).findings
     return {f.effect: {f.effect, *f.rivals} for f in found}
 
@@ -53,7 +53,7 @@ def test_a_coefficient_on_its_bound_is_within_it_in_any_unit(bound: float) -> No
 
 
 def test_offsets_of_all_joints_are_the_base_models() -> None:
-    train, other = (arm.simulate(30.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
+    train, other = (identify.simulate(30.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
     found = diagnose([train], base_model(train.robot), [other])
     assert found.verdict == "adequate"
     without = diagnose([train], base_model(train.robot) - "torque-offset", [other])
@@ -68,7 +68,7 @@ def test_of_equal_scores_the_one_with_less_to_fit_comes_first() -> None:
 
 @pytest.mark.parametrize("gain", [1.1, 1.25])
 def test_a_gain_of_one_joint_is_not_that_of_the_one_that_fails_most(gain: float) -> None:
-    train, other = (arm.simulate(30.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
+    train, other = (identify.simulate(30.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
     for run in (train, other):
         # the last motor gives more than it is told to; the error is largest on the joint before it
         run.tau[:, 2] /= gain
@@ -81,7 +81,7 @@ def test_a_gain_of_one_joint_is_not_that_of_the_one_that_fails_most(gain: float)
 
 @pytest.mark.parametrize("effect", ["spring", "position-torque"])
 def test_what_does_not_vary_over_the_range_is_an_offset(effect: str) -> None:
-    train = arm.simulate(10.0, 1, False).recording("run")
+    train = identify.simulate(10.0, 1, False).recording("run")
     motion = Problem([train], train.robot).motions[0]
     one, more = catalogue.get(effect), 6 if effect == "position-torque" else 1
     flat, sure = [0.0005] * more, [1e-4] * more

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil.errors import ConfigError
-from hil.estimate import force
+from hil.estimate import external_torque
 from hil.models.phantom import Premium
 
 PI, T, K = Premium.prior, 2e-4, 60.0
@@ -21,8 +21,10 @@ def swing(seconds=1.0):
         ext = np.array([0.03, -0.02, 0.01]) * (t > 0.5)
         rest = arm.regressor(q[None], v[None], np.zeros((1, 3)))[0] @ PI
         still = arm.regressor(q[None], np.zeros((1, 3)), np.zeros((1, 3)))[0] @ PI
-        m = np.stack([arm.regressor(q[None], np.zeros((1, 3)), e[None])[0] @ PI - still
-                      for e in np.eye(3)], 1)  # fmt: skip
+        m = np.stack(
+            [arm.regressor(q[None], np.zeros((1, 3)), e[None])[0] @ PI - still for e in np.eye(3)],
+            1,
+        )
         a = np.linalg.solve(m, tau + ext - rest)
         out.append((q, v, a, tau, ext))
         v = v + T * a
@@ -37,8 +39,8 @@ def run():
 
 def test_the_momentum_observer_is_a_low_pass_of_the_external_torque(run):
     q, v, _, tau, ext = run
-    m, rest = force.premium_terms(PI, q, v)
-    found = force.momentum(m, v, tau + rest, K, T)
+    m, rest = external_torque.premium_terms(PI, q, v)
+    found = external_torque.momentum(m, v, tau + rest, K, T)
     wanted, r = np.zeros_like(ext), np.zeros(3)
     for k in range(len(ext)):
         # r' = K (tau_s - r)
@@ -53,8 +55,8 @@ def test_inverse_dynamics_with_true_accelerations_is_exact(run):
     tau_hat = Premium(()).regressor(q, v, a) @ PI - tau
     np.testing.assert_allclose(tau_hat, ext, atol=1e-12)
     jac = Premium(()).jacobian(q)
-    f = force.tip_force(jac, tau_hat)
-    well = np.abs(np.linalg.det(jac)) > force.SINGULAR
+    f = external_torque.tip_force(jac, tau_hat)
+    well = np.abs(np.linalg.det(jac)) > external_torque.SINGULAR
     assert well.mean() > 0.9
     back = np.einsum("nkd,nk->nd", jac, f)
     np.testing.assert_allclose(back[well], ext[well], atol=1e-12)
@@ -62,13 +64,13 @@ def test_inverse_dynamics_with_true_accelerations_is_exact(run):
 
 def test_near_a_singular_pose_forces_stay_bounded():
     q = np.array([[0.0, np.pi / 2 + 1e-7, 0.0]])
-    f = force.tip_force(Premium(()).jacobian(q), np.full((1, 3), 0.05))
+    f = external_torque.tip_force(Premium(()).jacobian(q), np.full((1, 3), 0.05))
     assert np.isfinite(f).all() and np.abs(f).max() < 1e3
 
 
 def test_a_bad_gain_is_refused():
     with pytest.raises(ConfigError, match="positive"):
-        force.momentum(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 3)), 0.0, T)
+        external_torque.momentum(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 3)), 0.0, T)
 
 
 def test_the_model_finds_the_force_of_a_fitted_run():
@@ -84,16 +86,23 @@ def test_the_model_finds_the_force_of_a_fitted_run():
     ext = 0.2 * (np.sin(2 * np.pi * 0.3 * t) > 0)
 
     def record(name, effort):
-        return Recording(name, "arm", ("joint1",), t, q[:, None], effort[:, None],
-                         robot=RobotSource("single-axis"))  # fmt: skip
+        return Recording(
+            name,
+            "arm",
+            ("joint1",),
+            t,
+            q[:, None],
+            effort[:, None],
+            robot=RobotSource("single-axis"),
+        )
 
     free = record("free", tau)
     result = fit([free], base_model(free.robot))
-    times, found = force.inverse_dynamics(result, record("touch", tau - ext))
+    times, found = external_torque.inverse_dynamics(result, record("touch", tau - ext))
     truth = np.interp(times, t, ext)
     assert np.corrcoef(found[:, 0], truth)[0, 1] > 0.95
     assert np.median(found[truth > 0.1, 0]) == pytest.approx(0.2, abs=0.02)
     assert np.median(found[truth < 0.1, 0]) == pytest.approx(0.0, abs=0.02)
     other = Recording("two", "arm", ("a",), t, q[:, None], tau[:, None])
     with pytest.raises(ConfigError, match="joints a"):
-        force.inverse_dynamics(result, other)
+        external_torque.inverse_dynamics(result, other)

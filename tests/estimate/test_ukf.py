@@ -6,11 +6,11 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from hil.bench.ukf import reference
 from hil.errors import ConfigError
-from hil.estimate import ukf, ukf_kernels
-from hil.experiments import elastic
-from hil.experiments.elastic_plant import PERIOD, Plant, record
+from hil.estimate import elastic_ukf
+from hil.experiments import elastic_transmission
+from hil.experiments.elastic_transmission import PERIOD, Plant, record
 
-CONFIG = ukf.UkfConfig()
+CONFIG = elastic_ukf.UkfConfig()
 
 
 def test_the_reference_is_filterpy():
@@ -20,7 +20,7 @@ def test_the_reference_is_filterpy():
 
 def test_the_compiled_filter_is_filterpys():
     run = record(Plant(), 0.6, 3)
-    mine, theirs = ukf.ElasticUkf(CONFIG), reference(CONFIG, 0.0)
+    mine, theirs = elastic_ukf.ElasticUkf(CONFIG), reference(CONFIG, 0.0)
     for k in range(600):
         innovation = mine.step(run.y[k], run.u[k], PERIOD)
         theirs.update(run.y[k])
@@ -29,20 +29,21 @@ def test_the_compiled_filter_is_filterpys():
         np.testing.assert_allclose(mine.state / scale, theirs.x / scale, rtol=1e-4, atol=1e-4)
         theirs.predict(u=run.u[k])
         size = np.sqrt(np.diag(theirs.P))
-        np.testing.assert_allclose(mine.covariance / np.outer(size, size),
-                                   theirs.P / np.outer(size, size), atol=1e-3)  # fmt: skip
+        np.testing.assert_allclose(
+            mine.covariance / np.outer(size, size), theirs.P / np.outer(size, size), atol=1e-3
+        )
 
 
 def test_approximations_are_as_good_as_said():
     x = np.linspace(-12, 12, 4001)
-    assert max(abs(ukf_kernels.tanh(v) - np.tanh(v)) for v in x) < 3e-7
-    assert max(abs(ukf_kernels.exp(v) / np.exp(v) - 1) for v in np.linspace(-2, 2, 401)) < 2e-7
+    assert max(abs(elastic_ukf.tanh(v) - np.tanh(v)) for v in x) < 3e-7
+    assert max(abs(elastic_ukf.exp(v) / np.exp(v) - 1) for v in np.linspace(-2, 2, 401)) < 2e-7
 
 
 def test_parameters_within_five_percent_in_25_seconds():
     """The plant has the filter's friction law only up to the shape of its sign."""
-    found, f = elastic.identify(Plant())
-    ratio = found / elastic.truth(Plant())
+    found, f = elastic_transmission.identify(Plant())
+    ratio = found / elastic_transmission.truth(Plant())
     np.testing.assert_allclose(ratio[:2], 1, atol=0.05)
     # only the sums are well determined: the motor's and the link's correlate with -1
     assert found[2] + found[4] == pytest.approx(0.022, rel=0.05)
@@ -52,7 +53,7 @@ def test_parameters_within_five_percent_in_25_seconds():
 
 
 def test_robust_to_inertia_and_linear_in_interaction():
-    found = elastic.study()
+    found = elastic_transmission.study()
     inertia = [r for r in found.rows if r.study == "link inertia"]
     assert all(r.angle < r.motor_angle for r in inertia)
     assert inertia[0].angle < 1.5e-4 < 3e-4 < inertia[0].motor_angle
@@ -61,13 +62,13 @@ def test_robust_to_inertia_and_linear_in_interaction():
 
 
 def test_a_lost_covariance_is_not_a_number():
-    f = ukf.ElasticUkf(CONFIG)
+    f = elastic_ukf.ElasticUkf(CONFIG)
     f._f["p"][:] = -np.eye(10)
     assert np.isnan(f.step(0.0, 0.0, PERIOD))
 
 
 def test_bad_configurations_are_refused():
     with pytest.raises(ConfigError, match="six positive"):
-        ukf.UkfConfig(start=(1.0,) * 5)
+        elastic_ukf.UkfConfig(start=(1.0,) * 5)
     with pytest.raises(ConfigError, match="inertias"):
-        ukf.UkfConfig(motor_inertia=0.0)
+        elastic_ukf.UkfConfig(motor_inertia=0.0)

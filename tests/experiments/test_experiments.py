@@ -5,7 +5,7 @@ import json
 import pytest
 
 from hil.cli import main
-from hil.experiments import excitation
+from hil.experiments import manual_excitation
 
 
 def test_elastic_ukf_as_json(capsys):
@@ -31,10 +31,10 @@ def test_manual_excitation_says_what_is_not_identifiable(capsys):
 
 
 def test_motor_constants_come_out_of_a_session_of_the_simulated_rig():
-    found = excitation.on_the_rig(2, 25.0)
+    found = manual_excitation.on_the_rig(2, 25.0)
     assert all(f.rank == 17 for f in found.values())
     built, wrong = found.values()
     for j in (1, 2, 3):
-        goal = excitation.WRONG if j == 2 else 1.0
+        goal = manual_excitation.WRONG if j == 2 else 1.0
         assert built.values[f"j{j}.kappa"] == pytest.approx(1.0, abs=0.025)
         assert wrong.values[f"j{j}.kappa"] == pytest.approx(goal, abs=0.025)

@@ -1,11 +1,11 @@
 """The friction experiment says what theory and thesis say."""
 
-from hil.experiments import friction
+from hil.experiments import friction_network
 
 
 def test_a_network_alone_extrapolates_worse_than_on_a_backbone(monkeypatch):
-    monkeypatch.setattr(friction, "motion", _short)
-    rows = {r.model: r for r in friction.study(1)}
+    monkeypatch.setattr(friction_network, "motion", _short)
+    rows = {r.model: r for r in friction_network.study(1)}
     plain, alone = rows["Coulomb + viscous"], rows["network alone, batch"]
     both = rows["network on Coulomb + viscous"]
     assert max(both.train) < 0.75 * min(plain.train)
@@ -13,7 +13,7 @@ def test_a_network_alone_extrapolates_worse_than_on_a_backbone(monkeypatch):
     assert max(both.validation) < min(alone.validation)
 
 
-_full = friction.motion
+_full = friction_network.motion
 
 
 def _short(seconds, seed, size=0.5):

@@ -2,21 +2,22 @@
 
 import pytest
 
-from hil.experiments import palpation, transparency, without_sensors
-from hil.teleop import files, fsf, make
+from hil.experiments import palpation, transparency, without_force_sensors
+from hil.teleop import force_sensor_free, law_parameters, rig_designs
 
 
 def test_a_bolt_in_the_gel_is_felt_as_much_as_predicted(tmp_path):
     """Four channels, the same without sensors, and the benchmark; one trial each."""
-    given, axes = transparency.arms(transparency.identified(tmp_path, 1), without_sensors.LAW)
-    four = without_sensors.designs(axes)
+    given, axes = transparency.arms(transparency.identified(tmp_path, 1), without_force_sensors.LAW)
+    four = without_force_sensors.designs(axes)
     kind, wish = palpation.NAMED[palpation.MEASURE]
     controllers = {
-        "four": four, "free": [fsf.transform(d) for d in four],
-        "measure": make.designs(kind, wish, axes),
-    }  # fmt: skip
+        "four": four,
+        "free": [force_sensor_free.transform(d) for d in four],
+        "measure": rig_designs.designs(kind, wish, axes),
+    }
     rows = {
-        n: palpation.palpate(n, d, given | files.table(d), tmp_path, 1, 1)
+        n: palpation.palpate(n, d, given | law_parameters.table(d), tmp_path, 1, 1)
         for n, d in controllers.items()
     }
     for row in rows.values():
@@ -29,9 +30,14 @@ def test_differences_are_those_asked_beforehand_after_holm():
     names = (palpation.MEASURE, "a", "a" + palpation.FREE_FORM)
     size = {palpation.MEASURE: 0.1, "a": 0.2, "a" + palpation.FREE_FORM: 0.2}
     rows = [
-        palpation.Row(n, 0.0, 0.0, tuple(size[n] + 0.001 * ((k * 7 + i) % 5) + 1e-5 * k + 1e-6 * i
-                                         for k in range(6))) for i, n in enumerate(names)
-    ]  # fmt: skip
+        palpation.Row(
+            n,
+            0.0,
+            0.0,
+            tuple(size[n] + 0.001 * ((k * 7 + i) % 5) + 1e-5 * k + 1e-6 * i for k in range(6)),
+        )
+        for i, n in enumerate(names)
+    ]
     p = palpation.differences(rows)
     assert len(p) == 3
     # complete separation of six and six: 2 / 924, times three

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from record_tables import recording
 
-from hil.bench import sameness
+from hil.bench import determinism
 from hil.cli import main
 from hil.errors import ConfigError
 from hil.record.difference import first_difference
@@ -60,10 +60,10 @@ def test_the_command_tells_it(sessions, capsys):
 
 
 def test_interpreters_are_compared_and_named(monkeypatch):
-    monkeypatch.setattr(sameness, "RIGS", ("teleop",))
-    found = sameness.compare([sys.executable, sys.executable], 0.05)
+    monkeypatch.setattr(determinism, "RIGS", ("teleop",))
+    found = determinism.compare([sys.executable, sys.executable], 0.05)
     assert [s.difference for s in found] == [None, None]
-    assert sameness.rows(found)[1][2:] == ["the same", "the same bytes"]
-    assert "2 of 2 sessions" in sameness.page(found, "x")
+    assert determinism.rows(found)[1][2:] == ["the same", "the same bytes"]
+    assert "2 of 2 sessions" in determinism.page(found, "x")
     with pytest.raises(ConfigError, match="cannot run"):
-        sameness.compare([sys.executable, "/nowhere/python"], 0.05)
+        determinism.compare([sys.executable, "/nowhere/python"], 0.05)

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from hil.bench import arm, identify
+from hil.bench import identify
 from hil.commands import identifytable
 
 pytestmark = pytest.mark.slow
@@ -44,12 +44,12 @@ def test_a_missing_peer_is_said_and_no_error(report: identify.Report) -> None:
 
 
 def test_data_are_the_same_every_time() -> None:
-    a, b = (arm.simulate(1.0, 3, True) for _ in range(2))
+    a, b = (identify.simulate(1.0, 3, True) for _ in range(2))
     np.testing.assert_array_equal(a.tau, b.tau)
-    plain = arm.simulate(1.0, 3, False)
+    plain = identify.simulate(1.0, 3, False)
     np.testing.assert_array_equal(a.q, plain.q)
     # the missing effect is at most half of Coulomb friction
-    assert np.all(np.abs(a.tau - plain.tau) <= arm.PEAK * arm.FC + 1e-12)
+    assert np.all(np.abs(a.tau - plain.tau) <= identify.PEAK * identify.FC + 1e-12)
 
 
 def test_page_says_which_goals_hold():

@@ -2,7 +2,7 @@
 
 from hypothesis import strategies as st
 
-from hil.teleop.design import Design, Robot, Term
+from hil.teleop.architecture import Design, Robot, Term
 
 gain = st.floats(-2, 2)
 positive = st.floats(0.05, 3)
@@ -18,9 +18,17 @@ def robots():
 
 def anchor():
     return Design(
-        c1=Term(210, 14), c2=0.4, c3=0.1, c4=Term(-180, -12), c5=0.1, c7=Term(240, 16),
-        c8=Term(240, 16), master=Robot(0.3), slave=Robot(0.3), name="anchor",
-    )  # fmt: skip
+        c1=Term(210, 14),
+        c2=0.4,
+        c3=0.1,
+        c4=Term(-180, -12),
+        c5=0.1,
+        c7=Term(240, 16),
+        c8=Term(240, 16),
+        master=Robot(0.3),
+        slave=Robot(0.3),
+        name="anchor",
+    )
 
 
 def designs():

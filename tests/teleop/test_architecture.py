@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from teleop_designs import anchor, designs, positive, robots
 
 from hil.errors import ConfigError
-from hil.teleop import hybrid, named, transparency
-from hil.teleop.design import Design, Realisation, Robot, Term
+from hil.teleop import architecture, hybrid, transparency
+from hil.teleop.architecture import Design, Realisation, Robot, Term
 from hil.teleop.hybrid import GEL, HAND, Impedance
 
 W = 2 * np.pi * np.geomspace(0.05, 50, 40)
@@ -42,12 +42,20 @@ def test_hybrid_matrix_solves_the_two_laws(d, w, fs):
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.sampled_from(sorted(named.DESIGNS)), positive, positive, robots(), robots(),
-       st.floats(0, 0.5), st.floats(0, 0.5))  # fmt: skip
+@given(
+    st.sampled_from(sorted(architecture.DESIGNS)),
+    positive,
+    positive,
+    robots(),
+    robots(),
+    st.floats(0, 0.5),
+    st.floats(0, 0.5),
+)
 def test_the_theorem_and_the_hybrid_matrix_agree(name, kp, kf, master, slave, c5, c6):
-    wish = named.Wish(motion_scale=kp, force_scale=kf, master=master, slave=slave,
-                      slave_force=c5, master_force=c6)  # fmt: skip
-    d = named.design(name, wish)
+    wish = architecture.Wish(
+        motion_scale=kp, force_scale=kf, master=master, slave=slave, slave_force=c5, master_force=c6
+    )
+    d = architecture.named_design(name, wish)
     h = hybrid.hybrid(d, hybrid.jw(W))
     goal = np.array([[0, kf], [-kp, 0]])
     near = np.abs(h - goal).max() < 1e-8 * max(1.0, kp, kf)
@@ -57,7 +65,7 @@ def test_the_theorem_and_the_hybrid_matrix_agree(name, kp, kf, master, slave, c5
 
 @pytest.mark.parametrize("missed", ["c1", "c2", "c3", "c4"])
 def test_the_checker_names_the_condition_that_fails(missed):
-    d = named.design("four-channel")
+    d = architecture.named_design("four-channel")
     value = getattr(d, missed)
     wrong = value + Term(b=0.5) if isinstance(value, Term) else value + 0.5
     found = {c.name: c for c in transparency.check(replace(d, **{missed: wrong}))}
@@ -66,7 +74,9 @@ def test_the_checker_names_the_condition_that_fails(missed):
 
 
 def test_a_controller_whose_channels_cancel_is_not_transparent():
-    d = named.design("four-channel", named.Wish(master=Robot(0.2), slave=Robot(0.2)))
+    d = architecture.named_design(
+        "four-channel", architecture.Wish(master=Robot(0.2), slave=Robot(0.2))
+    )
     # (1 + c6)(z_cs + c7) = -(1 + c5)(z_cm + c8)
     d = replace(d, c8=-(d.slave.term + d.c7) + -d.master.term)
     d = replace(d, c4=-(d.master.term + d.c8))
@@ -103,11 +113,11 @@ def test_the_enumeration_is_what_brute_force_finds():
 
 
 def test_a_redundant_channel_can_be_replaced():
-    d = named.design("four-channel")
+    d = architecture.named_design("four-channel")
     assert transparency.redundant(d)["c4"] == "c8 = -z_cm"
-    without = named.design("three-channel-4")
+    without = architecture.named_design("three-channel-4")
     assert without.c4.size() == 0.0 and transparency.transparent(without)
-    assert transparency.redundant(named.design("motion-forward")) == {}
+    assert transparency.redundant(architecture.named_design("motion-forward")) == {}
 
 
 def of_control(d, zh, ze, real=REAL):
@@ -149,8 +159,12 @@ def test_closed_loop_agrees_with_python_control(real):
 
 
 def test_the_delay_margin_is_that_of_python_control_and_of_the_poles():
-    d = named.design("position-force", named.Wish(stiffness=400, damping=12, share=0.8,
-                     master=Robot(0.1), slave=Robot(0.1)))  # fmt: skip
+    d = architecture.named_design(
+        "position-force",
+        architecture.Wish(
+            stiffness=400, damping=12, share=0.8, master=Robot(0.1), slave=Robot(0.1)
+        ),
+    )
     margin = hybrid.delay_margin(d, HAND, GEL, REAL)
     s = control.tf("s")
     e = hybrid.blocks(d, hybrid.jw(W), REAL)
@@ -188,8 +202,8 @@ def test_undetermined_ports_are_refused():
 
 def test_unknown_designs_and_bad_wishes_are_refused():
     with pytest.raises(ConfigError, match="Did you mean 'four-channel'"):
-        named.design("four-chanel")
+        architecture.named_design("four-chanel")
     with pytest.raises(ConfigError, match="stiffness"):
-        named.Wish(stiffness=-1.0)
+        architecture.Wish(stiffness=-1.0)
     with pytest.raises(ConfigError, match="positive"):
         Robot(0.0)

@@ -6,11 +6,10 @@ from teleop_designs import anchor
 
 from hil.errors import DataError
 from hil.experiments import transparency
-from hil.teleop import measure, named, sampled
-from hil.teleop.axis import Axis, Loop
-from hil.teleop.design import Realisation
-from hil.teleop.hybrid import Impedance
-from hil.teleop.measure import Experiment
+from hil.teleop import architecture, hybrid, sampled_loop
+from hil.teleop.architecture import Realisation
+from hil.teleop.hybrid import Experiment, Impedance
+from hil.teleop.sampled_loop import Axis, Loop
 
 T, PERIODS, N = 1e-3, 6, 1000
 HARMONICS = (1, 2, 5)
@@ -51,17 +50,17 @@ def noisy(clean, seed):
 
 @pytest.mark.parametrize("harmonic", HARMONICS)
 def test_without_noise_it_is_the_analytic_matrix(clean, harmonic):
-    found = measure.estimate(clean, harmonic)
-    goal = sampled.hybrid_at(LOOP, np.array([found.w]), T)[0]
+    found = hybrid.estimate_hybrid(clean, harmonic)
+    goal = sampled_loop.hybrid_at(LOOP, np.array([found.w]), T)[0]
     # a sampled loop is a two-port but for the hold of its terminations: a percent or so
     np.testing.assert_allclose(found.h, goal, atol=5e-3 * np.abs(goal).max())
     assert (np.abs(found.h - goal) < 0.02 * np.maximum(np.abs(goal), [[1, 1], [1, 0.01]])).all()
 
 
 def test_with_noise_the_error_is_what_the_uncertainty_says(clean):
-    scores, goal = [], measure.estimate(clean, 2).h
+    scores, goal = [], hybrid.estimate_hybrid(clean, 2).h
     for seed in range(30):
-        found = measure.estimate(noisy(clean, seed), 2)
+        found = hybrid.estimate_hybrid(noisy(clean, seed), 2)
         scores.append(np.abs(found.h - goal) / found.std)
     scores = np.array(scores)
     # |error|^2 / variance has mean 1
@@ -71,9 +70,9 @@ def test_with_noise_the_error_is_what_the_uncertainty_says(clean):
 
 def test_one_environment_does_not_determine_h(clean):
     with pytest.raises(DataError, match="not identifiable; add a run"):
-        measure.estimate([clean[1], clean[1]])
+        hybrid.estimate_hybrid([clean[1], clean[1]])
     with pytest.raises(DataError, match="not identifiable"):
-        measure.estimate([clean[1]])
+        hybrid.estimate_hybrid([clean[1]])
     with pytest.raises(DataError, match="whole periods"):
         Experiment(*np.zeros((4, 1001)), 2, T)
 
@@ -82,10 +81,10 @@ def test_sessions_of_the_rig_show_the_predicted_matrix(tmp_path):
     """Published parameters, friction not compensated: it stays within h11."""
     given, axes = transparency.arms({}, {})
     wish = {"stiffness": 300.0, "damping": 1.2, "share": 0.5, "master_damping": 0.5}
-    from hil.teleop import files, make
+    from hil.teleop import law_parameters, rig_designs
 
-    law = given | files.table(make.designs("position-force", wish, axes))
-    assert "position-force" in named.DESIGNS
+    law = given | law_parameters.table(rig_designs.designs("position-force", wish, axes))
+    assert "position-force" in architecture.DESIGNS
     rows = {r.entry: r for r in transparency.compare("pf", law, (2.0,), tmp_path, 1)}
     assert rows["h12"].error < 0.05
     assert rows["h21"].error < 0.05

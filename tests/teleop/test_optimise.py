@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from hil.errors import ConfigError
-from hil.teleop import fsf, hybrid, optimise, passivity
-from hil.teleop.design import Realisation
+from hil.teleop import force_sensor_free, hybrid, optimise, passivity
+from hil.teleop.architecture import Realisation
 from hil.teleop.hybrid import Impedance
-from hil.teleop.problem import ORDER, Problem
-from hil.teleop.search import Search
+from hil.teleop.optimise import ORDER, Problem, Search
 from hil.teleop.summary import tracking
 
 REAL = Realisation(velocity_hz=32, acceleration_hz=30, force_hz=32)
@@ -31,7 +30,7 @@ def test_the_optimum_keeps_every_constraint_on_a_finer_grid(found):
     hs = hybrid.hybrid(d, hybrid.jw(slow), REAL)
     assert tracking(hs, 0.0, 1.0).max() < 0.2 * 1.01
     assert tracking(hs, PROBLEM.environment(hybrid.jw(slow)), 1.0).max() < 0.6 * 1.01
-    assert fsf.conditioning(d) < 1.5 * 1.001
+    assert force_sensor_free.conditioning(d) < 1.5 * 1.001
     assert hybrid.poles(d, PROBLEM.operator, PROBLEM.environment, REAL).real.max() < 0
     for name in ORDER:
         value = getattr(d, name)
@@ -53,10 +52,13 @@ def test_nothing_near_it_is_better(found):
     assert found.agreeing >= 2
 
 
-@pytest.mark.parametrize(("name", "relaxed"), [
-    ("stability", {"largest": Impedance(0.0, 6.0, 1300.0)}),
-    ("c8 upper", {"stiffness": 330.0}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "relaxed"),
+    [
+        ("stability", {"largest": Impedance(0.0, 6.0, 1300.0)}),
+        ("c8 upper", {"stiffness": 330.0}),
+    ],
+)
 def test_an_active_constraint_is_one_whose_relaxation_helps(found, name, relaxed):
     active = {a.name: a for a in found.active}
     assert active[name].price > 0

@@ -110,9 +110,9 @@ def test_passivity_is_the_sign_of_the_dissipated_power():
 
 
 def test_two_position_controlled_masses_are_passive_and_two_channels_are_not():
-    from hil.teleop import named
+    from hil.teleop import architecture
 
-    h = hybrid.hybrid(named.design("position-error"), hybrid.jw())
+    h = hybrid.hybrid(architecture.named_design("position-error"), hybrid.jw())
     assert passivity.llewellyn(h).min() > -1e-9
-    h = hybrid.hybrid(named.design("position-force"), hybrid.jw())
+    h = hybrid.hybrid(architecture.named_design("position-force"), hybrid.jw())
     assert passivity.llewellyn(h).min() < -0.1

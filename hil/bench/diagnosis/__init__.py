@@ -1,5 +1,5 @@
 """Confusion matrix, power and calibration of the diagnosis over thousands of hidden effects.
 
-`excitation` makes motions, `session` recordings, `cases` the plan, `amplitudes` how large an
-effect is for a given excess, `judge` one case, `runner` all of them, `tables` what comes out.
+`session` makes recordings, `cases` the plan, `amplitudes` says how large an effect is for a given
+excess, `runner` judges each case, `tables` shows what comes out, `ablation` takes one rule away.
 """

@@ -1,4 +1,4 @@
-"""The benchmark without one rule of the search after the other.
+"""The benchmark without one rule of the search after the other, and what that says, as Markdown.
 
 A case is diagnosed again only without rules that stopped something there that no other rule would
 have stopped: without any other rule the search is the same, step by step.
@@ -12,14 +12,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from hil.bench.diagnosis import judge, runner
+from hil.bench.diagnosis import runner, tables
 from hil.bench.diagnosis.cases import Case
+from hil.bench.diagnosis.tables import PLANTS, revisions, table
 from hil.diagnosis import rules
 from hil.errors import DataError
 
 Row = dict[str, Any]
 #: The sessions of a case serve all its rules.
-_sessions = lru_cache(maxsize=2)(judge.recordings)
+_sessions = lru_cache(maxsize=2)(runner.recordings)
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def again(task: Again) -> Row:
     train, other = _sessions(task.case)
     started = time.process_time()
     with rules.without(task.code):
-        row = judge.answer(task.case, train, other)
+        row = runner.answer(task.case, train, other)
     cpu = round(time.process_time() - started, 3)
     return {"again": task.name, "case": task.case.name, "without": task.code, "cpu": cpu} | row
 
@@ -86,3 +87,149 @@ def _same(rows: list[Row], path: Path | None) -> None:
             f"{path}: results of revision {', '.join(sorted(others))}, and this is {now}: an "
             "answer that differs would not be the rule's doing; start another file"
         )
+
+
+HEAD = (
+    "rule",
+    "stage",
+    "fired",
+    "alone",
+    "changed",
+    "right to wrong",
+    "wrong to right",
+    "share right without it, less with it, %",
+    "CPU s",
+)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a rule does to the answers of a plan.
+
+    Parameters
+    ----------
+    code, stage : str
+        The rule, and when it is asked.
+    fired, alone : int
+        Sessions in which it stopped something, and in which no other rule would have.
+    changed, lost, gained : int
+        Sessions whose answer is another without it; is right no more; is right only then.
+    interval : (float, float)
+        Of the share right without it less the share right with it, at 95 %.
+    seconds : float
+        CPU time of the diagnoses without it.
+    """
+
+    code: str
+    stage: str
+    fired: int
+    alone: int
+    changed: int
+    lost: int
+    gained: int
+    interval: tuple[float, float]
+    seconds: float
+
+
+def good(row: Row) -> bool:
+    """Whether an answer is right, or a set with the truth in it."""
+    return row["outcome"] in ("right", "ambiguous")
+
+
+def differ(a: Row, b: Row) -> bool:
+    """Whether two answers to one case differ: verdict, names or outcome."""
+    return _said(a) != _said(b) or a["outcome"] != b["outcome"]
+
+
+def effects(rows: list[Row], again: list[Row]) -> list[Effect]:
+    """Every rule, in the order in which they are asked."""
+    rows = [r for r in rows if r["outcome"] not in ("unstable", "crashed")]
+    return [_effect(code, rows, again) for code in (*rules.CANDIDATE, *rules.FIT)]
+
+
+def _effect(code: str, rows: list[Row], again: list[Row]) -> Effect:
+    without = {r["case"]: r for r in again if r["without"] == code}
+    pairs = [(r, without.get(r["case"], r)) for r in rows]
+    lost = sum(good(a) and not good(b) for a, b in pairs)
+    gained = sum(good(b) and not good(a) for a, b in pairs)
+    both = sum(good(a) and good(b) for a, b in pairs)
+    return Effect(
+        code,
+        rules.stage(code),
+        sum(code in r["fired"] for r in rows),
+        len(without),
+        sum(differ(a, b) for a, b in pairs),
+        lost,
+        gained,
+        tables.difference(both, lost, gained, len(pairs) - both - lost - gained),
+        sum(r["cpu"] for r in without.values()),
+    )
+
+
+def report(rows: list[Row], again: list[Row], command: str) -> str:
+    """Everything, as Markdown, for every plant that has rows."""
+    plants = [p for p in PLANTS if any(tables.plant(r) == p for r in rows)]
+    lines = [
+        "# Ablation: the diagnosis without each of its rules",
+        "",
+        f"Made by `{command}` at revision {revisions(rows)}; {len(rows)} sessions, "
+        f"{len(again)} diagnoses without a rule.",
+        "",
+        "Fired: sessions in which the rule stopped a candidate or a fit; alone: those in",
+        "which no other rule would have stopped it, which are diagnosed again without it.",
+        "Right: exactly what is hidden, or a set with the truth in it. Intervals: Newcombe, 95 %,",
+        "over all sessions of the plant.",
+        "A rule is taken out alone: of two that stop the same, neither changes an answer here, and",
+        "without both answers may change. A name that is wrong where another was is no flip, but",
+        "an answer that changes.",
+    ]
+    idle = []
+    for plant in plants:
+        mine = [r for r in rows if tables.plant(r) == plant]
+        names = {r["case"] for r in mine}
+        others = [r for r in again if r["case"] in names]
+        found = effects(mine, others)
+        idle.append({e.code for e in found if not e.changed})
+        lines += ["", f"## {PLANTS[plant]}: {len(mine)} sessions", "", _table(found)]
+        lines += ["", f"### {PLANTS[plant]}: answers that change", "", _changes(mine, others)]
+    still = [code for code in (*rules.CANDIDATE, *rules.FIT) if all(code in x for x in idle)]
+    lines += ["", "## No answer changes without", "", ", ".join(still) or "(none)"]
+    return "\n".join(lines) + "\n"
+
+
+def _table(found: list[Effect]) -> str:
+    rows = [
+        [
+            e.code,
+            e.stage,
+            e.fired,
+            e.alone,
+            e.changed,
+            e.lost,
+            e.gained,
+            f"{100 * e.interval[0]:+.1f} to {100 * e.interval[1]:+.1f}",
+            f"{e.seconds:.0f}",
+        ]
+        for e in found
+    ]
+    return table(HEAD, rows)
+
+
+def _changes(rows: list[Row], again: list[Row]) -> str:
+    before = {r["case"]: r for r in rows}
+    lines = [
+        [b["without"], b["case"], _words(before[b["case"]]), _words(b)]
+        for b in again
+        if differ(before[b["case"]], b)
+    ]
+    head = ["without", "session", "with it", "without it"]
+    return table(head, sorted(lines)) if lines else "None."
+
+
+def _words(row: Row) -> str:
+    names = ", ".join(f"{f['effect']} {f['joint'] or ''}".strip() for f in row["named"])
+    return f"{row['outcome']}: {names or row['verdict']}"
+
+
+def _said(row: Row) -> tuple[str, list[tuple[str, str]]]:
+    return row["verdict"], sorted((f["effect"], f["joint"] or "") for f in row["named"])

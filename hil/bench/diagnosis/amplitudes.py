@@ -48,15 +48,20 @@ def base_rms(recordings: list[Recording], offset: bool = False) -> FloatArray:
 @lru_cache(maxsize=256)
 def quiet_rms(
     robot: str, noise: str, motion: tuple[str, int], seed: int, force: bool, offset: bool = False
-) -> bytes:  # fmt: skip
+) -> bytes:
     """`base_rms` without any hidden effect, as bytes (cached)."""
     return base_rms([session.record(robot, [], noise, motion, seed, force)], offset).tobytes()
 
 
 def excess(
-    recordings: list[Recording], robot: str, noise: str, motion: tuple[str, int], seed: int,
-    force: bool, offset: bool = True,
-) -> float:  # fmt: skip
+    recordings: list[Recording],
+    robot: str,
+    noise: str,
+    motion: tuple[str, int],
+    seed: int,
+    force: bool,
+    offset: bool = True,
+) -> float:
     """Excess of `recordings` over the same sessions without hidden effects [floors].
 
     `offset`: whether the model that leaves it has an offset a joint.
@@ -104,18 +109,26 @@ def calibrate(effect: str, joint: int, robot: str, excitation: str) -> list[floa
     a = least or START[plant]
     for level in LEVELS[plant]:
         a = _reach(
-            lambda a: _excess_at(effect, joint, robot, excitation, a), level, a, (least, most),
-            STEPS[plant], NEAR[plant],
-        )  # fmt: skip
+            lambda a: _excess_at(effect, joint, robot, excitation, a),
+            level,
+            a,
+            (least, most),
+            STEPS[plant],
+            NEAR[plant],
+        )
         found.append(float(f"{a:.3g}"))
         a = min(2.0 * a, most)
     return found
 
 
 def _reach(
-    leaves: Callable[[float], float], level: float, start: float, between: tuple[float, float],
-    steps: int, near: float,
-) -> float:  # fmt: skip
+    leaves: Callable[[float], float],
+    level: float,
+    start: float,
+    between: tuple[float, float],
+    steps: int,
+    near: float,
+) -> float:
     """Amplitude `between` that leaves `level` floors: secant kept in a bracket."""
     (least, most), low, high, a = between, 0.0, float("inf"), start
     for _ in range(steps):

@@ -1,10 +1,14 @@
-"""The plan: which effect is hidden where, how large, under which noise and motion."""
+"""The plan: which effect is hidden where, how large, under which noise and motion.
+
+`plan` is that of the tuning plants, `mujoco_plan` that of the test plants: every effect on robot
+after robot, at three levels.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hil.bench.diagnosis import amplitudes, session
+from hil.bench.diagnosis import amplitudes, session, tables
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import RobotModel, base_model
@@ -20,11 +24,15 @@ NOTHING = 32
 SENSORS = ("force-", "encoder-", "missed-", "filter-")
 #: Pairs of effects that are hidden together, and whether on one joint.
 PAIRS = (
-    ("stribeck", "cogging"), ("quadratic-drag", "position-friction"), ("end-stop", "stribeck"),
-    ("asymmetric-viscous", "cogging"), ("presliding", "position-torque"),
-    ("coupled-friction", "quadratic-drag"), ("delay", "position-torque"),
+    ("stribeck", "cogging"),
+    ("quadratic-drag", "position-friction"),
+    ("end-stop", "stribeck"),
+    ("asymmetric-viscous", "cogging"),
+    ("presliding", "position-torque"),
+    ("coupled-friction", "quadratic-drag"),
+    ("delay", "position-torque"),
     ("position-friction", "end-stop"),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -191,4 +199,88 @@ def two(seeds: range, noises: tuple[str, ...], levels: tuple[float, ...]) -> lis
                     noise = noises[(seed + n) % len(noises)]
                     excitation = EXCITATIONS[(seed + k) % 2]
                     found.append(Case("two", "arm", hidden, noise, excitation, 100 + seed))
+    return found
+
+
+MUJOCO_LEVELS = amplitudes.LEVELS["test"]
+MUJOCO_NOISES = ("white", "coloured", "dac")
+MUJOCO_MOTIONS = ("wander", "shuttle", "points")
+#: Effects whose pair of joints starts at any joint but the last.
+_PAIRED = ("coupled-transmission",)
+#: Of the quick plan: robots whose sessions take least.
+_SMALL_ROBOTS = ("elbow3", "pendulum", "planar2", "spindle", "stylus3", "scara4", "gantry2")
+
+
+def mujoco_plan(quick: bool = False, seeds: int = 10) -> list[Case]:
+    """All cases; with ten seeds every effect has been on every robot that can show it.
+
+    Where `quick`, every effect once, at one of the levels, and seven sessions with nothing hidden.
+    """
+    if quick:
+        return _quick_mujoco()
+    found = _mujoco_nothing(range(2 if seeds > 2 else 1))
+    for k, effect in enumerate(session.kinds("test")):
+        for seed in range(seeds):
+            found += [_mujoco_single(k, effect, level, seed) for level in MUJOCO_LEVELS]
+    return [
+        c for c in found + _mujoco_two(range(min(seeds, 4))) if not _calibrated(c) or distinct(c)
+    ]
+
+
+def _calibrated(case: Case) -> bool:
+    """Whether its amplitudes are in the file; a plan does not wait for others."""
+    known = amplitudes.table("test")
+    where = (case.robot, case.excitation)
+    return all(amplitudes.name(h.effect, h.joint, *where) in known for h in case.hidden)
+
+
+def _quick_mujoco() -> list[Case]:
+    found = [c for k, c in enumerate(_mujoco_nothing(range(1))) if k % 13 == 0]
+    for k, effect in enumerate(session.kinds("test")):
+        found.append(_mujoco_single(k, effect, MUJOCO_LEVELS[1 + k % 2], k % 7, _SMALL_ROBOTS))
+    return found
+
+
+def _mujoco_single(
+    k: int, effect: str, level: float, seed: int, among: tuple[str, ...] = ()
+) -> Case:
+    """Effect number `k`, hidden; robot, joint, motion and noise follow from it and the seed."""
+    needs = session.kinds("test")[effect][0]
+    robots = [r for r in session.robots_showing(needs) if not among or r in among]
+    robot = robots[(k + seed) % len(robots)]
+    joint = _joint(effect, robot, k + seed + seed // len(robots))
+    kind = "one" if tables.accepted(effect) & known() else "outside"
+    motion = MUJOCO_MOTIONS[(k + seed + seed // len(robots)) % len(MUJOCO_MOTIONS)]
+    noise = MUJOCO_NOISES[(k + 2 * seed + MUJOCO_LEVELS.index(level)) % len(MUJOCO_NOISES)]
+    return Case(kind, robot, (Hidden(effect, joint, level),), noise, motion, seed, needs == "force")
+
+
+def _joint(effect: str, robot: str, n: int) -> int:
+    """A joint on which the effect has its joint's name."""
+    return n % (session.joint_count(robot) - (effect in _PAIRED))
+
+
+def _mujoco_nothing(seeds: range) -> list[Case]:
+    """Sessions with no hidden effect: every robot, motion and noise."""
+    return [
+        Case("none", robot, (), noise, motion, 50 + seed)
+        for seed in seeds
+        for motion in MUJOCO_MOTIONS
+        for noise in MUJOCO_NOISES
+        for robot in session.robots_showing("")
+    ]
+
+
+def _mujoco_two(seeds: range) -> list[Case]:
+    """Two hidden effects on one joint, or on two, of a robot that has them."""
+    found, robots = [], session.robots_showing("arm")
+    for k, (a, b) in enumerate(PAIRS):
+        for seed in seeds:
+            robot = robots[(k + seed) % len(robots)]
+            d, level = session.joint_count(robot), MUJOCO_LEVELS[1 + seed % 2]
+            first = _joint(a, robot, k + seed)
+            second = first if seed % 2 else (first + 1) % d
+            hidden = (Hidden(a, first, level), Hidden(b, second, level))
+            noise, motion = MUJOCO_NOISES[(k + seed) % 3], MUJOCO_MOTIONS[(k + 2 * seed) % 3]
+            found.append(Case("two", robot, hidden, noise, motion, 100 + seed))
     return found

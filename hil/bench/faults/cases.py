@@ -8,11 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from hil.bench.faults.strikes import (
+from hil.bench.faults.fault_injection import (
+    STRIKE_TICK,
+    FaultySession,
     add,
     box,
     counts,
+    delayed,
     failing,
+    fill,
+    frozen,
     gauges,
     hook,
     late_every_tick,
@@ -20,9 +25,9 @@ from hil.bench.faults.strikes import (
     put,
     replugged,
     shake,
+    times,
     turn,
 )
-from hil.bench.faults.tamper import STRIKE, Tampered, delayed, fill, frozen, times
 from hil.signals.device import Status
 
 _OK, _STALE, _INVALID, _CLAMPED = Status.OK, Status.STALE, Status.INVALID, Status.CLAMPED
@@ -65,7 +70,7 @@ class Fault:
     """
 
     name: str
-    strike: Callable[[Tampered], None]
+    strike: Callable[[FaultySession], None]
     state: str
     condition: str
     within: int = 2
@@ -74,7 +79,7 @@ class Fault:
     over: Mapping[str, Any] = field(default_factory=dict)
     exit: str = ""
     note: str = ""
-    at: int = STRIKE
+    at: int = STRIKE_TICK
     steered: bool = False
 
     @property

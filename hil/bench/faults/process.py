@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.bench.faults.fault_injection import FaultySession
 from hil.bench.faults.runner import Outcome
-from hil.bench.faults.tamper import Tampered
 from hil.errors import DataError
 from hil.record.container import Container, read
 from hil.record.decode import decode_numbers
@@ -107,7 +107,7 @@ def child(name: str, path: Path) -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     safety = {"watchdog": TIMEOUT, "cut": ["true"]}
     config = load_rig(rig_path("teleop"), {"safety": safety})
-    tampered = Tampered(lambda t: None)
+    tampered = FaultySession(lambda t: None)
     act(path)
     tampered.js = _every_tenth()
     try:
@@ -173,10 +173,12 @@ def _judge(
         ticks = round(1e3 * told["silent_s"]) if told.get("silent_s") else None
         note = f"watchdog: {told.get('why', 'silent')}"
     fine = {
-        "cut": lost <= 100, "zero": lost <= 100, "all": lost == 0,
+        "cut": lost <= 100,
+        "zero": lost <= 100,
+        "all": lost == 0,
         # a busy machine skips ticks; what counts is how far the record reaches
         "whole": bool(sequence.size) and int(sequence[-1]) > 300,
-    }[must]  # fmt: skip
+    }[must]
     if must == "whole":
         about = [line for line in said.strip().splitlines() if "record" in line]
         lost = max([lost, *map(int, re.findall(r"(\d+) rows are lost", said))])

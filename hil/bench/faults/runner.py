@@ -1,9 +1,9 @@
-"""Run a fault in a lockstep session, and judge what its record says."""
+"""Run faults in lockstep sessions, judge what their records say, show the campaign as a table."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hil.bench.faults.cases import Fault
-from hil.bench.faults.tamper import Tampered
+from hil.bench.faults.fault_injection import FaultySession
 from hil.errors import HilError
 from hil.record.container import read
 from hil.record.decode import decode_numbers
@@ -80,7 +80,7 @@ def one(fault: Fault, path: Path) -> Outcome:
     over: dict[str, Any] = {**fault.over, "loop": loop}
     if fault.wire:
         over["backend"] = "sim-wire"
-    tampered = Tampered(fault.strike, fault.at, fault.steered)
+    tampered = FaultySession(fault.strike, fault.at, fault.steered)
     config = load_rig(rig_path(fault.rig), over)
     # a run that wrote nothing must not be judged by the one before
     path.unlink(missing_ok=True)
@@ -110,11 +110,76 @@ def judge(fault: Fault, struck: int, path: Path) -> Outcome:
     last = json.loads(box.topics["/events"].data[-1])
     lost = int(timing[-1, _AT["dropped"]])
     right = bool(
-        found == fault.state and (taken is None or taken <= fault.within) and zero
-        and (not fault.condition or fault.condition in said) and last["name"] == fault.ends
-        and np.all(np.diff(topic.times) > 0) and not box.truncated
+        found == fault.state
+        and (taken is None or taken <= fault.within)
+        and zero
+        and (not fault.condition or fault.condition in said)
+        and last["name"] == fault.ends
+        and np.all(np.diff(topic.times) > 0)
+        and not box.truncated
         and (not fault.condition or fault.condition in BITS)
-    )  # fmt: skip
+    )
     return Outcome(
         fault.name, fault.state, found, taken, said, zero, last["name"], lost, right, fault.note
     )
+
+
+HEAD = ("fault", "must lead to", "led to", "after", "record says", "motors", "rows lost", "")
+
+
+def row(o: Outcome) -> list[str]:
+    """One line."""
+    taken = "-" if o.ticks is None else f"{o.ticks} ms"
+    said = ", ".join(o.conditions) or "-"
+    note = f"; {o.note}" if o.note else ""
+    verdict = "as expected" if o.right else "WRONG"
+    return [
+        o.name,
+        o.expected,
+        o.state,
+        taken,
+        said + note,
+        "zero" if o.zero else "NOT ZERO",
+        str(o.lost),
+        verdict,
+    ]
+
+
+def verdict(outcomes: Sequence[Outcome]) -> str:
+    """Sentence over all."""
+    right = sum(o.right for o in outcomes)
+    soon = [o.ticks for o in outcomes if o.ticks is not None and o.state in ("PAUSED", "FAULT")]
+    two = sum(t <= 2 for t in soon)
+    later = [
+        f"{o.name} ({o.ticks})"
+        for o in outcomes
+        if o.state in ("PAUSED", "FAULT") and o.ticks is not None and o.ticks > 2
+    ]
+    return (
+        f"{right} of {len(outcomes)} faults lead to the expected state; of {len(soon)} that stop "
+        f"the motors in lockstep {two} do so within two ticks of the strike"
+        + (f"; later, in ticks: {', '.join(later)}." if later else ".")
+    )
+
+
+def report(outcomes: Sequence[Outcome], command: str) -> str:
+    """Page for the documentation."""
+    lines = [
+        "# Injected faults",
+        "",
+        f"Printed by `{command}`.  Every fault strikes a session with torque on the motors; state,",
+        "time and conditions are read from the session that it leaves.  One tick is 1 ms; the tick",
+        "of the strike counts.  `ENABLED`: the loop must go on.  `motors`: every DAC code in the",
+        "record from that state on; for faults of the process, the codes and the power that its",
+        "devices had when it was gone, or the watchdog that cut it (time since the last tick).",
+        "The faults of encoders, law and clock strike ideal wires, those of boxes and boards",
+        "simulated USB, HID and CAN, through the drivers.",
+        "",
+        "| " + " | ".join(HEAD) + " |",
+        "|" + "---|" * len(HEAD),
+        *("| " + " | ".join(row(o)) + " |" for o in outcomes),
+        "",
+        verdict(outcomes),
+        "",
+    ]
+    return "\n".join(lines)

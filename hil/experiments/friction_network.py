@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.estimate import wavelets
-from hil.estimate.wavelets import FloatArray, Network
+from hil.estimate import friction_wavelets
+from hil.estimate.friction_wavelets import FloatArray, Network
 
 #: Noise of the measured torque [N m].
 NOISE = 0.003
@@ -57,35 +57,38 @@ def study(seed: int = 1) -> list[Row]:
     rows = []
     for name, make in _MODELS.items():
         nets = [make(one, y[:, j], j) for j in range(3)]
-        rows.append(Row(
-            name, tuple(wavelets.relative(n, one, y[:, j]) for j, n in enumerate(nets)),
-            tuple(wavelets.relative(n, two, z[:, j]) for j, n in enumerate(nets)),
-            max(len(n.nodes) for n in nets),
-        ))  # fmt: skip
+        rows.append(
+            Row(
+                name,
+                tuple(friction_wavelets.relative(n, one, y[:, j]) for j, n in enumerate(nets)),
+                tuple(friction_wavelets.relative(n, two, z[:, j]) for j, n in enumerate(nets)),
+                max(len(n.nodes) for n in nets),
+            )
+        )
     return rows
 
 
 def _backbone(qd: FloatArray, tau: FloatArray, j: int) -> Network:
-    net = wavelets.coarse(qd, j)
+    net = friction_wavelets.coarse(qd, j)
     bare = Network(net.scale, j)
-    return wavelets.solve(bare, qd, tau, 0.0)
+    return friction_wavelets.solve(bare, qd, tau, 0.0)
 
 
 def _alone(qd: FloatArray, tau: FloatArray, j: int) -> Network:
-    return wavelets.grow(qd, tau, j, backbone=False)
+    return friction_wavelets.grow(qd, tau, j, backbone=False)
 
 
 def _on_line(qd: FloatArray, tau: FloatArray, j: int) -> Network:
-    net = wavelets.coarse(qd, j, backbone=False, zone=NOISE)
+    net = friction_wavelets.coarse(qd, j, backbone=False, zone=NOISE)
     for _ in range(3):
         for _ in range(2):
-            net = wavelets.train(net, qd, tau)
-        net = wavelets.adapt(net, qd, 0.004, 0.0008)
-    return wavelets.train(net, qd, tau)
+            net = friction_wavelets.train(net, qd, tau)
+        net = friction_wavelets.adapt(net, qd, 0.004, 0.0008)
+    return friction_wavelets.train(net, qd, tau)
 
 
 def _both(qd: FloatArray, tau: FloatArray, j: int) -> Network:
-    return wavelets.grow(qd, tau, j, backbone=True)
+    return friction_wavelets.grow(qd, tau, j, backbone=True)
 
 
 _MODELS = {

@@ -24,9 +24,10 @@ TOLERANCE = 1e-6
 #: Speed over which the sign of the Coulomb column is resolved [rad/s].
 SOFT = 0.02
 NAMES = (
-    *Premium.names, *(f"j{j}.{c}" for j in (1, 2, 3) for c in ("fc", "fv")),
+    *Premium.names,
+    *(f"j{j}.{c}" for j in (1, 2, 3) for c in ("fc", "fv")),
     *(f"j{j}.kappa" for j in (1, 2, 3)),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -111,8 +112,11 @@ def identify(
     return Identified(
         dict(zip(NAMES, values.tolist(), strict=True)),
         dict(zip(NAMES, stderr.tolist(), strict=True)),
-        rank, float(s[0] / s[rank - 1]), names, _advice(rank, u, y),
-    )  # fmt: skip
+        rank,
+        float(s[0] / s[rank - 1]),
+        names,
+        _advice(rank, u, y),
+    )
 
 
 def _advice(rank: int, u: FloatArray, tau_s: FloatArray) -> str:

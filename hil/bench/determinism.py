@@ -56,8 +56,10 @@ def compare(pythons: Sequence[str], seconds: float, seed: int = 1) -> list[Same]
     found = []
     with tempfile.TemporaryDirectory() as folder:
         for rig in RIGS:
-            paths = [_record(p, rig, seconds, seed, Path(folder) / f"{rig}{k}.mcap")
-                     for k, p in enumerate(pythons)]  # fmt: skip
+            paths = [
+                _record(p, rig, seconds, seed, Path(folder) / f"{rig}{k}.mcap")
+                for k, p in enumerate(pythons)
+            ]
             for python, path in zip(pythons, paths, strict=True):
                 found.append(Same(rig, *told[python], first_difference(paths[0], path)))
     return found
@@ -102,11 +104,19 @@ def rows(found: Sequence[Same]) -> list[list[str]]:
 def page(found: Sequence[Same], command: str) -> str:
     """Page for the documentation."""
     same = sum(s.difference is None for s in found)
-    return "\n".join([
-        "# One session by several interpreters", "",
-        f"Printed by `{command}`, each PYTHON an interpreter that has this package; sessions in",
-        "lockstep, each recorded in a process of its own, compared to the byte.",
-        "", "| " + " | ".join(HEAD) + " |", "|" + "---|" * len(HEAD),
-        *("| " + " | ".join(r) + " |" for r in rows(found)), "",
-        f"{same} of {len(found)} sessions have the bytes of the first interpreter's.", "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "# One session by several interpreters",
+            "",
+            f"Printed by `{command}`, each PYTHON an interpreter that has this package; "
+            "sessions in",
+            "lockstep, each recorded in a process of its own, compared to the byte.",
+            "",
+            "| " + " | ".join(HEAD) + " |",
+            "|" + "---|" * len(HEAD),
+            *("| " + " | ".join(r) + " |" for r in rows(found)),
+            "",
+            f"{same} of {len(found)} sessions have the bytes of the first interpreter's.",
+            "",
+        ]
+    )

@@ -9,10 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from hil.models.phantom import Premium
-from hil.teleop import fsf
-from hil.teleop.axis import Cable, Loop
-from hil.teleop.design import FORCE, MOTION, Design, Realisation, Robot, Term
+from hil.teleop import force_sensor_free
+from hil.teleop.architecture import FORCE, MOTION, Design, Realisation, Robot, Term
 from hil.teleop.hybrid import FREE, FloatArray, Impedance
+from hil.teleop.sampled_loop import Cable, Loop
 
 AXES = ("x", "y", "z")
 
@@ -109,9 +109,12 @@ def tip_mass(pi: Any, pose: Any) -> FloatArray:
 def realisation(law: Law) -> Realisation:
     """Filters, and the longest delay of each channel."""
     return Realisation(
-        law.velocity_hz, law.acceleration_hz, law.force_hz,
-        law.forward.delay + law.forward.jitter, law.backward.delay + law.backward.jitter,
-    )  # fmt: skip
+        law.velocity_hz,
+        law.acceleration_hz,
+        law.force_hz,
+        law.forward.delay + law.forward.jitter,
+        law.backward.delay + law.backward.jitter,
+    )
 
 
 def designs_of(law: Law) -> list[Design]:
@@ -146,16 +149,22 @@ def loops_of(law: Law) -> list[Loop]:
     if law.forces == "estimated":
         arms = tips if law.shape == "natural" else law.masses()
         designs = [
-            fsf.transform(replace(d, master=Robot(float(m)), slave=Robot(float(s))))
+            force_sensor_free.transform(replace(d, master=Robot(float(m)), slave=Robot(float(s))))
             for d, m, s in zip(designs, *arms, strict=True)
         ]
     return [
         Loop(
-            design, real, law.shape, (float(tips[0][i]), float(tips[1][i])), cable, AXES[i],
-            operators, (FREE, Impedance(*law.environment)),
+            design,
+            real,
+            law.shape,
+            (float(tips[0][i]), float(tips[1][i])),
+            cable,
+            AXES[i],
+            operators,
+            (FREE, Impedance(*law.environment)),
         )
         for i, design in enumerate(designs)
-    ]  # fmt: skip
+    ]
 
 
 def payload(pi: Any, mass: float) -> FloatArray:
@@ -165,8 +174,17 @@ def payload(pi: Any, mass: float) -> FloatArray:
     """
     l1, l2, g = Premium.l1, Premium.l2, 9.81
     # M11: m (l1^2 cos^2 th2 + l2^2 sin^2 th3 + 2 l1 l2 cos th2 sin th3)
-    more = np.array([
-        (l1**2 + l2**2) / 2, l1**2 / 2, -(l2**2) / 2, 2 * l1 * l2, l1**2, l2**2, g * l1, g * l2,
-    ])  # fmt: skip
+    more = np.array(
+        [
+            (l1**2 + l2**2) / 2,
+            l1**2 / 2,
+            -(l2**2) / 2,
+            2 * l1 * l2,
+            l1**2,
+            l2**2,
+            g * l1,
+            g * l2,
+        ]
+    )
     out: FloatArray = np.asarray(pi, float) + mass * more
     return out

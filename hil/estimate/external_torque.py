@@ -162,13 +162,16 @@ def premium_terms(pi: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[FloatA
     m = np.stack(columns, axis=2)
     eps = 1e-6
     ahead, behind = (
-        np.stack([
-            arm.regressor(q + h * qd, zero, np.broadcast_to(e, q.shape)) @ pi
-            - arm.regressor(q + h * qd, zero, zero) @ pi
-            for e in np.eye(3)
-        ], axis=2)
+        np.stack(
+            [
+                arm.regressor(q + h * qd, zero, np.broadcast_to(e, q.shape)) @ pi
+                - arm.regressor(q + h * qd, zero, zero) @ pi
+                for e in np.eye(3)
+            ],
+            axis=2,
+        )
         for h in (eps, -eps)
-    )  # fmt: skip
+    )
     rate = np.einsum("nij,nj->ni", (ahead - behind) / (2 * eps), qd)
     coriolis = arm.regressor(q, qd, zero) @ pi - rest
     return np.asarray(m, np.float64), np.asarray(rate - coriolis - rest, np.float64)

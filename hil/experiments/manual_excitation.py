@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, filtfilt
 
-from hil.estimate import manual
-from hil.estimate.manual import FloatArray, Identified
+from hil.estimate import manual_excitation
+from hil.estimate.manual_excitation import FloatArray, Identified
 from hil.models.phantom import Premium
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
@@ -62,7 +62,7 @@ def study(seed: int = 1) -> list[Row]:
     """Motors alone, hand alone, hand with a small motor torque."""
     t, q, qd, qdd = motion(seed)
     rng, zero = np.random.default_rng(seed), np.zeros_like(q)
-    bare = (manual.regressor(q, qd, qdd, zero) @ TRUE).reshape(-1, 3)
+    bare = (manual_excitation.regressor(q, qd, qdd, zero) @ TRUE).reshape(-1, 3)
     dither = 0.02 * np.sin(2 * np.pi * t[:, None] * np.array([1.1, 1.7, 0.6]))
     cases = {
         "motors, no hand": (bare / TRUE[14:], zero),
@@ -72,9 +72,9 @@ def study(seed: int = 1) -> list[Row]:
     rows = []
     for name, (u, tau_s) in cases.items():
         noise = NOISE * rng.normal(size=q.shape) if tau_s.any() else zero
-        found = manual.identify(q, qd, qdd, u, tau_s + noise)
-        known = [n for n in manual.NAMES if n not in found.undetermined]
-        errors = [abs(found.values[n] / TRUE[manual.NAMES.index(n)] - 1) for n in known]
+        found = manual_excitation.identify(q, qd, qdd, u, tau_s + noise)
+        known = [n for n in manual_excitation.NAMES if n not in found.undetermined]
+        errors = [abs(found.values[n] / TRUE[manual_excitation.NAMES.index(n)] - 1) for n in known]
         rows.append(Row(name, found, max(errors, default=float("nan"))))
     return rows
 
@@ -98,8 +98,12 @@ def on_the_rig(seed: int = 1, seconds: float = 40.0) -> dict[str, Identified]:
     dict
         Which arm -> what was identified.
     """
-    gain = {"effect": "torque-gain", "arm": "leader", "joint": "joint2",
-            "amplitude": (WRONG - 1.0) / 0.08}  # fmt: skip
+    gain = {
+        "effect": "torque-gain",
+        "arm": "leader",
+        "joint": "joint2",
+        "amplitude": (WRONG - 1.0) / 0.08,
+    }
     hand = {"kind": "hand", "frequency": 0.8, "size": [0.06, 0.06, 0.06]}
     out = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -125,4 +129,4 @@ def _identified(path: Path) -> Identified:
     qdd = np.gradient(qd, period, axis=0)
     # the filter's ends, and the start of the session, stay out
     kept = slice(1000, -500, 4)
-    return manual.identify(q[kept], qd[kept], qdd[kept], u[kept], tau_s[kept])
+    return manual_excitation.identify(q[kept], qd[kept], qdd[kept], u[kept], tau_s[kept])

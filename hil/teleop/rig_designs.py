@@ -7,22 +7,28 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol
 
 from hil.errors import ConfigError, unknown
-from hil.estimate import compensation
+from hil.estimate import compensation_tables
 from hil.models.files import read_model
 from hil.models.phantom import Premium
-from hil.teleop import files, named, optimise
-from hil.teleop.design import Design, Robot
+from hil.teleop import architecture, law_parameters, optimise
+from hil.teleop.architecture import Design, Robot, Wish
 from hil.teleop.hybrid import Impedance
-from hil.teleop.named import Wish
-from hil.teleop.problem import Problem
+from hil.teleop.optimise import Problem
 
 #: What a design is made from, and what of the law can be set beside it.
 WISHES = tuple(f.name for f in fields(Wish) if f.name not in ("master", "slave"))
 REAL = (
-    "shape", "forces", "leader_mass", "follower_mass", "velocity_hz", "acceleration_hz", "force_hz",
-    "forward", "backward",
-)  # fmt: skip
-#: What an optimised design is made from: bounds and tolerances of `hil.teleop.problem.Problem`.
+    "shape",
+    "forces",
+    "leader_mass",
+    "follower_mass",
+    "velocity_hz",
+    "acceleration_hz",
+    "force_hz",
+    "forward",
+    "backward",
+)
+#: What an optimised design is made from: bounds and tolerances of `hil.teleop.optimise.Problem`.
 TASK = ("max_stiffness", "max_force", "corner", "free", "contact", "kappa")
 #: Masses of the sensors on the tip [kg] (data sheets), reflected inertia of the rotors [kg m^2].
 SENSORS = {"nano17": 0.009, "nano25": 0.063}
@@ -60,7 +66,9 @@ class Arms:
         if law.shape != "natural":
             m, s = law.masses()
             return Arms(tuple(map(float, m)), tuple(map(float, s)))
-        tips = [files.tip_mass(p, law.pose) for p in (law.leader_model, law.follower_model)]
+        tips = [
+            law_parameters.tip_mass(p, law.pose) for p in (law.leader_model, law.follower_model)
+        ]
         return Arms(*(tuple(round(float(x), 4) for x in tip) for tip in tips))
 
 
@@ -114,9 +122,12 @@ def optimised(task: Mapping[str, float], arms: Arms, law: Any) -> list[optimise.
     found: list[optimise.Found] = []
     for m, s in zip(arms.master, arms.slave, strict=True):
         problem = Problem(
-            master=Robot(m), slave=Robot(s), environment=Impedance(*law.environment),
-            operator=Impedance(*law.operator), real=files.realisation(law),
-        )  # fmt: skip
+            master=Robot(m),
+            slave=Robot(s),
+            environment=Impedance(*law.environment),
+            operator=Impedance(*law.operator),
+            real=law_parameters.realisation(law),
+        )
         start = found[0].theta if found else None
         found.append(optimise.optimise(replace(problem, **chosen), start))
     return found
@@ -141,7 +152,7 @@ def designs(name: str, wishes: Mapping[str, float], arms: Arms) -> list[Design]:
     out = []
     for m, s in zip(arms.master, arms.slave, strict=True):
         robots = {"master": Robot(m), "slave": Robot(s)}
-        out.append(named.design(name, replace(Wish(**wishes), **robots)))  # type: ignore[arg-type]
+        out.append(architecture.named_design(name, replace(Wish(**wishes), **robots)))  # type: ignore[arg-type]
     return out
 
 
@@ -156,9 +167,9 @@ def models(paths: Mapping[str, str], rig: Rig) -> dict[str, Any]:
     for role, arm in zip(("leader", "follower"), rig.controller.arms, strict=True):
         if role in paths:
             model = read_model(paths[role])
-            out[f"{role}_model"] = compensation.rigid_parameters(model).tolist()
-            out[f"{role}_effects"] = compensation.effects(model)
-            out[f"{role}_span"] = compensation.span(model)
+            out[f"{role}_model"] = compensation_tables.rigid_parameters(model).tolist()
+            out[f"{role}_effects"] = compensation_tables.effects(model)
+            out[f"{role}_span"] = compensation_tables.span(model)
             out["plugins"] = [*out.get("plugins", given.get("plugins", [])), *model.plugins]
             if given.get("friction_speeds"):
                 out[f"{role}_friction"] = [0.0] * 3 * len(given["friction_speeds"])
@@ -171,7 +182,7 @@ def nominal(payload: float) -> list[float]:
     """Published parameters pi with rotors and a mass [kg] at the tip, (8,)."""
     pi = Premium.prior.copy()
     pi[[0, 4, 5]] += ROTORS
-    return [float(x) for x in files.payload(pi, payload)]
+    return [float(x) for x in law_parameters.payload(pi, payload)]
 
 
 def _payload(rig: Rig, arm: str) -> float:

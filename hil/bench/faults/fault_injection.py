@@ -1,4 +1,8 @@
-"""Where faults get in: the answers of the devices, the law, the clock, the simulated boxes."""
+"""Fault injection into a session: where faults get in, and what can be done there.
+
+Faults get in through the answers of the devices, the law, the clock and the simulated boxes.  The
+functions below `FaultySession` make, or are, what a fault does when it strikes.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +18,10 @@ from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.signals.device import Controller, FloatArray, Status
 
 #: When faults strike [tick].
-STRIKE = 400
+STRIKE_TICK = 400
 
 
-class Tampered:
+class FaultySession:
     """A session under attack; a fault sets hooks here, or reaches into `rig`.
 
     Attributes
@@ -37,7 +41,7 @@ class Tampered:
     """
 
     def __init__(
-        self, strike: Callable[[Tampered], None], at: int = STRIKE, steered: bool = False
+        self, strike: Callable[[FaultySession], None], at: int = STRIKE_TICK, steered: bool = False
     ) -> None:
         self._strike, self.at = strike, at
         self.sources = Sources() if steered else None
@@ -57,9 +61,11 @@ class Tampered:
         rig.controller = _Law(self, rig.controller)
         port = rig.ports[0]
         rig.ports[0] = dataclasses.replace(
-            port, joints=_Joints(self, port.joints), efforts=_Efforts(self, port.efforts),
+            port,
+            joints=_Joints(self, port.joints),
+            efforts=_Efforts(self, port.efforts),
             force=_Force(self, port.force),
-        )  # fmt: skip
+        )
         if rig.bench is not None:
             rig.bench.after.append(self._after)
         self.rig = rig
@@ -84,7 +90,7 @@ class Tampered:
 
 
 class _Jumping(VirtualClock):
-    def __init__(self, tampered: Tampered, period_ns: int) -> None:
+    def __init__(self, tampered: FaultySession, period_ns: int) -> None:
         super().__init__(period_ns)
         self._tampered = tampered
 
@@ -124,7 +130,7 @@ class Sources:
 
 
 class _Steered(MonotonicClock):
-    def __init__(self, tampered: Tampered, period_ns: int, sources: Sources) -> None:
+    def __init__(self, tampered: FaultySession, period_ns: int, sources: Sources) -> None:
         super().__init__(period_ns, sources.now, sources.sleep, sources.wall)
         self._tampered = tampered
 
@@ -136,7 +142,7 @@ class _Steered(MonotonicClock):
 class _Proxy:
     """A device with one answer tampered with; the rest is its own."""
 
-    def __init__(self, tampered: Tampered, inner: Any) -> None:
+    def __init__(self, tampered: FaultySession, inner: Any) -> None:
         self._tampered, self._inner = tampered, inner
 
     def __getattr__(self, name: str) -> Any:
@@ -168,7 +174,7 @@ class _Efforts(_Proxy):
 
 
 class _Law:
-    def __init__(self, tampered: Tampered, inner: Controller) -> None:
+    def __init__(self, tampered: FaultySession, inner: Controller) -> None:
         self._tampered, self._inner = tampered, inner
         self.state_names = inner.state_names
 
@@ -227,3 +233,93 @@ def frozen(arm: int) -> Callable[[Any, Any], None]:
         counts[arm] = kept[0]
 
     return words
+
+
+def hook(name: str, make: Callable[[], Any]) -> Callable[[FaultySession], None]:
+    """Set a hook of the session."""
+    return lambda t: setattr(t, name, make())
+
+
+def counts(change: Callable[[Any], None]) -> Callable[[FaultySession], None]:
+    """Change the counts (arms, 3) after every tick of the simulation from now on."""
+    return hook("words", lambda: lambda counts, gauges: change(counts))
+
+
+def gauges(change: Callable[[Any], None]) -> Callable[[FaultySession], None]:
+    """Change the gauge words (arms, 6) after every tick of the simulation from now on."""
+    return hook("words", lambda: lambda counts, gauges: change(gauges))
+
+
+def add(row: int, column: int, value: int) -> Callable[[Any], None]:
+    """Add to one word."""
+
+    def change(words: Any) -> None:
+        words[row, column] += value
+
+    return change
+
+
+def put(row: int, column: int | slice, value: int) -> Callable[[Any], None]:
+    """Write over words of one arm."""
+
+    def change(words: Any) -> None:
+        words[row, column] = value
+
+    return change
+
+
+def shake(words: Any) -> None:
+    """Move the counts of the first arm to and fro."""
+    words[0] += np.array([60, -60, 60]) * (1 if words[0, 0] % 2 else -1)
+
+
+def failing(t: FaultySession) -> None:
+    """The law raises an exception."""
+
+    def broken(y: Any) -> None:
+        raise ZeroDivisionError("the law divides by zero")
+
+    t.law = broken
+
+
+def late_every_tick(t: FaultySession) -> None:
+    """The law takes longer than a period, in every tick."""
+
+    def slow(y: Any) -> None:
+        t.skip = 1
+
+    t.law = slow
+
+
+def box(name: str, **attributes: Any) -> Callable[[FaultySession], None]:
+    """Set attributes of a simulated box, or of its faults (``faults.mute``)."""
+
+    def strike(t: FaultySession) -> None:
+        for key, value in attributes.items():
+            target = t.rig.bench.wired.boxes[name]
+            if not hasattr(target, key):
+                target = target.faults
+            setattr(target, key, value)
+
+    return strike
+
+
+def replugged(t: FaultySession) -> None:
+    """Unplug the encoder box for 50 ticks."""
+    encoders = t.rig.bench.wired.boxes["encoders"]
+    encoders.plugged = False
+    t.words = lambda counts, gauges: setattr(encoders, "plugged", t.tick > t.struck + 50)
+
+
+def turn(**clocks: int) -> Callable[[FaultySession], None]:
+    """Add to what the machine's clocks show [ns]."""
+
+    def strike(t: FaultySession) -> None:
+        for name, by in clocks.items():
+            setattr(t.sources, name, getattr(t.sources, name) + by)
+
+    return strike
+
+
+def nothing(t: FaultySession) -> None:
+    """What goes wrong is in the rig file."""

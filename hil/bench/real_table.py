@@ -69,9 +69,15 @@ def line(row: Row) -> list[str]:
         verdict = FAILED
     far, star = ratio(row), "*" if isinstance(row.ours, Ours) and row.ours.refitted else ""
     return [
-        row.case, *errors, NOTHING if math.isnan(far) else f"{far:.2f}{star}", verdict, named,
-        person_s, ours_s, NOTHING if math.isnan(row.mebibytes) else f"{row.mebibytes:.0f}",
-    ]  # fmt: skip
+        row.case,
+        *errors,
+        NOTHING if math.isnan(far) else f"{far:.2f}{star}",
+        verdict,
+        named,
+        person_s,
+        ours_s,
+        NOTHING if math.isnan(row.mebibytes) else f"{row.mebibytes:.0f}",
+    ]
 
 
 def joint_lines(row: Row) -> list[list[str]]:
@@ -143,10 +149,14 @@ def by_kind(rows: Sequence[Row]) -> list[list[str]]:
         middle = (ratios[(len(ratios) - 1) // 2] + ratios[len(ratios) // 2]) / 2
         out.append(
             [
-                kind, str(len(some)), str(near), str(below), str(sum(map(worse, some))),
+                kind,
+                str(len(some)),
+                str(near),
+                str(below),
+                str(sum(map(worse, some))),
                 NOTHING if math.isinf(middle) else f"{middle:.2f}",
             ]
-        )  # fmt: skip
+        )
     return out
 
 
@@ -184,27 +194,35 @@ def text(rows: Sequence[Row], table: Callable[[list[str], list[list[str]]], str]
 def page(rows: Sequence[Row], command: str, revision: str) -> str:
     """For the documentation."""
     parts = [
-        "# Real recordings", "",
+        "# Real recordings",
+        "",
         f"Printed by `{command} --report docs/bench/real.md`",
         f"at revision {revision}.  Every public recording that the package can load, default",
         "settings.  Some runs are fitted and others judged: the split of the set, else first and",
         "second half; EMPS: the sine-like record, and the one with pulses; the lever in free",
         "motion: every other run.  Errors are rms residuals over rms effort on the runs that were",
-        "not fitted, in %, over the joints that move (each in its own effort's scale).", "",
+        "not fitted, in %, over the joints that move (each in its own effort's scale).",
+        "",
         "- *given*: the base model as `hil import` writes it (on foam and springs a linear spring",
         "  and an offset); *with offset*: the same by the person's script, with an offset on every",
         "  joint;",
-        "- *person*: greedy least squares on hand-made features (`hil/bench/person.py`), chosen on",
-        "  the training runs alone; same rows and band;",
+        "- *person*: greedy least squares on hand-made features "
+        "(`hil/bench/least_squares_script.py`),",
+        "  chosen on the training runs alone; same rows and band;",
         "- *ours*: the model that `hil improve` writes where the judged runs are given as held-out",
         "  runs (no rung of its ladder may raise their error); *blind*: where it does not see them",
         "  at all, as the person's script; *floor*: the noise floor that it states;",
         "- *named*: with the confidence stated; seconds and memory of one process on one core;",
         "- \\*: the written model has a value of every run by itself (an offset, say), which is",
         "  estimated on the judged runs, too; the person's script has one value for all runs.",
-        "", "## What is aimed at", "", *(f"- {x}" for x in map(_plain, aims(rows))), "",
-        *_markdown(KINDS, by_kind(rows)), "",
-    ]  # fmt: skip
+        "",
+        "## What is aimed at",
+        "",
+        *(f"- {x}" for x in map(_plain, aims(rows))),
+        "",
+        *_markdown(KINDS, by_kind(rows)),
+        "",
+    ]
     for kind, some in kinds(rows).items():
         missing = "; nothing is known to be missing" if all(r.complete for r in some) else ""
         parts += [f"## {kind[0].upper()}{kind[1:]}{missing}", ""]

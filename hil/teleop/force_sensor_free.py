@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.errors import ConfigError
-from hil.teleop.design import IDEAL, Design, Realisation, blocks
+from hil.teleop.architecture import IDEAL, Design, Realisation, blocks
 from hil.teleop.hybrid import ComplexArray, FloatArray, jw
 
 #: Condition number of Q up to which the transformed loop is comfortable, and where it is refused:
@@ -123,8 +123,12 @@ def transform(design: Design, limit: float = REFUSED) -> Design:
         c4=(design.c4 * d + -(slave * b)) * over,
         c7=(slave * a + -(design.c4 * c)) * over + -zs,
         c8=(master * d + design.c1 * b) * over + -zm,
-        c2=0.0, c3=0.0, c5=0.0, c6=0.0, name=f"{design.name}-fsf",
-    )  # fmt: skip
+        c2=0.0,
+        c3=0.0,
+        c5=0.0,
+        c6=0.0,
+        name=f"{design.name}-fsf",
+    )
 
 
 def master_measured(design: Design) -> Design:
@@ -150,8 +154,10 @@ def master_measured(design: Design) -> Design:
         c6=design.c6 - design.c2 * design.c3 / d,
         c7=(design.c7 + -(design.slave.term * design.c5)) * (1 / d),
         c8=design.c8 + design.c1 * (design.c2 / d),
-        c2=0.0, c5=0.0, name=f"{design.name}-slave-fsf",
-    )  # fmt: skip
+        c2=0.0,
+        c5=0.0,
+        name=f"{design.name}-slave-fsf",
+    )
 
 
 def estimate(q: FloatArray, r: FloatArray) -> FloatArray:

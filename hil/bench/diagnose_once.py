@@ -1,6 +1,6 @@
 """One diagnosis from file to report in a process of its own: seconds, peak memory, held-out error.
 
-    python -m hil.bench.oneshot REPEATS REPORT TRAIN.mcap [HOLDOUT.mcap]
+    python -m hil.bench.diagnose_once REPEATS REPORT TRAIN.mcap [HOLDOUT.mcap]
 
 The result is one line of JSON; with 0 repeats the only run is timed, else the first warms up.
 """
@@ -51,9 +51,15 @@ def main(words: list[str]) -> None:
     names = [f"{f.effect} on {f.joint}" for f in d.findings]
     ratio = (d.ladder[-1].heldout.rms / d.noise).tolist()
     result = {
-        "seconds": seconds, "wall": wall, "peak": peak(), "candidates": len(d.first.candidates),
-        "rungs": len(d.ladder), "verdict": d.verdict, "named": names, "ratio": ratio,
-    }  # fmt: skip
+        "seconds": seconds,
+        "wall": wall,
+        "peak": peak(),
+        "candidates": len(d.first.candidates),
+        "rungs": len(d.ladder),
+        "verdict": d.verdict,
+        "named": names,
+        "ratio": ratio,
+    }
     sys.stdout.write(json.dumps(result) + "\n")
 
 

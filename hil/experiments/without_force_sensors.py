@@ -19,8 +19,8 @@ from hil.errors import ConfigError
 from hil.experiments import transparency as rig
 from hil.record.container import read
 from hil.record.decode import decode_numbers
-from hil.teleop import files, fsf, measure
-from hil.teleop.design import Design, Robot, Term
+from hil.teleop import force_sensor_free, hybrid, law_parameters
+from hil.teleop.architecture import Design, Robot, Term
 
 HZ = (0.5, 1.0, 2.0, 4.0)
 #: The acceleration acts on the light motor side of the cables: 5 Hz is what it bears.
@@ -79,11 +79,20 @@ def designs(axes: Any, share: float = 0.3) -> list[Design]:
     pull = Term(130.0, 0.8)
     return [
         Design(
-            c1=pull, c4=-pull, c7=pull, c8=pull, c2=share, c3=share, c5=0.1, c6=0.1,
-            master=Robot(m), slave=Robot(s), name="with-sensors",
+            c1=pull,
+            c4=-pull,
+            c7=pull,
+            c8=pull,
+            c2=share,
+            c3=share,
+            c5=0.1,
+            c6=0.1,
+            master=Robot(m),
+            slave=Robot(s),
+            name="with-sensors",
         )
         for m, s in zip(axes.master, axes.slave, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Study:
@@ -92,28 +101,38 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Stud
         folder = Path(name)
         given, axes = rig.arms(rig.identified(folder, seed), LAW)
         own = designs(axes)
-        laws = [given | files.table(own), given | files.table([fsf.transform(d) for d in own])]
+        laws = [
+            given | law_parameters.table(own),
+            given | law_parameters.table([force_sensor_free.transform(d) for d in own]),
+        ]
         rows = []
         for hz in HZ:
             report(f"{hz:g} Hz")
             rows.append(_row(laws, hz, folder, seed))
     d = own[rig.AXIS]
-    condition = fsf.sampled_condition(d, LAW["acceleration_hz"], rig.PERIOD)
+    condition = force_sensor_free.sampled_condition(d, LAW["acceleration_hz"], rig.PERIOD)
     return Study(
-        fsf.conditioning(d), d.D, condition.smallest, condition.bound, rows, _refusal(axes)
+        force_sensor_free.conditioning(d),
+        d.D,
+        condition.smallest,
+        condition.bound,
+        rows,
+        _refusal(axes),
     )
 
 
 def _row(laws: Sequence[Mapping[str, Any]], hz: float, folder: Path, seed: int) -> Row:
     found, goal = [], []
     for law in laws:
-        found.append(measure.estimate(rig.sessions(law, hz, folder, seed)).h)
+        found.append(hybrid.estimate_hybrid(rig.sessions(law, hz, folder, seed)).h)
         goal.append(rig.predicted(law, np.array([hz]))[0])
     errors = _estimates(folder / f"{hz:g}-2.mcap", hz)
     return Row(
-        hz, float(rig.relative(goal[1], goal[0]).max()),
-        float(rig.relative(found[1], found[0]).max()), *errors,
-    )  # fmt: skip
+        hz,
+        float(rig.relative(goal[1], goal[0]).max()),
+        float(rig.relative(found[1], found[0]).max()),
+        *errors,
+    )
 
 
 def _estimates(path: Path, hz: float) -> list[float]:
@@ -135,7 +154,7 @@ def _estimates(path: Path, hz: float) -> list[float]:
 
 def _refusal(axes: Any) -> str:
     try:
-        fsf.transform(designs(axes, share=1.05)[rig.AXIS])
+        force_sensor_free.transform(designs(axes, share=1.05)[rig.AXIS])
     except ConfigError as error:
         return str(error)
     return ""

@@ -106,8 +106,9 @@ def coarse(qd: FloatArray, own: int, level: int = -1, least: int = 20, **options
     scale = np.maximum(np.quantile(np.abs(qd), 0.95, axis=0), 1e-9)
     cells = np.round(2.0**level * qd / scale).astype(int)
     found, counts = np.unique(cells, axis=0, return_counts=True)
-    nodes = tuple((level, tuple(map(int, k))) for k, c in zip(found, counts, strict=True)
-                  if c >= least)  # fmt: skip
+    nodes = tuple(
+        (level, tuple(map(int, k))) for k, c in zip(found, counts, strict=True) if c >= least
+    )
     net = Network(scale, own, nodes, **options)
     return replace(net, weights=np.zeros(net.first + len(nodes)))
 
@@ -164,9 +165,14 @@ def train(
 
 
 def adapt(
-    net: Network, qd: FloatArray, add: float, remove: float, finest: int = 2, budget: int = 250,
+    net: Network,
+    qd: FloatArray,
+    add: float,
+    remove: float,
+    finest: int = 2,
+    budget: int = 250,
     least: int = 20,
-) -> Network:  # fmt: skip
+) -> Network:
     """Structure adaptation after Sanner & Slotine: children of strong nodes in, weak nodes out.
 
     Activity A_j = |c_j| rms(psi_j).  A_j > add: the children (m + 1, 2 k + o), o in {-1, 0, 1}^d,

@@ -1,0 +1,355 @@
+"""Controllers of the Extended Lawrence Architecture on one axis, and the named designs among them.
+
+A design is its gains c1..c8 and how they are realised; `DESIGNS` is one table of the named ones:
+what each asks for and the gains it gives.  Scaled goals f_m = kf f_s and v_s = kp v_m:
+c2 = kf (1 + c6), kf c3 = 1 + c5, c1 = kp (z_cs + c7), kp c4 = -(z_cm + c8) (transparency theorem,
+thesis 4.2.1).
+
+Thesis sections 3.2 and 3.5; D. A. Lawrence, IEEE Trans. Robot. Autom. 9(5), 1993.  Channel
+numbers: c1 v_m -> slave, c2 f_s -> master, c3 f_m -> slave, c4 v_s -> master (forward and back);
+c5 slave's own force, c6 master's own force, c7 slave's own motion, c8 master's own motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+
+from hil.errors import ConfigError, unknown
+from hil.teleop.rational import Rational, pade
+
+MOTION = ("c1", "c4", "c7", "c8")
+FORCE = ("c2", "c3", "c5", "c6")
+
+
+@dataclass(frozen=True)
+class Term:
+    """Motion term c(s) = k / s + b + a s: on position, velocity, acceleration.
+
+    Parameters
+    ----------
+    k, b, a : float
+        [N/m], [N s/m], [kg]; all act on velocities.
+    """
+
+    k: float = 0.0
+    b: float = 0.0
+    a: float = 0.0
+
+    def __call__(self, s: Any, velocity: Any = 1.0, acceleration: Any = 1.0) -> Any:
+        """Value at s, with the filters of velocity and acceleration."""
+        return self.k / s + self.b * velocity + self.a * s * acceleration
+
+    def __add__(self, other: Term) -> Term:
+        return Term(self.k + other.k, self.b + other.b, self.a + other.a)
+
+    def __mul__(self, x: float) -> Term:
+        return Term(self.k * x, self.b * x, self.a * x)
+
+    def __neg__(self) -> Term:
+        return self * -1.0
+
+    def size(self) -> float:
+        """Largest coefficient in magnitude, whatever its unit."""
+        return max(abs(self.k), abs(self.b), abs(self.a))
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Controlled robot on one axis, z(s) = m s + b.
+
+    Parameters
+    ----------
+    m, b : float
+        Mass [kg] and damping [N s/m] at the tip.
+    """
+
+    m: float = 0.1
+    b: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.m > 0.0 or self.b < 0.0:
+            raise ConfigError(f"robot: m = {self.m} kg must be positive, b = {self.b} not negative")
+
+    @property
+    def term(self) -> Term:
+        """Impedance as a term."""
+        return Term(0.0, self.b, self.m)
+
+
+@dataclass(frozen=True)
+class Realisation:
+    """What a loop adds to the ideal terms: first-order filters and communication delay.
+
+    Parameters
+    ----------
+    velocity_hz, acceleration_hz, force_hz : float
+        Corners of first-order low-passes; 0 = none.
+    forward_s, backward_s : float
+        Delay master -> slave (c1, c3) and slave -> master (c2, c4) [s].
+    """
+
+    velocity_hz: float = 0.0
+    acceleration_hz: float = 0.0
+    force_hz: float = 0.0
+    forward_s: float = 0.0
+    backward_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            if getattr(self, f.name) < 0.0:
+                raise ConfigError(f"{f.name} must not be negative")
+
+
+IDEAL = Realisation()
+
+
+@dataclass(frozen=True)
+class Design:
+    """One axis: eight channels and the two robots they were made for.
+
+    Parameters
+    ----------
+    c1, c4, c7, c8 : Term
+        Motion terms.
+    c2, c3, c5, c6 : float
+        Force gains.
+    master, slave : Robot
+        z_cm, z_cs.
+    name : str
+        For people.
+    motion_scale, force_scale : float
+        Goals v_s = motion_scale v_m and f_m = force_scale f_s.
+    """
+
+    c1: Term = Term()
+    c2: float = 0.0
+    c3: float = 0.0
+    c4: Term = Term()
+    c5: float = 0.0
+    c6: float = 0.0
+    c7: Term = Term()
+    c8: Term = Term()
+    master: Robot = field(default_factory=Robot)
+    slave: Robot = field(default_factory=Robot)
+    name: str = "own"
+    motion_scale: float = 1.0
+    force_scale: float = 1.0
+
+    @property
+    def D(self) -> float:
+        """D = (1 + c5)(1 + c6) - c2 c3 = -det Q: zero where the forces cannot be estimated."""
+        return (1.0 + self.c5) * (1.0 + self.c6) - self.c2 * self.c3
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Blocks of Q f + R v = 0, Q = [[a, -b], [c, -d]], R = [[-Zm, c4], [c1, Zs]], v = (v_m, -v_s).
+
+    Each is a number, an array over s, or a `Rational`.
+    """
+
+    a: Any
+    b: Any
+    c: Any
+    d: Any
+    Zm: Any
+    Zs: Any
+    c1: Any
+    c4: Any
+
+
+def blocks(design: Design, s: Any, real: Realisation = IDEAL) -> Blocks:
+    """Evaluate the blocks at s.
+
+    Parameters
+    ----------
+    design : Design
+        Controller.
+    s : complex array (n,) or Rational
+        Laplace variable [rad/s]; `Rational.s()` gives rational blocks, delays then by Pade.
+    real : Realisation
+        Filters and delays.
+    """
+    gv, ga, gf = (_filter(hz, s) for hz in (real.velocity_hz, real.acceleration_hz, real.force_hz))
+    forth, back = _delay(real.forward_s, s), _delay(real.backward_s, s)
+    m, n = design.master.term, design.slave.term
+    return Blocks(
+        a=1.0 + design.c6 * gf,
+        b=design.c2 * gf * back,
+        c=design.c3 * gf * forth,
+        d=1.0 + design.c5 * gf,
+        Zm=m(s) + design.c8(s, gv, ga),
+        Zs=n(s) + design.c7(s, gv, ga),
+        c1=design.c1(s, gv, ga) * forth,
+        c4=design.c4(s, gv, ga) * back,
+    )
+
+
+def _filter(hz: float, s: Any) -> Any:
+    """G = 1 / (1 + s / (2 pi f)); 1 without a corner."""
+    return 1.0 if hz == 0.0 else 1.0 / (1.0 + s * (1.0 / (2.0 * np.pi * hz)))
+
+
+def _delay(seconds: float, s: Any) -> Any:
+    if seconds == 0.0:
+        return 1.0
+    return pade(seconds) if isinstance(s, Rational) else np.exp(-seconds * s)
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a named design is made from.
+
+    Parameters
+    ----------
+    stiffness, damping : float
+        Position loop of the slave, K [N/m] and B [N s/m].
+    master_stiffness, master_damping : float
+        The same of the master, where the design has one.
+    share : float
+        Factor on the force channels c2, c3 of the transparent designs: 1 is transparent.
+    slave_force, master_force : float
+        Local force gains c5, c6 where the design leaves them free.
+    motion_scale, force_scale : float
+        kp and kf.
+    master, slave : Robot
+        Controlled robots.
+    """
+
+    stiffness: float = 200.0
+    damping: float = 1.0
+    master_stiffness: float = 200.0
+    master_damping: float = 1.0
+    share: float = 1.0
+    slave_force: float = 0.0
+    master_force: float = 0.0
+    motion_scale: float = 1.0
+    force_scale: float = 1.0
+    master: Robot = field(default_factory=Robot)
+    slave: Robot = field(default_factory=Robot)
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "damping", "master_stiffness", "master_damping"):
+            if getattr(self, name) < 0.0:
+                raise ConfigError(f"{name} = {getattr(self, name)} must not be negative")
+        if self.motion_scale <= 0.0 or self.force_scale <= 0.0:
+            raise ConfigError("motion_scale and force_scale must be positive")
+
+
+def position_error(w: Wish) -> Design:
+    """Both robots pulled to each other; no force is used."""
+    pull = Term(w.stiffness, w.damping)
+    back = Term(w.master_stiffness, w.master_damping)
+    return Design(c1=pull * w.motion_scale, c4=-(back * (1 / w.motion_scale)), c7=pull, c8=back)
+
+
+def position_force(w: Wish) -> Design:
+    """Slave follows the master's position, master feels the slave's force."""
+    pull = Term(w.stiffness, w.damping)
+    return Design(
+        c1=pull * w.motion_scale, c2=w.force_scale * w.share, c7=pull, c8=Term(0, w.master_damping)
+    )
+
+
+def _transparent(w: Wish, c5: float, c6: float, c7: Term, c8: Term) -> Design:
+    """Channels that the theorem demands for given local loops."""
+    kp, kf = w.motion_scale, w.force_scale
+    return Design(
+        c1=(w.slave.term + c7) * kp,
+        c2=kf * (1 + c6) * w.share,
+        c3=(1 + c5) / kf * w.share,
+        c4=-(w.master.term + c8) * (1 / kp),
+        c5=c5,
+        c6=c6,
+        c7=c7,
+        c8=c8,
+    )
+
+
+def _inner_loops(w: Wish) -> tuple[float, float, Term, Term]:
+    return (
+        w.slave_force,
+        w.master_force,
+        Term(w.stiffness, w.damping),
+        Term(w.master_stiffness, w.master_damping),
+    )
+
+
+def four_channel(w: Wish) -> Design:
+    """All four channels; local loops free."""
+    return _transparent(w, *_inner_loops(w))
+
+
+def three_channel_1(w: Wish) -> Design:
+    """Without v_m -> slave: c7 = -z_cs."""
+    c5, c6, _, c8 = _inner_loops(w)
+    return _transparent(w, c5, c6, -w.slave.term, c8)
+
+
+def three_channel_2(w: Wish) -> Design:
+    """Without f_s -> master: c6 = -1."""
+    c5, _, c7, c8 = _inner_loops(w)
+    return _transparent(w, c5, -1.0, c7, c8)
+
+
+def three_channel_3(w: Wish) -> Design:
+    """Without f_m -> slave: c5 = -1."""
+    _, c6, c7, c8 = _inner_loops(w)
+    return _transparent(w, -1.0, c6, c7, c8)
+
+
+def three_channel_4(w: Wish) -> Design:
+    """Without v_s -> master: c8 = -z_cm."""
+    c5, c6, c7, _ = _inner_loops(w)
+    return _transparent(w, c5, c6, c7, -w.master.term)
+
+
+def motion_forward(w: Wish) -> Design:
+    """Two channels, velocity forward and force back: c3 = c4 = 0, c5 = -1, c8 = -z_cm."""
+    _, c6, c7, _ = _inner_loops(w)
+    return _transparent(w, -1.0, c6, c7, -w.master.term)
+
+
+def force_forward(w: Wish) -> Design:
+    """Two channels, force forward and velocity back: c1 = c2 = 0, c6 = -1, c7 = -z_cs."""
+    c5, _, _, c8 = _inner_loops(w)
+    return _transparent(w, c5, -1.0, -w.slave.term, c8)
+
+
+#: name -> maker.
+DESIGNS: dict[str, Callable[[Wish], Design]] = {
+    "position-error": position_error,
+    "position-force": position_force,
+    "four-channel": four_channel,
+    "three-channel-1": three_channel_1,
+    "three-channel-2": three_channel_2,
+    "three-channel-3": three_channel_3,
+    "three-channel-4": three_channel_4,
+    "motion-forward": motion_forward,
+    "force-forward": force_forward,
+}
+
+
+def named_design(name: str, wish: Wish | None = None) -> Design:
+    """Named design for a wish.
+
+    Raises
+    ------
+    ConfigError
+        If there is no design of this name.
+    """
+    if name not in DESIGNS:
+        raise ConfigError(unknown("design", name, DESIGNS))
+    w = wish or Wish()
+    return replace(
+        DESIGNS[name](w),
+        name=name,
+        master=w.master,
+        slave=w.slave,
+        motion_scale=w.motion_scale,
+        force_scale=w.force_scale,
+    )
