@@ -16,9 +16,9 @@ from hil import registry
 from hil.errors import ConfigError
 from hil.excite.limits import of_arm
 from hil.record.recording import RobotSource
+from hil.rig import boxes as cabling
 from hil.rig import estimators
 from hil.rig.boxes import BoxWire, only_gauges, open_boxes, places, trouble, wired
-from hil.rig.boxes import plan as plan_of
 from hil.rig.check import check_tables, check_trajectory, device_options
 from hil.rig.config import SIMULATED, RigConfig
 from hil.rig.frame_capture import Taps
@@ -152,7 +152,7 @@ def open_rig(config: RigConfig, seed: int, bench: Any = None) -> Rig:
 
 def _open(config: RigConfig, bench: Any, stack: ExitStack, controller: Controller) -> Rig:
     """Rig whose devices and boxes `stack` closes."""
-    plan = plan_of(config)
+    plan = cabling.plan(config)
     buses = bench.buses(plan) if bench is not None and plan else {}
     taps = Taps(config)
     boxes = open_boxes(config, buses, stack, taps)
