@@ -2,6 +2,8 @@
 
 tau = M(q) q'' + C(q, q') q' + N(q), form of Cavusoglu, Feygin & Tendick 2002 with the sign of C32
 that conserves energy; pi as `hil.models.phantom.Premium` identifies it.
+
+Momentum observer of one arm: external torque without acceleration, compiled for the loop.
 """
 
 from __future__ import annotations
@@ -116,3 +118,32 @@ def interpolate(v: float, speeds: Any, values: Any) -> float:
             high = mid
     share = (v - speeds[low]) / (speeds[low + 1] - speeds[low])
     return float(values[low] + share * (values[low + 1] - values[low]))
+
+
+@nb.njit(cache=True, nogil=True)
+def advance(
+    running: bool, q: Any, v: Any, sent: Any, rub: Any, pi: Any, gain: float, period: float,
+    past: Any, now: Any, room: Any, impulse: Any, flow: Any, r: Any,
+) -> None:  # fmt: skip
+    """One period: r = K (M q' - int(tau_c + C^T q' - N - tau_f + r) dt) into `r` (3,) [N m].
+
+    The external torque through a first-order low-pass of corner K; implicit in r, stable for
+    any K.
+
+    Parameters
+    ----------
+    sent, rub : ndarray (3,)
+        Torque of the last tick, friction [N m].
+    gain, period : float
+        K [rad/s], T [s].
+    past, now : ndarray (3,)
+        Integral before (read) and after (written) [N m s].
+    room, impulse, flow : ndarray (6, 3), (3,), (3,)
+        Scratch.
+    """
+    momentum(q, v, pi, room[:2], impulse)
+    push(q, v, pi, room, flow)
+    for i in range(3):
+        known = past[i] + period * (sent[i] + flow[i] - rub[i]) if running else impulse[i]
+        r[i] = gain * (impulse[i] - known) / (1.0 + gain * period)
+        now[i] = known + period * r[i]

@@ -1,4 +1,7 @@
-"""Joint tracking: PD with gravity compensation to a periodic motion of every joint."""
+"""Joint tracking: PD with gravity compensation to a periodic motion of every joint.
+
+Periodic reference motion: a slow and a fast multisine, the fast one swelling and fading.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,62 @@ from typing import Any
 
 import numba as nb
 import numpy as np
+from numpy.typing import NDArray
 
-from hil.controllers import multisine
 from hil.errors import ConfigError
 from hil.excite import files
 from hil.excite.trajectory import grid, sample
 from hil.signals.device import FloatArray
 from hil.signals.settable import Range
+
+HARMONICS = 26
+
+
+def coefficients(
+    rng: np.random.Generator, amplitude: NDArray[np.float64], speed: NDArray[np.float64],
+    period: float,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Fourier coefficients of a motion within `amplitude` and `speed`.
+
+    s(t) = slow(t) + (1 - cos(w t + a)) / 2 * fast(t): slow passes with small speeds and fast
+    ones with many reversals alternate within one period.
+
+    Parameters
+    ----------
+    rng : Generator
+        Chooses phases.
+    amplitude, speed : ndarray (d,)
+        Largest excursion [rad] and speed [rad/s].
+    period : float
+        [s]
+
+    Returns
+    -------
+    ndarray (d, HARMONICS, 2)
+        Factors of sin(k w t) and cos(k w t), k = 1..HARMONICS.
+    """
+    t = np.arange(4096) / 4096.0
+    k = np.arange(1, HARMONICS)
+    out = np.zeros((amplitude.size, HARMONICS, 2))
+    for joint in range(amplitude.size):
+        phase = rng.uniform(0.0, 2 * np.pi, HARMONICS)
+        waves = np.sin(2 * np.pi * k[:, None] * t + phase[1:, None]) / k[:, None]
+        envelope = (1.0 - np.cos(2 * np.pi * t + phase[0])) / 2
+        s = waves[:3].sum(0) + 1.6 * envelope * waves[3:].sum(0)
+        s -= s.mean()
+        s *= amplitude[joint] / np.abs(s).max()
+        spectrum = np.fft.rfft(s)[1 : HARMONICS + 1] / (t.size / 2)
+        rate = np.abs(np.gradient(s, t * period)).max()
+        scale = min(1.0, speed[joint] / rate)
+        out[joint] = scale * np.stack([-spectrum.imag, spectrum.real], -1)
+    return out
+
+
+def multisine(c: FloatArray, t: FloatArray, period: float) -> FloatArray:
+    """Values (n, d) of the motion with coefficients `c` at times `t` (n,) [s]."""
+    angle = 2 * np.pi / period * np.outer(t, np.arange(1, c.shape[1] + 1))
+    return np.asarray(np.sin(angle) @ c[..., 0].T + np.cos(angle) @ c[..., 1].T)
+
 
 #: Limits of th2 - th3 by the parallelogram [rad] (Cavusoglu et al. 2002), less a margin.
 FOLD = (-0.95, 1.13)
@@ -179,12 +231,10 @@ class JointTracking:
         """Coefficients (3, h, 2) for one arm, scaled so that the parallelogram may fold so far."""
         config = self.config
         rng = np.random.default_rng([config.seed, arm])
-        c = multisine.coefficients(
-            rng, np.array(config.amplitude), np.array(config.speed), config.period
-        )
+        c = coefficients(rng, np.array(config.amplitude), np.array(config.speed), config.period)
         t = np.linspace(0.0, config.period, 2001)
         for _ in range(20):
-            q = self._center + multisine.sample(c, t, config.period)
+            q = self._center + multisine(c, t, config.period)
             fold = q[:, 1] - q[:, 2]
             if fold.min() > FOLD[0] and fold.max() < FOLD[1]:
                 return c

@@ -1,4 +1,15 @@
-"""Parameters of the Lawrence law, as a rig file holds them."""
+"""Parameters of the Lawrence law, as a rig file holds them.
+
+State of the Lawrence law from tick to tick: its names, and where each part starts.
+
+The kernels are compiled with these offsets, and the cache of numba looks at their own file alone:
+who changes something here deletes controllers/__pycache__.
+
+Communication channel: which sample has arrived by which tick; constant, varying, lossy.
+
+Every tick one packet leaves; it arrives after its own delay or never.  The receiver holds the
+newest packet that it has.  The schedule is drawn once from a seed and repeats.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +17,72 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.controllers import ela
-from hil.controllers.channel import ChannelConfig
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
 from hil.signals.settable import Range
+
+#: Ticks after which a schedule repeats.
+CYCLE = 8192
+
+
+@dataclass(frozen=True)
+class ChannelConfig:
+    """One direction of the link.
+
+    Parameters
+    ----------
+    delay : float
+        Shortest delay [s], rounded to whole ticks.
+    jitter : float
+        Packets take up to so much longer [s], uniformly distributed.
+    loss : float
+        Share of packets that never arrive, 0 to below 1.
+    """
+
+    delay: float = 0.0
+    jitter: float = 0.0
+    loss: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.delay < 0.0 or self.jitter < 0.0 or not 0.0 <= self.loss < 1.0:
+            raise ConfigError("channel: delay and jitter must not be negative, 0 <= loss < 1.")
+        if self.delay + self.jitter > 2.0:
+            raise ConfigError("channel: at most 2 s of delay and jitter.")
+
+
+def schedule(config: ChannelConfig, period: float, seed: int) -> NDArray[np.int64]:
+    """Age in ticks of the newest packet that has arrived, per tick of a cycle (CYCLE,).
+
+    Parameters
+    ----------
+    config : ChannelConfig
+        The link.
+    period : float
+        Tick [s].
+    seed : int
+        Of jitter and loss.
+    """
+    rng = np.random.default_rng([seed, 0xC4A])
+    base = round(config.delay / period)
+    # two cycles, so that the second one starts with packets under way
+    n = 2 * CYCLE
+    travel = base + np.floor(rng.uniform(0.0, config.jitter / period + 1e-12, n)).astype(np.int64)
+    arrives = np.where(rng.uniform(size=n) < config.loss, n + CYCLE, np.arange(n) + travel)
+    newest = np.full(n, -1, np.int64)
+    sent = np.flatnonzero(arrives < n)
+    np.maximum.at(newest, arrives[sent], sent)
+    newest = np.maximum.accumulate(newest)
+    age: NDArray[np.int64] = (np.arange(n) - newest)[CYCLE:]
+    return age
+
+
+def mean_delay(config: ChannelConfig, period: float, seed: int = 0) -> float:
+    """Mean age of what the receiver acts on [s], jitter and losses included."""
+    return float(schedule(config, period, seed).mean() * period)
+
 
 #: How the robots become point masses: not at all, with measured forces, with accelerations.
 SHAPES = ("natural", "force", "acceleration")
@@ -185,3 +256,33 @@ _SIZES = {
     "cable": (0, 3),
     **dict.fromkeys(("leader_span", "follower_span"), (0, 6)),
 }
+
+
+_ARMS = ("leader", "follower")
+_JOINTS = (1, 2, 3)
+#: Of one axis: where it started, and the memory of `ela.sense`.
+_FILTERS = ("origin", "velocity", "raw", "acceleration", "force", "on")
+#: Of one arm: the momentum observer of `hil.controllers.dynamics`.
+_OBSERVER = (
+    *(f"impulse{j}" for j in _JOINTS),
+    *(f"sent{j}" for j in _JOINTS),
+    *(f"observed_{axis}" for axis in AXES),
+)
+#: Of one arm: friction with a state, `hil.controllers.compensation`.
+_SLIP = (
+    *(f"last{j}" for j in _JOINTS),
+    *(f"slip{j}_{e}" for j in _JOINTS for e in (1, 2, 3)),
+)
+NAMES = (
+    "started",
+    *(f"{arm}_{what}_{axis}" for arm in _ARMS for axis in AXES for what in _FILTERS),
+    *(f"{arm}_estimate_{axis}" for arm in _ARMS for axis in AXES),
+    *(f"{arm}_{what}" for arm in _ARMS for what in _OBSERVER),
+    *(f"{arm}_{what}" for arm in _ARMS for what in _SLIP),
+)
+#: Where the filters, the law's estimates of the forces, the momentum observer's memory and the
+#: memory of friction with a state start; the leader's, then the follower's.
+FIRST_FILTER = NAMES.index("leader_origin_x")
+FIRST_ESTIMATE = NAMES.index("leader_estimate_x")
+FIRST_OBSERVED = NAMES.index("leader_impulse1")
+FIRST_SLIP = NAMES.index("leader_last1")

@@ -1,7 +1,7 @@
 """Kernels of the Lawrence law: both arms measured, heard, commanded, and turned into torques.
 
-`c`, `w` and `tables` are made by `hil.controllers.lawrence_records`; `x` is laid out by
-`hil.controllers.lawrence_state`.
+`c`, `w` and `tables` are made by `hil.controllers.lawrence`; `x` is laid out by
+`hil.controllers.lawrence_config`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from typing import Any
 
 import numba as nb
 
-from hil.controllers import compensation, dynamics, ela, geometry, observer
-from hil.controllers.lawrence_state import FIRST_ESTIMATE, FIRST_FILTER, FIRST_OBSERVED, FIRST_SLIP
+from hil.controllers import compensation, dynamics, ela, geometry
+from hil.controllers.lawrence_config import FIRST_ESTIMATE, FIRST_FILTER, FIRST_OBSERVED, FIRST_SLIP
 
 
 @nb.njit(cache=True, nogil=True)
@@ -116,11 +116,11 @@ def believe(u: Any, c: Any, w: Any) -> None:
 def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
     """Momentum observer of arm `a`: the force ON its tip without a sensor.
 
-    F = J^-T r with r of `hil.controllers.observer`.  Memory per arm: integral (3,),
+    F = J^-T r with r of `hil.controllers.dynamics`.  Memory per arm: integral (3,),
     torque sent (3,), force (3,); the torque of this tick is written by `law`.
     """
     at = FIRST_OBSERVED + 9 * a
-    observer.advance(
+    dynamics.advance(
         x[0] > 0.0, q, v, x[at + 3 : at + 6], w.rub[a], c.models[a], c.observer, c.period,
         x[at : at + 3], x_next[at : at + 3], w.room, w.impulse, w.goal, w.bend,
     )  # fmt: skip

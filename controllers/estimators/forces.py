@@ -12,7 +12,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import compensation, dynamics, geometry, observer
+from hil.controllers import compensation, dynamics, geometry
 from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError, unknown
 from hil.estimate import compensation_tables
@@ -99,7 +99,7 @@ def estimate(
     z[12] = now[9]
     compensation.friction(phase == 2, z, terms, slips, values, past[10:], now[10:], w.rub)
     if c.method == 0:
-        observer.advance(
+        dynamics.advance(
             phase == 2, q, v, sent, w.rub, c.model, c.gain, c.period, past, now, w.room,
             w.impulse, w.flow, w.r,
         )  # fmt: skip

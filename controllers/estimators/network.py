@@ -14,7 +14,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import dynamics, geometry, observer
+from hil.controllers import dynamics, geometry
 from hil.controllers.estimators import wavelets
 from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
@@ -150,7 +150,7 @@ def estimate(phase: int, u: Any, sent: Any, c: Any, n: Any, psi: Any, w: Any, pa
     if phase == 0:
         wavelets.clear(m)
     w.goal[:] = 0.0
-    observer.advance(
+    dynamics.advance(
         phase == 2, q, v, sent, w.goal, c.model, c.gain, c.period, past, now, w.room, w.impulse,
         w.flow, w.r,
     )  # fmt: skip

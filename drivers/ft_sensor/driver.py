@@ -1,14 +1,207 @@
-"""Driver of a force/torque sensor: bias, calibration, rotation into the base frame."""
+"""Driver of a force/torque sensor: bias, calibration, rotation into the base frame.
+
+Calibration of the force/torque sensors.
+
+Compiled conversion of gauge words to a wrench in the base frame.
+
+Where the words of a force/torque sensor come from: a protocol, and the ideal one.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
+from math import cos, sin
+from typing import Any, Protocol, runtime_checkable
 
-from hil.drivers.ft_sensor import convert
-from hil.drivers.ft_sensor.config import MODELS, FtSensorConfig
-from hil.drivers.ft_sensor.source import GaugeSource, IdealGauges
-from hil.signals.device import FloatArray, Status, Wire
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError, unknown
+from hil.signals.device import FloatArray, IntArray, Status, Wire
 from hil.signals.state import OperatingState, StateCommand, StateMachine
+
+#: model -> sensitivity of force [words/N] and torque [words/(N m)], range [N], [N m].
+#: Ranges: ATI Nano17 SI-12-0.12 and Nano25 SI-125-3; sensitivities are of this rig's
+#: converters.
+MODELS: dict[str, tuple[float, float, float, float]] = {
+    "nano17": (1280.0, 160000.0, 12.0, 0.12),
+    "nano25": (192.0, 8000.0, 125.0, 3.0),
+}
+
+
+@dataclass(frozen=True)
+class FtSensorConfig:
+    """Which sensor.
+
+    Parameters
+    ----------
+    model : str
+        ``"nano17"`` or ``"nano25"``.
+    tare_samples : int
+        Readings that are averaged for the bias before the arm is enabled.
+    """
+
+    model: str = "nano17"
+    tare_samples: int = 200
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise ConfigError(unknown("force sensor model", self.model, MODELS))
+        if self.tare_samples < 1:
+            raise ConfigError("tare_samples must be at least 1.")
+
+    def calibration(self) -> NDArray[np.float64]:
+        """Matrix (6, 6): wrench in the sensor frame per word [N, N m].
+
+        The three beams stand at 0, 120 and 240 degrees; each has an axial gauge
+        fz + tx sin a - ty cos a and a tangential one fy cos a - fx sin a + tz.  Summing over
+        the beams inverts this: fz = sum/3, tx = 2/3 sum(axial sin a), and so on.
+        """
+        force, torque, *_ = MODELS[self.model]
+        c = np.zeros((6, 6))
+        for beam in range(3):
+            a = 2 * np.pi * beam / 3
+            axial, tangential = 2 * beam, 2 * beam + 1
+            c[2, axial], c[5, tangential] = 1 / 3, 1 / 3
+            c[3, axial], c[4, axial] = 2 / 3 * np.sin(a), -2 / 3 * np.cos(a)
+            c[0, tangential], c[1, tangential] = -2 / 3 * np.sin(a), 2 / 3 * np.cos(a)
+        return np.asarray(c / np.array([force] * 3 + [torque] * 3)[:, None])
+
+
+@nb.njit(cache=True, nogil=True)
+def calibrated(words: Any, bias: Any, calibration: Any, position: Any, out: Any) -> float:
+    """Force [N] and torque [N m] ON the robot in the base frame.
+
+    Parameters
+    ----------
+    words, bias : ndarray (6,)
+        Gauge words and their values without load.
+    calibration : ndarray (6, 6)
+        Wrench in the sensor frame per word.
+    position : ndarray (3,)
+        Joint angles [rad]; th3 is the forearm's angle from the base.
+    out : ndarray (6,)
+        Written.
+
+    Returns
+    -------
+    float
+        |Fx| + |Fy| + |Fz| [N].
+    """
+    s1, c1, s3, c3 = sin(position[0]), cos(position[0]), sin(position[2]), cos(position[2])
+    for half in range(2):
+        x, y, z = 0.0, 0.0, 0.0
+        for k in range(6):
+            load = words[k] - bias[k]
+            x += calibration[3 * half, k] * load
+            y += calibration[3 * half + 1, k] * load
+            z += calibration[3 * half + 2, k] * load
+        # sensor axes in (radial, across, up): x = (c3, 0, s3), y = (0, -1, 0), z = (s3, 0, -c3)
+        radial, across, up = c3 * x + s3 * z, -y, s3 * x - c3 * z
+        # base = Rz(th1) (radial, across, up)
+        out[3 * half] = c1 * radial - s1 * across
+        out[3 * half + 1] = s1 * radial + c1 * across
+        out[3 * half + 2] = up
+    return float(abs(out[0]) + abs(out[1]) + abs(out[2]))
+
+
+@nb.njit(cache=True, nogil=True)
+def at_end(words: Any, full: int) -> bool:
+    """Whether one of the `words` (6,) is at `full` or more, or below -`full`."""
+    for k in range(words.size):
+        if words[k] >= full or words[k] < -full:
+            return True
+    return False
+
+
+@runtime_checkable
+class GaugeSource(Protocol):
+    """Six words of a sensor, and what they mean.
+
+    Attributes
+    ----------
+    gauges : ndarray (6,) of int
+        Words of the last whole sample; stays the same array.
+    calibration : ndarray (6, 6)
+        Wrench in the sensor frame per word [N, N m].
+    certificate : dict of str to str
+        What the sensor said of itself: serial number, matrix and so on.
+    """
+
+    gauges: IntArray
+    calibration: FloatArray
+    certificate: dict[str, str]
+
+    def receive(self, t_ns: int) -> Status:
+        """Take what has arrived by `t_ns` and ask for the next sample; never waits or raises.
+
+        STALE: `gauges` hold the last good sample.  LOST: there has been none for too long.
+        """
+        ...
+
+    def sample(self, t_ns: int) -> int:
+        """Wait for one new sample from `t_ns` on; return the time then [ns].
+
+        Raises
+        ------
+        DeviceError
+            If none comes, or it is not usable.
+        """
+        ...
+
+    def check(self) -> None:
+        """Refuse with a `DeviceError` while the sensor cannot be used."""
+        ...
+
+    def close(self) -> None:
+        """Release what the source holds."""
+        ...
+
+
+#: Largest word of a converter with 16 bits.
+FULL_SCALE = 32767
+_GOOD = Status.OK
+
+
+class IdealGauges:
+    """Words of the ideal wire: every reading is there, whole and of now.
+
+    Parameters
+    ----------
+    wire : Wire
+        Wire to the gauges.
+    calibration : ndarray (6, 6)
+        Wrench per word [N, N m].
+    period : float
+        Sample period [s].
+    """
+
+    def __init__(self, wire: Wire, calibration: FloatArray, period: float) -> None:
+        self._wire = wire
+        self._period_ns = round(period * 1e9)
+        self.gauges, self.calibration = wire.gauges, calibration
+        self.certificate: dict[str, str] = {}
+
+    def receive(self, t_ns: int) -> Status:
+        """Refresh the words; CLAMPED where one stands at the end of its converter."""
+        status = self._wire.receive(t_ns)
+        if status is _GOOD and at_end(self.gauges, FULL_SCALE):
+            return Status.CLAMPED
+        return status
+
+    def sample(self, t_ns: int) -> int:
+        """Words of one period later."""
+        self._wire.receive(t_ns + self._period_ns)
+        return t_ns + self._period_ns
+
+    def check(self) -> None:
+        """Always usable."""
+
+    def close(self) -> None:
+        """Release the wire."""
+        self._wire.close()
+
 
 #: Looked up once: members of an enumeration are slow to find in the fast path.
 _OK, _CLAMPED, _INVALID, _LOST = Status.OK, Status.CLAMPED, Status.INVALID, Status.LOST
@@ -76,7 +269,7 @@ class ForceSensor:
         the status.  A sensor that is lost goes to FAULT.
         """
         status = self.source.receive(t_ns)
-        size = convert.wrench(self.gauges, self.bias, self._calibration, position, wrench)
+        size = calibrated(self.gauges, self.bias, self._calibration, position, wrench)
         if status is _OK:
             return _CLAMPED if size > self._limit else _OK
         if status is _LOST:

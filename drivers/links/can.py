@@ -2,18 +2,164 @@
 
 Time is passed in: `advance` tells a simulated or replayed bus what time it is, and means
 nothing to a bus of copper, on which time passes by itself.
+
+Opens a bus of python-can; what is wrong where it does not open.
+
+CAN buses with a tap: every frame into a log, or out of a recording.
 """
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable
+from typing import Any, Protocol
 
 import can
 
-from hil.drivers.links.can_open import open_bus
-from hil.drivers.links.can_tap import CanBus, ReplayedBus, TappedBus
-from hil.errors import ConfigError
-from hil.signals.bus import Bus
+from hil.errors import ConfigError, DeviceError
+from hil.signals.bus import Bus, FrameLog, Replay
+
+
+def can_channels() -> list[str]:
+    """CAN interfaces of this machine that SocketCAN shows, up or not."""
+    return sorted(
+        {str(c["channel"]) for c in can.detect_available_configs(["socketcan"]) if "channel" in c}
+    )
+
+
+def open_bus(interface: str, channel: str, bit_rate: int, **options: Any) -> can.BusABC:
+    """Open a python-can bus.
+
+    Parameters
+    ----------
+    interface : str
+        Name of python-can's interface, e.g. ``socketcan``, ``pcan``, ``udp_multicast``.
+    channel : str
+        E.g. ``can0``.
+    bit_rate : int
+        [bit/s]; SocketCAN takes it from the network device and not from here.
+
+    Raises
+    ------
+    DeviceError
+        With what is missing and what to do.
+    """
+    try:
+        return can.Bus(interface=interface, channel=channel, bitrate=bit_rate, **options)
+    except (can.CanError, OSError, ImportError, ValueError, TypeError) as error:
+        raise DeviceError(_why(interface, channel, bit_rate, error)) from error
+
+
+def _why(interface: str, channel: str, bit_rate: int, error: Exception) -> str:
+    """What is wrong with a bus that does not open, and what to do."""
+    known = ", ".join(sorted(can.VALID_INTERFACES))
+    if interface not in can.VALID_INTERFACES:
+        return f"python-can has no interface {interface!r}; it has {known}."
+    number = getattr(error, "errno", None) or getattr(error, "error_code", None)
+    if interface == "socketcan":
+        step = f"sudo ip link set {channel} up type can bitrate {bit_rate}"
+        if number == errno.EAFNOSUPPORT:
+            return (
+                f"CAN bus {channel!r} cannot be opened ({error}): this kernel has no SocketCAN; "
+                f"sudo modprobe can_raw, then {step}"
+            )
+        return f"CAN bus {channel!r} cannot be opened ({error}); is it there and up? {step}"
+    if interface == "udp_multicast":
+        return (
+            f"multicast group {channel!r} cannot be used ({error}); this machine has no network "
+            "interface with a multicast route, or the package msgpack is missing "
+            "(pip install 'hil-teleop[hardware]')"
+        )
+    return f"CAN bus {interface}:{channel} cannot be opened ({error}; code {number})"
+
+
+class CanBus(Protocol):
+    """What a link needs of a python-can bus."""
+
+    @property
+    def channel_info(self) -> Any:
+        """Name for messages."""
+        ...
+
+    def send(self, msg: can.Message) -> None:
+        """Queue a frame."""
+        ...
+
+    def recv(self, timeout: float) -> can.Message | None:
+        """Next frame within so many seconds."""
+        ...
+
+    def shutdown(self) -> None:
+        """Release the bus."""
+        ...
+
+
+class TappedBus:
+    """A bus whose frames go into a log too.
+
+    Parameters
+    ----------
+    bus : CanBus
+        The bus.
+    log : FrameLog
+        The log; an error frame has the key ``error``.
+    """
+
+    def __init__(self, bus: CanBus, log: FrameLog) -> None:
+        self._bus, self._log = bus, log
+        self.channel_info = bus.channel_info
+
+    def send(self, msg: can.Message) -> None:
+        """Send, then note."""
+        self._bus.send(msg)
+        self._log.add("tx", f"{msg.arbitration_id:03x}", bytes(msg.data))
+
+    def recv(self, timeout: float) -> can.Message | None:
+        """Receive and note."""
+        message = self._bus.recv(timeout)
+        if message is not None:
+            key = "error" if message.is_error_frame else f"{message.arbitration_id:03x}"
+            self._log.add("rx", key, bytes(message.data))
+        elif timeout > 0.0:
+            self._log.add("silence", "", b"")
+        return message
+
+    def shutdown(self) -> None:
+        """Release the bus."""
+        self._bus.shutdown()
+
+
+class ReplayedBus:
+    """A bus that a recording answers for.
+
+    Parameters
+    ----------
+    replay : Replay
+        The recording.
+    channel : str
+        Name for messages.
+    """
+
+    def __init__(self, replay: Replay, channel: str) -> None:
+        self._replay = replay
+        self.channel_info = f"replay:{channel}"
+
+    def send(self, msg: can.Message) -> None:
+        """What the driver sends is compared with the recording."""
+        self._replay.put(f"{msg.arbitration_id:03x}", bytes(msg.data))
+
+    def recv(self, timeout: float) -> can.Message | None:
+        """Next frame of the recording that is due."""
+        frame = self._replay.take(timeout > 0.0)
+        if frame is None:
+            return None
+        if frame.key == "error":
+            return can.Message(is_error_frame=True, is_extended_id=False)
+        return can.Message(arbitration_id=int(frame.key, 16), is_extended_id=False, data=frame.data)
+
+    def shutdown(self) -> None:
+        """Nothing to release."""
+
 
 #: More frames than this do not fit into any wait of a driver: a bus that never falls silent.
 CROWD = 512

@@ -10,7 +10,7 @@ import base64
 import json
 from typing import Any
 
-from hil.drivers.usb_31xx.link import module
+from hil.drivers.usb_31xx.driver import module
 from hil.signals.bus import Bus, FrameLog, Replay
 
 

@@ -1,7 +1,6 @@
 """ATI 9105-NETCANOEM: strain gauges over CAN, calibrated by the matrix that the board holds."""
 
-from hil.drivers.netcanoem.config import NetCanOemConfig
-from hil.drivers.netcanoem.driver import NetCanOem, attached, open_box
+from hil.drivers.netcanoem.driver import NetCanOem, NetCanOemConfig, attached, open_box
 
 BUS = "can"
 Config = NetCanOemConfig

@@ -1,15 +1,42 @@
-"""Driver of an ATI Net F/T box over CAN: converted counts in two frames, asked for."""
+"""Driver of an ATI Net F/T box over CAN: converted counts in two frames, asked for.
+
+Bytes of the ATI Net F/T box's basic CAN protocol, short form; no I/O.
+
+Source: ATI manual 9620-05-NET FT, "CAN".  Little-endian, two's complement, converted counts.  The
+long form (request 0x01, four frames) is not used: the order of its fields is not confirmed here.
+"""
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass, replace
+from typing import Any
 
 from hil.drivers.links.can import CanLink, shared, split_address
 from hil.drivers.links.polled import Patience, PolledGauges
 from hil.drivers.links.units import CountScale
-from hil.drivers.netft_can import codec
 from hil.errors import ConfigError
 from hil.signals.bus import Bus
+
+#: The host asks and commands with the base identifier and one byte.
+REQUEST_SHORT, BIAS = b"\x02", b"\x04"
+#: The box answers with base + 5 and base + 6.
+FIRST, SECOND = 5, 6
+
+_FIRST = struct.Struct("<hhhh").unpack
+_SECOND = struct.Struct("<hhHH").unpack
+
+
+def first_frame(data: bytes, words: Any) -> None:
+    """Fx, Tx, Fy, Ty into `words` (6,) = Fx Fy Fz Tx Ty Tz.  8 bytes."""
+    words[0], words[3], words[1], words[4] = _FIRST(data)
+
+
+def second_frame(data: bytes, words: Any) -> tuple[int, int]:
+    """Fz, Tz into `words` (6,); status and sample number.  8 bytes."""
+    words[2], words[5], status, sample = _SECOND(data)
+    return int(status), int(sample)
+
 
 #: A word at one of these is at the end of its range.
 RAILS = (-32768, 32767)
@@ -45,7 +72,7 @@ class NetFtCanConfig(CountScale):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 <= self.base <= 0x7FF - codec.SECOND:
+        if not 0 <= self.base <= 0x7FF - SECOND:
             raise ConfigError(f"base = {self.base:#x}: base + 6 must fit into 11 bits.")
         if len(self.scale_factors) != 6 or min(self.scale_factors) <= 0:
             raise ConfigError(
@@ -68,11 +95,11 @@ class NetFtCan(PolledGauges):
 
     def __init__(self, name: str, link: CanLink, config: NetFtCanConfig) -> None:
         times = (round(ms * 1e6) for ms in (config.answer_ms, config.stale_ms, config.lost_ms))
-        super().__init__(name, link, (config.base, codec.REQUEST_SHORT), Patience(*times))
+        super().__init__(name, link, (config.base, REQUEST_SHORT), Patience(*times))
         self.config = config
         self.status = self.number = self._status = 0
         self._last = -1
-        self._identifiers = range(config.base + codec.FIRST, config.base + codec.SECOND + 1)
+        self._identifiers = range(config.base + FIRST, config.base + SECOND + 1)
         self.calibration = config.calibration(config.scale_factors)
         self.serial = f"{link.bus.channel_info}/{config.base:#x}"
         self.certificate = config.record()
@@ -83,10 +110,10 @@ class NetFtCan(PolledGauges):
         if len(data) != 8:
             self.malformed += 1
         elif identifier == self._identifiers[0]:
-            codec.first_frame(data, self._pending)
+            first_frame(data, self._pending)
             self._got = 1
         elif self._got == 1:
-            self._status, self.number = codec.second_frame(data, self._pending)
+            self._status, self.number = second_frame(data, self._pending)
             self._got = 2
         else:
             self.halves += 1

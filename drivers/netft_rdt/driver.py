@@ -1,17 +1,43 @@
-"""Driver of an ATI Net F/T box over UDP: it streams, the tick takes the newest record."""
+"""Driver of an ATI Net F/T box over UDP: it streams, the tick takes the newest record.
+
+Bytes of ATI's Raw Data Transfer (RDT) over UDP; no I/O.
+
+Source: ATI manual 9620-05-NET FT, "UDP interface using RDT".  Big-endian.
+"""
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from hil.drivers.links.udp import UdpLink, split_host
 from hil.drivers.links.units import CountScale
-from hil.drivers.netft_rdt import codec
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
 from hil.signals.device import IntArray, Status
+
+PORT = 49152
+HEADER = 0x1234
+STOP, REAL_TIME, SOFTWARE_BIAS = 0x0000, 0x0002, 0x0042
+RECORD_BYTES = 36
+
+_REQUEST = struct.Struct(">HHI").pack
+_RECORD = struct.Struct(">III6i").unpack
+
+
+def request(command: int, samples: int = 0) -> bytes:
+    """Command of 8 bytes; 0 samples means without end."""
+    return _REQUEST(HEADER, command, samples)
+
+
+def record(data: bytes, words: Any) -> tuple[int, int, int]:
+    """RDT sequence, F/T sequence and status; Fx Fy Fz Tx Ty Tz into `words` (6,).  36 bytes."""
+    rdt, sequence, status, *words[:] = _RECORD(data)
+    return int(rdt), int(sequence), int(status)
+
 
 #: Records that one tick takes at most; at 7 kHz there are seven.
 CROWD = 256
@@ -86,7 +112,7 @@ class NetFtRdt:
         self._sequence = -1
         self._fresh_ns, self._asked_ns = -1, 0
         self._link = UdpLink(bus, host, port)
-        self._link.send(codec.request(codec.REAL_TIME))
+        self._link.send(request(REAL_TIME))
         try:
             self.sample(bus.now_ns())
         except OSError:
@@ -109,7 +135,7 @@ class NetFtRdt:
             return Status.LOST
         if t_ns - self._asked_ns >= self._restart:
             # the stream has stopped, or the box has restarted with new numbers
-            self._link.send(codec.request(codec.REAL_TIME))
+            self._link.send(request(REAL_TIME))
             self._asked_ns, self._sequence = t_ns, -1
         return Status.STALE if age >= self._stale or self.status else Status.OK
 
@@ -120,10 +146,10 @@ class NetFtRdt:
             data = self._link.receive()
             if data is None:
                 break
-            if len(data) != codec.RECORD_BYTES:
+            if len(data) != RECORD_BYTES:
                 self.malformed += 1
                 continue
-            sequence, _, status = codec.record(data, self._words)
+            sequence, _, status = record(data, self._words)
             ahead = (sequence - self._sequence) % SPAN if self._sequence >= 0 else 1
             if not 0 < ahead < SPAN // 2:
                 self.old += 1
@@ -174,7 +200,7 @@ class NetFtRdt:
 
     def close(self) -> None:
         """Stop the stream and close the socket."""
-        self._link.send(codec.request(codec.STOP))
+        self._link.send(request(STOP))
         self._link.close()
 
 
@@ -192,4 +218,4 @@ def open_box(
     """
     if any(channels):
         raise ConfigError(f"box {name!r}: a sensor has the channel 0 alone, not {max(channels)}.")
-    return NetFtRdt(name, bus, *split_host(name, address, codec.PORT), config)
+    return NetFtRdt(name, bus, *split_host(name, address, PORT), config)

@@ -1,7 +1,6 @@
 """PHANTOM Premium 1.5: three joints, motor encoders, motor DACs."""
 
-from hil.drivers.premium.config import PremiumConfig
-from hil.drivers.premium.driver import PremiumArm
+from hil.drivers.premium.driver import PremiumArm, PremiumConfig
 
 Config = PremiumConfig
 open_device = PremiumArm

@@ -1,15 +1,128 @@
-"""Driver of a PHANTOM Premium 1.5: counts <-> SI, operating states."""
+"""Driver of a PHANTOM Premium 1.5: counts <-> SI, operating states.
+
+Constants of the PHANTOM Premium 1.5 drive train, each with its source.
+
+Compiled conversions: counts to joint state, joint efforts to DAC codes.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import fabs, floor, isfinite
+from typing import Any
+
+import numba as nb
 import numpy as np
 
-from hil.drivers.premium import convert
-from hil.drivers.premium.config import PremiumConfig
-from hil.errors import DeviceError
+from hil.errors import ConfigError, DeviceError
 from hil.signals.device import FloatArray, Status, Wire
 from hil.signals.state import OperatingState, StateCommand, StateMachine
 from hil.signals.velocity import estimator
+
+
+@dataclass(frozen=True)
+class PremiumConfig:
+    """How counts become angles and torques become codes.
+
+    Parameters
+    ----------
+    gear : tuple of 3 tuples of 3 floats
+        Motor angles = gear @ joint angles; joint 3 is measured from the base, hence diagonal
+        (cable reductions 13.3, 11.2, 11.2: mahilab/Phantom, after Cavusoglu et al. 2002).
+    counts_per_turn : int
+        HEDM-5500 with 1024 lines, four edges each.
+    torque_constant : float
+        Maxon RE25 118743 [N m/A].
+    amps_per_volt, dac_volts, dac_bits : float, float, int
+        Amplifier [A/V] and its DAC.
+    stall_torque : float
+        Of the motor [N m].
+    home : tuple of 3 floats
+        Joint angles at which the arm rests when it is opened [rad]; encoders that count from
+        where they were switched on are referred to it.
+    velocity : str
+        Velocity estimator, a name of the registry group ``hil.velocity``.
+    velocity_options : mapping
+        Its options, e.g. ``{ cutoff_hz = 30.0 }``.
+    """
+
+    gear: tuple[tuple[float, ...], ...] = ((13.3, 0.0, 0.0), (0.0, 11.2, 0.0), (0.0, 0.0, 11.2))
+    counts_per_turn: int = 4096
+    torque_constant: float = 0.0234
+    amps_per_volt: float = 0.5513
+    dac_volts: float = 10.0
+    dac_bits: int = 16
+    stall_torque: float = 0.129
+    home: tuple[float, ...] = (0.0, 0.0, 0.0)
+    velocity: str = "foaw-end-fit"
+    velocity_options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.home) != 3:
+            raise ConfigError("home: three joint angles [rad] are needed.")
+
+
+@nb.njit(cache=True, nogil=True)
+def joint_state(
+    counts: Any, rate: Any, to_joint: Any, period: float, position: Any, velocity: Any
+) -> None:
+    """Position [rad] and velocity [rad/s] from counts and their rates.
+
+    Parameters
+    ----------
+    counts : ndarray (3,)
+        Motor counts now.
+    rate : ndarray (3,)
+        Motor counts per period.
+    to_joint : ndarray (3, 3)
+        Joint angle per motor count [rad].
+    period : float
+        Sample period [s].
+    """
+    for i in range(3):
+        position[i] = 0.0
+        velocity[i] = 0.0
+        for j in range(3):
+            # count n stands for the interval n..n+1: take its middle
+            position[i] += to_joint[i, j] * (counts[j] + 0.5)
+            velocity[i] += to_joint[i, j] * (rate[j] / period)
+
+
+@nb.njit(cache=True, nogil=True)
+def codes(effort: Any, to_code: Any, to_effort: Any, top: int, out: Any, sent: Any) -> int:
+    """DAC codes for joint efforts; 0 = as asked, 1 = clamped, 3 = not a number (all zero).
+
+    Parameters
+    ----------
+    effort, sent : ndarray (3,)
+        Asked for, and really going out [N m].
+    to_code, to_effort : ndarray (3, 3)
+        Codes per N m and back.
+    top : int
+        Largest code.
+    out : ndarray (3,)
+        Codes.
+    """
+    status = 0
+    for i in range(3):
+        if not isfinite(effort[i]):
+            status = 3
+    for i in range(3):
+        value = 0.0
+        if status != 3:
+            for j in range(3):
+                value += to_code[i, j] * effort[j]
+        if fabs(value) > top:
+            value = top if value > 0.0 else -top
+            status = 1
+        out[i] = floor(value + 0.5)
+    for i in range(3):
+        sent[i] = 0.0
+        for j in range(3):
+            sent[i] += to_effort[i, j] * out[j]
+    return status
+
 
 _STATUS = tuple(Status)
 #: Looked up once: members of an enumeration are slow to find in the fast path.
@@ -76,9 +189,7 @@ class PremiumArm:
         steps = max(1, (t_ns - self._last_ns + self._period_ns // 2) // self._period_ns)
         self._last_ns = t_ns
         self._velocity.update(self.counts, steps, self._rate)
-        convert.joint_state(
-            self.counts, self._rate, self._to_joint, self._period, position, velocity
-        )
+        joint_state(self.counts, self._rate, self._to_joint, self._period, position, velocity)
         if status is _LOST:
             self._machine.command(StateCommand.FAULT)
             return _INVALID
@@ -89,9 +200,7 @@ class PremiumArm:
 
         Not a number: no torque, and the arm goes to FAULT.  Not ENABLED: no torque.
         """
-        status = _STATUS[
-            convert.codes(effort, self._to_code, self._to_effort, self._top, self.codes, sent)
-        ]
+        status = _STATUS[codes(effort, self._to_code, self._to_effort, self._top, self.codes, sent)]
         if status is _INVALID:
             self._machine.command(StateCommand.FAULT)
         if self._machine.state is not _ENABLED:

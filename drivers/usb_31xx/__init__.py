@@ -1,8 +1,6 @@
 """Measurement Computing USB-3101, 3103, 3105, 3110, 3112, 3114: analog outputs over HID."""
 
-from hil.drivers.usb_31xx.box import Usb31xx
-from hil.drivers.usb_31xx.config import Usb31xxConfig
-from hil.drivers.usb_31xx.link import attached
+from hil.drivers.usb_31xx.driver import Usb31xx, Usb31xxConfig, attached
 
 Config = Usb31xxConfig
 BUS = "hid"

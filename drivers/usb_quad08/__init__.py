@@ -1,7 +1,6 @@
 """Measurement Computing USB-QUAD08: eight quadrature counters over USB (pyusb)."""
 
-from hil.drivers.usb_quad08.box import Quad08
-from hil.drivers.usb_quad08.config import Quad08Config
+from hil.drivers.usb_quad08.driver import Quad08, Quad08Config
 from hil.drivers.usb_quad08.link import attached
 
 Config = Quad08Config

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.controllers import geometry, multisine
+from hil.controllers import geometry, joint_tracking
 from hil.controllers.joint_tracking import JointTracking, JointTrackingConfig
 from hil.controllers.position_force import PositionForce, PositionForceConfig
 from hil.errors import ConfigError
@@ -75,7 +75,7 @@ def test_the_motion_stays_within_the_arm_and_repeats(seed):
     law = JointTracking(config, ARMS, 1e-3)
     t = np.linspace(0, config.period, 4001)
     for arm in range(2):
-        q = np.array(config.center) + multisine.sample(law._c[arm], t, config.period)
+        q = np.array(config.center) + joint_tracking.multisine(law._c[arm], t, config.period)
         speed = np.abs(np.gradient(q, t, axis=0)).max(0)
         fold = np.rad2deg(q[:, 1] - q[:, 2])
         assert fold.min() > -55

@@ -10,7 +10,7 @@ import pytest
 
 from hil.cli import main
 from hil.controllers.estimators import forces, network, transmission, wavelets
-from hil.controllers.estimators.transmission_config import NAMES, TransmissionConfig
+from hil.controllers.estimators.transmission import NAMES, TransmissionConfig
 from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
 from hil.estimate import elastic_ukf

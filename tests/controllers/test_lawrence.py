@@ -9,18 +9,9 @@ import numpy as np
 import pytest
 
 from hil.cli import main
-from hil.controllers import (
-    channel,
-    dynamics,
-    ela,
-    geometry,
-    lawrence,
-    lawrence_config,
-    lawrence_kernels,
-    lawrence_records,
-)
-from hil.controllers.channel import ChannelConfig
+from hil.controllers import dynamics, ela, geometry, lawrence, lawrence_config, lawrence_kernels
 from hil.controllers.lawrence import Lawrence, LawrenceConfig
+from hil.controllers.lawrence_config import ChannelConfig
 from hil.errors import ConfigError, DeviceError
 from hil.estimate import external_torque
 from hil.models.phantom import Premium
@@ -119,14 +110,14 @@ def test_a_delayed_channel_delivers_late_and_a_lossy_one_holds():
     moved, _ = drive(law, move=0.05)
     pull = moved[:, 1, 0] - moved[0, 1, 0]
     assert np.flatnonzero(np.abs(pull) > 1e-9)[0] == 1 + 4
-    ages = channel.schedule(ChannelConfig(0.005, 0.003, 0.2), T, seed=3)
+    ages = lawrence_config.schedule(ChannelConfig(0.005, 0.003, 0.2), T, seed=3)
     assert ages.min() == 5 and 8 <= ages.max() < 40
     # the newest packet only ever gets newer
     assert (np.diff(np.arange(ages.size) - ages) >= 0).all()
-    assert (channel.schedule(ChannelConfig(0.005), T, 0) == 5).all()
-    none = channel.schedule(ChannelConfig(loss=0.3), T, 1)
+    assert (lawrence_config.schedule(ChannelConfig(0.005), T, 0) == 5).all()
+    none = lawrence_config.schedule(ChannelConfig(loss=0.3), T, 1)
     assert np.mean(none > 0) == pytest.approx(0.3, abs=0.02)
-    assert channel.mean_delay(ChannelConfig(0.005), T) == pytest.approx(0.005)
+    assert lawrence_config.mean_delay(ChannelConfig(0.005), T) == pytest.approx(0.005)
     with pytest.raises(ConfigError, match="loss"):
         ChannelConfig(loss=1.0)
 
@@ -156,8 +147,8 @@ def test_computed_torque_makes_a_point_mass_of_the_arm(shape):
     """Mw p'' = F_c + F_s to rounding, at any pose, speed and force (ideal signals)."""
     rng = np.random.default_rng(2)
     law = config(shape=shape, leader_mass=(0.1, 0.2, 0.3), follower_mass=(0.15,))
-    c = lawrence_records.constants(law, T)
-    w, pi = np.zeros(1, lawrence_records.WORK)[0], np.array(lawrence_config.PREMIUM)
+    c = lawrence.constants(law, T)
+    w, pi = np.zeros(1, lawrence.WORK)[0], np.array(lawrence_config.PREMIUM)
     arm, out = Premium(()), np.zeros(3)
     for arm_index in (0, 1):
         for _ in range(40):

@@ -9,9 +9,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hil.drivers.netft_can import NetFtCanConfig
-from hil.drivers.netft_can import codec as can_codec
+from hil.drivers.netft_can import driver as can_codec
 from hil.drivers.netft_rdt import NetFtRdtConfig, open_box
-from hil.drivers.netft_rdt import codec as rdt_codec
+from hil.drivers.netft_rdt import driver as rdt_codec
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.device import Status
 from hil.sim_devices.canbus.frame import Frame

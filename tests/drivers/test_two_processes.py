@@ -8,7 +8,7 @@ import sys
 import can
 import pytest
 
-from hil.drivers.links.can_open import open_bus
+from hil.drivers.links.can import open_bus
 from hil.drivers.netcanoem import NetCanOemConfig, open_box
 from hil.errors import DeviceError
 from hil.signals.bus import Bus

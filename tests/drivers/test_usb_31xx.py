@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.drivers.usb_31xx import Usb31xx, Usb31xxConfig, codec
-from hil.drivers.usb_31xx.link import Link
+from hil.drivers.usb_31xx.driver import Link
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
 from hil.sim_devices.hid.module import SimHid

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.drivers.usb_quad08 import Quad08, Quad08Config, codec, startup
-from hil.drivers.usb_quad08.acquisition import arm, configure, read_count
+from hil.drivers.usb_quad08 import Quad08, Quad08Config, codec, link
+from hil.drivers.usb_quad08.driver import ScanClock, arm, configure, read_count
 from hil.drivers.usb_quad08.link import Link, find
-from hil.drivers.usb_quad08.scan import ScanClock
 from hil.errors import ConfigError, DeviceError
 from hil.signals.bus import Bus
 from hil.signals.device import Status
@@ -274,7 +273,7 @@ def test_nothing_attached_and_no_permission():
     with pytest.raises(DeviceError, match=r"no permission.*udev"):
         world.open()
     with pytest.raises(DeviceError, match="serial number S9"):
-        startup.open_link("quad", world.usb, "S9", "", world.pause)
+        link.open_link("quad", world.usb, "S9", "", world.pause)
 
 
 # the stream

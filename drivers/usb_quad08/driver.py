@@ -1,19 +1,175 @@
-"""Box of eight encoder counters: opened, scanning, read in the background, counts at any tick."""
+"""Box of eight encoder counters: opened, scanning, read in the background, counts at any tick.
+
+Options of a USB-QUAD08.
+
+Which scan of a stream stands for which time: the newest whole one, on an even grid.
+
+Register by register: a counter configured or read, and the scan started.
+"""
 
 from __future__ import annotations
 
 from array import array
+from dataclasses import dataclass
 from math import inf
 
 import numpy as np
 
-from hil.drivers.usb_quad08 import codec, startup
-from hil.drivers.usb_quad08.acquisition import arm, configure
-from hil.drivers.usb_quad08.config import WORDS, Quad08Config
-from hil.drivers.usb_quad08.scan import ScanClock
-from hil.errors import DeviceError
+from hil.drivers.usb_quad08 import codec, link
+from hil.drivers.usb_quad08.link import Link
+from hil.errors import ConfigError, DeviceError, unknown
 from hil.signals.bus import Bus
 from hil.signals.device import Status
+
+WORDS = {16: 1, 32: 2}
+
+
+@dataclass(frozen=True)
+class Quad08Config:
+    """Options of the box ``usb-quad08``.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Scans per second; the box delivers whole packets, so that a higher rate means younger
+        counts: at 50 kHz, 32 bits and six counters a packet lasts 0.43 ms.
+    bits : int
+        16 or 32 bits a counter.
+    edges : int
+        1, 2 or 4 counts a line (X1, X2, X4).
+    index : str
+        ``""``, ``"latch"`` or ``"clear"`` on the index pulse; "clear" makes counts start anew
+        at every index and is of no use for homing a joint of several turns.
+    debounce_us : float
+        0 = off, or a time of the list in `codec.DEBOUNCE_US` [us].
+    images : str
+        Folder with ``loader.hex``, ``firmware.hex`` and ``fpga.bin`` for a box without power-up
+        firmware; they are the vendor's, and are in the source of its MIT-licensed library.
+    fastest : float
+        Most counts per second that the encoders can make; more is a stream out of step, which
+        nothing else shows.  A motor's 4860 turns a minute at 4096 counts are 332000.
+    stale_ms, lost_ms : float
+        Time without data from which the counts are STALE, and the box is LOST [ms].
+    """
+
+    rate_hz: float = 50_000.0
+    bits: int = 32
+    edges: int = 4
+    index: str = ""
+    debounce_us: float = 0.0
+    images: str = ""
+    fastest: float = 500_000.0
+    stale_ms: float = 4.0
+    lost_ms: float = 50.0
+
+    def __post_init__(self) -> None:
+        if self.bits not in WORDS:
+            raise ConfigError(unknown("number of bits", str(self.bits), map(str, WORDS)))
+        if self.edges not in codec.RESOLUTIONS:
+            raise ConfigError(unknown("number of edges", str(self.edges), ("1", "2", "4")))
+        if self.index not in ("", "latch", "clear"):
+            raise ConfigError(unknown("index", self.index, ("latch", "clear")))
+        if not 1_000.0 <= self.rate_hz <= 100_000.0:
+            raise ConfigError(f"rate_hz = {self.rate_hz}: 1000 to 100000 is needed.")
+        if not 0 < self.stale_ms <= self.lost_ms:
+            raise ConfigError("0 < stale_ms <= lost_ms is needed.")
+        codec.debounce_byte(self.debounce_us)
+        if self.fastest * self.lost_ms * 1e-3 >= 2 ** (self.bits - 1):
+            raise ConfigError(
+                f"lost_ms = {self.lost_ms}: in that time {self.fastest:g} counts/s pass half of "
+                f"{self.bits} bits, and a lost turn would go unnoticed; use less, or bits = 32."
+            )
+
+
+#: Clocks of host and box differ by at most this, by which the estimated delay may grow [ns/ns].
+DRIFT = 200e-6
+
+
+class ScanClock:
+    """Relates the loop's time to numbers of scans.
+
+    Packets arrive at their own rate, so that the newest scan is up to one packet old, by another
+    age at every tick.  A speed from such counts would be wrong by the change of age: hence the
+    newest scan that is there *at every tick*, one packet behind the shortest delay seen.
+
+    Parameters
+    ----------
+    period_ns : float
+        Time between scans.
+    packet_ns : float
+        Time that a packet takes to fill.
+    """
+
+    def __init__(self, period_ns: float, packet_ns: float) -> None:
+        self._period, self._packet = period_ns, packet_ns
+        self._delay = float("inf")
+        self._then = 0
+
+    def choose(self, t_ns: int, newest: int) -> int:
+        """Number of the scan for time `t_ns` when scan `newest` has arrived whole."""
+        # scan k was taken at k period + delay, delay = min over time of t - newest period
+        delay = t_ns - newest * self._period
+        if delay < self._delay:
+            self._delay = delay
+        else:
+            self._delay = min(delay, self._delay + DRIFT * (t_ns - self._then))
+        self._then = t_ns
+        wanted = int((t_ns - self._delay - self._packet) // self._period)
+        return min(wanted, newest)
+
+
+def configure(link: Link, channel: int, config: Quad08Config, asynchronous: bool) -> None:
+    """Set a counter's debouncing and mode, which zeroes it; no limit."""
+    byte = codec.debounce_byte(config.debounce_us)
+    mode = codec.mode_word(config.edges, config.index, asynchronous)
+    link.write_all((
+        (codec.BANK, channel), (codec.DEBOUNCE_AB, byte << 8 | byte),
+        (codec.BANK, channel), (codec.DEBOUNCE_INDEX, codec.DEBOUNCE_OFF << 8 | byte),
+        (codec.BANK, channel), (codec.MODE, mode),
+    ))  # fmt: skip
+    for bank, word in codec.NO_LIMIT:
+        link.write_all(((codec.BANK, bank + channel), (codec.MODE, word)))
+
+
+def read_count(link: Link, channel: int) -> int:
+    """Number of a counter in asynchronous mode, 48 bits; the low word first, which latches it."""
+    link.write(codec.BANK, channel)
+    low, middle, high = (link.read(register) for register in codec.COUNT[:3])
+    return low | middle << 16 | high << 32
+
+
+def arm(link: Link, words: list[int], divisor: int) -> None:
+    """Start a scan: scan list (twice over), pacer, endpoint, sequencer, then the pacer runs.
+
+    Raises
+    ------
+    DeviceError
+        If the sequencer does not become ready.
+    """
+    for _ in range(2):
+        link.write(codec.ACQUIRE, codec.RESET_LIST)
+        link.write_all((codec.SCAN_LIST, word) for word in words)
+        link.write_all(codec.BEFORE_LIST_ENDS)
+    link.write_all(codec.DISARM)
+    link.write(codec.ACQUIRE, codec.NORMAL_PACER)
+    link.write_all(zip(codec.PACER, codec.words16(divisor, 3), strict=True))
+    link.write(codec.ACQUIRE, codec.RESET_RESULTS)
+    link.out(codec.ENDPOINT, 1, 2)
+    link.device.clear_halt(codec.STREAM)
+    link.write_all(codec.ARM)
+    for _ in range(100):
+        status = link.read(codec.ACQUIRE)
+        found = codec.faults(status)
+        if found:
+            raise DeviceError(f"box {link.name!r}: {', '.join(found)}; plug it in again.")
+        if status & codec.READY_MASK == codec.READY:
+            link.write(codec.ACQUIRE, codec.RUN)
+            return
+    raise DeviceError(
+        f"box {link.name!r}: its sequencer did not become ready (status 0x{status:04x}); plug it "
+        "in again."
+    )
+
 
 #: Words that the ring holds (a power of two), and scans read before counting begins.
 RING, SETTLING, MOST_PACKETS = 1 << 18, 4, 32
@@ -66,7 +222,7 @@ class Quad08:
         self._used = -1  # scan that `counts` stands for
         self._fresh_ns = self._checked_ns = 0
         self.trouble = ""
-        self._link = startup.open_link(name, bus.handle, serial, config.images, bus.pause)
+        self._link = link.open_link(name, bus.handle, serial, config.images, bus.pause)
         self.serial = str(self._link.device.serial_number or "")
         try:
             self._start()

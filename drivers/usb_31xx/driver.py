@@ -2,19 +2,215 @@
 
 The outputs hold their last value when the host dies.  While all is well a digital line is turned
 over every few milliseconds; the amplifiers need a watchdog on that line (docs/hardware.md).
+
+Options of a USB-31xx, and the rate that they give.
+
+Reports to one USB-31xx through hidapi, with errors that say what to do.
 """
 
 from __future__ import annotations
 
 import atexit
+import importlib
 import threading
 from collections import deque
+from dataclasses import dataclass
+from typing import Any
 
 from hil.drivers.usb_31xx import codec
-from hil.drivers.usb_31xx.config import QUERIES_PER_S, Usb31xxConfig
-from hil.drivers.usb_31xx.link import FRAME_S, Link
-from hil.errors import ConfigError, DeviceError
-from hil.signals.bus import Bus
+from hil.errors import ConfigError, DeviceError, DeviceTimeoutError, unknown
+from hil.signals.bus import Attached, Bus
+
+#: Frames of full-speed USB, one report each [1/s]; seen on hardware by users of the family.
+REPORTS_PER_S = 1000.0
+#: Reports that ask whether the box is alive, per second.
+QUERIES_PER_S = 20.0
+
+
+@dataclass(frozen=True)
+class Usb31xxConfig:
+    """Options of the box ``usb-31xx``.
+
+    Parameters
+    ----------
+    model : str
+        Of `codec.MODELS`.
+    staged : bool
+        All channels change at once: they are staged and then updated by a further report.
+    heartbeat_bit : int
+        Digital line that is turned over while all is well, for the watchdog of an amplifier.
+    heartbeat_ms : float
+        Time between its edges; 0 = no heartbeat from this box [ms].
+    """
+
+    model: str = "usb-3101"
+    staged: bool = True
+    heartbeat_bit: int = 0
+    heartbeat_ms: float = 20.0
+
+    def __post_init__(self) -> None:
+        if self.model not in codec.MODELS:
+            raise ConfigError(unknown("model", self.model, codec.MODELS))
+        if not 0 <= self.heartbeat_bit <= 7:
+            raise ConfigError(f"heartbeat_bit = {self.heartbeat_bit}: 0 to 7 is needed.")
+        if self.heartbeat_ms != 0 and not 2.0 <= self.heartbeat_ms <= 1000.0:
+            raise ConfigError(f"heartbeat_ms = {self.heartbeat_ms}: 0, or 2 to 1000 is needed.")
+
+    def reports(self, channels: int) -> int:
+        """Reports per update of so many channels."""
+        return channels + (1 if self.staged and channels > 1 else 0)
+
+    def rate_hz(self, channels: int) -> float:
+        """Updates per second that so many channels get."""
+        beats = 1e3 / self.heartbeat_ms if self.heartbeat_ms else 0.0
+        return (REPORTS_PER_S - beats - QUERIES_PER_S) / self.reports(channels)
+
+
+FRAME_S, PATIENCE_MS, TRIES = 0.001, 500, 2
+RULE = 'KERNEL=="hidraw*", ATTRS{idVendor}=="09db", MODE="0666"'
+USB_RULE = 'SUBSYSTEM=="usb", ATTR{idVendor}=="09db", MODE="0666"'
+RULE_FILE = "/etc/udev/rules.d/60-hil-mcc.rules"
+
+
+def module(bus: Bus) -> Any:
+    """What stands for the module ``hid``.
+
+    Raises
+    ------
+    DeviceError
+        If the package is missing, or it is the other one of that name.
+    """
+    if bus.handle is not None:
+        return bus.handle
+    try:
+        found = importlib.import_module("hid")
+    except ImportError as error:
+        raise DeviceError(
+            f"hidapi cannot be loaded ({error}); 'pip install hidapi' brings it."
+        ) from error
+    if not hasattr(found, "device"):
+        raise DeviceError(
+            "the package 'hid' is installed where 'hidapi' is needed; 'pip uninstall hid', then "
+            "'pip install --force-reinstall hidapi'."
+        )
+    return found
+
+
+def enumerated(bus: Bus, product: int) -> list[dict[str, Any]]:
+    """What hidapi enumerates of one product id."""
+    return list(module(bus).enumerate(codec.VENDOR, product))
+
+
+def attached(bus: Bus) -> list[Attached]:
+    """Boxes of the family on the bus, whether they can be opened or not."""
+    found = []
+    for model, (product, channels) in codec.MODELS.items():
+        for row in enumerated(bus, product):
+            what, serial = f"{model}, {channels} outputs", str(row["serial_number"] or "")
+            handle = module(bus).device()
+            try:
+                handle.open_path(row["path"])
+            except OSError as error:
+                found.append(Attached(serial, f"{what}: {refusal(error)}", False))
+            else:
+                handle.close()
+                found.append(Attached(serial, what))
+    return found
+
+
+def refusal(error: OSError) -> str:
+    """Why a box that is attached cannot be opened, and what to do."""
+    return (
+        f"it cannot be opened ({error}): no permission, or another program holds it. Put "
+        f"{USB_RULE!r} and {RULE!r} into {RULE_FILE}, then 'sudo udevadm control --reload' and "
+        "plug it in again"
+    )
+
+
+class Link:
+    """Reports to one box.
+
+    Parameters
+    ----------
+    name : str
+        Name of the box for messages.
+    bus : Bus
+        HID.
+    product : int
+        Product id.
+    serial : str
+        Serial number; empty takes the first.
+    """
+
+    def __init__(self, name: str, bus: Bus, product: int, serial: str) -> None:
+        self.name, self._bus = name, bus
+        found = enumerated(bus, product)
+        fits = [d for d in found if not serial or d["serial_number"] == serial]
+        if not fits:
+            seen = ", ".join(str(d["serial_number"]) for d in found)
+            what = f" with serial number {serial} (attached: {seen or 'none'})" if serial else ""
+            raise DeviceError(
+                f"box {name!r}: no USB-31xx 09db:{product:04x}{what} is attached; plug it in."
+            )
+        self.serial = str(fits[0]["serial_number"])
+        self._device = module(bus).device()
+        try:
+            self._device.open_path(fits[0]["path"])
+        except OSError as error:
+            raise DeviceError(f"box {name!r}: {refusal(error)}.") from error
+        self._device.set_nonblocking(1)
+        while self._device.read(codec.REPLY_MAX):  # what a crashed program left
+            pass
+
+    def write(self, report: bytes) -> None:
+        """One report, at most one a frame; raises a `DeviceError` if the box is gone."""
+        try:
+            done = self._device.write(report)
+        except (OSError, ValueError) as error:
+            raise self._trouble(str(error)) from error
+        if done != len(report):
+            raise self._trouble("it is gone")
+
+    def _trouble(self, text: str) -> DeviceError:
+        return DeviceError(f"box {self.name!r} (USB-31xx): {text}; plug it in again.")
+
+    def say(self, report: bytes) -> None:
+        """One report and the frame that it takes; for opening and closing."""
+        self.write(report)
+        self._bus.pause(FRAME_S)
+
+    def poll(self) -> bytes:
+        """An input report that waits, or nothing."""
+        try:
+            return bytes(self._device.read(codec.REPLY_MAX))
+        except (OSError, ValueError) as error:
+            raise self._trouble(str(error)) from error
+
+    def query(self, report: bytes, length: int) -> bytes:
+        """Answer of `length` bytes, without its number; replies to older questions are skipped.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If none comes, asked twice.
+        """
+        for _ in range(TRIES):
+            self.say(report)
+            for _ in range(PATIENCE_MS):
+                reply = self.poll()
+                if reply and reply[0] == report[0] and len(reply) > length:
+                    return reply[1 : 1 + length]
+                if not reply:
+                    self._bus.pause(FRAME_S)
+        raise DeviceTimeoutError(
+            f"box {self.name!r} (USB-31xx) does not answer report 0x{report[0]:02x}; plug it in "
+            "again."
+        )
+
+    def close(self) -> None:
+        """Release the box."""
+        self._device.close()
+
 
 _FRAME_NS = round(FRAME_S * 1e9)
 _QUERY_NS = round(1e9 / QUERIES_PER_S)
