@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
-from hil.excite import files
+from hil.excite import trajectory
 from hil.excite.trajectory import grid, sample
 from hil.signals.device import FloatArray
 from hil.signals.settable import Range
@@ -252,7 +252,7 @@ def _table(path: str, period: float) -> FloatArray:
     """Place, speed and acceleration (n, 3, 3) of a trajectory file at every tick; else empty."""
     if not path:
         return np.zeros((0, 3, 3))
-    motion = files.read(path)
+    motion = trajectory.read(path)
     if motion.d != 3:
         raise ConfigError(f"trajectory {path} moves {motion.d} joints, the arms have 3.")
     return np.ascontiguousarray(np.stack(sample(motion, grid(motion, 1.0 / period)), axis=-1))

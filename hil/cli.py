@@ -9,8 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from hil.commands.failures import explain
-from hil.commands.usage import Parser, refuse_rest, refuse_unknown
+from hil.commands.usage import Parser, explain, refuse_rest, refuse_unknown
 from hil.errors import unknown
 
 

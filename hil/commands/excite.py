@@ -6,14 +6,12 @@ import argparse
 import math
 from dataclasses import replace
 
-from hil.commands import common, excitestage, excitetext, outputs, plugins
+from hil.commands import common, excite_text, outputs, plugins
 from hil.errors import ConfigError, unknown
-from hil.excite import files, fourier, menu, table
-from hil.excite.ask import question
-from hil.excite.choose import decide, survey
+from hil.excite import fourier, menu, trajectory
+from hil.excite.choose import decide, question, survey
 from hil.excite.stage import Stage, foreseen
-from hil.excite.table import Played
-from hil.excite.trajectory import Trajectory
+from hil.excite.trajectory import Played, Trajectory
 from hil.identify.parallel import single_threaded
 from hil.models import catalogue
 from hil.models.model import RobotModel
@@ -64,12 +62,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Plan, write and print."""
     given = [args.rig, *([args.model] if args.model else [])]
-    outputs.check(args.output, ".toml", given, files.is_trajectory, "a trajectory file")
-    outputs.check(args.csv, ".csv", given, table.is_table, "a table of a motion")
+    outputs.check(args.output, ".toml", given, trajectory.is_trajectory, "a trajectory file")
+    outputs.check(args.csv, ".csv", given, trajectory.is_table, "a table of a motion")
     if not 5.0 <= args.seconds <= 600.0 or args.seed < 0:
         raise ConfigError("--seconds must be 5 to 600, --seed 0 or more")
     plugins.load_installed()
-    model, stage = excitestage.stage(args)
+    model, stage = excite_text.stage(args)
     names = tuple(dict.fromkeys(x.strip() for x in args.effects.split(",") if x.strip()))
     if not names:
         return _identify(args, model, stage)
@@ -93,18 +91,18 @@ def _identify(args: argparse.Namespace, model: RobotModel, stage: Stage) -> int:
     rows = _write(args, motion, stage, "identifies the model")
     if args.json:
         extra = {
-            "condition": excitetext.finite(found.condition),
-            "condition_naive": excitetext.finite(found.naive),
+            "condition": excite_text.finite(found.condition),
+            "condition_naive": excite_text.finite(found.naive),
             "columns": found.columns,
         }  # fmt: skip
-        common.emit(excitetext.as_dict(args, motion, margins, rows) | extra)
+        common.emit(excite_text.as_dict(args, motion, margins, rows) | extra)
         return 0
     naive = f"{found.naive:.3g}" if math.isfinite(found.naive) else "without limit (rank lost)"
     common.out(
         f"{args.output}: identifies {found.columns} base and friction parameters, period "
         f"{motion.period:g} s\n  condition number {found.condition:.3g}; with one sine a joint "
-        f"{naive}\n{excitetext.length(args, motion)}\n{excitetext.limits(margins)}\n\n"
-        f"{excitetext.play(args, rows)}"
+        f"{naive}\n{excite_text.length(args, motion)}\n{excite_text.limits(margins)}\n\n"
+        f"{excite_text.play(args, rows)}"
     )
     return 0
 
@@ -128,15 +126,15 @@ def _separate(
             {"motion": o.motion.name, "log_odds": o.verdict.odds, "share": o.verdict.share}
             for o in found.options
         ]
-        common.emit(excitetext.as_dict(args, motion, best.margins, rows) | {"menu": listed})
+        common.emit(excite_text.as_dict(args, motion, best.margins, rows) | {"menu": listed})
         return 0
     common.out(
         f"{args.output}: {motion.name}, {motion.period:.3g} s: {menu.describe(motion.name)}\n"
-        f"  for {_versus(names)}\n{excitetext.assumed(asked, tuple(stage.space.robot.units))}\n"
-        f"{excitetext.length(args, motion)}\n"
-        f"{excitetext.menu(found)}\n\n"
-        f"{excitetext.limits(best.margins)}\n\n{excitetext.play(args, rows)}"
-        f"{excitetext.beside(args)}"
+        f"  for {_versus(names)}\n{excite_text.assumed(asked, tuple(stage.space.robot.units))}\n"
+        f"{excite_text.length(args, motion)}\n"
+        f"{excite_text.menu(found)}\n\n"
+        f"{excite_text.limits(best.margins)}\n\n{excite_text.play(args, rows)}"
+        f"{excite_text.beside(args)}"
     )
     return 0
 
@@ -161,10 +159,10 @@ def _named(motion: Trajectory, names: tuple[str, ...]) -> Trajectory:
 def _write(args: argparse.Namespace, motion: Trajectory, stage: Stage, what: str) -> Played | None:
     """Write the motion, and its table if one is wanted."""
     with outputs.writing(args.output):
-        files.write(motion, args.output, f"Written by 'hil excite'; {what}.")
+        trajectory.write(motion, args.output, f"Written by 'hil excite'; {what}.")
     if not args.csv:
         return None
-    rows = table.played(motion, args.seconds, RATE, stage.space.limits.speed)
+    rows = trajectory.played(motion, args.seconds, RATE, stage.space.limits.speed)
     with outputs.writing(args.csv):
-        table.write(rows, args.csv)
+        trajectory.write_csv(rows, args.csv)
     return rows

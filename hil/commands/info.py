@@ -1,4 +1,7 @@
-"""`hil info`: what a session holds, and what is wrong with it before anyone fits it."""
+"""`hil info`: what a session holds, and what is wrong with it before anyone fits it.
+
+What `hil info` says of time: when a session was, and how its loop kept the pace.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,13 @@ import argparse
 import json
 import sys
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hil.commands import infoloop, outputs
+from hil.commands import outputs
 from hil.errors import ConfigError, DataError, plural
 from hil.record.checks import Finding, check, columns, joint_units
 from hil.record.mcap_read import ChannelSummary, SessionSummary, load, summary
@@ -21,6 +25,50 @@ from hil.record.recovery import recover
 if TYPE_CHECKING:
     from hil.identify.prepare import Prepared
     from hil.identify.timing import Lateness
+
+_US = (
+    ("wake-up late", "late"),
+    ("tick takes", "busy"),
+)
+_SHARES = (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999"), ("most", "most"))
+
+
+def when(found: SessionSummary) -> str:
+    """Date and length, e.g. ``recorded 2026-11-21 13:45:02 UTC, 3 s``."""
+    length = max((c.last_s for c in found.channels if c.count), default=0.0)
+    if not found.zero_ns:
+        return f"{length:.4g} s"
+    began = datetime.fromtimestamp(found.zero_ns * 1e-9, UTC)
+    return f"recorded {began:%Y-%m-%d %H:%M:%S} UTC, {length:.4g} s"
+
+
+def figures(found: SessionSummary) -> dict[str, float] | None:
+    """Figures of the loop, where the session is of `hil run` and was closed."""
+    told = found.metadata.get("loop", {}).get("figures")
+    return dict(json.loads(told)) if told else None
+
+
+def loop_lines(found: SessionSummary) -> list[str]:
+    """Rows about the loop; none for sessions that no loop wrote."""
+    f = figures(found)
+    if f is None:
+        return []
+    session, loop = found.metadata.get("session", {}), found.metadata["loop"]
+    clock, rate = session.get("clock", "?"), float(session.get("rate_hz", "nan"))
+    rows = [
+        f"loop: {f['ticks']:.0f} ticks at {rate:g} Hz, clock {clock}; {f['missed']:.0f} deadlines "
+        f"missed, {f['dropped']:.0f} rows dropped, at most {f['ring_most']:.0f} waited in the ring"
+    ]
+    if clock == "lockstep":
+        return [*rows, "  no time passes within a tick of a virtual clock", ""]
+    rows += [
+        f"  {label:<13} " + ", ".join(f"{p} {f[f'{key}_{q}']:.1f}" for p, q in _SHARES) + " us"
+        for label, key in _US
+    ]
+    rows.append(f"  {'longest gap':<13} {f['longest_gap']:.0f} us between two ticks")
+    rows.append(f"  {'arranged':<13} {loop.get('granted') or 'nothing was granted'}")
+    return [*rows, ""]
+
 
 EXAMPLE = "hil info run1.mcap run2.mcap"
 
@@ -122,7 +170,7 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
         ],
         "arms": [_arm_dict(arm) for arm in arms],
         "start_ns": found.zero_ns,
-        "loop": infoloop.figures(found),
+        "loop": figures(found),
         "metadata": found.metadata,
         "attachments": list(found.attachments),
     }  # fmt: skip
@@ -163,7 +211,7 @@ def _robot(r: Recording) -> str:
 
 def _text(found: SessionSummary, arms: list[_Arm]) -> str:
     cut = ", cut off" if found.truncated else ""
-    lines = [f"{found.path}: {found.bytes / 1e6:.3g} MB{cut}, {infoloop.when(found)}", ""]
+    lines = [f"{found.path}: {found.bytes / 1e6:.3g} MB{cut}, {when(found)}", ""]
     if found.truncated or found.damaged:
         chunks = plural(found.damaged, "damaged chunk")
         lost = f"{plural(found.unread, 'byte')} at the end and {chunks}"
@@ -179,7 +227,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
          f"{c.last_s:.4f}", str(c.missing) if c.missing and _periodic(c) else "-")
         for c in found.channels
     ]  # fmt: skip
-    lines += [*_aligned(rows), "", *infoloop.lines(found)]
+    lines += [*_aligned(rows), "", *loop_lines(found)]
     if not arms:
         lines += ["  no arm: no /<name>/measured_js channel, so there is nothing to fit", ""]
     for arm in arms:

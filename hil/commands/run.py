@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from hil.commands import outputs, rigfile
 from hil.errors import ConfigError
-from hil.excite import files
+from hil.excite import trajectory
 from hil.record import mcap_read
 from hil.rig.config import RigConfig, load_rig
 from hil.runtime import runner
@@ -97,7 +97,7 @@ def _played(args: argparse.Namespace) -> dict[str, Any]:
     """Tables that --trajectory puts over the rig file: the motion, and once through it."""
     if not args.trajectory:
         return {}
-    period = files.read(args.trajectory).period
+    period = trajectory.read(args.trajectory).period
     return {
         "controller": {"parameters": {"trajectory": args.trajectory}},
         # a second before it to go to its start

@@ -1,7 +1,7 @@
 """What these data cannot tell apart or could not show, why, and which motion would.
 
 Two effects are one by structure or by this excitation, computed for this robot and model with the
-fitted values: see `hil.excite.separate`.
+fitted values: see `hil.excite.question`.
 
 What a motion could not have shown is computed from the recorded motion, joint by joint, so that no
 evidence for it is no evidence against it; each limit is one of mechanics:
@@ -37,13 +37,10 @@ from hil.diagnosis.types import (
 )
 from hil.errors import ConfigError
 from hil.excite import menu
-from hil.excite.ask import measured
-from hil.excite.choose import Choice, Survey, decide, survey
+from hil.excite.choose import Choice, Survey, decide, measured, survey
 from hil.excite.limits import of_robot
-from hil.excite.question import Question, Rival, in_context, sharp
-from hil.excite.recorded import model_words, output_words, robot_word, room, stage_of
-from hil.excite.separate import gram
-from hil.excite.stage import Stage
+from hil.excite.question import Question, Rival, gram, in_context, sharp
+from hil.excite.stage import Stage, model_words, output_words, robot_word, room, stage_of
 from hil.identify.design import Term, head
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector

@@ -1,18 +1,26 @@
-"""The motion of the menu that answers a question best, and whether any can."""
+"""The motion of the menu that answers a question best, and whether any can.
+
+From names of effects to a question, with and without a recording.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.errors import ConfigError
 from hil.excite import menu
-from hil.excite.margins import Margin
-from hil.excite.question import Question, Verdict
-from hil.excite.separate import against, gram
+from hil.excite.foresee import complete, nominal
+from hil.excite.limits import Margin
+from hil.excite.question import Question, Rival, Verdict, against, gram, imitations, sharp
 from hil.excite.stage import Stage, fitted
 from hil.excite.trajectory import Trajectory
+from hil.identify.design import Term
+from hil.identify.problem import Problem
+from hil.models import catalogue
+from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
 
@@ -146,3 +154,108 @@ def decide(seen: Survey, question: Question, names: tuple[str, ...]) -> Choice:
     options = [option for _, _, option in ranked]
     now = None if seen.known is None else least(say(seen.known))
     return Choice(options, now, least(union), never, len(never) == len(union))
+
+
+#: Noise of the effort where none was measured, as a share of the torque limit.
+NOISE = 1e-3
+#: Size of an effect of which nothing is known, as a share of the torque limit.
+SIZE = 5e-3
+#: Share of the noise power that an effect must exceed to be noticed: the 4 % of the error that
+#: `hil diagnose` asks of every effect (1 - 0.96^2).
+NOTICED = 0.08
+
+
+def question(
+    model: RobotModel, effects: tuple[str, ...], joint: int | None, stage: Stage
+) -> Question:
+    """Question about rivals (or one effect) of which nothing has been measured.
+
+    Each gets the middle of its shapes and coefficients that make it 0.5 % of the torque limit
+    (rms, on strokes at all speeds); the noise is 0.1 % of it.
+
+    Raises
+    ------
+    ConfigError
+        If an effect is unknown, part of every model, or cannot show in free motion.
+    """
+    space = stage.space
+    motion = menu.speed_ladder(space, joint, stage.seconds)
+    problem = stage.foresee(motion)
+    problem.motions = [replace(m, span=space.alone) for m in problem.motions]
+    base, theta = nominal(model, problem, space.limits)
+    first = problem.motions[0]
+    problem.set_context(v0=first.v0, contact=first.contact)
+    complete(problem, base, theta)
+    torque = _scale(space.limits.torque, problem)
+    j = 0 if joint is None else joint
+    rivals = [_unknown(name, j, problem, SIZE * float(torque[j])) for name in effects]
+    _lacking(base, rivals)
+    asked = _question(base, theta, _near(rivals, problem), NOISE * torque, problem)
+    instants = problem.n * stage.seconds / motion.period
+    return replace(asked, floor=NOTICED * instants)
+
+
+def _lacking(base: list[Term], rivals: list[Rival]) -> None:
+    """Refuse an effect that the model has already."""
+    there = {t.key for t in base} & {(r.name, r.term.joint) for r in rivals}
+    if there:
+        raise ConfigError(
+            f"{', '.join(sorted(n for n, _ in there))}: already in the model; name effects that it "
+            "lacks, or none, to identify the model as it is"
+        )
+
+
+def _scale(torque: FloatArray, problem: Problem) -> FloatArray:
+    """Torque limits; where there is none, ten times the foreseen effort."""
+    foreseen = 10 * np.sqrt(np.mean(problem.motions[0].tau ** 2, axis=0))
+    out: FloatArray = np.where(np.isfinite(torque), torque, np.maximum(foreseen, 1e-9))
+    return out
+
+
+def _unknown(name: str, j: int, problem: Problem, size: float) -> Rival:
+    """A rival with the middle of its shapes and coefficients of a given rms effort."""
+    effect = catalogue.get(name)
+    if "motor" not in effect.scope.explains:
+        raise ConfigError(
+            f"effect {name!r} shows in contact only; no free motion can tell: press on the object "
+            f"instead ({effect.doc.shown_by})"
+        )
+    if reason := effect.scope.lacks(problem.motions[0], j):
+        raise ConfigError(f"effect {name!r}: {reason}; no motion of this rig can show it")
+    grid = effect.search.grid(problem.motions[0], j)
+    term = Term(effect, j, grid[len(grid) // 2] if grid else ())
+    columns = problem.columns(effect, j, term.shape)
+    flat = columns[j] if columns.ndim == 3 else columns
+    power = np.sqrt(np.mean(flat**2, axis=0))
+    theta = size / np.maximum(power, 1e-12 + 1e-6 * power.max()) / np.sqrt(power.size)
+    # alternate the signs, so that no sum over the columns cancels or doubles by design
+    return Rival(term, theta * np.where(np.arange(theta.size) % 3 == 1, -1.0, 1.0))
+
+
+def _near(rivals: list[Rival], problem: Problem) -> list[Rival]:
+    """Rivals with the shapes by which they may imitate each other."""
+    out = []
+    for r in rivals:
+        alike = [
+            x.term.shape for x in rivals
+            if x is not r and [p.name for p in x.term.effect.shape]
+            == [p.name for p in r.term.effect.shape]
+        ]  # fmt: skip
+        out.append(replace(r, shapes=imitations(r.term, problem, alike)))
+    return out
+
+
+def measured(
+    base: list[Term], theta: FloatArray, rivals: list[Rival], noise: FloatArray, problem: Problem
+) -> Question:
+    """Question about rivals as a recording, in its context, shows them."""
+    first = problem.motions[0]
+    return Question(base, theta, _near(rivals, problem), noise, first.v0, first.contact, first.span)
+
+
+def _question(
+    base: list[Term], theta: FloatArray, rivals: list[Rival], noise: FloatArray, problem: Problem
+) -> Question:
+    first = problem.motions[0]
+    terms, v0 = sharp(base, first.resolution)
+    return Question(terms, theta, rivals, noise, v0, first.contact, first.span)

@@ -21,8 +21,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.excite.foresee import nominal
-from hil.excite.space import Space
-from hil.excite.stage import Stage
+from hil.excite.stage import Space, Stage
 from hil.excite.trajectory import Trajectory, grid, sample
 from hil.identify.design import Term
 from hil.models.model import RobotModel

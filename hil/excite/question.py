@@ -1,4 +1,17 @@
-"""A question about rival effects: what is refitted, what is suspected, how loud the noise is."""
+"""A question about rival effects: what is refitted, what is suspected, how loud the noise is.
+
+How well a motion separates rival effects: what the one does and the other cannot imitate.
+
+With base columns X, rival columns C_b and the signal s = C_a theta_a (all divided by the noise),
+the noncentrality of a against b is
+
+    lambda = min over the shapes of b of  |s - P s|^2,  P the projector on [X, C_b];
+
+largest lambda = T-optimal (Atkinson and Fedorov, Biometrika 62, 1975).  Only Gram matrices are
+needed, so runs simply add up.  No equation is exactly the truth, so lambda counts against
+1 + 1 % of the signal's own power, as in the attribution of `hil.diagnosis`; and where nothing has
+been recorded yet, against the share of the noise that an effect must exceed to be noticed.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +20,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from hil.excite import foresee
-from hil.identify.design import Term
+from hil.identify.design import Term, stack
 from hil.identify.problem import Problem
 from hil.models.effect import Trait
 
@@ -133,3 +147,109 @@ def ready(problem: Problem, question: Question) -> Problem:
     out = in_context(problem, question.v0, question.contact, question.span)
     foresee.complete(out, question.base, question.theta)
     return out
+
+
+#: Share of an effect's power below which another one contains it.
+CONTAINED = 1e-3
+#: Largest number of shapes with which a rival may imitate.
+SHAPES = 6
+
+
+def gram(problem: Problem, question: Question) -> FloatArray:
+    """Gram matrix of all columns, in the order base, then each rival's shapes; noise = 1.
+
+    Rivals' own (fitted) shape comes first, then the shapes with which they may imitate.
+    """
+    terms = [*question.base]
+    for r in question.rivals:
+        terms += [r.term, *(r.term.reshaped(s) for s in r.shapes)]
+    terms = [replace(t, per_run=False) for t in terms]
+    x, _ = stack(problem, terms)
+    w = np.repeat(1.0 / question.noise, problem.n)
+    x = x * w[:, None]
+    return x.T @ x
+
+
+def verdicts(g: FloatArray, question: Question) -> dict[tuple[str, str], Verdict]:
+    """Verdict on every ordered pair of rivals; of a single one against the base alone."""
+    where, base = _slots(question)
+    out = {}
+    for a, slots in zip(question.rivals, where, strict=True):
+        power, _ = _left(g, base, slots[0], a.theta)
+        others = [(b, s) for b, s in zip(question.rivals, where, strict=True) if b is not a]
+        if not others:
+            whole = float(a.theta @ g[np.ix_(slots[0], slots[0])] @ a.theta)
+            out[a.name, "base"] = _verdict(power, whole, question.floor)
+        for b, other in others:
+            tries = [_left(g, np.concatenate([base, s]), slots[0], a.theta) for s in other[1:]]
+            least = min(left for left, _ in tries)
+            fresh = min(float(np.linalg.eigvalsh(schur)[-1]) for _, schur in tries)
+            out[a.name, b.name] = replace(_verdict(least, power, question.floor), fresh=fresh)
+    return out
+
+
+def pair(found: dict[tuple[str, str], Verdict], a: Rival, b: Rival) -> Verdict:
+    """Verdict on two rivals: the smaller of both directions, for either may be true.
+
+    Where the one contains the other (a spring with its rest position, an offset), only the
+    richer one's surplus can show, if not with these coefficients then with others; without
+    surplus the price of its coefficients decides.
+    """
+    ab, ba = found[a.name, b.name], found[b.name, a.name]
+    if a.theta.size != b.theta.size:
+        poor, rich = (ab, ba) if a.theta.size < b.theta.size else (ba, ab)
+        if poor.share < CONTAINED:
+            return rich
+    return replace(min(ab, ba, key=lambda v: v.odds), fresh=0.0)
+
+
+def against(g: FloatArray, question: Question, names: tuple[str, ...]) -> dict[str, Verdict]:
+    """Verdict on the first of some rivals against each other one; of a single one, the base."""
+    found = verdicts(g, question)
+    rivals = {r.name: r for r in question.rivals}
+    if len(rivals) == 1:
+        return {"base": next(iter(found.values()))}
+    first, *others = names or tuple(rivals)
+    return {n: pair(found, rivals[first], rivals[n]) for n in others}
+
+
+def _verdict(left: float, power: float, floor: float) -> Verdict:
+    # log odds = lambda / 2 (1 + f power + floor)
+    return Verdict(left / (2 * (1 + FORM * power + floor)), left / max(power, 1e-300))
+
+
+def _slots(question: Question) -> tuple[list[list[NDArray[np.int_]]], NDArray[np.int_]]:
+    """Column numbers: per rival its own and its imitating shapes; and those of the base."""
+    start = question.theta.size
+    out = []
+    for r in question.rivals:
+        m = r.theta.size
+        own = [start + m * k + np.arange(m) for k in range(1 + len(r.shapes))]
+        start += m * len(own)
+        out.append(own)
+    return out, np.arange(question.theta.size)
+
+
+def _left(
+    g: FloatArray, base: NDArray[np.int_], own: NDArray[np.int_], theta: FloatArray
+) -> tuple[float, FloatArray]:
+    """|s - P s|^2 of the signal s = C theta, and the Schur complement of its columns."""
+    size = np.sqrt(np.maximum(np.diag(g), 1e-300))
+    unit = g / np.outer(size, size)
+    inner = unit[np.ix_(base, base)]
+    value, vector = scipy.linalg.eigh(inner)
+    keep = value > 1e-10 * max(float(value[-1]), 1e-300)
+    half = vector[:, keep] / np.sqrt(value[keep])
+    cross = half.T @ unit[np.ix_(base, own)]
+    schur = unit[np.ix_(own, own)] - cross.T @ cross
+    scaled = theta * size[own]
+    return max(float(scaled @ schur @ scaled), 0.0), schur
+
+
+def imitations(term: Term, problem: Problem, near: Sequence[tuple[float, ...]]) -> tuple[
+    tuple[float, ...], ...
+]:  # fmt: skip
+    """Shapes with which an effect may imitate another: its own, `near`, and its grid thinned."""
+    grid = term.effect.search.grid(problem.motions[0], term.joint) or [term.shape]
+    step = max(1, len(grid) // SHAPES)
+    return tuple(dict.fromkeys([term.shape, *near, *grid[step // 2 :: step]]))

@@ -1,13 +1,30 @@
-"""A periodic joint motion: a path through via points plus a Fourier series."""
+"""A periodic joint motion: a path through via points plus a Fourier series.
+
+Trajectory files: TOML of schema ``hil.trajectory/1``; reading checks everything.
+
+A motion as a table for a rig that is not run by this package: t, q, qd, qdd, SI, a header line.
+
+It begins and ends at rest:  r(t) = q0 + s(t) (q(t) - q0),  s from 0 to 1 by
+
+    s = 10 u^3 - 15 u^4 + 6 u^5,
+
+u the share of the lead-in that has passed, and back again behind the last period; between them the
+motion is played as it was planned.
+"""
 
 from __future__ import annotations
 
+import json
+import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.errors import ConfigError
+from hil.errors import ConfigError, unknown
 
 FloatArray = NDArray[np.float64]
 
@@ -155,3 +172,223 @@ def _blends(x: Trajectory, gaps: FloatArray) -> list[str]:
     if x.blend[0] != x.blend[-1]:
         return ["path: the first and the last blend are of one corner and must agree"]
     return []
+
+
+SCHEMA = "hil.trajectory/1"
+_KEYS = ("schema", "name", "for", "joints", "units", "period", "path", "fourier")
+
+
+def is_trajectory(path: Path) -> bool:
+    """Whether a file is a trajectory file, or empty."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        return not text.strip() or str(tomllib.loads(text).get("schema")).startswith(
+            "hil.trajectory/"
+        )
+    except (OSError, ValueError):
+        return False
+
+
+def read(path: str | Path) -> Trajectory:
+    """Read a trajectory file.
+
+    Raises
+    ------
+    ConfigError
+        If it is missing, of another kind, or wrong.
+    """
+    try:
+        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigError(f"trajectory {path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"trajectory {path} is not a readable TOML file: {error}") from error
+    if table.get("schema") != SCHEMA:
+        raise ConfigError(
+            f"trajectory {path} is no trajectory file: its schema is {table.get('schema')!r}, "
+            f"{SCHEMA!r} is needed; 'hil excite' writes one"
+        )
+    try:
+        return _parse(table)
+    except ConfigError as error:
+        raise ConfigError(f"trajectory {path}: {error}") from error
+
+
+def _parse(table: Mapping[str, Any]) -> Trajectory:
+    _only(table, _KEYS)
+    path, fourier = _table(table, "path"), _table(table, "fourier")
+    _only(path, ("t", "blend", "q"))
+    _only(fourier, ("sin", "cos"))
+    joints = _names(table, "joints", ())
+    units = _names(table, "units", ("rad",) * len(joints))
+    period = float(_array(table, "period", 0))
+    series = [_array(fourier, k, 2) if k in fourier else None for k in ("sin", "cos")]
+    shapes = {s.shape for s in series if s is not None}
+    if len(shapes) > 1:
+        raise ConfigError("fourier: sin and cos must have the same shape")
+    shape = shapes.pop() if shapes else (len(joints), 0)
+    parts = [np.zeros(shape) if s is None else s for s in series]
+    return Trajectory(
+        joints, units, period, _array(path, "t", 1), _array(path, "q", 2),
+        _array(path, "blend", 1), np.stack(parts, axis=-1),
+        str(table.get("name", "motion")), _names(table, "for", ()),
+    )  # fmt: skip
+
+
+def _only(table: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    for key in table:
+        if key not in known:
+            raise ConfigError(unknown("key", key, known))
+
+
+def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = table.get(key, {})
+    if not isinstance(value, Mapping):
+        raise ConfigError(f"{key} must be a table, not {value!r}")
+    return value
+
+
+def _names(table: Mapping[str, Any], key: str, default: tuple[str, ...]) -> tuple[str, ...]:
+    value = table.get(key, list(default))
+    if not isinstance(value, list) or not all(isinstance(x, str) for x in value):
+        raise ConfigError(f"{key} must be a list of words, not {value!r}")
+    return tuple(value)
+
+
+def _array(table: Mapping[str, Any], key: str, ndim: int) -> FloatArray:
+    """Numbers under `key` as an array of `ndim` dimensions."""
+    if key not in table:
+        raise ConfigError(f"the key {key!r} is missing")
+    try:
+        out = np.asarray(table[key], dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ConfigError(f"{key} must hold numbers, all rows of one length") from None
+    if out.ndim != ndim or _mixed(table[key]):
+        raise ConfigError(f"{key} must be {('a number', 'a list', 'a list of rows')[ndim]}")
+    return out
+
+
+def _mixed(value: object) -> bool:
+    """Whether anything in nested lists is not a number (a word that reads as one, a truth)."""
+    if isinstance(value, list):
+        return any(_mixed(x) for x in value)
+    return isinstance(value, bool) or not isinstance(value, int | float)
+
+
+def text(x: Trajectory, note: str = "") -> str:
+    """TOML text of a trajectory."""
+    lines = [f"# {line}" for line in note.splitlines()]
+    words = {
+        "schema": SCHEMA, "name": x.name, "for": list(x.purpose), "joints": list(x.joints),
+        "units": list(x.units), "period": x.period,
+    }  # fmt: skip
+    lines += [f"{k} = {json.dumps(v)}" for k, v in words.items()]
+    lines += ["", "[path] # straight lines through q [rad or m] at t [s], corners rounded"]
+    lines += [f"t = {_row(x.times)}", f"blend = {_row(x.blend)}", f"q = {_rows(x.via)}"]
+    if x.series.shape[1]:
+        lines += ["", "[fourier] # rows: joints; columns: multiples of 1 / period"]
+        lines += [f"sin = {_rows(x.series[..., 0])}", f"cos = {_rows(x.series[..., 1])}"]
+    return "\n".join([*lines, ""])
+
+
+def _row(values: FloatArray) -> str:
+    return "[" + ", ".join(repr(float(f"{v:.12g}")) for v in values) + "]"
+
+
+def _rows(values: FloatArray) -> str:
+    return "[\n" + "".join(f"  {_row(v)},\n" for v in values) + "]"
+
+
+def write(x: Trajectory, path: str | Path, note: str = "") -> None:
+    """Write a trajectory file."""
+    Path(path).write_text(text(x, note), encoding="utf-8")
+
+
+#: Lengths of the lead-in that are tried [s].
+LEADS = (2.0, 4.0, 8.0, 16.0, 32.0)
+
+
+@dataclass(frozen=True)
+class Played:
+    """Samples of a motion from rest to rest.
+
+    Parameters
+    ----------
+    t : ndarray (n,)
+        From 0 [s].
+    q, qd, qdd : ndarray (n, d)
+        Position, speed, acceleration [rad or m, per s, per s^2].
+    lead : float
+        Length of the lead-in, and of the way back to rest [s].
+    rounds : int
+        Whole periods between them.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    lead: float
+    rounds: int
+
+
+def played(x: Trajectory, seconds: float, rate: float, speed: FloatArray) -> Played:
+    """As many whole periods as `seconds` hold, one at least, from rest to rest.
+
+    Parameters
+    ----------
+    x : Trajectory
+        The motion.
+    seconds : float
+        Wanted length without lead-in [s].
+    rate : float
+        Rows a second [Hz].
+    speed : ndarray (d,)
+        Limits that the lead-in keeps to as well [rad/s or m/s].
+    """
+    rounds = max(1, int(seconds / x.period + 1e-9))
+    for lead in LEADS:
+        out = _from_rest(x, rounds, lead, rate)
+        if np.all(np.abs(out.qd) <= speed):
+            break
+    return out
+
+
+def _from_rest(x: Trajectory, rounds: int, lead: float, rate: float) -> Played:
+    whole = rounds * x.period + 2 * lead
+    t = np.arange(int(whole * rate + 1e-6) + 1) / rate
+    q, qd, qdd = sample(x, t - lead)
+    at = sample(x, np.zeros(1))[0]
+    up, down = np.clip(t / lead, 0.0, 1.0), np.clip((whole - t) / lead, 0.0, 1.0)
+    u, sign = np.minimum(up, down)[:, None], np.where(up < down, 1.0, -1.0)[:, None] / lead
+    s = u**3 * (10 - 15 * u + 6 * u**2)
+    ds = 30 * u**2 * (1 - u) ** 2 * sign
+    dds = 60 * u * (1 - u) * (1 - 2 * u) / lead**2
+    # r = q0 + s (q - q0) and its derivatives
+    return Played(
+        t, at + s * (q - at), ds * (q - at) + s * qd, dds * (q - at) + 2 * ds * qd + s * qdd,
+        lead, rounds,
+    )  # fmt: skip
+
+
+def header(d: int) -> list[str]:
+    """Names of the columns for d joints."""
+    return ["t", *(f"{kind}{j + 1}" for kind in ("q", "qd", "qdd") for j in range(d))]
+
+
+def write_csv(p: Played, path: str | Path) -> None:
+    """Write the table."""
+    rows = np.column_stack([p.t, p.q, p.qd, p.qdd])
+    names = ",".join(header(p.q.shape[1]))
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=names, comments="")
+
+
+def is_table(path: Path) -> bool:
+    """Whether a file is such a table, or empty: never a recording, which has efforts."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            names = file.readline().strip().split(",")
+    except (OSError, ValueError):
+        return False
+    return names == [""] or names == header((len(names) - 1) // 3)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from hil.errors import ConfigError
-from hil.excite import files, margins
+from hil.excite import trajectory
+from hil.excite.limits import check as check_motion
 from hil.excite.limits import of_arm
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
@@ -70,13 +71,13 @@ def check_trajectory(config: RigConfig) -> None:
     path = config.controller.parameters.get("trajectory")
     if not isinstance(path, str) or not path:
         return
-    motion = files.read(path)
+    motion = trajectory.read(path)
     for arm in config.controller.arms:
         table = config.arms[arm]
         source = RobotSource(table.robot, tip=table.tip)
         robot = bare_robot(source, table.joints)
         limits = of_arm(table, source)
         try:
-            margins.check(motion, limits, robot, config.loop.rate_hz)
+            check_motion(motion, limits, robot, config.loop.rate_hz)
         except ConfigError as error:
             raise ConfigError(f"{path}, arm {arm!r}: {error}") from error

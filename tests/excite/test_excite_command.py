@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil.cli import main
-from hil.excite import files
+from hil.excite import trajectory
 from hil.excite.trajectory import sample
 from hil.record.mcap_read import load
 
@@ -28,7 +28,7 @@ def test_a_separating_motion_is_planned_and_played(tmp_path, monkeypatch, capsys
     assert (
         main(["run", str(RIG), "--trajectory", "next.toml", "-o", "s.mcap", "--seconds", "6"]) == 0
     )
-    run, motion = load("s.mcap", "follower"), files.read("next.toml")
+    run, motion = load("s.mcap", "follower"), trajectory.read("next.toml")
     late = run.t > 1.5
     wanted, _, _ = sample(motion, run.t[late])
     assert np.abs(run.q[late] - wanted).max() < 0.03

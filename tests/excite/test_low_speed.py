@@ -7,7 +7,7 @@ import pytest
 
 from hil.cli import main
 from hil.diagnosis.engine import diagnose
-from hil.excite import files
+from hil.excite import trajectory
 from hil.excite.trajectory import sample
 from hil.models.model import base_model
 from hil.record.recording import Recording, RobotSource
@@ -28,7 +28,7 @@ def planned(folder, capsys, effect: str, motion: str = "", speed: float = 3.0) -
 
 def played(folder, vs: float, fs: float) -> Recording:
     """The axis on that motion: inertia, viscous, dry and Stribeck friction, and noise."""
-    x = files.read(folder / "axis.toml")
+    x = trajectory.read(folder / "axis.toml")
     t = np.arange(0, x.period, 1e-3)
     q, v, a = (s[:, 0] for s in sample(x, t))
     rng = np.random.default_rng(1)

@@ -6,10 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.errors import ConfigError
-from hil.excite import files, menu
-from hil.excite.limits import of_robot
-from hil.excite.margins import check, margins
-from hil.excite.space import explore
+from hil.excite import menu, trajectory
+from hil.excite.limits import check, margins, of_robot
+from hil.excite.stage import explore
 from hil.excite.trajectory import Trajectory, grid, sample
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
@@ -52,12 +51,12 @@ def test_speed_and_acceleration_are_the_derivatives(seed):
 
 def test_a_file_comes_back(tmp_path):
     x = motion(1)
-    files.write(x, tmp_path / "x.toml", "a note\nof two lines")
-    y = files.read(tmp_path / "x.toml")
+    trajectory.write(x, tmp_path / "x.toml", "a note\nof two lines")
+    y = trajectory.read(tmp_path / "x.toml")
     assert (y.joints, y.units, y.name) == (x.joints, x.units, x.name)
     for name in ("times", "via", "blend", "series"):
         np.testing.assert_allclose(getattr(y, name), getattr(x, name), atol=1e-11)
-    assert files.is_trajectory(tmp_path / "x.toml")
+    assert trajectory.is_trajectory(tmp_path / "x.toml")
 
 
 @pytest.mark.parametrize(
@@ -77,11 +76,11 @@ def test_a_file_comes_back(tmp_path):
     ],
 )
 def test_mistakes_in_a_file_are_named(tmp_path, old, new, says):
-    text = files.text(motion(2))
+    text = trajectory.text(motion(2))
     assert old in text
     (tmp_path / "x.toml").write_text(text.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(ConfigError, match=says.replace("[", r"\[")):
-        files.read(tmp_path / "x.toml")
+        trajectory.read(tmp_path / "x.toml")
 
 
 @pytest.mark.parametrize("name", menu.MENU)
