@@ -57,6 +57,10 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Load a public name at first use, so that `import hil` costs nothing."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("hil-teleop")
     if name not in _WHERE:
         raise AttributeError(f"module 'hil' has no attribute {name!r}")
     module = importlib.import_module(_WHERE[name])

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import hil
 from hil.commands.usage import Parser, explain, refuse_rest, refuse_unknown
 from hil.errors import unknown
 
@@ -84,6 +85,7 @@ def build_parser(only: str | None = None) -> Parser:
         prog="hil",
         description="Haptic teleoperation rigs: run, record, and find the missing physics.",
     )
+    parser.add_argument("--version", action="store_true", help="print the version")
     parser.add_argument("--debug", action="store_true", help=debug)
     sub = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in COMMANDS:
@@ -123,6 +125,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     refuse_unknown(command, words)
     args, extra = parser.parse_known_args(words)
     refuse_rest(command, extra)
+    if first is None and args.version:
+        sys.stdout.write(f"hil {hil.__version__}\n")
+        return 0
     if first is None:
         parser.leave(f"name a command: {', '.join(COMMANDS)}.")
     try:
