@@ -16,9 +16,15 @@ import numpy as np
 #: and their part by gravity, of the three joints; time since the start [s]; sums and differences
 #: of two speeds.
 VARIABLES = (
-    *(f"{what}{i}" for what in ("q", "v", "load", "gravity") for i in (1, 2, 3)), "t",
-    "v1+v2", "v1+v3", "v2+v3", "v1-v2", "v1-v3", "v2-v3",
-)  # fmt: skip
+    *(f"{what}{i}" for what in ("q", "v", "load", "gravity") for i in (1, 2, 3)),
+    "t",
+    "v1+v2",
+    "v1+v3",
+    "v2+v3",
+    "v1-v2",
+    "v1-v3",
+    "v2-v3",
+)
 #: Knots over speed and time lie evenly in asinh(x / BEND) [rad/s, s]: dense about zero.
 BEND = 0.005
 #: Memory of one arm: last positions (3,), states of three elements per joint (3, 3).
@@ -29,9 +35,14 @@ AXIS = np.dtype(_AXIS)
 #: Joint from 0, the two axes, and where the values (count x, count y) start.
 TERM = np.dtype([("joint", np.int64), ("x", AXIS), ("y", AXIS), ("at", np.int64)])
 #: Joint, displacement [rad], 1 for Dahl and 0 for Maxwell slip, forces of the elements [N m].
-SLIP = np.dtype([
-    ("joint", np.int64), ("scale", np.float64), ("dahl", np.int64), ("force", np.float64, (3,)),
-])  # fmt: skip
+SLIP = np.dtype(
+    [
+        ("joint", np.int64),
+        ("scale", np.float64),
+        ("dahl", np.int64),
+        ("force", np.float64, (3,)),
+    ]
+)
 
 
 @nb.njit(cache=True, nogil=True)

@@ -81,17 +81,20 @@ def solve(j: Any, b: Any, out: Any) -> None:
     if abs(det) < SINGULAR:
         det = SINGULAR if det >= 0.0 else -SINGULAR
     out[0] = (
-        a0 * b[0] + (j[0, 2] * j[2, 1] - j[0, 1] * j[2, 2]) * b[1]
+        a0 * b[0]
+        + (j[0, 2] * j[2, 1] - j[0, 1] * j[2, 2]) * b[1]
         + (j[0, 1] * j[1, 2] - j[0, 2] * j[1, 1]) * b[2]
-    ) / det  # fmt: skip
+    ) / det
     out[1] = (
-        a1 * b[0] + (j[0, 0] * j[2, 2] - j[0, 2] * j[2, 0]) * b[1]
+        a1 * b[0]
+        + (j[0, 0] * j[2, 2] - j[0, 2] * j[2, 0]) * b[1]
         + (j[0, 2] * j[1, 0] - j[0, 0] * j[1, 2]) * b[2]
-    ) / det  # fmt: skip
+    ) / det
     out[2] = (
-        a2 * b[0] + (j[0, 1] * j[2, 0] - j[0, 0] * j[2, 1]) * b[1]
+        a2 * b[0]
+        + (j[0, 1] * j[2, 0] - j[0, 0] * j[2, 1]) * b[1]
         + (j[0, 0] * j[1, 1] - j[0, 1] * j[1, 0]) * b[2]
-    ) / det  # fmt: skip
+    ) / det
 
 
 @nb.njit(cache=True, nogil=True)
@@ -122,9 +125,21 @@ def interpolate(v: float, speeds: Any, values: Any) -> float:
 
 @nb.njit(cache=True, nogil=True)
 def advance(
-    running: bool, q: Any, v: Any, sent: Any, rub: Any, pi: Any, gain: float, period: float,
-    past: Any, now: Any, room: Any, impulse: Any, flow: Any, r: Any,
-) -> None:  # fmt: skip
+    running: bool,
+    q: Any,
+    v: Any,
+    sent: Any,
+    rub: Any,
+    pi: Any,
+    gain: float,
+    period: float,
+    past: Any,
+    now: Any,
+    room: Any,
+    impulse: Any,
+    flow: Any,
+    r: Any,
+) -> None:
     """One period: r = K (M q' - int(tau_c + C^T q' - N - tau_f + r) dt) into `r` (3,) [N m].
 
     The external torque through a first-order low-pass of corner K; implicit in r, stable for

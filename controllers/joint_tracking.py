@@ -23,9 +23,11 @@ HARMONICS = 26
 
 
 def coefficients(
-    rng: np.random.Generator, amplitude: NDArray[np.float64], speed: NDArray[np.float64],
+    rng: np.random.Generator,
+    amplitude: NDArray[np.float64],
+    speed: NDArray[np.float64],
     period: float,
-) -> NDArray[np.float64]:  # fmt: skip
+) -> NDArray[np.float64]:
     """Fourier coefficients of a motion within `amplitude` and `speed`.
 
     s(t) = slow(t) + (1 - cos(w t + a)) / 2 * fast(t): slow passes with small speeds and fast
@@ -151,9 +153,17 @@ def aimed(
 
 @nb.njit(cache=True, nogil=True)
 def law(
-    t: float, x: Any, u: Any, c: Any, table: Any, center: Any, gains: Any, times: Any,
-    x_next: Any, y: Any,
-) -> None:  # fmt: skip
+    t: float,
+    x: Any,
+    u: Any,
+    c: Any,
+    table: Any,
+    center: Any,
+    gains: Any,
+    times: Any,
+    x_next: Any,
+    y: Any,
+) -> None:
     """Torques of all arms: PD to the reference r, with nominal torques fed forward.
 
     tau = K (r - q) + D (r' - q') + I r'' + Fc tanh(r' / 0.02) + g(q)
@@ -217,14 +227,22 @@ class JointTracking:
         played = bool(self._table.size)
         self._c = none if played else np.stack([self._motion(k) for k in range(len(arms))])
         self._gains = np.array(
-            [config.stiffness, config.damping, (0.0, *config.gravity), config.inertia,
-             config.friction]
-        )  # fmt: skip
+            [
+                config.stiffness,
+                config.damping,
+                (0.0, *config.gravity),
+                config.inertia,
+                config.friction,
+            ]
+        )
         share = 1.0 - np.exp(-period / config.velocity_filter)
         self._times = np.array([config.period, config.blend, share, period])
-        names = [f"{arm}.{what}{i}" for what in ("start", "reference", "speed")
-                 for arm in arms
-                 for i in (1, 2, 3)]  # fmt: skip
+        names = [
+            f"{arm}.{what}{i}"
+            for what in ("start", "reference", "speed")
+            for arm in arms
+            for i in (1, 2, 3)
+        ]
         self.state_names = ("started", *names)
 
     def _motion(self, arm: int) -> FloatArray:

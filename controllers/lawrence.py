@@ -25,24 +25,45 @@ from hil.teleop.sampled_loop import refuse
 
 _F = np.float64
 #: Scratch of one tick.
-WORK = np.dtype([
-    ("tip", _F, (2, 3)), ("jacobian", _F, (2, 3, 3)), ("signals", _F, (2, 3, ela.SIGNALS)),
-    ("heard", _F, (3, ela.SIGNALS)), ("force", _F, (3,)), ("push", _F, (3,)),
-    ("goal", _F, (3,)), ("bend", _F, (3,)), ("impulse", _F, (3,)), ("room", _F, (6, 3)),
-    ("pull", _F, (2, 3)), ("square", _F, (3, 3)), ("rub", _F, (2, 3)),
-    ("known", _F, (len(compensation.VARIABLES),)),
-])  # fmt: skip
+WORK = np.dtype(
+    [
+        ("tip", _F, (2, 3)),
+        ("jacobian", _F, (2, 3, 3)),
+        ("signals", _F, (2, 3, ela.SIGNALS)),
+        ("heard", _F, (3, ela.SIGNALS)),
+        ("force", _F, (3,)),
+        ("push", _F, (3,)),
+        ("goal", _F, (3,)),
+        ("bend", _F, (3,)),
+        ("impulse", _F, (3,)),
+        ("room", _F, (6, 3)),
+        ("pull", _F, (2, 3)),
+        ("square", _F, (3, 3)),
+        ("rub", _F, (2, 3)),
+        ("known", _F, (len(compensation.VARIABLES),)),
+    ]
+)
 
 
 def constants(config: LawrenceConfig, period: float) -> Any:
     """Record of what does not change, for the kernels."""
     n = len(config.friction_speeds)
-    kind = np.dtype([
-        ("gains", _F, (3, ela.GAINS)), ("masses", _F, (2, 3)), ("models", _F, (2, 8)),
-        ("shares", _F, (3,)), ("lengths", _F, (2,)), ("period", _F), ("shape", np.int64),
-        ("observer", _F), ("share", _F), ("estimated", np.int64),
-        ("speeds", _F, (max(n, 1),)), ("friction", _F, (2, 3, max(n, 1))),
-    ])  # fmt: skip
+    kind = np.dtype(
+        [
+            ("gains", _F, (3, ela.GAINS)),
+            ("masses", _F, (2, 3)),
+            ("models", _F, (2, 8)),
+            ("shares", _F, (3,)),
+            ("lengths", _F, (2,)),
+            ("period", _F),
+            ("shape", np.int64),
+            ("observer", _F),
+            ("share", _F),
+            ("estimated", np.int64),
+            ("speeds", _F, (max(n, 1),)),
+            ("friction", _F, (2, 3, max(n, 1))),
+        ]
+    )
     c = np.zeros(1, kind)[0]
     c["gains"], c["masses"] = config.gains(), config.masses()
     c["models"] = np.stack([config.leader_model, config.follower_model])
@@ -61,8 +82,9 @@ def friction_of(config: LawrenceConfig) -> tuple[tuple[Any, Any, Any], ...]:
     """Terms, presliding and table values of leader and follower, for the kernels."""
     catalogue.load_files(config.plugins)
     both = (
-        (config.leader_effects, config.leader_span), (config.follower_effects, config.follower_span)
-    )  # fmt: skip
+        (config.leader_effects, config.leader_span),
+        (config.follower_effects, config.follower_span),
+    )
     found = (_tables(tuple(effects.items()), tuple(span)) for effects, span in both)
     return tuple((t.terms, t.slips, t.values) for t in found)
 
@@ -101,10 +123,12 @@ class Lawrence:
         refuse(loops_of(config), period)
         self.config = config
         self.period = period
-        self._ages = np.stack([
-            lawrence_config.schedule(way, period, config.seed + k)
-            for k, way in enumerate((config.backward, config.forward))
-        ])  # fmt: skip
+        self._ages = np.stack(
+            [
+                lawrence_config.schedule(way, period, config.seed + k)
+                for k, way in enumerate((config.backward, config.forward))
+            ]
+        )
         self._line = np.zeros((2, int(self._ages.max()) + 2, 3, ela.SIGNALS))
         self._c = constants(config, period)
         self._tables = friction_of(config)

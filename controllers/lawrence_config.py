@@ -90,8 +90,15 @@ SHAPES = ("natural", "force", "acceleration")
 SOURCES = ("measured", "estimated")
 #: Cavusoglu's parameters of the bare arm [kg m^2 x6, N m x2].
 PREMIUM = (
-    2.8328e-3, 1.1319e-3, -3.9120e-4, 9.1230e-4, 2.4264e-3, 9.3189e-4, -1.6298e-2, -7.3755e-2,
-)  # fmt: skip
+    2.8328e-3,
+    1.1319e-3,
+    -3.9120e-4,
+    9.1230e-4,
+    2.4264e-3,
+    9.3189e-4,
+    -1.6298e-2,
+    -7.3755e-2,
+)
 AXES = ("x", "y", "z")
 #: Gains on measured forces.
 FORCES = ("c2", "c3", "c5", "c6")

@@ -28,14 +28,21 @@ def measure(a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, x_next:
         # f_m = +F, f_s = -F with F ON the robot
         force = wrench[i] if a == 0 else -wrench[i]
         ela.sense(
-            w.tip[a, i] - x_next[at], speed, force, c.shares, c.period,
-            x[at + 1 : at + 6], x_next[at + 1 : at + 6], w.signals[a, i],
-        )  # fmt: skip
+            w.tip[a, i] - x_next[at],
+            speed,
+            force,
+            c.shares,
+            c.period,
+            x[at + 1 : at + 6],
+            x_next[at + 1 : at + 6],
+            w.signals[a, i],
+        )
 
 
 @nb.njit(cache=True, nogil=True)
-def rub(a: int, q: Any, v: Any, t: float, x: Any, c: Any, tables: Any, w: Any, y: Any,
-        x_next: Any) -> None:  # fmt: skip
+def rub(
+    a: int, q: Any, v: Any, t: float, x: Any, c: Any, tables: Any, w: Any, y: Any, x_next: Any
+) -> None:
     """Friction of arm `a` by its models into w.rub[a], and its share added to `y` (3,) [N m].
 
     `y` holds the torque before, which is the load that a joint transmits.
@@ -49,9 +56,15 @@ def rub(a: int, q: Any, v: Any, t: float, x: Any, c: Any, tables: Any, w: Any, y
     at = FIRST_SLIP + compensation.MEMORY * a
     terms, slips, values = tables[a]
     compensation.friction(
-        x[0] > 0.0, w.known, terms, slips, values, x[at : at + compensation.MEMORY],
-        x_next[at : at + compensation.MEMORY], w.rub[a],
-    )  # fmt: skip
+        x[0] > 0.0,
+        w.known,
+        terms,
+        slips,
+        values,
+        x[at : at + compensation.MEMORY],
+        x_next[at : at + compensation.MEMORY],
+        w.rub[a],
+    )
     for j in range(3):
         y[j] += c.share * w.rub[a, j]
 
@@ -121,9 +134,21 @@ def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None
     """
     at = FIRST_OBSERVED + 9 * a
     dynamics.advance(
-        x[0] > 0.0, q, v, x[at + 3 : at + 6], w.rub[a], c.models[a], c.observer, c.period,
-        x[at : at + 3], x_next[at : at + 3], w.room, w.impulse, w.goal, w.bend,
-    )  # fmt: skip
+        x[0] > 0.0,
+        q,
+        v,
+        x[at + 3 : at + 6],
+        w.rub[a],
+        c.models[a],
+        c.observer,
+        c.period,
+        x[at : at + 3],
+        x_next[at : at + 3],
+        w.room,
+        w.impulse,
+        w.goal,
+        w.bend,
+    )
     dynamics.solve_transposed(w.jacobian[a], w.bend, w.square, x_next[at + 6 : at + 9])
 
 
@@ -155,9 +180,17 @@ def command(a: int, c: Any, w: Any, x_next: Any) -> None:
 
 @nb.njit(cache=True, nogil=True)
 def law(
-    tick: int, x: Any, u: Any, c: Any, tables: Any, w: Any, line: Any, ages: Any, x_next: Any,
+    tick: int,
+    x: Any,
+    u: Any,
+    c: Any,
+    tables: Any,
+    w: Any,
+    line: Any,
+    ages: Any,
+    x_next: Any,
     y: Any,
-) -> None:  # fmt: skip
+) -> None:
     """One period of `hil.controllers.lawrence.Lawrence`.
 
     Parameters

@@ -94,9 +94,17 @@ def apart(i: int, u: Any, workspace: bool, work: Any) -> tuple[float, float]:
 
 @nb.njit(cache=True, nogil=True)
 def law(
-    x: Any, u: Any, workspace: bool, gains: Any, gravity: Any, lengths: Any, scalars: Any,
-    work: Any, x_next: Any, y: Any,
-) -> None:  # fmt: skip
+    x: Any,
+    u: Any,
+    workspace: bool,
+    gains: Any,
+    gravity: Any,
+    lengths: Any,
+    scalars: Any,
+    work: Any,
+    x_next: Any,
+    y: Any,
+) -> None:
     """Leader and follower torques; rows of u and y: leader, follower.
 
     Parameters
@@ -152,9 +160,20 @@ class PositionForce:
     """
 
     state_names = (
-        "started", "offset1", "offset2", "offset3", "force_x", "force_y", "force_z",
-        "error1", "error2", "error3", "rate1", "rate2", "rate3",
-    )  # fmt: skip
+        "started",
+        "offset1",
+        "offset2",
+        "offset3",
+        "force_x",
+        "force_y",
+        "force_z",
+        "error1",
+        "error2",
+        "error3",
+        "rate1",
+        "rate2",
+        "rate3",
+    )
 
     def __init__(self, config: PositionForceConfig, arms: tuple[str, ...], period: float) -> None:
         if len(arms) != 2:
@@ -175,9 +194,17 @@ class PositionForce:
     ) -> None:
         """One period; see `hil.signals.device.Controller`."""
         law(
-            x, u, self.config.space == "workspace", self._gains, self._gravity, self._lengths,
-            self._scalars, self._work, x_next, y,
-        )  # fmt: skip
+            x,
+            u,
+            self.config.space == "workspace",
+            self._gains,
+            self._gravity,
+            self._lengths,
+            self._scalars,
+            self._work,
+            x_next,
+            y,
+        )
 
 
 Config = PositionForceConfig

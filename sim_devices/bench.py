@@ -60,8 +60,14 @@ class Bench:
         self.before: list[Callable[[int], None]] = []
         self.after: list[Callable[[int], None]] = []
         for i in range(n):
-            world.sense(self.parameters[i], self.state[i], 0.0, np.zeros(NOISES), self.counts[i],
-                        self.gauges[i])  # fmt: skip
+            world.sense(
+                self.parameters[i],
+                self.state[i],
+                0.0,
+                np.zeros(NOISES),
+                self.counts[i],
+                self.gauges[i],
+            )
         self.encoders = self._bad_encoders(dict(section.get("quadrature", {})))
         if self.encoders:
             self.after.append(self._read_encoders)
@@ -118,10 +124,18 @@ class Bench:
                 self._rng.standard_normal(out=self._noise)
                 self._left = BLOCK
             world.run(
-                self.parameters, self.state, self.operators, self.gels, self.now_ns * 1e-9,
-                self.period_ns * 1e-9, SUBSTEPS, self.codes, self._noise[BLOCK - self._left],
-                self.counts, self.gauges,
-            )  # fmt: skip
+                self.parameters,
+                self.state,
+                self.operators,
+                self.gels,
+                self.now_ns * 1e-9,
+                self.period_ns * 1e-9,
+                SUBSTEPS,
+                self.codes,
+                self._noise[BLOCK - self._left],
+                self.counts,
+                self.gauges,
+            )
             self._left -= 1
             self.now_ns += self.period_ns
             for act in self.after:

@@ -54,9 +54,13 @@ class Quadrature:
     """
 
     def __init__(
-        self, channels: int, lines: int = 1024, phase_error: float = 0.0,
-        dirty: Sequence[int] = (), decoder_hz: float = 1e7,
-    ) -> None:  # fmt: skip
+        self,
+        channels: int,
+        lines: int = 1024,
+        phase_error: float = 0.0,
+        dirty: Sequence[int] = (),
+        decoder_hz: float = 1e7,
+    ) -> None:
         if not abs(phase_error) < 1.0 or decoder_hz <= 0 or lines < 1:
             raise ConfigError("quadrature: |phase_error| < 1, decoder_hz > 0, lines > 0 needed.")
         if any(not 0 <= line < lines for line in dirty):
@@ -75,9 +79,15 @@ class Quadrature:
     def advance(self, place: NDArray[np.float64], seconds: float) -> None:
         """The encoders go evenly to `place` (channels,) [quarter lines] within `seconds`."""
         _advance(
-            self._at, place, seconds * self._rate, self._phase, self._dark, _STEP, self.counts,
+            self._at,
+            place,
+            seconds * self._rate,
+            self._phase,
+            self._dark,
+            _STEP,
+            self.counts,
             self.illegal,
-        )  # fmt: skip
+        )
 
 
 @nb.njit(cache=True, nogil=True)
@@ -92,9 +102,15 @@ def tracks(x: float, phase: float, dark: Any) -> int:
 
 @nb.njit(cache=True, nogil=True)
 def _advance(
-    at: Any, place: Any, samples: float, phase: float, dark: Any, step: Any, counts: Any,
+    at: Any,
+    place: Any,
+    samples: float,
+    phase: float,
+    dark: Any,
+    step: Any,
+    counts: Any,
     illegal: Any,
-) -> None:  # fmt: skip
+) -> None:
     for i in range(at.size):
         way = place[i] - at[i]
         if way == 0.0:

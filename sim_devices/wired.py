@@ -109,8 +109,11 @@ class WiredBench:
 
     def motors(self, cables: list[Cable], box: Sim31xx) -> Callable[[int], None]:
         """Function that hands the voltages of a box to the amplifiers, once a tick."""
-        rows = [(c, self.bench.codes[self.bench.names.index(arm)], motor, sign)
-                for c, role, arm, motor, sign in cables if role == "motors"]  # fmt: skip
+        rows = [
+            (c, self.bench.codes[self.bench.names.index(arm)], motor, sign)
+            for c, role, arm, motor, sign in cables
+            if role == "motors"
+        ]
 
         volts = box.volts
 

@@ -23,8 +23,9 @@ METHODS = ("momentum", "inverse-dynamics")
 #: Memory: integral or last speed, filtered torque, last friction, slips, time.
 MEMORY = 10 + compensation.MEMORY
 NAMES = (
-    *(f"force_{axis}" for axis in "xyz"), *(f"torque{j}" for j in (1, 2, 3)),
-)  # fmt: skip
+    *(f"force_{axis}" for axis in "xyz"),
+    *(f"torque{j}" for j in (1, 2, 3)),
+)
 UNITS = ("N",) * 3 + ("N m",) * 3
 
 
@@ -85,9 +86,19 @@ def differentiate(
 
 @nb.njit(cache=True, nogil=True)
 def estimate(
-    phase: int, q: Any, v: Any, sent: Any, c: Any, terms: Any, slips: Any, values: Any, w: Any,
-    past: Any, now: Any, out: Any,
-) -> None:  # fmt: skip
+    phase: int,
+    q: Any,
+    v: Any,
+    sent: Any,
+    c: Any,
+    terms: Any,
+    slips: Any,
+    values: Any,
+    w: Any,
+    past: Any,
+    now: Any,
+    out: Any,
+) -> None:
     """One period; see `Forces.update`."""
     z = w.known
     w.goal[:] = 0.0
@@ -100,9 +111,21 @@ def estimate(
     compensation.friction(phase == 2, z, terms, slips, values, past[10:], now[10:], w.rub)
     if c.method == 0:
         dynamics.advance(
-            phase == 2, q, v, sent, w.rub, c.model, c.gain, c.period, past, now, w.room,
-            w.impulse, w.flow, w.r,
-        )  # fmt: skip
+            phase == 2,
+            q,
+            v,
+            sent,
+            w.rub,
+            c.model,
+            c.gain,
+            c.period,
+            past,
+            now,
+            w.room,
+            w.impulse,
+            w.flow,
+            w.r,
+        )
     else:
         differentiate(phase == 2, q, v, sent, c, w, past, now)
     geometry.jacobian(q, c.lengths, w.jacobian)
@@ -113,14 +136,28 @@ def estimate(
 
 
 _F = np.float64
-_KNOWN = np.dtype([
-    ("model", _F, (8,)), ("lengths", _F, (2,)), ("gain", _F), ("period", _F), ("method", np.int64),
-])  # fmt: skip
-_WORK = np.dtype([
-    ("known", _F, (len(compensation.VARIABLES),)), ("rub", _F, (3,)), ("goal", _F, (3,)),
-    ("flow", _F, (3,)), ("impulse", _F, (3,)), ("r", _F, (3,)), ("room", _F, (6, 3)),
-    ("jacobian", _F, (3, 3)), ("square", _F, (3, 3)),
-])  # fmt: skip
+_KNOWN = np.dtype(
+    [
+        ("model", _F, (8,)),
+        ("lengths", _F, (2,)),
+        ("gain", _F),
+        ("period", _F),
+        ("method", np.int64),
+    ]
+)
+_WORK = np.dtype(
+    [
+        ("known", _F, (len(compensation.VARIABLES),)),
+        ("rub", _F, (3,)),
+        ("goal", _F, (3,)),
+        ("flow", _F, (3,)),
+        ("impulse", _F, (3,)),
+        ("r", _F, (3,)),
+        ("room", _F, (6, 3)),
+        ("jacobian", _F, (3, 3)),
+        ("square", _F, (3, 3)),
+    ]
+)
 
 
 class Forces:
@@ -147,9 +184,14 @@ class Forces:
         self._c["method"] = METHODS.index(config.method)
 
     def update(
-        self, phase: int, past: FloatArray, u: FloatArray, sent: FloatArray, now: FloatArray,
+        self,
+        phase: int,
+        past: FloatArray,
+        u: FloatArray,
+        sent: FloatArray,
+        now: FloatArray,
         out: FloatArray,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """One period; see `hil.signals.device.Estimator`."""
         estimate(phase, u[:3], u[3:6], sent, self._c, *self._tables, self._w, past, now, out)
 

@@ -21,9 +21,12 @@ from hil.errors import ConfigError
 from hil.signals.device import FloatArray
 
 NAMES = (
-    *(f"force_{axis}" for axis in "xyz"), *(f"torque{j}" for j in (1, 2, 3)),
-    *(f"friction{j}" for j in (1, 2, 3)), "learning", "nodes",
-)  # fmt: skip
+    *(f"force_{axis}" for axis in "xyz"),
+    *(f"torque{j}" for j in (1, 2, 3)),
+    *(f"friction{j}" for j in (1, 2, 3)),
+    "learning",
+    "nodes",
+)
 UNITS = ("N",) * 3 + ("N m",) * 6 + ("1",) * 2
 #: Memory before the networks: integral (3,), time, time of the last touch.
 FIRST = 5
@@ -81,19 +84,46 @@ class WaveletConfig:
     def record(self, share: float, period: float) -> Any:
         """What the kernels read; `share` of the low-pass a tick."""
         c = np.zeros(1, KNOWN)[0]
-        for name in ("backbone", "scale", "coarsest", "finest", "gain", "floor", "zone", "add",
-                     "remove", "soft"):  # fmt: skip
+        for name in (
+            "backbone",
+            "scale",
+            "coarsest",
+            "finest",
+            "gain",
+            "floor",
+            "zone",
+            "add",
+            "remove",
+            "soft",
+        ):
             c[name] = getattr(self, name)
         c["share"], c["dwell"], c["slow"] = share, self.dwell / period, period / self.dwell
         return c
 
 
 _F = np.float64
-KNOWN = np.dtype([
-    ("scale", _F, (3,)),
-    *((n, _F) for n in ("backbone", "coarsest", "finest", "gain", "floor", "zone", "add", "remove",
-                        "soft", "share", "dwell", "slow")),
-])  # fmt: skip
+KNOWN = np.dtype(
+    [
+        ("scale", _F, (3,)),
+        *(
+            (n, _F)
+            for n in (
+                "backbone",
+                "coarsest",
+                "finest",
+                "gain",
+                "floor",
+                "zone",
+                "add",
+                "remove",
+                "soft",
+                "share",
+                "dwell",
+                "slow",
+            )
+        ),
+    ]
+)
 
 
 @dataclass(frozen=True)
@@ -140,8 +170,9 @@ def untouched(phase: int, force: Any, c: Any, past: Any, now: Any, at: int) -> b
 
 
 @nb.njit(cache=True, nogil=True)
-def estimate(phase: int, u: Any, sent: Any, c: Any, n: Any, psi: Any, w: Any, past: Any, now: Any,
-             out: Any) -> None:  # fmt: skip
+def estimate(
+    phase: int, u: Any, sent: Any, c: Any, n: Any, psi: Any, w: Any, past: Any, now: Any, out: Any
+) -> None:
     """One period; see `FrictionNetwork.update`."""
     q, v = u[:3], u[3:6]
     free = untouched(phase, u[6:9], c, past, now, 3)
@@ -151,9 +182,21 @@ def estimate(phase: int, u: Any, sent: Any, c: Any, n: Any, psi: Any, w: Any, pa
         wavelets.clear(m)
     w.goal[:] = 0.0
     dynamics.advance(
-        phase == 2, q, v, sent, w.goal, c.model, c.gain, c.period, past, now, w.room, w.impulse,
-        w.flow, w.r,
-    )  # fmt: skip
+        phase == 2,
+        q,
+        v,
+        sent,
+        w.goal,
+        c.model,
+        c.gain,
+        c.period,
+        past,
+        now,
+        w.room,
+        w.impulse,
+        w.flow,
+        w.r,
+    )
     wavelets.predict(v, n, m, psi, w.rub, w.seen)
     if free:
         for j in range(3):
@@ -178,15 +221,29 @@ def count(m: Any) -> float:
     return used
 
 
-_KNOWN = np.dtype([
-    ("model", _F, (8,)), ("lengths", _F, (2,)), ("gain", _F), ("period", _F), ("until", _F),
-    ("touch", _F),
-])  # fmt: skip
-_WORK = np.dtype([
-    ("rub", _F, (3,)), ("seen", _F, (3,)), ("goal", _F, (3,)), ("flow", _F, (3,)),
-    ("impulse", _F, (3,)), ("r", _F, (3,)), ("room", _F, (6, 3)), ("jacobian", _F, (3, 3)),
-    ("square", _F, (3, 3)),
-])  # fmt: skip
+_KNOWN = np.dtype(
+    [
+        ("model", _F, (8,)),
+        ("lengths", _F, (2,)),
+        ("gain", _F),
+        ("period", _F),
+        ("until", _F),
+        ("touch", _F),
+    ]
+)
+_WORK = np.dtype(
+    [
+        ("rub", _F, (3,)),
+        ("seen", _F, (3,)),
+        ("goal", _F, (3,)),
+        ("flow", _F, (3,)),
+        ("impulse", _F, (3,)),
+        ("r", _F, (3,)),
+        ("room", _F, (6, 3)),
+        ("jacobian", _F, (3, 3)),
+        ("square", _F, (3, 3)),
+    ]
+)
 
 
 class FrictionNetwork:
@@ -214,9 +271,14 @@ class FrictionNetwork:
         self._psi = np.zeros(6 + config.network.nodes)
 
     def update(
-        self, phase: int, past: FloatArray, u: FloatArray, sent: FloatArray, now: FloatArray,
+        self,
+        phase: int,
+        past: FloatArray,
+        u: FloatArray,
+        sent: FloatArray,
+        now: FloatArray,
         out: FloatArray,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """One period; see `hil.signals.device.Estimator`."""
         estimate(phase, u, sent, self._c, self._n, self._psi, self._w, past, now, out)
 

@@ -35,19 +35,38 @@ from hil.estimate.elastic_ukf import RECORD, N, UkfConfig, correct, foresee
 from hil.signals.device import FloatArray
 
 _EACH = (
-    "stiffness", "hardening", "coulomb_motor", "viscous_motor", "coulomb_link", "viscous_link",
-)  # fmt: skip
+    "stiffness",
+    "hardening",
+    "coulomb_motor",
+    "viscous_motor",
+    "coulomb_link",
+    "viscous_link",
+)
 NAMES = (
     *(f"force_{axis}" for axis in "xyz"),
-    *(f"{what}{j}" for what in ("torque", "position", "velocity", "cable", "friction", "innovation",
-                                *_EACH) for j in (1, 2, 3)),
-    "learning", "nodes",
-)  # fmt: skip
+    *(
+        f"{what}{j}"
+        for what in ("torque", "position", "velocity", "cable", "friction", "innovation", *_EACH)
+        for j in (1, 2, 3)
+    ),
+    "learning",
+    "nodes",
+)
 UNITS = (
-    *["N"] * 3, *["N m"] * 3, *["rad"] * 3, *["rad/s"] * 3, *["N m"] * 6, *["rad"] * 3,
-    *["N m/rad"] * 3, *["N m/rad^3"] * 3, *["N m"] * 3, *["N m s/rad"] * 3, *["N m"] * 3,
-    *["N m s/rad"] * 3, *["1"] * 2,
-)  # fmt: skip
+    *["N"] * 3,
+    *["N m"] * 3,
+    *["rad"] * 3,
+    *["rad/s"] * 3,
+    *["N m"] * 6,
+    *["rad"] * 3,
+    *["N m/rad"] * 3,
+    *["N m/rad^3"] * 3,
+    *["N m"] * 3,
+    *["N m s/rad"] * 3,
+    *["N m"] * 3,
+    *["N m s/rad"] * 3,
+    *["1"] * 2,
+)
 #: Reflected rotors of the Premium 1.5 [kg m^2], and a count of its encoders [rad].
 ROTORS, COUNTS = (1.8e-4, 1.3e-4, 1.3e-4), (1.15e-4, 1.37e-4, 1.37e-4)
 
@@ -245,9 +264,18 @@ def rub(free: bool, n: Any, nets: Any, psi: Any, w: Any, now: Any) -> None:
 
 @nb.njit(cache=True, nogil=True)
 def estimate(
-    phase: int, u: Any, sent: Any, c: Any, n: Any, psi: Any, f: Any, w: Any, past: Any, now: Any,
+    phase: int,
+    u: Any,
+    sent: Any,
+    c: Any,
+    n: Any,
+    psi: Any,
+    f: Any,
+    w: Any,
+    past: Any,
+    now: Any,
     out: Any,
-) -> None:  # fmt: skip
+) -> None:
     """One period; see `hil.controllers.estimators.transmission.Transmission.update`."""
     now[:] = past
     free = network.untouched(phase, u[6:9], c, past, now, FIRST - 2)
@@ -286,18 +314,45 @@ def tell(f: Any, w: Any, out: Any) -> None:
 
 
 _F = np.float64
-_KNOWN = np.dtype([
-    ("model", _F, (8,)), ("lengths", _F, (2,)), ("rotor", _F, (3,)), ("start", _F, (3, 6)),
-    ("spread", _F, (N,)), ("wander", _F), ("soft", _F), ("period", _F), ("share", _F),
-    ("until", _F), ("touch", _F),
-])  # fmt: skip
-_WORK = np.dtype([
-    *((name, _F, (3,)) for name in (
-        "rub", "seen", "goal", "flow", "room", "r", "link", "load", "speed", "slope", "motor",
-        "innovation",
-    )),
-    ("jacobian", _F, (3, 3)), ("square", _F, (3, 3)), ("matrix", _F, (3, 3)),
-])  # fmt: skip
+_KNOWN = np.dtype(
+    [
+        ("model", _F, (8,)),
+        ("lengths", _F, (2,)),
+        ("rotor", _F, (3,)),
+        ("start", _F, (3, 6)),
+        ("spread", _F, (N,)),
+        ("wander", _F),
+        ("soft", _F),
+        ("period", _F),
+        ("share", _F),
+        ("until", _F),
+        ("touch", _F),
+    ]
+)
+_WORK = np.dtype(
+    [
+        *(
+            (name, _F, (3,))
+            for name in (
+                "rub",
+                "seen",
+                "goal",
+                "flow",
+                "room",
+                "r",
+                "link",
+                "load",
+                "speed",
+                "slope",
+                "motor",
+                "innovation",
+            )
+        ),
+        ("jacobian", _F, (3, 3)),
+        ("square", _F, (3, 3)),
+        ("matrix", _F, (3, 3)),
+    ]
+)
 
 
 class Transmission:
@@ -332,13 +387,16 @@ class Transmission:
             record["variance"] = one.resolution**2 / 12
 
     def update(
-        self, phase: int, past: FloatArray, u: FloatArray, sent: FloatArray, now: FloatArray,
+        self,
+        phase: int,
+        past: FloatArray,
+        u: FloatArray,
+        sent: FloatArray,
+        now: FloatArray,
         out: FloatArray,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """One period; see `hil.signals.device.Estimator`."""
-        estimate(
-            phase, u, sent, self._c, self._n, self._psi, self._f, self._w, past, now, out
-        )  # fmt: skip
+        estimate(phase, u, sent, self._c, self._n, self._psi, self._f, self._w, past, now, out)
 
 
 Config = TransmissionConfig

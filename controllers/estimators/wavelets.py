@@ -65,10 +65,15 @@ def predict(v: Any, c: Any, m: Any, psi: Any, now: Any, seen: Any) -> None:
         if m[at] == NONE:
             continue
         zoom = 2.0 ** m[at]
-        value = zoom * sqrt(zoom) * hat(
-            zoom * v[0] / c.scale[0] - m[at + 1], zoom * v[1] / c.scale[1] - m[at + 2],
-            zoom * v[2] / c.scale[2] - m[at + 3],
-        )  # fmt: skip
+        value = (
+            zoom
+            * sqrt(zoom)
+            * hat(
+                zoom * v[0] / c.scale[0] - m[at + 1],
+                zoom * v[1] / c.scale[1] - m[at + 2],
+                zoom * v[2] / c.scale[2] - m[at + 3],
+            )
+        )
         psi[6 + i] = value
         m[at + 4] += c.slow * (value * value - m[at + 4])
         m[at + 5] += 1.0
@@ -122,9 +127,10 @@ def adapt(v: Any, c: Any, m: Any) -> None:
     while going and level <= c.finest:
         zoom, found = 2.0**level, -1
         k0, k1, k2 = (
-            round(zoom * v[0] / c.scale[0]), round(zoom * v[1] / c.scale[1]),
+            round(zoom * v[0] / c.scale[0]),
+            round(zoom * v[1] / c.scale[1]),
             round(zoom * v[2] / c.scale[2]),
-        )  # fmt: skip
+        )
         for at in range(HEAD, m.size, NODE):
             if m[at] == NONE:
                 free = at

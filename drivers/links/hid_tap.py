@@ -60,8 +60,9 @@ class _RecordedDevice:
 
     def read(self, size: int, timeout_ms: int = 0) -> list[int]:
         try:
-            found: list[int] = self._real.read(size, timeout_ms) if timeout_ms else (
-                self._real.read(size))  # fmt: skip
+            found: list[int] = (
+                self._real.read(size, timeout_ms) if timeout_ms else (self._real.read(size))
+            )
         except (OSError, ValueError):
             self._log.add("rx", "gone:", b"")
             raise

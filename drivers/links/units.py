@@ -11,9 +11,12 @@ from hil.signals.device import FloatArray
 
 FORCE = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}
 TORQUE = {
-    "N-m": 1.0, "N-mm": 1e-3, "kN-m": 1e3, "lbf-in": 0.1129848290276167,
+    "N-m": 1.0,
+    "N-mm": 1e-3,
+    "kN-m": 1e3,
+    "lbf-in": 0.1129848290276167,
     "lbf-ft": 1.3558179483314004,
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)

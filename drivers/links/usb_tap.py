@@ -104,9 +104,15 @@ class _Recorded(IBackend):  # type: ignore[misc]
         return handle
 
     def ctrl_transfer(
-        self, handle: Any, kind: int, request: int, value: int, index: int, data: Any,
+        self,
+        handle: Any,
+        kind: int,
+        request: int,
+        value: int,
+        index: int,
+        data: Any,
         timeout: int,
-    ) -> int:  # fmt: skip
+    ) -> int:
         out = not kind & 0x80
         key = _key(self._numbers[id(handle)], kind, request, value, index, len(data))
         self._log.add("tx", key, bytes(data) if out else b"")
@@ -185,9 +191,15 @@ class _Replayed(IBackend):  # type: ignore[misc]
     clear_halt = reset_device = set_interface_altsetting = _done
 
     def ctrl_transfer(
-        self, handle: int, kind: int, request: int, value: int, index: int, data: array[int],
+        self,
+        handle: int,
+        kind: int,
+        request: int,
+        value: int,
+        index: int,
+        data: array[int],
         timeout: int,
-    ) -> int:  # fmt: skip
+    ) -> int:
         out = not kind & 0x80
         key = _key(handle, kind, request, value, index, len(data))
         self._replay.put(key, bytes(data) if out else b"")

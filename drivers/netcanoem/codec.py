@@ -20,10 +20,20 @@ RESET, SET_BASE, SET_BIT_RATE, READ_FIRMWARE = 0xC, 0xD, 0xE, 0xF
 #: of another program on it, deliver requests too: they share the identifier, and not the length
 #: (but for SET_CALIBRATION, whose request looks like its echo).
 ANSWER_BYTES = {
-    READ_GAUGES: 8, SECOND_HALF: 6, READ_MATRIX: 8, 0x3: 8, 0x4: 8, READ_SERIAL: 8,
-    SET_CALIBRATION: 1, READ_COUNTS: 8, READ_UNITS: 2, READ_DIAGNOSTIC: 2, SET_BASE: 0,
-    SET_BIT_RATE: 0, READ_FIRMWARE: 4,
-}  # fmt: skip
+    READ_GAUGES: 8,
+    SECOND_HALF: 6,
+    READ_MATRIX: 8,
+    0x3: 8,
+    0x4: 8,
+    READ_SERIAL: 8,
+    SET_CALIBRATION: 1,
+    READ_COUNTS: 8,
+    READ_UNITS: 2,
+    READ_DIAGNOSTIC: 2,
+    SET_BASE: 0,
+    SET_BIT_RATE: 0,
+    READ_FIRMWARE: 4,
+}
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 SLOTS = 16
@@ -36,13 +46,21 @@ RAILS = (-32768, 32767)
 
 #: Unit code -> name, newtons or newton metres.
 FORCE_UNITS = {
-    1: ("lbf", 4.4482216152605), 2: ("N", 1.0), 3: ("klbf", 4448.2216152605), 4: ("kN", 1e3),
-    5: ("kgf", 9.80665), 6: ("gf", 9.80665e-3),
-}  # fmt: skip
+    1: ("lbf", 4.4482216152605),
+    2: ("N", 1.0),
+    3: ("klbf", 4448.2216152605),
+    4: ("kN", 1e3),
+    5: ("kgf", 9.80665),
+    6: ("gf", 9.80665e-3),
+}
 TORQUE_UNITS = {
-    1: ("lbf-in", 0.1129848290276167), 2: ("lbf-ft", 1.3558179483314004), 3: ("N-m", 1.0),
-    4: ("N-mm", 1e-3), 5: ("kgf-cm", 9.80665e-2), 6: ("kN-m", 1e3),
-}  # fmt: skip
+    1: ("lbf-in", 0.1129848290276167),
+    2: ("lbf-ft", 1.3558179483314004),
+    3: ("N-m", 1.0),
+    4: ("N-mm", 1e-3),
+    5: ("kgf-cm", 9.80665e-2),
+    6: ("kN-m", 1e3),
+}
 
 #: Status bit -> meaning, and whether a sample with it must not be used.
 STATUS_BITS = {

@@ -14,9 +14,13 @@ VENDOR = 0x09DB
 #: Model -> product id, channels.  The models with current outputs (3102, 3104, 3106) are left
 #: out: their range code is another.
 MODELS = {
-    "usb-3101": (0x009A, 4), "usb-3103": (0x009C, 8), "usb-3105": (0x009E, 16),
-    "usb-3110": (0x00A2, 4), "usb-3112": (0x00A3, 8), "usb-3114": (0x00A4, 16),
-}  # fmt: skip
+    "usb-3101": (0x009A, 4),
+    "usb-3103": (0x009C, 8),
+    "usb-3105": (0x009E, 16),
+    "usb-3110": (0x00A2, 4),
+    "usb-3112": (0x00A3, 8),
+    "usb-3114": (0x00A4, 16),
+}
 
 DIO_DIRECTION_BIT, DIO_BIT = 0x02, 0x06
 AOUT, AOUT_SYNC, AOUT_CONFIG = 0x14, 0x15, 0x1C

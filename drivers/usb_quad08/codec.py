@@ -35,8 +35,14 @@ DMA, TRIGGER, MARK = 0x58, 0x59, 0x5D
 CHANNELS = 8
 CLOCK_HZ = 48_000_000
 #: Command codes of `ACQUIRE`, in the order in which ULDAQ writes them.
-DISARM = ((TRIGGER, 0x0000), (TRIGGER, 0x0010), (ACQUIRE, 0x0030), (ACQUIRE, 0x0010),
-          (ACQUIRE, 0x0003), (DMA, 0x0010))  # fmt: skip
+DISARM = (
+    (TRIGGER, 0x0000),
+    (TRIGGER, 0x0010),
+    (ACQUIRE, 0x0030),
+    (ACQUIRE, 0x0010),
+    (ACQUIRE, 0x0003),
+    (DMA, 0x0010),
+)
 DAC_DISARM = ((DAC, 0x0010), (DMA, 0x0000), *[(DAC, 0)] * 5, (DAC, 0x0004))
 ARM = ((DMA, 0x0011), (ACQUIRE, 0x0071), (ACQUIRE, 0x0011))
 RUN, STOPPED, RESET_LIST, NORMAL_PACER, RESET_RESULTS = 0x0031, 0x0000, 0x0004, 0x0060, 0x0003
@@ -44,15 +50,33 @@ BEFORE_LIST_ENDS = ((ACQUIRE, 0x0054), (ACQUIRE, 0x0040), (VARIABLE_RATE, 0))
 #: (status & READY_MASK) == READY before the pacer may run.
 READY_MASK, READY = 0x0018, 0x0010
 STATUS_BITS = {
-    0x0004: "results FIFO overrun", 0x0040: "ADC not ready", 0x0080: "arbitration failure",
+    0x0004: "results FIFO overrun",
+    0x0040: "ADC not ready",
+    0x0080: "arbitration failure",
     0x0100: "pacer overrun",
-}  # fmt: skip
+}
 
 RESOLUTIONS = {1: 0x00, 2: 0x08, 4: 0x10}
 ENCODER, LATCH_ON_INDEX, CLEAR_ON_INDEX, CHANNEL_A, ASYNCHRONOUS = 5, 0x40, 0x100, 0x800, 0x2000
 #: Longest bounce that a debounce code rejects [us]; None = no debouncing.
-DEBOUNCE_US = (0.5, 1.5, 3.5, 7.5, 15.5, 31.5, 63.5, 127.5, 100.0, 300.0, 700.0, 1500.0, 3100.0,
-               6300.0, 12700.0, 25500.0)  # fmt: skip
+DEBOUNCE_US = (
+    0.5,
+    1.5,
+    3.5,
+    7.5,
+    15.5,
+    31.5,
+    63.5,
+    127.5,
+    100.0,
+    300.0,
+    700.0,
+    1500.0,
+    3100.0,
+    6300.0,
+    12700.0,
+    25500.0,
+)
 DEBOUNCE_OFF = 0x80
 NO_LIMIT = ((0x30, 0xFFFF), (0x20, 0xFFFF), (0x10, 0xFFFF))  # bank offset, modulo word
 
@@ -156,8 +180,9 @@ def hex_records(text: str, source: str) -> list[tuple[int, bytes]]:
         if kind == 1:
             break
         if kind == 0:
-            records += [(address + k, data[k : k + RECORD_MAX])
-                        for k in range(0, len(data), RECORD_MAX)]  # fmt: skip
+            records += [
+                (address + k, data[k : k + RECORD_MAX]) for k in range(0, len(data), RECORD_MAX)
+            ]
     return records
 
 

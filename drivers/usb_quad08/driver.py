@@ -122,11 +122,16 @@ def configure(link: Link, channel: int, config: Quad08Config, asynchronous: bool
     """Set a counter's debouncing and mode, which zeroes it; no limit."""
     byte = codec.debounce_byte(config.debounce_us)
     mode = codec.mode_word(config.edges, config.index, asynchronous)
-    link.write_all((
-        (codec.BANK, channel), (codec.DEBOUNCE_AB, byte << 8 | byte),
-        (codec.BANK, channel), (codec.DEBOUNCE_INDEX, codec.DEBOUNCE_OFF << 8 | byte),
-        (codec.BANK, channel), (codec.MODE, mode),
-    ))  # fmt: skip
+    link.write_all(
+        (
+            (codec.BANK, channel),
+            (codec.DEBOUNCE_AB, byte << 8 | byte),
+            (codec.BANK, channel),
+            (codec.DEBOUNCE_INDEX, codec.DEBOUNCE_OFF << 8 | byte),
+            (codec.BANK, channel),
+            (codec.MODE, mode),
+        )
+    )
     for bank, word in codec.NO_LIMIT:
         link.write_all(((codec.BANK, bank + channel), (codec.MODE, word)))
 
@@ -252,8 +257,9 @@ class Quad08:
             self._bus.pause(STEP_S)
         if self._scans <= SETTLING:
             self.close()
-            raise DeviceError(self.trouble or f"box {self.name!r} delivers no counts; plug it in "
-                              "again.")  # fmt: skip
+            raise DeviceError(
+                self.trouble or f"box {self.name!r} delivers no counts; plug it in again."
+            )
         # a start zeroes the counters, and the first scan may do so again: where they stand at
         # the last one so far is home
         self._used = self._scans - 2

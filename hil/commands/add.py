@@ -22,14 +22,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("sessions", nargs="*", metavar="S.mcap", help="sessions to fit")
     parser.add_argument(
-        "--joint", action="append", default=[], metavar="NAME",
+        "--joint",
+        action="append",
+        default=[],
+        metavar="NAME",
         help="joint that gets the effect, e.g. joint2; repeat for several; without, every joint",
-    )  # fmt: skip
+    )
     common.add_model(parser)
     parser.add_argument(
-        "--session", action="append", default=[], metavar="S.mcap", nargs="+",
+        "--session",
+        action="append",
+        default=[],
+        metavar="S.mcap",
+        nargs="+",
         help="the same by name, where sessions do not stand behind the effect",
-    )  # fmt: skip
+    )
     common.add_holdout(parser)
     common.add_output(parser, "M2.toml", "the new model, whether or not the effect helps")
 

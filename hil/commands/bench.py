@@ -19,46 +19,61 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seeds", type=int, help="seeds per hidden effect (hidden: 3, diagnosis: 10)"
     )
     parser.add_argument(
-        "--quick", action="store_true",
+        "--quick",
+        action="store_true",
         help="a subset in minutes (diagnosis); without the faults of the process (faults)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--plants", choices=("tuning", "test", "both"),
+        "--plants",
+        choices=("tuning", "test", "both"),
         help="simulators of the diagnosis: those it was tuned on, those it never saw (MuJoCo), "
         "or both; default: what is installed",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--ablate", action="store_true",
+        "--ablate",
+        action="store_true",
         help="without each rule of the search in turn, where it alone stopped something: "
         "which answers change (diagnosis)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--seconds", type=float, default=60.0,
+        "--seconds",
+        type=float,
+        default=60.0,
         help="of every run (loop), of the session (record, determinism); default 60",
-    )  # fmt: skip
+    )
     parser.add_argument("--jobs", type=int, default=2, help="processes (diagnosis, real)")
     parser.add_argument(
-        "--resume", metavar="R.jsonl",
+        "--resume",
+        metavar="R.jsonl",
         help="keep every result in this file, and do not do again what it holds (diagnosis)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--report", metavar="R.md",
+        "--report",
+        metavar="R.md",
         help="write the tables too (diagnosis, real, identify, velocity, faults, loop, "
         "determinism)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--only", metavar="WORD", action="append", default=[],
+        "--only",
+        metavar="WORD",
+        action="append",
+        default=[],
         help="cases whose name (real: or kind) holds this word (diagnosis, real); repeatable",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--figaroh", metavar="PYTHON", default="",
+        "--figaroh",
+        metavar="PYTHON",
+        default="",
         help="interpreter of an environment that has FIGAROH (identify)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--python", metavar="PYTHON", action="append", default=[],
+        "--python",
+        metavar="PYTHON",
+        action="append",
+        default=[],
         help="another interpreter that has this package, e.g. of an environment with Python 3.13 "
         "(determinism); repeatable",
-    )  # fmt: skip
+    )
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 

@@ -75,12 +75,17 @@ def _hidden(args: argparse.Namespace) -> Found:
         found = hidden.run(Path(rig_path("identify")), list(seeds), report=lambda _: bar.update())
     rows = [
         [
-            f"{c.effect or 'none'}{'@' + c.joint if c.effect else ''}", str(c.seed), c.verdict,
-            ", ".join(c.named) or "-", f"{c.confidence:.2f}", f"{c.before:.2f}", f"{c.after:.2f}",
+            f"{c.effect or 'none'}{'@' + c.joint if c.effect else ''}",
+            str(c.seed),
+            c.verdict,
+            ", ".join(c.named) or "-",
+            f"{c.confidence:.2f}",
+            f"{c.before:.2f}",
+            f"{c.after:.2f}",
             "right" if c.right else "undecided" if c.undecided else "WRONG",
         ]
         for c in found
-    ]  # fmt: skip
+    ]
     head = ["hidden", "seed", "verdict", "named", "confidence", "before/floor", "after/floor", ""]
     data = {"cases": [vars(c) | {"right": c.right, "undecided": c.undecided} for c in found]}
     return common.table(head, rows) + _named_right(found), dict(data)

@@ -22,9 +22,10 @@ def _faults(args: argparse.Namespace) -> Found:
     benchpage.check(args.report)
     live = [] if args.quick else list(process.CASES)
     total = len(cases.FAULTS) + len(live)
-    with tempfile.TemporaryDirectory() as folder, tqdm(
-        total=total, unit="fault", disable=not sys.stderr.isatty()
-    ) as bar:  # fmt: skip
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        tqdm(total=total, unit="fault", disable=not sys.stderr.isatty()) as bar,
+    ):
         found = runner.run(cases.FAULTS, Path(folder), lambda _: bar.update() and None)
         for name in live:
             found.append(process.one(name, Path(folder)))

@@ -90,11 +90,15 @@ def _contact(args: argparse.Namespace) -> Found:
         found = [recordings.contact(r) for r in recordings.contact_runs(kind)]
         rows = [
             [
-                c.run, c.verdict, f"{c.spring:.1f}", f"{c.final:.1f}", ", ".join(c.named) or "-",
+                c.run,
+                c.verdict,
+                f"{c.spring:.1f}",
+                f"{c.final:.1f}",
+                ", ".join(c.named) or "-",
                 f"{c.hysteresis - c.damping:+.0f}",
             ]
             for c in found
-        ]  # fmt: skip
+        ]
         head = ["run", "verdict", "spring %", "final %", "named", "hysteresis - damping"]
         lines += [kind, common.table(head, rows)]
         spring, final = (

@@ -59,11 +59,15 @@ def _peers(r: Report) -> str:
     """Times of all peers on the same data."""
     rows = [
         [
-            row.peer, row.data, _number(row.seconds), _number(row.ratio),
-            " ".join(f"{x:.3f}" for x in row.floor) or "-", row.note,
+            row.peer,
+            row.data,
+            _number(row.seconds),
+            _number(row.ratio),
+            " ".join(f"{x:.3f}" for x in row.floor) or "-",
+            row.note,
         ]
         for row in r.rows
-    ]  # fmt: skip
+    ]
     return common.table(["peer", "data", "seconds", "ratio", "held-out / floor", ""], rows)
 
 
@@ -71,14 +75,25 @@ def _lengths(r: Report) -> str:
     """Time and memory of the diagnosis over the length of the recording."""
     grown = [
         [
-            f"{x.recorded:g}", x.data, f"{x.wall:.2f}", f"{x.seconds:.2f}", f"{x.peak_mib:.0f}",
-            f"{1e3 * x.wall / x.recorded:.0f}", x.verdict,
+            f"{x.recorded:g}",
+            x.data,
+            f"{x.wall:.2f}",
+            f"{x.seconds:.2f}",
+            f"{x.peak_mib:.0f}",
+            f"{1e3 * x.wall / x.recorded:.0f}",
+            x.verdict,
         ]
         for x in r.lengths
-    ]  # fmt: skip
+    ]
     names = [
-        "recorded s", "data", "wall s", "processor s", "peak MiB", "wall ms per s", "verdict",
-    ]  # fmt: skip
+        "recorded s",
+        "data",
+        "wall s",
+        "processor s",
+        "peak MiB",
+        "wall ms per s",
+        "verdict",
+    ]
     return common.table(names, grown)
 
 
@@ -93,9 +108,12 @@ def data(r: Report) -> dict[str, Any]:
         for key in ("seconds", "wall", "ratio"):
             row[key] = None if math.isnan(row[key]) else row[key]
     return {
-        "machine": machine(), "recorded_s": r.recorded, "repeats": r.repeats, "rows": rows,
+        "machine": machine(),
+        "recorded_s": r.recorded,
+        "repeats": r.repeats,
+        "rows": rows,
         "lengths": [asdict(x) for x in r.lengths],
-    }  # fmt: skip
+    }
 
 
 def machine() -> str:
@@ -164,8 +182,12 @@ def _velocity(args: argparse.Namespace) -> Found:
         [label, f"{velocity.cost_ns(name, options):.0f}"] for label, name, options in velocity.CASES
     ]
     cost = common.table(["estimator", "ns"], rows)
-    data = {"rows": [vars(r) | {"delay_ms": None if r.delay_ms != r.delay_ms else r.delay_ms}
-                     for r in velocity.compare()]}  # fmt: skip
+    data = {
+        "rows": [
+            vars(r) | {"delay_ms": None if r.delay_ms != r.delay_ms else r.delay_ms}
+            for r in velocity.compare()
+        ]
+    }
     return f"{text}\nOne update of three channels on this machine\n{cost}", dict(data)
 
 
@@ -184,10 +206,16 @@ def _redesign(args: argparse.Namespace) -> Found:
     """Sensitivity-optimised designs: what they reach, and how long they take."""
     rows = redesign.measure()
     cells = [
-        [r.task, f"{r.sensitivity:.3f}", f"{r.kappa:.2f}", f"{r.agreeing} of {r.starts}",
-         f"{r.cold_s:.2f}", f"{r.warm_s:.2f}"]
+        [
+            r.task,
+            f"{r.sensitivity:.3f}",
+            f"{r.kappa:.2f}",
+            f"{r.agreeing} of {r.starts}",
+            f"{r.cold_s:.2f}",
+            f"{r.warm_s:.2f}",
+        ]
         for r in rows
-    ]  # fmt: skip
+    ]
     head = ["task", "sensitivity", "condition of Q", "agree", "from afar s", "re-design s"]
     return common.table(head, cells), {"rows": [vars(r) for r in rows]}
 
@@ -206,13 +234,22 @@ def _wire(args: argparse.Namespace) -> Found:
         f"sleep: {_met(real <= wire.TICK_US)}\n\n"
     )
     rows = [
-        [s.backend, f"{s.wall:.1f}", f"{s.cpu:.1f}", f"{wire.SPEEDS[s.backend]:g}",
-         _met(s.wall >= wire.SPEEDS[s.backend])]
+        [
+            s.backend,
+            f"{s.wall:.1f}",
+            f"{s.cpu:.1f}",
+            f"{wire.SPEEDS[s.backend]:g}",
+            _met(s.wall >= wire.SPEEDS[s.backend]),
+        ]
         for s in speeds
-    ]  # fmt: skip
+    ]
     head = [f"lockstep, {wire.SECONDS:g} s", "x real time", "x processor time", "wanted", ""]
-    data = {"costs": [vars(c) for c in costs], "speeds": [vars(s) for s in speeds],
-            "tick_us_wanted": wire.TICK_US, "speeds_wanted": wire.SPEEDS}  # fmt: skip
+    data = {
+        "costs": [vars(c) for c in costs],
+        "speeds": [vars(s) for s in speeds],
+        "tick_us_wanted": wire.TICK_US,
+        "speeds_wanted": wire.SPEEDS,
+    }
     return text + common.table(head, rows), data
 
 

@@ -31,33 +31,40 @@ def add_sessions(parser: argparse.ArgumentParser, model: bool = True) -> None:
 def add_holdout(parser: argparse.ArgumentParser) -> None:
     """--holdout."""
     parser.add_argument(
-        "--holdout", action="append", default=[], metavar="H.mcap",
+        "--holdout",
+        action="append",
+        default=[],
+        metavar="H.mcap",
         help="session to judge on (repeatable); without, blocks of the same sessions",
-    )  # fmt: skip
+    )
 
 
 def add_report(parser: argparse.ArgumentParser) -> None:
     """--report."""
     parser.add_argument(
-        "--report", metavar="R.html",
+        "--report",
+        metavar="R.html",
         help="write a self-contained report; an older report there is replaced",
-    )  # fmt: skip
+    )
 
 
 def add_output(parser: argparse.ArgumentParser, name: str, what: str) -> None:
     """-o for a model file."""
     parser.add_argument(
-        "-o", "--output", metavar=name,
+        "-o",
+        "--output",
+        metavar=name,
         help=f"write {what}; an older model file there is replaced, any other file is not",
-    )  # fmt: skip
+    )
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:
     """--model, --arm, --json."""
     parser.add_argument(
-        "--model", metavar="M.toml",
+        "--model",
+        metavar="M.toml",
         help="model file; without, the base model of the session's robot",
-    )  # fmt: skip
+    )
     parser.add_argument("--arm", help="arm of the session, e.g. follower")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 

@@ -17,9 +17,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common.add_sessions(parser)
     common.add_report(parser)
     parser.add_argument(
-        "--as-is", action="store_true",
+        "--as-is",
+        action="store_true",
         help="keep the model's values; without it all are fitted again to these sessions",
-    )  # fmt: skip
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -64,15 +65,25 @@ def _errors(c: Comparison) -> str:
     floor = c.noise
     rows = [
         [
-            name, f"{c.heldout.rms[j]:.4g}", f"{c.heldout.relative[j]:.2f}", f"{floor[j]:.4g}",
-            f"{c.heldout.rms[j] / floor[j]:.2f}", _short(c, j), _replay(c, j),
+            name,
+            f"{c.heldout.rms[j]:.4g}",
+            f"{c.heldout.relative[j]:.2f}",
+            f"{floor[j]:.4g}",
+            f"{c.heldout.rms[j] / floor[j]:.2f}",
+            _short(c, j),
+            _replay(c, j),
         ]
         for j, name in enumerate(c.result.problem.joints)
-    ]  # fmt: skip
+    ]
     head = [
-        "joint", "rms error", "relative %", "noise floor", "error/floor", "multi-step %",
+        "joint",
+        "rms error",
+        "relative %",
+        "noise floor",
+        "error/floor",
+        "multi-step %",
         "replay %",
-    ]  # fmt: skip
+    ]
     return common.table(head, rows)
 
 

@@ -33,10 +33,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seed", type=int, default=1, help="changes the hidden effect and the noise"
     )
     parser.add_argument(
-        "-o", "--output", default="hil-demo", metavar="FOLDER",
+        "-o",
+        "--output",
+        default="hil-demo",
+        metavar="FOLDER",
         help="folder for the sessions, the model and the report, made if it does not exist "
         "(default hil-demo); an earlier demo there is replaced, other files are not",
-    )  # fmt: skip
+    )
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 

@@ -30,26 +30,35 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     parser.add_argument("rig", metavar="RIG.toml", help="rig file")
     parser.add_argument(
-        "--design", choices=(*architecture.DESIGNS, "optimised"),
+        "--design",
+        choices=(*architecture.DESIGNS, "optimised"),
         help="named design; default: the controller of the rig file",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE",
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
         help=f"what the design is made from (repeatable): {', '.join(rig_designs.WISHES)}; "
         f"of the law: {', '.join(rig_designs.REAL)}; of the optimised design: "
         f"{', '.join(rig_designs.TASK)}",
-    )  # fmt: skip
+    )
     parser.add_argument("--fsf", action="store_true", help="transform it to need no force sensor")
     parser.add_argument(
-        "--model", action="append", default=[], metavar="ARM=FITTED.toml",
+        "--model",
+        action="append",
+        default=[],
+        metavar="ARM=FITTED.toml",
         help="identified model of an arm, for computed torque and friction (repeatable)",
-    )  # fmt: skip
+    )
     parser.add_argument("--report", metavar="D.html", help="write the plots")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
     parser.add_argument(
-        "-o", "--output", metavar="RIG.toml",
+        "-o",
+        "--output",
+        metavar="RIG.toml",
         help="write a rig file with this controller for 'hil run'; refused for a bad design",
-    )  # fmt: skip
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -163,9 +172,11 @@ def _with_estimators(config: RigConfig, parameters: Mapping[str, Any]) -> str:
 
 def _json(parameters: Mapping[str, Any], found: list[Summary], trouble: str) -> dict[str, Any]:
     return {
-        "schema": "hil.design/1", "parameters": session.plain(parameters), "refused": trouble,
+        "schema": "hil.design/1",
+        "parameters": session.plain(parameters),
+        "refused": trouble,
         "axes": [designtext.finite(dataclasses.asdict(s)) for s in found],
-    }  # fmt: skip
+    }
 
 
 def _write(path: str, config: RigConfig, parameters: Mapping[str, Any]) -> None:

@@ -114,15 +114,30 @@ def page(loops: Sequence[Loop], found: Sequence[Summary], trouble: str) -> str:
     head = ["", *(f"axis {loop.axis}" for loop in loops)]
     axes = list(loops)
     figures = (
-        (summary.bode_plot(axes), "bode", "Hybrid matrix; transparent is h11 = h22 = 0, h12 = 1, "
-         "h21 = -1. Dashed: ideal; solid: with filters and delays."),
-        (summary.impedance_plot(axes), "width", "What the operator feels: the width between free "
-         "and stiffest is all that can be told apart."),
-        (summary.stability_plot(axes), "margins", "Above the dashed lines: stable with every "
-         "passive operator and environment; passive; all reflections admissible."),
-        (summary.region_plot(axes[0]), "region", f"Axis {axes[0].axis}: stability circles, "
-         "reference 20 N s/m."),
-    )  # fmt: skip
+        (
+            summary.bode_plot(axes),
+            "bode",
+            "Hybrid matrix; transparent is h11 = h22 = 0, h12 = 1, "
+            "h21 = -1. Dashed: ideal; solid: with filters and delays.",
+        ),
+        (
+            summary.impedance_plot(axes),
+            "width",
+            "What the operator feels: the width between free "
+            "and stiffest is all that can be told apart.",
+        ),
+        (
+            summary.stability_plot(axes),
+            "margins",
+            "Above the dashed lines: stable with every "
+            "passive operator and environment; passive; all reflections admissible.",
+        ),
+        (
+            summary.region_plot(axes[0]),
+            "region",
+            f"Axis {axes[0].axis}: stability circles, reference 20 N s/m.",
+        ),
+    )
     body = f"<h1>{TITLE}</h1>" + html.warnings([trouble] if trouble else [])
     body += html.section("Gains", html.table(head, gains(loops)))
     body += html.section("Figures of merit", html.table([*head, "goal"], merits(found)))

@@ -26,9 +26,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def add_verbose(parser: argparse.ArgumentParser) -> None:
     """--verbose."""
     parser.add_argument(
-        "--verbose", action="store_true",
+        "--verbose",
+        action="store_true",
         help="also explain what no motion of the robot could ever tell apart",
-    )  # fmt: skip
+    )
 
 
 def run(args: argparse.Namespace) -> int:

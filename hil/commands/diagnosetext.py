@@ -97,10 +97,12 @@ def _notes(d: Diagnosis) -> list[str]:
         return []
     shown = {n for f in d.findings for n in f.parameters}
     return [
-        text for code, text in d.warnings
-        if not code.startswith("impossible") and code not in LEADING
+        text
+        for code, text in d.warnings
+        if not code.startswith("impossible")
+        and code not in LEADING
         and not (code == "at-bound" and text.split()[1] in shown)
-    ]  # fmt: skip
+    ]
 
 
 def _apart(d: Diagnosis, verbose: bool) -> list[str]:

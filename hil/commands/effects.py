@@ -64,10 +64,17 @@ def as_dict(e: Effect) -> dict[str, object]:
     ]
     doc = e.doc
     return {
-        "name": e.name, "family": e.family, "equation": doc.equation, "signature": doc.signature,
-        "confused_with": list(doc.confused_with), "shown_by": doc.shown_by, "source": doc.source,
-        "explains": list(e.scope.explains), "parameters": params, "caveat": doc.caveat,
-    }  # fmt: skip
+        "name": e.name,
+        "family": e.family,
+        "equation": doc.equation,
+        "signature": doc.signature,
+        "confused_with": list(doc.confused_with),
+        "shown_by": doc.shown_by,
+        "source": doc.source,
+        "explains": list(e.scope.explains),
+        "parameters": params,
+        "caveat": doc.caveat,
+    }
 
 
 def describe(e: Effect) -> str:

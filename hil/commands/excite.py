@@ -27,23 +27,31 @@ RATE = 1000.0
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     parser.add_argument(
-        "rig", metavar="RIG.toml",
+        "rig",
+        metavar="RIG.toml",
         help="rig file, the URDF of a robot of your own, or a session (S.mcap): without a URDF in "
         "it the motion keeps to the range, twice the speed and twice the effort recorded",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--for", dest="effects", default="", metavar="EFFECT[,EFFECT]",
+        "--for",
+        dest="effects",
+        default="",
+        metavar="EFFECT[,EFFECT]",
         help="one effect to show, or rivals to separate; without, the motion identifies the model",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "-o", "--output", required=True, metavar="TRAJ.toml",
+        "-o",
+        "--output",
+        required=True,
+        metavar="TRAJ.toml",
         help="trajectory to write; an older trajectory there is replaced",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--csv", metavar="TABLE.csv",
+        "--csv",
+        metavar="TABLE.csv",
         help="also write the motion as a table for a rig of your own: t, q1.., qd1.., qdd1.., SI, "
         f"a header, {RATE:g} rows a second, from rest to rest; an older table there is replaced",
-    )  # fmt: skip
+    )
     parser.add_argument("--model", metavar="M.toml", help="model file; default: the base model")
     parser.add_argument("--arm", help="arm of the rig; default: the first one that moves")
     parser.add_argument("--joint", help="joint in question; default: all in turn")
@@ -51,9 +59,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--motion", choices=tuple(menu.MENU), help="this motion of the menu, not the best one"
     )
     parser.add_argument(
-        "--seconds", type=float, default=30.0,
+        "--seconds",
+        type=float,
+        default=30.0,
         help="length [s] (default 30); what needs longer at the speeds allowed takes longer",
-    )  # fmt: skip
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the search (default 0)")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
@@ -94,7 +104,7 @@ def _identify(args: argparse.Namespace, model: RobotModel, stage: Stage) -> int:
             "condition": excite_text.finite(found.condition),
             "condition_naive": excite_text.finite(found.naive),
             "columns": found.columns,
-        }  # fmt: skip
+        }
         common.emit(excite_text.as_dict(args, motion, margins, rows) | extra)
         return 0
     naive = f"{found.naive:.3g}" if math.isfinite(found.naive) else "without limit (rank lost)"

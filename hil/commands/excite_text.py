@@ -113,17 +113,26 @@ def as_dict(
         {"what": m.what, "used": m.used, "limit": finite(m.limit), "unit": m.unit} for m in margins
     ]
     return {
-        "schema": "hil.excite/1", "output": args.output, "motion": motion.name,
-        "for": list(motion.purpose), "period_s": motion.period, "asked_s": args.seconds,
-        "margins": limits, "table": None if rows is None else _table(args, rows),
-    }  # fmt: skip
+        "schema": "hil.excite/1",
+        "output": args.output,
+        "motion": motion.name,
+        "for": list(motion.purpose),
+        "period_s": motion.period,
+        "asked_s": args.seconds,
+        "margins": limits,
+        "table": None if rows is None else _table(args, rows),
+    }
 
 
 def _table(args: argparse.Namespace, p: Played) -> dict[str, Any]:
     return {
-        "output": args.csv, "columns": header(p.q.shape[1]), "rows": int(p.t.size),
-        "seconds": float(p.t[-1]), "lead_in_s": p.lead, "periods": p.rounds,
-    }  # fmt: skip
+        "output": args.csv,
+        "columns": header(p.q.shape[1]),
+        "rows": int(p.t.size),
+        "seconds": float(p.t[-1]),
+        "lead_in_s": p.lead,
+        "periods": p.rounds,
+    }
 
 
 def length(args: argparse.Namespace, motion: Trajectory) -> str:
@@ -187,11 +196,15 @@ def limits(margins: list[Margin]) -> str:
 def play(args: argparse.Namespace, rows: Played | None) -> str:
     """How to play the motion, and what the table holds."""
     own = own_robot(args.rig)
-    lines = [
-        f"{args.csv}: {', '.join(header(rows.q.shape[1]))} in SI units, {rows.t.size} rows, "
-        f"{rows.t[-1]:.4g} s: {rows.rounds} x the motion, with {rows.lead:g} s before it and "
-        "behind it to come from rest and back"
-    ] if rows is not None else []  # fmt: skip
+    lines = (
+        [
+            f"{args.csv}: {', '.join(header(rows.q.shape[1]))} in SI units, {rows.t.size} rows, "
+            f"{rows.t[-1]:.4g} s: {rows.rounds} x the motion, with {rows.lead:g} s before it and "
+            "behind it to come from rest and back"
+        ]
+        if rows is not None
+        else []
+    )
     if not own:
         how = f"Play it: hil run {args.rig} --trajectory {args.output} -o SESSION.mcap"
         return "\n".join([*lines, how])

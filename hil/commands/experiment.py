@@ -44,15 +44,24 @@ def _elastic(seed: int) -> tuple[str, dict[str, object]]:
     """An elastic transmission seen from the motor alone, identified on line."""
     s = elastic_transmission.study(seed)
     rows = [[k, f"{v:.3f}"] for k, v in s.parameters.items()]
-    lines = ["Parameters after 25 s, from guesses 40 % low to 80 % high",
-             common.table(["parameter", "estimate / truth"], rows)]  # fmt: skip
-    lines += [f"  correlation of {k}: {v:.2f} (-1: only the sum is known)"
-              for k, v in s.correlation.items()]  # fmt: skip
+    lines = [
+        "Parameters after 25 s, from guesses 40 % low to 80 % high",
+        common.table(["parameter", "estimate / truth"], rows),
+    ]
+    lines += [
+        f"  correlation of {k}: {v:.2f} (-1: only the sum is known)"
+        for k, v in s.correlation.items()
+    ]
     cells = [
-        [f"{r.study} {r.value:g}", f"{1e3 * r.angle:.3f}", f"{1e3 * r.motor_angle:.3f}",
-         f"{100 * r.speed:.2f}", f"{1e3 * r.innovation:+.3f}"]
+        [
+            f"{r.study} {r.value:g}",
+            f"{1e3 * r.angle:.3f}",
+            f"{1e3 * r.motor_angle:.3f}",
+            f"{100 * r.speed:.2f}",
+            f"{1e3 * r.innovation:+.3f}",
+        ]
         for r in s.rows
-    ]  # fmt: skip
+    ]
     head = ["parameters frozen, then", "link mrad", "motor for link", "speed %", "innovation mrad"]
     lines += ["", common.table(head, cells)]
     lines.append(
@@ -66,13 +75,28 @@ def _transparency(seed: int) -> tuple[str, dict[str, object]]:
     """The hybrid matrix that sessions show, against the prediction."""
     rows = transparency.study(seed, common.log)
     cells = [
-        [f"{r.design} {r.entry}", f"{r.hz:g}", f"{r.predicted:.4g}", f"{r.measured:.4g}",
-         f"{r.scale:.3g}", f"{100 * r.error:.1f}", f"{100 * r.bound:.1f}",
-         "yes" if r.inside else "no"]
+        [
+            f"{r.design} {r.entry}",
+            f"{r.hz:g}",
+            f"{r.predicted:.4g}",
+            f"{r.measured:.4g}",
+            f"{r.scale:.3g}",
+            f"{100 * r.error:.1f}",
+            f"{100 * r.bound:.1f}",
+            "yes" if r.inside else "no",
+        ]
         for r in rows
-    ]  # fmt: skip
-    head = ["entry", "Hz", "|predicted|", "|measured|", "scale", "difference %",
-            "scatter 95 % %", "inside"]  # fmt: skip
+    ]
+    head = [
+        "entry",
+        "Hz",
+        "|predicted|",
+        "|measured|",
+        "scale",
+        "difference %",
+        "scatter 95 % %",
+        "inside",
+    ]
     text = "Hybrid matrix of sessions against the prediction (vertical axis, encoder side)\n"
     text += common.table(head, cells)
     worst = {e: transparency.worst(rows, e) for e in transparency.NAMES}
@@ -85,19 +109,26 @@ def _transparency(seed: int) -> tuple[str, dict[str, object]]:
         "\n  it is the model's error (friction that is left, fitted parameters), not the data's"
         "\n  worst difference: " + ", ".join(f"{e} {100 * x:.1f} %" for e, x in worst.items())
     )
-    return text, {"rows": [dataclasses.asdict(r) | {"inside": r.inside} for r in rows],
-                  "worst": worst, "inside": inside}  # fmt: skip
+    return text, {
+        "rows": [dataclasses.asdict(r) | {"inside": r.inside} for r in rows],
+        "worst": worst,
+        "inside": inside,
+    }
 
 
 def _fsf(seed: int) -> tuple[str, dict[str, object]]:
     """A law with force sensors against its transform that needs none."""
     s = without_force_sensors.study(seed, common.log)
     cells = [
-        [f"{r.hz:g}", f"{100 * r.theory:.1f}", f"{100 * r.measured:.1f}",
-         f"{r.master_error:.3f} of {r.master_size:.3f}",
-         f"{r.slave_error:.3f} of {r.slave_size:.3f}"]
+        [
+            f"{r.hz:g}",
+            f"{100 * r.theory:.1f}",
+            f"{100 * r.measured:.1f}",
+            f"{r.master_error:.3f} of {r.master_size:.3f}",
+            f"{r.slave_error:.3f} of {r.slave_size:.3f}",
+        ]
         for r in s.rows
-    ]  # fmt: skip
+    ]
     head = ["Hz", "H differs by %, theory", "sessions", "f_m error [N]", "f_s error [N]"]
     text = (
         f"With force sensors, and transformed to need none: condition of Q {s.kappa:.3g}, D "
@@ -157,8 +188,12 @@ def _friction(seed: int) -> tuple[str, dict[str, object]]:
         [r.model, *(f"{100 * x:.1f}" for x in (*r.train, *r.validation)), str(r.nodes)]
         for r in rows
     ]
-    head = ["model", *(f"train {j} %" for j in (1, 2, 3)), *(f"valid {j} %" for j in (1, 2, 3)),
-            "nodes"]  # fmt: skip
+    head = [
+        "model",
+        *(f"train {j} %" for j in (1, 2, 3)),
+        *(f"valid {j} %" for j in (1, 2, 3)),
+        "nodes",
+    ]
     text = "Error of the torque relative to its rms, joints 1 to 3, another motion for validation\n"
     return text + common.table(head, cells), {"rows": [dataclasses.asdict(r) for r in rows]}
 
@@ -167,27 +202,35 @@ def _excitation(seed: int) -> tuple[str, dict[str, object]]:
     """What a hand, the motors, or both determine of an arm."""
     rows = manual_excitation.study(seed)
     cells = [
-        [r.name, f"{r.found.rank} of 17", f"{r.found.condition:.3g}",
-         "-" if math.isnan(r.worst) else f"{100 * r.worst:.2f}"]
+        [
+            r.name,
+            f"{r.found.rank} of 17",
+            f"{r.found.condition:.3g}",
+            "-" if math.isnan(r.worst) else f"{100 * r.worst:.2f}",
+        ]
         for r in rows
-    ]  # fmt: skip
+    ]
     head = ["excitation", "rank", "condition", "worst error of what is determined %"]
     text = common.table(head, cells)
     text += "".join(f"\n  {r.name}: {r.found.text}" for r in rows)
     rig = manual_excitation.on_the_rig(seed)
     kappa = [
-        [name, *(f"{f.values[f'j{j}.kappa']:.3f} +- {f.stderr[f'j{j}.kappa']:.1g}"
-                 for j in (1, 2, 3))]
+        [
+            name,
+            *(f"{f.values[f'j{j}.kappa']:.3f} +- {f.stderr[f'j{j}.kappa']:.1g}" for j in (1, 2, 3)),
+        ]
         for name, f in rig.items()
-    ]  # fmt: skip
+    ]
     text += "\n\nSimulated rig: a hand on the leader, the law's torques as dither\n"
     text += common.table(["motor constants found", "motor 1", "motor 2", "motor 3"], kappa)
     text += (
         "\n  +- takes the samples for independent and the friction for Coulomb and viscous; what"
         "\n  friction really is adds more than that"
     )
-    return text, {"rows": [dataclasses.asdict(r) for r in rows],
-                  "rig": {k: dataclasses.asdict(f) for k, f in rig.items()}}  # fmt: skip
+    return text, {
+        "rows": [dataclasses.asdict(r) for r in rows],
+        "rig": {k: dataclasses.asdict(f) for k, f in rig.items()},
+    }
 
 
 EXPERIMENTS: dict[str, Callable[[int], tuple[str, dict[str, object]]]] = {

@@ -44,9 +44,10 @@ def as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[str
         "unused": list(found.unused),
         "warnings": [
             {"code": f.code, "severity": f.severity, "text": f.text}
-            for r in found.recordings for f in check(r)
+            for r in found.recordings
+            for f in check(r)
         ],
-    }  # fmt: skip
+    }
 
 
 def text(output: Path, found: Imported, model: Path, written: bool) -> str:
@@ -120,20 +121,25 @@ EXAMPLE = "hil import run1.csv --robot arm.urdf -o run1.mcap"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "table", metavar="TABLE",
+        "table",
+        metavar="TABLE",
         help="CSV, NPZ or MAT file with columns t, q1.., tau1.. (SI); or a public recording, "
         f"e.g. emps/DATA_EMPS.mat, found through {datasets.VARIABLE}",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "-o", "--output", required=True, metavar="S.mcap",
+        "-o",
+        "--output",
+        required=True,
+        metavar="S.mcap",
         help="session to write; one that was imported from the same table is replaced, any other "
         "session there is kept under another name",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--map", metavar="MAP.toml",
+        "--map",
+        metavar="MAP.toml",
         help="renames, scales, shifts and signs columns; or a built-in map: "
         + ", ".join(builtin_maps()),
-    )  # fmt: skip
+    )
     parser.add_argument("--robot", default="", metavar="URDF", help="robot; default: of the map")
     parser.add_argument("--tip", default="", metavar="FRAME", help="frame of the measured force")
     parser.add_argument("--arm", default="", metavar="NAME", help="name of the arm (default arm)")
@@ -141,9 +147,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--run", dest="which", default="", metavar="NAME", help="run of a file with several"
     )
     parser.add_argument(
-        "--all-runs", action="store_true",
+        "--all-runs",
+        action="store_true",
         help="every run of a file with several, each as a session in the folder -o names",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--unit", default="", choices=("rad", "m"), help="unit of the axes, without a URDF"
     )

@@ -161,9 +161,12 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
         "damaged_chunks": found.damaged,
         "channels": [
             {
-                "topic": c.topic, "schema": c.schema, "count": c.count,
+                "topic": c.topic,
+                "schema": c.schema,
+                "count": c.count,
                 "rate_hz": c.rate_hz if _periodic(c) else None,
-                "first_s": c.first_s, "last_s": c.last_s,
+                "first_s": c.first_s,
+                "last_s": c.last_s,
                 "missing": c.missing if _periodic(c) else 0,
             }
             for c in found.channels
@@ -173,7 +176,7 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
         "loop": figures(found),
         "metadata": found.metadata,
         "attachments": list(found.attachments),
-    }  # fmt: skip
+    }
 
 
 def _arm_dict(arm: _Arm) -> dict[str, object]:
@@ -217,16 +220,23 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
         lost = f"{plural(found.unread, 'byte')} at the end and {chunks}"
         lines += [
             f"  {_why(found)}; what follows is what is left ({lost} cannot be read).",
-            f"  hil info {found.path} --recover NEW.mcap writes it as a proper session.", "",
-        ]  # fmt: skip
+            f"  hil info {found.path} --recover NEW.mcap writes it as a proper session.",
+            "",
+        ]
     rows: list[tuple[str, ...]] = [
         ("channel", "messages", "rate [Hz]", "from [s]", "to [s]", "missing")
     ]
     rows += [
-        (c.topic, str(c.count), f"{c.rate_hz:.5g}" if _periodic(c) else "-", f"{c.first_s:.4f}",
-         f"{c.last_s:.4f}", str(c.missing) if c.missing and _periodic(c) else "-")
+        (
+            c.topic,
+            str(c.count),
+            f"{c.rate_hz:.5g}" if _periodic(c) else "-",
+            f"{c.first_s:.4f}",
+            f"{c.last_s:.4f}",
+            str(c.missing) if c.missing and _periodic(c) else "-",
+        )
         for c in found.channels
-    ]  # fmt: skip
+    ]
     lines += [*_aligned(rows), "", *loop_lines(found)]
     if not arms:
         lines += ["  no arm: no /<name>/measured_js channel, so there is nothing to fit", ""]

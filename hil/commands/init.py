@@ -17,9 +17,12 @@ _FIRST = "teleop"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "name", metavar="NAME", nargs="?", default=_FIRST,
+        "name",
+        metavar="NAME",
+        nargs="?",
+        default=_FIRST,
         help=f"rig to copy: {', '.join(NAMES)} (default {_FIRST})",
-    )  # fmt: skip
+    )
     parser.add_argument("-o", "--output", metavar="RIG.toml", help="file to write (NAME.toml)")
 
 

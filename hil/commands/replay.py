@@ -20,14 +20,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("sessions", nargs="+", metavar="S.mcap", help="sessions of 'hil run'")
     parser.add_argument(
-        "--set", action="append", default=[], metavar="NAME=NUMBER", dest="changes",
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=NUMBER",
+        dest="changes",
         help="another parameter of the law: what would it have commanded? repeatable",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--against", metavar="T.mcap",
+        "--against",
+        metavar="T.mcap",
         help="replay nothing; tell the first difference of the session and this one, e.g. of the "
         "same seed on another machine or Python",
-    )  # fmt: skip
+    )
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 

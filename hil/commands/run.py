@@ -31,30 +31,40 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("rig", metavar="RIG.toml", help="rig file")
     parser.add_argument(
-        "-o", "--output", required=True, metavar="S.mcap",
+        "-o",
+        "--output",
+        required=True,
+        metavar="S.mcap",
         help="session to write; a session that is there is kept under another name",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--trajectory", metavar="TRAJ.toml",
+        "--trajectory",
+        metavar="TRAJ.toml",
         help="motion to play, from 'hil excite'; the rig's controller must be joint-tracking",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--seconds", type=float,
+        "--seconds",
+        type=float,
         help="length [s]; default: of the rig file, or once through the trajectory",
-    )  # fmt: skip
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the simulation (default 0)")
     parser.add_argument(
-        "--clock", choices=("real", "lockstep"),
+        "--clock",
+        choices=("real", "lockstep"),
         help="real time, or virtual time as fast as it goes; default: of the rig file",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--at", action="append", default=[], metavar="'S COMMAND'",
+        "--at",
+        action="append",
+        default=[],
+        metavar="'S COMMAND'",
         help="give a command at a time, e.g. '2.5 pause', '3 set force_scale 0.5'; repeatable",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--operator", action="store_true",
+        "--operator",
+        action="store_true",
         help=f"take commands from the terminal, a line each: {', '.join(COMMANDS)}",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--wait", action="store_true", help="begin without torque and wait for the command start"
     )
@@ -114,9 +124,17 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
             scheduled(args.at), bar_writer(bar), live, _lines if args.operator else None, args.wait
         )
         return runner.run(
-            config, args.seconds, args.seed, args.clock, args.output, bar.update, operator,
-            args.model, rigfile.opener(args.rig), aside=lambda path: _aside(bar, path),
-        )  # fmt: skip
+            config,
+            args.seconds,
+            args.seed,
+            args.clock,
+            args.output,
+            bar.update,
+            operator,
+            args.model,
+            rigfile.opener(args.rig),
+            aside=lambda path: _aside(bar, path),
+        )
 
 
 def _aside(bar: Any, path: Path) -> None:

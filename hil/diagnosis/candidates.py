@@ -109,9 +109,11 @@ def candidate_group(problem: Problem, c: Candidate) -> Group:
 
 
 def tried(
-    result: FitResult, terms: Sequence[Term], without: Collection[Key] = (),
+    result: FitResult,
+    terms: Sequence[Term],
+    without: Collection[Key] = (),
     projector: Projector | None = None,
-) -> tuple[Projector, list[Candidate]]:  # fmt: skip
+) -> tuple[Projector, list[Candidate]]:
     """Candidates with their best shapes beside a fit, and what they were projected off.
 
     `projector` is that of the fit, if it was made already.
@@ -124,9 +126,11 @@ def tried(
 
 
 def rate(
-    result: FitResult, split: Split, candidates: Sequence[Candidate],
+    result: FitResult,
+    split: Split,
+    candidates: Sequence[Candidate],
     without: Collection[Key] = (),
-) -> list[Rated]:  # fmt: skip
+) -> list[Rated]:
     """Held-out worth of candidates beside a fit, in their order.
 
     What has coefficients in every run is judged on blocks of all runs: no run determines those of

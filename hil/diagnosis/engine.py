@@ -29,7 +29,7 @@ from hil.diagnosis.constants import (
     MATTERS,
     WHOLE,
     WORTHLESS,
-)  # fmt: skip
+)
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.grams import Group, Table
 from hil.diagnosis.heldout import Examiner, settled
@@ -45,7 +45,7 @@ from hil.diagnosis.types import (
     Finding,
     HeldOut,
     joint_of,
-)  # fmt: skip
+)
 from hil.diagnosis.verdict import (
     NO_GEOMETRY,
     finish,
@@ -55,7 +55,7 @@ from hil.diagnosis.verdict import (
     of_noise,
     rival_name,
     with_errors,
-)  # fmt: skip
+)
 from hil.identify.context import renew
 from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
@@ -73,9 +73,11 @@ Shares = dict[tuple[str, int], tuple[float, str]]
 
 @single_threaded
 def diagnose(
-    recordings: list[Recording], model: RobotModel, holdout: list[Recording] | None = None,
+    recordings: list[Recording],
+    model: RobotModel,
+    holdout: list[Recording] | None = None,
     seed: int = 0,
-) -> Diagnosis:  # fmt: skip
+) -> Diagnosis:
     """Find the physical effects that a model lacks.
 
     Parameters
@@ -255,7 +257,7 @@ def _verdict(findings: list[Finding], partial: list[Finding], remains: bool) -> 
 
 def above(
     search: Search, last: Evidence, there: FloatArray | None, named: list[Named]
-) -> NDArray[np.bool_]:  # fmt: skip
+) -> NDArray[np.bool_]:
     """Joints (d,) whose error is above the noise floor by more than efforts are known to."""
     problem, step = search.problem, search.now.step
     size, rms = problem.rms(problem.effort), step.result.rms
@@ -287,12 +289,16 @@ def finding(
     least = float((floor if other is None else other)[j]) ** 2
     explained = (one[0] - one[1]) / max(one[2] - least, 1e-300)
     return Finding(
-        c.name, joint_of(c, problem), round(n.confidence * worth, 3),
-        float(before.heldout.relative[j]), float(after.heldout.relative[j]),
-        float(after.heldout.standard_error()[j]), float(np.clip(explained, 0.0, 1.0)),
+        c.name,
+        joint_of(c, problem),
+        round(n.confidence * worth, 3),
+        float(before.heldout.relative[j]),
+        float(after.heldout.relative[j]),
+        float(after.heldout.standard_error()[j]),
+        float(np.clip(explained, 0.0, 1.0)),
         {name: v for name, v in search.now.result.values.items() if name.startswith(head)},
         list(dict.fromkeys(rival_name(r, c, problem) for r in n.rivals)),
-    )  # fmt: skip
+    )
 
 
 def here(search: Search, j: int, floor: FloatArray) -> float:

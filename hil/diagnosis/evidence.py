@@ -44,9 +44,11 @@ def _kind(effect: Effect) -> str:
 
 
 def terms_to_try(
-    result: FitResult, joints: Collection[int] | None = None, without: Collection[Key] = (),
+    result: FitResult,
+    joints: Collection[int] | None = None,
+    without: Collection[Key] = (),
     kind: str = EFFECT,
-) -> tuple[list[Term], list[tuple[str, str]]]:  # fmt: skip
+) -> tuple[list[Term], list[tuple[str, str]]]:
     """Terms that may be added on some joints, and effects that cannot be tried, with the reason.
 
     Parameters

@@ -142,9 +142,13 @@ class Table:
     """
 
     def __init__(
-        self, problem: Problem, split: Split, sigma: FloatArray, groups: Iterable[Group],
+        self,
+        problem: Problem,
+        split: Split,
+        sigma: FloatArray,
+        groups: Iterable[Group],
         apart: Iterable[Group] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.split, self.d, self._y = split, problem.d, problem.y
         own = {g.key: g for g in groups}
         self.groups = own | {g.key: g for g in apart}
@@ -210,9 +214,7 @@ class Table:
         self._gram[:, ids[:, None], ids] += w * train[0][:, :-1, :-1]
         self._right[:, ids] += w * train[0][:, :-1, -1]
         first = edges[0]
-        for g, a, b, inner, outer in zip(
-            more, edges, edges[1:], train[2], test[2], strict=False
-        ):  # fmt: skip
+        for g, a, b, inner, outer in zip(more, edges, edges[1:], train[2], test[2], strict=False):
             mine, cut = self._apart[g.key], slice(a - first, b - first)
             mine.cross[:, ids] += w * train[1][:, :-1, cut]
             mine.right[:] += w * train[1][:, -1, cut]
@@ -311,9 +313,7 @@ class Table:
         right = np.empty((len(cross) + 1, ids.size))
         gram[0, :p, :p], gram[1:, :p, :p] = c.every, c.gram
         right[0, :p], right[1:, :p] = c.both, c.right
-        for out, x in (
-            (gram[:, :p, p:], cross), (gram[:, p:, p:], a.own), (right[:, p:], a.right)
-        ):  # fmt: skip
+        for out, x in ((gram[:, :p, p:], cross), (gram[:, p:, p:], a.own), (right[:, p:], a.right)):
             out[0] = x.sum(axis=0)
             out[1:] = out[0] - x
         gram[:, p:, :p] = gram[:, :p, p:].transpose(0, 2, 1)
@@ -382,9 +382,12 @@ def _by_block(
 
 
 def _together(
-    rows: FloatArray, label: NDArray[np.int_], some: NDArray[np.bool_], count: int,
+    rows: FloatArray,
+    label: NDArray[np.int_],
+    some: NDArray[np.bool_],
+    count: int,
     edges: Sequence[int],
-) -> _Parts:  # fmt: skip
+) -> _Parts:
     """Products of some of the rows, those of one label (of `count`) together."""
     first = edges[0]
     x = _padded(rows, label, some, count)

@@ -21,7 +21,7 @@ from hil.diagnosis.evidence import (
     in_time,
     priced,
     terms_to_try,
-)  # fmt: skip
+)
 from hil.diagnosis.grams import Group, Table
 from hil.diagnosis.search import Search, Visited, simplest, without
 from hil.diagnosis.types import Candidate, describe, ranking
@@ -97,15 +97,19 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     motion = search.problem.motions[0]
     others = [f for f in search.found if f is not c]
     sound = [
-        r for r in rated
+        r
+        for r in rated
         if r.candidate.name == own.name
         or (
-            r.removed > 0 and r.candidate.score > 0 and physical(r.candidate, motion)
+            r.removed > 0
+            and r.candidate.score > 0
+            and physical(r.candidate, motion)
             and not (r.candidate.smoother or r.candidate.blurred)
-            and r.candidate.absorbed < 0.9999 and in_time(r.candidate, result)
+            and r.candidate.absorbed < 0.9999
+            and in_time(r.candidate, result)
             and not any(kindred(r.candidate, f) for f in others)
         )
-    ]  # fmt: skip
+    ]
     return sound, projector
 
 
@@ -151,10 +155,12 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
     """The effect that takes the place of one, if the model with it does better held out."""
     own = next((r for r in rated if r.candidate.term.key == c.term.key), None)
     good = [
-        r for r in rated
+        r
+        for r in rated
         if (r.candidate.name, c.term.joint) not in search.refused
-        and (r is own or r.candidate.name != c.name) and r.joint == c.joint
-    ]  # fmt: skip
+        and (r is own or r.candidate.name != c.name)
+        and r.joint == c.joint
+    ]
     if own is None or not good:
         renew(search.now.result)
         return None
@@ -179,9 +185,7 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
     return best.candidate
 
 
-def _weighed(
-    search: Search, c: Candidate, rated: list[Rated], projector: Projector
-) -> Named:  # fmt: skip
+def _weighed(search: Search, c: Candidate, rated: list[Rated], projector: Projector) -> Named:
     """Confidence and rivals of an effect among those that could stand in its place.
 
     The lesser of two weights: by the likelihood, tempered by what a law may miss of its effect,

@@ -283,9 +283,10 @@ def _returned(case: Case) -> str:
     if case.evidence.floor.exceeded(result.rms, r.joint):
         return ""
     more = [
-        c for c in case.evidence.candidates
+        c
+        for c in case.evidence.candidates
         if c.joint == r.joint and c.parts[r.joint] > r.candidate.parts[r.joint]
-    ]  # fmt: skip
+    ]
     late = any(not in_time(c, result) for c in more)
     return "noise that a controller answers late explains more" if late else ""
 

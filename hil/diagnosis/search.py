@@ -25,7 +25,7 @@ from hil.diagnosis.evidence import (
     measured_floor,
     priced,
     terms_to_try,
-)  # fmt: skip
+)
 from hil.diagnosis.folds import Split, parts
 from hil.diagnosis.grams import Errors, Table
 from hil.diagnosis.heldout import Examiner, of_blocks
@@ -74,7 +74,7 @@ class _Tried:
 
     def serves(
         self, rung: Visited, kind: str, joints: Sequence[int], first: Evidence | None
-    ) -> bool:  # fmt: skip
+    ) -> bool:
         """Whether it holds what is asked for; floors of the first evidence are kept."""
         same = rung is self.rung and kind == self.kind and set(joints) <= set(self.joints)
         return same and (first is self.first or first is self.evidence)
@@ -218,9 +218,10 @@ class Search:
             self.last = evidence
             picks = self._picks(rated, evidence, open_joints)
             open_joints = [
-                j for j in open_joints
+                j
+                for j in open_joints
                 if any(p.joint == j or p.candidate.term.effect.scope.whole for p in picks)
-            ]  # fmt: skip
+            ]
             if not picks:
                 return
             before = self.now
@@ -359,9 +360,10 @@ class Search:
             if rest.power[j] > (1 + WORTH / 2) ** 2 * now.errors.power[j] or paired(rise) > BEYOND:
                 continue
             rung = self.rung(
-                f"- {describe(c, self.problem)}", without(now.result.model, c, self.problem),
+                f"- {describe(c, self.problem)}",
+                without(now.result.model, c, self.problem),
                 now.result.sigma,
-            )  # fmt: skip
+            )
             if rung.errors.power[j] <= (1 + WORTH / 2) ** 2 * now.errors.power[j]:
                 self.rungs.append(rung)
                 self.found.remove(c)

@@ -237,10 +237,11 @@ def _near(rivals: list[Rival], problem: Problem) -> list[Rival]:
     out = []
     for r in rivals:
         alike = [
-            x.term.shape for x in rivals
-            if x is not r and [p.name for p in x.term.effect.shape]
-            == [p.name for p in r.term.effect.shape]
-        ]  # fmt: skip
+            x.term.shape
+            for x in rivals
+            if x is not r
+            and [p.name for p in x.term.effect.shape] == [p.name for p in r.term.effect.shape]
+        ]
         out.append(replace(r, shapes=imitations(r.term, problem, alike)))
     return out
 

@@ -126,9 +126,15 @@ def shaped(c: FloatArray, space: Space, name: str) -> Trajectory:
     middle = space.together.mean(axis=1) - scale * (place.max(axis=0) + place.min(axis=0)) / 2
     robot = space.robot
     return Trajectory(
-        tuple(robot.joints), tuple(robot.units), PERIOD, np.array([0.0, PERIOD]),
-        np.stack([middle, middle]), np.ones(2), scale[:, None, None] * c, name,
-    )  # fmt: skip
+        tuple(robot.joints),
+        tuple(robot.units),
+        PERIOD,
+        np.array([0.0, PERIOD]),
+        np.stack([middle, middle]),
+        np.ones(2),
+        scale[:, None, None] * c,
+        name,
+    )
 
 
 def _naive(space: Space) -> Trajectory:
@@ -162,9 +168,15 @@ def regressor(x: Trajectory, design: Design) -> FloatArray:
     n, d = q.shape
     nothing = np.zeros_like(q)
     motion = design.frame.with_(
-        t=np.arange(n) * (PERIOD / n), q=q, qd=qd, qdd=qdd, tau=nothing, tau_ext=nothing,
-        load=nothing, static=nothing,
-    )  # fmt: skip
+        t=np.arange(n) * (PERIOD / n),
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=nothing,
+        tau_ext=nothing,
+        load=nothing,
+        static=nothing,
+    )
     blocks = []
     for t in design.terms:
         columns = t.effect.columns(motion, t.joint, t.shape)

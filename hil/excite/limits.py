@@ -66,16 +66,24 @@ class Limits:
 #: al. 2002), less 1 degree; the workspace of the data sheet (191 x 381 x 267 mm) about the tip at
 #: the posture (0, 0.4, 0.3); speed that the drives track and torque of the rig's default.
 _PREMIUM = Limits(
-    np.radians([-89.0, -123.0, -28.0]), np.radians([89.0, 118.0, 213.0]),
-    np.full(3, 3.0), np.full(3, 0.8), np.array([0.0, 0.4, 0.3]),
-    ((1, 2, -0.95, 1.13),), np.array([[0.152, -0.190, -0.212], [0.344, 0.190, 0.055]]),
+    np.radians([-89.0, -123.0, -28.0]),
+    np.radians([89.0, 118.0, 213.0]),
+    np.full(3, 3.0),
+    np.full(3, 0.8),
+    np.array([0.0, 0.4, 0.3]),
+    ((1, 2, -0.95, 1.13),),
+    np.array([[0.152, -0.190, -0.212], [0.344, 0.190, 0.055]]),
     "PHANTOM Premium 1.5",
-)  # fmt: skip
+)
 #: Omni: workspace 160 x 120 x 70 mm of the data sheet within 1.8 rad/s, centred likewise.
 _OMNI = Limits(
-    np.radians([-45.0, 0.0, -20.0]), np.radians([45.0, 90.0, 60.0]),
-    np.full(3, 1.8), np.full(3, 0.3), np.array([0.0, 0.6, 0.3]), source="PHANTOM Omni",
-)  # fmt: skip
+    np.radians([-45.0, 0.0, -20.0]),
+    np.radians([45.0, 90.0, 60.0]),
+    np.full(3, 1.8),
+    np.full(3, 0.3),
+    np.array([0.0, 0.6, 0.3]),
+    source="PHANTOM Omni",
+)
 PRESETS = {"phantom-premium-1.5": _PREMIUM, "phantom-omni": _OMNI}
 
 
@@ -115,12 +123,15 @@ def of_arm(arm: ArmConfig, source: RobotSource, center: tuple[float, ...] = ()) 
     high = np.array(arm.position_max) if arm.position_max else known.high
     own = [k for k in ("position", "workspace") if getattr(arm, f"{k}_min")]
     out = replace(
-        known, low=low, high=high, box=_box(arm, known.box),
+        known,
+        low=low,
+        high=high,
+        box=_box(arm, known.box),
         speed=np.minimum(known.speed, arm.speed_limit),
         torque=np.minimum(known.torque, arm.torque_limit),
         center=np.array(center) if center else np.clip(known.center, low, high),
         source=" and ".join([*(["the rig file"] if own else []), known.source]).strip(),
-    )  # fmt: skip
+    )
     return out
 
 
@@ -211,10 +222,14 @@ def margins(x: Trajectory, limits: Limits, robot: Robot, effort: FloatArray | No
     q, qd, _ = sample(x, grid(x, RATE))
     units = dict(zip(robot.joints, robot.units, strict=True))
     out = [
-        Margin(name, float(np.min(d)), 0.0, "m" if name.startswith("work") else
-               units.get(name.split()[1], "rad"))
+        Margin(
+            name,
+            float(np.min(d)),
+            0.0,
+            "m" if name.startswith("work") else units.get(name.split()[1], "rad"),
+        )
         for name, d in places(limits, robot, q).items()
-    ]  # fmt: skip
+    ]
     for j, (name, unit) in enumerate(units.items()):
         speed = float(np.max(np.abs(qd[:, j])))
         out.append(Margin(f"speed {name}", speed, float(limits.speed[j]), f"{unit}/s"))

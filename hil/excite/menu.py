@@ -88,9 +88,15 @@ class Path:
         via = np.concatenate([q[:1], *(q[1:] for _ in range(rounds))])
         robot = self.space.robot
         return Trajectory(
-            tuple(robot.joints), tuple(robot.units), float(times[-1]), times, via,
-            _blends(times, via, self.space.speed), np.zeros((len(robot.joints), 0, 2)), name,
-        )  # fmt: skip
+            tuple(robot.joints),
+            tuple(robot.units),
+            float(times[-1]),
+            times,
+            via,
+            _blends(times, via, self.space.speed),
+            np.zeros((len(robot.joints), 0, 2)),
+            name,
+        )
 
 
 def _blends(times: FloatArray, via: FloatArray, speed: FloatArray) -> FloatArray:
@@ -120,9 +126,15 @@ def series(
     part = spectrum[1 : h + 1].T
     via = np.stack([space.center, space.center])
     return Trajectory(
-        tuple(robot.joints), tuple(robot.units), period, np.array([0.0, period]), via,
-        np.full(2, min(1.0, period)), np.stack([-part.imag, part.real], axis=-1), name,
-    )  # fmt: skip
+        tuple(robot.joints),
+        tuple(robot.units),
+        period,
+        np.array([0.0, period]),
+        via,
+        np.full(2, min(1.0, period)),
+        np.stack([-part.imag, part.real], axis=-1),
+        name,
+    )
 
 
 def joints_of(space: Space, j: int | None) -> Sequence[int]:
@@ -288,11 +300,19 @@ def multisine(space: Space, j: int | None, seconds: float) -> Trajectory:
 
 Maker = Callable[[Space, "int | None", float], Trajectory]
 MENU: dict[str, Maker] = {
-    "slow-strokes": slow_strokes, "speed-ladder": speed_ladder, "fast-strokes": fast_strokes,
-    "range-strokes": range_strokes, "small-reversals": small_reversals, "rests": rests,
-    "one-at-a-time": one_at_a_time, "pairs": pairs, "postures": postures,
-    "range-ends": range_ends, "chirp": chirp, "multisine": multisine,
-}  # fmt: skip
+    "slow-strokes": slow_strokes,
+    "speed-ladder": speed_ladder,
+    "fast-strokes": fast_strokes,
+    "range-strokes": range_strokes,
+    "small-reversals": small_reversals,
+    "rests": rests,
+    "one-at-a-time": one_at_a_time,
+    "pairs": pairs,
+    "postures": postures,
+    "range-ends": range_ends,
+    "chirp": chirp,
+    "multisine": multisine,
+}
 
 
 #: Motions that need more than one joint.

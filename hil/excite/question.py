@@ -246,9 +246,9 @@ def _left(
     return max(float(scaled @ schur @ scaled), 0.0), schur
 
 
-def imitations(term: Term, problem: Problem, near: Sequence[tuple[float, ...]]) -> tuple[
-    tuple[float, ...], ...
-]:  # fmt: skip
+def imitations(
+    term: Term, problem: Problem, near: Sequence[tuple[float, ...]]
+) -> tuple[tuple[float, ...], ...]:
     """Shapes with which an effect may imitate another: its own, `near`, and its grid thinned."""
     grid = term.effect.search.grid(problem.motions[0], term.joint) or [term.shape]
     step = max(1, len(grid) // SHAPES)

@@ -229,10 +229,16 @@ def _parse(table: Mapping[str, Any]) -> Trajectory:
     shape = shapes.pop() if shapes else (len(joints), 0)
     parts = [np.zeros(shape) if s is None else s for s in series]
     return Trajectory(
-        joints, units, period, _array(path, "t", 1), _array(path, "q", 2),
-        _array(path, "blend", 1), np.stack(parts, axis=-1),
-        str(table.get("name", "motion")), _names(table, "for", ()),
-    )  # fmt: skip
+        joints,
+        units,
+        period,
+        _array(path, "t", 1),
+        _array(path, "q", 2),
+        _array(path, "blend", 1),
+        np.stack(parts, axis=-1),
+        str(table.get("name", "motion")),
+        _names(table, "for", ()),
+    )
 
 
 def _only(table: Mapping[str, Any], known: tuple[str, ...]) -> None:
@@ -279,9 +285,13 @@ def text(x: Trajectory, note: str = "") -> str:
     """TOML text of a trajectory."""
     lines = [f"# {line}" for line in note.splitlines()]
     words = {
-        "schema": SCHEMA, "name": x.name, "for": list(x.purpose), "joints": list(x.joints),
-        "units": list(x.units), "period": x.period,
-    }  # fmt: skip
+        "schema": SCHEMA,
+        "name": x.name,
+        "for": list(x.purpose),
+        "joints": list(x.joints),
+        "units": list(x.units),
+        "period": x.period,
+    }
     lines += [f"{k} = {json.dumps(v)}" for k, v in words.items()]
     lines += ["", "[path] # straight lines through q [rad or m] at t [s], corners rounded"]
     lines += [f"t = {_row(x.times)}", f"blend = {_row(x.blend)}", f"q = {_rows(x.via)}"]
@@ -366,9 +376,13 @@ def _from_rest(x: Trajectory, rounds: int, lead: float, rate: float) -> Played:
     dds = 60 * u * (1 - u) * (1 - 2 * u) / lead**2
     # r = q0 + s (q - q0) and its derivatives
     return Played(
-        t, at + s * (q - at), ds * (q - at) + s * qd, dds * (q - at) + 2 * ds * qd + s * qdd,
-        lead, rounds,
-    )  # fmt: skip
+        t,
+        at + s * (q - at),
+        ds * (q - at) + s * qd,
+        dds * (q - at) + 2 * ds * qd + s * qdd,
+        lead,
+        rounds,
+    )
 
 
 def header(d: int) -> list[str]:

@@ -304,8 +304,9 @@ def _clock(r: Recording, rows: IntArray, stale: NDArray[np.bool_], rate_hz: floa
     if np.any(stale):
         fewer = place - np.cumsum(np.where(stale, np.diff(place, prepend=0) - 1, 0))
         readings["excess"] = (fewer.astype(np.float64), fewer)
-    score = {k: _strayed(x, q) * (1.0 if k == "even" else 1 + BETTER) for k, (x, _) in
-             readings.items()}  # fmt: skip
+    score = {
+        k: _strayed(x, q) * (1.0 if k == "even" else 1 + BETTER) for k, (x, _) in readings.items()
+    }
     best = min(score, key=lambda k: score[k])
     instant, place = readings[best]
     if best == "excess" and not rate_hz:
@@ -316,9 +317,14 @@ def _clock(r: Recording, rows: IntArray, stale: NDArray[np.bool_], rate_hz: floa
         for k in np.flatnonzero(np.diff(place) > 1)
     )
     timing = Timing(
-        period, error * period, jitter, "stamps" if best == "stamps" else "even",
-        stale=int(np.sum(stale)), excess=best == "excess", gaps=gaps,
-    )  # fmt: skip
+        period,
+        error * period,
+        jitter,
+        "stamps" if best == "stamps" else "even",
+        stale=int(np.sum(stale)),
+        excess=best == "excess",
+        gaps=gaps,
+    )
     return _Found(rows, place, instant, timing)
 
 

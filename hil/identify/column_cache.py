@@ -99,9 +99,13 @@ class Kept:
         return None
 
     def put(
-        self, key: tuple[object, ...], columns: FloatArray, seen: Seen,
-        motions: Sequence[Motion], spare: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        key: tuple[object, ...],
+        columns: FloatArray,
+        seen: Seen,
+        motions: Sequence[Motion],
+        spare: bool = False,
+    ) -> None:
         """Keep columns that were made of these fields; `spare` ones if there is room."""
         if not spare or columns.nbytes <= self._room:
             self._hold(key, _Made(columns, seen, self._now(seen, motions), spare))

@@ -193,7 +193,7 @@ def _responding(
         for t, where in zip(terms, slices, strict=True)
         if t.effect.family == "friction"
         and not (t.per_run or t.effect.traits & (Trait.VISCOUS | Trait.REPLAYED | Trait.LOAD))
-    ]  # fmt: skip
+    ]
     return [replace(m, response=Response(m, solid, more)) for m in motions]
 
 
@@ -230,9 +230,11 @@ class Response:
     """
 
     def __init__(
-        self, motion: Motion, parts: Sequence[tuple[Term, FloatArray]],
+        self,
+        motion: Motion,
+        parts: Sequence[tuple[Term, FloatArray]],
         more: Sequence[tuple[Term, FloatArray]] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._motion, self._parts, self._more = motion, parts, more
         self._unslipped: dict[int, FloatArray] = {}
         stride = max(1, int(1 / RATE / motion.dt))

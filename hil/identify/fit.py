@@ -143,15 +143,30 @@ def assemble(
     )
     names = [n for t in terms for n, _ in coefficients(t, problem)]
     return FitResult(
-        replace(model, effects=effects, valid=identified(problem)), problem, terms, theta, names,
-        values, residual, sigma, b, prior(problem, terms, model, names), x, slices,
-    )  # fmt: skip
+        replace(model, effects=effects, valid=identified(problem)),
+        problem,
+        terms,
+        theta,
+        names,
+        values,
+        residual,
+        sigma,
+        b,
+        prior(problem, terms, model, names),
+        x,
+        slices,
+    )
 
 
 def _linear(
-    problem: Problem, term: Term, theta: FloatArray, stderr: FloatArray,
-    known: NDArray[np.bool_], seen: NDArray[np.bool_], source: str,
-) -> dict[str, Value]:  # fmt: skip
+    problem: Problem,
+    term: Term,
+    theta: FloatArray,
+    stderr: FloatArray,
+    known: NDArray[np.bool_],
+    seen: NDArray[np.bool_],
+    source: str,
+) -> dict[str, Value]:
     """Coefficients of a term."""
     out: dict[str, Value] = {}
     named = coefficients(term, problem)
@@ -160,11 +175,13 @@ def _linear(
         out[name] = Value(
             float(value),
             float(err) if ok and not term.fixed else float("nan"),
-            in_units(p.unit, problem, term.joint), p.lower, p.upper,
+            in_units(p.unit, problem, term.joint),
+            p.lower,
+            p.upper,
             at_bound=bool(moves and (value <= p.lower or value >= p.upper)),
             identifiable=bool(ok) or term.fixed,
             source="given" if term.fixed else source,
-        )  # fmt: skip
+        )
     return out
 
 
@@ -175,11 +192,17 @@ def _shapes(
     head = prefix(term, problem.joints)
     return {
         f"{head}.{p.name}": Value(
-            float(value), error.stderr, in_units(p.unit, problem, term.joint), p.lower, p.upper,
-            error.at_bound, error.identifiable, source,
+            float(value),
+            error.stderr,
+            in_units(p.unit, problem, term.joint),
+            p.lower,
+            p.upper,
+            error.at_bound,
+            error.identifiable,
+            source,
         )
         for p, value, error in zip(term.effect.shape, term.shape, found, strict=True)
-    }  # fmt: skip
+    }
 
 
 def in_units(unit: str, problem: Problem, j: int) -> str:
@@ -231,9 +254,12 @@ def _movable(problem: Problem, term: Term) -> bool:
 
 
 def _stepped(
-    terms: list[Term], ranges: dict[int, tuple[float, float]], joint: Basis, r: FloatArray,
+    terms: list[Term],
+    ranges: dict[int, tuple[float, float]],
+    joint: Basis,
+    r: FloatArray,
     part: float,
-) -> list[Term]:  # fmt: skip
+) -> list[Term]:
     """Terms after a part of one Gauss-Newton step on the weighted residual r (d n,)."""
     size, out = joint.scale.size, list(terms)
     steps = joint.solve(r, np.zeros(size), np.zeros(r.size))[size - len(ranges) :]
@@ -287,9 +313,14 @@ class Spread:
 
 
 def standard_errors(
-    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice],
-    b: Basis, residual: FloatArray, sigma: FloatArray,
-) -> Spread:  # fmt: skip
+    problem: Problem,
+    terms: Sequence[Term],
+    theta: FloatArray,
+    slices: Sequence[slice],
+    b: Basis,
+    residual: FloatArray,
+    sigma: FloatArray,
+) -> Spread:
     """Errors from the solution (p,), its basis, and the residual (d, n) with its scale (d,)."""
     ends = {k: end_of_range(problem, t) for k, t in enumerate(terms) if searched(problem, t)}
     free = [k for k, end in ends.items() if not end]
@@ -369,9 +400,13 @@ def jacobian(
 
 
 def derivative(
-    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice],
-    k: int, i: int,
-) -> FloatArray:  # fmt: skip
+    problem: Problem,
+    terms: Sequence[Term],
+    theta: FloatArray,
+    slices: Sequence[slice],
+    k: int,
+    i: int,
+) -> FloatArray:
     """Derivative of the model's effort by shape value i of term k, shape (d, n)."""
     term = terms[k]
     shape = term.shape
@@ -396,9 +431,14 @@ def around(problem: Problem, term: Term) -> tuple[float, float]:
 
 
 def with_shapes(
-    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice],
-    b: Basis, sigma: FloatArray, which: Sequence[int],
-) -> Basis:  # fmt: skip
+    problem: Problem,
+    terms: Sequence[Term],
+    theta: FloatArray,
+    slices: Sequence[slice],
+    b: Basis,
+    sigma: FloatArray,
+    which: Sequence[int],
+) -> Basis:
     """Basis of [X, J]: the coefficients' basis and the first shape values of some terms."""
     if not which:
         return b

@@ -126,9 +126,14 @@ class _Forward:
         return np.where(lost[:, None], np.nan, eliminated(safe, push))
 
     def effort(
-        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, mass: bool = True,
+        self,
+        q: FloatArray,
+        qd: FloatArray,
+        qdd: FloatArray,
+        load: FloatArray,
+        mass: bool = True,
         rows: IntArray | None = None,
-    ) -> FloatArray:  # fmt: skip
+    ) -> FloatArray:
         """Effort (r, w, d) but for `_masses`, at q (w, d), qd (w, d) or (r, w, d), qdd (r, w, d).
 
         Without the mass' on demand.  `load` (w, 2, d): all that is transmitted as measured, and
@@ -241,9 +246,14 @@ def _loads(
 
 
 def _step(
-    model: _Forward, q: FloatArray, qd: FloatArray, drive: FloatArray, load: FloatArray,
-    w: FloatArray, now: IntArray,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    model: _Forward,
+    q: FloatArray,
+    qd: FloatArray,
+    drive: FloatArray,
+    load: FloatArray,
+    w: FloatArray,
+    now: IntArray,
+) -> tuple[FloatArray, FloatArray]:
     """Positions and speeds (rows, d) one instant after `now` (rows,)."""
     m = model.motion
     rest, mass = model.balance(q, qd, load)
@@ -257,9 +267,12 @@ def _step(
 
 
 def _braked(
-    model: _Forward, state: tuple[FloatArray, FloatArray, FloatArray], mass: FloatArray,
-    push: FloatArray, far: FloatArray,
-) -> FloatArray:  # fmt: skip
+    model: _Forward,
+    state: tuple[FloatArray, FloatArray, FloatArray],
+    mass: FloatArray,
+    push: FloatArray,
+    far: FloatArray,
+) -> FloatArray:
     """Speeds x (w, d) one instant later, with the friction F that they meet (implicit Euler).
 
         R(x) = M (x - v) / dt - push + F(x) - F(v) = 0,
@@ -316,9 +329,13 @@ class _Ends:
 
 
 def _found(
-    model: _Forward, rows: IntArray, state: tuple[FloatArray, FloatArray, FloatArray],
-    mass: FloatArray, pushed: FloatArray, ends: _Ends,
-) -> FloatArray:  # fmt: skip
+    model: _Forward,
+    rows: IntArray,
+    state: tuple[FloatArray, FloatArray, FloatArray],
+    mass: FloatArray,
+    pushed: FloatArray,
+    ends: _Ends,
+) -> FloatArray:
     """Speeds of some rows that bring R close to zero; `pushed` is push + F(v)."""
     q, v, load = state
     dt, own = model.motion.dt, np.einsum("wdd->wd", mass)
@@ -444,9 +461,7 @@ def _eliminate(a: FloatArray, x: FloatArray) -> None:
 
 
 #: Fields that `Motion.at_states` replaces.
-STATES = frozenset(
-    "t q qd qdd load static tau tau_ext average drive friction".split()
-)  # fmt: skip
+STATES = frozenset("t q qd qdd load static tau tau_ext average drive friction".split())
 
 
 class Joined(Motion):

@@ -130,22 +130,39 @@ class Prepared:
         """For JSON: numbers in SI."""
         t = self.timing
         return {
-            "period_s": t.period, "period_error_s": t.error, "jitter_s": t.jitter,
-            "reading": t.reading, "repeated": t.repeated, "stale": t.stale, "excess": t.excess,
-            "wrong": t.wrong, "held": {k: t.rate / v for k, v in t.held.items()},
+            "period_s": t.period,
+            "period_error_s": t.error,
+            "jitter_s": t.jitter,
+            "reading": t.reading,
+            "repeated": t.repeated,
+            "stale": t.stale,
+            "excess": t.excess,
+            "wrong": t.wrong,
+            "held": {k: t.rate / v for k, v in t.held.items()},
             "gaps": [
                 {"after_s": g.after, "length_s": g.length, "rows": g.rows, "split": g.split}
                 for g in t.gaps
             ],
-            "dropped_s": t.dropped, "parts": self.parts, "left_out_s": self.left_out,
-            "band": {"position_hz": self.rates.position, "effort_hz": self.rates.effort,
-                     "why": self.rates.why},
+            "dropped_s": t.dropped,
+            "parts": self.parts,
+            "left_out_s": self.left_out,
+            "band": {
+                "position_hz": self.rates.position,
+                "effort_hz": self.rates.effort,
+                "why": self.rates.why,
+            },
             "excitation": [
-                {"joint": x.joint, "span": x.span, "grains": x.grains, "clear": x.clear,
-                 "held": x.held} for x in self.excitation
+                {
+                    "joint": x.joint,
+                    "span": x.span,
+                    "grains": x.grains,
+                    "clear": x.clear,
+                    "held": x.held,
+                }
+                for x in self.excitation
             ],
             "warnings": [{"code": c, "text": x} for c, x in self.warnings],
-        }  # fmt: skip
+        }
 
 
 def prepared(recording: Recording, band: Band | None = None, moving: bool = True) -> Prepared:
@@ -187,10 +204,15 @@ def _excitation(runs: Sequence[Recording], rates: bands.Rates) -> tuple[Excitati
     span = np.max([r.q.max(axis=0) for r in runs], axis=0) - low
     clear = np.max([1 / np.maximum(bands.noise_share(r, rates.position), 1e-9) for r in runs], 0)
     return tuple(
-        Excitation(name, float(span[j]), float(span[j] / max(noise[j], 1e-300)),
-                   float(clear[j]), bool(held[j]))
+        Excitation(
+            name,
+            float(span[j]),
+            float(span[j] / max(noise[j], 1e-300)),
+            float(clear[j]),
+            bool(held[j]),
+        )
         for j, name in enumerate(first.joints)
-    )  # fmt: skip
+    )
 
 
 def _strays(t: Timing) -> bool:
@@ -217,27 +239,60 @@ def timing_notes(t: Timing) -> list[tuple[str, str]]:
     """What was done to the rows: (code, sentence)."""
     out = []
     if t.repeated:
-        out.append(("time-repeated", f"{_rows(t.repeated)} with stamp and values of the one "
-                    "before left out"))  # fmt: skip
+        out.append(
+            (
+                "time-repeated",
+                f"{_rows(t.repeated)} with stamp and values of the one before left out",
+            )
+        )
     if t.stale and t.excess:
-        out.append(("stale-rows", f"{_rows(t.stale)} repeating every value of the one before: "
-                    "written in excess, as the motion goes on without them; left out, and the "
-                    f"rows taken {t.period * 1e3:.5g} ms apart"))  # fmt: skip
+        out.append(
+            (
+                "stale-rows",
+                f"{_rows(t.stale)} repeating every value of the one before: "
+                "written in excess, as the motion goes on without them; left out, and the "
+                f"rows taken {t.period * 1e3:.5g} ms apart",
+            )
+        )
     elif t.stale:
-        out.append(("stale-rows", f"{_rows(t.stale)} repeating every value of the one before: "
-                    "taken as missing"))  # fmt: skip
+        out.append(
+            (
+                "stale-rows",
+                f"{_rows(t.stale)} repeating every value of the one before: taken as missing",
+            )
+        )
     for name, hold in t.held.items():
-        out.append(("held-samples", f"{name} keeps each value for {hold} rows: it was measured at "
-                    f"{t.rate / hold:.4g} Hz, and is used so"))  # fmt: skip
+        out.append(
+            (
+                "held-samples",
+                f"{name} keeps each value for {hold} rows: it was measured at "
+                f"{t.rate / hold:.4g} Hz, and is used so",
+            )
+        )
     if t.wrong:
-        out.append(("spike", f"{plural(t.wrong, 'single value')} standing out of all neighbours "
-                    "replaced by what those say"))  # fmt: skip
+        out.append(
+            (
+                "spike",
+                f"{plural(t.wrong, 'single value')} standing out of all neighbours "
+                "replaced by what those say",
+            )
+        )
     if t.reading == "stamps":
-        out.append(("irregular-time", f"stamps stray by {t.jitter * 1e3:.2g} ms rms and the "
-                    "positions follow them: resampled to an even grid"))  # fmt: skip
+        out.append(
+            (
+                "irregular-time",
+                f"stamps stray by {t.jitter * 1e3:.2g} ms rms and the "
+                "positions follow them: resampled to an even grid",
+            )
+        )
     elif t.jitter > 0.02 * t.period:
-        out.append(("irregular-time", f"stamps stray by {t.jitter * 1e3:.2g} ms rms and the "
-                    "positions do not follow them: rows are taken as even"))  # fmt: skip
+        out.append(
+            (
+                "irregular-time",
+                f"stamps stray by {t.jitter * 1e3:.2g} ms rms and the "
+                "positions do not follow them: rows are taken as even",
+            )
+        )
     if t.gaps:
         out.append(("gap", _gaps(t)))
     if t.dropped:
@@ -318,17 +373,26 @@ def prepare(
             f"{rates.effort:.3g} Hz; record {SHORTEST / rates.effort:.2g} s or more"
         )
     motion = Motion(
-        t=t, q=q[pick], qd=qd[pick], qdd=qdd[pick],
+        t=t,
+        q=q[pick],
+        qd=qd[pick],
+        qdd=qdd[pick],
         tau=bands.smooth(r.tau, fs, rates.position)[pick],
         tau_ext=_external(r, q[pick], pick, robot, rates, explains),
-        load=np.zeros_like(q[pick]), static=np.zeros_like(q[pick]),
-        v0=_resolution(r, rates), resolution=np.zeros(r.d), span=span,
-        contact=np.full((r.d, 2), np.nan), robot=robot, average=step,
+        load=np.zeros_like(q[pick]),
+        static=np.zeros_like(q[pick]),
+        v0=_resolution(r, rates),
+        resolution=np.zeros(r.d),
+        span=span,
+        contact=np.full((r.d, 2), np.nan),
+        robot=robot,
+        average=step,
         wrench=_slow(None if r.tau_ext is not None else r.wrench, 6, pick, r.rate, rates),
         temperature=_slow(r.temperature, r.d, pick, r.rate, rates),
-        grain=standstill.position_noise(r.q) * np.sqrt(12), slips=_slips(r, pick, rates),
+        grain=standstill.position_noise(r.q) * np.sqrt(12),
+        slips=_slips(r, pick, rates),
         began=part.start,
-    )  # fmt: skip
+    )
     still = standstill.standing(r.q, qdd, fs, 0.5 / rates.effort, rates.position)
     spoilt = bridged(part, rates.position).astype(np.float64)
     return motion, still[pick], spoilt[pick], Decimator(t.size, 1 / step, rates.effort)

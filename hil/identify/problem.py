@@ -379,9 +379,13 @@ class Problem(Rows):
             self._spare = before
 
     def columns(
-        self, effect: Effect, j: int, shape: Sequence[float], per_run: bool = False,
+        self,
+        effect: Effect,
+        j: int,
+        shape: Sequence[float],
+        per_run: bool = False,
         every: bool = False,
-    ) -> FloatArray:  # fmt: skip
+    ) -> FloatArray:
         """Filtered columns of an effect: (n, m) on joint j, or (d, n, m) of the whole robot.
 
         With `per_run` a set a run: all runs but the first one of an effect that only shows in

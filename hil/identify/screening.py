@@ -167,9 +167,13 @@ def _ripples(problem: Problem, term: Term, grid: list[tuple[float, ...]]) -> Rip
     size = np.maximum(size, 1e-3 * max(float(size.max()), 1e-300))
     columns = len(terms_of(term.effect, problem.motions[0], j))
     return Ripples(
-        _waves(problem, j, orders, q[::stride]), k, size, w[::stride] * stride, stride,
+        _waves(problem, j, orders, q[::stride]),
+        k,
+        size,
+        w[::stride] * stride,
+        stride,
         [_overtone(orders, m) for m in range(2, columns // 2 + 1)],
-    )  # fmt: skip
+    )
 
 
 def _overtone(orders: FloatArray, m: int) -> NDArray[np.int_]:

@@ -122,9 +122,12 @@ HOPEFUL = 0.3
 
 
 def searched(
-    projector: Projector, found: Term, grid: list[tuple[float, ...]],
-    known: dict[tuple[float, ...], float], accuracy: float,
-) -> tuple[Term, float]:  # fmt: skip
+    projector: Projector,
+    found: Term,
+    grid: list[tuple[float, ...]],
+    known: dict[tuple[float, ...], float],
+    accuracy: float,
+) -> tuple[Term, float]:
     """The best shape about the grid's best: its first value, the others, the first again."""
     gain, effect = known[found.shape], found.effect
     movable = effect.search.refine and len(effect.shape) and len(grid) > 1
@@ -144,9 +147,12 @@ def searched(
 
 
 def _summits(
-    projector: Projector, best: tuple[Term, float, list[float]], grid: list[tuple[float, ...]],
-    known: dict[tuple[float, ...], float], accuracy: float,
-) -> tuple[Term, float, list[float]]:  # fmt: skip
+    projector: Projector,
+    best: tuple[Term, float, list[float]],
+    grid: list[tuple[float, ...]],
+    known: dict[tuple[float, ...], float],
+    accuracy: float,
+) -> tuple[Term, float, list[float]]:
     """The best of the forms' own maxima: term, gain and line of first values.
 
     A form whose best value on the grid is next to what was found climbs the same one.
@@ -167,9 +173,12 @@ def _summits(
 
 
 def present(
-    projector: Projector, term: Term, found: tuple[Term, float], grid: list[tuple[float, ...]],
+    projector: Projector,
+    term: Term,
+    found: tuple[Term, float],
+    grid: list[tuple[float, ...]],
     accuracy: float,
-) -> tuple[Term, float]:  # fmt: skip
+) -> tuple[Term, float]:
     """The shape that the term has already, climbed from there, where it leaves clearly less."""
     if not term.effect.search.rounds or not term.shape or term.shape == found[0].shape:
         return found
@@ -218,9 +227,12 @@ def _other(projector: Projector, term: Term, gain: float) -> tuple[Term, float]:
 
 
 def _refine(
-    projector: Projector, term: Term, line: list[float],
-    known: dict[tuple[float, ...], float], accuracy: float,
-) -> tuple[Term, float]:  # fmt: skip
+    projector: Projector,
+    term: Term,
+    line: list[float],
+    known: dict[tuple[float, ...], float],
+    accuracy: float,
+) -> tuple[Term, float]:
     """Search the first shape parameter between its neighbours on a line (same other values).
 
     `known` are gains that were computed already, that of the term among them.

@@ -164,9 +164,12 @@ LAST = 2
 
 
 def factored(
-    problem: Problem, terms: Sequence[Term], sigma: FloatArray, least: float,
+    problem: Problem,
+    terms: Sequence[Term],
+    sigma: FloatArray,
+    least: float,
     free: FloatArray | None = None,
-) -> Basis:  # fmt: skip
+) -> Basis:
     """Basis of the weighted regressor (d n, p) of some terms.
 
     Parameters

@@ -229,10 +229,11 @@ def lateness(recording: Recording) -> Lateness:
     source = recording.robot
     if recording.d > 1 and not source.urdf and source.preset in ("", "single-axis"):
         return Lateness(
-            None, None,
+            None,
+            None,
             "whether the efforts are late against the positions cannot be told without the robot's "
             "geometry: import with --robot ARM.urdf",
-        )  # fmt: skip
+        )
     try:
         problem = Problem([recording], source)
         result = fit_aligned(problem, base_model(source))
@@ -246,18 +247,20 @@ def lateness(recording: Recording) -> Lateness:
     known = [slow_delay(result, j, turns=True)[1] for j in np.flatnonzero(~problem.holds).tolist()]
     if min(known, default=np.inf) >= KNOWN * longest:
         return Lateness(
-            None, None,
+            None,
+            None,
             "this motion does not show the lateness of the efforts to half a sample: needed are "
             "slow strokes of a second or so with much effort, for a minute",
-        )  # fmt: skip
+        )
     late = -problem.shift
     size, side = abs(late), "late" if late > 0 else "early"
     says = "not late" if size < longest / FINEST else f"{size * 1e3:.3g} ms {side}"
     return Lateness(
-        late, late * samples,
+        late,
+        late * samples,
         f"efforts against positions: {says} ({size * samples:.2g} samples), by a fit of the base "
         "model; a diagnosis takes that out (shift_s under [signal] overrules it)",
-    )  # fmt: skip
+    )
 
 
 def late_effort(problem: Problem) -> list[tuple[str, str]]:

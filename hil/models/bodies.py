@@ -72,9 +72,14 @@ def _wrenches(v: FloatArray, a: FloatArray, out: FloatArray) -> None:
 
 @numba.njit(cache=True, nogil=True)
 def _pose(
-    turn: FloatArray, place: FloatArray, s: FloatArray, q: float, spin: FloatArray, r: FloatArray,
+    turn: FloatArray,
+    place: FloatArray,
+    s: FloatArray,
+    q: float,
+    spin: FloatArray,
+    r: FloatArray,
     p: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Pose (R, p) of a joint's frame within its parent's at position q."""
     turns = s[3] != 0.0 or s[4] != 0.0 or s[5] != 0.0
     _rotation(s[3:], q if turns else 0.0, spin)
@@ -103,9 +108,16 @@ def _own(s: FloatArray, qd: float, qdd: float, v: FloatArray, a: FloatArray) -> 
 
 @numba.njit(cache=True, nogil=True)
 def regressor(
-    parent: IntArray, turn: FloatArray, place: FloatArray, axis: FloatArray, gravity: FloatArray,
-    q: FloatArray, qd: FloatArray, qdd: FloatArray, only: int = -1,
-) -> FloatArray:  # fmt: skip
+    parent: IntArray,
+    turn: FloatArray,
+    place: FloatArray,
+    axis: FloatArray,
+    gravity: FloatArray,
+    q: FloatArray,
+    qd: FloatArray,
+    qdd: FloatArray,
+    only: int = -1,
+) -> FloatArray:
     """Regressor (n, d, 10 d) of d bodies, one behind each joint; (n, d, 10) of one of them.
 
     Parameters
@@ -156,9 +168,15 @@ def regressor(
 
 @numba.njit(cache=True, nogil=True)
 def balance(
-    parent: IntArray, turn: FloatArray, place: FloatArray, axis: FloatArray, gravity: FloatArray,
-    q: FloatArray, qd: FloatArray, pi: FloatArray,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    parent: IntArray,
+    turn: FloatArray,
+    place: FloatArray,
+    axis: FloatArray,
+    gravity: FloatArray,
+    q: FloatArray,
+    qd: FloatArray,
+    pi: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     """Effort (n, d) without acceleration, and mass matrix (n, d, d), for parameters pi (n, 10 d).
 
         M = sum_i J_i' I_i J_i,

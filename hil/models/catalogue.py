@@ -123,34 +123,67 @@ NEEDED = ("name", "family", "doc")
 #: Part -> its type, how it is written, its default, and what was an attribute of its own once.
 PARTS: dict[str, tuple[type, str, object, tuple[str, ...]]] = {
     "doc": (
-        Doc, "Doc(equation=..., signature=..., shown_by=..., source=...)", None,
-        ("equation", "signature", "confused_with", "shown_by", "source", "caveat", "variables",
-         "remark"),
+        Doc,
+        "Doc(equation=..., signature=..., shown_by=..., source=...)",
+        None,
+        (
+            "equation",
+            "signature",
+            "confused_with",
+            "shown_by",
+            "source",
+            "caveat",
+            "variables",
+            "remark",
+        ),
     ),
     "scope": (
-        Scope, "Scope(Of.ROBOT, explains=..., lacks=..., terms=...)", Effect.scope,
+        Scope,
+        "Scope(Of.ROBOT, explains=..., lacks=..., terms=...)",
+        Effect.scope,
         ("whole_robot", "jointless", "explains", "available", "terms"),
     ),
     "variation": (
-        Variation, "PER_RUN", NEVER, ("per_run", "relative", "sudden", "belongs", "dated"),
+        Variation,
+        "PER_RUN",
+        NEVER,
+        ("per_run", "relative", "sudden", "belongs", "dated"),
     ),
     "relations": (
-        Relations, "Relations(replaces=...)", Effect.relations,
+        Relations,
+        "Relations(replaces=...)",
+        Effect.relations,
         ("replaces", "twins", "limit", "foils", "state"),
     ),
     "search": (
-        Search, "Grid(shapes), shapes(motion, j) a function", FIXED,
-        ("grid", "across", "others", "carrier", "powers", "rounds", "refine",
-         "ends_at_resolution", "spectral"),
+        Search,
+        "Grid(shapes), shapes(motion, j) a function",
+        FIXED,
+        (
+            "grid",
+            "across",
+            "others",
+            "carrier",
+            "powers",
+            "rounds",
+            "refine",
+            "ends_at_resolution",
+            "spectral",
+        ),
     ),
     "limits": (
-        tuple, "(Limit(code, met), BOUNDS)", Effect.limits, ("credible", "strict"),
+        tuple,
+        "(Limit(code, met), BOUNDS)",
+        Effect.limits,
+        ("credible", "strict"),
     ),
     "traits": (
-        Trait, "Trait.REPLAYED | ...", Trait.NONE,
+        Trait,
+        "Trait.REPLAYED | ...",
+        Trait.NONE,
         ("candidate", "uses_load", "motion_only", "replayed", "smooths", "correction", "geometry"),
     ),
-}  # fmt: skip
+}
 
 
 def misdeclared(effect: Effect) -> str:

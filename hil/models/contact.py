@@ -218,6 +218,9 @@ class ContactInclusion(_ContactLaw):
 
 
 EFFECTS: tuple[Effect, ...] = (
-    ContactStiffness(), ContactDamping(), ContactHardening(), ContactHysteresis(),
+    ContactStiffness(),
+    ContactDamping(),
+    ContactHardening(),
+    ContactHysteresis(),
     ContactInclusion(),
-)  # fmt: skip
+)

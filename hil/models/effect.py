@@ -48,11 +48,42 @@ from hil.models.parts import (
 )
 
 __all__ = [
-    "AT_AN_INSTANT", "BOUNDS", "FIXED", "INF", "NEVER", "PER_RUN", "RELATIVE", "STRICT", "SURE",
-    "Doc", "Effect", "Fitted", "Grid", "Limit", "Lines", "Of", "Over", "Param", "Relations",
-    "Scope", "Search", "Shape", "Shapes", "Sight", "Trait", "Twin", "Variation", "Waves",
-    "are_twins", "brakes", "log_grid", "refused", "strict", "terms_of", "typical_speed",
-]  # fmt: skip
+    "AT_AN_INSTANT",
+    "BOUNDS",
+    "FIXED",
+    "INF",
+    "NEVER",
+    "PER_RUN",
+    "RELATIVE",
+    "STRICT",
+    "SURE",
+    "Doc",
+    "Effect",
+    "Fitted",
+    "Grid",
+    "Limit",
+    "Lines",
+    "Of",
+    "Over",
+    "Param",
+    "Relations",
+    "Scope",
+    "Search",
+    "Shape",
+    "Shapes",
+    "Sight",
+    "Trait",
+    "Twin",
+    "Variation",
+    "Waves",
+    "are_twins",
+    "brakes",
+    "log_grid",
+    "refused",
+    "strict",
+    "terms_of",
+    "typical_speed",
+]
 
 
 class Effect(ABC):
@@ -134,9 +165,13 @@ def strict(effect: Effect) -> bool:
 
 
 def refused(
-    effect: Effect, motion: Motion, j: int, shape: Sequence[float], beta: Sequence[float],
+    effect: Effect,
+    motion: Motion,
+    j: int,
+    shape: Sequence[float],
+    beta: Sequence[float],
     error: Sequence[float] = (),
-) -> str:  # fmt: skip
+) -> str:
     """Code of the first limit that values break; empty where they can be physics.
 
     Parameters

@@ -225,10 +225,17 @@ class EncoderEccentricity(Effect):
         for h in (1, 2, 3):
             angle = (h * k) * q
             eccentric(
-                np.sin(angle), np.cos(angle), h * k, motion.qd[:, j], motion.qdd[:, j],
-                r.inertia[:, :, j], r.gradient[:, :, j], float(r.damping[j]), j,
+                np.sin(angle),
+                np.cos(angle),
+                h * k,
+                motion.qd[:, j],
+                motion.qdd[:, j],
+                r.inertia[:, :, j],
+                r.gradient[:, :, j],
+                float(r.damping[j]),
+                j,
                 out[:, :, 2 * h - 2 : 2 * h],
-            )  # fmt: skip
+            )
         return out
 
 

@@ -81,9 +81,17 @@ def delayed(u: FloatArray, samples: float) -> FloatArray:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def softened(
-    load: FloatArray, speed: FloatArray, inertia: FloatArray, dt: float, stretch: float,
-    tension: float, lag: float, friction: float, slow: float, parts: int,
-) -> FloatArray:  # fmt: skip
+    load: FloatArray,
+    speed: FloatArray,
+    inertia: FloatArray,
+    dt: float,
+    stretch: float,
+    tension: float,
+    lag: float,
+    friction: float,
+    slow: float,
+    parts: int,
+) -> FloatArray:
     """Effort that a cable passes which is soft about zero tension, instead of `load`, (n,).
 
     As in `sprung`, but with a stretch d that does not grow with the tension T for ever, and a
@@ -135,9 +143,17 @@ def softened(
 
 @numba.njit(cache=True, nogil=True)
 def eccentric(
-    sin: FloatArray, cos: FloatArray, k: float, speed: FloatArray, acceleration: FloatArray,
-    inertia: FloatArray, stiffness: FloatArray, damping: float, j: int, out: FloatArray,
-) -> None:  # fmt: skip
+    sin: FloatArray,
+    cos: FloatArray,
+    k: float,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    inertia: FloatArray,
+    stiffness: FloatArray,
+    damping: float,
+    j: int,
+    out: FloatArray,
+) -> None:
     """Effort -(M e'' + D e' + G e) of errors e = sin kq and e = cos kq of joint j, to (n, d, 2).
 
     (sin kq)'' = k cos kq q'' - k^2 sin kq q'^2;  M and G (n, d) are the columns of joint j.

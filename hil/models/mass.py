@@ -226,5 +226,9 @@ class EndStop(Effect):
 
 
 EFFECTS: tuple[Effect, ...] = (
-    RigidBody(), Armature(), Spring(), PositionTorque(), EndStop(),
-)  # fmt: skip
+    RigidBody(),
+    Armature(),
+    Spring(),
+    PositionTorque(),
+    EndStop(),
+)

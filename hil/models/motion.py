@@ -206,9 +206,20 @@ class Motion:
         # its fields at once: `replace`, or `copy`, would cost more than most effects
         out, none = object.__new__(type(self)), np.zeros(q.shape)
         out.__dict__.update(
-            self.__dict__, t=np.arange(len(q), dtype=np.float64), q=q, qd=qd, qdd=qdd, load=load,
-            static=static, tau=none, tau_ext=none, average=0.0, drive=none, friction=(), _signs={},
-        )  # fmt: skip
+            self.__dict__,
+            t=np.arange(len(q), dtype=np.float64),
+            q=q,
+            qd=qd,
+            qdd=qdd,
+            load=load,
+            static=static,
+            tau=none,
+            tau_ext=none,
+            average=0.0,
+            drive=none,
+            friction=(),
+            _signs={},
+        )
         return out
 
     def with_(self, **changes: FloatArray) -> Motion:

@@ -94,9 +94,7 @@ class _Phantom:
         """Effort J^T (J q'' + J' q' + g e_z) of one kilogram at the tip, shape (n, 3)."""
         return self.body_load(q, qd, qdd, 3)[:, :, 0]
 
-    def body_load(
-        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int
-    ) -> FloatArray:  # fmt: skip
+    def body_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int) -> FloatArray:
         """Effort of a body on the turntable (1), the upper link (2) or the forearm (3), (n, 3, 10).
 
         Axes of the upper link: along it, across, up; of the forearm, hanging down: forwards,
@@ -168,9 +166,7 @@ def _row(omni: bool, q: FloatArray, v: FloatArray, a: FloatArray, y: FloatArray)
 
 
 @numba.njit(cache=True, nogil=True)
-def regressor(
-    omni: bool, q: FloatArray, qd: FloatArray, qdd: FloatArray, p: int
-) -> FloatArray:  # fmt: skip
+def regressor(omni: bool, q: FloatArray, qd: FloatArray, qdd: FloatArray, p: int) -> FloatArray:
     """Regressor (n, 3, p) at states (n, 3)."""
     out = np.zeros((len(q), 3, p))
     for k in range(len(q)):

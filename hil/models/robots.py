@@ -112,9 +112,7 @@ class IndependentAxes:
         """No tip."""
         return None
 
-    def body_load(
-        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int
-    ) -> FloatArray:  # fmt: skip
+    def body_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int) -> FloatArray:
         """Nothing: no link is known."""
         return np.zeros((*q.shape, 10))
 

@@ -178,15 +178,11 @@ class UrdfRobot:
         order = sorted(range(len(self.joints)), key=lambda k: self._moved[k] != holder)
         return tuple(k + 1 for k in order)
 
-    def body_load(
-        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int
-    ) -> FloatArray:  # fmt: skip
+    def body_load(self, q: FloatArray, qd: FloatArray, qdd: FloatArray, link: int) -> FloatArray:
         """Effort of a body on the link behind joint number `link`, shape (n, d, 10)."""
         return self._carried(self._moved[link - 1], q, qd, qdd)
 
-    def _carried(
-        self, body: int, q: FloatArray, qd: FloatArray, qdd: FloatArray
-    ) -> FloatArray:  # fmt: skip
+    def _carried(self, body: int, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
         """Effort (n, d, 10) of unit parameters on a body: about the tip if it holds it."""
         back = self._all.T
         states = (q @ back + self._shift, qd @ back, qdd @ back)

@@ -111,11 +111,13 @@ def position(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding]:
     out = int(np.count_nonzero((q > joint.upper + room) | (q < joint.lower - room)))
     if math.isfinite(room) and out >= FEW:
         yield Finding(
-            "limits", "warning", r.joints[k],
+            "limits",
+            "warning",
+            r.joints[k],
             f"q{k + 1} runs from {q.min():.4g} to {q.max():.4g} {joint.unit}, beyond the limits of "
             f"the URDF ({joint.lower:.4g} to {joint.upper:.4g}) in {_share(out, r.n)} of the "
             "samples; check sign, unit and zero of this joint",
-        )  # fmt: skip
+        )
 
 
 def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding]:
@@ -126,17 +128,28 @@ def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding
     if float(np.abs(np.diff(q)).max()) > joint.velocity * float(np.diff(r.t).min()):
         mean = physics.smooth(q, max(round(_WIDTH_S / r.period), 1))
         yield from _beyond(
-            "velocity-limit", f"the speed of q{k + 1}", np.gradient(mean, r.t), joint.velocity,
-            f"{joint.unit}/s", r.joints[k], "check the unit of this position and of the time",
-        )  # fmt: skip
+            "velocity-limit",
+            f"the speed of q{k + 1}",
+            np.gradient(mean, r.t),
+            joint.velocity,
+            f"{joint.unit}/s",
+            r.joints[k],
+            "check the unit of this position and of the time",
+        )
     most = float(np.abs(r.tau[:, k]).max())
     milli = MILLI * joint.effort < most <= 1000 * joint.effort
     yield from _beyond(
-        "effort-limit", f"tau{k + 1}", r.tau[:, k], joint.effort, effort, r.joints[k],
-        f"is it in m{effort}? Then scale it by 0.001 in a map when importing" if milli else
-        f"check that it is the effort at the joint in {effort} (after the gear, and no current), "
+        "effort-limit",
+        f"tau{k + 1}",
+        r.tau[:, k],
+        joint.effort,
+        effort,
+        r.joints[k],
+        f"is it in m{effort}? Then scale it by 0.001 in a map when importing"
+        if milli
+        else f"check that it is the effort at the joint in {effort} (after the gear, and no current), "
         "and that the URDF is of this robot",
-    )  # fmt: skip
+    )
 
 
 def _beyond(
@@ -146,10 +159,12 @@ def _beyond(
     out = int(np.count_nonzero(size > (1 + BEYOND) * limit))
     if out >= FEW:
         yield Finding(
-            code, "warning", joint,
+            code,
+            "warning",
+            joint,
             f"{name} reaches {size.max():.5g} {unit}, beyond the limit of the URDF ({limit:.4g}) "
             f"in {_share(out, size.size)} of the samples; {advice}",
-        )  # fmt: skip
+        )
 
 
 def _share(count: int, n: int) -> str:
@@ -210,10 +225,12 @@ def _units(r: Recording) -> Iterator[Finding]:
         if physics.unit_doubt(q, joint, described):
             what = "degrees" if joint.unit == "rad" else "millimetres"
             yield Finding(
-                "unit", "warning", name,
+                "unit",
+                "warning",
+                name,
                 f"q{k + 1} runs from {q.min():.4g} to {q.max():.4g} {joint.unit}; is it in {what}? "
                 "Scale it in a map when importing",
-            )  # fmt: skip
+            )
         elif described:
             yield from position(r, k, joint)
             yield from speed_and_effort(r, k, joint)
@@ -226,10 +243,12 @@ def _position(r: Recording, k: int, joint: str) -> Iterator[Finding]:
     if frozen:
         start, length = max(frozen, key=lambda x: x[1])
         yield Finding(
-            "stuck", "warning", joint,
+            "stuck",
+            "warning",
+            joint,
             f"q{k + 1} freezes {len(frozen)} times while moving, the longest for {length:.3g} s at "
             f"{start:.6g} s, and catches up in one sample; samples were lost before recording",
-        )  # fmt: skip
+        )
     lost = r.jumps[k]
     # what is less than the fastest ordinary step may be a sample that came late
     if lost.at.size and np.abs(lost.size).max() > np.quantile(np.abs(np.diff(q)), 0.99):
@@ -237,10 +256,12 @@ def _position(r: Recording, k: int, joint: str) -> Iterator[Finding]:
     elif jumps:
         size = float(q[jumps[0] + 1] - q[jumps[0]])
         yield Finding(
-            "step", "warning", joint,
+            "step",
+            "warning",
+            joint,
             f"q{k + 1} jumps {len(jumps)} times within a sample, first by {size:.3g} at "
             f"{r.t[jumps[0]]:.6g} s; missed counts or an encoder fault: leave that part out",
-        )  # fmt: skip
+        )
 
 
 def _ends(frozen: list[tuple[float, float]], at: float) -> bool:
@@ -258,10 +279,12 @@ def _effort(r: Recording, k: int, joint: str) -> Iterator[Finding]:
 
 def _clipped(name: str, joint: str, clip: physics.Clipping) -> Finding:
     return Finding(
-        "saturation", "warning", joint,
+        "saturation",
+        "warning",
+        joint,
         f"{name} is cut off at {clip.level:.4g} for {100 * clip.share:.2g} % of the samples; "
         "what acted there is not what was recorded: move more gently or leave it out",
-    )  # fmt: skip
+    )
 
 
 def _velocity(r: Recording, k: int, joint: str) -> Iterator[Finding]:
@@ -272,17 +295,21 @@ def _velocity(r: Recording, k: int, joint: str) -> Iterator[Finding]:
         return
     if factor < 0:
         yield Finding(
-            "velocity-sign", "warning", joint,
+            "velocity-sign",
+            "warning",
+            joint,
             f"qd{k + 1} is {factor:.3g} times the derivative of q{k + 1}: opposite signs; "
             "change the sign of one of them in a map",
-        )  # fmt: skip
+        )
     elif not 0.8 < factor < 1.25:
         guess = [f" ({text})" for f, text in _KNOWN_FACTORS if abs(factor / f - 1) < 0.1]
         yield Finding(
-            "velocity-scale", "warning", joint,
+            "velocity-scale",
+            "warning",
+            joint,
             f"qd{k + 1} is {factor:.4g} times the derivative of q{k + 1}"
             f"{guess[0] if guess else ''}; scale one of them in a map",
-        )  # fmt: skip
+        )
 
 
 def _signs(r: Recording) -> Iterator[Finding]:
@@ -300,18 +327,22 @@ def _signs(r: Recording) -> Iterator[Finding]:
         known = abs(b.certainty) > 0.8 and 0.6 < abs(b.external) < 1.7
         if known and b.external > 0 and not backward and b.inertia > 0 and b.friction > 0:
             yield Finding(
-                "sign", "warning", name,
+                "sign",
+                "warning",
+                name,
                 f"tauext{k + 1} acts with the motor's resistance instead of against it: it should "
                 "be the effort ON the robot; change its sign in a map",
-            )  # fmt: skip
+            )
         alone = r.wrench is None and r.tau_ext is None
         if backward and ((alone and b.work < -0.3 and total < -0.3) or (known and b.external > 0)):
             yield Finding(
-                "sign", "warning", name,
+                "sign",
+                "warning",
+                name,
                 f"tau{k + 1} only takes energy out of the motion (net work {100 * b.work:.0f} %) "
                 "and inertia and friction come out negative: change the sign of the effort or the "
                 "position in a map, unless someone moved the joint by hand",
-            )  # fmt: skip
+            )
 
 
 FloatArray = NDArray[np.float64]
@@ -366,8 +397,13 @@ def joint_units(recording: Recording) -> tuple[str, ...]:
 
 
 _STEMS = {
-    "q": "q", "qd": "qd", "tau": "tau", "tau_ext": "tauext", "current": "i", "temperature": "temp",
-}  # fmt: skip
+    "q": "q",
+    "qd": "qd",
+    "tau": "tau",
+    "tau_ext": "tauext",
+    "current": "i",
+    "temperature": "temp",
+}
 
 
 def _values(r: Recording) -> Iterator[Finding]:
@@ -375,10 +411,12 @@ def _values(r: Recording) -> Iterator[Finding]:
         bad = np.flatnonzero(~(np.abs(values) < _ABSURD))
         if bad.size:
             yield Finding(
-                "not-finite", "error", joint,
+                "not-finite",
+                "error",
+                joint,
                 f"{name}: {bad.size} of {r.n} values are NaN, infinite or absurd, first at sample "
                 f"{bad[0]}; cut or repair them before importing",
-            )  # fmt: skip
+            )
 
 
 def _time(r: Recording) -> Iterator[Finding]:
@@ -393,16 +431,20 @@ def _time(r: Recording) -> Iterator[Finding]:
     back, same = np.flatnonzero(dt < 0), np.flatnonzero(dt == 0)
     if back.size:
         yield Finding(
-            "time-backward", "error", "",
+            "time-backward",
+            "error",
+            "",
             f"time runs backward {back.size} times, first after {t[back[0]]:.6g} s; "
             "sort the rows or import each run by itself",
-        )  # fmt: skip
+        )
     if same.size:
         yield Finding(
-            "time-repeated", "error" if period <= 0 else "warning", "",
+            "time-repeated",
+            "error" if period <= 0 else "warning",
+            "",
             f"{same.size} repeated time stamps, first at {t[same[0]]:.6g} s; "
             "rows that repeat all values, too, are left out of an analysis",
-        )  # fmt: skip
+        )
     if period > 0:
         yield from _rate(t, dt[dt > 0], period)
 
@@ -424,20 +466,24 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[Finding]:
     if gaps.any():
         first = t[np.flatnonzero(np.diff(t) > _GAP * period)[0]]
         yield Finding(
-            "gap", "warning", "",
+            "gap",
+            "warning",
+            "",
             f"{gaps.sum()} gaps, the longest {dt.max():.3g} s, the first after {first:.6g} s; "
             "an analysis bridges short ones and splits the run at long ones: nothing is "
             "differentiated across them",
-        )  # fmt: skip
+        )
     if gaps.all():
         return
     low, high = np.quantile(dt[~gaps], (0.05, 0.95))
     if high - low > _JITTER * period:
         yield Finding(
-            "irregular-time", "warning", "",
+            "irregular-time",
+            "warning",
+            "",
             f"period varies from {low * 1e3:.4g} to {high * 1e3:.4g} ms (5 to 95 %); "
             "an analysis resamples where the positions follow the stamps",
-        )  # fmt: skip
+        )
 
 
 def _frozen(r: Recording) -> Iterator[Finding]:

@@ -293,9 +293,11 @@ def check_spikes(r: Recording) -> Iterator[Finding]:
                 first = int(at[0])
                 count = "once" if at.size == 1 else f"{at.size} times"
                 yield Finding(
-                    "spike", "warning", joint,
+                    "spike",
+                    "warning",
+                    joint,
                     f"{name}{k + 1} leaves its neighbours for a single sample {count}, first at "
                     f"{r.t[first]:.6g} s ({values[first, k]:.4g} between "
                     f"{values[first - 1, k]:.4g} and {values[first + 1, k]:.4g}): an analysis "
                     "puts there what its neighbours say",
-                )  # fmt: skip
+                )

@@ -101,9 +101,12 @@ class Topic:
     def only(self, keep: NDArray[np.bool_]) -> Topic:
         """The messages that `keep` (n,) marks."""
         return replace(
-            self, stamps=self.stamps[keep], ticks=self.ticks[keep], starts=self.starts[keep],
+            self,
+            stamps=self.stamps[keep],
+            ticks=self.ticks[keep],
+            starts=self.starts[keep],
             sizes=self.sizes[keep],
-        )  # fmt: skip
+        )
 
 
 #: Channel, sequence number, start and size of the payload.
@@ -397,9 +400,12 @@ def _number(data: NDArray[np.uint8], at: int, size: int) -> np.uint64:
 
 @numba.njit(cache=True)
 def messages(
-    data: NDArray[np.uint8], at: int, known: NDArray[np.bool_],
-    where: NDArray[np.int64], stamps: NDArray[np.uint64],
-) -> tuple[int, int]:  # fmt: skip
+    data: NDArray[np.uint8],
+    at: int,
+    known: NDArray[np.bool_],
+    where: NDArray[np.int64],
+    stamps: NDArray[np.uint64],
+) -> tuple[int, int]:
     """Walk messages of known channels from byte `at` on, up to the first other record.
 
     Parameters

@@ -185,9 +185,10 @@ def numbers(channel: Topic) -> dict[str, FloatArray]:
         names, parts = decode_joint_state(channel)
         return {
             f"{part}.{name}": values[:, k]
-            for part, values in parts.items() if values is not None
+            for part, values in parts.items()
+            if values is not None
             for k, name in enumerate(names)
-        }  # fmt: skip
+        }
     values = decode_numbers(channel)
     names = _WRENCH
     if not channel.schema.endswith("/WrenchStamped"):

@@ -76,16 +76,21 @@ def _topic(a: Container, b: Container, name: str) -> Difference | None:
 def _field(one: Topic, other: Topic, k: int) -> Difference:
     """The number within message `k` that differs."""
     if one.times[k] != other.times[k]:
-        return Difference(f"{one.name}, time [ns]", one.sequence[k], str(one.times[k]),
-                          str(other.times[k]))  # fmt: skip
+        return Difference(
+            f"{one.name}, time [ns]", one.sequence[k], str(one.times[k]), str(other.times[k])
+        )
     try:
         x, y = numbers(one), numbers(other)
     except DataError:
         x = y = {}
     for name in x:
         if name in y and x[name][k] != y[name][k]:
-            return Difference(f"{one.name} {name}", one.sequence[k], repr(float(x[name][k])),
-                              repr(float(y[name][k])))  # fmt: skip
+            return Difference(
+                f"{one.name} {name}",
+                one.sequence[k],
+                repr(float(x[name][k])),
+                repr(float(y[name][k])),
+            )
     return Difference(one.name, one.sequence[k], one.data[k][:60].hex(), other.data[k][:60].hex())
 
 

@@ -89,8 +89,9 @@ def _plan(r: Recording) -> list[tuple[Channel, np.ndarray, np.ndarray]]:
             channel = Channel(f"/{r.arm}/{name}", "joint_state", r.joints, ("effort",))
             out.append((channel, r.t, values))
     for name, unit, values in (
-        ("motor_current", "A", r.current), ("motor_temperature", "degC", r.temperature)
-    ):  # fmt: skip
+        ("motor_current", "A", r.current),
+        ("motor_temperature", "degC", r.temperature),
+    ):
         if values is not None:
             fields = tuple(f"j{k + 1}" for k in range(r.d))
             message = "hil_msgs/msg/" + name.title().replace("_", "")

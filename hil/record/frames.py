@@ -90,8 +90,9 @@ class FrameLog:
 
 def encode(frame: Frame, t_ns: int) -> bytes:
     """CDR of one frame with the session's stamp `t_ns`."""
-    out = bytearray(struct.pack("<4siIQ", b"\x00\x01\x00\x00", t_ns // 10**9, t_ns % 10**9,
-                                frame.t_ns))  # fmt: skip
+    out = bytearray(
+        struct.pack("<4siIQ", b"\x00\x01\x00\x00", t_ns // 10**9, t_ns % 10**9, frame.t_ns)
+    )
     for text in (frame.kind, frame.key):
         raw = text.encode() + b"\x00"
         out += bytes(-(len(out) - 4) % 4) + struct.pack("<I", len(raw)) + raw

@@ -93,8 +93,21 @@ class TableMap:
 
 
 SCHEMA = "hil.map/1"
-TARGETS = ("t", "q1..", "qd1..", "tau1..", "tauext1..", "i1..", "temp1..", "fx", "fy", "fz",
-           "tx", "ty", "tz")  # fmt: skip
+TARGETS = (
+    "t",
+    "q1..",
+    "qd1..",
+    "tau1..",
+    "tauext1..",
+    "i1..",
+    "temp1..",
+    "fx",
+    "fy",
+    "fz",
+    "tx",
+    "ty",
+    "tz",
+)
 _TARGET = re.compile(r"t|[ft][xyz]|(q|qd|tau|tauext|i|temp)[1-9][0-9]?")
 _TOP = ("schema", "robot", "table", "columns", "arms", "offsets", "extras", "signal")
 _ROBOT = ("preset", "urdf", "tip", "unit", "arm")

@@ -57,11 +57,20 @@ def recording(box: Container, arm: str) -> Recording:
     metadata |= {f"session.{k}": v for k, v in box.metadata.get("session", {}).items()}
     t = box.seconds(topics["measured_js"])
     return Recording(
-        name=box.path.stem, arm=arm, joints=names, t=t, q=q, tau=tau, qd=columns.get("velocity"),
-        wrench=columns.get("measured_cf"), tau_ext=columns.get("external_jf"),
-        current=columns.get("motor_current"), temperature=columns.get("motor_temperature"),
-        robot=RobotSource(preset, urdf, info.get("tip", "")), metadata=metadata,
-    )  # fmt: skip
+        name=box.path.stem,
+        arm=arm,
+        joints=names,
+        t=t,
+        q=q,
+        tau=tau,
+        qd=columns.get("velocity"),
+        wrench=columns.get("measured_cf"),
+        tau_ext=columns.get("external_jf"),
+        current=columns.get("motor_current"),
+        temperature=columns.get("motor_temperature"),
+        robot=RobotSource(preset, urdf, info.get("tip", "")),
+        metadata=metadata,
+    )
 
 
 def _columns(

@@ -107,9 +107,7 @@ class Block:
 
 #: Writes messages of a block from number `first` on, until the chunk is full or a time is
 #: reached: (block, bytes, times, first, time) -> (next message, whether the time was reached).
-Append = Callable[
-    ["Block", NDArray[np.uint8], NDArray[np.int64], int, int], tuple[int, bool]
-]  # fmt: skip
+Append = Callable[["Block", NDArray[np.uint8], NDArray[np.int64], int, int], tuple[int, bool]]
 
 
 class _Pieces:
@@ -213,9 +211,13 @@ class _Chunk:
         self._pieces: dict[int, _Pieces] = {}
 
     def append(
-        self, block: Block, raw: NDArray[np.uint8], times: NDArray[np.int64], first: int,
+        self,
+        block: Block,
+        raw: NDArray[np.uint8],
+        times: NDArray[np.int64],
+        first: int,
         until: int,
-    ) -> tuple[int, bool]:  # fmt: skip
+    ) -> tuple[int, bool]:
         """See `Append`."""
         width, n = raw.shape[1], block.topics
         row, topic = divmod(first, n)
@@ -374,9 +376,11 @@ class SessionWriter:
         self._keep_up(t_ns)
 
     def write_rows(
-        self, topics: Sequence[tuple[str, slice]], stamps: NDArray[np.int64],
+        self,
+        topics: Sequence[tuple[str, slice]],
+        stamps: NDArray[np.int64],
         data: NDArray[np.float64],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Write messages of several topics for many rows at once, to the byte as `write` would.
 
         Parameters
@@ -497,7 +501,9 @@ class SessionWriter:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
         trace: TracebackType | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.close()

@@ -34,9 +34,12 @@ def mcap_writer(file: SessionFile, largest: int) -> Writer:
         Size of the largest payload [byte]; a chunk is closed after the message that fills it.
     """
     writer = Writer(
-        cast(IO[Any], file), chunk_size=max(CHUNK_BYTES - FRAME - largest, 0),
-        compression=CompressionType.ZSTD, index_types=IndexType.ALL, enable_data_crcs=True,
-    )  # fmt: skip
+        cast(IO[Any], file),
+        chunk_size=max(CHUNK_BYTES - FRAME - largest, 0),
+        compression=CompressionType.ZSTD,
+        index_types=IndexType.ALL,
+        enable_data_crcs=True,
+    )
     writer.start(profile="ros2", library=LIBRARY)
     return writer
 

@@ -181,8 +181,14 @@ def _refuse_mixed(table: Table, r: Recording, k: int) -> None:
 
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 #: Stem of a column -> field of a recording.
-GROUPS = {"q": "q", "tau": "tau", "qd": "qd", "tauext": "tau_ext", "i": "current",
-           "temp": "temperature"}  # fmt: skip
+GROUPS = {
+    "q": "q",
+    "tau": "tau",
+    "qd": "qd",
+    "tauext": "tau_ext",
+    "i": "current",
+    "temp": "temperature",
+}
 
 
 def count_joints(
@@ -469,9 +475,17 @@ def _recording(
     metres = joints and all(j.unit == "m" for j in joints)
     names = tuple(j.name for j in joints) or tuple(f"joint{k + 1}" for k in range(d))
     return Recording(
-        name=table.run, arm=arm, joints=names, t=values["t"], q=stacked["q"],
-        tau=stacked["tau"], qd=stacked.get("qd"), wrench=wrench,
-        tau_ext=stacked.get("tau_ext"), current=stacked.get("current"),
-        temperature=stacked.get("temperature"), robot=robot,
+        name=table.run,
+        arm=arm,
+        joints=names,
+        t=values["t"],
+        q=stacked["q"],
+        tau=stacked["tau"],
+        qd=stacked.get("qd"),
+        wrench=wrench,
+        tau_ext=stacked.get("tau_ext"),
+        current=stacked.get("current"),
+        temperature=stacked.get("temperature"),
+        robot=robot,
         metadata={"unit": unit or ("m" if metres else "rad"), **said},
-    )  # fmt: skip
+    )

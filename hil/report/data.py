@@ -19,7 +19,7 @@ from hil.diagnosis.types import (
     Share,
     Step,
     Unseen,
-)  # fmt: skip
+)
 from hil.diagnosis.verbs import Comparison, Rung, ladder
 from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem

@@ -36,9 +36,10 @@ class Place:
 def wired(config: RigConfig) -> dict[str, DeviceConfig]:
     """Devices that have boxes instead of an ideal wire."""
     return {
-        name: d for name, d in config.devices.items()
+        name: d
+        for name, d in config.devices.items()
         if d.channels and config.backend_of(name) != "sim"
-    }  # fmt: skip
+    }
 
 
 def places(config: RigConfig, name: str) -> dict[str, list[Place]]:
@@ -137,8 +138,12 @@ def plan(config: RigConfig) -> dict[str, dict[str, Any]]:
     for box, backend in backends(config).items():
         if backend == "sim-wire":
             table = config.boxes[box]
-            found[box] = {"driver": table.driver, "address": table.address,
-                          "options": dict(table.options), "cables": []}  # fmt: skip
+            found[box] = {
+                "driver": table.driver,
+                "address": table.address,
+                "options": dict(table.options),
+                "cables": [],
+            }
     for name, device in wired(config).items():
         for role, spots in places(config, name).items():
             for k, p in enumerate(spots):
@@ -169,9 +174,13 @@ def open_boxes(
 
 
 def open_box(
-    config: RigConfig, name: str, backend: str, simulated: Mapping[str, Bus], stack: ExitStack,
+    config: RigConfig,
+    name: str,
+    backend: str,
+    simulated: Mapping[str, Bus],
+    stack: ExitStack,
     taps: Taps | None = None,
-) -> Any:  # fmt: skip
+) -> Any:
     """Open one box, see `open_boxes`."""
     table = config.boxes[name]
     options = box_options(config, name)
@@ -296,9 +305,11 @@ class BoxWire:
     """
 
     def __init__(
-        self, name: str, rows: Mapping[str, list[tuple[Any, Place]]],
+        self,
+        name: str,
+        rows: Mapping[str, list[tuple[Any, Place]]],
         advance: Callable[[int], None] | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         encoders, motors = _roles(name, rows)
         self.counts = np.zeros(len(encoders), np.int64)
         self.gauges = np.zeros(6, np.int64)

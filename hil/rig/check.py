@@ -45,8 +45,11 @@ def require_boxes(config: RigConfig) -> None:
         Names the devices and what to add.
     """
     for backend in dict.fromkeys(map(config.backend_of, config.devices)):
-        bare = [n for n, d in config.devices.items()
-                if not d.channels and config.backend_of(n) == backend != "sim"]  # fmt: skip
+        bare = [
+            n
+            for n, d in config.devices.items()
+            if not d.channels and config.backend_of(n) == backend != "sim"
+        ]
         if bare:
             raise ConfigError(
                 f"back end {backend!r} needs boxes, and wired to none is {', '.join(bare)}; add "

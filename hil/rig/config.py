@@ -98,9 +98,13 @@ class WindingConfig:
         if len(self.effort_per_amp) != 3:
             raise ConfigError("[arms.winding]: effort_per_amp needs three entries, one per joint.")
         positive = (
-            *self.effort_per_amp, self.resistance, self.winding_to_housing, self.housing_to_air,
-            self.winding_time, self.housing_time,
-        )  # fmt: skip
+            *self.effort_per_amp,
+            self.resistance,
+            self.winding_to_housing,
+            self.housing_to_air,
+            self.winding_time,
+            self.housing_time,
+        )
         if min(positive) <= 0 or not self.ambient < self.yellow < self.red:
             raise ConfigError(
                 "[arms.winding]: resistances and times must be positive and ambient < yellow < red."

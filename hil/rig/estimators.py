@@ -66,9 +66,12 @@ class Accompanied:
     """
 
     def __init__(
-        self, law: Controller, built: list[tuple[str, int, Estimator, bool]], limits: FloatArray,
+        self,
+        law: Controller,
+        built: list[tuple[str, int, Estimator, bool]],
+        limits: FloatArray,
         period: float,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.law, self._limits, self._gap = law, limits, 1.5 * period
         first = sum(len(e.names) for _, _, e, _ in built)
         self._law = slice(first, first + len(law.state_names))
@@ -113,9 +116,12 @@ class Accompanied:
                 self._views.clear()
             # the vector itself is kept: its id stays its own
             found = (
-                x, x[self._law], x[self._sent].reshape(self._limits.shape),
-                [x[c.memory] for c in self.companions], [x[c.at] for c in self.companions],
-            )  # fmt: skip
+                x,
+                x[self._law],
+                x[self._sent].reshape(self._limits.shape),
+                [x[c.memory] for c in self.companions],
+                [x[c.at] for c in self.companions],
+            )
             self._views[id(x)] = found
         return found
 

@@ -76,9 +76,11 @@ class Taps:
         found = {f"frames/{box}": {"dropped": str(log.dropped)} for box, log in self.logs.items()}
         for box, replay in self.replays.items():
             found[f"replay/{box}"] = {
-                "session": self._session, "asked": str(replay.asked), "other": str(replay.other),
+                "session": self._session,
+                "asked": str(replay.asked),
+                "other": str(replay.other),
                 "first": "; ".join(replay.differences[:3]),
-            }  # fmt: skip
+            }
         return found
 
     def ends(self) -> tuple[int, str]:
@@ -114,9 +116,15 @@ class Taps:
             )
         found = self.replays[name] = Replay(name, read_frames(self._session, name))
         plain = Bus(
-            kind, None, found.run, found.pause, lambda: found.now_ns, found.advance,
-            simulated=True, replay=found,
-        )  # fmt: skip
+            kind,
+            None,
+            found.run,
+            found.pause,
+            lambda: found.now_ns,
+            found.advance,
+            simulated=True,
+            replay=found,
+        )
         if kind not in HANDLES:
             return plain
         return replace(plain, handle=registry.load("hil.taps", kind).replayed(found))

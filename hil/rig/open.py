@@ -54,13 +54,18 @@ def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPo
     boxed = bool(limits.workspace_min or limits.workspace_max)
     force_range = float(getattr(force[0], "max_force", np.inf)) if force else np.inf
     return ArmPort(
-        joints[0], efforts[0], force[0] if force else None,
-        getattr(joints[0], "counts", zeros[:3]), getattr(efforts[0], "codes", zeros[:3]),
+        joints[0],
+        efforts[0],
+        force[0] if force else None,
+        getattr(joints[0], "counts", zeros[:3]),
+        getattr(efforts[0], "codes", zeros[:3]),
         getattr(force[0], "gauges", zeros) if force else zeros,
-        np.array(limits.torque_limit), np.array(limits.speed_limit),
+        np.array(limits.torque_limit),
+        np.array(limits.speed_limit),
         safety.limits(limits, robot, config.safety, force_range),
-        _tip(limits.robot) if boxed else None, robot.box if boxed else None,
-    )  # fmt: skip
+        _tip(limits.robot) if boxed else None,
+        robot.box if boxed else None,
+    )
 
 
 def _tip(robot: str) -> Callable[[FloatArray, FloatArray], None]:

@@ -67,8 +67,10 @@ class Shop:
         center = of_arm(first, RobotSource(first.robot, tip=first.tip)).center
         # a motion without amplitude has no shape
         still = {
-            "center": [float(q) for q in center], "amplitude": [1e-9] * 3, "blend": HOMING,
-        }  # fmt: skip
+            "center": [float(q) for q in center],
+            "amplitude": [1e-9] * 3,
+            "blend": HOMING,
+        }
         return build_controller(self._with("joint-tracking", still))
 
     def _in_force(self) -> Any:

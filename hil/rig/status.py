@@ -20,8 +20,13 @@ Row = dict[str, str]
 
 def row(name: str, driver: str, backend: str, reachable: str, what: str) -> Row:
     """One line of the table; `reachable` is yes, no, or none where nothing was asked for."""
-    return {"device": name, "driver": driver, "backend": backend, "reachable": reachable,
-            "what": what}  # fmt: skip
+    return {
+        "device": name,
+        "driver": driver,
+        "backend": backend,
+        "reachable": reachable,
+        "what": what,
+    }
 
 
 def everything() -> list[Row]:
@@ -140,9 +145,11 @@ def _ready(name: str, config: RigConfig) -> str:
         return f"ready, over {_list('box', boxes)}{rate and f'; {rate}'}"
     if config.backend_of(name) not in SIMULATED:
         return "ready"
-    wired = replace(config, backend="sim-wire", devices={
-        n: replace(d, backend="") for n, d in config.devices.items()
-    })  # fmt: skip
+    wired = replace(
+        config,
+        backend="sim-wire",
+        devices={n: replace(d, backend="") for n, d in config.devices.items()},
+    )
     try:
         rate = _rate(wired, _boxes_of(name, wired))
     except ConfigError:  # the library of a box is missing, which ideal wires do not need

@@ -88,9 +88,12 @@ class MonotonicClock:
     name = "real"
 
     def __init__(
-        self, period_ns: int, now: Callable[[], int] = time.monotonic_ns,
-        sleep: Callable[[float], None] = time.sleep, wall: Callable[[], int] = time.time_ns,
-    ) -> None:  # fmt: skip
+        self,
+        period_ns: int,
+        now: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+        wall: Callable[[], int] = time.time_ns,
+    ) -> None:
         self.period_ns = period_ns
         self._now, self._sleep, self._wall = now, sleep, wall
         self.epoch_ns = 0

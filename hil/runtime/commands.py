@@ -198,6 +198,7 @@ def scheduled(texts: Sequence[str]) -> list[tuple[float, str]]:
         try:
             found.append((float(when), what))
         except ValueError:
-            raise ConfigError(f"--at {text!r}: seconds and a command are needed, e.g. '2.5 pause'."
-                              ) from None  # fmt: skip
+            raise ConfigError(
+                f"--at {text!r}: seconds and a command are needed, e.g. '2.5 pause'."
+            ) from None
     return sorted(found, key=lambda entry: entry[0])

@@ -15,8 +15,16 @@ MEASURED, SENT, WORDS = 12, 3, 12
 #: missed and rows dropped so far, worst status of the tick, operating state, mask of conditions
 #: (`hil.runtime.conditions`), rows that waited in the ring, hottest winding [degC].
 TIMING = (
-    "wake_late", "busy", "missed", "dropped", "status", "state", "conditions", "ring", "winding",
-)  # fmt: skip
+    "wake_late",
+    "busy",
+    "missed",
+    "dropped",
+    "status",
+    "state",
+    "conditions",
+    "ring",
+    "winding",
+)
 TIMING_UNITS = ("ns", "ns", "1", "1", "1", "1", "1", "1", "degC")
 
 

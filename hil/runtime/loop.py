@@ -126,9 +126,7 @@ class Arms:
             js = int(port.joints.measured_js(t_ns, q, qd))
             force = port.force
             cf = _OK if force is None else int(force.measured_cf(t_ns, q, wrench))
-            mask |= safety.examine(
-                dt, single, js, cf, q, qd, wrench, sent, memory, port.limits
-            )  # fmt: skip
+            mask |= safety.examine(dt, single, js, cf, q, qd, wrench, sent, memory, port.limits)
             if port.tip is not None:
                 port.tip(q, tip)
                 if safety.outside(tip, port.box):
@@ -206,9 +204,16 @@ class Loop:
     """
 
     def __init__(
-        self, ports: list[ArmPort], controller: Controller, clock: Clock, ring: Ring,
-        layout: FrameLayout, period_ns: int, origin_ns: int, missed_limit: int = 100,
-    ) -> None:  # fmt: skip
+        self,
+        ports: list[ArmPort],
+        controller: Controller,
+        clock: Clock,
+        ring: Ring,
+        layout: FrameLayout,
+        period_ns: int,
+        origin_ns: int,
+        missed_limit: int = 100,
+    ) -> None:
         self._controller, self._clock, self._ring = controller, clock, ring
         self._period_ns, self._origin_ns = period_ns, origin_ns
         self.frame = layout.zeros()

@@ -63,8 +63,11 @@ def played(box: Container, folder: Path) -> Played:
         law = config.controller
         played = {**law.parameters, "trajectory": str(folder / "trajectory.toml")}
         config = dataclasses.replace(config, controller=dataclasses.replace(law, parameters=played))
-    needed = [f"/{a}/{c}" for a in config.controller.arms
-              for c in ("measured_js", "setpoint_jf", "measured_cf")]  # fmt: skip
+    needed = [
+        f"/{a}/{c}"
+        for a in config.controller.arms
+        for c in ("measured_js", "setpoint_jf", "measured_cf")
+    ]
     needed += ["/rig/raw", "/loop/timing"]
     for name in needed:
         if name not in box.topics or not len(box.topics[name]):
@@ -329,9 +332,12 @@ def _judge(r: Played, sent: FloatArray, codes: FloatArray, known: Any, out: Repl
         told = ("effort", r.sent, sent), ("code", r.codes, codes)
         name, old, new = told[int(r.sent[k, a, j] == sent[k, a, j])]
         out.first = Difference(
-            int(r.ticks[k]), r.config.controller.arms[a], f"{name}{j + 1}", float(old[k, a, j]),
+            int(r.ticks[k]),
+            r.config.controller.arms[a],
+            f"{name}{j + 1}",
+            float(old[k, a, j]),
             float(new[k, a, j]),
-        )  # fmt: skip
+        )
     if out.compared < out.ticks:
         out.notes.append(
             f"{out.ticks - out.compared} rows follow rows that the ring dropped: the state of the "

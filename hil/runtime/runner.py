@@ -42,28 +42,47 @@ class Session:
     ring_type = Ring
 
     def __init__(
-        self, rig: Rig, config: RigConfig, seed: int, output: Path, operator: Operator,
-        model: str | Path | None, timer: Callable[[int], Clock] | None,
+        self,
+        rig: Rig,
+        config: RigConfig,
+        seed: int,
+        output: Path,
+        operator: Operator,
+        model: str | Path | None,
+        timer: Callable[[int], Clock] | None,
         aside: Callable[[Path], None],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.config, self.output, self.operator, self.rig = config, output, operator, rig
         layout = estimators.layout(len(rig.ports), rig.controller)
         loop = config.loop
         self.ring = ring = self.ring_type(loop.ring_rows, layout.width)
         self.timer = (timer or CLOCKS[loop.clock])(loop.period_ns)
         self.loop = Loop(
-            rig.ports, rig.controller, self.timer, ring, layout, loop.period_ns, rig.origin_ns,
+            rig.ports,
+            rig.controller,
+            self.timer,
+            ring,
+            layout,
+            loop.period_ns,
+            rig.origin_ns,
             config.safety.missed_limit,
-        )  # fmt: skip
+        )
         self.statistics = Statistics(loop.period_ns)
         self.arrangement = Arrangement()
         self.ticks = round(loop.seconds * loop.rate_hz)
         self.writer = session.open_writer(output, config, rig, seed, model, aside)
         self.slow = SlowSide(
-            self.loop, ring, self.writer, session.topics(config, layout, rig.controller),
-            session.slow_topics(layout), layout, self.statistics, Shop(rig, config),
-            operator.schedule, operator.say,
-        )  # fmt: skip
+            self.loop,
+            ring,
+            self.writer,
+            session.topics(config, layout, rig.controller),
+            session.slow_topics(layout),
+            layout,
+            self.statistics,
+            Shop(rig, config),
+            operator.schedule,
+            operator.say,
+        )
         self.left, self.shown = 0.0, 0
         self.watchdog: Watchdog | None = None
 
@@ -122,9 +141,13 @@ class Session:
         """Fast loop in this thread, arranged for real time; the slow side in its own."""
         config, loop = self.config.loop, self.loop
         thread = SlowThread(
-            self.slow, self.timer, 1.0 / config.slow_hz, 1.0 / config.rate_hz,
-            lambda seconds: self._live(seconds, progress), lambda: accompany(self.arrangement),
-        )  # fmt: skip
+            self.slow,
+            self.timer,
+            1.0 / config.slow_hz,
+            1.0 / config.rate_hz,
+            lambda seconds: self._live(seconds, progress),
+            lambda: accompany(self.arrangement),
+        )
         try:
             with arranged(config.realtime) as self.arrangement:
                 for text in self.arrangement.refused:
@@ -208,13 +231,23 @@ class Session:
                 f"{self.output} holds what was recorded."
             )
         return Summary(
-            path=str(self.output), clock=config.clock, seed=seed,
-            ticks=loop.tick - self.timer.missed, missed=self.timer.missed, dropped=loop.dropped,
-            limited=loop.clamped, seconds=loop.tick * config.period_ns * 1e-9, wall_seconds=wall,
-            longest_tick_us=loop.longest_ns * 1e-3, state=loop.machine.state.name, reason=reason,
-            unwritten=self.slow.unwritten, figures=self.figures(),
-            granted=self.arrangement.granted, refused=self.arrangement.refused,
-        )  # fmt: skip
+            path=str(self.output),
+            clock=config.clock,
+            seed=seed,
+            ticks=loop.tick - self.timer.missed,
+            missed=self.timer.missed,
+            dropped=loop.dropped,
+            limited=loop.clamped,
+            seconds=loop.tick * config.period_ns * 1e-9,
+            wall_seconds=wall,
+            longest_tick_us=loop.longest_ns * 1e-3,
+            state=loop.machine.state.name,
+            reason=reason,
+            unwritten=self.slow.unwritten,
+            figures=self.figures(),
+            granted=self.arrangement.granted,
+            refused=self.arrangement.refused,
+        )
 
 
 #: Ctrl-C unwinds already, as KeyboardInterrupt.

@@ -52,8 +52,13 @@ def limit(effort: Any, velocity: Any, torque_limit: Any, speed_limit: Any) -> in
 COPPER = 0.00393
 #: Order of the constants that `warm` takes.
 CONSTANTS = (
-    "resistance", "winding_to_housing", "housing_to_air", "winding_time", "housing_time", "ambient",
-)  # fmt: skip
+    "resistance",
+    "winding_to_housing",
+    "housing_to_air",
+    "winding_time",
+    "housing_time",
+    "ambient",
+)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -99,8 +104,19 @@ MEMORY = 20
 #: stuck time, winding yellow and red, effort per ampere (3), thermal constants (6), number of
 #: folds and four numbers a fold.
 _LOW, _HIGH, _SPEED, _TORQUE, _ACC, _FORCE, _READS, _STUCK, _HOT, _AMP, _C, _FOLDS = (
-    0, 3, 6, 9, 12, 13, 15, 16, 17, 19, 22, 28,
-)  # fmt: skip
+    0,
+    3,
+    6,
+    9,
+    12,
+    13,
+    15,
+    16,
+    17,
+    19,
+    22,
+    28,
+)
 
 _YELLOW, _WARM, _LATE = BITS["force-yellow"], BITS["winding-yellow"], BITS["sensor-late"]
 _STALE_BITS = (BITS["joint-stale"], BITS["force-stale"])
@@ -129,12 +145,23 @@ def limits(arm: ArmConfig, robot: Limits, safety: SafetyConfig, force_range: flo
     folds = [float(x) for fold in robot.folds for x in fold]
     return np.array(
         [
-            *robot.low, *robot.high, *arm.speed_limit, *arm.torque_limit, arm.acceleration_limit,
-            yellow, red, safety.stale_ticks, safety.stuck_time, winding.yellow, winding.red,
-            *winding.effort_per_amp, *(getattr(winding, n) for n in CONSTANTS),
-            len(robot.folds), *folds,
+            *robot.low,
+            *robot.high,
+            *arm.speed_limit,
+            *arm.torque_limit,
+            arm.acceleration_limit,
+            yellow,
+            red,
+            safety.stale_ticks,
+            safety.stuck_time,
+            winding.yellow,
+            winding.red,
+            *winding.effort_per_amp,
+            *(getattr(winding, n) for n in CONSTANTS),
+            len(robot.folds),
+            *folds,
         ]
-    )  # fmt: skip
+    )
 
 
 @nb.njit(cache=True, nogil=True)
@@ -227,9 +254,17 @@ def pressed(wrench: Any, memory: Any, lim: Any) -> int:
 
 @nb.njit(cache=True, nogil=True)
 def examine(
-    dt: float, single: bool, js: int, cf: int, q: Any, qd: Any, wrench: Any, sent: Any,
-    memory: Any, lim: Any,
-) -> int:  # fmt: skip
+    dt: float,
+    single: bool,
+    js: int,
+    cf: int,
+    q: Any,
+    qd: Any,
+    wrench: Any,
+    sent: Any,
+    memory: Any,
+    lim: Any,
+) -> int:
     """Conditions of one arm in one tick.
 
     Parameters

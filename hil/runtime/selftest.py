@@ -50,9 +50,11 @@ class Step:
 
 
 def selftest(
-    config: RigConfig, torque: float, allowed: Callable[[], bool],
+    config: RigConfig,
+    torque: float,
+    allowed: Callable[[], bool],
     opener: Callable[[RigConfig, int], Rig] = open_rig,
-) -> Iterator[Step]:  # fmt: skip
+) -> Iterator[Step]:
     """Test a rig; nothing but zero goes to a motor before `allowed` has returned True.
 
     Parameters
@@ -166,8 +168,9 @@ class _Bench:
                     change += 0.5 * sign * self._pulse(i, port, devices, effort)
                 yield _judge(arm, k, change, torque)
 
-    def _pulse(self, i: int, port: ArmPort, devices: list[Device], effort: FloatArray
-               ) -> FloatArray:  # fmt: skip
+    def _pulse(
+        self, i: int, port: ArmPort, devices: list[Device], effort: FloatArray
+    ) -> FloatArray:
         """Change of speed (3,) [rad/s] by a pulse; no power before and after."""
         worst = max(self.step() for _ in range(REST))
         for device in devices:

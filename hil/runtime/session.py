@@ -33,9 +33,10 @@ from hil.signals.device import Controller
 
 #: Words of an arm on ``/rig/raw`` and their units.
 WORDS = (
-    *(f"count{i}" for i in (1, 2, 3)), *(f"code{i}" for i in (1, 2, 3)),
+    *(f"count{i}" for i in (1, 2, 3)),
+    *(f"code{i}" for i in (1, 2, 3)),
     *(f"gauge{i}" for i in range(1, 7)),
-)  # fmt: skip
+)
 UNITS = (*["count"] * 3, *["DAC code"] * 3, *["ADC word"] * 6)
 
 
@@ -128,8 +129,10 @@ def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]
     for arm in config.controller.arms:
         table = config.arms[arm]
         records[f"robot/{arm}"] = {
-            "preset": table.robot, "tip": table.tip, "joints": json.dumps(list(table.joints)),
-        }  # fmt: skip
+            "preset": table.robot,
+            "tip": table.tip,
+            "joints": json.dumps(list(table.joints)),
+        }
     for name, bias in rig.biases.items():
         told: dict[str, str] = getattr(rig.devices[name], "certificate", {})
         records[f"calibration/{name}"] = {"bias_words": json.dumps(bias), **told}
@@ -137,9 +140,13 @@ def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]
 
 
 def open_writer(
-    output: Path, config: RigConfig, rig: Rig, seed: int, model: str | Path | None = None,
+    output: Path,
+    config: RigConfig,
+    rig: Rig,
+    seed: int,
+    model: str | Path | None = None,
     aside: Callable[[Path], None] = lambda path: None,
-) -> SessionWriter:  # fmt: skip
+) -> SessionWriter:
     """Session file, open, with its metadata and the rig file already in it.
 
     `aside` is called with its path when all else is known to be right, before it is written.
@@ -168,20 +175,31 @@ def _attached(path: Path) -> bytes:
 
 def conclude(writer: SessionWriter, statistics: Statistics, arrangement: Arrangement) -> None:
     """Metadata that only the end knows: figures of the loop, histograms, arrangement."""
-    writer.metadata("loop", {
-        "figures": json.dumps(statistics.figures().as_dict()),
-        "wake_late_us": json.dumps(statistics.late.filled()),
-        "busy_us": json.dumps(statistics.busy.filled()),
-        "granted": "; ".join(arrangement.granted),
-        "refused": "; ".join(arrangement.refused),
-    })  # fmt: skip
+    writer.metadata(
+        "loop",
+        {
+            "figures": json.dumps(statistics.figures().as_dict()),
+            "wake_late_us": json.dumps(statistics.late.filled()),
+            "busy_us": json.dumps(statistics.busy.filled()),
+            "granted": "; ".join(arrangement.granted),
+            "refused": "; ".join(arrangement.refused),
+        },
+    )
 
 
 def source_revision() -> tuple[str, str]:
     """Revision and dirty flag of the source tree; ``unknown`` outside of one."""
     here = Path(__file__).resolve().parent
-    words = ["git", "-C", str(here), "describe", "--always", "--abbrev=40", "--dirty",
-             "--exclude=*"]  # fmt: skip
+    words = [
+        "git",
+        "-C",
+        str(here),
+        "describe",
+        "--always",
+        "--abbrev=40",
+        "--dirty",
+        "--exclude=*",
+    ]
     try:
         text = subprocess.run(words, capture_output=True, text=True, timeout=5, check=True).stdout
     except (OSError, subprocess.SubprocessError):

@@ -48,9 +48,11 @@ class RowWriter(Protocol):
         ...
 
     def write_rows(
-        self, topics: Sequence[tuple[str, slice]], stamps: NDArray[np.int64],
+        self,
+        topics: Sequence[tuple[str, slice]],
+        stamps: NDArray[np.int64],
         data: NDArray[np.float64],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Write messages of several topics for many rows: stamps (n, 2), data (n, width)."""
         ...
 
@@ -100,11 +102,18 @@ class SlowSide:
     """
 
     def __init__(
-        self, loop: Loop, ring: Ring, writer: RowWriter, topics: list[tuple[str, slice]],
-        slow_topics: list[tuple[str, slice]], layout: FrameLayout, statistics: Statistics,
-        shop: Workshop, schedule: Sequence[tuple[float, str]] = (),
+        self,
+        loop: Loop,
+        ring: Ring,
+        writer: RowWriter,
+        topics: list[tuple[str, slice]],
+        slow_topics: list[tuple[str, slice]],
+        layout: FrameLayout,
+        statistics: Statistics,
+        shop: Workshop,
+        schedule: Sequence[tuple[float, str]] = (),
         say: Callable[[str], None] = lambda text: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._loop, self._ring, self._writer, self._say = loop, ring, writer, say
         self._topics, self._slow_topics = topics, slow_topics
         self._timing = layout.part("timing")
@@ -154,13 +163,21 @@ class SlowSide:
         found: list[tuple[int, int, str, dict[str, object]]] = []
         if not self._loop.applied and np.all(timing[:, 5:7] == (self._state, self._mask)):
             return
-        for k in np.flatnonzero(np.any(np.diff(timing[:, 5:7], axis=0, prepend=[
-            [self._state, self._mask]]), axis=1)).tolist():  # fmt: skip
+        for k in np.flatnonzero(
+            np.any(np.diff(timing[:, 5:7], axis=0, prepend=[[self._state, self._mask]]), axis=1)
+        ).tolist():
             state, mask = int(timing[k, 5]), int(timing[k, 6])
             names = [c.name for c in named(mask)]
-            found.append((*stamps[k], "state", {  # type: ignore[arg-type]
-                "state": OperatingState(state).name, "conditions": names,
-            }))  # fmt: skip
+            found.append(
+                (
+                    *stamps[k],
+                    "state",
+                    {  # type: ignore[arg-type]
+                        "state": OperatingState(state).name,
+                        "conditions": names,
+                    },
+                )
+            )
             if state != self._state and state > OperatingState.ENABLED and mask:
                 self._say(f"tick {stamps[k][0]}: {OperatingState(state).name}: {sentence(mask)}")
             self._state, self._mask = state, mask
@@ -221,10 +238,14 @@ class SlowThread:
     """
 
     def __init__(
-        self, side: SlowSide, clock: Clock, period: float, tick: float,
+        self,
+        side: SlowSide,
+        clock: Clock,
+        period: float,
+        tick: float,
         duties: Callable[[float], None] = lambda seconds: None,
         prepare: Callable[[], None] = lambda: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._duties, self._prepare = duties, prepare
         self._side, self._clock, self._period, self._phase = side, clock, period, PHASE * tick
         self._done, self._going = threading.Event(), threading.Event()

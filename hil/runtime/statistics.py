@@ -152,13 +152,21 @@ class Statistics:
         late, busy = self.late, self.busy
         us = 1e-3
         return Figures(
-            ticks=self.ticks, missed=self._missed, dropped=self._dropped,
-            late_p50=late.quantile(0.5) * us, late_p99=late.quantile(0.99) * us,
-            late_p999=late.quantile(0.999) * us, late_most=late.most * us,
-            busy_p50=busy.quantile(0.5) * us, busy_p99=busy.quantile(0.99) * us,
-            busy_p999=busy.quantile(0.999) * us, busy_most=busy.most * us,
-            longest_gap=self._gap * us, ring_most=self._ring, winding_most=self._hot,
-        )  # fmt: skip
+            ticks=self.ticks,
+            missed=self._missed,
+            dropped=self._dropped,
+            late_p50=late.quantile(0.5) * us,
+            late_p99=late.quantile(0.99) * us,
+            late_p999=late.quantile(0.999) * us,
+            late_most=late.most * us,
+            busy_p50=busy.quantile(0.5) * us,
+            busy_p99=busy.quantile(0.99) * us,
+            busy_p999=busy.quantile(0.999) * us,
+            busy_most=busy.most * us,
+            longest_gap=self._gap * us,
+            ring_most=self._ring,
+            winding_most=self._hot,
+        )
 
     def line(self) -> str:
         """One line for the operator."""

@@ -81,9 +81,11 @@ def guarded(config: SafetyConfig, session: Path) -> Iterator[Watchdog | None]:
             words = [sys.executable, "-m", "hil.runtime.watchdog", str(file.fileno()), told]
             try:
                 child = subprocess.Popen(
-                    words, pass_fds=[file.fileno()], stdin=subprocess.DEVNULL,
+                    words,
+                    pass_fds=[file.fileno()],
+                    stdin=subprocess.DEVNULL,
                     start_new_session=True,
-                )  # fmt: skip
+                )
             except OSError as error:
                 raise ConfigError(f"the watchdog cannot be started: {error}") from error
             try:

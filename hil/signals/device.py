@@ -145,8 +145,9 @@ class Controller(Protocol):
 
     state_names: tuple[str, ...]
 
-    def update(self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray
-               ) -> None:  # fmt: skip
+    def update(
+        self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray
+    ) -> None:
         """One period of the law.
 
         Parameters
@@ -188,9 +189,14 @@ class Estimator(Protocol):
     message: str
 
     def update(
-        self, phase: int, past: FloatArray, u: FloatArray, sent: FloatArray, now: FloatArray,
+        self,
+        phase: int,
+        past: FloatArray,
+        u: FloatArray,
+        sent: FloatArray,
+        now: FloatArray,
         out: FloatArray,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """One period, before the law of the same tick.
 
         Parameters

@@ -4,5 +4,10 @@ from hil.testing.driver import Checked, FarEnd, Tolerance, check_driver
 from hil.testing.effects import ConformanceError, check_effect
 
 __all__ = [
-    "Checked", "ConformanceError", "FarEnd", "Tolerance", "check_driver", "check_effect",
-]  # fmt: skip
+    "Checked",
+    "ConformanceError",
+    "FarEnd",
+    "Tolerance",
+    "check_driver",
+    "check_effect",
+]

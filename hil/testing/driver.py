@@ -116,9 +116,13 @@ class Bench:
     """A device under test with its time."""
 
     def __init__(
-        self, again: Callable[[], Device], far: FarEnd, period: float, settle: float,
+        self,
+        again: Callable[[], Device],
+        far: FarEnd,
+        period: float,
+        settle: float,
         tolerance: Tolerance,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.device, self.again, self.far, self.tol = again(), again, far, tolerance
         self.step_ns, self.period = round(period * 1e9), period
         self.settle = max(1, round(settle / period))

@@ -75,19 +75,33 @@ def _still(robot: Robot, n: int) -> Motion:
 
 
 def _motion(
-    robot: Robot, t: FloatArray, state: tuple[FloatArray, FloatArray, FloatArray],
-    tau: FloatArray, push: FloatArray, contact: FloatArray,
-) -> Motion:  # fmt: skip
+    robot: Robot,
+    t: FloatArray,
+    state: tuple[FloatArray, FloatArray, FloatArray],
+    tau: FloatArray,
+    push: FloatArray,
+    contact: FloatArray,
+) -> Motion:
     q, qd, qdd = state
     speed = np.sqrt(np.mean(qd**2, axis=0))
     return Motion(
-        t=t, q=q, qd=qd, qdd=qdd, tau=tau, tau_ext=push, load=0.1 * qdd + 0.05 * q - push,
+        t=t,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=tau,
+        tau_ext=push,
+        load=0.1 * qdd + 0.05 * q - push,
         static=0.05 * q,
-        v0=np.maximum(0.01 * speed, 1e-9), resolution=np.maximum(0.005 * speed, 1e-9),
+        v0=np.maximum(0.01 * speed, 1e-9),
+        resolution=np.maximum(0.005 * speed, 1e-9),
         span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
-        contact=contact, robot=robot, temperature=20.0 + 0.1 * t[:, None] + 0.0 * q,
-        wrench=_wrench(robot, t, push), response=_Stiff(*q.shape),
-    )  # fmt: skip
+        contact=contact,
+        robot=robot,
+        temperature=20.0 + 0.1 * t[:, None] + 0.0 * q,
+        wrench=_wrench(robot, t, push),
+        response=_Stiff(*q.shape),
+    )
 
 
 class _Stiff:
@@ -117,15 +131,24 @@ def _wrench(robot: Robot, t: FloatArray, push: FloatArray) -> FloatArray:
 __all__ = ["FAMILIES", "ConformanceError", "check_effect", "sample_motions"]
 
 FAMILIES = (
-    "friction", "transmission", "actuator", "mass", "stiffness", "sensor", "structure", "contact",
+    "friction",
+    "transmission",
+    "actuator",
+    "mass",
+    "stiffness",
+    "sensor",
+    "structure",
+    "contact",
     "correction",
-)  # fmt: skip
+)
 #: Texts and tuples that a declaration holds: its part ("": the class itself), then their names.
 _TEXTS = {"": ("name", "family"), "doc": ("equation", "signature", "shown_by", "source")}
 _TUPLES = {
-    "": ("params", "shape"), "doc": ("confused_with",), "scope": ("explains",),
+    "": ("params", "shape"),
+    "doc": ("confused_with",),
+    "scope": ("explains",),
     "relations": ("replaces", "twins", "causes"),
-}  # fmt: skip
+}
 _EFFORTS = ("motor", "external")
 _KEBAB = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 
@@ -281,9 +304,13 @@ def _evaluate(effect: Effect, motion: Motion, j: int, head: str) -> bool:
 
 
 def _credible(
-    effect: Effect, motion: Motion, j: int, shape: tuple[float, ...], terms: Sequence[Param],
+    effect: Effect,
+    motion: Motion,
+    j: int,
+    shape: tuple[float, ...],
+    terms: Sequence[Param],
     head: str,
-) -> None:  # fmt: skip
+) -> None:
     """What cannot be physics is no finding: a value beyond its bounds least of all."""
     inside = [float(np.clip(1.0, p.lower, p.upper)) for p in terms]
     for error in ((), [0.1] * len(terms)):

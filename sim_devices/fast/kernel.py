@@ -49,9 +49,17 @@ def control(p: Any, r: Any, q: Any, v: Any, gains: Any, codes: Any) -> None:
 
 @nb.njit(cache=True, nogil=True)
 def run(
-    p: Any, x: Any, reference: Any, gains: Any, share: float, push: Any, random: Any,
-    tick: float, substeps: int, out: Any,
-) -> None:  # fmt: skip
+    p: Any,
+    x: Any,
+    reference: Any,
+    gains: Any,
+    share: float,
+    push: Any,
+    random: Any,
+    tick: float,
+    substeps: int,
+    out: Any,
+) -> None:
     """Run a session of n ticks.
 
     Parameters

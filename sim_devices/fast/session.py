@@ -17,18 +17,27 @@ TICK = 1e-3
 #: Torque noise [N m] of the two colours, alike below 20 Hz: at 5 Hz corner, and white at 1 kHz.
 NOISE = {"coloured": (1.0e-3, 5e-4), "white": (0.0, 4.0e-3)}
 #: Gains of the joint controller: stiffness, damping, nominal gravity, inertia, friction.
-GAINS = np.array([
-    [8.0, 8.0, 4.0], [0.14, 0.14, 0.07], [0.0, 0.08, 0.0],
-    [0.0035, 0.003, 0.0013], [0.012, 0.011, 0.010],
-])  # fmt: skip
+GAINS = np.array(
+    [
+        [8.0, 8.0, 4.0],
+        [0.14, 0.14, 0.07],
+        [0.0, 0.08, 0.0],
+        [0.0035, 0.003, 0.0013],
+        [0.012, 0.011, 0.010],
+    ]
+)
 VELOCITY_FILTER = 3e-3
 SENSOR = "nano17"
 
 
 def simulate(
-    reference: FloatArray, push: FloatArray | None, hidden: list[dict[str, Any]], noise: str,
-    seed: int, locked: bool = False,
-) -> dict[str, FloatArray]:  # fmt: skip
+    reference: FloatArray,
+    push: FloatArray | None,
+    hidden: list[dict[str, Any]],
+    noise: str,
+    seed: int,
+    locked: bool = False,
+) -> dict[str, FloatArray]:
     """Record one session at 1 kHz.
 
     Parameters
@@ -57,10 +66,17 @@ def simulate(
     rng = np.random.default_rng([seed, 0xFA57])
     out = np.zeros((n, 9))
     kernel.run(
-        p[0], start(p, reference[0, :, 0])[0], reference, GAINS,
-        1.0 - float(np.exp(-TICK / VELOCITY_FILTER)), np.zeros((n, 3)) if push is None else push,
-        rng.standard_normal((n, NOISES)), TICK, SUBSTEPS, out,
-    )  # fmt: skip
+        p[0],
+        start(p, reference[0, :, 0])[0],
+        reference,
+        GAINS,
+        1.0 - float(np.exp(-TICK / VELOCITY_FILTER)),
+        np.zeros((n, 3)) if push is None else push,
+        rng.standard_normal((n, NOISES)),
+        TICK,
+        SUBSTEPS,
+        out,
+    )
     q = sensors.late(out[:, :3], chain.get("lag", 0.0), int(chain.get("joint", 0)), TICK)
     found: dict[str, FloatArray] = {}
     found |= {

@@ -93,9 +93,11 @@ class SimForce:
         """Board with the sensor of an arm at ``CHANNEL/BASE``, set as the driver expects it."""
         channel, base = place(address, int(options.get("base", DEFAULT_BASE)))
         board = NetCanOemBoard(
-            self._transducer(arm), base, options.get("bit_rate", 1_000_000),
+            self._transducer(arm),
+            base,
+            options.get("bit_rate", 1_000_000),
             slot=options.get("calibration", 0),
-        )  # fmt: skip
+        )
         self.line(channel).attach(board)
         return board
 

@@ -91,9 +91,13 @@ class NetCanOemBoard(Node):
     """
 
     def __init__(
-        self, transducer: Transducer, base: int = DEFAULT_BASE, bit_rate: int = DEFAULT_BIT_RATE,
-        firmware: tuple[int, int, int] = (3, 8, 41), slot: int = 0,
-    ) -> None:  # fmt: skip
+        self,
+        transducer: Transducer,
+        base: int = DEFAULT_BASE,
+        bit_rate: int = DEFAULT_BIT_RATE,
+        firmware: tuple[int, int, int] = (3, 8, 41),
+        slot: int = 0,
+    ) -> None:
         super().__init__(bit_rate)
         self.transducer = transducer
         self.firmware = firmware
@@ -105,11 +109,18 @@ class NetCanOemBoard(Node):
         self._deaf_until_ns = 0
         #: (operation, length of the request) -> answer; anything else stays unanswered.
         self._answers: dict[tuple[int, int], Callable[[bytes, int], list[bytes]]] = {
-            (0x0, 0): self._gauges, (0x2, 1): self._row, (0x5, 0): self._serial,
-            (0x6, 1): self._select, (0x7, 0): self._counts, (0x8, 0): self._units,
-            (0x9, 1): self._diagnostic, (0xC, 0): self._reset, (0xD, 1): self._set_base,
-            (0xE, 1): self._set_bit_rate, (0xF, 0): self._version,
-        }  # fmt: skip
+            (0x0, 0): self._gauges,
+            (0x2, 1): self._row,
+            (0x5, 0): self._serial,
+            (0x6, 1): self._select,
+            (0x7, 0): self._counts,
+            (0x8, 0): self._units,
+            (0x9, 1): self._diagnostic,
+            (0xC, 0): self._reset,
+            (0xD, 1): self._set_base,
+            (0xE, 1): self._set_bit_rate,
+            (0xF, 0): self._version,
+        }
 
     def power_cycle(self, t_ns: int) -> None:
         """Off and on: stored settings come into force, slot 0 is active again."""

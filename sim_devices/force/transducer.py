@@ -137,18 +137,34 @@ class Transducer:
         elapsed = max(0.0, (t_ns - self._last_ns) * 1e-9)
         self._last_ns = t_ns
         _words(
-            self._response, self.load, self._offset, self._thermal, self._walk, self._facts,
-            self.warming, elapsed, self._noise[BLOCK - self._left], self.words,
-        )  # fmt: skip
+            self._response,
+            self.load,
+            self._offset,
+            self._thermal,
+            self._walk,
+            self._facts,
+            self.warming,
+            elapsed,
+            self._noise[BLOCK - self._left],
+            self.words,
+        )
         self._left -= 1
         return self.words
 
 
 @nb.njit(cache=True, nogil=True)
 def _words(
-    response: Any, load: Any, offset: Any, thermal: Any, walk: Any, facts: Any, warming: float,
-    elapsed: float, random: Any, out: Any,
-) -> None:  # fmt: skip
+    response: Any,
+    load: Any,
+    offset: Any,
+    thermal: Any,
+    walk: Any,
+    facts: Any,
+    warming: float,
+    elapsed: float,
+    random: Any,
+    out: Any,
+) -> None:
     noise, drift, gain = facts[0], facts[1], facts[2]
     for k in range(6):
         walk[k] += drift * np.sqrt(elapsed) * random[6 + k]

@@ -46,10 +46,12 @@ class SimHid:
     def enumerate(self, vendor_id: int = 0, product_id: int = 0) -> list[dict[str, Any]]:
         """Descriptors of what is on the bus; 0 = any."""
         return [
-            dict(d.descriptor) for d in self.devices
-            if d.plugged and vendor_id in (0, d.descriptor["vendor_id"])
+            dict(d.descriptor)
+            for d in self.devices
+            if d.plugged
+            and vendor_id in (0, d.descriptor["vendor_id"])
             and product_id in (0, d.descriptor["product_id"])
-        ]  # fmt: skip
+        ]
 
     def device(self) -> SimDevice:
         """A handle that is not open yet."""

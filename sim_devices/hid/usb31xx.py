@@ -17,8 +17,14 @@ import numpy as np
 from hil.sim_devices.hid.module import QUEUE
 
 FRAME_NS = 1_000_000
-PRODUCTS = {"usb-3101": (0x009A, 4), "usb-3103": (0x009C, 8), "usb-3105": (0x009E, 16),
-            "usb-3110": (0x00A2, 4), "usb-3112": (0x00A3, 8), "usb-3114": (0x00A4, 16)}  # fmt: skip
+PRODUCTS = {
+    "usb-3101": (0x009A, 4),
+    "usb-3103": (0x009C, 8),
+    "usb-3105": (0x009E, 16),
+    "usb-3110": (0x00A2, 4),
+    "usb-3112": (0x00A3, 8),
+    "usb-3114": (0x00A4, 16),
+}
 #: Spread of gain [1] and offset [codes] of the converters, which the flash corrects.
 GAIN_SPREAD, OFFSET_SPREAD = 0.004, 40.0
 
@@ -48,16 +54,25 @@ class Sim31xx:
     """
 
     def __init__(
-        self, model: str, serial: str, edge: Callable[[int, int, int], None] | None = None,
+        self,
+        model: str,
+        serial: str,
+        edge: Callable[[int, int, int], None] | None = None,
         seed: int = 0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         product, self.channels = PRODUCTS[model]
         self.descriptor: dict[str, Any] = {
-            "path": f"sim-{serial}".encode(), "vendor_id": 0x09DB, "product_id": product,
-            "serial_number": serial, "release_number": 0x0102, "manufacturer_string": "MCC",
-            "product_string": model.upper(), "usage_page": 0xFF00, "usage": 1,
+            "path": f"sim-{serial}".encode(),
+            "vendor_id": 0x09DB,
+            "product_id": product,
+            "serial_number": serial,
+            "release_number": 0x0102,
+            "manufacturer_string": "MCC",
+            "product_string": model.upper(),
+            "usage_page": 0xFF00,
+            "usage": 1,
             "interface_number": 0,
-        }  # fmt: skip
+        }
         rng = np.random.default_rng([seed, product, *serial.encode()])
         # the converter's own errors; the flash holds what corrects them
         self._gain = 1.0 + GAIN_SPREAD * rng.standard_normal(self.channels)
@@ -67,10 +82,16 @@ class Sim31xx:
         self._edge = edge
         #: Number -> length of the whole report, action.
         self._actions: dict[int, tuple[int, Callable[[bytes], None]]] = {
-            0x02: (3, self._direction_bit), 0x06: (3, self._line), 0x14: (5, self._aout),
-            0x15: (1, self._sync), 0x1C: (3, self._config), 0x30: (5, self._memory),
-            0x41: (1, self._reset), 0x43: (2, self._set_sync), 0x44: (1, self._state),
-        }  # fmt: skip
+            0x02: (3, self._direction_bit),
+            0x06: (3, self._line),
+            0x14: (5, self._aout),
+            0x15: (1, self._sync),
+            0x1C: (3, self._config),
+            0x30: (5, self._memory),
+            0x41: (1, self._reset),
+            0x43: (2, self._set_sync),
+            0x44: (1, self._state),
+        }
         self.plugged = self.readable = True
         self.muted, self.garbled = False, 0
         self.now_ns = 0

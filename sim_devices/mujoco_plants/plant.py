@@ -100,9 +100,15 @@ class Plant:
         return lambda x: -f * x.w[k] / sqrt(x.w[k] ** 2 + w2)
 
     def run(
-        self, reference: FloatArray, push: FloatArray | None, acting: FloatArray,
-        dac: FloatArray, asked: bool, every: int, lost: float,
-    ) -> dict[str, FloatArray]:  # fmt: skip
+        self,
+        reference: FloatArray,
+        push: FloatArray | None,
+        acting: FloatArray,
+        dac: FloatArray,
+        asked: bool,
+        every: int,
+        lost: float,
+    ) -> dict[str, FloatArray]:
         """Follow a reference.
 
         Parameters
@@ -151,9 +157,11 @@ class Plant:
             self._advance(x, sent, extra[k], tick / self.substeps)
         rows = out[::every]
         found = {
-            "t": tick * every * np.arange(len(rows)), "q": rows[:, :d].copy(),
-            "qd": rows[:, d : 2 * d], "tau": rows[:, 2 * d :],
-        }  # fmt: skip
+            "t": tick * every * np.arange(len(rows)),
+            "q": rows[:, :d].copy(),
+            "qd": rows[:, d : 2 * d],
+            "tau": rows[:, 2 * d :],
+        }
         return found if push is None else found | {"force": push[::every]}
 
     def _start(self, home: FloatArray) -> State:

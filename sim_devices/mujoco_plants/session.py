@@ -48,9 +48,14 @@ def urdf(name: str, exact: bool = False) -> str:
 
 
 def simulate(
-    robot: str, motion: tuple[str, int], hidden: list[dict[str, Any]], noise: str = "white",
-    seed: int = 0, force: bool = False, lost: float = 0.0,
-) -> dict[str, FloatArray]:  # fmt: skip
+    robot: str,
+    motion: tuple[str, int],
+    hidden: list[dict[str, Any]],
+    noise: str = "white",
+    seed: int = 0,
+    force: bool = False,
+    lost: float = 0.0,
+) -> dict[str, FloatArray]:
     """Record one session.
 
     Parameters
@@ -101,9 +106,14 @@ def _robot(name: str) -> Robot:
 
 
 def _recorded(
-    table: Robot, rows: dict[str, FloatArray], hidden: list[dict[str, Any]], noise: str,
-    std: FloatArray, seed: int, plant: Plant,
-) -> dict[str, FloatArray]:  # fmt: skip
+    table: Robot,
+    rows: dict[str, FloatArray],
+    hidden: list[dict[str, Any]],
+    noise: str,
+    std: FloatArray,
+    seed: int,
+    plant: Plant,
+) -> dict[str, FloatArray]:
     """What the recorder writes of the true signals."""
     n, rate = len(rows["t"]), table.rate
     rows["tau"] = rows["tau"] + sensors.recorded_noise(noise, n, std, seed)

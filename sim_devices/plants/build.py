@@ -14,13 +14,23 @@ from hil.sim_devices.plants.layout import ARM, GEL, OPERATOR, SINES, STATE
 
 #: Keys of ``[simulation]`` and of its tables, with their defaults.
 DEFAULTS: dict[str, Any] = {
-    "bench": "ideal", "truth": "nominal", "home": [0.0, 0.4, 0.3], "hidden": [],
-    "hidden_seed": None, "operator": {}, "gel": {}, "quadrature": {},
-}  # fmt: skip
+    "bench": "ideal",
+    "truth": "nominal",
+    "home": [0.0, 0.4, 0.3],
+    "hidden": [],
+    "hidden_seed": None,
+    "operator": {},
+    "gel": {},
+    "quadrature": {},
+}
 OPERATOR_KEYS: dict[str, Any] = {
-    "kind": "none", "arm": "leader", "size": [0.03, 0.05, 0.03], "frequency": 0.4,
-    "tremor": 4e-5, "onset": 1.0,
-}  # fmt: skip
+    "kind": "none",
+    "arm": "leader",
+    "size": [0.03, 0.05, 0.03],
+    "frequency": 0.4,
+    "tremor": 4e-5,
+    "onset": 1.0,
+}
 GEL_KEYS: dict[str, Any] = {"arm": "", "below_home": 0.02, "stiffness": None}
 KINDS = {"none": 0, "hand": 1, "mechanical": 2}
 
@@ -73,9 +83,12 @@ def start(p: np.void, x: np.void, home: NDArray[np.float64]) -> None:
 
 
 def _operators(
-    names: list[str], section: dict[str, Any], facts: dict[str, Any], state: NDArray[np.void],
+    names: list[str],
+    section: dict[str, Any],
+    facts: dict[str, Any],
+    state: NDArray[np.void],
     rng: np.random.Generator,
-) -> NDArray[np.void]:  # fmt: skip
+) -> NDArray[np.void]:
     table = with_defaults("simulation.operator", section, OPERATOR_KEYS)
     records = np.zeros(len(names), OPERATOR)
     records["onset"] = table["onset"]

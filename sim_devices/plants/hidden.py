@@ -67,9 +67,18 @@ HIDDEN: dict[str, Hidden] = {
 
 #: What ``effect = "random"`` chooses from: effects that free motion alone can reveal.
 RANDOM = (
-    "stribeck", "asymmetric-coulomb", "asymmetric-viscous", "quadratic-drag", "presliding",
-    "position-friction", "coupled-friction", "position-torque", "end-stop", "cogging", "delay",
-)  # fmt: skip
+    "stribeck",
+    "asymmetric-coulomb",
+    "asymmetric-viscous",
+    "quadratic-drag",
+    "presliding",
+    "position-friction",
+    "coupled-friction",
+    "position-torque",
+    "end-stop",
+    "cogging",
+    "delay",
+)
 
 NESTED_SLIP = (3e-3, 6e-3, 1.2e-2, 2e-2)
 

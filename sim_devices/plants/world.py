@@ -64,9 +64,18 @@ def sense(p: Any, x: Any, t: float, random: Any, counts: Any, gauges: Any) -> No
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def run(
-    p: Any, x: Any, h: Any, g: Any, t: float, tick: float, n: int, codes: Any, random: Any,
-    counts: Any, gauges: Any,
-) -> None:  # fmt: skip
+    p: Any,
+    x: Any,
+    h: Any,
+    g: Any,
+    t: float,
+    tick: float,
+    n: int,
+    codes: Any,
+    random: Any,
+    counts: Any,
+    gauges: Any,
+) -> None:
     """Advance every arm by one `tick` [s] in `n` substeps.
 
     Parameters

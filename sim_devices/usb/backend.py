@@ -17,12 +17,24 @@ import usb.backend
 from usb.core import USBError, USBTimeoutError
 
 #: libusb's error codes.
-CODES = {errno.EIO: -1, errno.EACCES: -3, errno.ENODEV: -4, errno.EBUSY: -6, errno.ETIMEDOUT: -7,
-         errno.EOVERFLOW: -8, errno.EPIPE: -9}  # fmt: skip
-TEXTS = {errno.EIO: "Input/Output Error", errno.EACCES: "Access denied (insufficient permissions)",
-         errno.ENODEV: "No such device (it may have been disconnected)",
-         errno.EBUSY: "Resource busy", errno.ETIMEDOUT: "Operation timed out",
-         errno.EOVERFLOW: "Overflow", errno.EPIPE: "Pipe error"}  # fmt: skip
+CODES = {
+    errno.EIO: -1,
+    errno.EACCES: -3,
+    errno.ENODEV: -4,
+    errno.EBUSY: -6,
+    errno.ETIMEDOUT: -7,
+    errno.EOVERFLOW: -8,
+    errno.EPIPE: -9,
+}
+TEXTS = {
+    errno.EIO: "Input/Output Error",
+    errno.EACCES: "Access denied (insufficient permissions)",
+    errno.ENODEV: "No such device (it may have been disconnected)",
+    errno.EBUSY: "Resource busy",
+    errno.ETIMEDOUT: "Operation timed out",
+    errno.EOVERFLOW: "Overflow",
+    errno.EPIPE: "Pipe error",
+}
 
 
 def failure(number: int) -> USBError:
@@ -90,20 +102,41 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
     def get_device_descriptor(self, dev: Firmware) -> SimpleNamespace:
         """Device descriptor."""
         return SimpleNamespace(
-            bLength=18, bDescriptorType=1, bcdUSB=0x0200, bDeviceClass=0xFF, bDeviceSubClass=0,
-            bDeviceProtocol=0, bMaxPacketSize0=64, idVendor=dev.vendor, idProduct=dev.product,
-            bcdDevice=0x0100, iManufacturer=1, iProduct=2, iSerialNumber=3, bNumConfigurations=1,
-            bus=1, address=self.devices.index(dev) + 1, port_number=None, port_numbers=None,
+            bLength=18,
+            bDescriptorType=1,
+            bcdUSB=0x0200,
+            bDeviceClass=0xFF,
+            bDeviceSubClass=0,
+            bDeviceProtocol=0,
+            bMaxPacketSize0=64,
+            idVendor=dev.vendor,
+            idProduct=dev.product,
+            bcdDevice=0x0100,
+            iManufacturer=1,
+            iProduct=2,
+            iSerialNumber=3,
+            bNumConfigurations=1,
+            bus=1,
+            address=self.devices.index(dev) + 1,
+            port_number=None,
+            port_numbers=None,
             speed=3,
-        )  # fmt: skip
+        )
 
     def get_configuration_descriptor(self, dev: Firmware, config: int) -> SimpleNamespace:
         """Configuration descriptor."""
         _only(config)
         return SimpleNamespace(
-            bLength=9, bDescriptorType=2, wTotalLength=9, bNumInterfaces=1, bConfigurationValue=1,
-            iConfiguration=0, bmAttributes=0x80, bMaxPower=250, extra_descriptors=[],
-        )  # fmt: skip
+            bLength=9,
+            bDescriptorType=2,
+            wTotalLength=9,
+            bNumInterfaces=1,
+            bConfigurationValue=1,
+            iConfiguration=0,
+            bmAttributes=0x80,
+            bMaxPower=250,
+            extra_descriptors=[],
+        )
 
     def get_interface_descriptor(
         self, dev: Firmware, intf: int, alt: int, config: int
@@ -111,10 +144,17 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
         """Interface descriptor."""
         _only(config, intf, alt)
         return SimpleNamespace(
-            bLength=9, bDescriptorType=4, bInterfaceNumber=0, bAlternateSetting=0,
-            bNumEndpoints=len(dev.endpoints), bInterfaceClass=0xFF, bInterfaceSubClass=0,
-            bInterfaceProtocol=0, iInterface=0, extra_descriptors=[],
-        )  # fmt: skip
+            bLength=9,
+            bDescriptorType=4,
+            bInterfaceNumber=0,
+            bAlternateSetting=0,
+            bNumEndpoints=len(dev.endpoints),
+            bInterfaceClass=0xFF,
+            bInterfaceSubClass=0,
+            bInterfaceProtocol=0,
+            iInterface=0,
+            extra_descriptors=[],
+        )
 
     def get_endpoint_descriptor(
         self, dev: Firmware, ep: int, intf: int, alt: int, config: int
@@ -123,9 +163,16 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
         _only(config, intf, alt)
         address, attributes, size = dev.endpoints[ep]
         return SimpleNamespace(
-            bLength=7, bDescriptorType=5, bEndpointAddress=address, bmAttributes=attributes,
-            wMaxPacketSize=size, bInterval=0, bRefresh=0, bSynchAddress=0, extra_descriptors=[],
-        )  # fmt: skip
+            bLength=7,
+            bDescriptorType=5,
+            bEndpointAddress=address,
+            bmAttributes=attributes,
+            wMaxPacketSize=size,
+            bInterval=0,
+            bRefresh=0,
+            bSynchAddress=0,
+            extra_descriptors=[],
+        )
 
     # opening and claiming
 
@@ -179,9 +226,15 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
     # transfers
 
     def ctrl_transfer(
-        self, dev_handle: Firmware, bmRequestType: int, bRequest: int, wValue: int, wIndex: int,
-        data: array[int], timeout: int,
-    ) -> int:  # fmt: skip
+        self,
+        dev_handle: Firmware,
+        bmRequestType: int,
+        bRequest: int,
+        wValue: int,
+        wIndex: int,
+        data: array[int],
+        timeout: int,
+    ) -> int:
         """Control transfer; strings are answered here."""
         _here(dev_handle)
         if bmRequestType == 0x80 and bRequest == 6 and wValue >> 8 == 3:

@@ -35,9 +35,19 @@ def step(total: Any, edge: int, mode: int, per_turn: int) -> int:
 
 @nb.njit(cache=True, nogil=True)
 def scans(
-    total: Any, modes: Any, before: Any, now: Any, first: float, pace: float, n: int,
-    channels: Any, words: int, per_turn: int, zero: bool, out: Any,
-) -> None:  # fmt: skip
+    total: Any,
+    modes: Any,
+    before: Any,
+    now: Any,
+    first: float,
+    pace: float,
+    n: int,
+    channels: Any,
+    words: int,
+    per_turn: int,
+    zero: bool,
+    out: Any,
+) -> None:
     """Words of `n` scans while the encoders go evenly from `before` to `now`.
 
     Parameters

@@ -52,9 +52,12 @@ class SimQuad08:
     endpoints: tuple[tuple[int, int, int], ...] = ((0x82, 2, PACKET),)
 
     def __init__(
-        self, serial: str, edges: Callable[[NDArray[np.float64]], None], cold: bool = False,
+        self,
+        serial: str,
+        edges: Callable[[NDArray[np.float64]], None],
+        cold: bool = False,
         per_turn: int = 4096,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.strings = ("MCC", "USB-QUAD08", serial)
         self.plugged = self.readable = True
         self.muted, self.garbled = False, 0

@@ -80,9 +80,19 @@ class Fpga:
         out = np.zeros(n * len(channels) * words, np.uint16)
         length = now - then
         counters.scans(
-            self.totals, self.modes, before, self._place, (self._next_ns - then) / length,
-            self._pace_ns / length, n, channels, words, self._per_turn, self._virgin, out,
-        )  # fmt: skip
+            self.totals,
+            self.modes,
+            before,
+            self._place,
+            (self._next_ns - then) / length,
+            self._pace_ns / length,
+            n,
+            channels,
+            words,
+            self._per_turn,
+            self._virgin,
+            out,
+        )
         self._virgin = False
         self._next_ns += n * self._pace_ns
         if len(self.fifo) + 2 * out.size > FIFO_BYTES:

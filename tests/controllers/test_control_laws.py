@@ -14,9 +14,12 @@ LENGTHS = np.array([0.215, 0.170])
 LAWS = [
     JointTracking(JointTrackingConfig(seed=3), ARMS, 1e-3),
     PositionForce(PositionForceConfig(), ARMS, 1e-3),
-    PositionForce(PositionForceConfig(space="workspace", stiffness=(300.0,) * 3,
-                                      damping=(3.0,) * 3), ARMS, 1e-3),
-]  # fmt: skip
+    PositionForce(
+        PositionForceConfig(space="workspace", stiffness=(300.0,) * 3, damping=(3.0,) * 3),
+        ARMS,
+        1e-3,
+    ),
+]
 
 
 @pytest.mark.parametrize("law", LAWS)

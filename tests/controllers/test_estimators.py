@@ -43,10 +43,14 @@ KINDS = {
 
 def table(*names, **more):
     return {
-        n: {"arm": "follower", **KINDS[n], **more,
-            "parameters": {"model": MODEL, **KINDS[n].get("parameters", {})}}
+        n: {
+            "arm": "follower",
+            **KINDS[n],
+            **more,
+            "parameters": {"model": MODEL, **KINDS[n].get("parameters", {})},
+        }
         for n in names
-    }  # fmt: skip
+    }
 
 
 def test_the_tables_of_the_documentation_are_taken():
@@ -222,8 +226,15 @@ def test_estimators_keep_no_memory_in_the_hot_path(memory_growth):
     opened = open_rig(config, 0)
     layout = estimators.layout(2, opened.controller)
     ring = Ring(100, layout.width)
-    loop = Loop(opened.ports, opened.controller, VirtualClock(1_000_000), ring, layout,
-                1_000_000, opened.origin_ns)  # fmt: skip
+    loop = Loop(
+        opened.ports,
+        opened.controller,
+        VirtualClock(1_000_000),
+        ring,
+        layout,
+        1_000_000,
+        opened.origin_ns,
+    )
     loop.rehearse()
     opened.enable()
     grown = memory_growth(loop.step)
@@ -280,8 +291,12 @@ def test_the_networks_learn_what_coulomb_and_viscous_friction_cannot():
     psi, now, seen = np.zeros(126), np.zeros(3), np.zeros(3)
     # a target within the span of the structure: the distance of the weights to it never grows
     goal = m.copy()
-    nodes = [at + 7 + j for at in range(wavelets.HEAD, m.size, wavelets.NODE)
-             if m[at] != wavelets.NONE for j in range(3)] + list(range(6))  # fmt: skip
+    nodes = [
+        at + 7 + j
+        for at in range(wavelets.HEAD, m.size, wavelets.NODE)
+        if m[at] != wavelets.NONE
+        for j in range(3)
+    ] + list(range(6))
     m[nodes] = 0.0
     distance = np.inf
     for v in ways(2000):

@@ -198,10 +198,24 @@ def test_a_bad_design_is_refused_before_anything_moves(changes, says):
 
 def test_the_command_prints_and_writes_what_run_takes(tmp_path, capsys):
     rig, own = str(RIGS / "lawrence.toml"), str(tmp_path / "own.toml")
-    words = ["design", rig, "--design", "position-error", "--set", "stiffness=150",
-             "--set", "damping=1.2", "--set", "master_stiffness=150", "--set",
-             "master_damping=1.2", "--set", "forward=0.002,0.001,0.05", "--set",
-             "velocity_hz=30"]  # fmt: skip
+    words = [
+        "design",
+        rig,
+        "--design",
+        "position-error",
+        "--set",
+        "stiffness=150",
+        "--set",
+        "damping=1.2",
+        "--set",
+        "master_stiffness=150",
+        "--set",
+        "master_damping=1.2",
+        "--set",
+        "forward=0.002,0.001,0.05",
+        "--set",
+        "velocity_hz=30",
+    ]
     page = tmp_path / "d.html"
     assert main([*words, "-o", own, "--report", str(page)]) == 0
     said = capsys.readouterr().out

@@ -16,11 +16,13 @@ _JOINT = """<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{
 URDF = "".join(
     [
         '<robot name="planar"><link name="base"/>',
-        _LINK.format("upper", C[0], M[0], TURN[0]), _LINK.format("fore", C[1], M[1], TURN[1]),
-        _JOINT.format("shoulder", "base", "upper", 0), _JOINT.format("elbow", "upper", "fore", L),
+        _LINK.format("upper", C[0], M[0], TURN[0]),
+        _LINK.format("fore", C[1], M[1], TURN[1]),
+        _JOINT.format("shoulder", "base", "upper", 0),
+        _JOINT.format("elbow", "upper", "fore", L),
         "</robot>",
     ]
-)  # fmt: skip
+)
 
 
 def planar(
@@ -43,12 +45,15 @@ def planar(
     heavy = G * M[1] * C[1] * c12
     tau = np.stack(
         [
-            one * w[:, 0] + both * w[:, 1] - k * s2 * v[:, 1] * (2 * v[:, 0] + v[:, 1])
-            + G * (M[0] * C[0] + M[1] * L) * c1 + heavy,
+            one * w[:, 0]
+            + both * w[:, 1]
+            - k * s2 * v[:, 1] * (2 * v[:, 0] + v[:, 1])
+            + G * (M[0] * C[0] + M[1] * L) * c1
+            + heavy,
             both * w[:, 0] + two * w[:, 1] + k * s2 * v[:, 0] ** 2 + heavy,
         ],
         axis=1,
-    )  # fmt: skip
+    )
     tau += FC * np.sign(v) + FV * v + noise * rng.standard_normal(v.shape)
     tau = tau * gain + offset
     q = q + 1e-6 * rng.standard_normal(q.shape)

@@ -22,14 +22,17 @@ def reference(seed: int, period: float = 0.0) -> tuple[np.ndarray, np.ndarray, n
 
 
 def axis(
-    seed: int = 0, seconds: float = 20.0, noise: float = 0.02, period: float = 0.0,
+    seed: int = 0,
+    seconds: float = 20.0,
+    noise: float = 0.02,
+    period: float = 0.0,
     extra: Callable[[float, float, float], float] = ZERO,
     warm: Callable[[float], float] = lambda t: 1.0,
     push: Callable[[float], float] = ZERO,
     seen: Callable[[float, float], float] = lambda t, q: q,
     sensor: Callable[[float, float], float] = lambda t, w: w,
     gives: Callable[[float], float] = lambda u: u,
-) -> Recording:  # fmt: skip
+) -> Recording:
     """One axis under PD control with exact dry friction, simulated forward.
 
     J q'' = gives(tau) + push(t) - extra(t, q, q') - warm(t) (Fv q' + Fc sgn q');
@@ -75,9 +78,11 @@ def _tip(q: np.ndarray) -> np.ndarray:
 def _mass(q: np.ndarray) -> np.ndarray:
     m = np.zeros((len(q), 3, 3))
     m[:, 0, 0] = (
-        PI[0] + PI[1] * np.cos(2 * q[:, 1]) + PI[2] * np.cos(2 * q[:, 2])
+        PI[0]
+        + PI[1] * np.cos(2 * q[:, 1])
+        + PI[2] * np.cos(2 * q[:, 2])
         + PI[3] * np.cos(q[:, 1]) * np.sin(q[:, 2])
-    )  # fmt: skip
+    )
     m[:, 1, 1], m[:, 2, 2] = PI[4], PI[5]
     m[:, 1, 2] = m[:, 2, 1] = -PI[3] / 2 * np.sin(q[:, 1] - q[:, 2])
     return m
@@ -90,11 +95,14 @@ def _slope(f: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.ndarray:
 
 
 def arm(
-    seed: int = 0, seconds: float = 20.0, noise: float = 2e-3,
+    seed: int = 0,
+    seconds: float = 20.0,
+    noise: float = 2e-3,
     force: Callable[[np.ndarray], np.ndarray] | None = None,
     sensor: Callable[[np.ndarray, np.ndarray], np.ndarray] = lambda t, w: w,
-    late: float = 0.0, joint_error: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
-) -> Recording:  # fmt: skip
+    late: float = 0.0,
+    joint_error: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> Recording:
     """A PHANTOM Premium: its effort from Lagrange's equations along a prescribed motion.
 
     tau = M q'' + (dM/dt) q' - 1/2 d(q' M q')/dq + N + friction - J' force; the sensor shows
@@ -130,10 +138,15 @@ def arm(
     shown = motion(t - late)
     shown = shown if joint_error is None else shown + joint_error(t, shown)
     return Recording(
-        "arm", "arm", ("joint1", "joint2", "joint3"), t,
-        shown + 2e-6 * rng.normal(size=q.shape), tau + noise * rng.normal(size=q.shape),
-        wrench=wrench, robot=RobotSource("phantom-premium-1.5"),
-    )  # fmt: skip
+        "arm",
+        "arm",
+        ("joint1", "joint2", "joint3"),
+        t,
+        shown + 2e-6 * rng.normal(size=q.shape),
+        tau + noise * rng.normal(size=q.shape),
+        wrench=wrench,
+        robot=RobotSource("phantom-premium-1.5"),
+    )
 
 
 def hand(t: np.ndarray) -> np.ndarray:

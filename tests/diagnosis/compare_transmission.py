@@ -13,9 +13,18 @@ RATE, SUBSTEPS = 500, 40
 
 @numba.njit(cache=True)
 def _run(
-    goal: np.ndarray, speed: np.ndarray, gravity: float, frequency: float, zeta: float,
-    width: float, lag: float, ripple: float, harden: float, mode: float, mode_hz: float,
-) -> np.ndarray:  # fmt: skip
+    goal: np.ndarray,
+    speed: np.ndarray,
+    gravity: float,
+    frequency: float,
+    zeta: float,
+    width: float,
+    lag: float,
+    ripple: float,
+    harden: float,
+    mode: float,
+    mode_hz: float,
+) -> np.ndarray:
     """Motor angle and command (n, 2) under PD control of the motor's side."""
     dt = 1 / (RATE * SUBSTEPS)
     out = np.empty((goal.size, 2))

@@ -32,6 +32,12 @@ def axis(seed=0, seconds=30.0, rate=500.0, extra=None, push=None, noise=0.01):
         tau = tau + extra(t, q, v, a)
     tau = tau + noise * np.random.default_rng(seed + 100).normal(size=t.size)
     return Recording(
-        f"axis{seed}", "arm", ("joint1",), t, q[:, None], tau[:, None],
-        tau_ext=None if outside is None else outside[:, None], robot=RobotSource("single-axis"),
-    )  # fmt: skip
+        f"axis{seed}",
+        "arm",
+        ("joint1",),
+        t,
+        q[:, None],
+        tau[:, None],
+        tau_ext=None if outside is None else outside[:, None],
+        robot=RobotSource("single-axis"),
+    )

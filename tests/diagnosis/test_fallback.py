@@ -70,9 +70,11 @@ def test_nothing_left_nothing_said():
 
 def test_one_line_a_joint_tells_the_shares():
     shares = [
-        Share("a", "network: t", 0.2, "", "time"), Share("a", "network: qd of a", 0.9, "", "speed"),
-        Share("a", "network: q,qd of a", 0.0, "", "place"), Share("b", "t", 0.0, "", "time"),
-    ]  # fmt: skip
+        Share("a", "network: t", 0.2, "", "time"),
+        Share("a", "network: qd of a", 0.9, "", "speed"),
+        Share("a", "network: q,qd of a", 0.0, "", "place"),
+        Share("b", "t", 0.0, "", "time"),
+    ]
     assert told(shares) == [
         "a: any function of speed could explain 90 %, of time 20 %",
         "b: functions of time explain none of it",

@@ -25,9 +25,12 @@ def group(key, columns, lower=-np.inf, upper=np.inf, shrink=0.0):
 
 def columns(problem, *names):
     parts = {
-        "a": lambda m: m.qdd, "v": lambda m: m.qd, "s": lambda m: m.sign(0)[:, None],
-        "1": lambda m: np.ones((m.n, 1)), "q": lambda m: m.q,
-    }  # fmt: skip
+        "a": lambda m: m.qdd,
+        "v": lambda m: m.qd,
+        "s": lambda m: m.sign(0)[:, None],
+        "1": lambda m: np.ones((m.n, 1)),
+        "q": lambda m: m.q,
+    }
     return [group(n, problem.gated([parts[n](m) for m in problem.motions], 0)) for n in names]
 
 

@@ -19,9 +19,11 @@ def multi(power, diverged=0):
 
 def rung(label, power, relative, gain=0.0):
     heldout = SimpleNamespace(
-        relative=np.array([relative]), rms=np.array([relative]), gain=lambda *_: gain,
+        relative=np.array([relative]),
+        rms=np.array([relative]),
+        gain=lambda *_: gain,
         standard_error=lambda: np.array([0.1]),
-    )  # fmt: skip
+    )
     problem = SimpleNamespace(d=1, joints=("joint1",), robot=SimpleNamespace(units=("rad",)))
     result = SimpleNamespace(problem=problem, model=SimpleNamespace(explains="motor"))
     step = SimpleNamespace(label=label, result=result, heldout=heldout)

@@ -52,8 +52,10 @@ def run(
         factors = 1 + 0.05 * np.random.default_rng(wrong).standard_normal((d, 3))
         for body, f in zip(list(model.inertias)[1:], factors, strict=True):
             body.mass, body.lever, body.inertia = (
-                body.mass * f[0], body.lever * f[1], body.inertia * f[2],
-            )  # fmt: skip
+                body.mass * f[0],
+                body.lever * f[1],
+                body.inertia * f[2],
+            )
     if link:
         model.appendBodyToJoint(link, pin.Inertia(MASS, CENTRE, ABOUT), pin.SE3.Identity())
     data = model.createData()
@@ -77,11 +79,17 @@ def values(d: Diagnosis) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    ("d", "link"), [(2, 2), (3, 3), (3, 2), pytest.param(4, 4, marks=pytest.mark.slow),
-                    pytest.param(6, 6, marks=pytest.mark.slow),
-                    pytest.param(6, 3, marks=pytest.mark.slow),
-                    pytest.param(7, 7, marks=pytest.mark.slow)]
-)  # fmt: skip
+    ("d", "link"),
+    [
+        (2, 2),
+        (3, 3),
+        (3, 2),
+        pytest.param(4, 4, marks=pytest.mark.slow),
+        pytest.param(6, 6, marks=pytest.mark.slow),
+        pytest.param(6, 3, marks=pytest.mark.slow),
+        pytest.param(7, 7, marks=pytest.mark.slow),
+    ],
+)
 def test_a_body_in_one_of_two_runs_is_named_with_its_link(d: int, link: int) -> None:
     axes = ("0 1 0", "0 1 0") if d == 2 else AXES
     runs = [run(d, 1, axes=axes), run(d, 2, link, axes=axes)]

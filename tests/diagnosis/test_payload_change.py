@@ -43,10 +43,12 @@ def run(seed: int, change: str = "load", name: str = "run") -> Recording:
     loaded.appendBodyToJoint(tip.parentJoint, body, tip.placement)
     later = t > INSTANT
     arms = [(m, m.createData()) for m in (bare, loaded)]
-    tau = np.array([
-        pin.rnea(*arms[int(new and change == "load")], *x)
-        for new, *x in zip(later, q, v, a, strict=True)
-    ])  # fmt: skip
+    tau = np.array(
+        [
+            pin.rnea(*arms[int(new and change == "load")], *x)
+            for new, *x in zip(later, q, v, a, strict=True)
+        ]
+    )
     tau += 0.4 * np.tanh(v / 0.01) + 0.3 * v
     if change == "gain":
         tau[:, 1] *= np.where(later, 1.1, 1.0)

@@ -19,7 +19,7 @@ def named(d):
 @pytest.mark.parametrize(
     "size",
     [lambda q: 0.25 * q, lambda q: 0.2 * np.cos(1.5 * q + 0.4), lambda q: 0.2 * np.exp(-(q**2))],
-)  # fmt: skip
+)
 def test_friction_that_varies_smoothly_over_the_range_is_named(size):
     d = diagnosed(lambda t, q, v: size(q) * np.tanh(v / 0.003))
     assert d.verdict == "missing-effect" and named(d) == {"position-friction"}

@@ -185,9 +185,15 @@ def test_layer_below_the_surface_is_an_inclusion(stiffer):
     force = -300 * depth - stiffer * np.maximum(0.0, depth - 0.005)
     noise = rng.normal(size=(2, t.size))
     run = Recording(
-        "press", "arm", ("joint1",), t, (q + 1e-6 * noise[0])[:, None], np.zeros((t.size, 1)),
-        tau_ext=(force + 0.02 * noise[1])[:, None], metadata={"unit": "m"},
-    )  # fmt: skip
+        "press",
+        "arm",
+        ("joint1",),
+        t,
+        (q + 1e-6 * noise[0])[:, None],
+        np.zeros((t.size, 1)),
+        tau_ext=(force + 0.02 * noise[1])[:, None],
+        metadata={"unit": "m"},
+    )
     model = RobotModel(RobotSource(), (Use("contact-stiffness"),), explains="external")
     found = {f.effect for f in hil.diagnose([run], model).findings}
     assert found == ({"contact-inclusion"} if stiffer else set())
@@ -196,8 +202,11 @@ def test_layer_below_the_surface_is_an_inclusion(stiffer):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_nothing_is_named_where_nothing_is_hidden(seed):
     for run in (
-        plants.axis(seed), plants.axis(seed, period=5.0), plants.axis(seed, push=sway),
-        plants.arm(seed), plants.arm(seed, force=plants.hand),
-    ):  # fmt: skip
+        plants.axis(seed),
+        plants.axis(seed, period=5.0),
+        plants.axis(seed, push=sway),
+        plants.arm(seed),
+        plants.arm(seed, force=plants.hand),
+    ):
         d, found = named(run)
         assert not found and d.verdict == "adequate"

@@ -25,17 +25,25 @@ def said(d) -> list[str]:
 @pytest.mark.parametrize(
     ("ours", "theirs", "says"),
     [
-        ("cogging", "", "cogging would explain 100 % of what stands above the noise in monday, and "
-         "friday shows nothing of it"),
-        ("", "cogging", "cogging would explain 100 % of what stands above the noise in friday, and "
-         "monday shows nothing of it"),
+        (
+            "cogging",
+            "",
+            "cogging would explain 100 % of what stands above the noise in monday, and "
+            "friday shows nothing of it",
+        ),
+        (
+            "",
+            "cogging",
+            "cogging would explain 100 % of what stands above the noise in friday, and "
+            "monday shows nothing of it",
+        ),
         ("", "stribeck", "stribeck would explain"),
         ("", "offset", "torque-offset"),
         ("offset", "", "torque-offset"),
         ("", "coulomb", "another j2.coulomb.fc (+0.25 N m) would account for 100 %"),
         ("", "gain", "all efforts of the joint scaled by 1.15"),
     ],
-)  # fmt: skip
+)
 def test_what_only_one_session_holds_is_said_with_its_effect(ours, theirs, says):
     d = answer(ours, theirs)
     (sentence,) = said(d)

@@ -13,9 +13,7 @@ from hil.models.model import Use, Value, base_model
 from hil.record.recording import Recording
 
 RUN = session("", 1, "quiet")
-WAVE = Use(
-    "cogging", ("joint2",), {"fixed_shape": True}, {"j2.cogging.p": Value(3.0)}
-)  # fmt: skip
+WAVE = Use("cogging", ("joint2",), {"fixed_shape": True}, {"j2.cogging.p": Value(3.0)})
 
 
 def fitted(seed: int, rho: float, size: float) -> FitResult:

@@ -64,8 +64,15 @@ def test_friction_beside_an_unknown_geometry_is_named() -> None:
 def test_a_known_geometry_needs_none() -> None:
     """Where the geometry is known, or there is one joint, nothing stands for it."""
     run = arm()
-    single = Recording("one", "arm", ("joint1",), run.t, run.q[:, :1], run.tau[:, :1],
-                       robot=RobotSource("single-axis"))  # fmt: skip
+    single = Recording(
+        "one",
+        "arm",
+        ("joint1",),
+        run.t,
+        run.q[:, :1],
+        run.tau[:, :1],
+        robot=RobotSource("single-axis"),
+    )
     d = hil.diagnose([single], base_model(single.robot))
     assert not any(c.effect.startswith("generic") for c in d.corrections)
 

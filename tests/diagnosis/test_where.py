@@ -43,10 +43,12 @@ def test_since_reversal_in_time_and_distance() -> None:
         (lambda r: 0.05 * np.sin(2 * np.pi * 2.0 * r.q[:, 0]), "order", 1.8, 2.2),
         (
             lambda r: 0.05 * np.sin(2 * np.pi * 2.0 * r.q[:, 0]) * np.sign(np.gradient(r.q[:, 0])),
-            "friction-order", 1.8, 2.2,
+            "friction-order",
+            1.8,
+            2.2,
         ),
     ],
-)  # fmt: skip
+)
 def test_lines_are_found_where_they_were_put(shape, feature, low, high) -> None:  # type: ignore[no-untyped-def]
     run = stiction_run(1)
     result, floor = compared(disturbed(run, shape(run)))

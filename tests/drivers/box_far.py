@@ -22,12 +22,23 @@ class BoxFar(ArmFar):
             role: [(k, role, "arm", k, s) for k, s in enumerate(signs)]
             for role in ("encoders", "motors")
         }
-        self.wired = WiredBench(self.bench, {
-            "quad": {"driver": "usb-quad08", "address": "", "options": {},
-                     "cables": cables["encoders"]},
-            "dac": {"driver": "usb-31xx", "address": "", "options": {"model": self.dac.model},
-                    "cables": cables["motors"]},
-        })  # fmt: skip
+        self.wired = WiredBench(
+            self.bench,
+            {
+                "quad": {
+                    "driver": "usb-quad08",
+                    "address": "",
+                    "options": {},
+                    "cables": cables["encoders"],
+                },
+                "dac": {
+                    "driver": "usb-31xx",
+                    "address": "",
+                    "options": {"model": self.dac.model},
+                    "cables": cables["motors"],
+                },
+            },
+        )
         self.lost = self.wired.boxes[lost]
 
     @property

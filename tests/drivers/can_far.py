@@ -101,8 +101,13 @@ class NetFtCanFar(NetCanFar):
         self.config = NetFtCanConfig(scale_factors=FACTORS, lost_ms=30.0)
 
     def box(self):
-        bus = Bus("can", {"interface": "hil-sim", "prefix": ""}, advance=self.rig.time.at,
-                  now_ns=lambda: 0, simulated=True)  # fmt: skip
+        bus = Bus(
+            "can",
+            {"interface": "hil-sim", "prefix": ""},
+            advance=self.rig.time.at,
+            now_ns=lambda: 0,
+            simulated=True,
+        )
         return netft_can.open_box("ft", bus, self.rig.channel, self.config, (0,))
 
     def open(self):
@@ -126,8 +131,14 @@ class RdtFar(FarEnd):
         def pause(seconds):
             self.time.wait(self.time.now_ns + round(seconds * 1e9))
 
-        return Bus("udp", self.box.open, pause=pause, now_ns=lambda: 0, advance=self.time.at,
-                   simulated=True)  # fmt: skip
+        return Bus(
+            "udp",
+            self.box.open,
+            pause=pause,
+            now_ns=lambda: 0,
+            advance=self.time.at,
+            simulated=True,
+        )
 
     def source(self):
         return netft_rdt.open_box("ft", self.bus(), "box", NetFtRdtConfig(lost_ms=30.0), (0,))

@@ -86,8 +86,7 @@ def test_every_tick_at_one_megabit_brings_a_new_sample(sensor):
 def test_two_boards_share_a_bus_at_1_khz_and_keep_their_frames_apart():
     rig = Rig(board(base=0x20), board(base=0x21))
     link = rig.link()
-    pair = [open_sensor(f"ft{b}", link, NetCanOemConfig(base=b))
-            for b in (0x20, 0x21)]  # fmt: skip
+    pair = [open_sensor(f"ft{b}", link, NetCanOemConfig(base=b)) for b in (0x20, 0x21)]
     t = max(s.tare(0) for s in pair)
     t = pair[0].tare(t)
     for k, node in enumerate(rig.line.nodes[:2]):

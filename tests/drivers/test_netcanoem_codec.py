@@ -89,9 +89,17 @@ def test_the_driver_asks_by_the_document():
 
 @pytest.mark.parametrize(
     ("ident", "request_"),
-    [(0x200, "00"), (0x202, ""), (0x202, "06"), (0x206, "10"), (0x201, ""), (0x20A, ""),
-     (0x210, ""), (0x1FF, "")],
-)  # fmt: skip
+    [
+        (0x200, "00"),
+        (0x202, ""),
+        (0x202, "06"),
+        (0x206, "10"),
+        (0x201, ""),
+        (0x20A, ""),
+        (0x210, ""),
+        (0x1FF, ""),
+    ],
+)
 def test_what_the_document_does_not_define_stays_unanswered(ident, request_):
     far = board()
     far.hear(Frame(ident, bytes.fromhex(request_)), 10**9)
@@ -151,9 +159,13 @@ def test_identifiers_are_base_and_operation(base, operation):
 
 
 PARSERS = [
-    codec.matrix_pair, codec.serial_number, codec.counts_per_unit, codec.unit_codes,
-    codec.firmware, codec.diagnostic,
-]  # fmt: skip
+    codec.matrix_pair,
+    codec.serial_number,
+    codec.counts_per_unit,
+    codec.unit_codes,
+    codec.firmware,
+    codec.diagnostic,
+]
 
 
 @settings(deadline=None)

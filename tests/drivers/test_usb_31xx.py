@@ -117,9 +117,7 @@ def test_one_report_a_frame():
 # properties of the codec
 
 
-@given(
-    st.integers(-(2**40), 2**40), st.floats(0.9, 1.1), st.floats(-3000.0, 3000.0)
-)  # fmt: skip
+@given(st.integers(-(2**40), 2**40), st.floats(0.9, 1.1), st.floats(-3000.0, 3000.0))
 def test_a_converter_value_never_wraps(code, slope, offset):
     value = codec.converter(code, slope, offset)
     assert 0 <= value <= 65_535
@@ -164,10 +162,13 @@ def test_calibrated_voltages_are_right_to_a_code():
 @pytest.mark.parametrize(
     ("channels", "options"),
     [
-        ((0,), {"heartbeat_ms": 0.0}), ((0,), {}), ((0, 1, 2), {}), ((0, 1, 2), {"staged": False}),
+        ((0,), {"heartbeat_ms": 0.0}),
+        ((0,), {}),
+        ((0, 1, 2), {}),
+        ((0, 1, 2), {"staged": False}),
         ((0, 1, 2, 3), {"heartbeat_ms": 50.0}),
     ],
-)  # fmt: skip
+)
 def test_the_rate_is_the_one_that_is_said(channels, options):
     world = World()
     dac = world.open(channels, **options)

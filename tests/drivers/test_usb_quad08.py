@@ -20,8 +20,10 @@ from hil.sim_devices.usb.backend import SimUsb
 
 MS = 1_000_000
 #: UL for Linux 1.2.1, as in the protocol notes: six counters of 32 bits.
-SIX_32 = "0003 0060 000b 0062 001b 0060 001b 0062 002b 0060 002b 0062 003b 0060 003b 0062 " \
-         "004b 0060 004b 0062 005b 0060 005f 0062"  # fmt: skip
+SIX_32 = (
+    "0003 0060 000b 0062 001b 0060 001b 0062 002b 0060 002b 0062 003b 0060 003b 0062 "
+    "004b 0060 004b 0062 005b 0060 005f 0062"
+)
 
 
 class World:
@@ -107,17 +109,29 @@ def test_transfers_of_an_asynchronous_counter():
     link, seen = world.link(), transfers(world)
     configure(link, 3, Quad08Config(), asynchronous=True)
     assert [(i, v) for _, _, v, i, _ in seen] == [
-        (0x2E, 3), (0x2C, 0x8080), (0x2E, 3), (0x2D, 0x8080), (0x2E, 3), (0x28, 0x2815),
-        (0x2E, 0x33), (0x28, 0xFFFF), (0x2E, 0x23), (0x28, 0xFFFF), (0x2E, 0x13), (0x28, 0xFFFF),
-    ]  # fmt: skip
+        (0x2E, 3),
+        (0x2C, 0x8080),
+        (0x2E, 3),
+        (0x2D, 0x8080),
+        (0x2E, 3),
+        (0x28, 0x2815),
+        (0x2E, 0x33),
+        (0x28, 0xFFFF),
+        (0x2E, 0x23),
+        (0x28, 0xFFFF),
+        (0x2E, 0x13),
+        (0x28, 0xFFFF),
+    ]
     assert {(kind, request, length) for kind, request, _, _, length in seen} == {(0x40, 0xB4, 0)}
     world.speed[3] = -7000.0
     world.advance(100 * MS)
     assert read_count(link, 3) == 2**48 - 700
     assert seen[-4:] == [
-        (0x40, 0xB4, 3, 0x2E, 0), (0xC0, 0xB4, 0, 0x30, 2), (0xC0, 0xB4, 0, 0x31, 2),
+        (0x40, 0xB4, 3, 0x2E, 0),
+        (0xC0, 0xB4, 0, 0x30, 2),
+        (0xC0, 0xB4, 0, 0x31, 2),
         (0xC0, 0xB4, 0, 0x32, 2),
-    ]  # fmt: skip
+    ]
 
 
 def test_the_order_of_a_start():

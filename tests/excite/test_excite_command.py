@@ -77,8 +77,20 @@ def test_outputs_are_not_written_over(tmp_path, capsys):
 
 
 def test_a_trajectory_beyond_the_limits_moves_no_motor(tmp_path, capsys):
-    main(["excite", str(RIG), "--for", "cogging", "--joint", "joint1", "--seconds", "8",
-          "-o", str(tmp_path / "m.toml")])  # fmt: skip
+    main(
+        [
+            "excite",
+            str(RIG),
+            "--for",
+            "cogging",
+            "--joint",
+            "joint1",
+            "--seconds",
+            "8",
+            "-o",
+            str(tmp_path / "m.toml"),
+        ]
+    )
     narrow = tmp_path / "narrow.toml"
     rig = RIG.read_text(encoding="utf-8")
     limits = "position_min = [-0.1, 0.0, 0.0]\nposition_max = [0.1, 0.8, 0.6]\n"

@@ -47,9 +47,14 @@ def test_speed_and_acceleration_are_the_derivatives_of_position():
 def test_the_lead_in_keeps_to_the_speed_limits():
     via = np.array([[0.0], [1.0], [0.0]])
     x = Trajectory(
-        ("a",), ("rad",), 2.0, np.array([0.0, 1.0, 2.0]), via, np.full(3, 0.05),
+        ("a",),
+        ("rad",),
+        2.0,
+        np.array([0.0, 1.0, 2.0]),
+        via,
+        np.full(3, 0.05),
         np.zeros((1, 0, 2)),
-    )  # fmt: skip
+    )
     quick = trajectory.played(x, 4.0, RATE, np.full(1, 10.0))  # strokes at 1 rad/s
     assert quick.lead == 2.0 and np.abs(quick.qd).max() > 1.3
     slow = trajectory.played(x, 4.0, RATE, np.full(1, 1.1))

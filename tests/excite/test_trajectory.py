@@ -29,9 +29,14 @@ def motion(seed: int) -> Trajectory:
     via = rng.uniform(-0.4, 0.4, (7, 2))
     via[-1] = via[0]
     return Trajectory(
-        ("a", "b"), ("rad", "m"), float(times[-1]), times, via, np.full(7, 0.5),
+        ("a", "b"),
+        ("rad", "m"),
+        float(times[-1]),
+        times,
+        via,
+        np.full(7, 0.5),
         0.05 * rng.normal(size=(2, 4, 2)),
-    )  # fmt: skip
+    )
 
 
 @settings(max_examples=20, deadline=None)
@@ -97,9 +102,7 @@ def test_the_menu_keeps_to_the_limits(name, joint):
 def test_what_does_not_fit_the_arm_is_refused():
     robot, limits, space = premium()
     x = menu.fast_strokes(space, 0, 20.0)
-    other = Trajectory(
-        ("a", "b", "c"), x.units, x.period, x.times, x.via, x.blend, x.series
-    )  # fmt: skip
+    other = Trajectory(("a", "b", "c"), x.units, x.period, x.times, x.via, x.blend, x.series)
     with pytest.raises(ConfigError, match="moves a, b, c"):
         check(other, limits, robot, 1000.0)
     with pytest.raises(ConfigError, match="at 50 Hz"):

@@ -57,13 +57,21 @@ LAWS: dict[str, Law] = {
     "square": lambda t, q, v, a: 0.1 * a * np.abs(q),
 }
 DESIGNS = (
-    "position-error", "position-force", "four-channel", "three-channel-1", "three-channel-3",
-    "motion-forward", "force-forward",
-)  # fmt: skip
+    "position-error",
+    "position-force",
+    "four-channel",
+    "three-channel-1",
+    "three-channel-3",
+    "motion-forward",
+    "force-forward",
+)
 RUNS = {
-    "teleop": ("teleop",), "identify": ("identify",), "lawrence": ("lawrence",),
-    "mechanical-operator": ("mechanical-operator",), "wire": ("wire.toml",),
-}  # fmt: skip
+    "teleop": ("teleop",),
+    "identify": ("identify",),
+    "lawrence": ("lawrence",),
+    "mechanical-operator": ("mechanical-operator",),
+    "wire": ("wire.toml",),
+}
 
 
 def diagnosis(law: str, folder: Path) -> dict[str, Any]:
@@ -138,11 +146,13 @@ def rounded(x: Any) -> Any:
 
 def everything(folder: Path) -> dict[str, Any]:
     """All that is frozen."""
-    return rounded({
-        "diagnoses": {law: diagnosis(law, folder) for law in LAWS},
-        "designs": {name: design(name) for name in DESIGNS},
-        "sessions": {name: session(name, folder) for name in RUNS},
-    })  # fmt: skip
+    return rounded(
+        {
+            "diagnoses": {law: diagnosis(law, folder) for law in LAWS},
+            "designs": {name: design(name) for name in DESIGNS},
+            "sessions": {name: session(name, folder) for name in RUNS},
+        }
+    )
 
 
 if __name__ == "__main__":

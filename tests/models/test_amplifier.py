@@ -45,11 +45,20 @@ def made(q: np.ndarray, tau: np.ndarray | None = None) -> Motion:
     """A motion of two axes through positions (n, 2) with efforts (n, 2)."""
     zero, one = np.zeros(q.shape), np.ones(2)
     return Motion(
-        t=np.arange(len(q)) / 100.0, q=q, qd=zero, qdd=zero, tau=zero if tau is None else tau,
-        tau_ext=zero, load=zero, static=zero, v0=one, resolution=one,
-        contact=np.array([[0.0, 1.0]] * 2), span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
+        t=np.arange(len(q)) / 100.0,
+        q=q,
+        qd=zero,
+        qdd=zero,
+        tau=zero if tau is None else tau,
+        tau_ext=zero,
+        load=zero,
+        static=zero,
+        v0=one,
+        resolution=one,
+        contact=np.array([[0.0, 1.0]] * 2),
+        span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
         robot=IndependentAxes(("a", "b")),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e3])

@@ -16,9 +16,7 @@ CABLE = catalogue.get("hardening-cable")
 
 
 def load_at(t):
-    return (
-        0.02 * np.sin(5.7 * t) + 0.012 * np.sin(17.0 * t + 1) + 0.006 * np.sin(37.7 * t)
-    )  # fmt: skip
+    return 0.02 * np.sin(5.7 * t) + 0.012 * np.sin(17.0 * t + 1) + 0.006 * np.sin(37.7 * t)
 
 
 def dense(t, stretch, tension, lag):
@@ -52,10 +50,13 @@ def test_the_kernel_solves_its_equation(f: float, tension: float, zeta: float) -
     lag, stretch = zeta / (np.pi * f), tension / (INERTIA * (2 * np.pi * f) ** 2)
     exact, load = dense(t, stretch, tension, lag), load_at(t)
     misses = [
-        rms(softened(load, t, np.full(t.size, INERTIA), STEP, stretch, tension, lag, 0.0, 1.0, n)
-            - exact) / rms(exact - load)
+        rms(
+            softened(load, t, np.full(t.size, INERTIA), STEP, stretch, tension, lag, 0.0, 1.0, n)
+            - exact
+        )
+        / rms(exact - load)
         for n in (1, 2, 4)
-    ]  # fmt: skip
+    ]
     assert misses[0] < 0.05
     # what is left at last is that of a difference of speeds two samples apart
     assert misses[2] < 0.012
@@ -93,10 +94,20 @@ def swing(n: int = 4000) -> Motion:
     qd, qdd = np.gradient(q, STEP, axis=0), np.gradient(np.gradient(q, STEP, axis=0), STEP, axis=0)
     load, zero = INERTIA * qdd, np.zeros_like(q)
     return Motion(
-        t=t, q=q, qd=qd, qdd=qdd, tau=load, tau_ext=zero, load=load, static=zero,
-        v0=np.full(1, 0.01), resolution=np.full(1, 0.01), span=np.array([[-1.0, 1.0]]),
-        contact=np.full((1, 2), np.nan), robot=IndependentAxes(("a",)),
-    )  # fmt: skip
+        t=t,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=load,
+        tau_ext=zero,
+        load=load,
+        static=zero,
+        v0=np.full(1, 0.01),
+        resolution=np.full(1, 0.01),
+        span=np.array([[-1.0, 1.0]]),
+        contact=np.full((1, 2), np.nan),
+        robot=IndependentAxes(("a",)),
+    )
 
 
 def test_the_friction_of_the_link_slows_it_in_its_flight() -> None:

@@ -273,11 +273,12 @@ def test_a_file_of_the_earlier_form_is_told_what_belongs_where(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"search": log_grid}, "expected Grid"), ({"traits": "late"}, "expected Trait"),
+        ({"search": log_grid}, "expected Grid"),
+        ({"traits": "late"}, "expected Trait"),
         ({"strict": True}, "'strict' belongs into limits"),
         ({"twins": lambda s, m: ()}, ""),
     ],
-)  # fmt: skip
+)
 def test_a_part_that_is_none_is_named(change: dict[str, Any], said: str) -> None:
     made = type("Mine", (BusLatency,), change)()
     if not said:  # a function of its own that only has such a name

@@ -41,10 +41,20 @@ IMPOSSIBLE = {
 }
 #: Effects of which either sign and any size can be.
 ANY = {
-    "asymmetric-coulomb", "asymmetric-viscous", "quadratic-drag", "position-friction",
-    "torque-offset", "cogging", "payload", "spring", "position-torque", "periodic-disturbance",
-    "force-bias", "force-drift", "encoder-eccentricity",
-}  # fmt: skip
+    "asymmetric-coulomb",
+    "asymmetric-viscous",
+    "quadratic-drag",
+    "position-friction",
+    "torque-offset",
+    "cogging",
+    "payload",
+    "spring",
+    "position-torque",
+    "periodic-disturbance",
+    "force-bias",
+    "force-drift",
+    "encoder-eccentricity",
+}
 
 
 def swing(n: int = 2000, length: float = 20.0) -> Motion:
@@ -58,10 +68,20 @@ def swing(n: int = 2000, length: float = 20.0) -> Motion:
     )
     zero = np.zeros_like(q)
     return Motion(
-        t=t, q=q, qd=qd, qdd=qdd, tau=qdd, tau_ext=zero, load=qdd, static=zero,
-        v0=np.full(2, 0.01), resolution=np.full(2, 0.001), span=np.array([[-1.0, 1.0]] * 2),
-        contact=np.array([[0.0, 1.0]] * 2), robot=IndependentAxes(("a", "b")),
-    )  # fmt: skip
+        t=t,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=qdd,
+        tau_ext=zero,
+        load=qdd,
+        static=zero,
+        v0=np.full(2, 0.01),
+        resolution=np.full(2, 0.001),
+        span=np.array([[-1.0, 1.0]] * 2),
+        contact=np.array([[0.0, 1.0]] * 2),
+        robot=IndependentAxes(("a", "b")),
+    )
 
 
 def allowed(name, shape, beta, error=()):
@@ -120,10 +140,15 @@ def test_a_transient_at_the_start_is_no_drift() -> None:
 @pytest.mark.parametrize(
     ("ends", "words"),
     [
-        ((2.3, 2.4), "2.3 to 2.4"), ((2.351, 2.412), "2.351 to 2.412"), ((0.0, 3.0), "0 to 3"),
-        ((1.96, 2.04), "1.96 to 2.04"), ((100.2, 101.4), "100.2 to 101.4"), ((2.0, 2.0), "2 to 2"),
-        ((-np.inf, 2.0), "-inf to 2"), ((1e-4, 1.2e-4), "0.0001 to 0.00012"),
+        ((2.3, 2.4), "2.3 to 2.4"),
+        ((2.351, 2.412), "2.351 to 2.412"),
+        ((0.0, 3.0), "0 to 3"),
+        ((1.96, 2.04), "1.96 to 2.04"),
+        ((100.2, 101.4), "100.2 to 101.4"),
+        ((2.0, 2.0), "2 to 2"),
+        ((-np.inf, 2.0), "-inf to 2"),
+        ((1e-4, 1.2e-4), "0.0001 to 0.00012"),
     ],
-)  # fmt: skip
+)
 def test_rounding_does_not_close_an_interval(ends, words) -> None:
     assert interval(*ends) == words

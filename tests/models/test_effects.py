@@ -29,11 +29,20 @@ def motion_of(robot: Robot, n: int = 40, seed: int = 0) -> Motion:
     q, qd, qdd, tau, ext, load, static = rng.normal(size=(7, n, d))
     qd[3] = 0.0
     return Motion(
-        t=np.arange(n) * 0.01, q=q, qd=qd, qdd=qdd, tau=tau, tau_ext=ext, load=load, static=static,
-        v0=np.linspace(0.02, 0.05, d), resolution=np.full(d, 0.01),
+        t=np.arange(n) * 0.01,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=tau,
+        tau_ext=ext,
+        load=load,
+        static=static,
+        v0=np.linspace(0.02, 0.05, d),
+        resolution=np.full(d, 0.01),
         span=np.stack([q.min(axis=0), q.max(axis=0)], axis=1),
-        contact=np.array([[0.1, 1.0], [-0.2, -1.0], [0.0, 1.0]])[:d], robot=robot,
-    )  # fmt: skip
+        contact=np.array([[0.1, 1.0], [-0.2, -1.0], [0.0, 1.0]])[:d],
+        robot=robot,
+    )
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -358,7 +367,7 @@ BROKEN: list[tuple[str, dict[str, Any], str]] = [
     ),
     ("twin", {"relations": Relations(twins=(Twin("stribek"),))}, "Did you mean 'stribeck'"),
     ("time", {"columns": lambda s, m, j, x: m.t[:, None] + 0.0}, "time axis is shifted"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("label", "change", "text"), BROKEN, ids=[b[0] for b in BROKEN])

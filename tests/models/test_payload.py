@@ -35,10 +35,20 @@ def moving(robot: Robot, n: int = 300) -> Motion:
     tau = robot.tip_mass(q, qd, qdd)
     assert tau is not None
     return Motion(
-        t=np.arange(n) * 0.01, q=q, qd=qd, qdd=qdd, tau=tau, tau_ext=zero, load=zero, static=zero,
-        v0=np.full(d, 0.01), resolution=np.full(d, 0.01), span=np.array([[-1.0, 1.0]] * d),
-        contact=np.full((d, 2), np.nan), robot=robot,
-    )  # fmt: skip
+        t=np.arange(n) * 0.01,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=tau,
+        tau_ext=zero,
+        load=zero,
+        static=zero,
+        v0=np.full(d, 0.01),
+        resolution=np.full(d, 0.01),
+        span=np.array([[-1.0, 1.0]] * d),
+        contact=np.full((d, 2), np.nan),
+        robot=robot,
+    )
 
 
 @pytest.mark.parametrize("link", [1, 2, 3])

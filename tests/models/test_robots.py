@@ -105,16 +105,18 @@ def exact_parameters() -> np.ndarray:
     dxx, dyy, dzz = 7.11e-4, 0.629e-4, 6.246e-4
     every = ayy + azz + 2 * 11.87e-4 + byy + bzz + cyy + czz + dyy + dzz
     lever = 4 * l1**2 * ma + l2**2 * ma + l1**2 * mc + 4 * l3**2 * mc
-    return np.array([
-        (4 * every + lever) / 8,
-        (4 * (byy - bzz + cyy - czz) + l1**2 * (4 * ma + mc)) / 8,
-        (4 * (ayy - azz + dyy - dzz) - l2**2 * ma - 4 * l3**2 * mc) / 8,
-        l1 * (l2 * ma + l3 * mc),
-        bxx + cxx + l1**2 * ma + l1**2 * mc / 4,
-        axx + dxx + l2**2 * ma / 4 + l3**2 * mc,
-        g * (l1 * ma + l5 * mbe + l1 * mc / 2),
-        g * (l2 * ma / 2 + l3 * mc - l6 * mdf),
-    ])  # fmt: skip
+    return np.array(
+        [
+            (4 * every + lever) / 8,
+            (4 * (byy - bzz + cyy - czz) + l1**2 * (4 * ma + mc)) / 8,
+            (4 * (ayy - azz + dyy - dzz) - l2**2 * ma - 4 * l3**2 * mc) / 8,
+            l1 * (l2 * ma + l3 * mc),
+            bxx + cxx + l1**2 * ma + l1**2 * mc / 4,
+            axx + dxx + l2**2 * ma / 4 + l3**2 * mc,
+            g * (l1 * ma + l5 * mbe + l1 * mc / 2),
+            g * (l2 * ma / 2 + l3 * mc - l6 * mdf),
+        ]
+    )
 
 
 def test_premium_is_the_pinocchio_tree_with_its_linear_map() -> None:
@@ -343,9 +345,16 @@ def test_urdf_tip_load_is_a_body_whose_centre_lies_apart_from_the_tip() -> None:
     point = pin.Inertia(mass, centre, np.zeros((3, 3)))
     added = pin.Inertia.FromDynamicParameters(
         point.toDynamicParameters()
-        + np.r_[np.zeros(4), spread[0, 0], spread[0, 1], spread[1, 1], spread[0, 2], spread[1, 2],
-                spread[2, 2]]
-    )  # fmt: skip
+        + np.r_[
+            np.zeros(4),
+            spread[0, 0],
+            spread[0, 1],
+            spread[1, 1],
+            spread[0, 2],
+            spread[1, 2],
+            spread[2, 2],
+        ]
+    )
     loaded.appendBodyToJoint(frame.parentJoint, added, place)
     one, two = bare.createData(), loaded.createData()
     q, qd, qdd = states(30)

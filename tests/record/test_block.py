@@ -19,9 +19,11 @@ CHANNELS = [
     Channel("/loop/timing", "fields", ("a", "b", "c"), units=("ns",) * 3, message="hil_msgs/msg/T"),
 ]
 TOPICS = [
-    ("/arm/measured_js", slice(2, 6)), ("/arm/setpoint_jf", slice(0, 2)),
-    ("/arm/measured_cf", slice(6, 12)), ("/loop/timing", slice(12, 15)),
-]  # fmt: skip
+    ("/arm/measured_js", slice(2, 6)),
+    ("/arm/setpoint_jf", slice(0, 2)),
+    ("/arm/measured_cf", slice(6, 12)),
+    ("/loop/timing", slice(12, 15)),
+]
 
 
 def write(path, bursts, rows_at_once):
@@ -43,9 +45,7 @@ def write(path, bursts, rows_at_once):
     return path.read_bytes(), count
 
 
-@given(
-    st.lists(st.tuples(st.integers(0, 150), st.just(1_000_000), st.integers(0, 9)), max_size=8)
-)  # fmt: skip
+@given(st.lists(st.tuples(st.integers(0, 150), st.just(1_000_000), st.integers(0, 9)), max_size=8))
 @settings(deadline=None, max_examples=30)
 def test_blocks_are_messages(tmp_path_factory, bursts):
     folder = tmp_path_factory.mktemp("block")

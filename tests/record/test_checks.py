@@ -176,9 +176,13 @@ def test_clipped_effort():
 
 @pytest.mark.parametrize(
     ("factor", "code", "text"),
-    [(57.3, "velocity-scale", "degrees"), (-1.0, "velocity-sign", "opposite signs"),
-     (0.001, "velocity-scale", "milliseconds"), (2.0, "velocity-scale", "is 2")],
-)  # fmt: skip
+    [
+        (57.3, "velocity-scale", "degrees"),
+        (-1.0, "velocity-sign", "opposite signs"),
+        (0.001, "velocity-scale", "milliseconds"),
+        (2.0, "velocity-scale", "is 2"),
+    ],
+)
 def test_velocity_that_is_not_the_derivative(factor, code, text):
     found = check(one(recording(), "qd", lambda x: factor * x))
     assert [(f.code, f.joint) for f in found] == [(code, "joint1")]

@@ -21,8 +21,11 @@ RIG = str(Path(__file__).parents[2] / "rigs" / "teleop.toml")
 def sessions(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sessions")
     for name, more in {
-        "one": [], "two": [], "other": ["--at", "0.1 set force_scale 0.5"], "seed": ["--seed", "4"],
-    }.items():  # fmt: skip
+        "one": [],
+        "two": [],
+        "other": ["--at", "0.1 set force_scale 0.5"],
+        "seed": ["--seed", "4"],
+    }.items():
         words = ["run", RIG, "--seconds", "0.2", "--seed", "3", *more, "-o"]
         assert main([*words, str(folder / f"{name}.mcap")]) == 0
     return folder

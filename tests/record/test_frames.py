@@ -104,8 +104,10 @@ def test_a_failure_in_the_field_comes_again_on_the_desk(tmp_path, monkeypatch, b
 
 def test_a_driver_that_now_asks_something_else_is_told_apart(tmp_path):
     field = run(tmp_path / "field.mcap", "sim-wire", frames=True)
-    over = {"devices": {**ARMS, "follower-force": {"backend": "replay"}},
-            "record": {"replay": str(field)}}  # fmt: skip
+    over = {
+        "devices": {**ARMS, "follower-force": {"backend": "replay"}},
+        "record": {"replay": str(field)},
+    }
     rig = open_rig(load_rig(RIG, over), 0)
     replay = rig.taps.replays["follower-ft"]
     assert replay.other == 0
@@ -116,8 +118,13 @@ def test_a_driver_that_now_asks_something_else_is_told_apart(tmp_path):
 
 
 def test_answers_wait_for_their_time_and_their_question():
-    frames = [Frame(50, START), Frame(50, TX, "a", b"1"), Frame(60, RX, "b", b"2"),
-              Frame(70, TX, "a", b"1"), Frame(70, RX, "b", b"3")]  # fmt: skip
+    frames = [
+        Frame(50, START),
+        Frame(50, TX, "a", b"1"),
+        Frame(60, RX, "b", b"2"),
+        Frame(70, TX, "a", b"1"),
+        Frame(70, RX, "b", b"3"),
+    ]
     replay = Replay("box", frames)
     replay.advance(1000)
     assert replay.take(True) is None
@@ -203,8 +210,10 @@ def test_an_encoder_box_that_was_unplugged_is_unplugged_again(tmp_path, monkeypa
 
 @pytest.mark.real_time
 def test_frames_have_the_log_time_of_their_tick(tmp_path):
-    over = {"devices": {**ARMS, "follower-force": {"backend": "sim-wire"}},
-            "record": {"frames": True}}  # fmt: skip
+    over = {
+        "devices": {**ARMS, "follower-force": {"backend": "sim-wire"}},
+        "record": {"frames": True},
+    }
     runner.run(load_rig(RIG, over), 0.2, seed=3, clock="real", output=tmp_path / "s.mcap")
     topics = read(tmp_path / "s.mcap").topics
     rows, frames = topics["/rig/raw"].times, topics["/frames/follower-ft"].times
@@ -216,16 +225,22 @@ def test_frames_have_the_log_time_of_their_tick(tmp_path):
 
 def test_hil_run_says_where_a_driver_asks_something_else(tmp_path, capsys):
     field = run(tmp_path / "field.mcap", "sim-wire", frames=True)
-    over = {"devices": {**ARMS, "follower-force": {"backend": "replay"}},
-            "record": {"replay": str(field)},
-            "boxes": {"follower-ft": {"options": {"calibration": 3}}}}  # fmt: skip
+    over = {
+        "devices": {**ARMS, "follower-force": {"backend": "replay"}},
+        "record": {"replay": str(field)},
+        "boxes": {"follower-ft": {"options": {"calibration": 3}}},
+    }
     rig = tmp_path / "desk.toml"
     config = load_rig(RIG, over)
     rig.write_text(rig_text(config), encoding="utf-8")
     # slot 3 instead of 0: the recorded echo gives it away
     assert main(["run", str(rig), "--seconds", "0.1", "-o", str(tmp_path / "x.mcap")]) == 3
     assert "asked for calibration 3, the board echoes 00" in capsys.readouterr().err
-    rig.write_text(rig_text(load_rig(RIG, {**over, "boxes": {"follower-ft": {"options": {
-        "answer_ms": 3.0}}}})), encoding="utf-8")  # fmt: skip
+    rig.write_text(
+        rig_text(
+            load_rig(RIG, {**over, "boxes": {"follower-ft": {"options": {"answer_ms": 3.0}}}})
+        ),
+        encoding="utf-8",
+    )
     assert main(["run", str(rig), "--seconds", "0.1", "-o", str(tmp_path / "x.mcap")]) == 0
     assert differences(str(tmp_path / "x.mcap")) == []

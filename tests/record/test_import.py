@@ -198,8 +198,10 @@ def test_every_run_into_a_folder(tmp_path, capsys, stacked):
     assert main(["import", str(table), *options]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [s["session"].split("/")[-1] for s in found["sessions"]] == [
-        "run_0.mcap", "run_1.mcap", "run_2.mcap",
-    ]  # fmt: skip
+        "run_0.mcap",
+        "run_1.mcap",
+        "run_2.mcap",
+    ]
     for name, table_ in runs.items():
         np.testing.assert_array_equal(
             load(tmp_path / "out" / f"{name}.mcap").tau[:, 0], table_["tau1"]

@@ -219,9 +219,13 @@ def test_urdf_of_another_robot(tmp_path, refuse):
 
 @pytest.mark.parametrize(
     ("text", "word"),
-    [("<robot", "does not parse"), ("<html/>", "<robot>"), ("<robot/>", "no moving joint"),
-     (URDF.replace('"revolute"', '"floating"'), "floating")],
-)  # fmt: skip
+    [
+        ("<robot", "does not parse"),
+        ("<html/>", "<robot>"),
+        ("<robot/>", "no moving joint"),
+        (URDF.replace('"revolute"', '"floating"'), "floating"),
+    ],
+)
 def test_urdf_that_is_none(tmp_path, refuse, text, word):
     (tmp_path / "bad.urdf").write_text(text)
     table = changed(tmp_path, lambda c: None)

@@ -182,12 +182,14 @@ def test_effort_of_the_state_where_there_is_no_setpoint(tmp_path):
         ([Channel("/arm/measured_js", "fields", ("a",))], "expected sensor_msgs/msg/JointState"),
         ([Channel("/x/y", "fields", ("a",))], "no /<arm>/measured_js channel. It has: /x/y"),
         (
-            [Channel("/arm/measured_js", "joint_state", ("a",), ("position",)),
-             Channel("/arm/setpoint_jf", "joint_state", ("b",), ("effort",))],
+            [
+                Channel("/arm/measured_js", "joint_state", ("a",), ("position",)),
+                Channel("/arm/setpoint_jf", "joint_state", ("b",), ("effort",)),
+            ],
             "1 numbers a message of b",
         ),
     ],
-)  # fmt: skip
+)
 def test_sessions_without_what_is_needed(tmp_path, channels, word):
     with pytest.raises(DataError) as caught:
         load(session(tmp_path / "s.mcap", channels))
@@ -230,8 +232,11 @@ def test_any_channel_of_numbers(tmp_path):
     np.testing.assert_allclose(t, np.arange(50) * 1e-3)
     assert {n: v[0] for n, v in fields.items()} == {"count": 0, "word_2": 1}
     assert {n: v[9] for n, v in read_fields(path, "/arm/measured_js")[1].items()} == {
-        "position.a": 0, "position.b": 1, "effort.a": 2, "effort.b": 3,
-    }  # fmt: skip
+        "position.a": 0,
+        "position.b": 1,
+        "effort.a": 2,
+        "effort.b": 3,
+    }
     assert list(read_fields(path, "/arm/measured_cf")[1]) == ["fx", "fy", "fz", "tx", "ty", "tz"]
     with pytest.raises(DataError, match="Did you mean '/rig/raw'"):
         read_fields(path, "/rig/row")

@@ -56,8 +56,10 @@ def test_another_reader_reads_it_in_order(tmp_path):
     for k, (schema, _, raw, message) in enumerate(rows):
         assert schema.name == "sensor_msgs/msg/JointState"
         assert (raw.sequence, raw.log_time, raw.publish_time) == (
-            k + 1, START + k * 10**6, START + k * 10**6,
-        )  # fmt: skip
+            k + 1,
+            START + k * 10**6,
+            START + k * 10**6,
+        )
         assert list(message.effort) == [k * 0.5] * 2
         assert not message.position
 
@@ -80,9 +82,10 @@ def test_metadata_and_attachments_come_first(tmp_path):
 @pytest.mark.parametrize("channels", [(STATE,), (STATE, EFFORT, WIDE)])
 def test_chunks_are_small_in_bytes_and_time(tmp_path, channels):
     chunks = [
-        r for r in records(write(tmp_path / "s.mcap", channels=channels))
+        r
+        for r in records(write(tmp_path / "s.mcap", channels=channels))
         if type(r).__name__ == "Chunk"
-    ]  # fmt: skip
+    ]
     assert len(chunks) >= 5
     assert max(c.uncompressed_size for c in chunks) <= CHUNK_BYTES
     assert max(c.message_end_time - c.message_start_time for c in chunks) <= CHUNK_NS
@@ -151,9 +154,12 @@ def test_a_recording_comes_back_whole(tmp_path):
     from dataclasses import replace
 
     full = replace(
-        r, tau_ext=rng.normal(size=r.q.shape), wrench=rng.normal(size=(r.n, 6)),
-        current=rng.normal(size=r.q.shape), temperature=rng.normal(size=r.q.shape),
-    )  # fmt: skip
+        r,
+        tau_ext=rng.normal(size=r.q.shape),
+        wrench=rng.normal(size=(r.n, 6)),
+        current=rng.normal(size=r.q.shape),
+        temperature=rng.normal(size=r.q.shape),
+    )
     write_recordings(tmp_path / "s.mcap", [full])
     back = load(tmp_path / "s.mcap")
     for key in ("q", "qd", "tau", "tau_ext", "wrench", "current", "temperature"):

@@ -18,9 +18,14 @@ from hil.record.recording import Recording
 from hil.report.html import comparison_report, diagnosis_report
 
 SECTIONS = (
-    "Error ladder", "Where the model fails", "Candidates", "Measured and predicted effort",
-    "Parameters of the", "What these data cannot tell apart", "Provenance",
-)  # fmt: skip
+    "Error ladder",
+    "Where the model fails",
+    "Candidates",
+    "Measured and predicted effort",
+    "Parameters of the",
+    "What these data cannot tell apart",
+    "Provenance",
+)
 
 
 def axes(

@@ -84,16 +84,30 @@ class Bench:
         config, safety = arm or ArmConfig(), safety or SafetyConfig()
         robot = of_arm(config, RobotSource(config.robot))
         port = ArmPort(
-            self.arm, self.arm, self.arm, self.arm.counts, self.arm.codes, self.arm.gauges,
-            np.array(config.torque_limit), np.array(config.speed_limit),
-            limits(config, robot, safety, 12.0), tip, box,
-        )  # fmt: skip
+            self.arm,
+            self.arm,
+            self.arm,
+            self.arm.counts,
+            self.arm.codes,
+            self.arm.gauges,
+            np.array(config.torque_limit),
+            np.array(config.speed_limit),
+            limits(config, robot, safety, 12.0),
+            tip,
+            box,
+        )
         self.ring = Ring(5000, FrameLayout(1, 1).width)
         self.clock = VirtualClock(DT_NS)
         self.loop = Loop(
-            [port], Push(effort), self.clock, self.ring, FrameLayout(1, 1), DT_NS, 0,
+            [port],
+            Push(effort),
+            self.clock,
+            self.ring,
+            FrameLayout(1, 1),
+            DT_NS,
+            0,
             safety.missed_limit,
-        )  # fmt: skip
+        )
         self.loop.begin()
         self.run(10)
 
@@ -115,7 +129,10 @@ CASES = {
     "encoders repeat": (lambda a: setattr(a, "js", Status.STALE), "joint-stale", State.PAUSED, 2),
     "force repeats": (lambda a: setattr(a, "cf", Status.STALE), "force-stale", State.PAUSED, 2),
     "force saturated": (
-        lambda a: setattr(a, "cf", Status.CLAMPED), "force-saturated", State.PAUSED, 1,
+        lambda a: setattr(a, "cf", Status.CLAMPED),
+        "force-saturated",
+        State.PAUSED,
+        1,
     ),
     "force above red": (lambda a: a.wrench.__setitem__(2, 11.0), "force-red", State.PAUSED, 1),
     "encoders lost": (lambda a: setattr(a, "js", Status.INVALID), "joint-lost", State.FAULT, 1),
@@ -126,7 +143,7 @@ CASES = {
     "force not a number": (lambda a: a.wrench.fill(np.nan), "not-a-number", State.FAULT, 1),
     "too fast": (lambda a: a.qd.__setitem__(1, -26.0), "overspeed", State.FAULT, 1),
     "driver refuses": (lambda a: setattr(a, "jf", Status.INVALID), "motor-refused", State.FAULT, 1),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", CASES)

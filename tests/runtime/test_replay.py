@@ -29,19 +29,30 @@ def test_a_session_in_real_time_is_reproduced_whatever_it_missed(tmp_path):
 def test_commands_of_the_operator_are_replayed_too(tmp_path):
     said = []
     schedule = [
-        (0.1, "pause"), (0.15, "resume"), (0.2, "set force_scale 0.4"),
-        (0.25, "set stiffness 9 8 4"), (0.3, "home"), (0.6, "stop"),
-    ]  # fmt: skip
+        (0.1, "pause"),
+        (0.15, "resume"),
+        (0.2, "set force_scale 0.4"),
+        (0.25, "set stiffness 9 8 4"),
+        (0.3, "home"),
+        (0.6, "stop"),
+    ]
     path = tmp_path / "s.mcap"
-    done = run(load_rig(RIGS / "teleop.toml"), 1.0, 3, output=path,
-               operator=Operator(schedule, said.append))  # fmt: skip
+    done = run(
+        load_rig(RIGS / "teleop.toml"),
+        1.0,
+        3,
+        output=path,
+        operator=Operator(schedule, said.append),
+    )
     assert done.ticks < 620 and done.state == "DISABLED"
     assert said == [
-        "tick 101: pause: done, PAUSED", "tick 151: resume: done, ENABLED",
+        "tick 101: pause: done, PAUSED",
+        "tick 151: resume: done, ENABLED",
         "tick 201: set force_scale 0.4: done, ENABLED",
-        "tick 251: set stiffness 9 8 4: done, ENABLED", "tick 301: home: done, ENABLED",
+        "tick 251: set stiffness 9 8 4: done, ENABLED",
+        "tick 301: home: done, ENABLED",
         "tick 601: stop: done, DISABLED",
-    ]  # fmt: skip
+    ]
     found = replay(path)
     assert found.differ == 0 and found.compared == found.ticks
 
@@ -84,8 +95,9 @@ def test_a_bad_schedule_is_refused_before_anything_is_opened(text, part, tmp_pat
 def test_only_start_gives_power_to_a_rig_that_waits(text, tmp_path):
     said = []
     operator = Operator([(0.05, text)], said.append, wait=True)
-    done = run(load_rig(RIGS / "teleop.toml"), 0.2, 3, output=tmp_path / "s.mcap",
-               operator=operator)  # fmt: skip
+    done = run(
+        load_rig(RIGS / "teleop.toml"), 0.2, 3, output=tmp_path / "s.mcap", operator=operator
+    )
     assert done.state == "DISABLED" and said == [f"tick 51: {text}: DISABLED, as before"]
     assert replay(tmp_path / "s.mcap").differ == 0
 
@@ -96,8 +108,13 @@ def test_no_single_parameter_within_its_range_faults_a_session(rig, edge, tmp_pa
     config = load_rig(RIGS / rig)
     for name, allowed in Shop(None, config).settable().items():
         values = " ".join([repr(getattr(allowed, edge))] * allowed.entries)
-        done = run(config, 0.6, 3, output=tmp_path / "s.mcap",
-                   operator=Operator([(0.1, f"set {name} {values}")]))  # fmt: skip
+        done = run(
+            config,
+            0.6,
+            3,
+            output=tmp_path / "s.mcap",
+            operator=Operator([(0.1, f"set {name} {values}")]),
+        )
         assert done.state in ("ENABLED", "PAUSED"), name
 
 

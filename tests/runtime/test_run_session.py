@@ -48,8 +48,11 @@ def test_a_fresh_process_writes_the_same_bytes(tmp_path):
 def test_channels_rates_and_metadata(tmp_path):
     found = summary(record(tmp_path / "s.mcap"))
     rates = {c.topic: (c.count, c.missing, round(c.rate_hz)) for c in found.channels}
-    arms = [f"/{a}/{c}" for a in ("leader", "follower")
-            for c in ("measured_js", "setpoint_jf", "measured_cf")]  # fmt: skip
+    arms = [
+        f"/{a}/{c}"
+        for a in ("leader", "follower")
+        for c in ("measured_js", "setpoint_jf", "measured_cf")
+    ]
     for topic in (*arms, "/rig/raw", "/loop/timing"):
         assert rates[topic] == (300, 0, 1000)
     assert rates["/controller/state"] == (30, 0, 100)
@@ -105,8 +108,14 @@ def test_progress_and_live_figures_come_while_the_loop_runs(tmp_path):
     done, said = [], []
     operator = Operator(live=said.append)
     config = load_rig(RIGS / "teleop.toml", {"loop": {"realtime": False}})
-    found = run(config, 0.6, clock="real", output=tmp_path / "s.mcap", progress=done.append,
-                operator=operator)  # fmt: skip
+    found = run(
+        config,
+        0.6,
+        clock="real",
+        output=tmp_path / "s.mcap",
+        progress=done.append,
+        operator=operator,
+    )
     assert len(done) >= 3 and sum(done) == found.ticks + found.missed
     assert 2 <= len(said) <= 4 and all("ENABLED" in s and "late p50" in s for s in said)
 
@@ -147,8 +156,9 @@ def test_the_hot_path_keeps_no_memory(memory_growth):
     rig = open_rig(config, 0)
     layout = FrameLayout(2, len(rig.controller.state_names))
     ring = Ring(100, layout.width)
-    loop = Loop(rig.ports, rig.controller, VirtualClock(1_000_000), ring, layout, 1_000_000,
-                rig.origin_ns)  # fmt: skip
+    loop = Loop(
+        rig.ports, rig.controller, VirtualClock(1_000_000), ring, layout, 1_000_000, rig.origin_ns
+    )
     loop.rehearse()
     rig.enable()
     grown = memory_growth(loop.step)

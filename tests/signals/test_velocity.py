@@ -15,8 +15,13 @@ from hil.signals.velocity.methods import low_pass
 T = 1e-3
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 #: Largest error at steady speed [counts per period].
-STEADY = {"first-difference": 1.0, "filtered-difference": 0.3, "foaw-end-fit": 0.1,
-          "foaw-best-fit": 0.1, "kalman": 0.3}  # fmt: skip
+STEADY = {
+    "first-difference": 1.0,
+    "filtered-difference": 0.3,
+    "foaw-end-fit": 0.1,
+    "foaw-best-fit": 0.1,
+    "kalman": 0.3,
+}
 
 
 def follow(name, counts, steps=None, **options):
@@ -74,8 +79,11 @@ def foaw(counts, noise, window, best):
     y, found = counts[::-1].astype(float), 0.0
     for n in range(1, min(window, len(y))):
         i = np.arange(n + 1)
-        b = (6 * np.sum((n - 2 * i) * y[: n + 1]) / (n * (n + 1) * (n + 2))) if best else (
-            y[0] - y[n]) / n  # fmt: skip
+        b = (
+            (6 * np.sum((n - 2 * i) * y[: n + 1]) / (n * (n + 1) * (n + 2)))
+            if best
+            else (y[0] - y[n]) / n
+        )
         j = np.arange(1, n)
         if np.any(np.abs(y[0] - b * j - y[j]) > noise):
             break

@@ -37,8 +37,9 @@ def tree():
     revolute = pin.JointModelRevoluteUnaligned
     base = link(0, pin.JointModelRZ(), [0, 0, 0], "base", 0.0, [0, 0, 0], [0, 0, inertia["base"]])
     be = link(base, revolute(pitch), [0, 0, 0], "be", mass["upper"], [geo["upper"], 0, 0], upper)
-    a = link(be, revolute(pitch), [l1, 0, 0], "a", mass["forearm"], [0, 0, -l2 / 2],
-             turned("forearm"))  # fmt: skip
+    a = link(
+        be, revolute(pitch), [l1, 0, 0], "a", mass["forearm"], [0, 0, -l2 / 2], turned("forearm")
+    )
     df = link(base, revolute(pitch), [0, 0, 0], "df", mass["crank"], [0, 0, geo["crank"]], crank)
     link(df, revolute(pitch), [0, 0, -l3], "c", mass["rod"], [l1 / 2, 0, 0], turned("rod"))
     tip = pin.Inertia(facts["sensors"]["nano17"]["mass"], np.array([0, 0, -l2]), np.zeros((3, 3)))
@@ -100,8 +101,15 @@ def energy(p, x):
 @pytest.mark.parametrize(("substeps", "tolerance"), [(16, 3e-3), (128, 4e-4)])
 def test_without_friction_energy_stays(substeps, tolerance):
     p, x = parameters(), np.zeros(1, STATE)
-    for name in ("coulomb_motor", "coulomb_link", "viscous_motor", "viscous_link", "noise_low",
-                 "noise_white", "cable_damping"):  # fmt: skip
+    for name in (
+        "coulomb_motor",
+        "coulomb_link",
+        "viscous_motor",
+        "viscous_link",
+        "noise_low",
+        "noise_white",
+        "cable_damping",
+    ):
         p[name] = 0.0
     x["q"], x["qm"] = [0.2, 0.4, 0.3], [0.2, 0.4, 0.3]
     x["v"], x["vm"] = [3.0, 1.0, -1.0], [3.0, 1.0, -1.0]
@@ -112,8 +120,18 @@ def test_without_friction_energy_stays(substeps, tolerance):
     kinetic += 0.5 * x["v"][0] @ mass_matrix(p, x["q"][0]) @ x["v"][0]
     words = np.zeros((1, 3), np.int64), np.zeros((1, 6), np.int64)
     for tick in range(500):
-        world.run(p, x, hand, gel, tick * 1e-3, 1e-3, substeps, np.zeros((1, 3), np.int64),
-                  np.zeros((1, NOISES)), *words)  # fmt: skip
+        world.run(
+            p,
+            x,
+            hand,
+            gel,
+            tick * 1e-3,
+            1e-3,
+            substeps,
+            np.zeros((1, 3), np.int64),
+            np.zeros((1, NOISES)),
+            *words,
+        )
         worst = max(worst, abs(energy(p, x) - start))
     assert np.abs(x["q"][0] - [0.2, 0.4, 0.3]).max() > 0.3
     assert worst < tolerance * kinetic

@@ -56,10 +56,12 @@ def test_page_says_which_goals_hold():
     rows = [
         identify.Row(peer, identify.DATA[missing], 1.0, 1.0, ratio)
         for peer, missing, ratio in (
-            ("hil.fit", False, 0.7), ("hil.fit", True, 0.9),
-            ("hil diagnose", False, 5.0), ("hil diagnose", True, 16.0),
+            ("hil.fit", False, 0.7),
+            ("hil.fit", True, 0.9),
+            ("hil diagnose", False, 5.0),
+            ("hil diagnose", True, 16.0),
         )
-    ]  # fmt: skip
+    ]
     length = identify.Length(600.0, 1.0, 1.0, 1000.0, "adequate", "complete")
     told = benchspeed.goals(identify.Report(60.0, 3, rows, [length])).splitlines()[2:]
     assert [line.rpartition(": ")[2] for line in told] == ["met", "missed", "met", "missed", "met"]

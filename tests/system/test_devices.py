@@ -151,10 +151,12 @@ def test_every_motor_gets_zero_when_a_session_is_broken_off(tmp_path, monkeypatc
         (('address = "leader-2"', 'address = "leader-1"'), "an address of its own"),
         (("channels.motors", "channels.motor"), "Did you mean 'motors'"),
         (("[boxes.encoders]\n", '[boxes.encoders]\nbackend = "hid"\n'), "speaks 'usb', not 'hid'"),
-        (("[boxes.leader-motor1]\n", "[boxes.leader-motor1]\noptions.heartbeat_ms = 0.0\n"),
-         "none of its motor boxes gives a heartbeat"),
+        (
+            ("[boxes.leader-motor1]\n", "[boxes.leader-motor1]\noptions.heartbeat_ms = 0.0\n"),
+            "none of its motor boxes gives a heartbeat",
+        ),
     ],
-)  # fmt: skip
+)
 def test_mistakes_in_the_wiring_are_named(tmp_path, change, says):
     path = rig_file(tmp_path, "sim-wire", change)
     with pytest.raises(ConfigError, match=says.replace("(", r"\(")):

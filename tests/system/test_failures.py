@@ -108,9 +108,13 @@ def test_a_package_whose_effects_do_not_load_is_left_out(folder, capsys, monkeyp
 
 
 @pytest.mark.parametrize(
-    ("text", "says"), [("", "is empty"), ('schema = "hil.rig/1"\n', "is not a model file"),
-                       ("x = 1\n", "is not a model file")],
-)  # fmt: skip
+    ("text", "says"),
+    [
+        ("", "is empty"),
+        ('schema = "hil.rig/1"\n', "is not a model file"),
+        ("x = 1\n", "is not a model file"),
+    ],
+)
 def test_a_file_that_is_no_model(folder, capsys, text, says):
     (folder / "m.toml").write_text(text)
     assert main(["fit", "s.mcap", "--model", "m.toml"]) == 2

@@ -29,9 +29,9 @@ def motion(seconds=6.0):
 def folder(tmp_path, monkeypatch):
     """A session, a table and a model, and the working directory there."""
     t, q, tau = motion()
-    write_recordings(tmp_path / "s.mcap", [
-        Recording("s", "arm", ("joint1",), t, q[:, None], tau[:, None])
-    ])  # fmt: skip
+    write_recordings(
+        tmp_path / "s.mcap", [Recording("s", "arm", ("joint1",), t, q[:, None], tau[:, None])]
+    )
     rows = [f"{a!r},{b!r},{c!r}" for a, b, c in zip(*(x.tolist() for x in (t, q, tau)))]  # noqa: B905
     (tmp_path / "run.csv").write_text("\n".join(["t,q1,tau1", *rows]) + "\n")
     (tmp_path / "m.toml").write_text(BASE)

@@ -92,8 +92,13 @@ def test_a_real_port_carries_the_same_bytes(own):
             os.write(board, answer + bytes([sum(answer) & 255]))
 
     try:
-        box = module.open_box("mcu", Bus("serial", pause=pause), os.ttyname(port),
-                              module.Config(baud=115200), (0, 1, 2))  # fmt: skip
+        box = module.open_box(
+            "mcu",
+            Bus("serial", pause=pause),
+            os.ttyname(port),
+            module.Config(baud=115200),
+            (0, 1, 2),
+        )
         np.testing.assert_array_equal(box.counts, [7, -8, 9])
         box.power(True)
         for channel, code in enumerate((1, 2, 3)):
@@ -112,7 +117,9 @@ def test_a_rig_file_finds_it_by_its_entry_point_and_says_what_is_missing(own, mo
     monkeypatch.setitem(registry.BUILT_IN["hil.boxes"], "serial-mcu", "serial_mcu")
     places = ["mcu/0", "mcu/1", "mcu/2"]
     arm = {"backend": "hardware", "channels": {"encoders": places, "motors": places}}
-    over = {"devices": {"follower-arm": arm},
-            "boxes": {"mcu": {"driver": "serial-mcu", "address": "/dev/ttyNONE"}}}  # fmt: skip
+    over = {
+        "devices": {"follower-arm": arm},
+        "boxes": {"mcu": {"driver": "serial-mcu", "address": "/dev/ttyNONE"}},
+    }
     with pytest.raises(DeviceError, match="/dev/ttyNONE"):
         open_rig(load_rig(RIGS / "identify.toml", over), 0)

@@ -108,10 +108,14 @@ def test_another_interface_is_a_change_of_the_boxs_table(box, tmp_path):
 @pytest.mark.parametrize(
     ("bit_rate", "second", "gaps"),
     [
-        (1_000_000, "can0", (1, 1)), (500_000, "can0", (1, 2)), (500_000, "can1", (1, 1)),
-        (250_000, "can0", (2, 3)), (250_000, "can1", (2, 2)), (125_000, "can0", (4, 7)),
+        (1_000_000, "can0", (1, 1)),
+        (500_000, "can0", (1, 2)),
+        (500_000, "can1", (1, 1)),
+        (250_000, "can0", (2, 3)),
+        (250_000, "can1", (2, 2)),
+        (125_000, "can0", (4, 7)),
     ],
-)  # fmt: skip
+)
 def test_every_how_many_ticks_a_force_is_new(bit_rate, second, gaps):
     """The table of docs/hardware.md; a slow bus is waited for and not asked over and over."""
     slow = {"options": {"bit_rate": bit_rate, "stale_ms": 10.0}}

@@ -81,8 +81,14 @@ def test_a_good_driver_passes_everything():
     checked = check_driver(far.open, far)
     assert not checked.skipped
     assert checked.done == [
-        "states", "position", "effort", "zero on exit", "unplug", "time-out", "bad frames",
-    ]  # fmt: skip
+        "states",
+        "position",
+        "effort",
+        "zero on exit",
+        "unplug",
+        "time-out",
+        "bad frames",
+    ]
 
 
 def test_the_arm_on_its_ideal_wire_passes():
@@ -95,9 +101,10 @@ def test_the_arm_on_its_ideal_wire_passes():
 def test_the_force_sensor_on_its_ideal_wire_passes():
     far = SensorFar()
     checked = check_driver(
-        lambda: FtSensor("ft", far.wire, FtSensorConfig(), 1e-3), far,
+        lambda: FtSensor("ft", far.wire, FtSensorConfig(), 1e-3),
+        far,
         tolerance=Tolerance(torque=0.02),  # of its cross-talk
-    )  # fmt: skip
+    )
     assert checked.done == ["states", "force"]
 
 

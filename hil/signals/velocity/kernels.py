@@ -137,8 +137,9 @@ def kalman(
 
 
 @nb.njit(cache=True, nogil=True)
-def low_passed_slope(value: Any, state: Any, steps: int, beta: float, period: float, out: Any
-                     ) -> None:  # fmt: skip
+def low_passed_slope(
+    value: Any, state: Any, steps: int, beta: float, period: float, out: Any
+) -> None:
     """Low-pass of the first difference of `value`; state: last value, last output."""
     # a += beta ((v_k - v_(k-1)) / T - a)
     share = 1.0 - pow(1.0 - beta, steps)
