@@ -147,7 +147,7 @@ def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding
         r.joints[k],
         f"is it in m{effort}? Then scale it by 0.001 in a map when importing"
         if milli
-        else f"check that it is the effort at the joint in {effort} (after the gear, and no current), "
+        else f"check that it is the effort at the joint in {effort} (after the gear, no current), "
         "and that the URDF is of this robot",
     )
 
