@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.errors import ConfigError
-from hil.teleop.architecture import IDEAL, Design, Realisation, blocks
-from hil.teleop.hybrid import ComplexArray, FloatArray, jw
+from hil.teleop.architecture import Design
+from hil.teleop.hybrid import ComplexArray, FloatArray
 
 #: Condition number of Q up to which the transformed loop is comfortable, and where it is refused:
 #: with a sample of delay and usual filters it is stable for 1/kappa >= 0.18 and unstable at 0.05.
@@ -23,14 +23,6 @@ COMFORTABLE, REFUSED = 3.0, 9.0
 def q_matrix(design: Design) -> FloatArray:
     """Q = [[1 + c6, -c2], [c3, -(1 + c5)]], shape (2, 2)."""
     return np.array([[1 + design.c6, -design.c2], [design.c3, -(1 + design.c5)]])
-
-
-def q_response(design: Design, w: FloatArray, real: Realisation = IDEAL) -> ComplexArray:
-    """Q(jw) with the filters and delays of the force channels, shape (n, 2, 2)."""
-    s = jw(w)
-    e = blocks(design, s, real)
-    parts = [np.broadcast_to(np.asarray(x, complex), s.shape) for x in (e.a, -e.b, e.c, -e.d)]
-    return np.stack([np.stack(parts[:2], -1), np.stack(parts[2:], -1)], -2)
 
 
 def conditioning(design: Design) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import NonlinearConstraint, minimize
 
 from hil.errors import ConfigError
-from hil.teleop import force_sensor_free, hybrid, passivity
+from hil.teleop import hybrid, passivity
 from hil.teleop.architecture import IDEAL, Design, Realisation, Robot, Term
 from hil.teleop.hybrid import GEL, HAND, FloatArray, Impedance
 from hil.teleop.summary import band, tracking, weighted
@@ -340,8 +340,3 @@ def _maximise(search: Search, x: FloatArray) -> FloatArray:
         if not search.refine(x):
             break
     return x
-
-
-def two_stages(found: Found, limit: float = force_sensor_free.REFUSED) -> tuple[Design, Design]:
-    """Both stages: SO, and SOFSF that needs no force sensor."""
-    return found.design, force_sensor_free.transform(found.design, limit)
