@@ -107,12 +107,12 @@ def child(name: str, path: Path) -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     safety = {"watchdog": TIMEOUT, "cut": ["true"]}
     config = load_rig(rig_path("teleop"), {"safety": safety})
-    tampered = FaultySession(lambda t: None)
+    faulty = FaultySession(lambda t: None)
     act(path)
-    tampered.js = _every_tenth()
+    faulty.js = _every_tenth()
     try:
         operator = app.Operator(say=_say)
-        done = app.run(config, seconds, 1, "real", path, opener=tampered.open, operator=operator)
+        done = app.run(config, seconds, 1, "real", path, opener=faulty.open, operator=operator)
         sys.stdout.write(f"end {done.ticks + done.missed}\n")
     except KeyboardInterrupt:
         return 130
@@ -120,7 +120,7 @@ def child(name: str, path: Path) -> int:
         sys.stderr.write(f"{type(error).__name__}: {error}\n")
         return int(getattr(error, "exit_code", 1))
     finally:
-        bench = tampered.rig.bench
+        bench = faulty.rig.bench
         off = not bench.codes.any() and bool(bench.state["parked"].all())
         sys.stdout.write(f"off {off}\n")
     return 0

@@ -80,15 +80,15 @@ def one(fault: Fault, path: Path) -> Outcome:
     over: dict[str, Any] = {**fault.over, "loop": loop}
     if fault.wire:
         over["backend"] = "sim-wire"
-    tampered = FaultySession(fault.strike, fault.at, fault.steered)
+    faulty = FaultySession(fault.strike, fault.at, fault.steered)
     config = load_rig(rig_path(fault.rig), over)
     # a run that wrote nothing must not be judged by the one before
     path.unlink(missing_ok=True)
     try:
-        app.run(config, None, 1, "lockstep", path, opener=tampered.open, timer=tampered.timer)
+        app.run(config, None, 1, "lockstep", path, opener=faulty.open, timer=faulty.timer)
     except (HilError, ZeroDivisionError):
         pass  # the record, which `judge` needs, tells how it ended
-    return judge(fault, tampered.struck, path)
+    return judge(fault, faulty.struck, path)
 
 
 def judge(fault: Fault, struck: int, path: Path) -> Outcome:
