@@ -120,7 +120,7 @@ _RANK = 1e-12
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-def reference_regressor(data: Data) -> FloatArray:
+def _reference_regressor(data: Data) -> FloatArray:
     """Regressor (n, 3, 42) at every sample: bodies, rotor inertia, Coulomb, viscous, offset."""
     import pinocchio as pin
 
@@ -141,9 +141,9 @@ def reference_regressor(data: Data) -> FloatArray:
     return x
 
 
-def reference_fit(data: Data) -> FloatArray:
+def _reference_fit(data: Data) -> FloatArray:
     """All 42 parameters by normal equations at the full rate, from the exact motion."""
-    x = reference_regressor(data).reshape(data.tau.size, -1)
+    x = _reference_regressor(data).reshape(data.tau.size, -1)
     gram, right = x.T @ x, x.T @ data.tau.reshape(-1)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     value, vector = np.linalg.eigh(gram / np.outer(scale, scale))
@@ -152,12 +152,12 @@ def reference_fit(data: Data) -> FloatArray:
     return theta / scale
 
 
-def heldout_of_reference(theta: FloatArray, test: Data) -> FloatArray:
+def _heldout_of_reference(theta: FloatArray, test: Data) -> FloatArray:
     """Rms error (3,) on another run at the full rate [N m]."""
-    return rms(test.tau - reference_regressor(test) @ theta)
+    return rms(test.tau - _reference_regressor(test) @ theta)
 
 
-def heldout_of_fit(result: FitResult, test: Data) -> FloatArray:
+def _heldout_of_fit(result: FitResult, test: Data) -> FloatArray:
     """The same of a fitted model of hil."""
     nothing = np.zeros_like(test.q)
     motion = replace(
@@ -188,14 +188,14 @@ def rms(x: FloatArray) -> FloatArray:
     return out
 
 
-def timed(call: Callable[[], Any]) -> tuple[float, float]:
+def _timed(call: Callable[[], Any]) -> tuple[float, float]:
     """Processor time and wall clock of a call [s]."""
     start, clock = time.process_time(), time.perf_counter()
     call()
     return time.process_time() - start, time.perf_counter() - clock
 
 
-def child_process(
+def _child_process(
     words: list[str], python: str = sys.executable, limits: dict[str, str] = ONE_THREAD
 ) -> dict[str, Any]:
     """Result of a script in a process of its own.
@@ -225,13 +225,13 @@ def child_process(
     return out
 
 
-def run_figaroh(folder: Path, repeats: int, python: str) -> dict[str, Any] | str:
+def _run_figaroh(folder: Path, repeats: int, python: str) -> dict[str, Any] | str:
     """FIGAROH on train.npz and test.npz in a folder, or why it could not run."""
     if not python and importlib.util.find_spec("figaroh") is None:
         return "not installed (pip install 'hil-teleop[bench]', or --figaroh PYTHON)"
     script = str(Path(__file__).with_name("figaroh_peer.py"))
     try:
-        return child_process([script, str(folder), str(repeats)], python or sys.executable)
+        return _child_process([script, str(folder), str(repeats)], python or sys.executable)
     except (ConfigError, OSError) as error:
         return f"did not run: {error}"
 
@@ -336,17 +336,17 @@ def _in_process(train: Data, test: Data, data: str, repeats: int) -> list[Row]:
     recording = train.recording("train")
     model = base_model(recording.robot)
     calls: dict[str, Callable[[], Any]] = {
-        REFERENCE: lambda: reference_fit(train),
+        REFERENCE: lambda: _reference_fit(train),
         # a recording keeps what was found in it: each fit gets one that no other has looked at
         "hil.fit": lambda: fit([replace(recording)], model),
     }
     times: dict[str, list[tuple[float, float]]] = {k: [] for k in calls}
     for _ in range(1 + repeats):
         for peer, call in calls.items():
-            times[peer].append(timed(call))
+            times[peer].append(_timed(call))
     errors = {
-        REFERENCE: heldout_of_reference(reference_fit(train), test),
-        "hil.fit": heldout_of_fit(fit([recording], model), test),
+        REFERENCE: _heldout_of_reference(_reference_fit(train), test),
+        "hil.fit": _heldout_of_fit(fit([recording], model), test),
     }
     cpu, wall = ({k: median(x[c] for x in t[1:]) for k, t in times.items()} for c in (0, 1))
     return [
@@ -367,7 +367,7 @@ def _figaroh(
     (folder / "arm.urdf").write_text(urdf(), encoding="utf-8")
     np.savez(folder / "train.npz", **vars(train))
     np.savez(folder / "test.npz", **vars(test))
-    found = run_figaroh(folder, repeats, python)
+    found = _run_figaroh(folder, repeats, python)
     if isinstance(found, str):
         return Row("FIGAROH", data, np.nan, np.nan, np.nan, (), found)
     cpu, wall = median(found["seconds"]), median(found["wall"])
@@ -396,7 +396,7 @@ def _oneshot(
     folder: Path, repeats: int, paths: list[str], limits: dict[str, str] = ONE_THREAD
 ) -> dict[str, Any]:
     words = ["-m", "hil.bench.diagnose_once", str(repeats), str(folder / "report.html"), *paths]
-    return child_process(words, limits=limits)
+    return _child_process(words, limits=limits)
 
 
 def _length(folder: Path, seconds: float, stribeck: bool) -> Length:

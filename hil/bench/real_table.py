@@ -132,7 +132,7 @@ def _floor(row: Row) -> float:
     return row.whole(row.ours.floor) if isinstance(row.ours, Ours) and row.ours.ladder else math.nan
 
 
-def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
+def _kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Rows by kind of robot, in the order in which they come."""
     out: dict[str, list[Row]] = {}
     for row in rows:
@@ -143,7 +143,7 @@ def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
 def by_kind(rows: Sequence[Row]) -> list[list[str]]:
     """How many cases of each kind reach the aim, and the median ratio."""
     out = []
-    for kind, some in kinds(rows).items():
+    for kind, some in _kinds(rows).items():
         ratios = sorted(math.inf if math.isnan(x) else x for x in map(ratio, some))
         near, below = sum(x <= AIM for x in ratios), sum(x < 1 for x in ratios)
         middle = (ratios[(len(ratios) - 1) // 2] + ratios[len(ratios) // 2]) / 2
@@ -185,7 +185,7 @@ def _plain_data(x: Any) -> Any:
 def text(rows: Sequence[Row], table: Callable[[list[str], list[list[str]]], str]) -> str:
     """For the terminal; `table` lays out a head and its rows."""
     parts = []
-    for kind, some in kinds(rows).items():
+    for kind, some in _kinds(rows).items():
         parts += [kind, table(list(HEAD), [line(r) for r in some]), ""]
     parts += [table(list(KINDS), by_kind(rows)), ""]
     return "\n".join([*parts, *(f"  {x}" for x in (*aims(rows), *failures(rows)))])
@@ -223,7 +223,7 @@ def page(rows: Sequence[Row], command: str, revision: str) -> str:
         *_markdown(KINDS, by_kind(rows)),
         "",
     ]
-    for kind, some in kinds(rows).items():
+    for kind, some in _kinds(rows).items():
         missing = "; nothing is known to be missing" if all(r.complete for r in some) else ""
         parts += [f"## {kind[0].upper()}{kind[1:]}{missing}", ""]
         parts += [*_markdown(HEAD, [line(r) for r in some]), ""]

@@ -29,7 +29,7 @@ PUBLISHED_ERROR = 4.12
 AXIS = RobotSource("single-axis")
 
 
-def emps_model() -> RobotModel:
+def _emps_model() -> RobotModel:
     """The published model: M qdd + Fv v + Fc sgn v + offset, with a sharp sign and its filter.
 
     Position filter 100 Hz (4th order, forward and backward) as published; their decimation by
@@ -52,7 +52,7 @@ class Published:
 def emps_published() -> Published:
     """Reproduce the published identification; held-out error on the record with pulses."""
     train, other = datasets.load_emps(), datasets.load_emps(pulses=True)
-    model = emps_model()
+    model = _emps_model()
     problem = Problem([train], model.robot, band=model.band)
     result = fit(problem, model)
     held = Examiner(problem, [other])(result)
@@ -167,7 +167,7 @@ def contact(run: str) -> Contact:
     return Contact(
         run,
         d.verdict,
-        linear_spring(first, second),
+        _linear_spring(first, second),
         float(d.ladder[-1].heldout.relative[0]),
         tuple(law),
         candidates.get("contact-hysteresis", 0.0),
@@ -175,7 +175,7 @@ def contact(run: str) -> Contact:
     )
 
 
-def linear_spring(first: Recording, second: Recording) -> float:
+def _linear_spring(first: Recording, second: Recording) -> float:
     """Held-out relative error of tau_ext = -k q + t0 [%]."""
     train = Problem([first], AXIS, "external")
     other = Problem([second], AXIS, "external", rates=train.rates, span=train.span)

@@ -110,12 +110,12 @@ def compare(motions: Iterable[str] = tuple(MOTIONS)) -> list[Row]:
         t = times()
         counts = np.floor(position(sines, t) / RESOLUTION).astype(np.int64)
         for label, name, options in CASES:
-            estimate = follow(name, options, counts)
+            estimate = _follow(name, options, counts)
             rows.append(judge(label, motion, t, estimate, partial(velocity, sines)))
     return rows
 
 
-def compare_acceleration() -> list[Row]:
+def _compare_acceleration() -> list[Row]:
     """Filtered acceleration over the default estimator and over the first difference."""
     rows = []
     for motion in ("1 Hz, 0.5 rad/s", "hand"):
@@ -123,7 +123,7 @@ def compare_acceleration() -> list[Row]:
         t = times()
         counts = np.floor(position(sines, t) / RESOLUTION).astype(np.int64)
         for label, name in SOURCES:
-            speed = follow(name, {}, counts)
+            speed = _follow(name, {}, counts)
             for cutoff in CUTOFFS:
                 method, out = FilteredAcceleration(1, PERIOD, cutoff), np.zeros(1)
                 found = np.zeros(len(t))
@@ -138,7 +138,7 @@ def compare_acceleration() -> list[Row]:
     return rows
 
 
-def follow(name: str, options: dict[str, object], counts: np.ndarray) -> FloatArray:
+def _follow(name: str, options: dict[str, object], counts: np.ndarray) -> FloatArray:
     """Speeds [rad/s] that an estimator finds along counts (n,)."""
     method, rate = estimator(name, options, 1, PERIOD), np.zeros(1)
     found = np.zeros(len(counts))
@@ -182,7 +182,7 @@ def report() -> str:
             "",
             "## Acceleration [rad/s^2]: low-pass filtered first difference of the velocity",
             "",
-            *table(compare_acceleration(), 2),
+            *table(_compare_acceleration(), 2),
             "",
             *_TAKE,
         ]

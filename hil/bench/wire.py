@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from hil import wiring
 from hil.app import run
 from hil.config import RigConfig, load_rig
 from hil.record.decode import read_fields
@@ -227,15 +226,3 @@ def speed(backend: str, rig_name: str = "teleop", seconds: float = SECONDS) -> S
         return Speed(
             backend, seconds / (time.perf_counter() - wall), seconds / (time.process_time() - cpu)
         )
-
-
-def rates(rig_name: str = "teleop") -> dict[str, float]:
-    """Updates per second of every motor box of a rig."""
-    config = load_rig(rig_path(rig_name), {"backend": "sim-wire"})
-    found = {}
-    for name in wiring.backends(config):
-        options = wiring.box_options(config, name)
-        rate = getattr(options, "rate_hz", None)
-        if callable(rate):
-            found[name] = float(rate(len(wiring.used_channels(config, name))))
-    return found

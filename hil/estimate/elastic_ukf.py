@@ -73,7 +73,7 @@ def _rates(a: float, b: float, q: float, v: float, u: float, p: Any, s: int, c: 
 
 
 @nb.njit(cache=True, nogil=True, fastmath=_FAST)
-def propagate(x: Any, p: Any, u: float, h: float, c: Any) -> None:
+def _propagate(x: Any, p: Any, u: float, h: float, c: Any) -> None:
     """One Runge-Kutta step of all sigma points in place.
 
     Parameters
@@ -104,7 +104,7 @@ def propagate(x: Any, p: Any, u: float, h: float, c: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True, fastmath=_FAST)
-def cholesky(p: Any, scale: float, out: Any) -> bool:
+def _cholesky(p: Any, scale: float, out: Any) -> bool:
     """Lower factor of scale * p into `out` (n, n); False where p is not positive."""
     n = p.shape[0]
     for j in range(n):
@@ -125,7 +125,7 @@ def cholesky(p: Any, scale: float, out: Any) -> bool:
 
 
 @nb.njit(cache=True, nogil=True, fastmath=_FAST)
-def draw(x: Any, low: Any, points: Any, pars: Any) -> None:
+def _draw(x: Any, low: Any, points: Any, pars: Any) -> None:
     """Sigma points x, x + L_i, x - L_i: states (10, 21), parameters (6, 21) as they act."""
     n = x.size
     for r in range(n):
@@ -144,7 +144,7 @@ def draw(x: Any, low: Any, points: Any, pars: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True, fastmath=_FAST)
-def moments(points: Any, w: Any, noise: Any, x: Any, p: Any) -> None:
+def _moments(points: Any, w: Any, noise: Any, x: Any, p: Any) -> None:
     """Mean into x (n,), covariance plus noise into p (n, n); `points` become deviations.
 
     Only the states moved: the parameters' rows are still x and its steps.
@@ -193,12 +193,12 @@ def foresee(f: Any, u: float, h: float, parts: int) -> bool:
 
     `parts` Runge-Kutta steps a period: friction turns over within soft J / Fc seconds.
     """
-    if not cholesky(f.p, f.w[0], f.low):
+    if not _cholesky(f.p, f.w[0], f.low):
         return False
-    draw(f.x, f.low, f.points, f.pars)
+    _draw(f.x, f.low, f.points, f.pars)
     for _ in range(parts):
-        propagate(f.points, f.pars, u, h / parts, f.c)
-    moments(f.points, f.w, f.noise, f.x, f.p)
+        _propagate(f.points, f.pars, u, h / parts, f.c)
+    _moments(f.points, f.w, f.noise, f.x, f.p)
     return True
 
 

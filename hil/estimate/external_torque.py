@@ -87,7 +87,7 @@ def tip_force(jacobian: FloatArray, torque: FloatArray) -> FloatArray:
 
 
 @nb.njit(cache=True, nogil=True)
-def observe(p: Any, push: Any, gain: float, period: float, state: Any, r: Any) -> None:
+def _observe(p: Any, push: Any, gain: float, period: float, state: Any, r: Any) -> None:
     """One period of the momentum observer, in place.
 
     With p = M q' and p' = tau_c + tau_s + C^T q' - N - tau_f,
@@ -145,7 +145,7 @@ def momentum(
     out: FloatArray = np.zeros_like(p)
     state = np.zeros(1 + p.shape[1])
     for k in range(len(p)):
-        observe(p[k], push[k], gain, period, state, out[k])
+        _observe(p[k], push[k], gain, period, state, out[k])
     return out
 
 

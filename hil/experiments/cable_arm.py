@@ -91,7 +91,7 @@ class Study:
     learnt: dict[str, float]
 
 
-def estimators(model: RobotModel, learn: float = LEARN) -> dict[str, dict[str, Any]]:
+def _estimators(model: RobotModel, learn: float = LEARN) -> dict[str, dict[str, Any]]:
     """Tables ``[estimators]`` of the study, all with the identified rigid body of `model`."""
     pi = [float(x) for x in compensation_tables.rigid_parameters(model)]
     common = {"model": pi, "corner_hz": CORNER}
@@ -128,7 +128,7 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Stud
             rows += judge(condition, path)
             for e in ("filters", "both"):
                 stiffness[f"{condition}: {SAID[e]}"] = cables(path, e)
-            learnt[condition] = float(column(path, "both", "learning")[: _tick(LEARN)].mean())
+            learnt[condition] = float(_column(path, "both", "learning")[: _tick(LEARN)].mean())
     return Study(rows, stiffness, learnt)
 
 
@@ -152,7 +152,7 @@ def session(
     model = fit([run], base_model(run.robot, ARM) - "torque-offset").model
     hand = {"kind": "hand", "frequency": 0.5, "size": [0.05, 0.05, 0.05]}
     simulation |= {"operator": hand, "gel": {"below_home": 0.01}}
-    over = {"simulation": simulation, "estimators": estimators(model, learn)}
+    over = {"simulation": simulation, "estimators": _estimators(model, learn)}
     app.run(load_rig(rig_path("lawrence"), over), seconds, seed + 1, "lockstep", path)
     return path
 
@@ -187,7 +187,7 @@ def judge(condition: str, path: Path, learn: float = LEARN) -> list[Row]:
     return rows
 
 
-def column(path: Path, estimator: str, name: str) -> FloatArray:
+def _column(path: Path, estimator: str, name: str) -> FloatArray:
     """One column of an elastic-ukf's channel, (n,)."""
     names = registry.load("hil.estimators", "elastic-ukf").build.names
     out: FloatArray = decode_numbers(read(path).topics[f"/estimate/{estimator}"])
@@ -196,7 +196,7 @@ def column(path: Path, estimator: str, name: str) -> FloatArray:
 
 def cables(path: Path, estimator: str) -> list[float]:
     """Stiffness of the three cables at the end [N m/rad]."""
-    return [float(column(path, estimator, f"stiffness{j}")[-1]) for j in (1, 2, 3)]
+    return [float(_column(path, estimator, f"stiffness{j}")[-1]) for j in (1, 2, 3)]
 
 
 def _through(force: FloatArray) -> FloatArray:

@@ -235,10 +235,10 @@ def _row(
 ) -> Row:
     run = record(plant, 6.0, 5, load, size)
     states, innovation = ElasticUkf(config, float(run.y[0])).run(run.y, run.u, PERIOD)
-    return measures(name, value, run, states, innovation)
+    return _measures(name, value, run, states, innovation)
 
 
-def measures(name: str, value: float, run: Run, states: FloatArray, innovation: FloatArray) -> Row:
+def _measures(name: str, value: float, run: Run, states: FloatArray, innovation: FloatArray) -> Row:
     """Errors after the first two seconds."""
     s = slice(2000, None)
     return Row(

@@ -125,7 +125,7 @@ def palpate(
     for trial in range(trials):
         zt, ze = np.array(
             [
-                impedances(folder, law, stiffness, seed + 10 * trial + k)
+                _impedances(folder, law, stiffness, seed + 10 * trial + k)
                 for k, stiffness in enumerate((GEL, BOLT))
             ]
         ).T
@@ -142,7 +142,7 @@ def palpate(
     return Row(controller, float(designed), float(np.mean(expected)), tuple(found))
 
 
-def impedances(
+def _impedances(
     folder: Path, law: Mapping[str, Any], stiffness: float, seed: int
 ) -> tuple[complex, complex]:
     """Transmitted and environment's impedance of one run [N s/m]."""

@@ -59,7 +59,7 @@ class Row:
         Magnitudes and standard error, in the unit of the entry: h11 N s/m, h22 m/(N s).
     scale : float
         What `error` and `bound` are relative to: |predicted|, or the entry's natural unit where
-        that is larger (see `scales`).
+        that is larger (see `_scales`).
     error : float
         |measured - predicted| of the complex numbers, over `scale`.
     bound : float
@@ -149,11 +149,11 @@ def predicted(law: Mapping[str, Any], hz: FloatArray) -> ComplexArray:
 
 
 def relative(h: ComplexArray, goal: ComplexArray) -> FloatArray:
-    """Entrywise |h - goal| over `scales`, (n, 2, 2)."""
-    return np.asarray(np.abs(h - goal) / scales(goal), np.float64)
+    """Entrywise |h - goal| over `_scales`, (n, 2, 2)."""
+    return np.asarray(np.abs(h - goal) / _scales(goal), np.float64)
 
 
-def scales(goal: ComplexArray) -> FloatArray:
+def _scales(goal: ComplexArray) -> FloatArray:
     """The larger of |goal| and the entry's natural unit, (n, 2, 2).
 
     h12 and h21 count against 1; h11 and h22 against their own size or, where that is small,
@@ -197,7 +197,7 @@ def compare(
         found = hybrid.estimate_hybrid(sessions(law, f, folder, seed))
         off = np.abs(found.h - goal[k]).reshape(4)
         for i, entry in enumerate(NAMES):
-            h, g, unit = (x.reshape(4)[i] for x in (found.h, goal[k], scales(goal[k])))
+            h, g, unit = (x.reshape(4)[i] for x in (found.h, goal[k], _scales(goal[k])))
             std = float(found.std.reshape(4)[i])
             rows.append(
                 Row(

@@ -43,7 +43,7 @@ def loop_gains(design: Design) -> ComplexArray:
     return np.linalg.eigvals(a).astype(complex)
 
 
-def require(design: Design, limit: float = REFUSED) -> float:
+def _require(design: Design, limit: float = REFUSED) -> float:
     """Return kappa(Q), or refuse a design too close to the singularity.
 
     Raises
@@ -102,9 +102,9 @@ def transform(design: Design, limit: float = REFUSED) -> Design:
     Raises
     ------
     ConfigError
-        If it is too close to the singularity (`require`).
+        If it is too close to the singularity (`_require`).
     """
-    require(design, limit)
+    _require(design, limit)
     zm, zs = design.master.term, design.slave.term
     a, b, c, d = 1 + design.c6, design.c2, design.c3, 1 + design.c5
     over = 1.0 / design.D
@@ -158,7 +158,7 @@ def estimate(q: FloatArray, r: FloatArray) -> FloatArray:
     Parameters
     ----------
     q : ndarray (2, 2)
-        Force gains; `require` them first.
+        Force gains; `_require` them first.
     r : ndarray (..., 2)
         R(v): (f_cm0 - d_m, f_cs0 - d_s) with f_c0 the law without its force terms and d the full
         non-linear robot terms including M q'' [N].  f_s is ON the environment.

@@ -64,7 +64,7 @@ def jw(w: Any = GRID) -> ComplexArray:
     return out
 
 
-def of_blocks(e: Blocks) -> tuple[Any, Any, Any, Any]:
+def _of_blocks(e: Blocks) -> tuple[Any, Any, Any, Any]:
     """h11 [N s/m], h12 [1], h21 [1], h22 [m/(N s)] from blocks."""
     # Dh = a Zs - c c4
     below = e.a * e.Zs - e.c * e.c4
@@ -86,7 +86,7 @@ def hybrid(design: Design, s: Any, real: Realisation = IDEAL) -> ComplexArray:
     """
     s = np.atleast_1d(s)
     with np.errstate(divide="ignore", invalid="ignore"):  # told below, with its reason
-        parts = [np.broadcast_to(h, s.shape) for h in of_blocks(blocks(design, s, real))]
+        parts = [np.broadcast_to(h, s.shape) for h in _of_blocks(blocks(design, s, real))]
     h = np.stack([np.stack(parts[:2], -1), np.stack(parts[2:], -1)], -2)
     if not np.isfinite(h).all():
         raise ConfigError(

@@ -196,7 +196,7 @@ class Active:
     price: float
 
 
-def active_constraints(search: Search, x: FloatArray) -> tuple[Active, ...]:
+def _active_constraints(search: Search, x: FloatArray) -> tuple[Active, ...]:
     """Constraints and bounds that bind, with their prices from the stationarity conditions."""
     slack = {n: v for n, v in search.constraints(x).items() if v.min() < ACTIVE}
     rows: list[tuple[str, str, FloatArray]] = []
@@ -320,7 +320,9 @@ def optimise(
     best, x = max(good, key=lambda r: r[0])
     agreeing = sum(value > 0.99 * best for value, _ in good)
     theta = tuple(float(v) for v in x * search.top)
-    return Found(search.design(x), theta, best, active_constraints(search, x), len(first), agreeing)
+    return Found(
+        search.design(x), theta, best, _active_constraints(search, x), len(first), agreeing
+    )
 
 
 def _maximise(search: Search, x: FloatArray) -> FloatArray:

@@ -174,11 +174,11 @@ def models(paths: Mapping[str, str], rig: Rig) -> dict[str, Any]:
             if given.get("friction_speeds"):
                 out[f"{role}_friction"] = [0.0] * 3 * len(given["friction_speeds"])
         elif f"{role}_model" not in given:
-            out[f"{role}_model"] = nominal(_payload(rig, arm))
+            out[f"{role}_model"] = _nominal(_payload(rig, arm))
     return out
 
 
-def nominal(payload: float) -> list[float]:
+def _nominal(payload: float) -> list[float]:
     """Published parameters pi with rotors and a mass [kg] at the tip, (8,)."""
     pi = Premium.prior.copy()
     pi[[0, 4, 5]] += ROTORS

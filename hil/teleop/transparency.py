@@ -81,7 +81,7 @@ class Family:
     condition: str
 
 
-def wanted(design: Design) -> dict[str, Term]:
+def _wanted(design: Design) -> dict[str, Term]:
     """c1..c4 that the theorem demands for the local gains of this design."""
     kp, kf = design.motion_scale, design.force_scale
     return {
@@ -94,7 +94,7 @@ def wanted(design: Design) -> dict[str, Term]:
 
 def check(design: Design) -> list[Condition]:
     """All five conditions with their gaps, the missed ones saying what to change."""
-    goal = wanted(design)
+    goal = _wanted(design)
     found = []
     for name in LOCAL:
         value = getattr(design, name)

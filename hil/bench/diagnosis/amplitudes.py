@@ -46,7 +46,7 @@ def base_rms(recordings: list[Recording], offset: bool = False) -> FloatArray:
 
 
 @lru_cache(maxsize=256)
-def quiet_rms(
+def _quiet_rms(
     robot: str, noise: str, motion: tuple[str, int], seed: int, force: bool, offset: bool = False
 ) -> bytes:
     """`base_rms` without any hidden effect, as bytes (cached)."""
@@ -67,7 +67,7 @@ def excess(
     `offset`: whether the model that leaves it has an offset a joint.
     """
     rms = base_rms(recordings, offset)
-    floor = np.frombuffer(quiet_rms(robot, noise, motion, seed, force, offset))
+    floor = np.frombuffer(_quiet_rms(robot, noise, motion, seed, force, offset))
     return float(np.sqrt(max(0.0, np.max((rms**2 - floor**2) / floor**2))))
 
 

@@ -130,7 +130,7 @@ def plan(quick: bool = False, seeds: int = SEEDS) -> list[Case]:
             for level in LEVELS:
                 for noise in NOISES:
                     found += [single(effect, level, noise, e, seed) for e in EXCITATIONS]
-    return [c for c in found + two(range(min(seeds, 4)), NOISES, (1.5, 5.0)) if distinct(c)]
+    return [c for c in found + two(range(min(seeds, 4)), NOISES, (1.5, 5.0)) if _distinct(c)]
 
 
 def _quick() -> list[Case]:
@@ -145,7 +145,7 @@ def _quick() -> list[Case]:
             found.append(single(effect, level, noise, excitation, (k + n) % 3))
     # every pair once: on one joint, or on two
     pairs = [c for k, c in enumerate(two(range(1), NOISES[1:], (5.0,))) if k % 4 in (0, 3)]
-    return [c for c in found + pairs if distinct(c)]
+    return [c for c in found + pairs if _distinct(c)]
 
 
 def single(effect: str, level: float, noise: str, excitation: str, seed: int) -> Case:
@@ -159,7 +159,7 @@ def single(effect: str, level: float, noise: str, excitation: str, seed: int) ->
     return Case(kind, robot, hidden, noise, excitation, seed, needs == "force")
 
 
-def distinct(case: Case) -> bool:
+def _distinct(case: Case) -> bool:
     """Whether no smaller level has the same amplitude, the largest there is."""
     for h in case.hidden:
         levels = amplitudes.LEVELS[case.plant]
@@ -223,7 +223,7 @@ def mujoco_plan(quick: bool = False, seeds: int = 10) -> list[Case]:
         for seed in range(seeds):
             found += [_mujoco_single(k, effect, level, seed) for level in MUJOCO_LEVELS]
     return [
-        c for c in found + _mujoco_two(range(min(seeds, 4))) if not _calibrated(c) or distinct(c)
+        c for c in found + _mujoco_two(range(min(seeds, 4))) if not _calibrated(c) or _distinct(c)
     ]
 
 
