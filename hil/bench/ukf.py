@@ -103,7 +103,7 @@ def measure(steps: int = 2000) -> Figures:
 
 
 #: What runs beside a law: name of the estimator and its parameters.
-LOOP: dict[str, tuple[str, dict[str, Any]]] = {
+_LOOP: dict[str, tuple[str, dict[str, Any]]] = {
     "momentum observer": ("force", {}),
     "friction network, 60 nodes": ("friction-network", {}),
     "three filters": ("elastic-ukf", {}),
@@ -112,13 +112,13 @@ LOOP: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def _in_the_loop(ticks: int = 4000) -> dict[str, float]:
-    """Cost of a tick of each estimator of `LOOP` on a moving arm, best of five runs [us]."""
+    """Cost of a tick of each estimator of `_LOOP` on a moving arm, best of five runs [us]."""
     t = PERIOD * np.arange(ticks)
     q = 0.3 + 0.2 * np.sin(2 * np.pi * np.outer(t, [0.7, 0.9, 1.1]))
     u = np.zeros((ticks, 12))
     u[:, :3], u[:, 3:6] = q, np.gradient(q, PERIOD, axis=0)
     sent, found = 0.02 * np.sign(u[:, 3:6]), {}
-    for said, (name, given) in LOOP.items():
+    for said, (name, given) in _LOOP.items():
         kind = registry.load("hil.estimators", name)
         made = kind.build(parse(kind.Config, given, "bench"), PERIOD)
         times = []

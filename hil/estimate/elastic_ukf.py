@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError
 
-N, POINTS = 10, 21
+N, _POINTS = 10, 21
 #: Columns of the point arrays: a multiple of the register width; those beyond POINTS are idle.
-WIDE = 24
+_WIDE = 24
 #: Rational tanh for wide registers, |error| < 3e-7 (coefficients as in Eigen's ptanh).
 _TOP, _EDGE = (
     (
@@ -88,7 +88,7 @@ def _propagate(x: Any, p: Any, u: float, h: float, c: Any) -> None:
         1/Jm, 1/Jl, 1/v0, known torque ON the link [N m].
     """
     c = (c[0], c[1], c[2], c[3])
-    for s in range(WIDE):
+    for s in range(_WIDE):
         a, b, q, v = x[0, s], x[1, s], x[2, s], x[3, s]
         m1, l1 = _rates(a, b, q, v, u, p, s, c)
         b2, v2 = b + 0.5 * h * m1, v + 0.5 * h * l1
@@ -149,7 +149,7 @@ def _moments(points: Any, w: Any, noise: Any, x: Any, p: Any) -> None:
 
     Only the states moved: the parameters' rows are still x and its steps.
     """
-    n, m = points.shape[0], POINTS
+    n, m = points.shape[0], _POINTS
     for r in range(4):
         mean = w[1] * points[r, 0]
         for s in range(1, m):
@@ -287,7 +287,7 @@ _F = np.float64
 #: What the kernels of one filter work on.
 RECORD = np.dtype([
     ("x", _F, (N,)), ("now", _F, (N,)), ("p", _F, (N, N)), ("low", _F, (N, N)),
-    ("points", _F, (N, WIDE)), ("pars", _F, (6, WIDE)), ("gain", _F, (N,)),
+    ("points", _F, (N, _WIDE)), ("pars", _F, (6, _WIDE)), ("gain", _F, (N,)),
     ("noise", _F, (N,)), ("w", _F, (4,)), ("c", _F, (4,)), ("variance", _F),
 ])  # fmt: skip
 

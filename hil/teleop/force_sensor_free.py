@@ -15,9 +15,9 @@ from hil.errors import ConfigError
 from hil.teleop.architecture import Design
 from hil.teleop.hybrid import ComplexArray, FloatArray
 
-#: Condition number of Q up to which the transformed loop is comfortable, and where it is refused:
+#: Condition number of Q from which the transformed loop is refused (comfortable up to 3):
 #: with a sample of delay and usual filters it is stable for 1/kappa >= 0.18 and unstable at 0.05.
-COMFORTABLE, REFUSED = 3.0, 9.0
+REFUSED = 9.0
 
 
 def q_matrix(design: Design) -> FloatArray:

@@ -193,7 +193,7 @@ def _crossing(
 
 
 #: Condition of the pooled input spectrum above which H is not determined.
-CONDITION_LIMIT = 30.0
+_CONDITION_LIMIT = 30.0
 
 
 @dataclass(frozen=True)
@@ -272,10 +272,10 @@ def estimate_hybrid(experiments: Sequence[Experiment], harmonic: int = 1) -> Mea
     if len(lengths) != 1:
         raise DataError("the experiments have periods of different length")
     h, condition = _solve([y.mean(0) for y, _ in parts], [u.mean(0) for _, u in parts])
-    if not condition < CONDITION_LIMIT:
+    if not condition < _CONDITION_LIMIT:
         raise DataError(
             f"v_m and f_s go together in these {len(parts)} runs (condition {condition:.3g}, at "
-            f"most {CONDITION_LIMIT:g}): H is not identifiable; add a run against another "
+            f"most {_CONDITION_LIMIT:g}): H is not identifiable; add a run against another "
             "environment"
         )
     # jackknife over the periods of every experiment

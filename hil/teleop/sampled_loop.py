@@ -24,7 +24,7 @@ from hil.teleop.architecture import IDEAL, MOTION, Design, Realisation
 from hil.teleop.hybrid import FREE, GEL, HAND, ComplexArray, FloatArray, Impedance
 
 #: Longest delay line that is checked exactly [ticks].
-LONGEST = 300
+_LONGEST = 300
 
 
 @dataclass(frozen=True)
@@ -135,8 +135,8 @@ class Axis:
         corners = np.array([real.velocity_hz, real.acceleration_hz, real.force_hz])
         self._shares = np.where(corners > 0, 1 - np.exp(-2 * np.pi * corners * period), 1.0)
         self.ages = (round(real.forward_s / period), round(real.backward_s / period))
-        if max(self.ages) > LONGEST:
-            raise ConfigError(f"delays above {LONGEST} ticks are not checked in sampled time")
+        if max(self.ages) > _LONGEST:
+            raise ConfigError(f"delays above {_LONGEST} ticks are not checked in sampled time")
         robots = (loop.design.master, loop.design.slave)
         both = [
             _mechanics(m, robot.b, loop.cable, z)
@@ -284,9 +284,9 @@ def hybrid_at(loop: Loop, w: FloatArray, period: float, encoders: bool = False) 
 
 
 #: Beyond this per period a mode grows; a free position is a mode of exactly 1.
-GROWTH = 1e-7
+_GROWTH = 1e-7
 #: From here on a growing mode is put down to the cable [Hz].
-CABLE_HZ = 80.0
+_CABLE_HZ = 80.0
 
 
 @dataclass(frozen=True)
@@ -388,14 +388,14 @@ def refuse(loops: Iterable[Loop], period: float) -> None:
 
 def _stable(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> None:
     size, hz = _dominant_mode(loop, zh, ze, period)
-    if size <= 1.0 + GROWTH:
+    if size <= 1.0 + _GROWTH:
         return
     growth, pair = np.log(size) / period, _pair_text(zh, ze)
     where = f"axis {loop.axis or '-'}, {pair}"
     now = replace(loop.real, forward_s=0.0, backward_s=0.0)
     without = replace(loop, real=now)
     total = loop.real.forward_s + loop.real.backward_s
-    if total > 0.0 and _spectral_radius(without, zh, ze, period) <= 1.0 + GROWTH:
+    if total > 0.0 and _spectral_radius(without, zh, ze, period) <= 1.0 + _GROWTH:
         bears = _sampled_delay_margin(without, zh, ze, period)
         raise ConfigError(
             f"{where}: the round-trip delay of {1e3 * total:.3g} ms is beyond the margin of "
@@ -420,7 +420,7 @@ def _advice(loop: Loop, hz: float) -> str:
         return (
             "lower acceleration_hz, or go further from the estimation singularity (smaller c2 c3)"
         )
-    if loop.cable and hz > CABLE_HZ:
+    if loop.cable and hz > _CABLE_HZ:
         return "it is the cable between motor and tip: lower the damping of c7 and c8"
     return "lower the gains, or raise velocity_hz and force_hz"
 

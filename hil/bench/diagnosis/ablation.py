@@ -89,7 +89,7 @@ def _same(rows: list[Row], path: Path | None) -> None:
         )
 
 
-HEAD = (
+_HEAD = (
     "rule",
     "stage",
     "fired",
@@ -212,7 +212,7 @@ def _table(found: list[Effect]) -> str:
         ]
         for e in found
     ]
-    return table(HEAD, rows)
+    return table(_HEAD, rows)
 
 
 def _changes(rows: list[Row], again: list[Row]) -> str:

@@ -17,19 +17,19 @@ import numpy as np
 
 Row = dict[str, Any]
 #: An effect that leaves less than this [floors] need not be named.
-ENOUGH = 0.5
+_ENOUGH = 0.5
 #: Edges of the bins of confidence.
-BINS = (0.0, 0.6, 0.75, 0.85, 0.95, 0.99, 1.0)
+_BINS = (0.0, 0.6, 0.75, 0.85, 0.95, 0.99, 1.0)
 #: Pairs whose columns are the same in such sessions: friction that differs by direction is a
 #: constant while it slips, and from the motor's side alone a link on a cable is a mass on a spring.
-ALIKE = (
+_ALIKE = (
     {"torque-offset", "asymmetric-coulomb"},
     {"vibration-mode", "elastic-transmission"},
 )
 #: What a plant can hide that has no name of its own -> names that are right for it.  Seen from the
 #: motor, a harmonic drive is a soft shaft and a wave over position, a belt that jumps a tooth is an
 #: encoder that lost counts.
-ACCEPTED = {
+_ACCEPTED = {
     "harmonic-drive": {
         "elastic-transmission",
         "hardening-cable",
@@ -112,7 +112,7 @@ def of(rows: list[Row], kind: str) -> list[Row]:
 
 def _enough(row: Row) -> bool:
     """Whether the effect leaves at least half a floor in this very session."""
-    return bool(row["excess"] >= ENOUGH)
+    return bool(row["excess"] >= _ENOUGH)
 
 
 def _ended(*outcomes: str) -> Callable[[Row], bool]:
@@ -151,15 +151,15 @@ def headline(rows: list[Row]) -> dict[str, Share]:
 
 def accepted(effect: str) -> set[str]:
     """Names that are right for a hidden effect."""
-    return ACCEPTED.get(effect, {effect})
+    return _ACCEPTED.get(effect, {effect})
 
 
 def _rightly(row: Row) -> bool:
-    """Whether it is right, or leaves open what nobody could say (see `ALIKE`)."""
+    """Whether it is right, or leaves open what nobody could say (see `_ALIKE`)."""
     if row["outcome"] != "ambiguous":
         return bool(row["outcome"] == "right")
     sets = [{f["effect"], *f["rivals"]} for f in row["named"] if f["rivals"]]
-    return any(pair <= said for said in sets for pair in ALIKE)
+    return any(pair <= said for said in sets for pair in _ALIKE)
 
 
 def _is_sure(row: Row) -> bool:
@@ -211,7 +211,7 @@ def calibration(rows: list[Row]) -> list[tuple[float, float, float, Share]]:
         (f["confidence"], any(_same(f, h) for h in truth(r))) for r in rows for f in r["named"]
     ]
     out = []
-    for low, high in pairwise(BINS):
+    for low, high in pairwise(_BINS):
         inside = [p for p in pairs if low <= p[0] < high or p[0] == high == 1.0]
         mean = float(np.mean([p[0] for p in inside])) if inside else float("nan")
         out.append((low, high, mean, Share(sum(p[1] for p in inside), len(inside))))

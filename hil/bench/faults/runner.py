@@ -23,7 +23,7 @@ from hil.runtime.frame import TIMING, WORDS
 from hil.signals.state import OperatingState
 
 #: After the strike [s].
-SECONDS = 0.6
+_SECONDS = 0.6
 _AT = {name: k for k, name in enumerate(TIMING)}
 
 
@@ -76,7 +76,7 @@ def run(
 
 def one(fault: Fault, path: Path) -> Outcome:
     """Run one fault."""
-    loop = {"seconds": fault.at * 1e-3 + SECONDS, **fault.over.get("loop", {})}
+    loop = {"seconds": fault.at * 1e-3 + _SECONDS, **fault.over.get("loop", {})}
     over: dict[str, Any] = {**fault.over, "loop": loop}
     if fault.wire:
         over["backend"] = "sim-wire"
