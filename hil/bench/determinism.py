@@ -14,11 +14,11 @@ from hil.record.difference import Difference, first_difference
 from hil.rigs import rig_path
 
 #: Packages whose versions decide about the last bit of a number.
-PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "pin", "mcap", "zstandard")
+_PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "pin", "mcap", "zstandard")
 RIGS = ("teleop", "identify", "mechanical-operator", "lawrence")
 _ASK = (
     "import json, platform; from importlib.metadata import version;"
-    f"print(json.dumps([platform.python_version(), [version(n) for n in {PACKAGES!r}]]))"
+    f"print(json.dumps([platform.python_version(), [version(n) for n in {_PACKAGES!r}]]))"
 )
 
 
@@ -67,7 +67,7 @@ def compare(pythons: Sequence[str], seconds: float, seed: int = 1) -> list[Same]
 
 def _versions(python: str) -> tuple[str, dict[str, str]]:
     version, packages = json.loads(_run([python, "-c", _ASK]))
-    return version, dict(zip(PACKAGES, packages, strict=True))
+    return version, dict(zip(_PACKAGES, packages, strict=True))
 
 
 def _record(python: str, rig: str, seconds: float, seed: int, path: Path) -> Path:

@@ -35,15 +35,15 @@ from hil.record.recording import Recording, RobotSource
 FloatArray = NDArray[np.float64]
 JOINTS = ("base", "upper", "fore")
 #: Axis, offset from the joint before [m], link length [m] and mass [kg].
-LINKS = (("0 0 1", 0.0, 0.0, 0.30), ("0 1 0", 0.0, 0.215, 0.18), ("0 1 0", 0.215, 0.17, 0.11))
+_LINKS = (("0 0 1", 0.0, 0.0, 0.30), ("0 1 0", 0.0, 0.215, 0.18), ("0 1 0", 0.215, 0.17, 0.11))
 #: Coulomb [N m], viscous [N m s/rad], rotor inertia [kg m^2], offset [N m] of each joint.
-FC, FV = np.array([0.040, 0.035, 0.025]), np.array([0.008, 0.007, 0.004])
-IA, T0 = np.array([2.0e-4, 1.5e-4, 0.8e-4]), np.array([0.010, -0.008, 0.005])
+FC, _FV = np.array([0.040, 0.035, 0.025]), np.array([0.008, 0.007, 0.004])
+_IA, _T0 = np.array([2.0e-4, 1.5e-4, 0.8e-4]), np.array([0.010, -0.008, 0.005])
 #: White noise of the effort [N m]: what no model explains.
-NOISE = 0.005
+_NOISE = 0.005
 #: The effect that is missing: share of Coulomb friction, and its speed [rad/s].
 PEAK, SPEED = 0.5, 0.15
-RATE, HARMONICS, FUNDAMENTAL = 1000.0, 12, 0.1
+_RATE, _HARMONICS, _FUNDAMENTAL = 1000.0, 12, 0.1
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Data:
 def urdf() -> str:
     """Shoulder about z, then two pitch joints; 0.215 m upper arm."""
     links, joints, parent = ['<link name="world"/>'], [], "world"
-    for name, (axis, at, length, mass) in zip(JOINTS, LINKS, strict=True):
+    for name, (axis, at, length, mass) in zip(JOINTS, _LINKS, strict=True):
         i = mass * max(length, 0.06) ** 2 / 12
         links.append(
             f'<link name="{name}_link"><inertial><origin xyz="{length / 2 + 0.01} 0.004 0.006"/>'
@@ -84,10 +84,10 @@ def urdf() -> str:
 def motion(t: FloatArray, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Position, velocity and acceleration (n, 3) of a Fourier series of 12 harmonics."""
     rng = np.random.default_rng(seed)
-    k = np.arange(1, HARMONICS + 1)
-    w = 2 * np.pi * FUNDAMENTAL * k
-    size = rng.uniform(0.5, 1.0, (3, HARMONICS)) * 0.45 / np.sqrt(k)
-    phase = rng.uniform(0, 2 * np.pi, (3, HARMONICS))
+    k = np.arange(1, _HARMONICS + 1)
+    w = 2 * np.pi * _FUNDAMENTAL * k
+    size = rng.uniform(0.5, 1.0, (3, _HARMONICS)) * 0.45 / np.sqrt(k)
+    phase = rng.uniform(0, 2 * np.pi, (3, _HARMONICS))
     angle = t[:, None] * w
     s, c = np.sin(angle), np.cos(angle)
     # a sin(w t + p) = a cos p sin w t + a sin p cos w t
@@ -102,7 +102,7 @@ def simulate(seconds: float, seed: int, stribeck: bool) -> Data:
     """Exact motion and noisy effort of one run; `stribeck` adds the missing effect."""
     import pinocchio as pin
 
-    t = np.arange(round(seconds * RATE)) / RATE
+    t = np.arange(round(seconds * _RATE)) / _RATE
     q, qd, qdd = motion(t, seed)
     model = pin.buildModelFromXML(urdf())
     data = model.createData()
@@ -110,17 +110,17 @@ def simulate(seconds: float, seed: int, stribeck: bool) -> Data:
     for k in range(t.size):
         tau[k] = pin.rnea(model, data, q[k], qd[k], qdd[k])
     friction = FC * (1.0 + stribeck * PEAK * np.exp(-((qd / SPEED) ** 2)))
-    tau += friction * np.sign(qd) + FV * qd + IA * qdd + T0
-    tau += NOISE * np.random.default_rng(seed + 1000).standard_normal(tau.shape)
+    tau += friction * np.sign(qd) + _FV * qd + _IA * qdd + _T0
+    tau += _NOISE * np.random.default_rng(seed + 1000).standard_normal(tau.shape)
     return Data(t, q, qd, qdd, tau)
 
 
 #: Eigenvalues of the scaled normal equations below this share of the largest are rounding.
 _RANK = 1e-12
-ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-def reference_regressor(data: Data) -> FloatArray:
+def _reference_regressor(data: Data) -> FloatArray:
     """Regressor (n, 3, 42) at every sample: bodies, rotor inertia, Coulomb, viscous, offset."""
     import pinocchio as pin
 
@@ -141,9 +141,9 @@ def reference_regressor(data: Data) -> FloatArray:
     return x
 
 
-def reference_fit(data: Data) -> FloatArray:
+def _reference_fit(data: Data) -> FloatArray:
     """All 42 parameters by normal equations at the full rate, from the exact motion."""
-    x = reference_regressor(data).reshape(data.tau.size, -1)
+    x = _reference_regressor(data).reshape(data.tau.size, -1)
     gram, right = x.T @ x, x.T @ data.tau.reshape(-1)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     value, vector = np.linalg.eigh(gram / np.outer(scale, scale))
@@ -152,12 +152,12 @@ def reference_fit(data: Data) -> FloatArray:
     return theta / scale
 
 
-def heldout_of_reference(theta: FloatArray, test: Data) -> FloatArray:
+def _heldout_of_reference(theta: FloatArray, test: Data) -> FloatArray:
     """Rms error (3,) on another run at the full rate [N m]."""
-    return rms(test.tau - reference_regressor(test) @ theta)
+    return rms(test.tau - _reference_regressor(test) @ theta)
 
 
-def heldout_of_fit(result: FitResult, test: Data) -> FloatArray:
+def _heldout_of_fit(result: FitResult, test: Data) -> FloatArray:
     """The same of a fitted model of hil."""
     nothing = np.zeros_like(test.q)
     motion = replace(
@@ -188,15 +188,15 @@ def rms(x: FloatArray) -> FloatArray:
     return out
 
 
-def timed(call: Callable[[], Any]) -> tuple[float, float]:
+def _timed(call: Callable[[], Any]) -> tuple[float, float]:
     """Processor time and wall clock of a call [s]."""
     start, clock = time.process_time(), time.perf_counter()
     call()
     return time.process_time() - start, time.perf_counter() - clock
 
 
-def child_process(
-    words: list[str], python: str = sys.executable, limits: dict[str, str] = ONE_THREAD
+def _child_process(
+    words: list[str], python: str = sys.executable, limits: dict[str, str] = _ONE_THREAD
 ) -> dict[str, Any]:
     """Result of a script in a process of its own.
 
@@ -225,18 +225,18 @@ def child_process(
     return out
 
 
-def run_figaroh(folder: Path, repeats: int, python: str) -> dict[str, Any] | str:
+def _run_figaroh(folder: Path, repeats: int, python: str) -> dict[str, Any] | str:
     """FIGAROH on train.npz and test.npz in a folder, or why it could not run."""
     if not python and importlib.util.find_spec("figaroh") is None:
         return "not installed (pip install 'hil-teleop[bench]', or --figaroh PYTHON)"
     script = str(Path(__file__).with_name("figaroh_peer.py"))
     try:
-        return child_process([script, str(folder), str(repeats)], python or sys.executable)
+        return _child_process([script, str(folder), str(repeats)], python or sys.executable)
     except (ConfigError, OSError) as error:
         return f"did not run: {error}"
 
 
-LENGTHS = (60, 120, 300, 600)
+_LENGTHS = (60, 120, 300, 600)
 REFERENCE = "numpy + Pinocchio (reference)"
 #: What the data sets are called, by whether there is an effect that the model lacks.
 DATA = {False: "complete", True: "Stribeck missing"}
@@ -294,7 +294,7 @@ class Report:
 def run(
     seconds: float = 60.0,
     repeats: int = 3,
-    lengths: Sequence[float] = LENGTHS,
+    lengths: Sequence[float] = _LENGTHS,
     figaroh: str = "",
     report: Callable[[str], None] | None = None,
 ) -> Report:
@@ -336,21 +336,21 @@ def _in_process(train: Data, test: Data, data: str, repeats: int) -> list[Row]:
     recording = train.recording("train")
     model = base_model(recording.robot)
     calls: dict[str, Callable[[], Any]] = {
-        REFERENCE: lambda: reference_fit(train),
+        REFERENCE: lambda: _reference_fit(train),
         # a recording keeps what was found in it: each fit gets one that no other has looked at
         "hil.fit": lambda: fit([replace(recording)], model),
     }
     times: dict[str, list[tuple[float, float]]] = {k: [] for k in calls}
     for _ in range(1 + repeats):
         for peer, call in calls.items():
-            times[peer].append(timed(call))
+            times[peer].append(_timed(call))
     errors = {
-        REFERENCE: heldout_of_reference(reference_fit(train), test),
-        "hil.fit": heldout_of_fit(fit([recording], model), test),
+        REFERENCE: _heldout_of_reference(_reference_fit(train), test),
+        "hil.fit": _heldout_of_fit(fit([recording], model), test),
     }
     cpu, wall = ({k: median(x[c] for x in t[1:]) for k, t in times.items()} for c in (0, 1))
     return [
-        Row(k, data, cpu[k], wall[k], cpu[k] / cpu[REFERENCE], tuple(errors[k] / NOISE))
+        Row(k, data, cpu[k], wall[k], cpu[k] / cpu[REFERENCE], tuple(errors[k] / _NOISE))
         for k in calls
     ]
 
@@ -367,11 +367,11 @@ def _figaroh(
     (folder / "arm.urdf").write_text(urdf(), encoding="utf-8")
     np.savez(folder / "train.npz", **vars(train))
     np.savez(folder / "test.npz", **vars(test))
-    found = run_figaroh(folder, repeats, python)
+    found = _run_figaroh(folder, repeats, python)
     if isinstance(found, str):
         return Row("FIGAROH", data, np.nan, np.nan, np.nan, (), found)
     cpu, wall = median(found["seconds"]), median(found["wall"])
-    ratio = tuple(float(x) / NOISE for x in found["rms"])
+    ratio = tuple(float(x) / _NOISE for x in found["rms"])
     note = f"and {found['import']:.1f} s to import"
     return Row(f"FIGAROH {found['version']}", data, cpu, wall, cpu / reference, ratio, note)
 
@@ -393,10 +393,10 @@ def _diagnoses(
 
 
 def _oneshot(
-    folder: Path, repeats: int, paths: list[str], limits: dict[str, str] = ONE_THREAD
+    folder: Path, repeats: int, paths: list[str], limits: dict[str, str] = _ONE_THREAD
 ) -> dict[str, Any]:
     words = ["-m", "hil.bench.diagnose_once", str(repeats), str(folder / "report.html"), *paths]
-    return child_process(words, limits=limits)
+    return _child_process(words, limits=limits)
 
 
 def _length(folder: Path, seconds: float, stribeck: bool) -> Length:

@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 Feature = Callable[[Motion, FloatArray], FloatArray]
 Named = Iterator[tuple[str, Feature]]
 #: A little beyond the range of the training runs polynomials stay where they end.
-BEYOND = 1.05
+_BEYOND = 1.05
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Scales:
 
     def place(self, m: Motion, j: int) -> FloatArray:
         """Position of joint j, -1 to 1 over its range (n,)."""
-        x: FloatArray = np.clip((m.q[:, j] - self.centre[j]) / self.half[j], -BEYOND, BEYOND)
+        x: FloatArray = np.clip((m.q[:, j] - self.centre[j]) / self.half[j], -_BEYOND, _BEYOND)
         return x
 
     def sign(self, m: Motion, j: int) -> FloatArray:
@@ -221,18 +221,18 @@ def _relaxing(m: Motion, j: int, seconds: float) -> FloatArray:
 
 
 #: A feature stays if it takes this share of the left-out error of its joint.
-WORTH = 0.03
-PASSES = 5
-FOLDS = 5
+_WORTH = 0.03
+_PASSES = 5
+_FOLDS = 5
 #: So many runs are left out one by one; fewer are cut into fifths.
-RUNS = 3
+_RUNS = 3
 #: Shares of the diagonal of the normal equations that are tried with several joints.
-RIDGES = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
-RIDGE_OF_ONE = 1e-9
+_RIDGES = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
+_RIDGE_OF_ONE = 1e-9
 #: A column of this share of the largest one is rounding.
-NOTHING = 1e-9
+_NOTHING = 1e-9
 #: With more joints a feature is first sized up on its own joint's rows.
-MANY = 3
+_MANY = 3
 
 
 @dataclass(frozen=True)
@@ -318,14 +318,14 @@ class Script:
     def __init__(self, side: Side) -> None:
         problem = side.problem
         self.side, self.y = side, problem.y
-        self.fold = problem.run if len(problem.motions) >= RUNS else _fifths(problem.n)
+        self.fold = problem.run if len(problem.motions) >= _RUNS else _fifths(problem.n)
         self.folds = int(self.fold.max()) + 1
         self.sigma = np.maximum(problem.y.std(axis=1), 1e-12)
         self.moving = ~problem.holds
         self.size = np.maximum(problem.rms(problem.effort), 1e-12)
-        self.ridge = RIDGE_OF_ONE
+        self.ridge = _RIDGE_OF_ONE
         if problem.d > 1:
-            self.ridge = min(RIDGES, key=self._error_with)
+            self.ridge = min(_RIDGES, key=self._error_with)
 
     def _error_with(self, ridge: float) -> float:
         self.ridge = ridge
@@ -372,7 +372,7 @@ class Script:
         best, found = now, None
         for name, feature in pool.items():
             rows = self.side.rows(feature, j)
-            if self.side.problem.d > MANY:
+            if self.side.problem.d > _MANY:
                 error = self.left_out_alone(j, rows)
             else:
                 error = float(self.left_out(self.side.with_(j, rows))[j])
@@ -438,7 +438,7 @@ def _choose(script: Script, judged: Side) -> tuple[tuple[str, ...], ...]:
     pools = [make(Scales.of(side.problem), j) for j in range(d)]
     chosen: list[list[str]] = [[] for _ in range(d)]
     error = script.left_out(side.own)
-    for _ in range(PASSES):
+    for _ in range(_PASSES):
         gained = False
         for j in map(int, np.flatnonzero(script.moving)):
             left = {k: f for k, f in pools[j].items() if k not in chosen[j]}
@@ -447,7 +447,7 @@ def _choose(script: Script, judged: Side) -> tuple[tuple[str, ...], ...]:
                 continue
             trial = side.with_(j, found[1])
             after = script.left_out(trial)
-            if after[j] < (1 - WORTH) * error[j]:
+            if after[j] < (1 - _WORTH) * error[j]:
                 side.own, error, gained = trial, after, True
                 judged.own = judged.with_(j, judged.rows(pools[j][found[0]], j))
                 chosen[j].append(found[0])
@@ -475,14 +475,14 @@ def _places(shared: int, own: list[FloatArray]) -> list[NDArray[np.int_]]:
 
 def _fifths(n: int) -> NDArray[np.int_]:
     """Labels of contiguous fifths (n,)."""
-    out: NDArray[np.int_] = np.arange(n) * FOLDS // n
+    out: NDArray[np.int_] = np.arange(n) * _FOLDS // n
     return out
 
 
 def _scale(gram: FloatArray) -> FloatArray:
     """What makes the diagonal one (p,), and leaves columns of nothing but rounding out."""
     power = np.diag(gram)
-    there = power > NOTHING**2 * power.max(initial=1e-30)
+    there = power > _NOTHING**2 * power.max(initial=1e-30)
     return np.where(there, 1 / np.sqrt(np.where(there, power, 1.0)), 0.0)
 
 

@@ -137,7 +137,7 @@ def _received_figures(pipe: int, child: int) -> dict[str, float]:
     return dict(json.loads(text))
 
 
-PERIOD_NS = 1_000_000
+_PERIOD_NS = 1_000_000
 #: As in cyclictest's histogram: up to 100 ms, a microsecond a bin.
 _BINS = 100_000
 _NONE = float("nan")
@@ -202,12 +202,12 @@ def plain_sleep(seconds: float) -> Run:
     """What a user would write: sleep to the next tick, the same arithmetic of one rig's tick."""
     late, work, missed = [], np.zeros(64), 0
     zero = time.monotonic_ns()
-    for k in range(1, round(seconds * 1e9 / PERIOD_NS) + 1):
-        due = zero + k * PERIOD_NS
+    for k in range(1, round(seconds * 1e9 / _PERIOD_NS) + 1):
+        due = zero + k * _PERIOD_NS
         time.sleep(max(0, due - time.monotonic_ns()) * 1e-9)
         now = time.monotonic_ns() - due
         late.append(now)
-        missed += now > PERIOD_NS
+        missed += now > _PERIOD_NS
         for _ in range(20):
             work += 0.5 * work
     return _run("plain time.sleep, nothing recorded", np.array(late, float), missed)
@@ -240,7 +240,7 @@ def cyclictest(seconds: float) -> Run:
     p50, p99, p999 = (
         float(us[int(np.searchsorted(total, q * total[-1]))]) for q in (0.5, 0.99, 0.999)
     )
-    missed = int(counts[us >= PERIOD_NS // 1000].sum()) + overflow
+    missed = int(counts[us >= _PERIOD_NS // 1000].sum()) + overflow
     return Run(name, int(total[-1]) + overflow, missed, p50, p99, p999, float(most))
 
 

@@ -35,7 +35,7 @@ FloatArray = NDArray[np.float64]
 #: Runs to fit, and runs to judge on.
 Split = tuple[list[Recording], list[Recording]]
 #: A case that has said nothing after this time has failed [s].
-LIMIT_S = 3600.0
+_LIMIT_S = 3600.0
 
 
 @dataclass(frozen=True)
@@ -277,7 +277,7 @@ def _apart(case: Case, work: Callable[[Case], Row]) -> Row:
     process.start()
     send.close()
     try:
-        found = receive.recv() if receive.poll(LIMIT_S) else f"no answer in {LIMIT_S:g} s"
+        found = receive.recv() if receive.poll(_LIMIT_S) else f"no answer in {_LIMIT_S:g} s"
     except EOFError:
         process.join()
         found = f"its process ended with status {process.exitcode}"

@@ -10,16 +10,16 @@ from typing import Any
 from hil.bench.real import Ours, Row, Script
 
 #: Largest ratio of our error to the person's that is aimed at.
-AIM = 1.1
+_AIM = 1.1
 #: An error is worse than the given model's from this ratio on: two fits differ by rounding.
-WORSE = 1.001
+_WORSE = 1.001
 HEAD = (
     "case", "given", "with offset", "person", "ours", "blind", "floor", "ours / person",
     "verdict", "named", "person s", "ours s", "MiB",
 )  # fmt: skip
 JOINTS = ("case", "joint", "given", "with offset", "person", "ours", "floor", "person's features")
 FAILED = "internal error"
-NOTHING = "-"
+_NOTHING = "-"
 
 
 def ratio(row: Row) -> float:
@@ -40,7 +40,7 @@ def blindly_worse(row: Row) -> bool:
     """Whether that model is worse than the given one."""
     if not isinstance(row.ours, Ours) or not row.ours.blind:
         return False
-    return row.whole(row.ours.blind) > WORSE * row.whole(row.ours.ladder[0])
+    return row.whole(row.ours.blind) > _WORSE * row.whole(row.ours.ladder[0])
 
 
 def worse(row: Row) -> bool:
@@ -48,19 +48,19 @@ def worse(row: Row) -> bool:
     if not isinstance(row.ours, Ours) or not row.ours.ladder:
         return False
     given, written = (row.whole(row.ours.ladder[k]) for k in (0, row.ours.written))
-    return written > WORSE * given
+    return written > _WORSE * given
 
 
 def line(row: Row) -> list[str]:
     """One case: errors in %, what was named, seconds and memory."""
-    errors = [NOTHING] * 6
-    named = verdict = person_s = ours_s = NOTHING
+    errors = [_NOTHING] * 6
+    named = verdict = person_s = ours_s = _NOTHING
     if isinstance(row.script, Script):
         errors[1], errors[2] = (_number(row.whole(x)) for x in (row.script.given, row.script.final))
         person_s = f"{row.script.seconds:.1f}"
     if isinstance(row.ours, Ours):
         verdict, ours_s = row.ours.verdict, f"{row.ours.seconds:.1f}"
-        named = ", ".join(f"{name} ({p:.2f})" for name, p in row.ours.names) or NOTHING
+        named = ", ".join(f"{name} ({p:.2f})" for name, p in row.ours.names) or _NOTHING
         if whole := [row.whole(x) for x in row.ours.ladder]:
             unseen = row.whole(row.ours.blind) if row.ours.blind else math.nan
             mine = (whole[0], whole[row.ours.written], unseen, row.whole(row.ours.floor))
@@ -71,12 +71,12 @@ def line(row: Row) -> list[str]:
     return [
         row.case,
         *errors,
-        NOTHING if math.isnan(far) else f"{far:.2f}{star}",
+        _NOTHING if math.isnan(far) else f"{far:.2f}{star}",
         verdict,
         named,
         person_s,
         ours_s,
-        NOTHING if math.isnan(row.mebibytes) else f"{row.mebibytes:.0f}",
+        _NOTHING if math.isnan(row.mebibytes) else f"{row.mebibytes:.0f}",
     ]
 
 
@@ -84,17 +84,17 @@ def joint_lines(row: Row) -> list[list[str]]:
     """Errors of each joint of a case [%]; a joint that only holds its place has none."""
     out = []
     for j, joint in enumerate(row.joints):
-        errors = [NOTHING] * 5
-        features = NOTHING
+        errors = [_NOTHING] * 5
+        features = _NOTHING
         if isinstance(row.script, Script):
-            features = ", ".join(row.script.features[j]) or NOTHING
+            features = ", ".join(row.script.features[j]) or _NOTHING
             errors[1], errors[2] = _number(row.script.given[j]), _number(row.script.final[j])
         if isinstance(row.ours, Ours) and row.ours.ladder:
             rungs = row.ours.ladder
             errors[0], errors[3] = _number(rungs[0][j]), _number(rungs[row.ours.written][j])
             errors[4] = _number(row.ours.floor[j])
         if row.holds[j]:
-            joint, errors = f"{joint} (holds)", [NOTHING] * 5
+            joint, errors = f"{joint} (holds)", [_NOTHING] * 5
         out.append([row.case, joint, *errors, features])
     return out
 
@@ -107,15 +107,15 @@ def aims(rows: Sequence[Row]) -> list[str]:
     broken = [r.case for r in rows if not isinstance(r.ours, Ours)]
     late = [r.case for r in rows if worse(r)]
     alone = [r.case for r in rows if not isinstance(r.script, Script)]
-    near, below = sum(ratio(r) <= AIM for r, _ in known), sum(ratio(r) < 1 for r, _ in known)
+    near, below = sum(ratio(r) <= _AIM for r, _ in known), sum(ratio(r) < 1 for r, _ in known)
     own = [r.case for r in rows if isinstance(r.ours, Ours) and r.ours.refitted]
-    blinds = sum(blind(r) <= AIM for r, _ in known), sum(blind(r) < 1 for r, _ in known)
+    blinds = sum(blind(r) <= _AIM for r, _ in known), sum(blind(r) < 1 for r, _ in known)
     harmed = [r.case for r in rows if blindly_worse(r)]
     lines = [
-        f"at most {AIM:g} times the person's error: {near} of {len(known)} cases (aim: all)",
+        f"at most {_AIM:g} times the person's error: {near} of {len(known)} cases (aim: all)",
         f"below the person's error: {below} of {len(known)} cases (aim: half)",
         f"worse than the given model: {_some(late)} (aim: none)",
-        f"chosen without a look at the judged runs: at most {AIM:g} times {blinds[0]}, below "
+        f"chosen without a look at the judged runs: at most {_AIM:g} times {blinds[0]}, below "
         f"{blinds[1]}, worse than the given model {_some(harmed)}",
         f"internal errors: {_some(broken)} (aim: none)",
         f"named where nothing is missing: {_some(named)} of {len(complete)} cases (aim: none)",
@@ -132,7 +132,7 @@ def _floor(row: Row) -> float:
     return row.whole(row.ours.floor) if isinstance(row.ours, Ours) and row.ours.ladder else math.nan
 
 
-def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
+def _kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Rows by kind of robot, in the order in which they come."""
     out: dict[str, list[Row]] = {}
     for row in rows:
@@ -143,9 +143,9 @@ def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
 def by_kind(rows: Sequence[Row]) -> list[list[str]]:
     """How many cases of each kind reach the aim, and the median ratio."""
     out = []
-    for kind, some in kinds(rows).items():
+    for kind, some in _kinds(rows).items():
         ratios = sorted(math.inf if math.isnan(x) else x for x in map(ratio, some))
-        near, below = sum(x <= AIM for x in ratios), sum(x < 1 for x in ratios)
+        near, below = sum(x <= _AIM for x in ratios), sum(x < 1 for x in ratios)
         middle = (ratios[(len(ratios) - 1) // 2] + ratios[len(ratios) // 2]) / 2
         out.append(
             [
@@ -154,13 +154,13 @@ def by_kind(rows: Sequence[Row]) -> list[list[str]]:
                 str(near),
                 str(below),
                 str(sum(map(worse, some))),
-                NOTHING if math.isinf(middle) else f"{middle:.2f}",
+                _NOTHING if math.isinf(middle) else f"{middle:.2f}",
             ]
         )
     return out
 
 
-KINDS = ("kind", "cases", f"at most {AIM:g}", "below", "worse than given", "median ratio")
+KINDS = ("kind", "cases", f"at most {_AIM:g}", "below", "worse than given", "median ratio")
 
 
 def failures(rows: Sequence[Row]) -> list[str]:
@@ -185,7 +185,7 @@ def _plain_data(x: Any) -> Any:
 def text(rows: Sequence[Row], table: Callable[[list[str], list[list[str]]], str]) -> str:
     """For the terminal; `table` lays out a head and its rows."""
     parts = []
-    for kind, some in kinds(rows).items():
+    for kind, some in _kinds(rows).items():
         parts += [kind, table(list(HEAD), [line(r) for r in some]), ""]
     parts += [table(list(KINDS), by_kind(rows)), ""]
     return "\n".join([*parts, *(f"  {x}" for x in (*aims(rows), *failures(rows)))])
@@ -223,7 +223,7 @@ def page(rows: Sequence[Row], command: str, revision: str) -> str:
         *_markdown(KINDS, by_kind(rows)),
         "",
     ]
-    for kind, some in kinds(rows).items():
+    for kind, some in _kinds(rows).items():
         missing = "; nothing is known to be missing" if all(r.complete for r in some) else ""
         parts += [f"## {kind[0].upper()}{kind[1:]}{missing}", ""]
         parts += [*_markdown(HEAD, [line(r) for r in some]), ""]
@@ -245,7 +245,7 @@ def _plain(words: str) -> str:
 
 
 def _number(x: float) -> str:
-    return NOTHING if math.isnan(x) else f"{x:.3g}" if abs(x) < 1 else f"{x:.1f}"
+    return _NOTHING if math.isnan(x) else f"{x:.3g}" if abs(x) < 1 else f"{x:.1f}"
 
 
 def _some(names: Sequence[str]) -> str:

@@ -26,10 +26,10 @@ PUBLISHED = {
     "j1.torque-offset.t0": -3.17,
 }
 PUBLISHED_ERROR = 4.12
-AXIS = RobotSource("single-axis")
+_AXIS = RobotSource("single-axis")
 
 
-def emps_model() -> RobotModel:
+def _emps_model() -> RobotModel:
     """The published model: M qdd + Fv v + Fc sgn v + offset, with a sharp sign and its filter.
 
     Position filter 100 Hz (4th order, forward and backward) as published; their decimation by
@@ -37,7 +37,7 @@ def emps_model() -> RobotModel:
     """
     sharp = Use("coulomb", options={"fixed_shape": True}, values={"j1.coulomb.v0": Value(1e-6)})
     parts = (Use("rigid-body"), sharp, Use("viscous"), Use("torque-offset"))
-    return RobotModel(AXIS, parts, band=Band(100.0, 50.0))
+    return RobotModel(_AXIS, parts, band=Band(100.0, 50.0))
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Published:
 def emps_published() -> Published:
     """Reproduce the published identification; held-out error on the record with pulses."""
     train, other = datasets.load_emps(), datasets.load_emps(pulses=True)
-    model = emps_model()
+    model = _emps_model()
     problem = Problem([train], model.robot, band=model.band)
     result = fit(problem, model)
     held = Examiner(problem, [other])(result)
@@ -83,7 +83,7 @@ class Emps:
 #: benchmark is that of nonlinearbenchmark.org (Janot, Gautier, Brunot 2019).
 REFERENCES = {"linear state space": 5.53, "polynomial NARX": 5.17}
 #: What may be refined beside the base model with an offset; the first record chooses.
-STRUCTURES: tuple[tuple[str, ...], ...] = (
+_STRUCTURES: tuple[tuple[str, ...], ...] = (
     (),
     ("asymmetric-viscous",),
     ("asymmetric-viscous", "spring"),
@@ -94,7 +94,7 @@ STRUCTURES: tuple[tuple[str, ...], ...] = (
 def emps_diagnosed() -> Emps:
     """Start from the published effects, let the tool name what is missing."""
     train, other = datasets.load_emps(), datasets.load_emps(pulses=True)
-    model = base_model(AXIS)
+    model = base_model(_AXIS)
     d = diagnose([train], model, [other])
     errors = [1e3 * float(free_run(s.result, [other]).simulated[0]) for s in d.ladder]
     return Emps(d, [float(s.heldout.relative[0]) for s in d.ladder], errors)
@@ -119,15 +119,15 @@ class Refined:
     taken: int
 
 
-def emps_refined(structures: Sequence[tuple[str, ...]] = STRUCTURES) -> Refined:
+def emps_refined(structures: Sequence[tuple[str, ...]] = _STRUCTURES) -> Refined:
     """Refine several structures on free runs of the first record; it alone chooses."""
     train, other = datasets.load_emps(), datasets.load_emps(pulses=True)
     fits = []
     for effects in structures:
-        model = base_model(AXIS)
+        model = base_model(_AXIS)
         for effect in effects:
             model = model + effect
-        result = fit(Problem([train], AXIS), model)
+        result = fit(Problem([train], _AXIS), model)
         fits.append(refine(result, [other], free_run=True))
     labels = [" + ".join(["base + offset", *effects]) for effects in structures]
     return Refined(labels, fits, chosen(fits))
@@ -160,14 +160,14 @@ def contact(run: str) -> Contact:
     recording = datasets.load_tue(run)["follower"]
     half = recording.n // 2
     first, second = recording.slice(0, half), recording.slice(half, recording.n)
-    base = RobotModel(AXIS, (Use("contact-stiffness"), Use("torque-offset")), explains="external")
+    base = RobotModel(_AXIS, (Use("contact-stiffness"), Use("torque-offset")), explains="external")
     d = diagnose([first], base, [second])
     law = [f.effect for f in (*d.findings, *d.partial)]
     candidates = {c.name: c.score for c in d.first.candidates}
     return Contact(
         run,
         d.verdict,
-        linear_spring(first, second),
+        _linear_spring(first, second),
         float(d.ladder[-1].heldout.relative[0]),
         tuple(law),
         candidates.get("contact-hysteresis", 0.0),
@@ -175,10 +175,10 @@ def contact(run: str) -> Contact:
     )
 
 
-def linear_spring(first: Recording, second: Recording) -> float:
+def _linear_spring(first: Recording, second: Recording) -> float:
     """Held-out relative error of tau_ext = -k q + t0 [%]."""
-    train = Problem([first], AXIS, "external")
-    other = Problem([second], AXIS, "external", rates=train.rates, span=train.span)
+    train = Problem([first], _AXIS, "external")
+    other = Problem([second], _AXIS, "external", rates=train.rates, span=train.span)
     x = np.stack([train.q[0], np.ones(train.n)], axis=1)
     theta = np.linalg.lstsq(x, train.y[0], rcond=None)[0]
     left = other.y[0] - np.stack([other.q[0], np.ones(other.n)], axis=1) @ theta

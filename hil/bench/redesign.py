@@ -11,7 +11,7 @@ from hil.teleop.hybrid import Impedance
 from hil.teleop.optimise import Problem
 
 #: Tasks: name -> what differs from the default problem.
-TASKS: dict[str, Problem] = {
+_TASKS: dict[str, Problem] = {
     "gel 300 N/m": Problem(real=Realisation(32.0, 30.0, 32.0)),
     "gel 300 N/m, k <= 225": Problem(real=Realisation(32.0, 30.0, 32.0), stiffness=225.0),
     "gel 600 N/m, k <= 240": Problem(
@@ -54,7 +54,7 @@ def measure() -> list[Row]:
     from hil.teleop.force_sensor_free import conditioning
 
     rows = []
-    for name, problem in TASKS.items():
+    for name, problem in _TASKS.items():
         start = time.perf_counter()
         found = optimise.optimise(problem)
         cold = time.perf_counter() - start

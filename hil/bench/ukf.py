@@ -38,7 +38,7 @@ class Figures:
     loop_us: dict[str, float]
 
 
-def rates(x: FloatArray, u: float, c: UkfConfig) -> FloatArray:
+def _rates(x: FloatArray, u: float, c: UkfConfig) -> FloatArray:
     """Time derivative of the ten states, plainly."""
     k1, k3, fcm, fvm, fcl, fvl = np.exp(x[4:])
     d = x[0] - x[2]
@@ -62,10 +62,10 @@ def reference(config: UkfConfig, position: float) -> Any:
         raise ConfigError("the reference needs filterpy: pip install 'hil-teleop[test]'") from error
 
     def move(x: FloatArray, dt: float, u: float = 0.0) -> FloatArray:
-        a = rates(x, u, config)
-        b = rates(x + dt / 2 * a, u, config)
-        c = rates(x + dt / 2 * b, u, config)
-        d = rates(x + dt * c, u, config)
+        a = _rates(x, u, config)
+        b = _rates(x + dt / 2 * a, u, config)
+        c = _rates(x + dt / 2 * b, u, config)
+        d = _rates(x + dt * c, u, config)
         return x + dt / 6 * (a + 2 * b + 2 * c + d)
 
     points = MerweScaledSigmaPoints(N, config.alpha, config.beta, config.kappa)
@@ -99,11 +99,11 @@ def measure(steps: int = 2000) -> Figures:
         slow.append(time.perf_counter() - start)
         worst = max(worst, float(np.abs((mine.state - x) / spread).max()))
     blocks = np.array(slow)[: steps // 100 * 100].reshape(-1, 100).mean(1)
-    return Figures(1e6 * min(times), 1e6 * float(blocks.min()), worst, steps, in_the_loop())
+    return Figures(1e6 * min(times), 1e6 * float(blocks.min()), worst, steps, _in_the_loop())
 
 
 #: What runs beside a law: name of the estimator and its parameters.
-LOOP: dict[str, tuple[str, dict[str, Any]]] = {
+_LOOP: dict[str, tuple[str, dict[str, Any]]] = {
     "momentum observer": ("force", {}),
     "friction network, 60 nodes": ("friction-network", {}),
     "three filters": ("elastic-ukf", {}),
@@ -111,14 +111,14 @@ LOOP: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
-def in_the_loop(ticks: int = 4000) -> dict[str, float]:
-    """Cost of a tick of each estimator of `LOOP` on a moving arm, best of five runs [us]."""
+def _in_the_loop(ticks: int = 4000) -> dict[str, float]:
+    """Cost of a tick of each estimator of `_LOOP` on a moving arm, best of five runs [us]."""
     t = PERIOD * np.arange(ticks)
     q = 0.3 + 0.2 * np.sin(2 * np.pi * np.outer(t, [0.7, 0.9, 1.1]))
     u = np.zeros((ticks, 12))
     u[:, :3], u[:, 3:6] = q, np.gradient(q, PERIOD, axis=0)
     sent, found = 0.02 * np.sign(u[:, 3:6]), {}
-    for said, (name, given) in LOOP.items():
+    for said, (name, given) in _LOOP.items():
         kind = registry.load("hil.estimators", name)
         made = kind.build(parse(kind.Config, given, "bench"), PERIOD)
         times = []

@@ -19,8 +19,8 @@ from hil.signals.velocity import FilteredAcceleration, estimator
 
 PERIOD = 1e-3
 #: Joint 1: 4096 counts a motor turn, gear 13.3 [rad].
-RESOLUTION = 2 * pi / 4096 / 13.3
-SECONDS, SETTLE = 5.0, 0.5
+_RESOLUTION = 2 * pi / 4096 / 13.3
+SECONDS, _SETTLE = 5.0, 0.5
 #: Name in the table, registry name, options.
 CASES: tuple[tuple[str, str, dict[str, object]], ...] = (
     ("first difference", "first-difference", {}),
@@ -34,8 +34,8 @@ CASES: tuple[tuple[str, str, dict[str, object]], ...] = (
     ("Kalman, 1e5 counts/s^2", "kalman", {"acceleration": 1e5}),
 )
 #: Filtered acceleration as in the thesis, over two of the estimators.
-SOURCES = (("FOAW end fit", "foaw-end-fit"), ("first difference", "first-difference"))
-CUTOFFS = (10.0, 30.0, 100.0)
+_SOURCES = (("FOAW end fit", "foaw-end-fit"), ("first difference", "first-difference"))
+_CUTOFFS = (10.0, 30.0, 100.0)
 
 #: Sines of a motion: amplitude of the speed [rad/s], frequency [Hz], phase [rad].
 Sines = tuple[tuple[float, float, float], ...]
@@ -108,23 +108,23 @@ def compare(motions: Iterable[str] = tuple(MOTIONS)) -> list[Row]:
     for motion in motions:
         sines = MOTIONS[motion]
         t = times()
-        counts = np.floor(position(sines, t) / RESOLUTION).astype(np.int64)
+        counts = np.floor(position(sines, t) / _RESOLUTION).astype(np.int64)
         for label, name, options in CASES:
-            estimate = follow(name, options, counts)
+            estimate = _follow(name, options, counts)
             rows.append(judge(label, motion, t, estimate, partial(velocity, sines)))
     return rows
 
 
-def compare_acceleration() -> list[Row]:
+def _compare_acceleration() -> list[Row]:
     """Filtered acceleration over the default estimator and over the first difference."""
     rows = []
     for motion in ("1 Hz, 0.5 rad/s", "hand"):
         sines = MOTIONS[motion]
         t = times()
-        counts = np.floor(position(sines, t) / RESOLUTION).astype(np.int64)
-        for label, name in SOURCES:
-            speed = follow(name, {}, counts)
-            for cutoff in CUTOFFS:
+        counts = np.floor(position(sines, t) / _RESOLUTION).astype(np.int64)
+        for label, name in _SOURCES:
+            speed = _follow(name, {}, counts)
+            for cutoff in _CUTOFFS:
                 method, out = FilteredAcceleration(1, PERIOD, cutoff), np.zeros(1)
                 found = np.zeros(len(t))
                 for k in range(len(t)):
@@ -138,7 +138,7 @@ def compare_acceleration() -> list[Row]:
     return rows
 
 
-def follow(name: str, options: dict[str, object], counts: np.ndarray) -> FloatArray:
+def _follow(name: str, options: dict[str, object], counts: np.ndarray) -> FloatArray:
     """Speeds [rad/s] that an estimator finds along counts (n,)."""
     method, rate = estimator(name, options, 1, PERIOD), np.zeros(1)
     found = np.zeros(len(counts))
@@ -146,7 +146,7 @@ def follow(name: str, options: dict[str, object], counts: np.ndarray) -> FloatAr
     for k in range(1, len(counts)):
         method.update(counts[k : k + 1], 1, rate)
         found[k] = rate[0]
-    return found * RESOLUTION / PERIOD
+    return found * _RESOLUTION / PERIOD
 
 
 def judge(
@@ -157,7 +157,7 @@ def judge(
     truth: Callable[[FloatArray], FloatArray],
 ) -> Row:
     """Error, delay and noise of an estimate `found` (n,) of `truth` at `t` (n,)."""
-    keep = t >= SETTLE
+    keep = t >= _SETTLE
     t, found = t[keep], found[keep]
     error = found - truth(t)
     delays = np.arange(0.0, 25e-3, 0.1e-3)
@@ -182,14 +182,14 @@ def report() -> str:
             "",
             "## Acceleration [rad/s^2]: low-pass filtered first difference of the velocity",
             "",
-            *table(compare_acceleration(), 2),
+            *table(_compare_acceleration(), 2),
             "",
             *_TAKE,
         ]
     )
 
 
-_URAD = 1e6 * RESOLUTION
+_URAD = 1e6 * _RESOLUTION
 _HEAD = f"""# Velocity and acceleration from encoder counts
 
 Printed by `hil bench velocity --report docs/bench/velocity.md`. Counts of joint 1 of a PHANTOM

@@ -17,7 +17,6 @@ import numpy as np
 
 from hil.record.decode import read_fields
 from hil.record.ring import Ring
-from hil.rig import boxes
 from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import Rig, bench_of, open_rig
 from hil.rigs import rig_path
@@ -30,19 +29,19 @@ from hil.signals.bus import Bus, Step
 from hil.signals.device import FloatArray
 
 #: Ticks that are measured, after as many that are not; length of a lockstep session [s].
-TICKS, WARM_UP, SECONDS = 5000, 500, 20.0
+_TICKS, _WARM_UP, SECONDS = 5000, 500, 20.0
 #: Longest tick at the 99th percentile [us], and least speeds [times real time].
 TICK_US = 250.0
 SPEEDS = {"sim": 20.0, "sim-wire": 5.0}
 #: After so many ticks the processor is left to others for a while [s]: ticks here do not wait for
 #: each other, and the operating system takes the real-time class from who never rests.
-BREATH, REST_S = 1000, 0.02
+_BREATH, _REST_S = 1000, 0.02
 #: Rows of what stands at the far end of the wires, and of processor time.
-WORLD, PROCESSOR = "simulated world and boxes", "whole tick, processor time"
+WORLD, _PROCESSOR = "simulated world and boxes", "whole tick, processor time"
 #: Row and length [s] of a session in real time.
-SESSION, REAL_S = "tick of a session in real time", 10.0
+SESSION, _REAL_S = "tick of a session in real time", 10.0
 #: Time that passes, whatever the processor does [ns].
-PASSING = time.perf_counter_ns
+_PASSING = time.perf_counter_ns
 
 
 class Stopwatch:
@@ -59,7 +58,7 @@ class Stopwatch:
         Time of this tick [ns].
     """
 
-    def __init__(self, clock: Callable[[], int] = PASSING) -> None:
+    def __init__(self, clock: Callable[[], int] = _PASSING) -> None:
         self.now: dict[str, int] = {}
         self._inner, self._clock = [0], clock
 
@@ -115,7 +114,7 @@ class Speed:
     cpu: float
 
 
-def costs(rig_name: str = "teleop", ticks: int = TICKS) -> list[Cost]:
+def costs(rig_name: str = "teleop", ticks: int = _TICKS) -> list[Cost]:
     """Costs of every driver on its simulated wire; the last row is the whole tick.
 
     The ticks follow each other without a pause, in a thread that is arranged as the loop of a
@@ -135,9 +134,9 @@ def costs(rig_name: str = "teleop", ticks: int = TICKS) -> list[Cost]:
         rig.close()
     # whole ticks once more, without what timing their parts costs
     rows = np.column_stack(
-        [parts, _whole(config, ticks, time.thread_time_ns), _whole(config, ticks, PASSING)]
+        [parts, _whole(config, ticks, time.thread_time_ns), _whole(config, ticks, _PASSING)]
     )
-    names = [*watch.now, PROCESSOR, "whole tick"]
+    names = [*watch.now, _PROCESSOR, "whole tick"]
     middle, most = np.median(rows, axis=0) * 1e-3, np.percentile(rows, 99, axis=0) * 1e-3
     return [Cost(n, float(m), float(p)) for n, m, p in zip(names, middle, most, strict=True)]
 
@@ -175,7 +174,7 @@ def _time_the_devices(rig: Rig, watch: Stopwatch) -> None:
 def _loop(rig: Rig, config: RigConfig) -> Loop:
     layout = FrameLayout(len(rig.ports), len(rig.controller.state_names))
     period = config.loop.period_ns
-    ring = Ring(16 * TICKS, layout.width)
+    ring = Ring(16 * _TICKS, layout.width)
     loop = Loop(
         rig.ports, rig.controller, VirtualClock(period), ring, layout, period, rig.origin_ns
     )
@@ -186,13 +185,13 @@ def _loop(rig: Rig, config: RigConfig) -> Loop:
 
 
 def _measure(
-    loop: Loop, watch: Stopwatch, ticks: int, clock: Callable[[], int] = PASSING
+    loop: Loop, watch: Stopwatch, ticks: int, clock: Callable[[], int] = _PASSING
 ) -> FloatArray:
     """Times [ns] of every part and of the whole tick; (ticks, parts + 1)."""
     names = list(watch.now)
     rows = np.zeros((ticks, len(names) + 1))
     with arranged():  # as a session in real time is
-        for k in range(-WARM_UP, ticks):
+        for k in range(-_WARM_UP, ticks):
             for name in names:
                 watch.now[name] = 0
             begin = clock()
@@ -201,12 +200,12 @@ def _measure(
             if k >= 0:
                 rows[k, :-1] = [watch.now[name] for name in names]
                 rows[k, -1] = whole
-            if k % BREATH == 0:
-                time.sleep(REST_S)
+            if k % _BREATH == 0:
+                time.sleep(_REST_S)
     return rows
 
 
-def session(rig_name: str = "teleop", seconds: float = REAL_S) -> Cost:
+def session(rig_name: str = "teleop", seconds: float = _REAL_S) -> Cost:
     """Whole ticks of a session in real time, as it recorded them: between them the loop sleeps."""
     config = load_rig(rig_path(rig_name), {"backend": "sim-wire"})
     with tempfile.TemporaryDirectory() as folder:
@@ -227,15 +226,3 @@ def speed(backend: str, rig_name: str = "teleop", seconds: float = SECONDS) -> S
         return Speed(
             backend, seconds / (time.perf_counter() - wall), seconds / (time.process_time() - cpu)
         )
-
-
-def rates(rig_name: str = "teleop") -> dict[str, float]:
-    """Updates per second of every motor box of a rig."""
-    config = load_rig(rig_path(rig_name), {"backend": "sim-wire"})
-    found = {}
-    for name in boxes.backends(config):
-        options = boxes.box_options(config, name)
-        rate = getattr(options, "rate_hz", None)
-        if callable(rate):
-            found[name] = float(rate(len(boxes.used_channels(config, name))))
-    return found

@@ -30,7 +30,7 @@ from hil.models.robots import bare_robot
 
 FloatArray = NDArray[np.float64]
 #: Parts of a model that the rigid-body part of the loop holds.
-RIGID = Trait.BODY | Trait.ROTOR
+_RIGID = Trait.BODY | Trait.ROTOR
 JOINTS = ("joint1", "joint2", "joint3")
 #: What stands for an effect without values.
 _NO_VALUE = Value(math.nan)
@@ -76,7 +76,7 @@ def effects(model: RobotModel) -> dict[str, float]:
     found = {
         name: value.value
         for use in model.effects
-        if not catalogue.get(use.type).traits & RIGID
+        if not catalogue.get(use.type).traits & _RIGID
         for name, value in (use.values or {f"j1.{use.type}.-": _NO_VALUE}).items()
     }
     tables(found, span(model))

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError
 
-N, POINTS = 10, 21
+N, _POINTS = 10, 21
 #: Columns of the point arrays: a multiple of the register width; those beyond POINTS are idle.
-WIDE = 24
+_WIDE = 24
 #: Rational tanh for wide registers, |error| < 3e-7 (coefficients as in Eigen's ptanh).
 _TOP, _EDGE = (
     (
@@ -73,7 +73,7 @@ def _rates(a: float, b: float, q: float, v: float, u: float, p: Any, s: int, c: 
 
 
 @nb.njit(cache=True, nogil=True, fastmath=_FAST)
-def propagate(x: Any, p: Any, u: float, h: float, c: Any) -> None:
+def _propagate(x: Any, p: Any, u: float, h: float, c: Any) -> None:
     """One Runge-Kutta step of all sigma points in place.
 
     Parameters
@@ -88,7 +88,7 @@ def propagate(x: Any, p: Any, u: float, h: float, c: Any) -> None:
         1/Jm, 1/Jl, 1/v0, known torque ON the link [N m].
     """
     c = (c[0], c[1], c[2], c[3])
-    for s in range(WIDE):
+    for s in range(_WIDE):
         a, b, q, v = x[0, s], x[1, s], x[2, s], x[3, s]
         m1, l1 = _rates(a, b, q, v, u, p, s, c)
         b2, v2 = b + 0.5 * h * m1, v + 0.5 * h * l1
@@ -104,7 +104,7 @@ def propagate(x: Any, p: Any, u: float, h: float, c: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True, fastmath=_FAST)
-def cholesky(p: Any, scale: float, out: Any) -> bool:
+def _cholesky(p: Any, scale: float, out: Any) -> bool:
     """Lower factor of scale * p into `out` (n, n); False where p is not positive."""
     n = p.shape[0]
     for j in range(n):
@@ -125,7 +125,7 @@ def cholesky(p: Any, scale: float, out: Any) -> bool:
 
 
 @nb.njit(cache=True, nogil=True, fastmath=_FAST)
-def draw(x: Any, low: Any, points: Any, pars: Any) -> None:
+def _draw(x: Any, low: Any, points: Any, pars: Any) -> None:
     """Sigma points x, x + L_i, x - L_i: states (10, 21), parameters (6, 21) as they act."""
     n = x.size
     for r in range(n):
@@ -144,12 +144,12 @@ def draw(x: Any, low: Any, points: Any, pars: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True, fastmath=_FAST)
-def moments(points: Any, w: Any, noise: Any, x: Any, p: Any) -> None:
+def _moments(points: Any, w: Any, noise: Any, x: Any, p: Any) -> None:
     """Mean into x (n,), covariance plus noise into p (n, n); `points` become deviations.
 
     Only the states moved: the parameters' rows are still x and its steps.
     """
-    n, m = points.shape[0], POINTS
+    n, m = points.shape[0], _POINTS
     for r in range(4):
         mean = w[1] * points[r, 0]
         for s in range(1, m):
@@ -193,12 +193,12 @@ def foresee(f: Any, u: float, h: float, parts: int) -> bool:
 
     `parts` Runge-Kutta steps a period: friction turns over within soft J / Fc seconds.
     """
-    if not cholesky(f.p, f.w[0], f.low):
+    if not _cholesky(f.p, f.w[0], f.low):
         return False
-    draw(f.x, f.low, f.points, f.pars)
+    _draw(f.x, f.low, f.points, f.pars)
     for _ in range(parts):
-        propagate(f.points, f.pars, u, h / parts, f.c)
-    moments(f.points, f.w, f.noise, f.x, f.p)
+        _propagate(f.points, f.pars, u, h / parts, f.c)
+    _moments(f.points, f.w, f.noise, f.x, f.p)
     return True
 
 
@@ -287,7 +287,7 @@ _F = np.float64
 #: What the kernels of one filter work on.
 RECORD = np.dtype([
     ("x", _F, (N,)), ("now", _F, (N,)), ("p", _F, (N, N)), ("low", _F, (N, N)),
-    ("points", _F, (N, WIDE)), ("pars", _F, (6, WIDE)), ("gain", _F, (N,)),
+    ("points", _F, (N, _WIDE)), ("pars", _F, (6, _WIDE)), ("gain", _F, (N,)),
     ("noise", _F, (N,)), ("w", _F, (4,)), ("c", _F, (4,)), ("variance", _F),
 ])  # fmt: skip
 

@@ -21,7 +21,7 @@ from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
 #: Smallest |det J| [m^3] that is inverted; below it, damped least squares.
-SINGULAR, DAMPING = 1e-4, 1e-3
+SINGULAR, _DAMPING = 1e-4, 1e-3
 
 
 def inverse_dynamics(result: FitResult, run: Recording) -> tuple[FloatArray, FloatArray]:
@@ -81,13 +81,13 @@ def tip_force(jacobian: FloatArray, torque: FloatArray) -> FloatArray:
     if weak.any():
         # F = (J J^T + lambda^2 I)^-1 J tau
         j, a = jacobian[weak], jt[weak]
-        square = j @ a + DAMPING**2 * np.eye(3)
+        square = j @ a + _DAMPING**2 * np.eye(3)
         out[weak] = np.linalg.solve(square, (j @ torque[weak, :, None]))[..., 0]
     return out
 
 
 @nb.njit(cache=True, nogil=True)
-def observe(p: Any, push: Any, gain: float, period: float, state: Any, r: Any) -> None:
+def _observe(p: Any, push: Any, gain: float, period: float, state: Any, r: Any) -> None:
     """One period of the momentum observer, in place.
 
     With p = M q' and p' = tau_c + tau_s + C^T q' - N - tau_f,
@@ -145,7 +145,7 @@ def momentum(
     out: FloatArray = np.zeros_like(p)
     state = np.zeros(1 + p.shape[1])
     for k in range(len(p)):
-        observe(p[k], push[k], gain, period, state, out[k])
+        _observe(p[k], push[k], gain, period, state, out[k])
     return out
 
 

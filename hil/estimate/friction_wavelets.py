@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 #: A node's key: level m, then the cell k.
 Node = tuple[int, tuple[int, ...]]
 #: Speed over which the backbone's sign is resolved, in units of the velocity scale.
-SOFT = 0.02
+_SOFT = 0.02
 
 
 def mexican_hat(x: FloatArray) -> FloatArray:
@@ -77,7 +77,7 @@ class Network:
         parts = []
         if self.backbone:
             own = x[:, self.own]
-            parts = [np.tanh(own / SOFT)[:, None], qd[:, self.own, None]]
+            parts = [np.tanh(own / _SOFT)[:, None], qd[:, self.own, None]]
         for m, k in self.nodes:
             value = 2.0 ** (m * qd.shape[1] / 2) * mexican_hat(2.0**m * x - np.array(k))
             parts.append(value[:, None])

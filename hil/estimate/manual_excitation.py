@@ -20,9 +20,9 @@ from hil.models.phantom import Premium
 
 FloatArray = NDArray[np.float64]
 #: Smallest singular value, relative to the largest, that counts.
-TOLERANCE = 1e-6
+_TOLERANCE = 1e-6
 #: Speed over which the sign of the Coulomb column is resolved [rad/s].
-SOFT = 0.02
+_SOFT = 0.02
 NAMES = (
     *Premium.names,
     *(f"j{j}.{c}" for j in (1, 2, 3) for c in ("fc", "fv")),
@@ -68,7 +68,7 @@ def regressor(q: FloatArray, qd: FloatArray, qdd: FloatArray, u: FloatArray) -> 
     out = np.zeros((n, 3, len(NAMES)))
     out[:, :, :8] = Premium(()).regressor(q, qd, qdd)
     for j in range(3):
-        out[:, j, 8 + 2 * j] = np.tanh(qd[:, j] / SOFT)
+        out[:, j, 8 + 2 * j] = np.tanh(qd[:, j] / _SOFT)
         out[:, j, 9 + 2 * j] = qd[:, j]
         out[:, j, 14 + j] = -u[:, j]
     return out.reshape(3 * n, -1)
@@ -98,7 +98,7 @@ def identify(
     unit = x / np.where(size > 0, size, 1.0)
     # scale of the equation itself, for the case tau_s = 0 whose null vector is x
     _, s, vt = np.linalg.svd(unit, full_matrices=False)
-    rank = int(np.sum(s > TOLERANCE * s[0]))
+    rank = int(np.sum(s > _TOLERANCE * s[0]))
     inverse = vt[:rank].T / s[:rank]
     theta = inverse @ (inverse.T @ (unit.T @ y))
     rest = y - unit @ theta

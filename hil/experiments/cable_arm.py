@@ -29,11 +29,11 @@ from hil.rigs import rig_path
 from hil.runtime import runner
 from hil.teleop.hybrid import FloatArray
 
-PERIOD, CORNER = 1e-3, 10.0
+_PERIOD, _CORNER = 1e-3, 10.0
 #: Length of a session and of its first part [s], and of the identifying session.
-SECONDS, LEARN, IDENTIFY = 60.0, 40.0, 15.0
+_SECONDS, LEARN, _IDENTIFY = 60.0, 40.0, 15.0
 #: Force that counts as touch [N]; an instant near one is neither free nor touched.
-TOUCH = 0.05
+_TOUCH = 0.05
 ARM = "follower"
 #: What the simulated arm hides in each condition.
 CONDITIONS: dict[str, list[dict[str, Any]]] = {
@@ -43,7 +43,7 @@ CONDITIONS: dict[str, list[dict[str, Any]]] = {
         {"effect": "stribeck", "arm": ARM, "joint": "all", "amplitude": 0.5},
     ],
 }
-NETWORK = {"nodes": 80, "gain": 0.02}
+_NETWORK = {"nodes": 80, "gain": 0.02}
 
 
 @dataclass(frozen=True)
@@ -92,17 +92,17 @@ class Study:
     learnt: dict[str, float]
 
 
-def estimators(model: RobotModel, learn: float = LEARN) -> dict[str, dict[str, Any]]:
+def _estimators(model: RobotModel, learn: float = LEARN) -> dict[str, dict[str, Any]]:
     """Tables ``[estimators]`` of the study, all with the identified rigid body of `model`."""
     pi = [float(x) for x in compensation_tables.rigid_parameters(model)]
-    common = {"model": pi, "corner_hz": CORNER}
+    common = {"model": pi, "corner_hz": _CORNER}
     late = {**common, "learn_until": learn}
     kinds = {
         "observer": ("force", common),
         "fitted": ("force", {**common, "effects": compensation_tables.effects(model)}),
-        "network": ("friction-network", {**late, "network": NETWORK}),
+        "network": ("friction-network", {**late, "network": _NETWORK}),
         "filters": ("elastic-ukf", late),
-        "both": ("elastic-ukf", {**late, "network": {**NETWORK, "backbone": False}}),
+        "both": ("elastic-ukf", {**late, "network": {**_NETWORK, "backbone": False}}),
     }
     return {n: {"name": k, "arm": ARM, "parameters": p} for n, (k, p) in kinds.items()}
 
@@ -129,31 +129,31 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Stud
             rows += judge(condition, path)
             for e in ("filters", "both"):
                 stiffness[f"{condition}: {SAID[e]}"] = cables(path, e)
-            learnt[condition] = float(column(path, "both", "learning")[: _tick(LEARN)].mean())
+            learnt[condition] = float(_column(path, "both", "learning")[: _tick(LEARN)].mean())
     return Study(rows, stiffness, learnt)
 
 
 def _tick(seconds: float) -> int:
-    return round(seconds / PERIOD)
+    return round(seconds / _PERIOD)
 
 
 def session(
     folder: Path,
     hidden: Sequence[Mapping[str, Any]],
     seed: int,
-    seconds: float = SECONDS,
+    seconds: float = _SECONDS,
     learn: float = LEARN,
 ) -> Path:
     """Identify the arm, then run all estimators beside the rig's own law."""
     first, path = folder / "identify.mcap", folder / "s.mcap"
     simulation: dict[str, Any] = {"hidden": list(hidden)}
     identify = load_rig(rig_path("identify"), {"simulation": simulation})
-    runner.run(identify, IDENTIFY, seed, "lockstep", first)
+    runner.run(identify, _IDENTIFY, seed, "lockstep", first)
     run = load(first, ARM)
     model = fit([run], base_model(run.robot, ARM) - "torque-offset").model
     hand = {"kind": "hand", "frequency": 0.5, "size": [0.05, 0.05, 0.05]}
     simulation |= {"operator": hand, "gel": {"below_home": 0.01}}
-    over = {"simulation": simulation, "estimators": estimators(model, learn)}
+    over = {"simulation": simulation, "estimators": _estimators(model, learn)}
     runner.run(load_rig(rig_path("lawrence"), over), seconds, seed + 1, "lockstep", path)
     return path
 
@@ -167,9 +167,9 @@ def judge(condition: str, path: Path, learn: float = LEARN) -> list[Row]:
     seen = _through(force)
     # near a touch: within a fifth of a second
     size = np.abs(force).max(axis=1)
-    near = np.convolve(size > TOUCH, np.ones(400), "same") > 0.5
+    near = np.convolve(size > _TOUCH, np.ones(400), "same") > 0.5
     late = np.arange(len(force)) >= _tick(learn)
-    free, touched = late & ~near, late & (size > TOUCH)
+    free, touched = late & ~near, late & (size > _TOUCH)
     rows = []
     for name, said in SAID.items():
         values = decode_numbers(read(path).topics[f"/estimate/{name}"])
@@ -188,7 +188,7 @@ def judge(condition: str, path: Path, learn: float = LEARN) -> list[Row]:
     return rows
 
 
-def column(path: Path, estimator: str, name: str) -> FloatArray:
+def _column(path: Path, estimator: str, name: str) -> FloatArray:
     """One column of an elastic-ukf's channel, (n,)."""
     names = registry.load("hil.estimators", "elastic-ukf").build.names
     out: FloatArray = decode_numbers(read(path).topics[f"/estimate/{estimator}"])
@@ -197,12 +197,12 @@ def column(path: Path, estimator: str, name: str) -> FloatArray:
 
 def cables(path: Path, estimator: str) -> list[float]:
     """Stiffness of the three cables at the end [N m/rad]."""
-    return [float(column(path, estimator, f"stiffness{j}")[-1]) for j in (1, 2, 3)]
+    return [float(_column(path, estimator, f"stiffness{j}")[-1]) for j in (1, 2, 3)]
 
 
 def _through(force: FloatArray) -> FloatArray:
     """Force through the estimators' low-pass, implicit first order."""
-    share = 2 * np.pi * CORNER * PERIOD
+    share = 2 * np.pi * _CORNER * _PERIOD
     share, out = share / (1 + share), np.zeros_like(force)
     for k in range(1, len(force)):
         out[k] = out[k - 1] + share * (force[k] - out[k - 1])

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hil.estimate.elastic_ukf import NAMES, ElasticUkf, UkfConfig
 
 FloatArray = NDArray[np.float64]
-SUBSTEPS = 20
+_SUBSTEPS = 20
 PERIOD = 1e-3
 
 
@@ -82,12 +82,12 @@ class Run:
 @nb.njit(cache=True)
 def _simulate(u: Any, load: Any, c: Any, out: Any) -> None:
     a, b, q, v = 0.0, 0.0, 0.0, 0.0
-    h = PERIOD / SUBSTEPS
+    h = PERIOD / _SUBSTEPS
     for k in range(u.size):
         out[k, 0], out[k, 1], out[k, 2], out[k, 3] = a, b, q, v
         push = u[k] - 0.02 * a
         out[k, 4] = push
-        for _ in range(SUBSTEPS):
+        for _ in range(_SUBSTEPS):
             d = a - q
             pull = c[2] * d + c[3] * d**3
             # friction turns over at a twentieth of a rad/s, with an arc tangent
@@ -129,11 +129,11 @@ def record(plant: Plant, seconds: float, seed: int, load: float = 0.0, size: flo
 
 
 #: First guess as a multiple of the truth.
-GUESS = (0.6, 1.8, 1.6, 0.6, 0.6, 1.6)
-FROZEN = (1e-12, 1e-4, 1e-12, 1e-4, 0.0)
-INERTIAS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
-TENSIONS = (1.3, 1.0, 0.8, 0.6, 0.4)
-FORCES = (0.0, 0.02, 0.04, 0.08, 0.12)
+_GUESS = (0.6, 1.8, 1.6, 0.6, 0.6, 1.6)
+_FROZEN = (1e-12, 1e-4, 1e-12, 1e-4, 0.0)
+_INERTIAS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
+_TENSIONS = (1.3, 1.0, 0.8, 0.6, 0.4)
+_FORCES = (0.0, 0.02, 0.04, 0.08, 0.12)
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ def identify(plant: Plant, seconds: float = 25.0, seed: int = 1) -> tuple[FloatA
     estimates of a like quantity.
     """
     true = truth(plant)
-    config = UkfConfig(plant.motor, plant.link, tuple(true * np.array(GUESS)))
+    config = UkfConfig(plant.motor, plant.link, tuple(true * np.array(_GUESS)))
     run = record(plant, seconds, seed)
     ukf = ElasticUkf(config, float(run.y[0]))
     states, _ = ukf.run(run.y, run.u, PERIOD)
@@ -213,14 +213,14 @@ def study(seed: int = 1) -> Study:
     """Identify, freeze the parameters, then vary inertia, tension and interaction force."""
     plant = Plant(tension_friction=0.8)
     found, ukf = identify(plant, seed=seed)
-    frozen = UkfConfig(plant.motor, plant.link, tuple(found), noise=FROZEN, spread=1e-12)
+    frozen = UkfConfig(plant.motor, plant.link, tuple(found), noise=_FROZEN, spread=1e-12)
     rows = [
-        *(_row("link inertia", f, frozen, replace(plant, link=plant.link * f)) for f in INERTIAS),
-        *(_row("cable tension", f, frozen, plant.slackened(f)) for f in TENSIONS),
-        *(_row("interaction", f, frozen, plant, f, 0.6) for f in FORCES),
+        *(_row("link inertia", f, frozen, replace(plant, link=plant.link * f)) for f in _INERTIAS),
+        *(_row("cable tension", f, frozen, plant.slackened(f)) for f in _TENSIONS),
+        *(_row("interaction", f, frozen, plant, f, 0.6) for f in _FORCES),
     ]
-    force = np.array([r.value for r in rows[-len(FORCES) :]])
-    mean = np.array([r.innovation for r in rows[-len(FORCES) :]])
+    force = np.array([r.value for r in rows[-len(_FORCES) :]])
+    mean = np.array([r.innovation for r in rows[-len(_FORCES) :]])
     slope = float(force @ (mean - mean[0]) / (force @ force))
     off = float(np.abs(mean - mean[0] - slope * force).max() / np.abs(mean - mean[0]).max())
     p = ukf.covariance[4:, 4:]
@@ -235,10 +235,10 @@ def _row(
 ) -> Row:
     run = record(plant, 6.0, 5, load, size)
     states, innovation = ElasticUkf(config, float(run.y[0])).run(run.y, run.u, PERIOD)
-    return measures(name, value, run, states, innovation)
+    return _measures(name, value, run, states, innovation)
 
 
-def measures(name: str, value: float, run: Run, states: FloatArray, innovation: FloatArray) -> Row:
+def _measures(name: str, value: float, run: Run, states: FloatArray, innovation: FloatArray) -> Row:
     """Errors after the first two seconds."""
     s = slice(2000, None)
     return Row(

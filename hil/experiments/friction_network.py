@@ -14,7 +14,7 @@ from hil.estimate import friction_wavelets
 from hil.estimate.friction_wavelets import FloatArray, Network
 
 #: Noise of the measured torque [N m].
-NOISE = 0.003
+_NOISE = 0.003
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def study(seed: int = 1) -> list[Row]:
     """Backbone alone, networks alone (batch and on line), network on the backbone."""
     rng = np.random.default_rng(seed)
     one, two = motion(60.0, seed), motion(30.0, seed + 100)
-    y, z = (rub(v) + NOISE * rng.normal(size=v.shape) for v in (one, two))
+    y, z = (rub(v) + _NOISE * rng.normal(size=v.shape) for v in (one, two))
     rows = []
     for name, make in _MODELS.items():
         nets = [make(one, y[:, j], j) for j in range(3)]
@@ -79,7 +79,7 @@ def _alone(qd: FloatArray, tau: FloatArray, j: int) -> Network:
 
 
 def _on_line(qd: FloatArray, tau: FloatArray, j: int) -> Network:
-    net = friction_wavelets.coarse(qd, j, backbone=False, zone=NOISE)
+    net = friction_wavelets.coarse(qd, j, backbone=False, zone=_NOISE)
     for _ in range(3):
         for _ in range(2):
             net = friction_wavelets.train(net, qd, tau)

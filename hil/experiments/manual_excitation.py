@@ -23,10 +23,10 @@ from hil.rigs import rig_path
 from hil.runtime import runner
 
 #: Friction fc, fv of the joints, then kappa of the motors.
-TRUE: FloatArray = np.array([
+_TRUE: FloatArray = np.array([
     *Premium.prior, 0.012, 0.001, 0.010, 0.0008, 0.009, 0.0006, 1.04, 0.97, 1.02,
 ])  # fmt: skip
-NOISE = 1e-3
+_NOISE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -62,25 +62,25 @@ def study(seed: int = 1) -> list[Row]:
     """Motors alone, hand alone, hand with a small motor torque."""
     t, q, qd, qdd = motion(seed)
     rng, zero = np.random.default_rng(seed), np.zeros_like(q)
-    bare = (manual_excitation.regressor(q, qd, qdd, zero) @ TRUE).reshape(-1, 3)
+    bare = (manual_excitation.regressor(q, qd, qdd, zero) @ _TRUE).reshape(-1, 3)
     dither = 0.02 * np.sin(2 * np.pi * t[:, None] * np.array([1.1, 1.7, 0.6]))
     cases = {
-        "motors, no hand": (bare / TRUE[14:], zero),
+        "motors, no hand": (bare / _TRUE[14:], zero),
         "hand, motors off": (zero, bare),
-        "hand and dither": (dither, bare - dither * TRUE[14:]),
+        "hand and dither": (dither, bare - dither * _TRUE[14:]),
     }
     rows = []
     for name, (u, tau_s) in cases.items():
-        noise = NOISE * rng.normal(size=q.shape) if tau_s.any() else zero
+        noise = _NOISE * rng.normal(size=q.shape) if tau_s.any() else zero
         found = manual_excitation.identify(q, qd, qdd, u, tau_s + noise)
         known = [n for n in manual_excitation.NAMES if n not in found.undetermined]
-        errors = [abs(found.values[n] / TRUE[manual_excitation.NAMES.index(n)] - 1) for n in known]
+        errors = [abs(found.values[n] / _TRUE[manual_excitation.NAMES.index(n)] - 1) for n in known]
         rows.append(Row(name, found, max(errors, default=float("nan"))))
     return rows
 
 
 #: Motor constant of joint 2 that the simulated leader hides, and the zero-phase filter [Hz].
-WRONG, CORNER = 1.08, 8.0
+WRONG, _CORNER = 1.08, 8.0
 
 
 def on_the_rig(seed: int = 1, seconds: float = 40.0) -> dict[str, Identified]:
@@ -122,7 +122,7 @@ def _identified(path: Path) -> Identified:
     if run.wrench is None:
         raise RuntimeError("a session of this rig has forces")
     period = 1e-3
-    b, a = butter(3, 2 * CORNER * period)
+    b, a = butter(3, 2 * _CORNER * period)
     push = np.einsum("nkd,nk->nd", Premium(()).jacobian(run.q), run.wrench[:, :3])
     q, u, tau_s = (filtfilt(b, a, x, axis=0) for x in (run.q, run.tau, push))
     qd = np.gradient(q, period, axis=0)

@@ -30,9 +30,9 @@ from hil.teleop.architecture import Design
 from hil.teleop.rig_designs import Arms
 from hil.toml import parse
 
-HZ, TRIALS = 1.0, 6
+HZ, _TRIALS = 1.0, 6
 #: Stiffness of the gel, and over the bolt [N/m^1.3].
-GEL, BOLT = 250.0, 400.0
+_GEL, _BOLT = 250.0, 400.0
 #: Named designs beside the optimised one: the measure, half as stiff as that may be, and one that
 #: hands half of the force back.
 MEASURE, FREE_FORM = "benchmark (position error)", ", force-sensor-free"
@@ -79,7 +79,7 @@ class Row:
 
 
 def study(
-    seed: int = 1, report: Callable[[str], None] = lambda _: None, trials: int = TRIALS
+    seed: int = 1, report: Callable[[str], None] = lambda _: None, trials: int = _TRIALS
 ) -> tuple[list[Row], dict[str, float]]:
     """All controllers, and the `differences` between them."""
     rows = []
@@ -126,8 +126,8 @@ def palpate(
     for trial in range(trials):
         zt, ze = np.array(
             [
-                impedances(folder, law, stiffness, seed + 10 * trial + k)
-                for k, stiffness in enumerate((GEL, BOLT))
+                _impedances(folder, law, stiffness, seed + 10 * trial + k)
+                for k, stiffness in enumerate((_GEL, _BOLT))
             ]
         ).T
         found.append(float(abs((zt[1] - zt[0]) / (ze[1] - ze[0]))))
@@ -143,7 +143,7 @@ def palpate(
     return Row(controller, float(designed), float(np.mean(expected)), tuple(found))
 
 
-def impedances(
+def _impedances(
     folder: Path, law: Mapping[str, Any], stiffness: float, seed: int
 ) -> tuple[complex, complex]:
     """Transmitted and environment's impedance of one run [N s/m]."""

@@ -37,12 +37,12 @@ PERIOD = 1e-3
 HZ = (0.5, 1.0, 2.0, 4.0)
 PERIODS, SETTLE = 5, 2.0
 #: Gel under the tip: none, then two stiffnesses [N/m^1.3], 20 mm above the tip's rest.
-GELS: tuple[float | None, ...] = (None, 250.0, 500.0)
-UP, AXIS = 0.008, 2
+_GELS: tuple[float | None, ...] = (None, 250.0, 500.0)
+_UP, AXIS = 0.008, 2
 NAMES = ("h11", "h12", "h21", "h22")
 #: 95 % bound of a complex error over its standard error estimated from few periods:
 #: |e|^2 / s^2 ~ F(2, 2 (periods - 1)).
-CONFIDENCE = float(np.sqrt(stats.f.ppf(0.95, 2, 2 * (PERIODS - 1))))
+_CONFIDENCE = float(np.sqrt(stats.f.ppf(0.95, 2, 2 * (PERIODS - 1))))
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,11 @@ class Row:
         Magnitudes and standard error, in the unit of the entry: h11 N s/m, h22 m/(N s).
     scale : float
         What `error` and `bound` are relative to: |predicted|, or the entry's natural unit where
-        that is larger (see `scales`).
+        that is larger (see `_scales`).
     error : float
         |measured - predicted| of the complex numbers, over `scale`.
     bound : float
-        What the data's scatter allows `error` to be, 95 %, over `scale`; see `CONFIDENCE`.
+        What the data's scatter allows `error` to be, 95 %, over `scale`; see `_CONFIDENCE`.
     """
 
     design: str
@@ -104,7 +104,7 @@ def arms(models: Mapping[str, str], settings: Mapping[str, Any]) -> tuple[dict[s
 def sessions(law: Mapping[str, Any], hz: float, folder: Path, seed: int) -> list[Experiment]:
     """Runs in free space and on the gels."""
     out = []
-    for k, gel in enumerate(GELS):
+    for k, gel in enumerate(_GELS):
         config = config_of(law, hz, gel)
         path = folder / f"{hz:g}-{k}.mcap"
         runner.run(config, SETTLE + PERIODS / hz, seed + k, "lockstep", path)
@@ -114,7 +114,7 @@ def sessions(law: Mapping[str, Any], hz: float, folder: Path, seed: int) -> list
 
 def config_of(law: Mapping[str, Any], hz: float, gel: float | None) -> RigConfig:
     """Rig with a machine on the leader and a gel of this stiffness, or none, 20 mm above home."""
-    operator = {"kind": "mechanical", "frequency": hz, "size": [0.0, 0.0, UP], "onset": 1.0}
+    operator = {"kind": "mechanical", "frequency": hz, "size": [0.0, 0.0, _UP], "onset": 1.0}
     below = 1.0 if gel is None else -0.02
     simulation = {"operator": operator, "gel": {"below_home": below, "stiffness": gel}}
     config = load_rig(rig_path("lawrence"), {"simulation": simulation})
@@ -149,11 +149,11 @@ def predicted(law: Mapping[str, Any], hz: FloatArray) -> ComplexArray:
 
 
 def relative(h: ComplexArray, goal: ComplexArray) -> FloatArray:
-    """Entrywise |h - goal| over `scales`, (n, 2, 2)."""
-    return np.asarray(np.abs(h - goal) / scales(goal), np.float64)
+    """Entrywise |h - goal| over `_scales`, (n, 2, 2)."""
+    return np.asarray(np.abs(h - goal) / _scales(goal), np.float64)
 
 
-def scales(goal: ComplexArray) -> FloatArray:
+def _scales(goal: ComplexArray) -> FloatArray:
     """The larger of |goal| and the entry's natural unit, (n, 2, 2).
 
     h12 and h21 count against 1; h11 and h22 against their own size or, where that is small,
@@ -197,7 +197,7 @@ def compare(
         found = hybrid.estimate_hybrid(sessions(law, f, folder, seed))
         off = np.abs(found.h - goal[k]).reshape(4)
         for i, entry in enumerate(NAMES):
-            h, g, unit = (x.reshape(4)[i] for x in (found.h, goal[k], scales(goal[k])))
+            h, g, unit = (x.reshape(4)[i] for x in (found.h, goal[k], _scales(goal[k])))
             std = float(found.std.reshape(4)[i])
             rows.append(
                 Row(
@@ -209,7 +209,7 @@ def compare(
                     std,
                     float(unit),
                     float(off[i] / unit),
-                    CONFIDENCE * std / float(unit),
+                    _CONFIDENCE * std / float(unit),
                 )
             )
     return rows

@@ -12,25 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.errors import ConfigError
-from hil.teleop.architecture import IDEAL, Design, Realisation, blocks
-from hil.teleop.hybrid import ComplexArray, FloatArray, jw
+from hil.teleop.architecture import Design
+from hil.teleop.hybrid import ComplexArray, FloatArray
 
-#: Condition number of Q up to which the transformed loop is comfortable, and where it is refused:
+#: Condition number of Q from which the transformed loop is refused (comfortable up to 3):
 #: with a sample of delay and usual filters it is stable for 1/kappa >= 0.18 and unstable at 0.05.
-COMFORTABLE, REFUSED = 3.0, 9.0
+REFUSED = 9.0
 
 
 def q_matrix(design: Design) -> FloatArray:
     """Q = [[1 + c6, -c2], [c3, -(1 + c5)]], shape (2, 2)."""
     return np.array([[1 + design.c6, -design.c2], [design.c3, -(1 + design.c5)]])
-
-
-def q_response(design: Design, w: FloatArray, real: Realisation = IDEAL) -> ComplexArray:
-    """Q(jw) with the filters and delays of the force channels, shape (n, 2, 2)."""
-    s = jw(w)
-    e = blocks(design, s, real)
-    parts = [np.broadcast_to(np.asarray(x, complex), s.shape) for x in (e.a, -e.b, e.c, -e.d)]
-    return np.stack([np.stack(parts[:2], -1), np.stack(parts[2:], -1)], -2)
 
 
 def conditioning(design: Design) -> float:
@@ -51,7 +43,7 @@ def loop_gains(design: Design) -> ComplexArray:
     return np.linalg.eigvals(a).astype(complex)
 
 
-def require(design: Design, limit: float = REFUSED) -> float:
+def _require(design: Design, limit: float = REFUSED) -> float:
     """Return kappa(Q), or refuse a design too close to the singularity.
 
     Raises
@@ -110,9 +102,9 @@ def transform(design: Design, limit: float = REFUSED) -> Design:
     Raises
     ------
     ConfigError
-        If it is too close to the singularity (`require`).
+        If it is too close to the singularity (`_require`).
     """
-    require(design, limit)
+    _require(design, limit)
     zm, zs = design.master.term, design.slave.term
     a, b, c, d = 1 + design.c6, design.c2, design.c3, 1 + design.c5
     over = 1.0 / design.D
@@ -166,7 +158,7 @@ def estimate(q: FloatArray, r: FloatArray) -> FloatArray:
     Parameters
     ----------
     q : ndarray (2, 2)
-        Force gains; `require` them first.
+        Force gains; `_require` them first.
     r : ndarray (..., 2)
         R(v): (f_cm0 - d_m, f_cs0 - d_s) with f_c0 the law without its force terms and d the full
         non-linear robot terms including M q'' [N].  f_s is ON the environment.

@@ -64,7 +64,7 @@ def jw(w: Any = GRID) -> ComplexArray:
     return out
 
 
-def of_blocks(e: Blocks) -> tuple[Any, Any, Any, Any]:
+def _of_blocks(e: Blocks) -> tuple[Any, Any, Any, Any]:
     """h11 [N s/m], h12 [1], h21 [1], h22 [m/(N s)] from blocks."""
     # Dh = a Zs - c c4
     below = e.a * e.Zs - e.c * e.c4
@@ -86,7 +86,7 @@ def hybrid(design: Design, s: Any, real: Realisation = IDEAL) -> ComplexArray:
     """
     s = np.atleast_1d(s)
     with np.errstate(divide="ignore", invalid="ignore"):  # told below, with its reason
-        parts = [np.broadcast_to(h, s.shape) for h in of_blocks(blocks(design, s, real))]
+        parts = [np.broadcast_to(h, s.shape) for h in _of_blocks(blocks(design, s, real))]
     h = np.stack([np.stack(parts[:2], -1), np.stack(parts[2:], -1)], -2)
     if not np.isfinite(h).all():
         raise ConfigError(
@@ -193,7 +193,7 @@ def _crossing(
 
 
 #: Condition of the pooled input spectrum above which H is not determined.
-CONDITION_LIMIT = 30.0
+_CONDITION_LIMIT = 30.0
 
 
 @dataclass(frozen=True)
@@ -272,10 +272,10 @@ def estimate_hybrid(experiments: Sequence[Experiment], harmonic: int = 1) -> Mea
     if len(lengths) != 1:
         raise DataError("the experiments have periods of different length")
     h, condition = _solve([y.mean(0) for y, _ in parts], [u.mean(0) for _, u in parts])
-    if not condition < CONDITION_LIMIT:
+    if not condition < _CONDITION_LIMIT:
         raise DataError(
             f"v_m and f_s go together in these {len(parts)} runs (condition {condition:.3g}, at "
-            f"most {CONDITION_LIMIT:g}): H is not identifiable; add a run against another "
+            f"most {_CONDITION_LIMIT:g}): H is not identifiable; add a run against another "
             "environment"
         )
     # jackknife over the periods of every experiment

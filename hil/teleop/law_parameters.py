@@ -14,7 +14,7 @@ from hil.teleop.architecture import FORCE, MOTION, Design, Realisation, Robot, T
 from hil.teleop.hybrid import FREE, FloatArray, Impedance
 from hil.teleop.sampled_loop import Cable, Loop
 
-AXES = ("x", "y", "z")
+_AXES = ("x", "y", "z")
 
 
 class Way(Protocol):
@@ -159,7 +159,7 @@ def loops_of(law: Law) -> list[Loop]:
             law.shape,
             (float(tips[0][i]), float(tips[1][i])),
             cable,
-            AXES[i],
+            _AXES[i],
             operators,
             (FREE, Impedance(*law.environment)),
         )

@@ -21,14 +21,14 @@ import numpy as np
 from scipy.optimize import NonlinearConstraint, minimize
 
 from hil.errors import ConfigError
-from hil.teleop import force_sensor_free, hybrid, passivity
+from hil.teleop import hybrid, passivity
 from hil.teleop.architecture import IDEAL, Design, Realisation, Robot, Term
 from hil.teleop.hybrid import GEL, HAND, FloatArray, Impedance
 from hil.teleop.summary import band, tracking, weighted
 
 #: theta in this order; c4 enters with a minus.
 ORDER = ("c1", "c2", "c3", "c4", "c5", "c6", "c7", "c8")
-FORCES = np.array([False, True, True, False, True, True, False, False])
+_FORCES = np.array([False, True, True, False, True, True, False, False])
 
 
 @dataclass(frozen=True)
@@ -76,13 +76,13 @@ class Problem:
 
     def bounds(self) -> FloatArray:
         """Upper bounds of theta, (8,): [N s/m] or 1."""
-        return np.where(FORCES, self.force, self.stiffness / self.corner)
+        return np.where(_FORCES, self.force, self.stiffness / self.corner)
 
 
 #: Re z_t kept [N s/m], for what lies between the frequencies of the search.
-STABILITY_MARGIN = 0.03
+_STABILITY_MARGIN = 0.03
 #: Frequencies of the last look [rad/s].
-FINE: FloatArray = np.geomspace(0.1, 1000.0, 600)
+_FINE: FloatArray = np.geomspace(0.1, 1000.0, 600)
 
 
 class Search:
@@ -122,9 +122,9 @@ class Search:
     def refine(self, x: FloatArray) -> bool:
         """Whether stability fails between the frequencies; those where it does are added."""
         with np.errstate(all="ignore"):  # a design without a matrix is refused later
-            h = hybrid.hybrid(self.design(x), hybrid.jw(FINE), self.p.real)
-            least = passivity.half_disc(h, np.abs(self.p.largest(hybrid.jw(FINE))))
-        bad = FINE[(least < 0.0) & np.isfinite(least)]
+            h = hybrid.hybrid(self.design(x), hybrid.jw(_FINE), self.p.real)
+            least = passivity.half_disc(h, np.abs(self.p.largest(hybrid.jw(_FINE))))
+        bad = _FINE[(least < 0.0) & np.isfinite(least)]
         new = bad[:: max(1, bad.size // 6)]
         if new.size:
             self.watch(np.unique(np.concatenate([self.wide, new])))
@@ -151,7 +151,7 @@ class Search:
         return {
             "free tracking": 1 - tracking(slow, 0.0, 1.0) / p.free,
             "contact tracking": 1 - touch / p.contact,
-            "stability": (np.maximum(least, -20.0) - STABILITY_MARGIN) / 10.0,
+            "stability": (np.maximum(least, -20.0) - _STABILITY_MARGIN) / 10.0,
             "poles": np.array([-(pole + 0.5) / 10.0]),
             **q,
         }
@@ -176,7 +176,7 @@ def _condition_ratio(d: Design, limit: float) -> float:
 
 
 #: A constraint is active within this slack (each is scaled to about 1).
-ACTIVE = 2e-3
+_ACTIVE = 2e-3
 
 
 @dataclass(frozen=True)
@@ -196,17 +196,17 @@ class Active:
     price: float
 
 
-def active_constraints(search: Search, x: FloatArray) -> tuple[Active, ...]:
+def _active_constraints(search: Search, x: FloatArray) -> tuple[Active, ...]:
     """Constraints and bounds that bind, with their prices from the stationarity conditions."""
-    slack = {n: v for n, v in search.constraints(x).items() if v.min() < ACTIVE}
+    slack = {n: v for n, v in search.constraints(x).items() if v.min() < _ACTIVE}
     rows: list[tuple[str, str, FloatArray]] = []
     for name in slack:
         rows.append((name, _reason(search, x, name), _gradient(search, x, name)))
     for i, name in enumerate(ORDER):
         edge = np.eye(8)[i]
-        if x[i] > 1 - ACTIVE:
+        if x[i] > 1 - _ACTIVE:
             rows.append((f"{name} upper", f"{name} at its bound {search.top[i]:.4g}", -edge))
-        elif x[i] < ACTIVE:
+        elif x[i] < _ACTIVE:
             rows.append((f"{name} lower", f"{name} at 0: its sign is fixed", edge))
     if not rows:
         return ()
@@ -224,7 +224,7 @@ def _reason(search: Search, x: FloatArray, name: str) -> str:
     return {
         "free tracking": f"free tracking error reaches {p.free:g} at {hz[at % 8]:.2g} Hz",
         "contact tracking": f"contact tracking error reaches {p.contact:g} at {hz[at % 8]:.2g} Hz",
-        "stability": f"Re z_t reaches {STABILITY_MARGIN:g} N s/m at {hz[at % hz.size]:.3g} Hz",
+        "stability": f"Re z_t reaches {_STABILITY_MARGIN:g} N s/m at {hz[at % hz.size]:.3g} Hz",
         "poles": "the slowest pole reaches -0.5 rad/s",
         "fsf": f"the condition of Q reaches {p.kappa:g}: estimation singularity",
     }[name]
@@ -248,7 +248,7 @@ def _slope(f: Callable[[FloatArray], float], x: FloatArray) -> FloatArray:
 
 
 #: How often a search is taken up again, with the frequencies at which it failed.
-REFINEMENTS = 4
+_REFINEMENTS = 4
 _BOX = [(0.0, 1.0)] * 8
 _OPTIONS = {"maxiter": 60, "ftol": 1e-5, "eps": 1e-6}
 
@@ -320,13 +320,15 @@ def optimise(
     best, x = max(good, key=lambda r: r[0])
     agreeing = sum(value > 0.99 * best for value, _ in good)
     theta = tuple(float(v) for v in x * search.top)
-    return Found(search.design(x), theta, best, active_constraints(search, x), len(first), agreeing)
+    return Found(
+        search.design(x), theta, best, _active_constraints(search, x), len(first), agreeing
+    )
 
 
 def _maximise(search: Search, x: FloatArray) -> FloatArray:
     """Sequential quadratic programming on scaled parameters; grid refined where it was passed."""
     climb: Any = minimize
-    for _ in range(REFINEMENTS):
+    for _ in range(_REFINEMENTS):
         with np.errstate(all="ignore"):  # the search may pass through designs without a matrix
             found = climb(
                 lambda v: -search.sensitivity(v),
@@ -340,8 +342,3 @@ def _maximise(search: Search, x: FloatArray) -> FloatArray:
         if not search.refine(x):
             break
     return x
-
-
-def two_stages(found: Found, limit: float = force_sensor_free.REFUSED) -> tuple[Design, Design]:
-    """Both stages: SO, and SOFSF that needs no force sensor."""
-    return found.design, force_sensor_free.transform(found.design, limit)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 #: Two roots nearer than this, relative to their size, are the same root.
-SAME = 1e-6
+_SAME = 1e-6
 
 
 def _sum(p: FloatArray, q: FloatArray) -> FloatArray:
@@ -98,7 +98,7 @@ class Rational:
         left = list(np.roots(self.den))
         kept = []
         for z in np.roots(self.num):
-            near = [p for p in left if abs(p - z) <= SAME * max(1.0, abs(z))]
+            near = [p for p in left if abs(p - z) <= _SAME * max(1.0, abs(z))]
             if near:
                 left.remove(near[0])
             else:

@@ -31,8 +31,8 @@ REAL = (
 #: What an optimised design is made from: bounds and tolerances of `hil.teleop.optimise.Problem`.
 TASK = ("max_stiffness", "max_force", "corner", "free", "contact", "kappa")
 #: Masses of the sensors on the tip [kg] (data sheets), reflected inertia of the rotors [kg m^2].
-SENSORS = {"nano17": 0.009, "nano25": 0.063}
-ROTORS = (1.8e-4, 1.3e-4, 1.3e-4)
+_SENSORS = {"nano17": 0.009, "nano25": 0.063}
+_ROTORS = (1.8e-4, 1.3e-4, 1.3e-4)
 
 
 class Rig(Protocol):
@@ -174,14 +174,14 @@ def models(paths: Mapping[str, str], rig: Rig) -> dict[str, Any]:
             if given.get("friction_speeds"):
                 out[f"{role}_friction"] = [0.0] * 3 * len(given["friction_speeds"])
         elif f"{role}_model" not in given:
-            out[f"{role}_model"] = nominal(_payload(rig, arm))
+            out[f"{role}_model"] = _nominal(_payload(rig, arm))
     return out
 
 
-def nominal(payload: float) -> list[float]:
+def _nominal(payload: float) -> list[float]:
     """Published parameters pi with rotors and a mass [kg] at the tip, (8,)."""
     pi = Premium.prior.copy()
-    pi[[0, 4, 5]] += ROTORS
+    pi[[0, 4, 5]] += _ROTORS
     return [float(x) for x in law_parameters.payload(pi, payload)]
 
 
@@ -189,5 +189,5 @@ def _payload(rig: Rig, arm: str) -> float:
     """Mass of an arm's force sensor [kg]."""
     for device in rig.devices.values():
         if device.arm == arm and device.driver == "ft-sensor":
-            return SENSORS.get(str(device.options.get("model", "nano17")), 0.0)
+            return _SENSORS.get(str(device.options.get("model", "nano17")), 0.0)
     return 0.0

@@ -24,7 +24,7 @@ from hil.teleop.architecture import IDEAL, MOTION, Design, Realisation
 from hil.teleop.hybrid import FREE, GEL, HAND, ComplexArray, FloatArray, Impedance
 
 #: Longest delay line that is checked exactly [ticks].
-LONGEST = 300
+_LONGEST = 300
 
 
 @dataclass(frozen=True)
@@ -135,8 +135,8 @@ class Axis:
         corners = np.array([real.velocity_hz, real.acceleration_hz, real.force_hz])
         self._shares = np.where(corners > 0, 1 - np.exp(-2 * np.pi * corners * period), 1.0)
         self.ages = (round(real.forward_s / period), round(real.backward_s / period))
-        if max(self.ages) > LONGEST:
-            raise ConfigError(f"delays above {LONGEST} ticks are not checked in sampled time")
+        if max(self.ages) > _LONGEST:
+            raise ConfigError(f"delays above {_LONGEST} ticks are not checked in sampled time")
         robots = (loop.design.master, loop.design.slave)
         both = [
             _mechanics(m, robot.b, loop.cable, z)
@@ -222,19 +222,19 @@ class Axis:
         return np.stack([self.advance(e) for e in np.eye(self.size)], axis=1)
 
 
-def spectral_radius(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> float:
+def _spectral_radius(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> float:
     """Largest magnitude of the eigenvalues of one period; stable below 1."""
-    return dominant_mode(loop, zh, ze, period)[0]
+    return _dominant_mode(loop, zh, ze, period)[0]
 
 
-def dominant_mode(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> tuple[float, float]:
+def _dominant_mode(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> tuple[float, float]:
     """Magnitude of the largest eigenvalue of one period, and its frequency [Hz]."""
     values = np.linalg.eigvals(Axis(loop, zh, ze, period).matrix())
     top = values[np.abs(values).argmax()]
     return float(abs(top)), float(abs(np.angle(top)) / (2 * np.pi * period))
 
 
-def sampled_delay_margin(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> float:
+def _sampled_delay_margin(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> float:
     """Additional round-trip delay that the sampled loop bears [s], to half a millisecond or so.
 
     Half of it is added to each channel; the search doubles, then halves, and ends at 0.2 s.
@@ -246,7 +246,7 @@ def sampled_delay_margin(loop: Loop, zh: Impedance, ze: Impedance, period: float
             forward_s=loop.real.forward_s + extra / 2,
             backward_s=loop.real.backward_s + extra / 2,
         )
-        return spectral_radius(replace(loop, real=real), zh, ze, period) < 1.0 + 1e-9
+        return _spectral_radius(replace(loop, real=real), zh, ze, period) < 1.0 + 1e-9
 
     if not stable(0.0):
         return 0.0
@@ -284,9 +284,9 @@ def hybrid_at(loop: Loop, w: FloatArray, period: float, encoders: bool = False) 
 
 
 #: Beyond this per period a mode grows; a free position is a mode of exactly 1.
-GROWTH = 1e-7
+_GROWTH = 1e-7
 #: From here on a growing mode is put down to the cable [Hz].
-CABLE_HZ = 80.0
+_CABLE_HZ = 80.0
 
 
 @dataclass(frozen=True)
@@ -314,7 +314,7 @@ class Margins:
     pair: str
 
 
-def proper(loop: Loop) -> None:
+def _proper(loop: Loop) -> None:
     """Refuse gains that cannot be realised or cannot hold a slave.
 
     Raises
@@ -351,7 +351,7 @@ def margins(loop: Loop, period: float) -> Margins:
         rows.append(
             (
                 float(found.real.max(initial=-np.inf)),
-                spectral_radius(loop, zh, ze, period),
+                _spectral_radius(loop, zh, ze, period),
                 hybrid.delay_margin(loop.design, zh, ze, loop.real),
                 _pair_text(zh, ze),
             )
@@ -381,22 +381,22 @@ def refuse(loops: Iterable[Loop], period: float) -> None:
         if same in seen:
             continue
         seen.add(same)
-        proper(loop)
+        _proper(loop)
         for zh, ze in _pairs(loop):
             _stable(loop, zh, ze, period)
 
 
 def _stable(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> None:
-    size, hz = dominant_mode(loop, zh, ze, period)
-    if size <= 1.0 + GROWTH:
+    size, hz = _dominant_mode(loop, zh, ze, period)
+    if size <= 1.0 + _GROWTH:
         return
     growth, pair = np.log(size) / period, _pair_text(zh, ze)
     where = f"axis {loop.axis or '-'}, {pair}"
     now = replace(loop.real, forward_s=0.0, backward_s=0.0)
     without = replace(loop, real=now)
     total = loop.real.forward_s + loop.real.backward_s
-    if total > 0.0 and spectral_radius(without, zh, ze, period) <= 1.0 + GROWTH:
-        bears = sampled_delay_margin(without, zh, ze, period)
+    if total > 0.0 and _spectral_radius(without, zh, ze, period) <= 1.0 + _GROWTH:
+        bears = _sampled_delay_margin(without, zh, ze, period)
         raise ConfigError(
             f"{where}: the round-trip delay of {1e3 * total:.3g} ms is beyond the margin of "
             f"{1e3 * bears:.3g} ms; shorten the delay, or lower c2, c4 and the stiffness"
@@ -420,7 +420,7 @@ def _advice(loop: Loop, hz: float) -> str:
         return (
             "lower acceleration_hz, or go further from the estimation singularity (smaller c2 c3)"
         )
-    if loop.cable and hz > CABLE_HZ:
+    if loop.cable and hz > _CABLE_HZ:
         return "it is the cable between motor and tip: lower the damping of c7 and c8"
     return "lower the gains, or raise velocity_hz and force_hz"
 

@@ -18,9 +18,9 @@ from hil.teleop.hybrid import FREE, GRID, FloatArray, Impedance
 from hil.teleop.sampled_loop import Loop, Margins, margins
 
 #: Band over which the sensitivity is averaged, and up to which tracking counts [Hz].
-BAND, TRACKING = (0.2, 5.0), 1.0
+_BAND, _TRACKING = (0.2, 5.0), 1.0
 #: Largest environment of the bounded test: stiffness [N/m], damping [N s/m].
-LARGEST = Impedance(0.0, 6.0, 1500.0)
+_LARGEST = Impedance(0.0, 6.0, 1500.0)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def weighted(values: Any, w: FloatArray) -> float:
 
 def band() -> FloatArray:
     """Frequencies of the sensitivity [rad/s]."""
-    return 2 * np.pi * np.geomspace(*BAND, 60)
+    return 2 * np.pi * np.geomspace(*_BAND, 60)
 
 
 def tracking(h: Any, ze: Any, scale: float) -> FloatArray:
@@ -99,7 +99,7 @@ def summarise(loop: Loop, period: float) -> Summary:
         Of the loop [s].
     """
     d, ze = loop.design, next((z for z in loop.environments if z != FREE), hybrid.GEL)
-    w, slow = band(), 2 * np.pi * np.geomspace(0.02, TRACKING, 40)
+    w, slow = band(), 2 * np.pi * np.geomspace(0.02, _TRACKING, 40)
     wide, near, far = (hybrid.hybrid(d, hybrid.jw(x), loop.real) for x in (GRID, w, slow))
     sampled = force_sensor_free.sampled_condition(d, loop.real.acceleration_hz, period)
     still = hybrid.hybrid(d, np.array([1e-4j]), loop.real)
@@ -112,10 +112,10 @@ def summarise(loop: Loop, period: float) -> Summary:
         float(abs(hybrid.sensitivity(still, ze(np.array([1e-4j])))[0])),
         float(tracking(far, 0.0, d.motion_scale).max()),
         float(gap.max()),
-        float(hybrid.width(near, w, LARGEST).min()),
+        float(hybrid.width(near, w, _LARGEST).min()),
         float(passivity.llewellyn(wide).min()),
         float(passivity.passive(wide).min()),
-        float(passivity.half_disc(wide, np.abs(LARGEST(hybrid.jw(GRID)))).min()),
+        float(passivity.half_disc(wide, np.abs(_LARGEST(hybrid.jw(GRID)))).min()),
         d.D,
         force_sensor_free.conditioning(d),
         sampled.smallest,
@@ -229,7 +229,7 @@ def impedance_plot(loops: list[Loop]) -> Any:
         for ze, dash, said in (
             (hybrid.FREE, "dot", "free"),
             (loop.environments[-1], "solid", "gel"),
-            (LARGEST, "dash", "stiffest"),
+            (_LARGEST, "dash", "stiffest"),
         ):
             size = np.abs(hybrid.transmitted(h, ze(hybrid.jw())))
             figure.add_trace(

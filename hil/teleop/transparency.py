@@ -22,7 +22,7 @@ LOCAL = {
     "c3": ("c5", "-1"),
     "c4": ("c8", "-z_cm"),
 }
-EQUATIONS = {
+_EQUATIONS = {
     "c1": "c1 = kp (z_cs + c7)",
     "c2": "c2 = kf (1 + c6)",
     "c3": "kf c3 = 1 + c5",
@@ -30,9 +30,9 @@ EQUATIONS = {
     "rank": "c1 c2 - c3 c4 != 0",
 }
 #: A condition holds if its two sides agree to this share of the larger one.
-TOLERANCE = 1e-9
+_TOLERANCE = 1e-9
 #: Coefficients below this part of the largest are rounding, and not said.
-ROUNDING = 1e-12
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Family:
     condition: str
 
 
-def wanted(design: Design) -> dict[str, Term]:
+def _wanted(design: Design) -> dict[str, Term]:
     """c1..c4 that the theorem demands for the local gains of this design."""
     kp, kf = design.motion_scale, design.force_scale
     return {
@@ -94,25 +94,25 @@ def wanted(design: Design) -> dict[str, Term]:
 
 def check(design: Design) -> list[Condition]:
     """All five conditions with their gaps, the missed ones saying what to change."""
-    goal = wanted(design)
+    goal = _wanted(design)
     found = []
     for name in LOCAL:
         value = getattr(design, name)
         have = value if isinstance(value, Term) else Term(0.0, value)
         difference = (have + (-goal[name])).size()
         gap = difference / max(have.size(), goal[name].size(), 1e-300)
-        holds = gap <= TOLERANCE or difference <= TOLERANCE
+        holds = gap <= _TOLERANCE or difference <= _TOLERANCE
         text = "" if holds else f"{name} is {_said(have)}, it should be {_said(goal[name])}"
-        found.append(Condition(name, EQUATIONS[name], holds, 0.0 if holds else gap, text))
+        found.append(Condition(name, _EQUATIONS[name], holds, 0.0 if holds else gap, text))
     return [*found, _rank(design)]
 
 
 def _rank(design: Design) -> Condition:
     one, two = design.c1 * design.c2, design.c4 * design.c3
     gap = (one + (-two)).size() / max(one.size(), two.size(), 1e-300)
-    holds = gap > TOLERANCE
+    holds = gap > _TOLERANCE
     text = "" if holds else "the channels cancel: the port variables are not determined"
-    return Condition("rank", EQUATIONS["rank"], holds, gap, text)
+    return Condition("rank", _EQUATIONS["rank"], holds, gap, text)
 
 
 def transparent(design: Design) -> bool:
@@ -172,6 +172,6 @@ def _there(value: Term | float) -> bool:
 
 def _said(term: Term) -> str:
     parts = [(term.k, "/s"), (term.b, ""), (term.a, " s")]
-    least = ROUNDING * term.size()
+    least = _ROUNDING * term.size()
     text = " + ".join(f"{x:.6g}{unit}" for x, unit in parts if abs(x) > least)
     return text.replace("+ -", "- ") or "0"

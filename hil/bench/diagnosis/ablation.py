@@ -89,7 +89,7 @@ def _same(rows: list[Row], path: Path | None) -> None:
         )
 
 
-HEAD = (
+_HEAD = (
     "rule",
     "stage",
     "fired",
@@ -131,12 +131,12 @@ class Effect:
     seconds: float
 
 
-def good(row: Row) -> bool:
+def _good(row: Row) -> bool:
     """Whether an answer is right, or a set with the truth in it."""
     return row["outcome"] in ("right", "ambiguous")
 
 
-def differ(a: Row, b: Row) -> bool:
+def _differ(a: Row, b: Row) -> bool:
     """Whether two answers to one case differ: verdict, names or outcome."""
     return _said(a) != _said(b) or a["outcome"] != b["outcome"]
 
@@ -150,15 +150,15 @@ def effects(rows: list[Row], again: list[Row]) -> list[Effect]:
 def _effect(code: str, rows: list[Row], again: list[Row]) -> Effect:
     without = {r["case"]: r for r in again if r["without"] == code}
     pairs = [(r, without.get(r["case"], r)) for r in rows]
-    lost = sum(good(a) and not good(b) for a, b in pairs)
-    gained = sum(good(b) and not good(a) for a, b in pairs)
-    both = sum(good(a) and good(b) for a, b in pairs)
+    lost = sum(_good(a) and not _good(b) for a, b in pairs)
+    gained = sum(_good(b) and not _good(a) for a, b in pairs)
+    both = sum(_good(a) and _good(b) for a, b in pairs)
     return Effect(
         code,
         rules.stage(code),
         sum(code in r["fired"] for r in rows),
         len(without),
-        sum(differ(a, b) for a, b in pairs),
+        sum(_differ(a, b) for a, b in pairs),
         lost,
         gained,
         tables.difference(both, lost, gained, len(pairs) - both - lost - gained),
@@ -212,7 +212,7 @@ def _table(found: list[Effect]) -> str:
         ]
         for e in found
     ]
-    return table(HEAD, rows)
+    return table(_HEAD, rows)
 
 
 def _changes(rows: list[Row], again: list[Row]) -> str:
@@ -220,7 +220,7 @@ def _changes(rows: list[Row], again: list[Row]) -> str:
     lines = [
         [b["without"], b["case"], _words(before[b["case"]]), _words(b)]
         for b in again
-        if differ(before[b["case"]], b)
+        if _differ(before[b["case"]], b)
     ]
     head = ["without", "session", "with it", "without it"]
     return table(head, sorted(lines)) if lines else "None."

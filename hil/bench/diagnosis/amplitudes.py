@@ -26,11 +26,11 @@ FloatArray = NDArray[np.float64]
 #: Plant -> file of its amplitudes, levels [floors], noise with which they are calibrated.
 FILES = {"tuning": "amplitudes.json", "test": "test_amplitudes.json"}
 LEVELS = {"tuning": (0.5, 1.5, 5.0), "test": (0.7, 1.5, 5.0)}
-NOISE = {"tuning": "coloured", "test": "white"}
+_NOISE = {"tuning": "coloured", "test": "white"}
 #: Sessions tried for one level, and share of the level by which it may be missed.
-STEPS, NEAR = {"tuning": 7, "test": 4}, {"tuning": 1.18, "test": 1.4}
+_STEPS, _NEAR = {"tuning": 7, "test": 4}, {"tuning": 1.18, "test": 1.4}
 #: First amplitude that is tried where an effect has no smallest one.
-START = {"tuning": 0.2, "test": 0.5}
+_START = {"tuning": 0.2, "test": 0.5}
 #: Motion on which amplitudes are calibrated.
 MOTION = 901
 
@@ -46,7 +46,7 @@ def base_rms(recordings: list[Recording], offset: bool = False) -> FloatArray:
 
 
 @lru_cache(maxsize=256)
-def quiet_rms(
+def _quiet_rms(
     robot: str, noise: str, motion: tuple[str, int], seed: int, force: bool, offset: bool = False
 ) -> bytes:
     """`base_rms` without any hidden effect, as bytes (cached)."""
@@ -67,7 +67,7 @@ def excess(
     `offset`: whether the model that leaves it has an offset a joint.
     """
     rms = base_rms(recordings, offset)
-    floor = np.frombuffer(quiet_rms(robot, noise, motion, seed, force, offset))
+    floor = np.frombuffer(_quiet_rms(robot, noise, motion, seed, force, offset))
     return float(np.sqrt(max(0.0, np.max((rms**2 - floor**2) / floor**2))))
 
 
@@ -106,15 +106,15 @@ def calibrate(effect: str, joint: int, robot: str, excitation: str) -> list[floa
     plant = session.plant(robot)
     _, least, most = session.kinds(plant)[effect]
     found: list[float] = []
-    a = least or START[plant]
+    a = least or _START[plant]
     for level in LEVELS[plant]:
         a = _reach(
             lambda a: _excess_at(effect, joint, robot, excitation, a),
             level,
             a,
             (least, most),
-            STEPS[plant],
-            NEAR[plant],
+            _STEPS[plant],
+            _NEAR[plant],
         )
         found.append(float(f"{a:.3g}"))
         a = min(2.0 * a, most)
@@ -149,7 +149,7 @@ def _reach(
 def _excess_at(effect: str, joint: int, robot: str, excitation: str, a: float) -> float:
     """Excess that amplitude `a` leaves; infinite where the loop does not stand it."""
     plant, motion, seed = session.plant(robot), (excitation, MOTION), MOTION
-    need, noise = session.kinds(plant)[effect][0], NOISE[plant]
+    need, noise = session.kinds(plant)[effect][0], _NOISE[plant]
     force = need == "force"
     run = session.record(robot, [(effect, joint, a)], noise, motion, seed, force)
     if not session.sane(run):

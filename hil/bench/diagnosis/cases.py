@@ -14,16 +14,16 @@ from hil.models.effect import Trait
 from hil.models.model import RobotModel, base_model
 from hil.record.recording import RobotSource
 
-LEVELS = amplitudes.LEVELS["tuning"]
-NOISES = ("white", "coloured")
+_LEVELS = amplitudes.LEVELS["tuning"]
+_NOISES = ("white", "coloured")
 EXCITATIONS = ("repeated", "strokes")
-SEEDS, FEWER = 10, 3
+SEEDS, _FEWER = 10, 3
 #: Seeds of sessions with nothing hidden: without a false alarm in 208, its rate is below 2 %.
-NOTHING = 32
+_NOTHING = 32
 #: Effects of sensors: half the seeds.
-SENSORS = ("force-", "encoder-", "missed-", "filter-")
+_SENSORS = ("force-", "encoder-", "missed-", "filter-")
 #: Pairs of effects that are hidden together, and whether on one joint.
-PAIRS = (
+_PAIRS = (
     ("stribeck", "cogging"),
     ("quadratic-drag", "position-friction"),
     ("end-stop", "stribeck"),
@@ -99,13 +99,13 @@ class Case:
 
 
 #: Effects that an offset of the base model would take up: the model under suspicion lacks it there.
-OFFSETS = ("torque-offset", "asymmetric-coulomb")
+_OFFSETS = ("torque-offset", "asymmetric-coulomb")
 
 
 def suspected(case: Case, robot: RobotSource) -> RobotModel:
     """The model under suspicion: the base model, without an offset where an offset is hidden."""
     model = base_model(robot)
-    hidden = any(h.effect in OFFSETS for h in case.hidden)
+    hidden = any(h.effect in _OFFSETS for h in case.hidden)
     return model - "torque-offset" if hidden else model
 
 
@@ -123,29 +123,29 @@ def plan(quick: bool = False, seeds: int = SEEDS) -> list[Case]:
     if quick:
         return _quick()
     # false alarms are rare: their number is not cut with the seeds
-    there, found = known(), nothing(range(NOTHING))
+    there, found = known(), nothing(range(_NOTHING))
     for effect in session.kinds():
-        count = (seeds + 1) // 2 if effect.startswith(SENSORS) else seeds
-        for seed in range(count if effect in there else min(seeds, FEWER)):
-            for level in LEVELS:
-                for noise in NOISES:
+        count = (seeds + 1) // 2 if effect.startswith(_SENSORS) else seeds
+        for seed in range(count if effect in there else min(seeds, _FEWER)):
+            for level in _LEVELS:
+                for noise in _NOISES:
                     found += [single(effect, level, noise, e, seed) for e in EXCITATIONS]
-    return [c for c in found + two(range(min(seeds, 4)), NOISES, (1.5, 5.0)) if distinct(c)]
+    return [c for c in found + two(range(min(seeds, 4)), _NOISES, (1.5, 5.0)) if _distinct(c)]
 
 
 def _quick() -> list[Case]:
     found = [c for c in nothing(range(2)) if (c.robot, c.force) == ("arm", False)]
     for k, effect in enumerate(session.kinds()):
         # one level of what sensors do and of what has no name: the whole is to take minutes
-        few = effect.startswith(SENSORS) or effect not in known()
-        for n, level in enumerate(LEVELS):
-            if n == k % len(LEVELS) or (few and n == (k + 1) % len(LEVELS)):
+        few = effect.startswith(_SENSORS) or effect not in known()
+        for n, level in enumerate(_LEVELS):
+            if n == k % len(_LEVELS) or (few and n == (k + 1) % len(_LEVELS)):
                 continue
-            noise, excitation = NOISES[(k + n) % 2], EXCITATIONS[(k // 2 + n) % 2]
+            noise, excitation = _NOISES[(k + n) % 2], EXCITATIONS[(k // 2 + n) % 2]
             found.append(single(effect, level, noise, excitation, (k + n) % 3))
     # every pair once: on one joint, or on two
-    pairs = [c for k, c in enumerate(two(range(1), NOISES[1:], (5.0,))) if k % 4 in (0, 3)]
-    return [c for c in found + pairs if distinct(c)]
+    pairs = [c for k, c in enumerate(two(range(1), _NOISES[1:], (5.0,))) if k % 4 in (0, 3)]
+    return [c for c in found + pairs if _distinct(c)]
 
 
 def single(effect: str, level: float, noise: str, excitation: str, seed: int) -> Case:
@@ -159,7 +159,7 @@ def single(effect: str, level: float, noise: str, excitation: str, seed: int) ->
     return Case(kind, robot, hidden, noise, excitation, seed, needs == "force")
 
 
-def distinct(case: Case) -> bool:
+def _distinct(case: Case) -> bool:
     """Whether no smaller level has the same amplitude, the largest there is."""
     for h in case.hidden:
         levels = amplitudes.LEVELS[case.plant]
@@ -178,7 +178,7 @@ def nothing(seeds: range) -> list[Case]:
     return [
         Case("none", robot, (), noise, excitation, seed, force)
         for seed in seeds
-        for noise in NOISES
+        for noise in _NOISES
         for excitation in EXCITATIONS
         for robot, force in arms
         if (robot, force) == ("arm", False) or seed < len(seeds) // 3
@@ -188,7 +188,7 @@ def nothing(seeds: range) -> list[Case]:
 def two(seeds: range, noises: tuple[str, ...], levels: tuple[float, ...]) -> list[Case]:
     """Two hidden effects, on one joint and on two."""
     found = []
-    for k, (a, b) in enumerate(PAIRS):
+    for k, (a, b) in enumerate(_PAIRS):
         if not {a, b} <= known():
             continue
         for seed in seeds:
@@ -202,9 +202,9 @@ def two(seeds: range, noises: tuple[str, ...], levels: tuple[float, ...]) -> lis
     return found
 
 
-MUJOCO_LEVELS = amplitudes.LEVELS["test"]
-MUJOCO_NOISES = ("white", "coloured", "dac")
-MUJOCO_MOTIONS = ("wander", "shuttle", "points")
+_MUJOCO_LEVELS = amplitudes.LEVELS["test"]
+_MUJOCO_NOISES = ("white", "coloured", "dac")
+_MUJOCO_MOTIONS = ("wander", "shuttle", "points")
 #: Effects whose pair of joints starts at any joint but the last.
 _PAIRED = ("coupled-transmission",)
 #: Of the quick plan: robots whose sessions take least.
@@ -221,9 +221,9 @@ def mujoco_plan(quick: bool = False, seeds: int = 10) -> list[Case]:
     found = _mujoco_nothing(range(2 if seeds > 2 else 1))
     for k, effect in enumerate(session.kinds("test")):
         for seed in range(seeds):
-            found += [_mujoco_single(k, effect, level, seed) for level in MUJOCO_LEVELS]
+            found += [_mujoco_single(k, effect, level, seed) for level in _MUJOCO_LEVELS]
     return [
-        c for c in found + _mujoco_two(range(min(seeds, 4))) if not _calibrated(c) or distinct(c)
+        c for c in found + _mujoco_two(range(min(seeds, 4))) if not _calibrated(c) or _distinct(c)
     ]
 
 
@@ -237,7 +237,7 @@ def _calibrated(case: Case) -> bool:
 def _quick_mujoco() -> list[Case]:
     found = [c for k, c in enumerate(_mujoco_nothing(range(1))) if k % 13 == 0]
     for k, effect in enumerate(session.kinds("test")):
-        found.append(_mujoco_single(k, effect, MUJOCO_LEVELS[1 + k % 2], k % 7, _SMALL_ROBOTS))
+        found.append(_mujoco_single(k, effect, _MUJOCO_LEVELS[1 + k % 2], k % 7, _SMALL_ROBOTS))
     return found
 
 
@@ -250,8 +250,8 @@ def _mujoco_single(
     robot = robots[(k + seed) % len(robots)]
     joint = _joint(effect, robot, k + seed + seed // len(robots))
     kind = "one" if tables.accepted(effect) & known() else "outside"
-    motion = MUJOCO_MOTIONS[(k + seed + seed // len(robots)) % len(MUJOCO_MOTIONS)]
-    noise = MUJOCO_NOISES[(k + 2 * seed + MUJOCO_LEVELS.index(level)) % len(MUJOCO_NOISES)]
+    motion = _MUJOCO_MOTIONS[(k + seed + seed // len(robots)) % len(_MUJOCO_MOTIONS)]
+    noise = _MUJOCO_NOISES[(k + 2 * seed + _MUJOCO_LEVELS.index(level)) % len(_MUJOCO_NOISES)]
     return Case(kind, robot, (Hidden(effect, joint, level),), noise, motion, seed, needs == "force")
 
 
@@ -265,8 +265,8 @@ def _mujoco_nothing(seeds: range) -> list[Case]:
     return [
         Case("none", robot, (), noise, motion, 50 + seed)
         for seed in seeds
-        for motion in MUJOCO_MOTIONS
-        for noise in MUJOCO_NOISES
+        for motion in _MUJOCO_MOTIONS
+        for noise in _MUJOCO_NOISES
         for robot in session.robots_showing("")
     ]
 
@@ -274,13 +274,13 @@ def _mujoco_nothing(seeds: range) -> list[Case]:
 def _mujoco_two(seeds: range) -> list[Case]:
     """Two hidden effects on one joint, or on two, of a robot that has them."""
     found, robots = [], session.robots_showing("arm")
-    for k, (a, b) in enumerate(PAIRS):
+    for k, (a, b) in enumerate(_PAIRS):
         for seed in seeds:
             robot = robots[(k + seed) % len(robots)]
-            d, level = session.joint_count(robot), MUJOCO_LEVELS[1 + seed % 2]
+            d, level = session.joint_count(robot), _MUJOCO_LEVELS[1 + seed % 2]
             first = _joint(a, robot, k + seed)
             second = first if seed % 2 else (first + 1) % d
             hidden = (Hidden(a, first, level), Hidden(b, second, level))
-            noise, motion = MUJOCO_NOISES[(k + seed) % 3], MUJOCO_MOTIONS[(k + 2 * seed) % 3]
+            noise, motion = _MUJOCO_NOISES[(k + seed) % 3], _MUJOCO_MOTIONS[(k + 2 * seed) % 3]
             found.append(Case("two", robot, hidden, noise, motion, 100 + seed))
     return found

@@ -128,7 +128,7 @@ def said(d: Diagnosis) -> dict[str, Any]:
     }
 
 
-def hit(finding: dict[str, Any], hidden: Hidden) -> bool:
+def _hit(finding: dict[str, Any], hidden: Hidden) -> bool:
     """Whether a finding is this hidden effect, on its joint where it has one."""
     joint = finding["joint"]
     return finding["effect"] in accepted(hidden.effect) and joint in (None, hidden.label)
@@ -150,7 +150,7 @@ def outcome(case: Case, row: dict[str, Any]) -> str:
         return "missed" if verdict == "adequate" else str(verdict)
     if case.kind in ("none", "outside"):
         return "wrong"
-    found = [h for h in case.hidden if any(hit(f, h) for f in named)]
+    found = [h for h in case.hidden if any(_hit(f, h) for f in named)]
     if len(found) == len(case.hidden):
         if verdict == "ambiguous":
             return "ambiguous"
@@ -247,7 +247,7 @@ def _calibrated(key: tuple[str, int, str, str]) -> tuple[str, list[float]]:
     return amplitudes.name(*key), amplitudes.calibrate(*key)
 
 
-def keys(plant: str) -> list[tuple[str, int, str, str]]:
+def _keys(plant: str) -> list[tuple[str, int, str, str]]:
     """Effect, joint, robot and excitation of every amplitude that a plan needs."""
     if plant == "test":
         every = cases.mujoco_plan(seeds=cases.SEEDS)
@@ -264,7 +264,7 @@ def keys(plant: str) -> list[tuple[str, int, str, str]]:
 def calibrate(plant: str, jobs: int, todo: list[tuple[str, int, str, str]] | None = None) -> None:
     """Find the amplitudes of `todo` (all of a plant's) and write them to its file."""
     known = amplitudes.table(plant) if todo is not None else {}
-    work = keys(plant) if todo is None else todo
+    work = _keys(plant) if todo is None else todo
     found = dict(sorted((known | dict(spread(_calibrated, work, jobs, "effect"))).items()))
     lines = [f"{json.dumps(k)}: {json.dumps(v)}" for k, v in found.items()]
     Path(amplitudes.__file__).with_name(amplitudes.FILES[plant]).write_text(

@@ -17,19 +17,19 @@ import numpy as np
 
 Row = dict[str, Any]
 #: An effect that leaves less than this [floors] need not be named.
-ENOUGH = 0.5
+_ENOUGH = 0.5
 #: Edges of the bins of confidence.
-BINS = (0.0, 0.6, 0.75, 0.85, 0.95, 0.99, 1.0)
+_BINS = (0.0, 0.6, 0.75, 0.85, 0.95, 0.99, 1.0)
 #: Pairs whose columns are the same in such sessions: friction that differs by direction is a
 #: constant while it slips, and from the motor's side alone a link on a cable is a mass on a spring.
-ALIKE = (
+_ALIKE = (
     {"torque-offset", "asymmetric-coulomb"},
     {"vibration-mode", "elastic-transmission"},
 )
 #: What a plant can hide that has no name of its own -> names that are right for it.  Seen from the
 #: motor, a harmonic drive is a soft shaft and a wave over position, a belt that jumps a tooth is an
 #: encoder that lost counts.
-ACCEPTED = {
+_ACCEPTED = {
     "harmonic-drive": {
         "elastic-transmission",
         "hardening-cable",
@@ -110,12 +110,12 @@ def of(rows: list[Row], kind: str) -> list[Row]:
     return [r for r in rows if r["kind"] == kind and r["outcome"] not in ("unstable", "crashed")]
 
 
-def enough(row: Row) -> bool:
+def _enough(row: Row) -> bool:
     """Whether the effect leaves at least half a floor in this very session."""
-    return bool(row["excess"] >= ENOUGH)
+    return bool(row["excess"] >= _ENOUGH)
 
 
-def is_(*outcomes: str) -> Callable[[Row], bool]:
+def _ended(*outcomes: str) -> Callable[[Row], bool]:
     """Test of the outcome."""
     return lambda row: row["outcome"] in outcomes
 
@@ -123,46 +123,46 @@ def is_(*outcomes: str) -> Callable[[Row], bool]:
 def headline(rows: list[Row]) -> dict[str, Share]:
     """The shares that the project states."""
     one, none, outside, two = (of(rows, k) for k in ("one", "none", "outside", "two"))
-    visible = [r for r in one if enough(r)]
-    below = [r for r in one if not enough(r)]
+    visible = [r for r in one if _enough(r)]
+    below = [r for r in one if not _enough(r)]
     true_outside = [r for r in outside if r["hidden"][0][0].startswith("outside-")]
     return {
-        "right, excess of half a floor or more": share(visible, is_("right")),
-        "... or undecided between two that are alike in such data": share(visible, rightly),
-        "... or ambiguous with the truth in the set": share(visible, is_("right", "ambiguous")),
-        "... the truth and something else": share(visible, is_("extra")),
-        "... another name": share(visible, is_("wrong")),
-        "... no name": share(visible, is_("missed", "unexplained", "not-identifiable")),
-        "below half a floor: another name": share(below, is_("wrong", "extra")),
+        "right, excess of half a floor or more": share(visible, _ended("right")),
+        "... or undecided between two that are alike in such data": share(visible, _rightly),
+        "... or ambiguous with the truth in the set": share(visible, _ended("right", "ambiguous")),
+        "... the truth and something else": share(visible, _ended("extra")),
+        "... another name": share(visible, _ended("wrong")),
+        "... no name": share(visible, _ended("missed", "unexplained", "not-identifiable")),
+        "below half a floor: another name": share(below, _ended("wrong", "extra")),
         "false alarm with nothing hidden (a name)": share(none, lambda r: bool(r["named"])),
-        "... 'unexplained' with nothing hidden": share(none, is_("unexplained")),
+        "... 'unexplained' with nothing hidden": share(none, _ended("unexplained")),
         "outside kinds not misnamed": share(true_outside, lambda r: not r["named"]),
-        "... misnamed without doubt": share(true_outside, is_sure),
+        "... misnamed without doubt": share(true_outside, _is_sure),
         "... 'unexplained', excess of half a floor or more": share(
-            [r for r in true_outside if enough(r)], lambda r: r["verdict"] == "unexplained"
+            [r for r in true_outside if _enough(r)], lambda r: r["verdict"] == "unexplained"
         ),
         "not in the catalogue yet, not misnamed": share(
             [r for r in outside if r not in true_outside], lambda r: not r["named"]
         ),
-        "both of two found": share(two, is_("right", "ambiguous", "extra")),
-        "... exactly both": share(two, is_("right")),
+        "both of two found": share(two, _ended("right", "ambiguous", "extra")),
+        "... exactly both": share(two, _ended("right")),
     }
 
 
 def accepted(effect: str) -> set[str]:
     """Names that are right for a hidden effect."""
-    return ACCEPTED.get(effect, {effect})
+    return _ACCEPTED.get(effect, {effect})
 
 
-def rightly(row: Row) -> bool:
-    """Whether it is right, or leaves open what nobody could say (see `ALIKE`)."""
+def _rightly(row: Row) -> bool:
+    """Whether it is right, or leaves open what nobody could say (see `_ALIKE`)."""
     if row["outcome"] != "ambiguous":
         return bool(row["outcome"] == "right")
     sets = [{f["effect"], *f["rivals"]} for f in row["named"] if f["rivals"]]
-    return any(pair <= said for said in sets for pair in ALIKE)
+    return any(pair <= said for said in sets for pair in _ALIKE)
 
 
-def is_sure(row: Row) -> bool:
+def _is_sure(row: Row) -> bool:
     """Whether a name was given as if there were no doubt."""
     return bool(row["verdict"] == "missing-effect" and row["named"])
 
@@ -194,7 +194,10 @@ def power(rows: list[Row]) -> dict[str, dict[float, tuple[Share, Share]]]:
         mine = [r for r in of(rows, "one") if r["hidden"][0][0] == effect]
         for level in sorted({r["hidden"][0][2] for r in mine}):
             at = [r for r in mine if r["hidden"][0][2] == level]
-            out[effect][level] = (share(at, is_("right")), share(at, is_("right", "ambiguous")))
+            out[effect][level] = (
+                share(at, _ended("right")),
+                share(at, _ended("right", "ambiguous")),
+            )
     return dict(sorted(out.items()))
 
 
@@ -208,7 +211,7 @@ def calibration(rows: list[Row]) -> list[tuple[float, float, float, Share]]:
         (f["confidence"], any(_same(f, h) for h in truth(r))) for r in rows for f in r["named"]
     ]
     out = []
-    for low, high in pairwise(BINS):
+    for low, high in pairwise(_BINS):
         inside = [p for p in pairs if low <= p[0] < high or p[0] == high == 1.0]
         mean = float(np.mean([p[0] for p in inside])) if inside else float("nan")
         out.append((low, high, mean, Share(sum(p[1] for p in inside), len(inside))))
@@ -234,9 +237,9 @@ def failures(rows: list[Row]) -> list[tuple[str, str, list[Row]]]:
     """Classes of failure (hidden, said), most frequent first; what lies below half a floor last."""
     classes: dict[tuple[str, str], list[Row]] = {}
     for r in rows:
-        silent = r["kind"] == "outside" and enough(r) and r["verdict"] == "adequate"
+        silent = r["kind"] == "outside" and _enough(r) and r["verdict"] == "adequate"
         bad = silent or r["outcome"] not in ("right", "unstable")
-        quiet = r["kind"] == "one" and not enough(r) and r["outcome"] in ("missed", "ambiguous")
+        quiet = r["kind"] == "one" and not _enough(r) and r["outcome"] in ("missed", "ambiguous")
         if bad and not quiet:
             hidden = " + ".join(f"{h[0]}" for h in r["hidden"]) or "(nothing)"
             said = " + ".join(f["effect"] for f in r["named"]) or r["verdict"]
@@ -360,12 +363,12 @@ def _calibration(rows: list[Row]) -> str:
 
 
 def _conditions(rows: list[Row]) -> str:
-    visible = [r for r in of(rows, "one") if enough(r)]
+    visible = [r for r in of(rows, "one") if _enough(r)]
     lines = []
     for key in ("noise", "excitation", "robot"):
         for value in sorted({r[key] for r in visible}):
             mine = [r for r in visible if r[key] == value]
-            shares = [share(mine, is_(x)) for x in ("right", "ambiguous", "wrong")]
+            shares = [share(mine, _ended(x)) for x in ("right", "ambiguous", "wrong")]
             lines.append([value, *shares])
     return table(["", "right", "ambiguous", "wrong"], lines)
 

@@ -34,7 +34,7 @@ _OK, _STALE, _INVALID, _CLAMPED = Status.OK, Status.STALE, Status.INVALID, Statu
 #: No limit on how soon: the fault shows only by what it does to the arm.
 EVER = 100_000
 #: After the first second, in which missed periods do not count [tick].
-WARM = 1300
+_WARM = 1300
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ _LAW = (
 )  # fmt: skip
 _CLOCK = (
     Fault("law takes 5 ms once", hook("skip", lambda: 4), "ENABLED", ""),
-    Fault("law takes 300 ms", hook("skip", lambda: 300), "PAUSED", "overrun", at=WARM),
+    Fault("law takes 300 ms", hook("skip", lambda: 300), "PAUSED", "overrun", at=_WARM),
     Fault("clock jumps by 10 s", hook("skip", lambda: 10_000), "PAUSED", "overrun",
           over={"loop": {"seconds": 12.0}}),
     Fault("clock jumps back by 10 s", turn(mono_ns=-10 * 10**9), "ENABLED", "", steered=True,
@@ -162,10 +162,10 @@ _CLOCK = (
     Fault("clock jumps back by half a period", turn(mono_ns=-500_000), "ENABLED", "",
           steered=True),
     Fault("clock jumps ahead by 300 ms", turn(mono_ns=300 * 10**6), "PAUSED", "overrun",
-          steered=True, at=WARM),
+          steered=True, at=_WARM),
     Fault("time of day set back by an hour", turn(wall_ns=-3600 * 10**9), "ENABLED", "",
           steered=True, note="asked once, at the start; stamps go on"),
-    Fault("every second period is missed", late_every_tick, "PAUSED", "overrun", 250, at=WARM,
+    Fault("every second period is missed", late_every_tick, "PAUSED", "overrun", 250, at=_WARM,
           note="more than 100 within a second"),
     Fault("ring full", nothing, "ENABLED", "", over={"loop": {"ring_rows": 8}},
           note="two of ten rows lost, counted in the record"),

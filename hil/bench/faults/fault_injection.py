@@ -90,13 +90,13 @@ class FaultySession:
 
 
 class _Jumping(VirtualClock):
-    def __init__(self, tampered: FaultySession, period_ns: int) -> None:
+    def __init__(self, faulty: FaultySession, period_ns: int) -> None:
         super().__init__(period_ns)
-        self._tampered = tampered
+        self._faulty = faulty
 
     def wait(self, tick: int) -> int:
-        self._tampered.begin(tick)
-        skipped, self._tampered.skip = self._tampered.skip, 0
+        self._faulty.begin(tick)
+        skipped, self._faulty.skip = self._faulty.skip, 0
         self.missed += skipped
         return super().wait(tick + skipped)
 
@@ -130,20 +130,20 @@ class Sources:
 
 
 class _Steered(MonotonicClock):
-    def __init__(self, tampered: FaultySession, period_ns: int, sources: Sources) -> None:
+    def __init__(self, faulty: FaultySession, period_ns: int, sources: Sources) -> None:
         super().__init__(period_ns, sources.now, sources.sleep, sources.wall)
-        self._tampered = tampered
+        self._faulty = faulty
 
     def wait(self, tick: int) -> int:
-        self._tampered.begin(tick)
+        self._faulty.begin(tick)
         return super().wait(tick)
 
 
 class _Proxy:
-    """A device with one answer tampered with; the rest is its own."""
+    """A device with one answer changed; the rest is its own."""
 
-    def __init__(self, tampered: FaultySession, inner: Any) -> None:
-        self._tampered, self._inner = tampered, inner
+    def __init__(self, faulty: FaultySession, inner: Any) -> None:
+        self._faulty, self._inner = faulty, inner
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inner, name)
@@ -152,21 +152,21 @@ class _Proxy:
 class _Joints(_Proxy):
     def measured_js(self, t_ns: int, position: FloatArray, velocity: FloatArray) -> Status:
         status: Status = self._inner.measured_js(t_ns, position, velocity)
-        hook = self._tampered.js
+        hook = self._faulty.js
         return hook(position, velocity, status) if hook else status
 
 
 class _Force(_Proxy):
     def measured_cf(self, t_ns: int, position: FloatArray, wrench: FloatArray) -> Status:
         status: Status = self._inner.measured_cf(t_ns, position, wrench)
-        hook = self._tampered.cf
+        hook = self._faulty.cf
         return hook(wrench, status) if hook else status
 
 
 class _Efforts(_Proxy):
     def servo_jf(self, effort: FloatArray, sent: FloatArray) -> Status:
         status: Status = self._inner.servo_jf(effort, sent)
-        hook = self._tampered.jf
+        hook = self._faulty.jf
         return hook(sent, status) if hook else status
 
     def fault(self) -> None:
@@ -174,16 +174,16 @@ class _Efforts(_Proxy):
 
 
 class _Law:
-    def __init__(self, tampered: FaultySession, inner: Controller) -> None:
-        self._tampered, self._inner = tampered, inner
+    def __init__(self, faulty: FaultySession, inner: Controller) -> None:
+        self._faulty, self._inner = faulty, inner
         self.state_names = inner.state_names
 
     def update(
         self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray
     ) -> None:
         self._inner.update(t, x, u, x_next, y)
-        if self._tampered.law is not None:
-            self._tampered.law(y)
+        if self._faulty.law is not None:
+            self._faulty.law(y)
 
 
 def times(n: int, status: Status) -> Callable[..., Status]:

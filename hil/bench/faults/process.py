@@ -29,10 +29,10 @@ from hil.runtime.watchdog import beside
 from hil.signals.device import Status
 
 #: When the parent strikes [ticks], and the watchdog's time-out [s].
-LONG, TIMEOUT = 800, 0.25
+_LONG, _TIMEOUT = 800, 0.25
 SECONDS = 20.0
 #: How long a session goes on that nobody strikes [s]: a busy machine may skip most of its ticks.
-ENOUGH = 6.0
+_ENOUGH = 6.0
 
 
 def _limit_file(path: Path) -> None:
@@ -75,9 +75,9 @@ CASES: dict[str, tuple[Callable[[Path], None], int, int, float, str]] = {
     "process terminated": (_nothing, signal.SIGTERM, 143, SECONDS, "zero"),
     "terminal closed": (_nothing, signal.SIGHUP, 129, SECONDS, "zero"),
     "Ctrl-C": (_nothing, signal.SIGINT, 130, SECONDS, "zero"),
-    "disk full": (_limit_file, 0, 2, ENOUGH, "whole"),
+    "disk full": (_limit_file, 0, 2, _ENOUGH, "whole"),
     "disk slow (0.4 s a write)": (_slow_disk, 0, 0, 2.0, "all"),
-    "logger dies": (_dead_logger, 0, 1, ENOUGH, "whole"),
+    "logger dies": (_dead_logger, 0, 1, _ENOUGH, "whole"),
 }
 
 
@@ -105,14 +105,14 @@ def child(name: str, path: Path) -> int:
     act, _, _, seconds, _ = CASES[name]
     # a job in the background of a script ignores it
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    safety = {"watchdog": TIMEOUT, "cut": ["true"]}
+    safety = {"watchdog": _TIMEOUT, "cut": ["true"]}
     config = load_rig(rig_path("teleop"), {"safety": safety})
-    tampered = FaultySession(lambda t: None)
+    faulty = FaultySession(lambda t: None)
     act(path)
-    tampered.js = _every_tenth()
+    faulty.js = _every_tenth()
     try:
         operator = runner.Operator(say=_say)
-        done = runner.run(config, seconds, 1, "real", path, opener=tampered.open, operator=operator)
+        done = runner.run(config, seconds, 1, "real", path, opener=faulty.open, operator=operator)
         sys.stdout.write(f"end {done.ticks + done.missed}\n")
     except KeyboardInterrupt:
         return 130
@@ -120,7 +120,7 @@ def child(name: str, path: Path) -> int:
         sys.stderr.write(f"{type(error).__name__}: {error}\n")
         return int(getattr(error, "exit_code", 1))
     finally:
-        bench = tampered.rig.bench
+        bench = faulty.rig.bench
         off = not bench.codes.any() and bool(bench.state["parked"].all())
         sys.stdout.write(f"off {off}\n")
     return 0
@@ -138,7 +138,7 @@ def one(name: str, folder: Path) -> Outcome:
     for line in process.stdout:
         lines.append(line.strip())
         last = int(line) if line.strip().isdigit() else last
-        if number and last >= LONG:
+        if number and last >= _LONG:
             process.send_signal(number)
             number = 0
             if must == "cut":

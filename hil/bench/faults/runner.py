@@ -23,7 +23,7 @@ from hil.runtime.frame import TIMING, WORDS
 from hil.signals.state import OperatingState
 
 #: After the strike [s].
-SECONDS = 0.6
+_SECONDS = 0.6
 _AT = {name: k for k, name in enumerate(TIMING)}
 
 
@@ -76,19 +76,19 @@ def run(
 
 def one(fault: Fault, path: Path) -> Outcome:
     """Run one fault."""
-    loop = {"seconds": fault.at * 1e-3 + SECONDS, **fault.over.get("loop", {})}
+    loop = {"seconds": fault.at * 1e-3 + _SECONDS, **fault.over.get("loop", {})}
     over: dict[str, Any] = {**fault.over, "loop": loop}
     if fault.wire:
         over["backend"] = "sim-wire"
-    tampered = FaultySession(fault.strike, fault.at, fault.steered)
+    faulty = FaultySession(fault.strike, fault.at, fault.steered)
     config = load_rig(rig_path(fault.rig), over)
     # a run that wrote nothing must not be judged by the one before
     path.unlink(missing_ok=True)
     try:
-        runner.run(config, None, 1, "lockstep", path, opener=tampered.open, timer=tampered.timer)
+        runner.run(config, None, 1, "lockstep", path, opener=faulty.open, timer=faulty.timer)
     except (HilError, ZeroDivisionError):
         pass  # the record, which `judge` needs, tells how it ended
-    return judge(fault, tampered.struck, path)
+    return judge(fault, faulty.struck, path)
 
 
 def judge(fault: Fault, struck: int, path: Path) -> Outcome:
