@@ -30,7 +30,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "friction-network": "hil.controllers.estimators.network",
         "elastic-ukf": "hil.controllers.estimators.transmission",
     },
-    "hil.taps": {"usb": "hil.drivers.links.usb_tap", "hid": "hil.drivers.links.hid_tap"},
+    "hil.taps": {"usb": "hil.drivers.usb_quad08.usb_tap", "hid": "hil.drivers.usb_31xx.hid_tap"},
     "hil.velocity": {
         "first-difference": "hil.signals.velocity.methods:FirstDifference",
         "filtered-difference": "hil.signals.velocity.methods:FilteredDifference",
