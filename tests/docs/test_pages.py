@@ -1,0 +1,49 @@
+"""Pages of the site: each is in the table of contents; the page of commands is complete."""
+
+import re
+from pathlib import Path
+
+import pytest
+from test_blocks import DOCS, PAGES, ROOT
+
+from hil.cli import COMMANDS
+
+SITE = ROOT / "mkdocs.yml"
+#: Printed by a command, not written.
+PRINTED = DOCS / "bench"
+
+
+def test_every_page_is_in_the_table_of_contents():
+    nav = SITE.read_text(encoding="utf-8").partition("\nnav:\n")[2]
+    listed = re.findall(r": ([\w/-]+\.md)$", nav, re.M)
+    there = [p.relative_to(DOCS).as_posix() for p in DOCS.glob("**/*.md")]
+    assert sorted(listed) == sorted(there)
+
+
+def test_every_tutorial_is_run():
+    nav = SITE.read_text(encoding="utf-8").partition("- Tutorials:\n")[2].partition("\n  - ")[0]
+    assert re.findall(r": ([\w-]+)\.md$", nav, re.M) == list(PAGES)
+
+
+def test_the_page_of_commands_has_all_and_no_other():
+    page = (DOCS / "commands.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `hil ([\w-]+)` \| .+ \| `hil ([\w-]+) ?[^`]*` \|$", page, re.M)
+    assert [a for a, _ in rows] == list(COMMANDS) and all(a == b for a, b in rows)
+
+
+def test_files_that_pages_name_exist():
+    names = re.compile(r"`((?:hil|tests|drivers|controllers|sim_devices|rigs)/[\w/.-]+)`")
+    for page in DOCS.glob("**/*.md"):
+        if PRINTED not in page.parents:
+            for name in names.findall(page.read_text(encoding="utf-8")):
+                assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
+def test_the_site_is_built_without_a_warning(tmp_path):
+    pytest.importorskip("mkdocs")
+    pytest.importorskip("mkdocstrings")
+    from mkdocs.commands.build import build
+    from mkdocs.config import load_config
+
+    build(load_config(str(SITE), site_dir=str(tmp_path / "site"), strict=True))
+    assert (Path(tmp_path) / "site" / "python.html").stat().st_size > 100_000
