@@ -23,11 +23,11 @@ def lockstep_reference(seed):
     config = JointTrackingConfig(seed=seed)
     c = JointTracking(config, ("leader", "follower"), 1e-3)._c[1]
     t = 1e-3 * np.arange(round(SECONDS * 1e3))
-    place = joint_tracking.sample(c, t, config.period)
+    place = joint_tracking.multisine(c, t, config.period)
     k = 2 * np.pi / config.period * np.arange(1, c.shape[1] + 1)
     turned = np.stack([-c[..., 1] * k, c[..., 0] * k], -1)
-    speed = joint_tracking.sample(turned, t, config.period)
-    push = joint_tracking.sample(-c * (k**2)[None, :, None], t, config.period)
+    speed = joint_tracking.multisine(turned, t, config.period)
+    push = joint_tracking.multisine(-c * (k**2)[None, :, None], t, config.period)
     ramp = np.clip(t, 0, 1)[:, None]
     rate, ramp = np.pi / 2 * np.sin(np.pi * ramp), (1 - np.cos(np.pi * ramp)) / 2
     parts = [np.array(config.center) + ramp * place, ramp * speed + rate * place, ramp * push]
