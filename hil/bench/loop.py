@@ -67,7 +67,7 @@ class SharedRing(Ring):
 
 
 class SeparateProcessSession(runner.Session):
-    """`hil.app.Session` with the slow side in a process."""
+    """`hil.runtime.runner.Session` with the slow side in a process."""
 
     ring_type = SharedRing
 
