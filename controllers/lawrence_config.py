@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.controllers import ela
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
 from hil.signals.settable import Range
+from hil.teleop import lawrence_filters
 
 #: Ticks after which a schedule repeats.
 CYCLE = 8192
@@ -238,8 +238,8 @@ class LawrenceConfig:
         return self.forward == plain and self.backward == plain and self.shape != "force"
 
     def gains(self) -> FloatArray:
-        """Gains per axis in the order of `ela.GAINS`, shape (3, 16)."""
-        g = np.zeros((3, ela.GAINS))
+        """Gains per axis in the order of `lawrence_filters.GAINS`, shape (3, 16)."""
+        g = np.zeros((3, lawrence_filters.GAINS))
         for at, name in enumerate(("c1", "c4", "c7", "c8")):
             g[:, 3 * at : 3 * at + 3] = np.resize(getattr(self, name), 9).reshape(3, 3)
         for at, name in enumerate(FORCES):
@@ -267,7 +267,7 @@ _SIZES = {
 
 _ARMS = ("leader", "follower")
 _JOINTS = (1, 2, 3)
-#: Of one axis: where it started, and the memory of `ela.sense`.
+#: Of one axis: where it started, and the memory of `lawrence_filters.sense`.
 _FILTERS = ("origin", "velocity", "raw", "acceleration", "force", "on")
 #: Of one arm: the momentum observer of `hil.controllers.dynamics`.
 _OBSERVER = (
@@ -275,7 +275,7 @@ _OBSERVER = (
     *(f"sent{j}" for j in _JOINTS),
     *(f"observed_{axis}" for axis in AXES),
 )
-#: Of one arm: friction with a state, `hil.controllers.compensation`.
+#: Of one arm: friction with a state, `hil.estimate.compensation`.
 _SLIP = (
     *(f"last{j}" for j in _JOINTS),
     *(f"slip{j}_{e}" for j in _JOINTS for e in (1, 2, 3)),

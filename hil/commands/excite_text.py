@@ -14,7 +14,7 @@ from hil.commands import common
 from hil.errors import ConfigError, unknown
 from hil.excite.choose import NOISE, SIZE, Choice
 from hil.excite.foresee import BAND
-from hil.excite.limits import Limits, Margin, of_arm, of_robot
+from hil.excite.limits import Limits, Margin, of_robot
 from hil.excite.question import Question, Rival
 from hil.excite.stage import Stage, explore, stage_of
 from hil.excite.trajectory import Played, Trajectory, header
@@ -24,6 +24,7 @@ from hil.models.model import RobotModel, base_model
 from hil.models.robots import Robot, bare_robot
 from hil.record.mcap_read import load
 from hil.record.recording import RobotSource
+from hil.rig.check import limits_of_arm
 from hil.rig.config import RigConfig, load_rig
 
 #: Share of a joint's range that encoders resolve where nothing is known.
@@ -97,7 +98,7 @@ def _rig(
     arm = config.arms[name]
     source = RobotSource(arm.robot, tip=arm.tip)
     center = config.controller.parameters.get("center", ())
-    return source, of_arm(arm, source, tuple(map(float, center))), arm.joints
+    return source, limits_of_arm(arm, source, tuple(map(float, center))), arm.joints
 
 
 def finite(x: float) -> float | None:

@@ -17,14 +17,13 @@ from collections.abc import Callable
 import numpy as np
 
 from hil.record.ring import Ring
-from hil.rig import estimators
-from hil.runtime import safety
+from hil.rig import estimators, safety
+from hil.rig.open import ArmPort
+from hil.rig.safety import BITS, FAULTING, PAUSING
 from hil.runtime.clock import Clock
 from hil.runtime.commands import Command
-from hil.runtime.conditions import BITS, FAULTING, PAUSING
-from hil.runtime.frame import FrameLayout
-from hil.runtime.port import ArmPort
 from hil.signals.device import Controller, FloatArray, Status
+from hil.signals.frame import FrameLayout
 from hil.signals.state import OperatingState, StateCommand, StateMachine
 
 

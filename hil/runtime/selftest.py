@@ -12,12 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.errors import ConfigError, DeviceError
-from hil.rig import boxes
+from hil.rig import boxes, safety
 from hil.rig.config import RigConfig
-from hil.rig.open import Rig, open_rig
-from hil.runtime import safety
+from hil.rig.open import ArmPort, Rig, open_rig
 from hil.runtime.clock import Clock
-from hil.runtime.port import ArmPort
 from hil.runtime.runner import CLOCKS
 from hil.signals.device import Device, FloatArray, Status
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hil.cli import main
-from hil.controllers import dynamics, ela, geometry, lawrence, lawrence_config, lawrence_kernels
+from hil.controllers import dynamics, geometry, lawrence, lawrence_config, lawrence_kernels
 from hil.controllers.lawrence import Lawrence, LawrenceConfig
 from hil.controllers.lawrence_config import ChannelConfig
 from hil.errors import ConfigError, DeviceError
@@ -19,7 +19,7 @@ from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
-from hil.teleop import architecture, law_parameters, sampled_loop, transparency
+from hil.teleop import architecture, law_parameters, lawrence_filters, sampled_loop, transparency
 from hil.teleop.architecture import Design, Robot, Term
 from hil.toml import parse
 
@@ -87,8 +87,8 @@ def test_the_two_laws_on_an_axis():
     }
     fcm = 0.7 * 0.4 - 0.4 * 0.8 - terms["c4"] @ s[:3] - terms["c8"] @ m[:3]
     fcs = terms["c1"] @ m[:3] + 0.5 * 0.4 - 0.6 * 0.8 - terms["c7"] @ s[:3]
-    assert ela.master(g, m, s) == pytest.approx(fcm)
-    assert ela.slave(g, m, s) == pytest.approx(fcs)
+    assert lawrence_filters.master(g, m, s) == pytest.approx(fcm)
+    assert lawrence_filters.slave(g, m, s) == pytest.approx(fcs)
 
 
 def test_the_follower_is_pulled_and_the_force_comes_back():

@@ -13,19 +13,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.excite.limits import of_arm
 from hil.record.recording import RobotSource
 from hil.record.ring import Ring
+from hil.rig import safety
+from hil.rig.check import limits_of_arm
 from hil.rig.config import ArmConfig, SafetyConfig, load_rig
-from hil.runtime import safety
+from hil.rig.open import ArmPort
+from hil.rig.safety import BITS, FAULTING, PAUSING, TABLE, limits, named, sentence
 from hil.runtime.clock import VirtualClock
 from hil.runtime.commands import Command
-from hil.runtime.conditions import BITS, FAULTING, PAUSING, TABLE, named, sentence
-from hil.runtime.frame import FrameLayout
 from hil.runtime.loop import Loop, Overload
-from hil.runtime.port import ArmPort
-from hil.runtime.safety import limits
 from hil.signals.device import Status
+from hil.signals.frame import FrameLayout
 from hil.signals.state import OperatingState as State
 
 RIG = Path(__file__).parents[2] / "rigs" / "teleop.toml"
@@ -82,7 +81,7 @@ class Bench:
     def __init__(self, effort=0.1, arm=None, safety=None, tip=None, box=None):
         self.arm = Arm()
         config, safety = arm or ArmConfig(), safety or SafetyConfig()
-        robot = of_arm(config, RobotSource(config.robot))
+        robot = limits_of_arm(config, RobotSource(config.robot))
         port = ArmPort(
             self.arm,
             self.arm,
