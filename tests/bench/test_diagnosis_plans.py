@@ -5,7 +5,7 @@ import json
 import pytest
 
 from hil.bench.diagnosis import amplitudes, cases, runner, session, tables
-from hil.commands import benchhidden
+from hil.commands import bench
 from hil.errors import ConfigError
 
 needs_mujoco = pytest.mark.skipif(
@@ -57,10 +57,10 @@ def test_what_has_no_name_of_its_own_has_right_names(hidden, named, outcome):
 
 def test_without_mujoco_the_tuning_plants_are_left_and_that_is_said(monkeypatch, capsys):
     monkeypatch.setattr(session, "mujoco_available", lambda: False)
-    assert benchhidden._plants(None) == ["tuning"]
+    assert bench._plants(None) == ["tuning"]
     assert session.MUJOCO_EXTRA in capsys.readouterr().err
     with pytest.raises(ConfigError, match="mujoco"):
-        benchhidden._plants("test")
+        bench._plants("test")
 
 
 @needs_mujoco

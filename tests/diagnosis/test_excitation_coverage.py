@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.commands.diagnosetext import text
+from hil.commands.diagnose import text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.unnamed import HIDDEN
 from hil.diagnosis.verbs import ladder

@@ -41,7 +41,7 @@ def test_another_joints_speed_is_told(unnamed):
 
 
 def test_shares_are_in_json_text_and_report(unnamed, tmp_path):
-    from hil.commands.diagnosetext import text
+    from hil.commands.diagnose import text
     from hil.diagnosis.verbs import ladder
     from hil.report.html import diagnosis_report
 
