@@ -103,7 +103,8 @@ def choose(
     the acceleration stands clear of the positions' noise (`ACCELERATION_NOISE`) and the effort's
     spectrum above its own (`ABOVE`), median of the joints that move, and no more than `HARMONICS`
     times the motion's bandwidth; else six times the bandwidth of the motion in 12..25 Hz.
-    The position filter is three times wider, so that what remains of a reversal is sharp against the effort filter and the acceleration noise is still bounded.
+    The position filter is three times wider, so that what remains of a reversal is sharp against
+    the effort filter and the acceleration noise is still bounded.
     Where no joint's speed stands clear of its noise (`CLEAR`) both are narrower, down to
     `NARROWEST`.
 
