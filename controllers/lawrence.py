@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from hil.controllers import compensation, ela, lawrence_config, lawrence_kernels
+from hil.controllers import lawrence_config, lawrence_kernels
 from hil.controllers.lawrence_config import SHAPES, LawrenceConfig
 from hil.errors import ConfigError
-from hil.estimate import compensation_tables
+from hil.estimate import compensation, compensation_tables
 from hil.models import catalogue
 from hil.signals.device import FloatArray
+from hil.teleop import lawrence_filters
 from hil.teleop.law_parameters import loops_of
 from hil.teleop.sampled_loop import refuse
 
@@ -29,8 +30,8 @@ WORK = np.dtype(
     [
         ("tip", _F, (2, 3)),
         ("jacobian", _F, (2, 3, 3)),
-        ("signals", _F, (2, 3, ela.SIGNALS)),
-        ("heard", _F, (3, ela.SIGNALS)),
+        ("signals", _F, (2, 3, lawrence_filters.SIGNALS)),
+        ("heard", _F, (3, lawrence_filters.SIGNALS)),
         ("force", _F, (3,)),
         ("push", _F, (3,)),
         ("goal", _F, (3,)),
@@ -50,7 +51,7 @@ def constants(config: LawrenceConfig, period: float) -> Any:
     n = len(config.friction_speeds)
     kind = np.dtype(
         [
-            ("gains", _F, (3, ela.GAINS)),
+            ("gains", _F, (3, lawrence_filters.GAINS)),
             ("masses", _F, (2, 3)),
             ("models", _F, (2, 8)),
             ("shares", _F, (3,)),
@@ -129,7 +130,7 @@ class Lawrence:
                 for k, way in enumerate((config.backward, config.forward))
             ]
         )
-        self._line = np.zeros((2, int(self._ages.max()) + 2, 3, ela.SIGNALS))
+        self._line = np.zeros((2, int(self._ages.max()) + 2, 3, lawrence_filters.SIGNALS))
         self._c = constants(config, period)
         self._tables = friction_of(config)
         self._w = np.zeros(1, WORK)[0]

@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.controllers import ela
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
-from hil.signals.settable import Range
+from hil.signals.settable import SettableRange
+from hil.teleop import lawrence_filters
 
 #: Ticks after which a schedule repeats.
 CYCLE = 8192
@@ -225,12 +225,12 @@ class LawrenceConfig:
         if min(self.leader_mass + self.follower_mass) <= 0.0:
             raise ConfigError("lawrence: leader_mass and follower_mass must be positive.")
 
-    def settable(self) -> dict[str, Range]:
+    def settable(self) -> dict[str, SettableRange]:
         """What an operator may set: force gains, filters, share; the rest is 'hil design's."""
-        force = {name: Range(-2.0, 2.0, "", len(getattr(self, name))) for name in FORCES}
+        force = {name: SettableRange(-2.0, 2.0, "", len(getattr(self, name))) for name in FORCES}
         corners = ("velocity_hz", "acceleration_hz", "force_hz", "observer_hz")
-        share = {"friction_share": Range(0.0, 1.0)}
-        return {**force, **share, **dict.fromkeys(corners, Range(1.0, 400.0, "Hz"))}
+        share = {"friction_share": SettableRange(0.0, 1.0)}
+        return {**force, **share, **dict.fromkeys(corners, SettableRange(1.0, 400.0, "Hz"))}
 
     def _both_at_once(self) -> bool:
         """Whether both sites know each other's motion at once, and no shape needs a sensor."""
@@ -238,8 +238,8 @@ class LawrenceConfig:
         return self.forward == plain and self.backward == plain and self.shape != "force"
 
     def gains(self) -> FloatArray:
-        """Gains per axis in the order of `ela.GAINS`, shape (3, 16)."""
-        g = np.zeros((3, ela.GAINS))
+        """Gains per axis in the order of `lawrence_filters.GAINS`, shape (3, 16)."""
+        g = np.zeros((3, lawrence_filters.GAINS))
         for at, name in enumerate(("c1", "c4", "c7", "c8")):
             g[:, 3 * at : 3 * at + 3] = np.resize(getattr(self, name), 9).reshape(3, 3)
         for at, name in enumerate(FORCES):
@@ -267,7 +267,7 @@ _SIZES = {
 
 _ARMS = ("leader", "follower")
 _JOINTS = (1, 2, 3)
-#: Of one axis: where it started, and the memory of `ela.sense`.
+#: Of one axis: where it started, and the memory of `lawrence_filters.sense`.
 _FILTERS = ("origin", "velocity", "raw", "acceleration", "force", "on")
 #: Of one arm: the momentum observer of `hil.controllers.dynamics`.
 _OBSERVER = (
@@ -275,7 +275,7 @@ _OBSERVER = (
     *(f"sent{j}" for j in _JOINTS),
     *(f"observed_{axis}" for axis in AXES),
 )
-#: Of one arm: friction with a state, `hil.controllers.compensation`.
+#: Of one arm: friction with a state, `hil.estimate.compensation`.
 _SLIP = (
     *(f"last{j}" for j in _JOINTS),
     *(f"slip{j}_{e}" for j in _JOINTS for e in (1, 2, 3)),

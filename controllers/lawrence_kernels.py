@@ -10,8 +10,10 @@ from typing import Any
 
 import numba as nb
 
-from hil.controllers import compensation, dynamics, ela, geometry
+from hil.controllers import dynamics, geometry
 from hil.controllers.lawrence_config import FIRST_ESTIMATE, FIRST_FILTER, FIRST_OBSERVED, FIRST_SLIP
+from hil.estimate import compensation
+from hil.teleop import lawrence_filters
 
 
 @nb.njit(cache=True, nogil=True)
@@ -27,7 +29,7 @@ def measure(a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, x_next:
         x_next[at] = x[at] if x[0] > 0.0 else w.tip[a, i]
         # f_m = +F, f_s = -F with F ON the robot
         force = wrench[i] if a == 0 else -wrench[i]
-        ela.sense(
+        lawrence_filters.sense(
             w.tip[a, i] - x_next[at],
             speed,
             force,
@@ -120,7 +122,7 @@ def believe(u: Any, c: Any, w: Any) -> None:
             dynamics.momentum(q, w.goal, c.models[a], w.room[:2], w.impulse)
             dynamics.solve_transposed(w.jacobian[a], w.impulse, w.square, w.pull[a])
     for i in range(3):
-        w.signals[0, i, 3], w.signals[1, i, 3] = ela.believe(
+        w.signals[0, i, 3], w.signals[1, i, 3] = lawrence_filters.believe(
             c.gains[i], w.signals[0, i], w.signals[1, i], w.pull[0, i], w.pull[1, i]
         )
 
@@ -167,9 +169,9 @@ def command(a: int, c: Any, w: Any, x_next: Any) -> None:
     """Tip force that arm `a` is to have, into w.force; the force that the law believes, kept."""
     for i in range(3):
         if a == 0:
-            w.force[i] = ela.master(c.gains[i], w.signals[0, i], w.heard[i])
+            w.force[i] = lawrence_filters.master(c.gains[i], w.signals[0, i], w.heard[i])
         else:
-            w.force[i] = ela.slave(c.gains[i], w.heard[i], w.signals[1, i])
+            w.force[i] = lawrence_filters.slave(c.gains[i], w.heard[i], w.signals[1, i])
         # what the law believes: f_m = m a_m - f_cm, f_s = f_cs - m a_s
         pull = c.masses[a, i] * w.signals[a, i, 2] - w.force[i]
         at = FIRST_ESTIMATE + 3 * a + i
@@ -198,7 +200,7 @@ def law(
     tick : int
         Number of the tick, from 1.
     tables : tuple of (terms, slips, values)
-        Friction of leader, follower; see `hil.controllers.compensation`.
+        Friction of leader, follower; see `hil.estimate.compensation`.
     line : ndarray (2, length, 3, 4)
         What each arm has sent; slot tick % length.
     ages : ndarray (2, CYCLE)

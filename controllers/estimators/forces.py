@@ -12,10 +12,10 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import compensation, dynamics, geometry
+from hil.controllers import dynamics, geometry
 from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError, unknown
-from hil.estimate import compensation_tables
+from hil.estimate import compensation, compensation_tables
 from hil.models import catalogue
 from hil.signals.device import FloatArray
 

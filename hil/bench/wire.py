@@ -21,12 +21,12 @@ from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import Rig, bench_of, open_rig
 from hil.rigs import rig_path
 from hil.runtime.clock import VirtualClock
-from hil.runtime.frame import FrameLayout
 from hil.runtime.loop import Loop
 from hil.runtime.realtime import arranged
 from hil.runtime.runner import run
 from hil.signals.bus import Bus, Step
 from hil.signals.device import FloatArray
+from hil.signals.frame import FrameLayout
 
 #: Ticks that are measured, after as many that are not; length of a lockstep session [s].
 _TICKS, _WARM_UP, SECONDS = 5000, 500, 20.0

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.controllers.compensation import BEND, SLIP, TERM, VARIABLES
 from hil.errors import ConfigError
+from hil.estimate.compensation import BEND, SLIP, TERM, VARIABLES
 from hil.models import catalogue
 from hil.models.effect import Effect, Trait, terms_of
 from hil.models.model import RobotModel, Value
@@ -102,7 +102,7 @@ def _value(values: Mapping[str, Value], name: str) -> float:
 
 @dataclass(frozen=True)
 class Tables:
-    """What the loop's kernels take for one arm; see `hil.controllers.compensation`.
+    """What the loop's kernels take for one arm; see `hil.estimate.compensation`.
 
     Parameters
     ----------

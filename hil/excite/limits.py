@@ -6,7 +6,7 @@ A motion against the limits: margins, the check before it is played, and making 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -17,7 +17,6 @@ from hil.excite.trajectory import Trajectory, grid, sample
 from hil.models.robots import Robot
 from hil.record.recording import RobotSource
 from hil.record.urdf_joints import urdf_joints
-from hil.rig.config import ArmConfig
 
 FloatArray = NDArray[np.float64]
 INF = float("inf")
@@ -102,47 +101,6 @@ def _of_urdf(text: str) -> Limits:
     return Limits(low, high, speed, torque, (low + high) / 2, source="the URDF")
 
 
-def of_arm(arm: ArmConfig, source: RobotSource, center: tuple[float, ...] = ()) -> Limits:
-    """Limits of an arm of a rig file: the file's, and the robot's where the file has none.
-
-    Raises
-    ------
-    ConfigError
-        If neither bounds the positions, or the middle posture lies outside.
-    """
-    known = of_robot(source)
-    if known is None:
-        if not (arm.position_min and arm.position_max):
-            raise ConfigError(
-                f"robot {arm.robot!r} brings no limits; give position_min and position_max [rad] "
-                "in the arm's table of the rig file"
-            )
-        low, high = np.array(arm.position_min), np.array(arm.position_max)
-        known = Limits(low, high, np.full(3, INF), np.full(3, INF), (low + high) / 2)
-    low = np.array(arm.position_min) if arm.position_min else known.low
-    high = np.array(arm.position_max) if arm.position_max else known.high
-    own = [k for k in ("position", "workspace") if getattr(arm, f"{k}_min")]
-    out = replace(
-        known,
-        low=low,
-        high=high,
-        box=_box(arm, known.box),
-        speed=np.minimum(known.speed, arm.speed_limit),
-        torque=np.minimum(known.torque, arm.torque_limit),
-        center=np.array(center) if center else np.clip(known.center, low, high),
-        source=" and ".join([*(["the rig file"] if own else []), known.source]).strip(),
-    )
-    return out
-
-
-def _box(arm: ArmConfig, known: FloatArray | None) -> FloatArray | None:
-    given = (arm.workspace_min, arm.workspace_max)
-    if known is None and not any(given):
-        return None
-    base = np.array([[-INF] * 3, [INF] * 3]) if known is None else known
-    return np.stack([np.array(g) if g else b for g, b in zip(given, base, strict=True)])
-
-
 def of_data(q: FloatArray, qd: FloatArray, tau: FloatArray) -> Limits:
     """What a recording itself shows to be safe: its range, twice its speed, twice its effort."""
     low, high = q.min(axis=0), q.max(axis=0)
@@ -175,7 +133,7 @@ def allowed(limits: Limits, robot: Robot, q: FloatArray) -> NDArray[np.bool_]:
 #: Share of the speed and torque limits that a planned motion may use.
 HEADROOM = 0.8
 #: A motion is looked at this often [Hz].
-RATE = 250.0
+CHECK_RATE = 250.0
 
 
 @dataclass(frozen=True)
@@ -219,7 +177,7 @@ def margins(x: Trajectory, limits: Limits, robot: Robot, effort: FloatArray | No
     effort : ndarray (n, d) or None
         Predicted effort at `grid(x, RATE)` [N m or N]; None leaves torque out.
     """
-    q, qd, _ = sample(x, grid(x, RATE))
+    q, qd, _ = sample(x, grid(x, CHECK_RATE))
     units = dict(zip(robot.joints, robot.units, strict=True))
     out = [
         Margin(

@@ -1,18 +1,22 @@
-"""Mistakes in a rig file that show before any device is opened or simulated."""
+"""Mistakes in a rig file that show before any device is opened, and the limits it sets an arm."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hil.errors import ConfigError
 from hil.excite import trajectory
+from hil.excite.limits import INF, Limits, of_robot
 from hil.excite.limits import check as check_motion
-from hil.excite.limits import of_arm
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 from hil.rig import boxes
 from hil.rig.boxes import check_roles
-from hil.rig.config import RigConfig
+from hil.rig.config import ArmConfig, RigConfig
 
 
 def check_tables(config: RigConfig) -> None:
@@ -79,8 +83,49 @@ def check_trajectory(config: RigConfig) -> None:
         table = config.arms[arm]
         source = RobotSource(table.robot, tip=table.tip)
         robot = bare_robot(source, table.joints)
-        limits = of_arm(table, source)
+        limits = limits_of_arm(table, source)
         try:
             check_motion(motion, limits, robot, config.loop.rate_hz)
         except ConfigError as error:
             raise ConfigError(f"{path}, arm {arm!r}: {error}") from error
+
+
+def limits_of_arm(arm: ArmConfig, source: RobotSource, center: tuple[float, ...] = ()) -> Limits:
+    """Limits of an arm of a rig file: the file's, and the robot's where the file has none.
+
+    Raises
+    ------
+    ConfigError
+        If neither bounds the positions, or the middle posture lies outside.
+    """
+    known = of_robot(source)
+    if known is None:
+        if not (arm.position_min and arm.position_max):
+            raise ConfigError(
+                f"robot {arm.robot!r} brings no limits; give position_min and position_max [rad] "
+                "in the arm's table of the rig file"
+            )
+        low, high = np.array(arm.position_min), np.array(arm.position_max)
+        known = Limits(low, high, np.full(3, INF), np.full(3, INF), (low + high) / 2)
+    low = np.array(arm.position_min) if arm.position_min else known.low
+    high = np.array(arm.position_max) if arm.position_max else known.high
+    own = [k for k in ("position", "workspace") if getattr(arm, f"{k}_min")]
+    out = replace(
+        known,
+        low=low,
+        high=high,
+        box=_box(arm, known.box),
+        speed=np.minimum(known.speed, arm.speed_limit),
+        torque=np.minimum(known.torque, arm.torque_limit),
+        center=np.array(center) if center else np.clip(known.center, low, high),
+        source=" and ".join([*(["the rig file"] if own else []), known.source]).strip(),
+    )
+    return out
+
+
+def _box(arm: ArmConfig, known: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+    given = (arm.workspace_min, arm.workspace_max)
+    if known is None and not any(given):
+        return None
+    base = np.array([[-INF] * 3, [INF] * 3]) if known is None else known
+    return np.stack([np.array(g) if g else b for g, b in zip(given, base, strict=True)])

@@ -14,8 +14,8 @@ import numpy as np
 from hil import registry
 from hil.errors import ConfigError
 from hil.rig.config import EstimatorConfig, RigConfig
-from hil.runtime.frame import FrameLayout
 from hil.signals.device import Controller, Estimator, FloatArray
+from hil.signals.frame import FrameLayout
 from hil.toml import parse
 
 

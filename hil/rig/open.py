@@ -1,7 +1,4 @@
-"""From a rig file to open devices: drivers by name, wires by back end.
-
-From the open devices of one arm to its port into the loop.
-"""
+"""Open a rig: from its configuration to devices, estimators and ports that the loop drives."""
 
 from __future__ import annotations
 
@@ -14,20 +11,18 @@ import numpy as np
 
 from hil import registry
 from hil.errors import ConfigError
-from hil.excite.limits import of_arm
 from hil.record.recording import RobotSource
 from hil.rig import boxes as cabling
-from hil.rig import estimators
+from hil.rig import estimators, safety
 from hil.rig.boxes import BoxWire, only_gauges, open_boxes, places, trouble, wired
-from hil.rig.check import check_tables, check_trajectory, device_options
+from hil.rig.check import check_tables, check_trajectory, device_options, limits_of_arm
 from hil.rig.config import SIMULATED, RigConfig
 from hil.rig.frame_capture import Taps
-from hil.runtime import safety
-from hil.runtime.port import ArmPort
 from hil.signals.device import (
     Controller,
     Device,
     FloatArray,
+    IntArray,
     MeasuredCf,
     MeasuredJs,
     ServoJf,
@@ -35,6 +30,45 @@ from hil.signals.device import (
     Wire,
 )
 from hil.toml import parse, within
+
+
+@dataclass(frozen=True)
+class ArmPort:
+    """Capabilities and words of one arm.
+
+    Parameters
+    ----------
+    joints : MeasuredJs
+        Joint state.
+    efforts : ServoJf
+        Takes joint efforts.
+    force : MeasuredCf or None
+        Force at the tip.
+    counts, codes : ndarray (3,) of int
+        Words of the last exchange.
+    gauges : ndarray (6,) of int
+        Words of the force sensor.
+    torque_limit, speed_limit : ndarray (3,)
+        [N m], [rad/s].
+    limits : ndarray
+        Of `hil.rig.safety.limits`.
+    tip : callable or None
+        Writes the tip position [m] of a posture into an array (3,), where there is a `box`.
+    box : ndarray (2, 3) or None
+        Workspace of the tip [m].
+    """
+
+    joints: MeasuredJs
+    efforts: ServoJf
+    force: MeasuredCf | None
+    counts: IntArray
+    codes: IntArray
+    gauges: IntArray
+    torque_limit: FloatArray
+    speed_limit: FloatArray
+    limits: FloatArray
+    tip: Callable[[FloatArray, FloatArray], None] | None = None
+    box: FloatArray | None = None
 
 
 def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPort:
@@ -50,7 +84,7 @@ def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPo
         )
     zeros = np.zeros(6, np.int64)
     limits = config.arms[arm]
-    robot = of_arm(limits, RobotSource(limits.robot, tip=limits.tip))
+    robot = limits_of_arm(limits, RobotSource(limits.robot, tip=limits.tip))
     boxed = bool(limits.workspace_min or limits.workspace_max)
     force_range = float(getattr(force[0], "max_force", np.inf)) if force else np.inf
     return ArmPort(

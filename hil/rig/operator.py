@@ -9,8 +9,8 @@ from typing import Any
 
 from hil import registry
 from hil.errors import ConfigError, unknown
-from hil.excite.limits import of_arm
 from hil.record.recording import RobotSource
+from hil.rig.check import limits_of_arm
 from hil.rig.config import RigConfig
 from hil.rig.open import Rig, build_controller
 from hil.signals import settable
@@ -43,7 +43,7 @@ class Shop:
         if self._rig is not None:
             self._rig.enable()
 
-    def settable(self) -> Mapping[str, settable.Range]:
+    def settable(self) -> Mapping[str, settable.SettableRange]:
         """What an operator may set of the law, and how far."""
         return settable.ranges(self._in_force())
 
@@ -64,7 +64,7 @@ class Shop:
     def home(self) -> Controller:
         """Joint tracking to the middle posture of the arms in two seconds, and there it stays."""
         first = self._config.arms[self._config.controller.arms[0]]
-        center = of_arm(first, RobotSource(first.robot, tip=first.tip)).center
+        center = limits_of_arm(first, RobotSource(first.robot, tip=first.tip)).center
         # a motion without amplitude has no shape
         still = {
             "center": [float(q) for q in center],

@@ -21,9 +21,9 @@ from hil.rig import estimators
 from hil.rig.config import RigConfig
 from hil.rig.open import Rig, open_rig
 from hil.rig.operator import Shop
+from hil.rig.safety import sentence
 from hil.runtime import commands, session
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
-from hil.runtime.conditions import sentence
 from hil.runtime.loop import Loop
 from hil.runtime.realtime import Arrangement, accompany, arranged
 from hil.runtime.session import Operator, Summary, cut_short

@@ -26,10 +26,10 @@ from hil.record.schema import Channel
 from hil.rig import estimators
 from hil.rig.config import RigConfig
 from hil.rig.open import Rig
-from hil.runtime.frame import TIMING, TIMING_UNITS, FrameLayout
 from hil.runtime.realtime import Arrangement
 from hil.runtime.statistics import Statistics
 from hil.signals.device import Controller
+from hil.signals.frame import TIMING, TIMING_UNITS, FrameLayout
 
 #: Words of an arm on ``/rig/raw`` and their units.
 WORDS = (

@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from hil.errors import HilError
 from hil.record.ring import Ring
+from hil.rig.safety import named, sentence
 from hil.runtime.clock import Clock
 from hil.runtime.commands import Workshop, parse
-from hil.runtime.conditions import named, sentence
-from hil.runtime.frame import FrameLayout
 from hil.runtime.loop import Loop
 from hil.runtime.statistics import Statistics
 from hil.signals.device import FloatArray
+from hil.signals.frame import FrameLayout
 from hil.signals.state import OperatingState
 
 

@@ -110,7 +110,7 @@ class Statistics:
         self._hot = 0.0
 
     def add(self, ticks: NDArray[np.int64], timing: FloatArray) -> None:
-        """Take rows: tick numbers (n,) and timing columns (n, 9) of `hil.runtime.frame.TIMING`."""
+        """Take rows: tick numbers (n,) and timing columns (n, 9) of `hil.signals.frame.TIMING`."""
         self._waiting.append((ticks, timing))
         if len(self._waiting) >= BLOCKS:
             self._digest()

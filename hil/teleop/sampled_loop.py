@@ -1,6 +1,6 @@
 """One axis in sampled time: stability, the delay it bears, and what must not run.
 
-The law's own kernels (`hil.controllers.ela`) with their filters and delay lines around an exactly
+The law's own kernels (`hil.teleop.lawrence_filters`) and delay lines around an exactly
 sampled plant: two masses with operator and environment, moved by held forces.  One period is a
 linear map: its eigenvalues decide on stability, and driven by a force it predicts the hybrid matrix
 that a session shows.  `refuse` stops improper gains, an unstable loop and a delay beyond the margin
@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from hil.controllers import ela
 from hil.errors import ConfigError
-from hil.teleop import hybrid
+from hil.teleop import hybrid, lawrence_filters
 from hil.teleop.architecture import IDEAL, MOTION, Design, Realisation
 from hil.teleop.hybrid import FREE, GEL, HAND, ComplexArray, FloatArray, Impedance
 
@@ -70,7 +69,7 @@ def _mechanics(
 
 
 @dataclass(frozen=True)
-class Loop:
+class SampledLoop:
     """One axis as it will run.
 
     Parameters
@@ -107,7 +106,7 @@ class Loop:
 
 
 def gains(design: Design) -> FloatArray:
-    """Gains in the order of `hil.controllers.ela.GAINS`, shape (16,)."""
+    """Gains in the order of `hil.teleop.lawrence_filters.GAINS`, shape (16,)."""
     terms = [x for c in (design.c1, design.c4, design.c7, design.c8) for x in (c.k, c.b, c.a)]
     return np.array([*terms, design.c2, design.c3, design.c5, design.c6])
 
@@ -128,7 +127,7 @@ class Axis:
         T [s].
     """
 
-    def __init__(self, loop: Loop, zh: Impedance, ze: Impedance, period: float) -> None:
+    def __init__(self, loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> None:
         self.loop, self.outside, self.period = loop, (zh, ze), period
         self._g = gains(loop.design)
         real = loop.real
@@ -156,7 +155,7 @@ class Axis:
     @property
     def size(self) -> int:
         """Number of states."""
-        return self.plant + 4 + 2 * 4 + ela.SIGNALS * sum(self.ages)
+        return self.plant + 4 + 2 * 4 + lawrence_filters.SIGNALS * sum(self.ages)
 
     def ports(self, z: FloatArray, push: float = 0.0) -> tuple[float, float]:
         """Measured f_m and f_s [N] at state z, with the operator's own force f_h* [N].
@@ -174,18 +173,18 @@ class Axis:
     def advance(self, z: FloatArray, push: float = 0.0) -> FloatArray:
         """State after one period; f_h* = `push` [N] is held."""
         out, n = np.empty_like(z), self.plant
-        now, sent = np.zeros((2, ela.MEMORY)), np.zeros((2, ela.SIGNALS))
+        now, sent = np.zeros((2, lawrence_filters.MEMORY)), np.zeros((2, lawrence_filters.SIGNALS))
         for r, f in enumerate(self.ports(z, push)):
             at, own = n + 2 + 4 * r, r * n // 2
             past = np.append(z[at : at + 4], 1.0)
             # encoders: the speed is a difference of positions
             v = (z[own] - z[n + 10 + r]) / self.period
-            ela.sense(z[own], v, f, self._shares, self.period, past, now[r], sent[r])
+            lawrence_filters.sense(z[own], v, f, self._shares, self.period, past, now[r], sent[r])
             out[at : at + 4], out[n + 10 + r] = now[r, :4], z[own]
         forth, back, lines = self._lines(z, sent)
         out[n + 12 :] = lines
-        out[n] = self._shaped(0, ela.master(self._g, sent[0], back), sent[0])
-        out[n + 1] = self._shaped(1, ela.slave(self._g, forth, sent[1]), sent[1])
+        out[n] = self._shaped(0, lawrence_filters.master(self._g, sent[0], back), sent[0])
+        out[n + 1] = self._shaped(1, lawrence_filters.slave(self._g, forth, sent[1]), sent[1])
         out[:n] = self._step @ np.array([*z[:n], out[n], out[n + 1], push])
         return out
 
@@ -196,7 +195,7 @@ class Axis:
 
     def _lines(self, z: FloatArray, sent: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What arrives of master and slave, and the delay lines moved on."""
-        n, heard, kept, at = ela.SIGNALS, [], [], self.plant + 12
+        n, heard, kept, at = lawrence_filters.SIGNALS, [], [], self.plant + 12
         for r, age in enumerate(self.ages):
             line = z[at : at + n * age].reshape(age, n)
             heard.append(line[0] if age else sent[r])
@@ -222,19 +221,21 @@ class Axis:
         return np.stack([self.advance(e) for e in np.eye(self.size)], axis=1)
 
 
-def _spectral_radius(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> float:
+def _spectral_radius(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> float:
     """Largest magnitude of the eigenvalues of one period; stable below 1."""
     return _dominant_mode(loop, zh, ze, period)[0]
 
 
-def _dominant_mode(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> tuple[float, float]:
+def _dominant_mode(
+    loop: SampledLoop, zh: Impedance, ze: Impedance, period: float
+) -> tuple[float, float]:
     """Magnitude of the largest eigenvalue of one period, and its frequency [Hz]."""
     values = np.linalg.eigvals(Axis(loop, zh, ze, period).matrix())
     top = values[np.abs(values).argmax()]
     return float(abs(top)), float(abs(np.angle(top)) / (2 * np.pi * period))
 
 
-def _sampled_delay_margin(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> float:
+def _sampled_delay_margin(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> float:
     """Additional round-trip delay that the sampled loop bears [s], to half a millisecond or so.
 
     Half of it is added to each channel; the search doubles, then halves, and ends at 0.2 s.
@@ -260,7 +261,9 @@ def _sampled_delay_margin(loop: Loop, zh: Impedance, ze: Impedance, period: floa
     return low
 
 
-def hybrid_at(loop: Loop, w: FloatArray, period: float, encoders: bool = False) -> ComplexArray:
+def hybrid_at(
+    loop: SampledLoop, w: FloatArray, period: float, encoders: bool = False
+) -> ComplexArray:
     """Hybrid matrix that the sampled loop shows at w [rad/s], (n, 2, 2).
 
     Two experiments per frequency, free and against a spring, driven by the operator's force:
@@ -314,7 +317,7 @@ class Margins:
     pair: str
 
 
-def _proper(loop: Loop) -> None:
+def _proper(loop: SampledLoop) -> None:
     """Refuse gains that cannot be realised or cannot hold a slave.
 
     Raises
@@ -343,7 +346,7 @@ def _proper(loop: Loop) -> None:
         )
 
 
-def margins(loop: Loop, period: float) -> Margins:
+def margins(loop: SampledLoop, period: float) -> Margins:
     """Margins of one axis."""
     rows = []
     for zh, ze in _pairs(loop):
@@ -360,7 +363,7 @@ def margins(loop: Loop, period: float) -> Margins:
     return Margins(loop.axis, max(r[0] for r in rows), worst[1], min(r[2] for r in rows), worst[3])
 
 
-def refuse(loops: Iterable[Loop], period: float) -> None:
+def refuse(loops: Iterable[SampledLoop], period: float) -> None:
     """Refuse a controller that must not run.
 
     Parameters
@@ -386,7 +389,7 @@ def refuse(loops: Iterable[Loop], period: float) -> None:
             _stable(loop, zh, ze, period)
 
 
-def _stable(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> None:
+def _stable(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> None:
     size, hz = _dominant_mode(loop, zh, ze, period)
     if size <= 1.0 + _GROWTH:
         return
@@ -415,7 +418,7 @@ def _stable(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> None:
     )
 
 
-def _advice(loop: Loop, hz: float) -> str:
+def _advice(loop: SampledLoop, hz: float) -> str:
     if any(getattr(loop.design, c).a for c in MOTION):
         return (
             "lower acceleration_hz, or go further from the estimation singularity (smaller c2 c3)"
@@ -425,7 +428,7 @@ def _advice(loop: Loop, hz: float) -> str:
     return "lower the gains, or raise velocity_hz and force_hz"
 
 
-def _pairs(loop: Loop) -> Iterable[tuple[Impedance, Impedance]]:
+def _pairs(loop: SampledLoop) -> Iterable[tuple[Impedance, Impedance]]:
     return product(loop.operators, loop.environments)
 
 

@@ -9,7 +9,7 @@ import pytest
 from hil.bench.faults import cases, process, runner
 from hil.record.container import read
 from hil.record.decode import decode_numbers
-from hil.runtime.conditions import BITS
+from hil.rig.safety import BITS
 
 SOME = [f for f in cases.FAULTS if f.wire or f.over or f.steered or "law" in f.name]
 
@@ -100,6 +100,6 @@ def test_cyclictest_is_read(monkeypatch):
     assert (found.ticks, found.missed, found.p50, found.most) == (100, 2, 7.0, 1200.0)
     monkeypatch.setattr(loop.shutil, "which", lambda name: None)
     assert "not installed" in loop.cyclictest(1.0).note
-    ours = loop.Run("hil run", 1, 0, 1, 1, 1, 1)
+    ours = loop.LoopRun("hil run", 1, 0, 1, 1, 1, 1)
     assert "nothing to compare" in loop.verdict([loop.cyclictest(1.0), ours])
     assert loop.plain_sleep(0.01).ticks == 10

@@ -7,7 +7,7 @@ from hil.controllers import geometry, joint_tracking
 from hil.controllers.joint_tracking import JointTracking, JointTrackingConfig
 from hil.controllers.position_force import PositionForce, PositionForceConfig
 from hil.errors import ConfigError
-from hil.runtime import safety
+from hil.rig import safety
 
 ARMS = ("leader", "follower")
 LENGTHS = np.array([0.215, 0.170])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hil.controllers import compensation as kernels
 from hil.errors import ConfigError
+from hil.estimate import compensation as kernels
 from hil.estimate import compensation_tables
 from hil.models import catalogue
 from hil.models.effect import terms_of

@@ -13,19 +13,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.excite.limits import of_arm
 from hil.record.recording import RobotSource
 from hil.record.ring import Ring
+from hil.rig import safety
+from hil.rig.check import limits_of_arm
 from hil.rig.config import ArmConfig, SafetyConfig, load_rig
-from hil.runtime import safety
+from hil.rig.open import ArmPort
+from hil.rig.safety import BITS, FAULTING, PAUSING, TABLE, limits, named, sentence
 from hil.runtime.clock import VirtualClock
-from hil.runtime.commands import Command
-from hil.runtime.conditions import BITS, FAULTING, PAUSING, TABLE, named, sentence
-from hil.runtime.frame import FrameLayout
+from hil.runtime.commands import OperatorCommand
 from hil.runtime.loop import Loop, Overload
-from hil.runtime.port import ArmPort
-from hil.runtime.safety import limits
 from hil.signals.device import Status
+from hil.signals.frame import FrameLayout
 from hil.signals.state import OperatingState as State
 
 RIG = Path(__file__).parents[2] / "rigs" / "teleop.toml"
@@ -82,7 +81,7 @@ class Bench:
     def __init__(self, effort=0.1, arm=None, safety=None, tip=None, box=None):
         self.arm = Arm()
         config, safety = arm or ArmConfig(), safety or SafetyConfig()
-        robot = of_arm(config, RobotSource(config.robot))
+        robot = limits_of_arm(config, RobotSource(config.robot))
         port = ArmPort(
             self.arm,
             self.arm,
@@ -212,7 +211,7 @@ def test_leaving_the_range_pauses_once_and_the_way_back_is_open(bench):
         bench.arm.q[1] = q
         bench.run()
     assert bench.loop.machine.state is State.PAUSED and "position" in bench.names()
-    bench.loop.mailbox.append(Command("resume", lambda loop: loop.begin()))
+    bench.loop.mailbox.append(OperatorCommand("resume", lambda loop: loop.begin()))
     assert bench.run(5) is State.ENABLED and "position" in bench.names()
 
 
@@ -239,7 +238,7 @@ def test_a_fault_is_latched_and_takes_no_command(bench):
     bench.arm.js = Status.INVALID
     bench.run()
     bench.arm.js = Status.OK
-    bench.loop.mailbox.append(Command("start", lambda loop: loop.begin()))
+    bench.loop.mailbox.append(OperatorCommand("start", lambda loop: loop.begin()))
     assert bench.run(5) is State.FAULT
     assert (bench.arm.out == 0.0).all()
 

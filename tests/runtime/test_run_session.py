@@ -16,9 +16,9 @@ from hil.record.ring import Ring
 from hil.rig.config import load_rig
 from hil.rig.open import open_rig
 from hil.runtime.clock import MonotonicClock, VirtualClock
-from hil.runtime.frame import FrameLayout
 from hil.runtime.loop import Loop
 from hil.runtime.runner import Operator, run
+from hil.signals.frame import FrameLayout
 
 RIGS = Path(__file__).parents[2] / "rigs"
 ALL = sorted(p.name for p in RIGS.glob("*.toml"))

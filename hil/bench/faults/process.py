@@ -24,9 +24,9 @@ from hil.record.mcap_write import SessionWriter
 from hil.rig.config import load_rig
 from hil.rigs import rig_path
 from hil.runtime import runner
-from hil.runtime.frame import TIMING, WORDS
 from hil.runtime.watchdog import beside
 from hil.signals.device import Status
+from hil.signals.frame import TIMING, WORDS
 
 #: When the parent strikes [ticks], and the watchdog's time-out [s].
 _LONG, _TIMEOUT = 800, 0.25

@@ -16,10 +16,10 @@ from hil.errors import HilError
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.rig.config import load_rig
+from hil.rig.safety import BITS, named
 from hil.rigs import rig_path
 from hil.runtime import runner
-from hil.runtime.conditions import BITS, named
-from hil.runtime.frame import TIMING, WORDS
+from hil.signals.frame import TIMING, WORDS
 from hil.signals.state import OperatingState
 
 #: After the strike [s].

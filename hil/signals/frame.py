@@ -13,7 +13,7 @@ from hil.signals.device import FloatArray
 MEASURED, SENT, WORDS = 12, 3, 12
 #: The loop itself: lateness of the wake-up and time until the commands were out [ns], periods
 #: missed and rows dropped so far, worst status of the tick, operating state, mask of conditions
-#: (`hil.runtime.conditions`), rows that waited in the ring, hottest winding [degC].
+#: (`hil.rig.safety`), rows that waited in the ring, hottest winding [degC].
 TIMING = (
     "wake_late",
     "busy",
