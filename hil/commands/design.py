@@ -18,6 +18,7 @@ from hil.teleop import architecture, force_sensor_free, law_parameters, rig_desi
 from hil.teleop.rig_designs import Arms
 from hil.teleop.summary import Summary, summarise
 from hil.toml import parse
+from hil.userfile import read_text
 
 EXAMPLE = (
     "hil design rigs/lawrence.toml --design position-force --set stiffness=200 -o own.toml\n"
@@ -188,7 +189,10 @@ def _write(path: str, config: RigConfig, parameters: Mapping[str, Any]) -> None:
 
 
 def _is_rig(path: Path) -> bool:
-    text = path.read_text(encoding="utf-8", errors="replace")
+    try:
+        text = read_text(path)
+    except (OSError, ValueError):
+        return False
     return not text.strip() or 'schema = "hil.rig/' in text
 
 
