@@ -1,4 +1,4 @@
-"""What the analysis commands share: their options, loading, and terminal output."""
+"""What the analysis commands share: options, loading, terminal output, and bench report pages."""
 
 from __future__ import annotations
 
@@ -228,3 +228,25 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int
     return "\n".join(
         ["  " + x.rstrip() for x in [lines[0], "  ".join("-" * w for w in widths), *lines[1:]]]
     )
+
+
+#: Text for the terminal, and data for JSON.
+Found = tuple[str, dict[str, object]]
+
+
+def check_page(path: str | None) -> None:
+    """Refuse a page that is not Markdown by its name.
+
+    Raises
+    ------
+    ConfigError
+        Names the path.
+    """
+    if path and Path(path).suffix != ".md":
+        raise ConfigError(f"--report {path}: a file that ends in .md is needed")
+
+
+def write_page(path: str | None, text: str) -> None:
+    """Write the page, if one is asked for."""
+    if path:
+        Path(path).write_text(text, encoding="utf-8")

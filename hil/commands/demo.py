@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hil.bench import hidden
 from hil.commands import common, outputs, plugins
-from hil.commands.diagnosetext import text
+from hil.commands.diagnose import text
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.types import Diagnosis
 from hil.errors import ConfigError

@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 
-from hil.commands import rigfile
+from hil.commands.run import named
 from hil.rig import status
 from hil.rig.config import load_rig
 
@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
         rows = status.everything()
     else:
         config = load_rig(args.rig)
-        with rigfile.named(args.rig):
+        with named(args.rig):
             rows = status.check(config)
     if args.json:
         sys.stdout.write(json.dumps({"schema": "hil.devices/1", "devices": rows}) + "\n")

@@ -1,17 +1,192 @@
-"""`hil diagnose`: which physical effect is missing."""
+"""`hil diagnose`: which physical effect is missing.
+
+Its text serves `hil improve` and `hil demo` too: verdict, findings, error ladder, ambiguity.
+"""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
+import numpy as np
+
 from hil.commands import common
-from hil.commands.diagnosetext import text
 from hil.diagnosis import engine, verbs
-from hil.diagnosis.types import Diagnosis
+from hil.diagnosis.artefacts import blurred_above
+from hil.diagnosis.equivalence import at_issue_of
+from hil.diagnosis.sessions import DIFFER
+from hil.diagnosis.types import Diagnosis, Finding
+from hil.diagnosis.unnamed import told
 from hil.diagnosis.verbs import Rung, rising
+from hil.diagnosis.verdict import NO_GEOMETRY, only_there
+from hil.identify.multistep import MultiStep
+from hil.models import catalogue
+from hil.models.param_text import remark
 from hil.report.json import diagnosis_json, ladder_json
-from hil.report.text import Files
+from hil.report.text import LEADING, Files, corrections, explains, floor_says, remains
+
+SENTENCES = {
+    "missing-effect": "missing-effect: the model lacks what is named below.",
+    "ambiguous": "ambiguous: something is missing; these data leave open which of several effects.",
+    "unexplained": "unexplained: something is missing, and no effect of the catalogue explains it.",
+    "not-identifiable": "not-identifiable: nothing can be concluded from these data.",
+    "bad-data": "bad-data: the recording has faults; nothing fitted to it would mean anything.",
+}
+
+
+def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
+    """The diagnosis for a terminal; `verbose` also explains what no motion could ever tell."""
+    lines = [f"Verdict: {verdict(d)}"]
+    if d.verdict == "not-identifiable":
+        lines += [f"  {w}." for _, w in d.warnings]
+    lines += [f"  {w}." for code, w in d.warnings if code == NO_GEOMETRY]
+    for f in d.findings:
+        lines += ["", *_finding(f, d.result.problem.joints)]
+    partial = [f"{f.effect} on {f.joint}" if f.joint else f.effect for f in d.partial]
+    if partial:
+        why = "explains too little to be the cause"
+        lines += [f"  best partial explanation: {', '.join(partial)} ({why})"]
+    lines += _left(d) + _corrections(d)
+    beside = set(LEADING) - {NO_GEOMETRY}
+    lines += [f"  {w}." for code, w in d.warnings if code in beside]
+    if d.verdict == "adequate":
+        lines += [f"  {floor_says(d.beyond)}"]
+    if d.network:
+        lines += ["", "What any function of some variables could explain of what is left"]
+        lines += [f"  - {line}" for line in told(d.network)]
+    if not d.ladder:
+        return "\n".join([*lines, *(f"  {w}" for _, w in d.warnings)])
+    lines += ["", ladder_text(d)]
+    if d.result.model.explains == "motor":
+        lines += ["", multi_text(rungs)]
+    lines += _apart(d, verbose)
+    if d.verdict == "adequate" and d.unseen:
+        lines += ["", "What this motion could not show", *(f"  - {u.text}" for u in d.unseen)]
+    notes = _notes(d)
+    lines += ["", *(f"  note: {w}" for w in notes)] if notes else []
+    return "\n".join(lines)
+
+
+def _left(d: Diagnosis) -> list[str]:
+    """What all that was named leaves."""
+    if not d.findings:
+        return []
+    left = remains(d.explained.heldout.rms / d.noise, d.result.problem.joints)
+    return ["", f"  {left}"] if left else []
+
+
+def _corrections(d: Diagnosis) -> list[str]:
+    """What the improved model holds without a name."""
+    return ["", f"  {corrections(d.corrections)}"] if d.corrections else []
+
+
+def verdict(d: Diagnosis) -> str:
+    """The verdict as a sentence."""
+    if d.verdict == "adequate" and any(code == DIFFER for code, _ in d.warnings):
+        return (
+            "adequate for what was fitted: the model explains that down to the noise floor, but "
+            "not the held-out data."
+        )
+    if d.verdict == "unexplained" and only_there(d.ladder[-1], d.last, d.noise):
+        return (
+            "unexplained: the model explains what was fitted down to the noise floor, but not the "
+            "held-out data."
+        )
+    if d.verdict == "adequate":
+        error = d.ladder[-1].heldout.rms / d.noise
+        ratio = dict(zip(d.result.problem.joints, error.tolist(), strict=True))
+        return f"adequate: {explains(blurred_above(d.warnings, ratio), 'the model')}"
+    return SENTENCES[d.verdict]
+
+
+def _notes(d: Diagnosis) -> list[str]:
+    """Warnings that were not said above, in words."""
+    if d.verdict == "not-identifiable":
+        return []
+    shown = {n for f in d.findings for n in f.parameters}
+    return [
+        text
+        for code, text in d.warnings
+        if not code.startswith("impossible")
+        and code not in LEADING
+        and not (code == "at-bound" and text.split()[1] in shown)
+    ]
+
+
+def _apart(d: Diagnosis, verbose: bool) -> list[str]:
+    """Sets that the data cannot tell apart; one line for those that no answer of this was about."""
+    sets, standing = at_issue_of(d)
+    if verbose:
+        sets, standing = [*sets, *standing], []
+    lines = ["", "What these data cannot tell apart"] if sets else []
+    told = [f"  - {' / '.join(s.effects)}: {s.why}. Would show it: {s.experiment}." for s in sets]
+    lines += dict.fromkeys(told)
+    if standing:
+        pairs = "; ".join(f"{s.effects[0]} from {', '.join(s.effects[1:])}" for s in standing)
+        lines += ["", f"  no motion alone tells apart: {pairs} (--verbose: why, and what would)"]
+    return lines
+
+
+def _finding(f: Finding, joints: tuple[str, ...]) -> list[str]:
+    where = f" on {f.joint}" if f.joint else ""
+    lines = [
+        f"  {f.effect}{where}  (confidence {f.confidence:.2f})",
+        f"    held-out error {f.relative_before:.2f} % -> {f.relative_after:.2f} % "
+        f"(se {f.se:.2g}), {100 * f.excess_explained:.0f} % of the squared error above the floor",
+    ]
+    lines += [f"    {common.value_line(name, v, joints)}" for name, v in f.parameters.items()]
+    if said := remark(f.effect, f.parameters):
+        lines.append(f"    {said}")
+    if caveat := catalogue.get(f.effect).doc.caveat:
+        lines.append(f"    read with care: {caveat}")
+    if f.rivals:
+        lines.append(f"    rivals with this motion: {', '.join(f.rivals)}")
+    return lines
+
+
+def ladder_text(d: Diagnosis) -> str:
+    """Error ladder: held-out rms error over the noise floor, by joint."""
+    joints = d.result.problem.joints
+    rows = [
+        [s.label, *(f"{x:.2f}" for x in (*s.heldout.relative, *(s.heldout.rms / d.noise)))]
+        for s in d.ladder
+    ]
+    floor = 100 * d.noise / d.ladder[-1].heldout.effort_rms
+    rows.append(["noise floor", *(f"{x:.2f}" for x in (*floor, *np.ones(len(joints))))])
+    head = ["held-out error", *(f"{j} %" for j in joints), *(f"{j}/floor" for j in joints)]
+    band = d.result.problem.rates.effort
+    return common.table(head, rows) + (
+        f"\n  efforts up to {band:.3g} Hz: the band follows the fitted motion, and errors of two "
+        "reports compare where it is the same"
+    )
+
+
+def _cells(m: MultiStep | None) -> list[str]:
+    if m is None:
+        return []
+    return ["-" if m.lost else f"{x:.2f}" for x in m.relative]
+
+
+def multi_text(rungs: list[Rung]) -> str:
+    """Multi-step error of the same ladder: the simulated position, by joint."""
+    first = rungs[0]
+    joints = first.step.result.problem.joints
+    rows = [[r.step.label, *_cells(r.multi_step), *_cells(r.multi_step.closed_loop)] for r in rungs]
+    head = [f"multi-step error, {first.multi_step.horizon:g} s", *(f"{j} %" for j in joints)]
+    meaning = "rms error of the position simulated from measured states, in % of its motion"
+    if first.multi_step.closed_loop is not None:
+        head += [f"{j} replay %" for j in joints]
+        meaning += "; replay: over longer windows, a 1 Hz servo holding it"
+    lines = [common.table(head, rows), f"  {meaning}"]
+    for r in rungs:
+        m = r.multi_step
+        if m.diverged:
+            lines.append(
+                f"  {r.step.label}: {m.diverged} of {m.windows} simulations left the recorded "
+                "range and are not counted"
+            )
+    return "\n".join(lines)
+
 
 EXAMPLE = "hil diagnose run.mcap --model arm.toml --holdout other.mcap --report why.html"
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 
 from hil.commands import common
-from hil.commands.designtext import finite
+from hil.commands.design import finite
 from hil.experiments import (
     cable_arm,
     elastic_transmission,

@@ -22,7 +22,8 @@ from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.robots import make_robot
 from hil.record import datasets
-from hil.record.checks import Finding, check
+from hil.record.checks import check
+from hil.record.consistency import DataFault
 from hil.record.export import write_recordings
 from hil.record.mapfile import TableMap, builtin_maps, read_map
 from hil.record.recording import Recording
@@ -79,7 +80,7 @@ def _kept(model: Path, found: Imported) -> str:
     )
 
 
-def _next(output: Path, model: Path, faults: list[Finding]) -> list[str]:
+def _next(output: Path, model: Path, faults: list[DataFault]) -> list[str]:
     """What to do with the session: look at it and diagnose it, or mend it where it is worthless."""
     errors = [f for f in faults if f.severity == "error"]
     if not errors:
@@ -91,7 +92,7 @@ def _next(output: Path, model: Path, faults: list[Finding]) -> list[str]:
     ]
 
 
-def _fault(f: Finding) -> str:
+def _fault(f: DataFault) -> str:
     return f"{f.severity} [{f.code}] {f.sentence}"
 
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from hil.commands import outputs
 from hil.errors import ConfigError, DataError, plural
-from hil.record.checks import Finding, check, columns, joint_units
+from hil.record.checks import check, columns, joint_units
+from hil.record.consistency import DataFault
 from hil.record.mcap_read import ChannelSummary, SessionSummary, load, summary
 from hil.record.recording import Recording
 from hil.record.recovery import recover
@@ -123,7 +124,7 @@ class _Arm:
     """An arm's recording, its faults, and what the analysis makes of it where it can."""
 
     recording: Recording
-    faults: list[Finding]
+    faults: list[DataFault]
     prepared: Prepared | None
     readings: list[tuple[str, str]] = field(default_factory=list)
     lateness: Lateness | None = None
@@ -273,7 +274,7 @@ def _unit(column: str, axis: str) -> str:
     return units.get(column.rstrip("0123456789"), effort)
 
 
-def _faults_text(faults: list[Finding]) -> list[str]:
+def _faults_text(faults: list[DataFault]) -> list[str]:
     if not faults:
         return ["  data faults: none found"]
     lines = [f"  data faults: {len(faults)}"]

@@ -1,4 +1,7 @@
-"""`hil run`: run a session of a rig and record it."""
+"""`hil run`: run a session of a rig and record it.
+
+Errors in a rig file start with its name, also those that only opening it shows.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +10,42 @@ import json
 import math
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from hil.commands import outputs, rigfile
+from hil.commands import outputs
 from hil.errors import ConfigError
 from hil.excite import trajectory
 from hil.interrupt import saying
 from hil.record import mcap_read
 from hil.rig.config import RigConfig, load_rig
+from hil.rig.open import Rig, open_rig
 from hil.runtime import runner
 from hil.runtime.commands import COMMANDS, scheduled
+
+
+@contextmanager
+def named(path: str) -> Iterator[None]:
+    """Put the name of the rig file in front of a `ConfigError`."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error.__cause__
+
+
+def opener(path: str) -> Callable[[RigConfig, int], Rig]:
+    """`hil.rig.open.open_rig` whose mistakes have the name of the rig file."""
+
+    def opened(config: RigConfig, seed: int) -> Rig:
+        with named(path):
+            return open_rig(config, seed)
+
+    return opened
+
 
 EXAMPLE = "hil run rigs/teleop.toml --clock lockstep --seconds 10 -o s.mcap"
 #: A short trajectory is repeated to fill about this time [s].
@@ -149,7 +174,7 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
             bar.update,
             operator,
             args.model,
-            rigfile.opener(args.rig),
+            opener(args.rig),
             aside=lambda path: _aside(bar, path),
         )
 

@@ -7,7 +7,8 @@ import json
 import sys
 from dataclasses import asdict
 
-from hil.commands import common, rigfile
+from hil.commands import common
+from hil.commands.run import opener
 from hil.rig.config import RigConfig, load_rig
 from hil.runtime.runner import unwinding_signals
 from hil.runtime.selftest import USUAL, selftest
@@ -35,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
         return answers[-1] and not args.no_motors
 
     with unwinding_signals():
-        for step in selftest(config, args.torque, allowed, rigfile.opener(args.rig)):
+        for step in selftest(config, args.torque, allowed, opener(args.rig)):
             steps.append(step)
             if not args.json:
                 mark = "ok  " if step.passed else "FAIL"

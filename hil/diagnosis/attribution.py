@@ -40,7 +40,7 @@ COINCIDE = 0.98
 #: Logarithm of a weight below which nobody asks what contains the candidate.
 LIKELY = -3.0
 #: Share of a direction below which the base model hides it.
-UNSEEN = 0.01
+HIDDEN_DIRECTION = 0.01
 #: Only effects that the base absorbs by this share can be imitated from another joint.
 MIRROR = 0.9
 #: ... and only if on both joints they explain about as much.
@@ -167,7 +167,7 @@ def seen(c: Candidate, projector: Projector) -> int:
     unit, _ = np.linalg.qr(columns[:, norm > 0] / norm[norm > 0])
     known = projector.inner(projector.rows(c.term), unit)
     left = np.linalg.eigvalsh(np.eye(unit.shape[1]) - known.T @ known)
-    return int(np.sum(left > UNSEEN))
+    return int(np.sum(left > HIDDEN_DIRECTION))
 
 
 def late(a: Candidate, b: Candidate) -> bool:
@@ -189,7 +189,7 @@ def mirrored(a: Candidate, b: Candidate) -> bool:
 #: An effect must account for at least this share of the noise variance to matter.
 MATERIAL = 0.10
 #: Share of the excess that a line over time must account for by itself.
-ALONE = 0.8
+LINE_SHARE = 0.8
 #: ... or this share, if without the line the joint is within so much of its floor: a floor that is
 #: a twentieth too low is a third of an excess of half a floor.
 MAJOR, MET = 0.6, 1.06
@@ -231,7 +231,7 @@ def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
     # of a small excess the floor's own error is a good part
     rest = float(result.rms[j] ** 2) - removed
     at_floor = rest < (MET * evidence.floor.rms[j]) ** 2 and removed > MAJOR * excess
-    return bool(removed > ALONE * excess or at_floor)
+    return bool(removed > LINE_SHARE * excess or at_floor)
 
 
 def possible(evidence: Evidence, result: FitResult) -> list[Candidate]:
@@ -292,7 +292,7 @@ def choose(
 
 #: Blocks, beside one for each coefficient, from which their scatter says anything: of three blocks
 #: not even coefficients of ten standard errors are more than chance.
-FEWEST = 10
+FEWEST_BLOCKS = 10
 
 
 # ------------------------------------------------------------ coefficients beyond chance
@@ -327,7 +327,7 @@ def chance(result: FitResult, key: tuple[str, int]) -> float:
         return 0.0
     where = result.slices[number]
     count, m = int(blocks.max()) + 1, where.stop - where.start
-    if count - m < FEWEST:
+    if count - m < FEWEST_BLOCKS:
         return 0.0
     weighted = (result.residual / result.sigma[:, None]).reshape(-1)
     every = cluster_covariance(weighted, result.basis, np.tile(blocks, result.problem.d))

@@ -128,7 +128,7 @@ TOUCHING = 0.02
 #: Least rms speed, in units of its noise, that is motion.
 SLOWEST = 4.0
 #: Shortest recording from which effects are named, all runs without the filter's edges [s].
-SHORTEST = 4.0
+SHORTEST_RECORDING = 4.0
 
 
 # ------------------------------------------------------------ motion
@@ -171,14 +171,14 @@ def _slow(problem: Problem, speed: FloatArray) -> str:
 def _short(problem: Problem) -> list[tuple[str, str]]:
     """Reason if all runs together are too short to name an effect."""
     left = problem.n / problem.rate
-    if left >= SHORTEST:
+    if left >= SHORTEST_RECORDING:
         return []
     recorded = sum(float(r.t[-1] - r.t[0]) for r in problem.recordings)
     # the filter's edges go at both ends of every run, so they come on top
-    wanted = math.ceil(SHORTEST + max(recorded - left, 0.0))
+    wanted = math.ceil(SHORTEST_RECORDING + max(recorded - left, 0.0))
     text = (
         f"{recorded:.2g} s are recorded, of which {left:.2g} s are left when the filter has cut "
-        f"its edges; {SHORTEST:g} s must be left to tell an effect from chance. Record "
+        f"its edges; {SHORTEST_RECORDING:g} s must be left to tell an effect from chance. Record "
         f"{wanted} s or more, or give several runs"
     )
     return [("too-short", text)]

@@ -17,7 +17,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.identify.design import Term, block
-from hil.identify.problem import BATCH, Problem
+from hil.identify.problem import ROW_BATCH, Problem
 from hil.identify.regression import basis, least_squares
 from hil.identify.solve import factors
 from hil.models.effect import Effect, strict
@@ -138,7 +138,7 @@ class Projector:
         """Scores of a term for several shapes, in batches of columns that fit the memory."""
         if len(shapes) > 1 and not term.per_run:
             first = block(self.problem, term.reshaped(shapes[0]))
-            for some in batches(shapes, max(1, BATCH // max(first.nbytes, 1))):
+            for some in batches(shapes, max(1, ROW_BATCH // max(first.nbytes, 1))):
                 parts = self.problem.several(term.effect, term.joint, some)
                 if len({p.shape[-1] for p in parts}) == 1:
                     yield self._known(term, some, self._stacked(term, parts))

@@ -21,7 +21,7 @@ from hil.identify.problem import Problem
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 #: Columns below this share of the largest are zero but for rounding.
-ROUNDING = 1e-11
+RANK_ROUNDING = 1e-11
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def basis(x: FloatArray, noise_to_signal: float = 1e-9) -> Basis:
 def unit_scale(norm: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Scales (p,) of columns of some length (p,), 1 where they are zero; and which are not."""
     # a column that is nothing but rounding must not be scaled up to a direction of its own
-    live = norm > max(1e-300, ROUNDING * float(norm.max(initial=0.0)))
+    live = norm > max(1e-300, RANK_ROUNDING * float(norm.max(initial=0.0)))
     return np.where(live, norm, 1.0), live
 
 

@@ -15,7 +15,7 @@ from types import ModuleType
 
 from hil.errors import ConfigError, unknown
 from hil.models.effect import FIXED, NEVER, Effect
-from hil.models.parts import Doc, Relations, Scope, Search, Trait, Variation
+from hil.models.parts import Doc, Relations, Scope, ShapeSearch, Trait, Variation
 
 #: Modules with a tuple `EFFECTS`; adding an effect touches its own file, its test, one line here.
 MODULES = (
@@ -156,7 +156,7 @@ PARTS: dict[str, tuple[type, str, object, tuple[str, ...]]] = {
         ("replaces", "twins", "limit", "foils", "state"),
     ),
     "search": (
-        Search,
+        ShapeSearch,
         "Grid(shapes), shapes(motion, j) a function",
         FIXED,
         (

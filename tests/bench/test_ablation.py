@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from hil.bench.diagnosis import ablation, cases, runner, tables
-from hil.commands import benchhidden
+from hil.commands import bench
 from hil.diagnosis import rules
 from hil.errors import ConfigError, DataError
 
@@ -128,8 +128,8 @@ def test_without_a_rule_what_another_stops_too_stays_out(two):
 
 
 def test_only_cases_with_a_rule_of_their_own_are_repeated():
-    case = cases.Case("none", "arm", (), "white", "strokes", 0)
-    other = cases.Case("none", "arm", (), "white", "strokes", 1)
+    case = cases.SessionCase("none", "arm", (), "white", "strokes", 0)
+    other = cases.SessionCase("none", "arm", (), "white", "strokes", 1)
     rows = [row(case.name, "right", alone=["worth", "harm"]), row(other.name, "unstable")]
     assert [(a.case, a.code) for a in ablation.repeated([case, other], rows)] == [
         (case, "harm"),
@@ -145,8 +145,8 @@ def test_results_of_another_revision_are_refused(monkeypatch, tmp_path):
 
 def test_only_some_sessions():
     todo = cases.nothing(range(1))
-    some = benchhidden._only(todo, ["/white/"])
+    some = bench._only(todo, ["/white/"])
     assert some and {c.noise for c in some} == {"white"}
-    assert benchhidden._only(todo, []) == todo
+    assert bench._only(todo, []) == todo
     with pytest.raises(ConfigError, match="--only stribek"):
-        benchhidden._only(todo, ["stribek"])
+        bench._only(todo, ["stribek"])

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from hil.bench.diagnosis import amplitudes, cases, runner, session, tables
-from hil.commands import benchhidden
+from hil.commands import bench
 from hil.errors import ConfigError
 
 needs_mujoco = pytest.mark.skipif(
@@ -48,7 +48,7 @@ def test_rows_of_an_earlier_revision_are_of_the_tuning_plants():
     ],
 )
 def test_what_has_no_name_of_its_own_has_right_names(hidden, named, outcome):
-    case = cases.Case("one", "elbow3", (cases.Hidden(hidden, 0, 1.5),), "white", "points", 0)
+    case = cases.SessionCase("one", "elbow3", (cases.Hidden(hidden, 0, 1.5),), "white", "points", 0)
     found = row("test", "elbow3", named, "") | {"hidden": [[hidden, "joint1", 1.5]]}
     assert runner.outcome(case, found) == outcome
     (mean,) = [s.k for _, _, _, s in tables.calibration([found]) if s.n]
@@ -57,10 +57,10 @@ def test_what_has_no_name_of_its_own_has_right_names(hidden, named, outcome):
 
 def test_without_mujoco_the_tuning_plants_are_left_and_that_is_said(monkeypatch, capsys):
     monkeypatch.setattr(session, "mujoco_available", lambda: False)
-    assert benchhidden._plants(None) == ["tuning"]
+    assert bench._plants(None) == ["tuning"]
     assert session.MUJOCO_EXTRA in capsys.readouterr().err
     with pytest.raises(ConfigError, match="mujoco"):
-        benchhidden._plants("test")
+        bench._plants("test")
 
 
 @needs_mujoco

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hil
-from hil.commands.diagnosetext import text
+from hil.commands.diagnose import text
 from hil.diagnosis.residual_tests import CHANGED, changes
 from hil.diagnosis.verbs import ladder
 from hil.record.recording import Recording

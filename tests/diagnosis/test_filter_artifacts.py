@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hil
-from hil.commands.diagnosetext import text
+from hil.commands.diagnose import text
 from hil.diagnosis import artefacts
 from hil.diagnosis.verbs import ladder
 from hil.record.recording import Recording

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import hil
-from hil.commands.diagnosetext import text
+from hil.commands.diagnose import text
 from hil.diagnosis.types import Diagnosis
 from hil.models.files import read_model, write_model
 from hil.models.model import Use, Value, base_model

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 import hil
 from hil.commands.compare import text as compared
-from hil.commands.diagnosetext import text
+from hil.commands.diagnose import text
 from hil.diagnosis.residual_tests import BURSTS, CLEAR, SURE, SWINGS, UNLIKE, kurtosis
 from hil.diagnosis.verbs import ladder
 from hil.record.recording import Recording

@@ -4,7 +4,7 @@ import pytest
 from compare_axes import session
 
 from hil.commands.compare import text as compared
-from hil.commands.diagnosetext import text
+from hil.commands.diagnose import text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.sessions import DIFFER
 from hil.diagnosis.verbs import compare, ladder

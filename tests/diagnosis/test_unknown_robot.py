@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hil
-from hil.commands.diagnosetext import text
+from hil.commands.diagnose import text
 from hil.models.model import base_model
 from hil.record.recording import Recording, RobotSource
 from hil.report.data import from_diagnosis

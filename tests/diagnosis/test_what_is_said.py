@@ -7,7 +7,7 @@ from compare_axes import session
 
 from hil.cli import main
 from hil.commands.compare import text as compared
-from hil.commands.diagnosetext import text
+from hil.commands.diagnose import text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.verbs import compare, ladder
 from hil.diagnosis.verdict import COMMON

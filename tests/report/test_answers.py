@@ -3,7 +3,7 @@
 import pytest
 from test_report import axes, model
 
-from hil.commands.diagnosetext import text
+from hil.commands.diagnose import text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import at_issue_of
 from hil.diagnosis.verbs import ladder

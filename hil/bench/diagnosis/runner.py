@@ -19,7 +19,7 @@ import numpy as np
 from tqdm import tqdm
 
 from hil.bench.diagnosis import amplitudes, cases, session
-from hil.bench.diagnosis.cases import Case, Hidden, suspected
+from hil.bench.diagnosis.cases import Hidden, SessionCase, suspected
 from hil.bench.diagnosis.tables import accepted
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
@@ -32,7 +32,7 @@ from hil.record.recording import Recording
 _OTHER_NOISE = 5000
 
 
-def recordings(case: Case) -> tuple[list[Recording], list[Recording]]:
+def recordings(case: SessionCase) -> tuple[list[Recording], list[Recording]]:
     """Runs to fit and a held-out run on another motion, with another noise."""
     rows = [
         (
@@ -48,13 +48,13 @@ def recordings(case: Case) -> tuple[list[Recording], list[Recording]]:
     return runs[:1], runs[1:]
 
 
-def _record(case: Case, rows: list[session.Row], k: int, noise: int = 0) -> Recording:
+def _record(case: SessionCase, rows: list[session.Row], k: int, noise: int = 0) -> Recording:
     motion = (case.excitation, 2 * case.seed + k)
     seed = 2 * case.seed + k + noise
     return session.record(case.robot, rows, case.noise, motion, seed, case.force)
 
 
-def judge(case: Case) -> dict[str, Any]:
+def judge(case: SessionCase) -> dict[str, Any]:
     """Row of the results: the case, what was said, the outcome, the times."""
     began = time.process_time()
     train, other = recordings(case)
@@ -92,7 +92,7 @@ def judge(case: Case) -> dict[str, Any]:
     return row
 
 
-def answer(case: Case, train: list[Recording], other: list[Recording]) -> dict[str, Any]:
+def answer(case: SessionCase, train: list[Recording], other: list[Recording]) -> dict[str, Any]:
     """What a diagnosis of a case's sessions said, with its outcome."""
     try:
         row = said(diagnose(train, suspected(case, train[0].robot), other))
@@ -135,7 +135,7 @@ def _hit(finding: dict[str, Any], hidden: Hidden) -> bool:
     return finding["effect"] in accepted(hidden.effect) and joint in (None, hidden.label)
 
 
-def outcome(case: Case, row: dict[str, Any]) -> str:
+def outcome(case: SessionCase, row: dict[str, Any]) -> str:
     """One word for a case.
 
     ``right``: exactly what is hidden (rightly nothing); ``extra``: that and something else;

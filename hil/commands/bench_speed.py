@@ -15,8 +15,8 @@ from typing import Any
 
 from hil.bench import identify, redesign, ukf, velocity, wire
 from hil.bench.identify import DATA, Report
-from hil.commands import benchpage, common, outputs
-from hil.commands.benchpage import Found
+from hil.commands import common, outputs
+from hil.commands.common import Found
 from hil.runtime.realtime import arranged
 
 COMMAND = "hil bench identify"
@@ -175,9 +175,9 @@ def _identify(args: argparse.Namespace) -> Found:
 
 def _velocity(args: argparse.Namespace) -> Found:
     """Velocity estimators: error and delay of each, and what an update costs here."""
-    benchpage.check(args.report)
+    common.check_page(args.report)
     text = velocity.report()
-    benchpage.write(args.report, text)
+    common.write_page(args.report, text)
     rows = [
         [label, f"{velocity.cost_ns(name, options):.0f}"] for label, name, options in velocity.CASES
     ]
