@@ -27,6 +27,7 @@ from hil.errors import DataError, unknown
 from hil.identify.context import renew
 from hil.identify.parallel import alone
 from hil.identify.problem import Problem
+from hil.interrupt import held_back
 from hil.models.model import RobotModel, Use, base_model
 from hil.record import datasets
 from hil.record.recording import Recording
@@ -274,7 +275,8 @@ def _apart(case: RealCase, work: Callable[[RealCase], RealRow]) -> RealRow:
     context = multiprocessing.get_context("spawn")
     receive, send = context.Pipe(duplex=False)
     process = context.Process(target=_child, args=(send, case, work), daemon=True)
-    process.start()
+    with held_back():  # an interruption is for the process that started this one, and ends it
+        process.start()
     send.close()
     try:
         found = receive.recv() if receive.poll(_LIMIT_S) else f"no answer in {_LIMIT_S:g} s"

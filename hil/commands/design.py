@@ -32,6 +32,7 @@ from hil.teleop.rig_designs import ArmImpedances
 from hil.teleop.sampled_loop import SampledLoop
 from hil.teleop.summary import DesignSummary, summarise
 from hil.toml import parse
+from hil.userfile import read_text
 
 TITLE = "Design of a teleoperation controller"
 #: Figure of merit -> format, unit and what it should be.
@@ -350,7 +351,10 @@ def _write(path: str, config: RigConfig, parameters: Mapping[str, Any]) -> None:
 
 
 def _is_rig(path: Path) -> bool:
-    text = path.read_text(encoding="utf-8", errors="replace")
+    try:
+        text = read_text(path)
+    except (OSError, ValueError):
+        return False
     return not text.strip() or 'schema = "hil.rig/' in text
 
 

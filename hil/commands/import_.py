@@ -72,7 +72,7 @@ def text(output: Path, found: Imported, model: Path, written: bool) -> str:
 def _kept(model: Path, found: Imported) -> str:
     """What is said of a model that was there already, and whether it is of another robot."""
     beside, urdf = model.with_suffix(".urdf"), found.recordings[0].robot.urdf
-    if not urdf or (beside.is_file() and beside.read_text(encoding="utf-8") == urdf):
+    if not urdf or outputs.same_text(beside, urdf):
         return "model kept as it was"
     return (
         f"model kept as it was, of another robot than this session; delete it and {beside.name} "

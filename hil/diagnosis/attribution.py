@@ -24,7 +24,7 @@ from hil.diagnosis.types import Candidate, Evidence
 from hil.identify.design import Term, coefficients, head
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector, within
-from hil.identify.regression import cluster_covariance, time_blocks
+from hil.identify.regression import cluster_covariance, decomposed, time_blocks
 from hil.identify.result import FitResult
 from hil.models.effect import Lines, Trait, Waves, are_twins, refused, strict
 from hil.models.model import Use, Value
@@ -61,7 +61,7 @@ def overlap(a: Candidate, b: Candidate, projector: Projector) -> float:
     qa, qb = _projected(a, projector), _projected(b, projector)
     if qa.shape[1] == 0 or qb.shape[1] == 0:
         return 0.0
-    return float(np.linalg.svd(qa.T @ qb, compute_uv=False)[-1])
+    return float(decomposed(qa.T @ qb)[1][-1])
 
 
 def _projected(c: Candidate, projector: Projector) -> FloatArray:
@@ -70,7 +70,7 @@ def _projected(c: Candidate, projector: Projector) -> FloatArray:
     full[rows] = projector.weighted(c.term)
     full -= projector.spanned(projector.inner(slice(0, len(full)), full))
     norm = np.linalg.norm(full, axis=0)
-    u, s, _ = np.linalg.svd(full[:, norm > 1e-12] / norm[norm > 1e-12], full_matrices=False)
+    u, s, _ = decomposed(full[:, norm > 1e-12] / norm[norm > 1e-12])
     return np.asarray(u[:, s > 1e-3], dtype=np.float64)
 
 

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from hil.identify.design import head
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
+from hil.identify.regression import least_squares
 from hil.identify.result import FitResult
 from hil.identify.solve import factors
 from hil.models.contact import penetration
@@ -296,7 +297,7 @@ class Reach:
         each = [(w * (q.T @ y), w * r, w * w * float(y @ y)) for q, r, y, w in parts]
         right = np.concatenate([c for c, _, _ in each])
         rows = np.concatenate([r for _, r, _ in each])
-        theta = np.linalg.lstsq(rows, right, rcond=None)[0]
+        theta = least_squares(rows, right)
         # what no column of its joint reaches, and what not all joints reach at once
         beyond = sum(whole - float(c @ c) for c, _, whole in each)
         rest = float(np.sum((right - rows @ theta) ** 2))

@@ -28,7 +28,7 @@ from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut
 from hil.identify.design import Term, coefficients
 from hil.identify.fit import in_units
 from hil.identify.projector import Projector
-from hil.identify.regression import cluster_covariance, inflation, time_blocks
+from hil.identify.regression import cluster_covariance, inflation, least_squares, time_blocks
 from hil.identify.result import FitResult
 from hil.identify.validity import identified, leaves
 
@@ -106,7 +106,7 @@ def _tried(
 ) -> _Try:
     columns = bare.weighted(term)
     rows = bare.residual[bare.rows(term)]
-    beta = np.asarray(np.linalg.lstsq(columns, rows, rcond=None)[0], dtype=np.float64)
+    beta = least_squares(columns, rows)
     n = bare.problem.n
     part = (columns @ beta)[j * n : (j + 1) * n] if term.effect.scope.whole else columns @ beta
     r = bare.residual[j * n : (j + 1) * n]

@@ -28,6 +28,7 @@ from hil.identify.context import carrying
 from hil.identify.design import Term, prefix
 from hil.identify.forward import Windows, forward
 from hil.identify.problem import Problem
+from hil.identify.regression import least_squares
 from hil.identify.result import FitResult
 from hil.identify.solve import limits
 
@@ -98,7 +99,7 @@ class Coordinates:
         x = r.x.reshape(d, n, -1)[:, rows] / r.sigma[:, None, None]
         y = (r.residual[:, rows] / r.sigma[:, None]).reshape(-1)
         count = self._t.shape[1]
-        z = np.linalg.lstsq(x.reshape(y.size, -1) @ self._t, y, rcond=1e-6)[0]
+        z = least_squares(x.reshape(y.size, -1) @ self._t, y, 1e-6)
         return np.concatenate([z, np.zeros(self.size - count)])
 
     def shapes(self, moved: FitResult) -> dict[str, float]:

@@ -67,8 +67,15 @@ def in_parallel(work: Callable[[T], R], things: Iterable[T], instants: int) -> l
         return [work(x) for x in waiting]
     with alone():
         contexts = [contextvars.copy_context() for _ in waiting]
-    with ThreadPoolExecutor(count, "in_parallel") as pool:
-        return list(pool.map(lambda context, x: context.run(work, x), contexts, waiting))
+    pool = ThreadPoolExecutor(count, "in_parallel")
+    try:
+        done = list(pool.map(lambda context, x: context.run(work, x), contexts, waiting))
+    except BaseException:
+        # what still runs is of no use; an interruption does not wait for it
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
+    return done
 
 
 P = ParamSpec("P")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hil.identify.design import Term, block
 from hil.identify.problem import ROW_BATCH, Problem
-from hil.identify.regression import basis
+from hil.identify.regression import basis, least_squares
 from hil.identify.solve import factors
 from hil.models.effect import Effect, strict
 
@@ -123,7 +123,7 @@ class Projector:
         rows = self.rows(term)
         right, known = columns.T @ self.residual[rows], self.inner(rows, columns)
         gram = columns.T @ columns - known.T @ known
-        return float(right @ np.linalg.lstsq(gram, right, rcond=1e-9)[0])
+        return float(right @ least_squares(gram, right, 1e-9))
 
     def gains(self, term: Term, shapes: Sequence[tuple[float, ...]]) -> FloatArray:
         """The same for several shapes of the term."""

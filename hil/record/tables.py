@@ -23,6 +23,7 @@ from hil.record.recording import Recording, RobotSource
 from hil.record.schema import LAST_S, Channel
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
+from hil.userfile import read_text
 
 #: A step of so many median periods is a jump.
 JUMP = 10.0
@@ -387,7 +388,7 @@ def _robot(
     folders = [Path()] if urdf else [f for f in (given.folder, table.parent) if f is not None]
     file = next((f / name for f in folders if (f / name).is_file()), folders[0] / name)
     try:
-        text = file.read_text(encoding="utf-8")
+        text = read_text(file)
     except FileNotFoundError as error:
         raise DataError(f"URDF {file}: no such file; give its path with --robot") from error
     except (OSError, UnicodeDecodeError) as error:

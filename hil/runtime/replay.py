@@ -13,7 +13,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import tempfile
-import tomllib
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -36,6 +35,7 @@ from hil.signals.device import Controller, FloatArray, IntArray, ServoJf, Status
 from hil.signals.frame import TIMING
 from hil.signals.state import OperatingState
 from hil.toml import parse
+from hil.userfile import parse_toml
 
 
 @dataclass
@@ -57,7 +57,7 @@ def played(box: Container, folder: Path) -> RecordedInputs:
     """Everything that a replay needs."""
     if "rig.toml" not in box.attachments:
         raise DataError(f"session {box.path} has no rig file; only sessions of 'hil run' replay")
-    config = parse(RigConfig, tomllib.loads(box.attachments["rig.toml"].decode()), "rig")
+    config = parse(RigConfig, parse_toml(box.attachments["rig.toml"].decode()), "rig")
     if "trajectory.toml" in box.attachments:
         (folder / "trajectory.toml").write_bytes(box.attachments["trajectory.toml"])
         law = config.controller

@@ -25,6 +25,7 @@ from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
 from hil.errors import DataError
 from hil.identify.parallel import alone
+from hil.interrupt import held_back
 from hil.record.recording import Recording
 
 #: Between the seeds of two runs of one motion: no noise comes twice.
@@ -219,7 +220,9 @@ def spread(work: Callable[[Any], Any], todo: list[Any], jobs: int, unit: str) ->
     """Results of `work` in any order, with progress on stderr: a bar, or in a file ten lines."""
     terminal = sys.stderr.isatty()
     bar = tqdm(total=len(todo), unit=unit, disable=not terminal)
-    with bar, multiprocessing.get_context("spawn").Pool(max(1, min(jobs, len(todo) or 1))) as pool:
+    with held_back():  # an interruption is for this process, which ends the others
+        pool = multiprocessing.get_context("spawn").Pool(max(1, min(jobs, len(todo) or 1)))
+    with bar, pool:
         for k, result in enumerate(pool.imap_unordered(partial(_single_threaded, work), todo), 1):
             bar.update()
             if not terminal and 10 * k // len(todo) > 10 * (k - 1) // len(todo):
