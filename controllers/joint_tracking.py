@@ -17,7 +17,7 @@ from hil.errors import ConfigError
 from hil.excite import trajectory
 from hil.excite.trajectory import grid, sample
 from hil.signals.device import FloatArray
-from hil.signals.settable import Range
+from hil.signals.settable import SettableRange
 
 HARMONICS = 26
 
@@ -117,12 +117,12 @@ class JointTrackingConfig:
     blend: float = 1.0
     trajectory: str = ""
 
-    def settable(self) -> dict[str, Range]:
+    def settable(self) -> dict[str, SettableRange]:
         """What an operator may set: nothing of the motion, which would jump."""
         return {
-            "stiffness": Range(0.0, 20.0, "N m/rad", 3),
-            "damping": Range(0.0, 0.2, "N m s/rad", 3),
-            "velocity_filter": Range(0.0005, 0.02, "s"),
+            "stiffness": SettableRange(0.0, 20.0, "N m/rad", 3),
+            "damping": SettableRange(0.0, 0.2, "N m s/rad", 3),
+            "velocity_filter": SettableRange(0.0005, 0.02, "s"),
         }
 
 

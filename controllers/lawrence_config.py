@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
-from hil.signals.settable import Range
+from hil.signals.settable import SettableRange
 from hil.teleop import lawrence_filters
 
 #: Ticks after which a schedule repeats.
@@ -225,12 +225,12 @@ class LawrenceConfig:
         if min(self.leader_mass + self.follower_mass) <= 0.0:
             raise ConfigError("lawrence: leader_mass and follower_mass must be positive.")
 
-    def settable(self) -> dict[str, Range]:
+    def settable(self) -> dict[str, SettableRange]:
         """What an operator may set: force gains, filters, share; the rest is 'hil design's."""
-        force = {name: Range(-2.0, 2.0, "", len(getattr(self, name))) for name in FORCES}
+        force = {name: SettableRange(-2.0, 2.0, "", len(getattr(self, name))) for name in FORCES}
         corners = ("velocity_hz", "acceleration_hz", "force_hz", "observer_hz")
-        share = {"friction_share": Range(0.0, 1.0)}
-        return {**force, **share, **dict.fromkeys(corners, Range(1.0, 400.0, "Hz"))}
+        share = {"friction_share": SettableRange(0.0, 1.0)}
+        return {**force, **share, **dict.fromkeys(corners, SettableRange(1.0, 400.0, "Hz"))}
 
     def _both_at_once(self) -> bool:
         """Whether both sites know each other's motion at once, and no shape needs a sensor."""

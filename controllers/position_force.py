@@ -16,7 +16,7 @@ import numpy as np
 from hil.controllers import geometry
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
-from hil.signals.settable import Range
+from hil.signals.settable import SettableRange
 
 SPACES = ("joint", "workspace")
 
@@ -60,16 +60,20 @@ class PositionForceConfig:
         if self.space not in SPACES:
             raise ConfigError(unknown("space", self.space, SPACES))
 
-    def settable(self) -> dict[str, Range]:
+    def settable(self) -> dict[str, SettableRange]:
         """What an operator may set; at the bounds the simulated arms still move calmly."""
         joint = self.space == "joint"
         return {
-            "stiffness": Range(0.0, 20.0, "N m/rad", 3) if joint else Range(0.0, 600.0, "N/m", 3),
-            "damping": Range(0.0, 0.2, "N m s/rad", 3) if joint else Range(0.0, 5.0, "N s/m", 3),
-            "velocity_filter": Range(0.0005, 0.02, "s"),
-            "force_scale": Range(0.0, 2.0),
-            "force_filter": Range(0.0005, 0.05, "s"),
-            "leader_damping": Range(0.0, 0.05, "N m s/rad"),
+            "stiffness": SettableRange(0.0, 20.0, "N m/rad", 3)
+            if joint
+            else SettableRange(0.0, 600.0, "N/m", 3),
+            "damping": SettableRange(0.0, 0.2, "N m s/rad", 3)
+            if joint
+            else SettableRange(0.0, 5.0, "N s/m", 3),
+            "velocity_filter": SettableRange(0.0005, 0.02, "s"),
+            "force_scale": SettableRange(0.0, 2.0),
+            "force_filter": SettableRange(0.0005, 0.05, "s"),
+            "leader_damping": SettableRange(0.0, 0.05, "N m s/rad"),
         }
 
 

@@ -17,7 +17,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import hil
+from hil.commands.terminal import quoted
 from hil.errors import HilError, unknown
+from hil.interrupt import CODE, interrupts
 
 
 class Parser(argparse.ArgumentParser):
@@ -261,12 +263,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 2 bad input or usage, 3 hardware or device fault, 1 internal error.
+        0 done, 2 bad input or usage, 3 hardware or device fault, 1 internal error,
+        130 interrupted.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    with quoted():
+        return _main(words)
+
+
+def _main(words: list[str]) -> int:
     first = next((w for w in words if not w.startswith("-")), None)
     if first is not None and first not in COMMANDS:
-        sys.stderr.write(f"hil: {unknown('command', first, COMMANDS)}\n")
+        sys.stderr.write(f"hil: {_one_line(unknown('command', first, COMMANDS))}\n")
         return 2
     parser = build_parser(first)
     command = parser.commands[first] if first else parser
@@ -279,22 +287,36 @@ def main(argv: Sequence[str] | None = None) -> int:
     if first is None:
         parser.leave(f"name a command: {', '.join(COMMANDS)}.")
     try:
-        code = int(args.run(args))
-        sys.stdout.flush()
+        with interrupts.unwinding(args.command):
+            code = int(args.run(args))
+            sys.stdout.flush()
         return code
     except BrokenPipeError:  # the reader has seen enough, e.g. `head`
         _drop_output()
         return 0
-    except KeyboardInterrupt:
-        sys.stderr.write(f"hil {args.command}: interrupted; what was recorded so far is kept\n")
-        return 130
+    except KeyboardInterrupt as stop:
+        return _interrupted(str(stop))
     except Exception as error:
+        if interrupts.seen:  # a library has made an error of its own of the interruption
+            return _interrupted("")
         if args.debug:
             raise
         text, code = explain(error, args.command)
         _drop_output()
-        sys.stderr.write(f"hil {args.command}: {text}\n")
+        sys.stderr.write(f"hil {args.command}: {_one_line(text)}\n")
         return code
+
+
+def _one_line(text: str) -> str:
+    """A message on one line, also where a name in it has several."""
+    return text.replace("\n", "\\n")
+
+
+def _interrupted(said: str) -> int:
+    """Say that the command was interrupted, and where the record is."""
+    _drop_output()
+    sys.stderr.write(interrupts.line(said))
+    return CODE
 
 
 def _drop_output() -> None:

@@ -70,8 +70,13 @@ def cut_program(words: Sequence[str]) -> Executable:
         digest.update(b"\0" + word.encode())
         path = Path(word)
         if path.is_file() and (k == 0 or _script(path)):
-            digest.update(b"\0" + hashlib.sha256(path.read_bytes()).digest())
+            digest.update(b"\0" + _content(path))
     return Executable("cut program", " ".join(words), digest.hexdigest())
+
+
+def _content(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()
 
 
 def _script(path: Path) -> bool:

@@ -7,6 +7,7 @@ next.  `exit_code` is what the command line returns (0 done, 2 bad input, 3 devi
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 
 
@@ -36,6 +37,30 @@ class DeviceError(HilError, OSError):
 
 class DeviceTimeoutError(DeviceError, TimeoutError):
     """A device did not answer in time."""
+
+
+#: What a terminal or a page obeys in place of showing it: controls (C0 but tab and line feed, C1),
+#: bidirectional and invisible marks, line separators; and halves of pairs, which no file can hold.
+_OBEYED = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
+    r"\ud800-\udfff\U000e0000-\U000e007f]"
+)
+
+
+def printable(text: str) -> str:
+    """Text that shows what it holds: control, bidirectional and invisible characters as escapes.
+
+    Tab and line feed stay.  Names and values of a user's files get onto terminals and pages only
+    through this: at the streams of the program, and where a report escapes its text.
+    """
+    return _OBEYED.sub(_escape, text) if not text.isascii() or not text.isprintable() else text
+
+
+def _escape(found: re.Match[str]) -> str:
+    code = ord(found[0])
+    if code < 256:
+        return f"\\x{code:02x}"
+    return f"\\u{code:04x}" if code < 65536 else f"\\U{code:08x}"
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:

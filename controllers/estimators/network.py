@@ -173,7 +173,7 @@ def untouched(phase: int, force: Any, c: Any, past: Any, now: Any, at: int) -> b
 def estimate(
     phase: int, u: Any, sent: Any, c: Any, n: Any, psi: Any, w: Any, past: Any, now: Any, out: Any
 ) -> None:
-    """One period; see `FrictionNetwork.update`."""
+    """One period; see `NetworkForces.update`."""
     q, v = u[:3], u[3:6]
     free = untouched(phase, u[6:9], c, past, now, 3)
     m = now[FIRST:]
@@ -246,7 +246,7 @@ _WORK = np.dtype(
 )
 
 
-class FrictionNetwork:
+class NetworkForces:
     """The estimator of one arm; see `hil.signals.device.Estimator`.
 
     Parameters
@@ -284,4 +284,4 @@ class FrictionNetwork:
 
 
 Config = NetworkConfig
-build = FrictionNetwork
+build = NetworkForces

@@ -139,8 +139,8 @@ _EACH_JOINT = N + N * N
 _FILTERS = 3 * _EACH_JOINT
 FIRST = _FILTERS + 8
 #: Variance of a logarithm that counts as known; Runge-Kutta steps a tick.
-SURE = 1e-12
-PARTS = 4
+KNOWN_VARIANCE = 1e-12
+STEPS_A_TICK = 4
 
 
 @nb.njit(cache=True, nogil=True)
@@ -199,7 +199,7 @@ def hold(f: Any) -> None:
     for r in range(N):
         for s in range(N):
             if r >= 4 or s >= 4:
-                f.p[r, s] = SURE if r == s else 0.0
+                f.p[r, s] = KNOWN_VARIANCE if r == s else 0.0
 
 
 @nb.njit(cache=True, nogil=True)
@@ -224,7 +224,7 @@ def joint(
         hold(f)
     f.noise[4:] = c.wander if free else 0.0
     f.c[0], f.c[1], f.c[2], f.c[3] = 1.0 / c.rotor[j], 1.0 / w.link[j], 1.0 / c.soft, w.load[j]
-    if phase == 2 and not (foresee(f, u, c.period, PARTS) and np.isfinite(f.x[0])):
+    if phase == 2 and not (foresee(f, u, c.period, STEPS_A_TICK) and np.isfinite(f.x[0])):
         begin(j, y, f, c)
     w.innovation[j] = correct(f.x, f.p, y, f.variance, f.gain)
     for r in range(N):

@@ -127,7 +127,7 @@ def refusal(error: OSError) -> str:
     )
 
 
-class Link:
+class HidLink:
     """Reports to one box.
 
     Parameters
@@ -258,7 +258,7 @@ class Usb31xx:
         self.name, self.config, self.channels = name, config, channels
         self.heartbeat = config.heartbeat_ms > 0
         self._bus = bus
-        self._link = Link(name, bus, product, serial)
+        self._link = HidLink(name, bus, product, serial)
         self.serial = self._link.serial
         self.trouble = ""
         self._lock = threading.Lock()

@@ -16,7 +16,7 @@ from math import inf
 import numpy as np
 
 from hil.drivers.usb_quad08 import codec, link
-from hil.drivers.usb_quad08.link import Link
+from hil.drivers.usb_quad08.link import UsbLink
 from hil.errors import ConfigError, DeviceError, unknown
 from hil.signals.bus import Bus
 from hil.signals.device import Status
@@ -118,7 +118,7 @@ class ScanClock:
         return min(wanted, newest)
 
 
-def configure(link: Link, channel: int, config: Quad08Config, asynchronous: bool) -> None:
+def configure(link: UsbLink, channel: int, config: Quad08Config, asynchronous: bool) -> None:
     """Set a counter's debouncing and mode, which zeroes it; no limit."""
     byte = codec.debounce_byte(config.debounce_us)
     mode = codec.mode_word(config.edges, config.index, asynchronous)
@@ -136,14 +136,14 @@ def configure(link: Link, channel: int, config: Quad08Config, asynchronous: bool
         link.write_all(((codec.BANK, bank + channel), (codec.MODE, word)))
 
 
-def read_count(link: Link, channel: int) -> int:
+def read_count(link: UsbLink, channel: int) -> int:
     """Number of a counter in asynchronous mode, 48 bits; the low word first, which latches it."""
     link.write(codec.BANK, channel)
     low, middle, high = (link.read(register) for register in codec.COUNT[:3])
     return low | middle << 16 | high << 32
 
 
-def arm(link: Link, words: list[int], divisor: int) -> None:
+def arm(link: UsbLink, words: list[int], divisor: int) -> None:
     """Start a scan: scan list (twice over), pacer, endpoint, sequencer, then the pacer runs.
 
     Raises

@@ -81,7 +81,7 @@ def attached(bus: Bus) -> list[Attached]:
     return found
 
 
-class Link:
+class UsbLink:
     """Control and bulk transfers to one device.
 
     Parameters
@@ -171,7 +171,7 @@ IMAGES = ("loader.hex", "firmware.hex", "fpga.bin")
 
 def open_link(
     name: str, backend: Any, serial: str, images: str, pause: Callable[[float], None]
-) -> Link:
+) -> UsbLink:
     """Find a box, load what it lacks, and prove it.
 
     Raises
@@ -188,9 +188,9 @@ def open_link(
                 f"box {name!r}: no USB-QUAD08{what} is attached (09db:00ca, or 09db:0470 before "
                 "its firmware is loaded); plug it in."
             )
-        load_firmware(Link(name, cold[0]), _folder(name, images))
+        load_firmware(UsbLink(name, cold[0]), _folder(name, images))
         found = _come_back(name, backend, serial, pause)
-    link = Link(name, found[0])
+    link = UsbLink(name, found[0])
     version = link.ask(codec.VERSION, 2)
     if version < codec.FIRMWARE_MIN:
         raise DeviceError(
@@ -222,7 +222,7 @@ def _folder(name: str, images: str) -> Path:
     return folder
 
 
-def load_firmware(link: Link, folder: Path) -> None:
+def load_firmware(link: UsbLink, folder: Path) -> None:
     """Load the loader, through it the firmware, and start it; the box drops off the bus."""
     loader, firmware = (
         codec.hex_records((folder / file).read_text(encoding="ascii"), str(folder / file))
@@ -242,11 +242,11 @@ def load_firmware(link: Link, folder: Path) -> None:
     link.close()
 
 
-def _reset(link: Link, hold: bool) -> None:
+def _reset(link: UsbLink, hold: bool) -> None:
     link.out(codec.RAM, codec.CPU_CONTROL, 0, bytes([hold]))
 
 
-def _write(link: Link, records: list[tuple[int, bytes]]) -> None:
+def _write(link: UsbLink, records: list[tuple[int, bytes]]) -> None:
     for address, data in records:
         link.out(codec.RAM, address, 0, data)
 
@@ -263,7 +263,7 @@ def _come_back(name: str, backend: Any, serial: str, pause: Callable[[float], No
     )
 
 
-def load_fpga(link: Link, folder: Path) -> None:
+def load_fpga(link: UsbLink, folder: Path) -> None:
     """Configure the FPGA."""
     link.out(codec.FPGA_STATE)
     for block in codec.fpga_blocks((folder / IMAGES[2]).read_bytes()):
@@ -274,7 +274,7 @@ def load_fpga(link: Link, folder: Path) -> None:
         )
 
 
-def prove(link: Link) -> None:
+def prove(link: UsbLink) -> None:
     """Write and read back the eight patterns that only a working FPGA returns."""
     for pattern in codec.mark_patterns():
         link.write(codec.MARK, pattern)

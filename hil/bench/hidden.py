@@ -37,7 +37,7 @@ EFFECTS: tuple[tuple[str, str], ...] = (
 
 
 @dataclass(frozen=True)
-class Case:
+class HiddenCase:
     """One session with a hidden effect (or none) and what was said of it."""
 
     effect: str
@@ -85,7 +85,7 @@ def session(
 
 def case(
     rig: Path, folder: Path, effect: str, joint: str, seed: int, amplitude: float = 1.0
-) -> Case:
+) -> HiddenCase:
     """Record two sessions and a held-out one, each on its own motion; diagnose; judge."""
     began = time.perf_counter()
     paths = [
@@ -99,22 +99,24 @@ def case(
     return verdict(d, effect, joint, seed, time.perf_counter() - began)
 
 
-def verdict(d: Diagnosis, effect: str, joint: str, seed: int, seconds: float) -> Case:
+def verdict(d: Diagnosis, effect: str, joint: str, seed: int, seconds: float) -> HiddenCase:
     """What a diagnosis said of a known truth."""
     named = tuple(f"{f.effect}@{f.joint}" for f in d.findings)
     ratio = [float(np.max(s.heldout.rms / d.noise)) for s in d.ladder]
     confidence = min((f.confidence for f in d.findings), default=1.0)
-    return Case(effect, joint, seed, d.verdict, named, confidence, ratio[0], ratio[-1], seconds)
+    return HiddenCase(
+        effect, joint, seed, d.verdict, named, confidence, ratio[0], ratio[-1], seconds
+    )
 
 
 def run(
     rig: Path,
     seeds: Sequence[int] = (1, 2, 3),
     effects: Sequence[tuple[str, str]] = EFFECTS,
-    report: Callable[[Case], None] | None = None,
-) -> list[Case]:
+    report: Callable[[HiddenCase], None] | None = None,
+) -> list[HiddenCase]:
     """All effects and none, each with several seeds."""
-    out: list[Case] = []
+    out: list[HiddenCase] = []
     with tempfile.TemporaryDirectory() as folder:
         for effect, joint in (*effects, ("", "joint1")):
             for seed in seeds:

@@ -33,7 +33,7 @@ from hil.record.export import write_recordings
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
-JOINTS = ("base", "upper", "fore")
+LINK_JOINTS = ("base", "upper", "fore")
 #: Axis, offset from the joint before [m], link length [m] and mass [kg].
 _LINKS = (("0 0 1", 0.0, 0.0, 0.30), ("0 1 0", 0.0, 0.215, 0.18), ("0 1 0", 0.215, 0.17, 0.11))
 #: Coulomb [N m], viscous [N m s/rad], rotor inertia [kg m^2], offset [N m] of each joint.
@@ -59,13 +59,13 @@ class Data:
     def recording(self, name: str) -> Recording:
         """What a rig would have recorded of it: positions and efforts."""
         robot = RobotSource("", urdf())
-        return Recording(name, "arm", JOINTS, self.t, self.q, self.tau, robot=robot)
+        return Recording(name, "arm", LINK_JOINTS, self.t, self.q, self.tau, robot=robot)
 
 
 def urdf() -> str:
     """Shoulder about z, then two pitch joints; 0.215 m upper arm."""
     links, joints, parent = ['<link name="world"/>'], [], "world"
-    for name, (axis, at, length, mass) in zip(JOINTS, _LINKS, strict=True):
+    for name, (axis, at, length, mass) in zip(LINK_JOINTS, _LINKS, strict=True):
         i = mass * max(length, 0.06) ** 2 / 12
         links.append(
             f'<link name="{name}_link"><inertial><origin xyz="{length / 2 + 0.01} 0.004 0.006"/>'
@@ -243,7 +243,7 @@ DATA = {False: "complete", True: "Stribeck missing"}
 
 
 @dataclass(frozen=True)
-class Row:
+class IdentifyRow:
     """One peer on one data set.
 
     Parameters
@@ -287,7 +287,7 @@ class Report:
 
     recorded: float
     repeats: int
-    rows: list[Row]
+    rows: list[IdentifyRow]
     lengths: list[Length]
 
 
@@ -314,7 +314,7 @@ def run(
         Told what is measured now.
     """
     tell = report or (lambda _: None)
-    rows: list[Row] = []
+    rows: list[IdentifyRow] = []
     with tempfile.TemporaryDirectory() as name, threadpool_limits(limits=1):
         folder = Path(name)
         for stribeck, data in DATA.items():
@@ -331,7 +331,7 @@ def run(
     return Report(seconds, repeats, rows, grown)
 
 
-def _in_process(train: Data, test: Data, data: str, repeats: int) -> list[Row]:
+def _in_process(train: Data, test: Data, data: str, repeats: int) -> list[IdentifyRow]:
     """Reference and `hil.fit`, taking turns."""
     recording = train.recording("train")
     model = base_model(recording.robot)
@@ -350,7 +350,7 @@ def _in_process(train: Data, test: Data, data: str, repeats: int) -> list[Row]:
     }
     cpu, wall = ({k: median(x[c] for x in t[1:]) for k, t in times.items()} for c in (0, 1))
     return [
-        Row(k, data, cpu[k], wall[k], cpu[k] / cpu[REFERENCE], tuple(errors[k] / _NOISE))
+        IdentifyRow(k, data, cpu[k], wall[k], cpu[k] / cpu[REFERENCE], tuple(errors[k] / _NOISE))
         for k in calls
     ]
 
@@ -363,22 +363,22 @@ def _figaroh(
     repeats: int,
     python: str,
     reference: float,
-) -> Row:
+) -> IdentifyRow:
     (folder / "arm.urdf").write_text(urdf(), encoding="utf-8")
     np.savez(folder / "train.npz", **vars(train))
     np.savez(folder / "test.npz", **vars(test))
     found = _run_figaroh(folder, repeats, python)
     if isinstance(found, str):
-        return Row("FIGAROH", data, np.nan, np.nan, np.nan, (), found)
+        return IdentifyRow("FIGAROH", data, np.nan, np.nan, np.nan, (), found)
     cpu, wall = median(found["seconds"]), median(found["wall"])
     ratio = tuple(float(x) / _NOISE for x in found["rms"])
     note = f"and {found['import']:.1f} s to import"
-    return Row(f"FIGAROH {found['version']}", data, cpu, wall, cpu / reference, ratio, note)
+    return IdentifyRow(f"FIGAROH {found['version']}", data, cpu, wall, cpu / reference, ratio, note)
 
 
 def _diagnoses(
     folder: Path, train: Data, test: Data, data: str, repeats: int, reference: float
-) -> list[Row]:
+) -> list[IdentifyRow]:
     """From the file to the report, judged on fifths of the recording or on the other one."""
     paths = [str(folder / f"{name}.mcap") for name in ("train", "test")]
     for path, run_ in zip(paths, (train, test), strict=True):
@@ -388,7 +388,9 @@ def _diagnoses(
         found = _oneshot(folder, repeats, used)
         cpu, wall = median(found["seconds"]), median(found["wall"])
         note = f"{found['candidates']} candidates, {found['rungs']} models: {found['verdict']}"
-        rows.append(Row(peer, data, cpu, wall, cpu / reference, tuple(found["ratio"]), note))
+        rows.append(
+            IdentifyRow(peer, data, cpu, wall, cpu / reference, tuple(found["ratio"]), note)
+        )
     return rows
 
 

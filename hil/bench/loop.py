@@ -144,7 +144,7 @@ _NONE = float("nan")
 
 
 @dataclass(frozen=True)
-class Run:
+class LoopRun:
     """Wake-up latencies of one run [us].
 
     Parameters
@@ -171,14 +171,14 @@ class Run:
 
 def hil_loop(
     seconds: float, what: str = "", kind: type[runner.Session] | None = None, **loop: Any
-) -> Run:
+) -> LoopRun:
     """The teleoperation rig in real time, with full recording; `loop` over its rig file."""
     config = load_rig(rig_path("teleop"), {"loop": loop})
     with tempfile.TemporaryDirectory() as folder:
         done = runner.run(config, seconds, 1, "real", Path(folder) / "loop.mcap", kind=kind)
     f = done.figures
     lost = f"; {done.dropped} rows dropped" if done.dropped else ""
-    return Run(
+    return LoopRun(
         "hil run, full recording" + (f", {what}" if what else ""),
         done.ticks,
         done.missed,
@@ -190,15 +190,15 @@ def hil_loop(
     )
 
 
-def separate_process(seconds: float) -> Run:
+def separate_process(seconds: float) -> LoopRun:
     """The slow side in a process of its own; not on systems that cannot fork."""
     if not hasattr(os, "fork"):
         nan = (_NONE,) * 4
-        return Run("hil run, slow side in a process", 0, 0, *nan, "needs fork")
+        return LoopRun("hil run, slow side in a process", 0, 0, *nan, "needs fork")
     return hil_loop(seconds, "slow side in a process (shared memory ring)", SeparateProcessSession)
 
 
-def plain_sleep(seconds: float) -> Run:
+def plain_sleep(seconds: float) -> LoopRun:
     """What a user would write: sleep to the next tick, the same arithmetic of one rig's tick."""
     late, work, missed = [], np.zeros(64), 0
     zero = time.monotonic_ns()
@@ -213,25 +213,25 @@ def plain_sleep(seconds: float) -> Run:
     return _run("plain time.sleep, nothing recorded", np.array(late, float), missed)
 
 
-def _run(name: str, late_ns: NDArray[np.float64], missed: int, note: str = "") -> Run:
+def _run(name: str, late_ns: NDArray[np.float64], missed: int, note: str = "") -> LoopRun:
     h = Histogram()
     h.add(late_ns)
     p50, p99, p999 = (h.quantile(q) * 1e-3 for q in (0.5, 0.99, 0.999))
-    return Run(name, h.n, missed, p50, p99, p999, h.most * 1e-3, note)
+    return LoopRun(name, h.n, missed, p50, p99, p999, h.most * 1e-3, note)
 
 
-def cyclictest(seconds: float) -> Run:
+def cyclictest(seconds: float) -> LoopRun:
     """`cyclictest -m -p 80 -a`: what the machine allows any program."""
     name = "cyclictest -m -p 80 -a"
     program = shutil.which("cyclictest")
     if program is None:
-        return Run(name, 0, 0, _NONE, _NONE, _NONE, _NONE, "not installed (package rt-tests)")
+        return LoopRun(name, 0, 0, _NONE, _NONE, _NONE, _NONE, "not installed (package rt-tests)")
     words = [program, "-m", "-p", "80", "-a", "-t", "1", "-i", "1000", "-q",
              "-D", f"{max(1, round(seconds))}", "-h", str(_BINS)]  # fmt: skip
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         why = (done.stderr or done.stdout).strip().splitlines()
-        return Run(name, 0, 0, _NONE, _NONE, _NONE, _NONE, why[-1] if why else "failed")
+        return LoopRun(name, 0, 0, _NONE, _NONE, _NONE, _NONE, why[-1] if why else "failed")
     rows = re.findall(r"^(\d{6}) (\d+)", done.stdout, re.M)
     us, counts = (np.array([int(r[k]) for r in rows], np.int64) for k in (0, 1))
     most = int(re.findall(r"Max Latencies:\s*(\d+)", done.stdout)[0])
@@ -241,11 +241,11 @@ def cyclictest(seconds: float) -> Run:
         float(us[int(np.searchsorted(total, q * total[-1]))]) for q in (0.5, 0.99, 0.999)
     )
     missed = int(counts[us >= _PERIOD_NS // 1000].sum()) + overflow
-    return Run(name, int(total[-1]) + overflow, missed, p50, p99, p999, float(most))
+    return LoopRun(name, int(total[-1]) + overflow, missed, p50, p99, p999, float(most))
 
 
 #: In turns, so that a busy minute of the machine falls on all.
-RUNS: tuple[Callable[[float], Run], ...] = (
+RUNS: tuple[Callable[[float], LoopRun], ...] = (
     cyclictest,
     hil_loop,
     separate_process,
@@ -257,7 +257,7 @@ RUNS: tuple[Callable[[float], Run], ...] = (
 )
 
 
-def compare(seconds: float) -> list[Run]:
+def compare(seconds: float) -> list[LoopRun]:
     """All runs, one after the other, each for so long [s], eight in all."""
     hil_loop(0.3)  # compiled code into the cache
     return [run(seconds) for run in RUNS]
@@ -266,7 +266,7 @@ def compare(seconds: float) -> list[Run]:
 HEAD = ("run", "ticks", "missed", "p50 [us]", "p99 [us]", "p99.9 [us]", "most [us]", "")
 
 
-def rows(found: list[Run]) -> list[list[str]]:
+def rows(found: list[LoopRun]) -> list[list[str]]:
     """Cells of the table."""
     return [
         [
@@ -280,7 +280,7 @@ def rows(found: list[Run]) -> list[list[str]]:
     ]
 
 
-def verdict(found: list[Run]) -> str:
+def verdict(found: list[LoopRun]) -> str:
     """The loop against the machine's own limit."""
     tests = [r for r in found if r.name.startswith("cyclictest") and r.ticks]
     ours = next(r for r in found if r.name.startswith("hil run"))
@@ -296,7 +296,7 @@ def verdict(found: list[Run]) -> str:
     )
 
 
-def table(found: list[Run]) -> str:
+def table(found: list[LoopRun]) -> str:
     """Table for the terminal."""
     cells = [list(HEAD), *rows(found)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(HEAD))]
@@ -306,7 +306,7 @@ def table(found: list[Run]) -> str:
     return "\n".join([*lines, "", verdict(found)])
 
 
-def page(found: list[Run], command: str) -> str:
+def page(found: list[LoopRun], command: str) -> str:
     """Page for the documentation."""
     return "\n".join(
         [

@@ -27,6 +27,7 @@ from hil.errors import DataError, unknown
 from hil.identify.context import renew
 from hil.identify.parallel import alone
 from hil.identify.problem import Problem
+from hil.interrupt import held_back
 from hil.models.model import RobotModel, Use, base_model
 from hil.record import datasets
 from hil.record.recording import Recording
@@ -39,7 +40,7 @@ _LIMIT_S = 3600.0
 
 
 @dataclass(frozen=True)
-class Case:
+class RealCase:
     """One benchmark case.
 
     Parameters
@@ -70,7 +71,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Script:
+class ScriptErrors:
     """What the person's script reached.
 
     Parameters
@@ -128,7 +129,7 @@ class Ours:
 
 
 @dataclass(frozen=True)
-class Row:
+class RealRow:
     """Outcome of one case.
 
     Parameters
@@ -154,7 +155,7 @@ class Row:
     complete: bool
     joints: list[str]
     holds: list[bool]
-    script: Script | str
+    script: ScriptErrors | str
     ours: Ours | str
     mebibytes: float
 
@@ -211,16 +212,16 @@ def blind(train: list[Recording], hold: list[Recording], model: RobotModel) -> t
     return tuple(Examiner(d.result.problem, hold)(d.result).relative.tolist())
 
 
-def script(train: list[Recording], hold: list[Recording], explains: str) -> Script:
+def script(train: list[Recording], hold: list[Recording], explains: str) -> ScriptErrors:
     """The person's script; arguments as of `hil.bench.least_squares_script.run`."""
     begun = time.perf_counter()
     found = least_squares_script.run(train, hold, train[0].robot, explains)
     seconds = time.perf_counter() - begun
     features = [list(names) for names in found.chosen]
-    return Script(found.given.tolist(), found.final.tolist(), features, seconds)
+    return ScriptErrors(found.given.tolist(), found.final.tolist(), features, seconds)
 
 
-def examine(case: Case) -> Row:
+def examine(case: RealCase) -> RealRow:
     """Person and tool on one case, in this process.
 
     Raises
@@ -236,7 +237,7 @@ def examine(case: Case) -> Row:
         theirs = _tried(lambda: script(train, hold, case.explains))
         own = _tried(lambda: ours(train, hold, case.model(train[0])))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return Row(case.name, case.kind, case.complete, joints, holds, theirs, own, peak)
+    return RealRow(case.name, case.kind, case.complete, joints, holds, theirs, own, peak)
 
 
 def _tried(work: Callable[[], Any]) -> Any:
@@ -250,8 +251,8 @@ def _tried(work: Callable[[], Any]) -> Any:
 
 
 def run(
-    todo: Sequence[Case], jobs: int = 1, work: Callable[[Case], Row] = examine
-) -> Iterator[Row]:
+    todo: Sequence[RealCase], jobs: int = 1, work: Callable[[RealCase], RealRow] = examine
+) -> Iterator[RealRow]:
     """Each case in a process of its own, `jobs` at a time; rows in the order in which they end.
 
     Raises
@@ -269,12 +270,13 @@ def run(
                 other.cancel()
 
 
-def _apart(case: Case, work: Callable[[Case], Row]) -> Row:
+def _apart(case: RealCase, work: Callable[[RealCase], RealRow]) -> RealRow:
     """One case in a process; a row that says so where the process ends without an answer."""
     context = multiprocessing.get_context("spawn")
     receive, send = context.Pipe(duplex=False)
     process = context.Process(target=_child, args=(send, case, work), daemon=True)
-    process.start()
+    with held_back():  # an interruption is for the process that started this one, and ends it
+        process.start()
     send.close()
     try:
         found = receive.recv() if receive.poll(_LIMIT_S) else f"no answer in {_LIMIT_S:g} s"
@@ -289,12 +291,12 @@ def _apart(case: Case, work: Callable[[Case], Row]) -> Row:
     if isinstance(found, DataError):
         raise found
     if isinstance(found, str):
-        return Row(case.name, case.kind, case.complete, [], [], found, found, float("nan"))
-    row: Row = found
+        return RealRow(case.name, case.kind, case.complete, [], [], found, found, float("nan"))
+    row: RealRow = found
     return row
 
 
-def _child(send: Connection, case: Case, work: Callable[[Case], Row]) -> None:
+def _child(send: Connection, case: RealCase, work: Callable[[RealCase], RealRow]) -> None:
     """Answer with a row, or with the error of a recording that is not there."""
     try:
         send.send(work(case))
@@ -331,12 +333,12 @@ def _free() -> Split:
     return runs[0::2], runs[1::2]
 
 
-def _contact(kind: str, runs: str, thing: str, complete: bool = False) -> list[Case]:
+def _contact(kind: str, runs: str, thing: str, complete: bool = False) -> list[RealCase]:
     """What a thing does to the lever, run by run: offset and place differ."""
     names = [f"{run[0]}_{thing}{run[1:]}" for run in runs.split()]
     loads = [partial(_touched, name) for name in names]
     return [
-        Case(f"tue {name}", kind, load, "external", complete)
+        RealCase(f"tue {name}", kind, load, "external", complete)
         for name, load in zip(names, loads, strict=True)
     ]
 
@@ -346,20 +348,20 @@ def _touched(run: str) -> Split:
 
 
 CASES = (
-    Case("umn_grasper", "surgical tool", partial(_set, "umn_grasper")),
-    Case("wam_follower", "cable arm", partial(_set, "wam_follower")),
-    Case("ur10", "arm with gears", partial(_set, "ur10")),
-    Case("panda_30hz", "arm with gears", partial(_set, "panda_30hz"), complete=True),
-    Case("tx40", "arm with gears", _tx40),
-    Case("tiago", "mobile manipulator", partial(_set, "tiago")),
-    Case("emps", "drive", _emps),
-    Case("tue free_motion", "lever, free motion", _free),
+    RealCase("umn_grasper", "surgical tool", partial(_set, "umn_grasper")),
+    RealCase("wam_follower", "cable arm", partial(_set, "wam_follower")),
+    RealCase("ur10", "arm with gears", partial(_set, "ur10")),
+    RealCase("panda_30hz", "arm with gears", partial(_set, "panda_30hz"), complete=True),
+    RealCase("tx40", "arm with gears", _tx40),
+    RealCase("tiago", "mobile manipulator", partial(_set, "tiago")),
+    RealCase("emps", "drive", _emps),
+    RealCase("tue free_motion", "lever, free motion", _free),
     *_contact("lever on springs", "a b c d e f", "spring", complete=True),
     *_contact("lever on foam", "a a2 a3 b b2 b3 c c2 d d2 e e2 f f2", "foam"),
 )
 
 
-def cases(only: Sequence[str] = ()) -> list[Case]:
+def cases(only: Sequence[str] = ()) -> list[RealCase]:
     """Cases whose name or kind holds one of the given words; all without any.
 
     Raises

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from hil.bench.real import Ours, Row, Script
+from hil.bench.real import Ours, RealRow, ScriptErrors
 
 #: Largest ratio of our error to the person's that is aimed at.
 _AIM = 1.1
@@ -17,33 +17,50 @@ HEAD = (
     "case", "given", "with offset", "person", "ours", "blind", "floor", "ours / person",
     "verdict", "named", "person s", "ours s", "MiB",
 )  # fmt: skip
-JOINTS = ("case", "joint", "given", "with offset", "person", "ours", "floor", "person's features")
+JOINT_HEAD = (
+    "case",
+    "joint",
+    "given",
+    "with offset",
+    "person",
+    "ours",
+    "floor",
+    "person's features",
+)
 FAILED = "internal error"
 _NOTHING = "-"
 
 
-def ratio(row: Row) -> float:
+def ratio(row: RealRow) -> float:
     """Our written model's error over the person's; NaN where either is missing."""
-    if not isinstance(row.ours, Ours) or not isinstance(row.script, Script) or not row.ours.ladder:
+    if (
+        not isinstance(row.ours, Ours)
+        or not isinstance(row.script, ScriptErrors)
+        or not row.ours.ladder
+    ):
         return math.nan
     return row.whole(row.ours.ladder[row.ours.written]) / row.whole(row.script.final)
 
 
-def blind(row: Row) -> float:
+def blind(row: RealRow) -> float:
     """The same for the model that was chosen without the judged runs."""
-    if not isinstance(row.ours, Ours) or not isinstance(row.script, Script) or not row.ours.blind:
+    if (
+        not isinstance(row.ours, Ours)
+        or not isinstance(row.script, ScriptErrors)
+        or not row.ours.blind
+    ):
         return math.nan
     return row.whole(row.ours.blind) / row.whole(row.script.final)
 
 
-def blindly_worse(row: Row) -> bool:
+def blindly_worse(row: RealRow) -> bool:
     """Whether that model is worse than the given one."""
     if not isinstance(row.ours, Ours) or not row.ours.blind:
         return False
     return row.whole(row.ours.blind) > _WORSE * row.whole(row.ours.ladder[0])
 
 
-def worse(row: Row) -> bool:
+def worse(row: RealRow) -> bool:
     """Whether the written model is worse than the given one."""
     if not isinstance(row.ours, Ours) or not row.ours.ladder:
         return False
@@ -51,11 +68,11 @@ def worse(row: Row) -> bool:
     return written > _WORSE * given
 
 
-def line(row: Row) -> list[str]:
+def line(row: RealRow) -> list[str]:
     """One case: errors in %, what was named, seconds and memory."""
     errors = [_NOTHING] * 6
     named = verdict = person_s = ours_s = _NOTHING
-    if isinstance(row.script, Script):
+    if isinstance(row.script, ScriptErrors):
         errors[1], errors[2] = (_number(row.whole(x)) for x in (row.script.given, row.script.final))
         person_s = f"{row.script.seconds:.1f}"
     if isinstance(row.ours, Ours):
@@ -80,13 +97,13 @@ def line(row: Row) -> list[str]:
     ]
 
 
-def joint_lines(row: Row) -> list[list[str]]:
+def joint_lines(row: RealRow) -> list[list[str]]:
     """Errors of each joint of a case [%]; a joint that only holds its place has none."""
     out = []
     for j, joint in enumerate(row.joints):
         errors = [_NOTHING] * 5
         features = _NOTHING
-        if isinstance(row.script, Script):
+        if isinstance(row.script, ScriptErrors):
             features = ", ".join(row.script.features[j]) or _NOTHING
             errors[1], errors[2] = _number(row.script.given[j]), _number(row.script.final[j])
         if isinstance(row.ours, Ours) and row.ours.ladder:
@@ -99,14 +116,14 @@ def joint_lines(row: Row) -> list[list[str]]:
     return out
 
 
-def aims(rows: Sequence[Row]) -> list[str]:
+def aims(rows: Sequence[RealRow]) -> list[str]:
     """What is aimed at, and how many cases reach it."""
-    known = [(r, r.script) for r in rows if isinstance(r.script, Script)]
+    known = [(r, r.script) for r in rows if isinstance(r.script, ScriptErrors)]
     complete = [r for r in rows if r.complete]
     named = [r.case for r in complete if isinstance(r.ours, Ours) and r.ours.names]
     broken = [r.case for r in rows if not isinstance(r.ours, Ours)]
     late = [r.case for r in rows if worse(r)]
-    alone = [r.case for r in rows if not isinstance(r.script, Script)]
+    alone = [r.case for r in rows if not isinstance(r.script, ScriptErrors)]
     near, below = sum(ratio(r) <= _AIM for r, _ in known), sum(ratio(r) < 1 for r, _ in known)
     own = [r.case for r in rows if isinstance(r.ours, Ours) and r.ours.refitted]
     blinds = sum(blind(r) <= _AIM for r, _ in known), sum(blind(r) < 1 for r, _ in known)
@@ -127,20 +144,20 @@ def aims(rows: Sequence[Row]) -> list[str]:
     return lines + ([f"the person's script failed: {_some(alone)}"] if alone else [])
 
 
-def _floor(row: Row) -> float:
+def _floor(row: RealRow) -> float:
     """Noise floor that is stated [%]; NaN without any."""
     return row.whole(row.ours.floor) if isinstance(row.ours, Ours) and row.ours.ladder else math.nan
 
 
-def _kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
+def _kinds(rows: Sequence[RealRow]) -> dict[str, list[RealRow]]:
     """Rows by kind of robot, in the order in which they come."""
-    out: dict[str, list[Row]] = {}
+    out: dict[str, list[RealRow]] = {}
     for row in rows:
         out.setdefault(row.kind, []).append(row)
     return out
 
 
-def by_kind(rows: Sequence[Row]) -> list[list[str]]:
+def by_kind(rows: Sequence[RealRow]) -> list[list[str]]:
     """How many cases of each kind reach the aim, and the median ratio."""
     out = []
     for kind, some in _kinds(rows).items():
@@ -160,16 +177,16 @@ def by_kind(rows: Sequence[Row]) -> list[list[str]]:
     return out
 
 
-KINDS = ("kind", "cases", f"at most {_AIM:g}", "below", "worse than given", "median ratio")
+KIND_HEAD = ("kind", "cases", f"at most {_AIM:g}", "below", "worse than given", "median ratio")
 
 
-def failures(rows: Sequence[Row]) -> list[str]:
+def failures(rows: Sequence[RealRow]) -> list[str]:
     """What failed on which case."""
     out = [f"{r.case}: {r.ours}" for r in rows if isinstance(r.ours, str)]
     return out + [f"{r.case}, person: {r.script}" for r in rows if isinstance(r.script, str)]
 
 
-def data(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def data(rows: Sequence[RealRow]) -> list[dict[str, Any]]:
     """For JSON; what is no number is null."""
     return [{key: _plain_data(x) for key, x in asdict(row).items()} for row in rows]
 
@@ -182,16 +199,16 @@ def _plain_data(x: Any) -> Any:
     return None if isinstance(x, float) and not math.isfinite(x) else x
 
 
-def text(rows: Sequence[Row], table: Callable[[list[str], list[list[str]]], str]) -> str:
+def text(rows: Sequence[RealRow], table: Callable[[list[str], list[list[str]]], str]) -> str:
     """For the terminal; `table` lays out a head and its rows."""
     parts = []
     for kind, some in _kinds(rows).items():
         parts += [kind, table(list(HEAD), [line(r) for r in some]), ""]
-    parts += [table(list(KINDS), by_kind(rows)), ""]
+    parts += [table(list(KIND_HEAD), by_kind(rows)), ""]
     return "\n".join([*parts, *(f"  {x}" for x in (*aims(rows), *failures(rows)))])
 
 
-def page(rows: Sequence[Row], command: str, revision: str) -> str:
+def page(rows: Sequence[RealRow], command: str, revision: str) -> str:
     """For the documentation."""
     parts = [
         "# Real recordings",
@@ -220,7 +237,7 @@ def page(rows: Sequence[Row], command: str, revision: str) -> str:
         "",
         *(f"- {x}" for x in map(_plain, aims(rows))),
         "",
-        *_markdown(KINDS, by_kind(rows)),
+        *_markdown(KIND_HEAD, by_kind(rows)),
         "",
     ]
     for kind, some in _kinds(rows).items():
@@ -228,7 +245,7 @@ def page(rows: Sequence[Row], command: str, revision: str) -> str:
         parts += [f"## {kind[0].upper()}{kind[1:]}{missing}", ""]
         parts += [*_markdown(HEAD, [line(r) for r in some]), ""]
     parts += ["## Joint by joint, and what the person's script took", ""]
-    parts += [*_markdown(JOINTS, [x for r in rows for x in joint_lines(r)]), ""]
+    parts += [*_markdown(JOINT_HEAD, [x for r in rows for x in joint_lines(r)]), ""]
     if broken := failures(rows):
         parts += ["## What failed", "", *(f"- {x}" for x in broken), ""]
     return "\n".join(parts)

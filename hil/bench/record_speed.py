@@ -14,7 +14,7 @@ from hil.runtime import runner
 
 
 @dataclass(frozen=True)
-class Measured:
+class RecordSpeed:
     """One session.
 
     Parameters
@@ -36,7 +36,7 @@ class Measured:
     read_ratio: float
 
 
-def measure(seconds: float) -> Measured:
+def measure(seconds: float) -> RecordSpeed:
     """Run the teleoperation rig for so long in lockstep, and read it back."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.mcap"
@@ -47,12 +47,12 @@ def measure(seconds: float) -> Measured:
         began = time.perf_counter()
         load_arms(path)
         reading = time.perf_counter() - began
-    return Measured(
+    return RecordSpeed(
         seconds, size, size / seconds * 600e-6, seconds / done.wall_seconds, seconds / reading
     )
 
 
-def table(m: Measured) -> str:
+def table(m: RecordSpeed) -> str:
     """Table for the terminal."""
     return "\n".join(
         [

@@ -8,24 +8,24 @@ from dataclasses import dataclass, replace
 from hil.teleop import optimise
 from hil.teleop.architecture import Realisation
 from hil.teleop.hybrid import Impedance
-from hil.teleop.optimise import Problem
+from hil.teleop.optimise import DesignProblem
 
 #: Tasks: name -> what differs from the default problem.
-_TASKS: dict[str, Problem] = {
-    "gel 300 N/m": Problem(real=Realisation(32.0, 30.0, 32.0)),
-    "gel 300 N/m, k <= 225": Problem(real=Realisation(32.0, 30.0, 32.0), stiffness=225.0),
-    "gel 600 N/m, k <= 240": Problem(
+_TASKS: dict[str, DesignProblem] = {
+    "gel 300 N/m": DesignProblem(real=Realisation(32.0, 30.0, 32.0)),
+    "gel 300 N/m, k <= 225": DesignProblem(real=Realisation(32.0, 30.0, 32.0), stiffness=225.0),
+    "gel 600 N/m, k <= 240": DesignProblem(
         real=Realisation(32.0, 30.0, 32.0),
         environment=Impedance(0.0, 3.0, 600.0),
         stiffness=240.0,
         contact=0.8,
     ),
-    "condition of Q to 3": Problem(real=Realisation(32.0, 30.0, 32.0), kappa=3.0, force=2.0),
+    "condition of Q to 3": DesignProblem(real=Realisation(32.0, 30.0, 32.0), kappa=3.0, force=2.0),
 }
 
 
 @dataclass(frozen=True)
-class Row:
+class RedesignRow:
     """One task.
 
     Parameters
@@ -49,7 +49,7 @@ class Row:
     warm_s: float
 
 
-def measure() -> list[Row]:
+def measure() -> list[RedesignRow]:
     """Design every task, then re-design it."""
     from hil.teleop.force_sensor_free import conditioning
 
@@ -64,7 +64,7 @@ def measure() -> list[Row]:
         optimise.optimise(near, start=found.theta)
         warm = time.perf_counter() - start
         rows.append(
-            Row(
+            RedesignRow(
                 name,
                 found.sensitivity,
                 conditioning(found.design),

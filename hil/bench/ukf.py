@@ -11,12 +11,12 @@ import numpy as np
 from hil import registry
 from hil.errors import ConfigError
 from hil.estimate.elastic_ukf import ElasticUkf, N, UkfConfig
-from hil.experiments.elastic_transmission import PERIOD, FloatArray, Plant, record
+from hil.experiments.elastic_transmission import PERIOD, FloatArray, TwoMassPlant, record
 from hil.toml import parse
 
 
 @dataclass(frozen=True)
-class Figures:
+class FilterFigures:
     """What was measured.
 
     Parameters
@@ -78,9 +78,9 @@ def reference(config: UkfConfig, position: float) -> Any:
     return ukf
 
 
-def measure(steps: int = 2000) -> Figures:
+def measure(steps: int = 2000) -> FilterFigures:
     """Time both and compare them on the same record."""
-    config, run = UkfConfig(), record(Plant(), 20.0, 1)
+    config, run = UkfConfig(), record(TwoMassPlant(), 20.0, 1)
     mine = ElasticUkf(config)
     mine.run(run.y[:10], run.u[:10], PERIOD)
     times = []
@@ -99,7 +99,7 @@ def measure(steps: int = 2000) -> Figures:
         slow.append(time.perf_counter() - start)
         worst = max(worst, float(np.abs((mine.state - x) / spread).max()))
     blocks = np.array(slow)[: steps // 100 * 100].reshape(-1, 100).mean(1)
-    return Figures(1e6 * min(times), 1e6 * float(blocks.min()), worst, steps, _in_the_loop())
+    return FilterFigures(1e6 * min(times), 1e6 * float(blocks.min()), worst, steps, _in_the_loop())
 
 
 #: What runs beside a law: name of the estimator and its parameters.

@@ -55,7 +55,7 @@ MOTIONS: dict[str, Sines] = {
 
 
 @dataclass(frozen=True)
-class Row:
+class VelocityRow:
     """One estimator on one motion.
 
     Parameters
@@ -102,7 +102,7 @@ def times() -> FloatArray:
     return np.asarray(np.arange(round(SECONDS / PERIOD)) * PERIOD, np.float64)
 
 
-def compare(motions: Iterable[str] = tuple(MOTIONS)) -> list[Row]:
+def compare(motions: Iterable[str] = tuple(MOTIONS)) -> list[VelocityRow]:
     """All estimators on some motions."""
     rows = []
     for motion in motions:
@@ -115,7 +115,7 @@ def compare(motions: Iterable[str] = tuple(MOTIONS)) -> list[Row]:
     return rows
 
 
-def _compare_acceleration() -> list[Row]:
+def _compare_acceleration() -> list[VelocityRow]:
     """Filtered acceleration over the default estimator and over the first difference."""
     rows = []
     for motion in ("1 Hz, 0.5 rad/s", "hand"):
@@ -155,7 +155,7 @@ def judge(
     t: FloatArray,
     found: FloatArray,
     truth: Callable[[FloatArray], FloatArray],
-) -> Row:
+) -> VelocityRow:
     """Error, delay and noise of an estimate `found` (n,) of `truth` at `t` (n,)."""
     keep = t >= _SETTLE
     t, found = t[keep], found[keep]
@@ -168,7 +168,7 @@ def judge(
     spread = left[k] / slope / np.sqrt(len(t) / 10)
     delay = 1e3 * float(delays[k]) if spread < 1e-3 else float("nan")
     rms = float(np.sqrt(np.mean(error**2)))
-    return Row(label, motion, rms, delay, float(left[k]), float(np.abs(error).max()))
+    return VelocityRow(label, motion, rms, delay, float(left[k]), float(np.abs(error).max()))
 
 
 def report() -> str:
@@ -206,7 +206,7 @@ fit and best fit differ at low speed alone. Acceleration is usable only over a f
 """.splitlines()
 
 
-def table(rows: list[Row], digits: int) -> list[str]:
+def table(rows: list[VelocityRow], digits: int) -> list[str]:
     """Rows in Markdown, with so many digits."""
     lines = [
         "| motion | estimator | error | delay [ms] | noise | worst |",

@@ -51,7 +51,7 @@ def _diagnosis(args: argparse.Namespace) -> Found:
     return text, data
 
 
-def _only(todo: list[cases.Case], words: Sequence[str]) -> list[cases.Case]:
+def _only(todo: list[cases.SessionCase], words: Sequence[str]) -> list[cases.SessionCase]:
     """Cases whose name holds one of the words; all without any."""
     for word in words:
         if not any(word in c.name for c in todo):
@@ -60,7 +60,7 @@ def _only(todo: list[cases.Case], words: Sequence[str]) -> list[cases.Case]:
 
 
 #: Plant -> its cases, quick or by seeds.
-PLANS: dict[str, Callable[[bool, int], list[cases.Case]]] = {
+PLANS: dict[str, Callable[[bool, int], list[cases.SessionCase]]] = {
     "tuning": cases.plan,
     "test": cases.mujoco_plan,
 }
@@ -101,7 +101,7 @@ def _hidden(args: argparse.Namespace) -> Found:
     return common.table(head, rows) + _named_right(found), dict(data)
 
 
-def _named_right(found: Sequence[hidden.Case]) -> str:
+def _named_right(found: Sequence[hidden.HiddenCase]) -> str:
     """How many were named right, and what of the error is left."""
     present = [c for c in found if c.effect]
     right = sum(c.right for c in present)
@@ -285,7 +285,7 @@ def _real(args: argparse.Namespace) -> Found:
     """Every public recording: the given model, a person's script, and the tool beside them."""
     common.check_page(args.report)
     todo = real.cases(args.only)
-    found: dict[str, real.Row] = {}
+    found: dict[str, real.RealRow] = {}
     with tqdm(total=len(todo), unit="case", disable=not sys.stderr.isatty()) as bar:
         for row in real.run(todo, args.jobs):
             found[row.case] = row

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from hil.models.model import RobotModel, Value, base_model
 from hil.models.param_text import in_words, without_error
 from hil.record.mcap_read import load_all
 from hil.record.recording import Recording
+from hil.userfile import parse_toml, read_text
 
 
 def add_sessions(parser: argparse.ArgumentParser, model: bool = True) -> None:
@@ -124,8 +124,8 @@ def model_file(path: str) -> RobotModel:
         If it is empty, of another kind, or wrong.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
-        schema = tomllib.loads(text).get("schema")
+        text = read_text(path)
+        schema = parse_toml(text).get("schema")
     except (OSError, ValueError):
         return read_model(path)  # says what is wrong with the file
     if not str(schema).startswith("hil.model/"):
@@ -216,7 +216,7 @@ def value_line(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> str:
     """Aligned text table; the columns in `left` hold words, the others numbers."""
-    cells = [list(head), *map(list, rows)]
+    cells = [[c.replace("\n", "\\n") for c in r] for r in (head, *rows)]
     widths = [max(len(r[k]) for r in cells) for k in range(len(head))]
     lines = [
         "  ".join(

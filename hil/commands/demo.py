@@ -14,6 +14,7 @@ from hil.commands.diagnose import text
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.types import Diagnosis
 from hil.errors import ConfigError
+from hil.interrupt import saying
 from hil.models.model import base_model
 from hil.record.mcap_read import load
 from hil.report.html import diagnosis_report
@@ -54,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
     say("1. Recording three sessions of two simulated PHANTOM Premium 1.5 arms at 1 kHz.")
     say("   An effect that the analysis knows nothing of is hidden in the follower.")
     say(f"   Everything is written into the folder {folder}{os.sep}\n")
-    paths = [_record(folder, k, 10 * args.seed + k, effect, joint) for k in range(3)]
+    with saying(lambda: f"what was recorded until then is in {folder}"):
+        paths = [_record(folder, k, 10 * args.seed + k, effect, joint) for k in range(3)]
     for path in paths:
         say(f"   {path}")
     runs = [load(path, "follower") for path in paths]

@@ -27,11 +27,12 @@ from hil.teleop import (
     summary,
 )
 from hil.teleop.architecture import FORCE, MOTION, Design
-from hil.teleop.optimise import Found
-from hil.teleop.rig_designs import Arms
-from hil.teleop.sampled_loop import Loop
-from hil.teleop.summary import Summary, summarise
+from hil.teleop.optimise import OptimisedDesign
+from hil.teleop.rig_designs import ArmImpedances
+from hil.teleop.sampled_loop import SampledLoop
+from hil.teleop.summary import DesignSummary, summarise
 from hil.toml import parse
+from hil.userfile import read_text
 
 TITLE = "Design of a teleoperation controller"
 #: Figure of merit -> format, unit and what it should be.
@@ -61,7 +62,7 @@ DECIDES = (
 )
 
 
-def text(loops: Sequence[Loop], found: Sequence[Summary], trouble: str) -> str:
+def text(loops: Sequence[SampledLoop], found: Sequence[DesignSummary], trouble: str) -> str:
     """Everything for a terminal."""
     head = ["", *(f"axis {loop.axis}" for loop in loops)]
     lines = [f"design {found[0].name}", "", common.table(head, gains(loops)), ""]
@@ -74,7 +75,7 @@ def text(loops: Sequence[Loop], found: Sequence[Summary], trouble: str) -> str:
     return "\n".join(lines)
 
 
-def missed(found: Sequence[Summary]) -> list[str]:
+def missed(found: Sequence[DesignSummary]) -> list[str]:
     """Missed conditions of transparency, each once with the axes that miss it."""
     axes: dict[str, list[str]] = {}
     for s in found:
@@ -83,7 +84,7 @@ def missed(found: Sequence[Summary]) -> list[str]:
     return [f"axis {', '.join(names)}: {condition}" for condition, names in axes.items()]
 
 
-def gains(loops: Sequence[Loop]) -> list[list[str]]:
+def gains(loops: Sequence[SampledLoop]) -> list[list[str]]:
     """Rows of gains, one column an axis."""
     designs = [loop.design for loop in loops]
     rows = []
@@ -101,7 +102,7 @@ def _cells(designs: Sequence[Design], name: str) -> list[str]:
     return [f"{v.k:.4g}, {v.b:.4g}, {v.a:.4g}" for v in values]
 
 
-def merits(found: Sequence[Summary]) -> list[list[str]]:
+def merits(found: Sequence[DesignSummary]) -> list[list[str]]:
     """Rows of figures of merit."""
     rows = [[said, *(_number(getattr(s, k)) for s in found), goal] for k, said, goal in ROWS]
     for k, said, goal in MARGINS:
@@ -117,7 +118,7 @@ def _number(x: float) -> str:
     return f"{x:.5g}" if 0.99 < x < 1.01 else f"{x:.3g}"
 
 
-def reasons(found: Sequence[Found]) -> list[str]:
+def reasons(found: Sequence[OptimisedDesign]) -> list[str]:
     """Why each optimised axis is not more sensitive: its active constraints."""
     lines = []
     for axis, f in zip("xyz", found, strict=True):
@@ -126,7 +127,7 @@ def reasons(found: Sequence[Found]) -> list[str]:
     return lines
 
 
-def page(loops: Sequence[Loop], found: Sequence[Summary], trouble: str) -> str:
+def page(loops: Sequence[SampledLoop], found: Sequence[DesignSummary], trouble: str) -> str:
     """Page with the plots."""
     head = ["", *(f"axis {loop.axis}" for loop in loops)]
     axes = list(loops)
@@ -272,7 +273,7 @@ def _parameters(
     wishes = {k: v for k, v in settings.items() if k in rig_designs.WISHES}
     law_type = registry.load("hil.controllers", "lawrence").Config
     base = parse(law_type, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "controller.parameters")
-    arms = Arms.of(base)
+    arms = ArmImpedances.of(base)
     task = {k: v for k, v in settings.items() if k in rig_designs.TASK}
     _fits(args.design, wishes, task)
     notes: list[str] = []
@@ -311,7 +312,7 @@ def _models(words: list[str]) -> dict[str, str]:
     return out
 
 
-def _trouble(loops: list[sampled_loop.Loop], period: float) -> str:
+def _trouble(loops: list[sampled_loop.SampledLoop], period: float) -> str:
     try:
         sampled_loop.refuse(loops, period)
     except ConfigError as error:
@@ -330,7 +331,9 @@ def _with_estimators(config: RigConfig, parameters: Mapping[str, Any]) -> str:
     return ""
 
 
-def _json(parameters: Mapping[str, Any], found: list[Summary], trouble: str) -> dict[str, Any]:
+def _json(
+    parameters: Mapping[str, Any], found: list[DesignSummary], trouble: str
+) -> dict[str, Any]:
     return {
         "schema": "hil.design/1",
         "parameters": session.plain(parameters),
@@ -348,7 +351,10 @@ def _write(path: str, config: RigConfig, parameters: Mapping[str, Any]) -> None:
 
 
 def _is_rig(path: Path) -> bool:
-    text = path.read_text(encoding="utf-8", errors="replace")
+    try:
+        text = read_text(path)
+    except (OSError, ValueError):
+        return False
     return not text.strip() or 'schema = "hil.rig/' in text
 
 

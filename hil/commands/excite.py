@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from hil.commands import common, outputs, plugins
@@ -30,6 +29,7 @@ from hil.record.mcap_read import load
 from hil.record.recording import RobotSource
 from hil.rig.check import limits_of_arm
 from hil.rig.config import RigConfig, load_rig
+from hil.userfile import read_text
 
 #: Share of a joint's range that encoders resolve where nothing is known.
 RESOLUTION = 1e-4
@@ -83,7 +83,7 @@ def _session(args: argparse.Namespace, given: RobotModel | None) -> tuple[RobotM
 
 def _urdf(path: str) -> tuple[RobotSource, Limits]:
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_text(path)
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read {path}: {error}") from error
     source = RobotSource("", text)

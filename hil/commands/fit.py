@@ -10,7 +10,7 @@ from hil.diagnosis.heldout import Examiner
 from hil.errors import ConfigError
 from hil.identify.parallel import single_threaded
 from hil.identify.result import FitResult
-from hil.identify.simulated import Errors, SimulatedFit, refine
+from hil.identify.simulated import SimulatedFit, SimulationErrors, refine
 from hil.models.model import Value
 from hil.models.param_text import in_words, without_error
 
@@ -91,7 +91,9 @@ def simulated(fit: SimulatedFit) -> str:
     return f"\n\n{common.table(head, rows, left=(0, 1))}\n\n  {what} simulated; {said}"
 
 
-def _pair(where: str, pair: tuple[Errors, Errors], fit: SimulatedFit) -> list[list[str]]:
+def _pair(
+    where: str, pair: tuple[SimulationErrors, SimulationErrors], fit: SimulatedFit
+) -> list[list[str]]:
     """Rows of a table, one a joint: errors on some data before and after."""
     problem, (old, new) = fit.given.problem, pair
     return [

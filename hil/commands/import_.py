@@ -22,7 +22,8 @@ from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.robots import make_robot
 from hil.record import datasets
-from hil.record.checks import Finding, check
+from hil.record.checks import check
+from hil.record.consistency import DataFault
 from hil.record.export import write_recordings
 from hil.record.mapfile import TableMap, builtin_maps, read_map
 from hil.record.recording import Recording
@@ -71,7 +72,7 @@ def text(output: Path, found: Imported, model: Path, written: bool) -> str:
 def _kept(model: Path, found: Imported) -> str:
     """What is said of a model that was there already, and whether it is of another robot."""
     beside, urdf = model.with_suffix(".urdf"), found.recordings[0].robot.urdf
-    if not urdf or (beside.is_file() and beside.read_text(encoding="utf-8") == urdf):
+    if not urdf or outputs.same_text(beside, urdf):
         return "model kept as it was"
     return (
         f"model kept as it was, of another robot than this session; delete it and {beside.name} "
@@ -79,7 +80,7 @@ def _kept(model: Path, found: Imported) -> str:
     )
 
 
-def _next(output: Path, model: Path, faults: list[Finding]) -> list[str]:
+def _next(output: Path, model: Path, faults: list[DataFault]) -> list[str]:
     """What to do with the session: look at it and diagnose it, or mend it where it is worthless."""
     errors = [f for f in faults if f.severity == "error"]
     if not errors:
@@ -91,7 +92,7 @@ def _next(output: Path, model: Path, faults: list[Finding]) -> list[str]:
     ]
 
 
-def _fault(f: Finding) -> str:
+def _fault(f: DataFault) -> str:
     return f"{f.severity} [{f.code}] {f.sentence}"
 
 

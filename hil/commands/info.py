@@ -17,11 +17,13 @@ import numpy as np
 
 from hil.commands import outputs, trust
 from hil.errors import ConfigError, DataError, plural
-from hil.record.checks import Finding, check, columns, joint_units
+from hil.record.checks import check, columns, joint_units
+from hil.record.consistency import DataFault
 from hil.record.mcap_read import ChannelSummary, SessionSummary, load, read_attachments, summary
 from hil.record.recording import Recording
 from hil.record.recovery import recover
-from hil.runtime.watchdog import beside, in_words, parsed, tripped
+from hil.runtime.watchdog import beside, in_words, parsed
+from hil.userfile import read_text
 
 if TYPE_CHECKING:
     from hil.identify.prepare import Prepared
@@ -138,7 +140,7 @@ class _Arm:
     """An arm's recording, its faults, and what the analysis makes of it where it can."""
 
     recording: Recording
-    faults: list[Finding]
+    faults: list[DataFault]
     prepared: Prepared | None
     readings: list[tuple[str, str]] = field(default_factory=list)
     lateness: Lateness | None = None
@@ -199,7 +201,14 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
 def _trip(found: SessionSummary) -> dict[str, Any] | None:
     """What the watchdog did in a session: in its record, or beside one that was killed."""
     recorded = parsed(str(found.metadata.get("watchdog", {}).get("report", "")))
-    return recorded or tripped(beside(Path(found.path))) or None
+    if recorded:
+        return recorded
+    try:
+        return parsed(read_text(beside(Path(found.path)))) or None
+    except FileNotFoundError:
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        return {"why": "unknown", "cut": f"{beside(Path(found.path))} cannot be read ({error})"}
 
 
 def _executables(found: SessionSummary) -> list[str]:
@@ -305,7 +314,7 @@ def _unit(column: str, axis: str) -> str:
     return units.get(column.rstrip("0123456789"), effort)
 
 
-def _faults_text(faults: list[Finding]) -> list[str]:
+def _faults_text(faults: list[DataFault]) -> list[str]:
     if not faults:
         return ["  data faults: none found"]
     lines = [f"  data faults: {len(faults)}"]
@@ -320,6 +329,7 @@ def _periodic(channel: ChannelSummary) -> bool:
 
 
 def _aligned(rows: list[tuple[str, ...]]) -> list[str]:
+    rows = [tuple(cell.replace("\n", "\\n") for cell in row) for row in rows]
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return [
         "  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()

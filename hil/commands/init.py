@@ -31,9 +31,7 @@ def run(args: argparse.Namespace) -> int:
     source = rig_path(args.name)
     output = Path(args.output or f"{args.name}.toml")
     text = source.read_text(encoding="utf-8")
-    outputs.check(
-        output, ".toml", [source], lambda path: not path.read_text("utf-8").strip(), "empty"
-    )
+    outputs.check(output, ".toml", [source], lambda path: outputs.same_text(path, ""), "empty")
     with outputs.writing(output):
         output.write_text(text, encoding="utf-8")
     what = tomllib.loads(text).get("controller", {}).get("name", "")

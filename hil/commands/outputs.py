@@ -7,7 +7,6 @@ anything else that stands at the place is refused or kept aside.
 from __future__ import annotations
 
 import sys
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
@@ -15,6 +14,7 @@ from pathlib import Path
 
 from hil.errors import ConfigError, HilError
 from hil.record.mcap_read import read_metadata
+from hil.userfile import parse_toml, read_text
 
 #: The beginning of every report holds its title.
 _REPORT = " of a robot model with measurements</title>"
@@ -108,8 +108,8 @@ def writing(path: str | Path) -> Iterator[None]:
 def is_model(path: Path) -> bool:
     """Whether a file is a model file, or empty."""
     try:
-        text = path.read_text(encoding="utf-8")
-        return not text.strip() or str(tomllib.loads(text).get("schema")).startswith("hil.model/")
+        text = read_text(path)
+        return not text.strip() or str(parse_toml(text).get("schema")).startswith("hil.model/")
     except (OSError, ValueError):
         return False
 
@@ -122,6 +122,14 @@ def is_report(path: Path) -> bool:
     except OSError:
         return False
     return not head.strip() or _REPORT in head
+
+
+def same_text(path: Path, text: str) -> bool:
+    """Whether a file holds this text, however its lines end."""
+    try:
+        return read_text(path) == text.replace("\r\n", "\n")
+    except (OSError, ValueError):
+        return False
 
 
 def keep_old(path: Path) -> None:
@@ -167,7 +175,7 @@ def refuse_urdf(path: str | Path | None, urdf: str) -> None:
     if not path or not urdf:
         return
     beside = Path(path).with_suffix(".urdf")
-    if beside.exists() and beside.read_text(encoding="utf-8", errors="replace") != urdf:
+    if beside.exists() and not same_text(beside, urdf):
         raise ConfigError(
             f"cannot write {path}: its robot goes into {beside} beside it, where another file is; "
             "nothing was touched, move that file away or choose another name"

@@ -20,6 +20,7 @@ from tqdm import tqdm
 from hil.commands import outputs
 from hil.errors import ConfigError
 from hil.excite import trajectory
+from hil.interrupt import saying
 from hil.record import mcap_read
 from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import Rig, open_rig
@@ -115,7 +116,9 @@ def run(args: argparse.Namespace) -> int:
     if args.seconds is not None and not 0.0 < args.seconds < math.inf:
         raise ConfigError(f"--seconds {args.seconds:g}: a length above 0 s is needed.")
     outputs.check(args.output, ".mcap", [args.rig, *([args.trajectory] if args.trajectory else [])])
-    summary = _with_bar(config, args)
+    before = _stamp(args.output)
+    with saying(lambda: recorded(args.output, before)):
+        summary = _with_bar(config, args)
     for line in differences(summary.path):
         sys.stderr.write(line + "\n")
     if args.json:
@@ -123,6 +126,20 @@ def run(args: argparse.Namespace) -> int:
     else:
         sys.stdout.write(table(summary) + "\n")
     return 0
+
+
+def _stamp(path: str) -> tuple[int, int] | None:
+    """What tells a new file at a place from the one before; None where there is none."""
+    place = Path(path)
+    return (place.stat().st_ino, place.stat().st_mtime_ns) if place.exists() else None
+
+
+def recorded(path: str, before: tuple[int, int] | None) -> str:
+    """Where the record of an interrupted session is."""
+    now = _stamp(path)
+    if now is None or now == before:
+        return "it had not begun to record"
+    return f"what was recorded until then is in {path}"
 
 
 def differences(path: str) -> list[str]:

@@ -20,6 +20,7 @@ from hil.rig.config import SafetyConfig
 from hil.rig.cut import proven
 from hil.rigs import packaged
 from hil.toml import parse
+from hil.userfile import LARGEST_TEXT, parse_toml, read_bytes, read_text
 
 EXAMPLE = "hil trust my-model.toml my-rig.toml"
 
@@ -73,7 +74,7 @@ def executables(path: Path) -> list[Executable]:
     """
     path = packaged(path)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = parse_toml(read_text(path))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{path} cannot be read as a model or rig file: {error}") from error
     try:
@@ -97,7 +98,7 @@ def named(attachments: Mapping[str, bytes]) -> list[str]:
         if name not in ("model.toml", "rig.toml"):
             continue
         try:
-            table = tomllib.loads(content.decode())
+            table = parse_toml(content.decode())
             texts = [f"plugin {p}" for p in plugins(table)]
             words = _safety(table).cut
         except (ConfigError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -118,9 +119,9 @@ def plugins(table: Mapping[str, Any]) -> list[str]:
 
 def _plugin(path: Path) -> Executable:
     try:
-        return consent.plugin(path, path.read_bytes())
+        return consent.plugin(path, read_bytes(path, LARGEST_TEXT))
     except OSError as error:
-        raise ConfigError(f"plugin {path}: no such Python file") from error
+        raise ConfigError(f"plugin {path}: no such Python file ({error})") from error
 
 
 def _safety(table: Mapping[str, Any]) -> SafetyConfig:

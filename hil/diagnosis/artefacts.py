@@ -42,6 +42,7 @@ from hil.identify import bands, standstill
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
+from hil.identify.regression import least_squares
 from hil.identify.result import FitResult
 from hil.identify.timing import real_delay
 from hil.models.effect import Trait
@@ -278,7 +279,7 @@ def _left(c: Candidate, projector: Projector, smoothers: FloatArray) -> float:
         alone = float(along[0] ** 2 / max(gram[0, 0], 1e-300))
         # one with a negative sign would sharpen
         if along[0] > 0.0 and alone > best:
-            both = float(along @ np.linalg.lstsq(gram, along, rcond=None)[0])
+            both = float(along @ least_squares(gram, along))
             best, more = alone, both - alone
     return more
 

@@ -24,7 +24,7 @@ from hil.diagnosis.types import Candidate, Evidence
 from hil.identify.design import Term, coefficients, head
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector, within
-from hil.identify.regression import cluster_covariance, time_blocks
+from hil.identify.regression import cluster_covariance, decomposed, time_blocks
 from hil.identify.result import FitResult
 from hil.models.effect import Lines, Trait, Waves, are_twins, refused, strict
 from hil.models.model import Use, Value
@@ -40,7 +40,7 @@ COINCIDE = 0.98
 #: Logarithm of a weight below which nobody asks what contains the candidate.
 LIKELY = -3.0
 #: Share of a direction below which the base model hides it.
-UNSEEN = 0.01
+HIDDEN_DIRECTION = 0.01
 #: Only effects that the base absorbs by this share can be imitated from another joint.
 MIRROR = 0.9
 #: ... and only if on both joints they explain about as much.
@@ -61,7 +61,7 @@ def overlap(a: Candidate, b: Candidate, projector: Projector) -> float:
     qa, qb = _projected(a, projector), _projected(b, projector)
     if qa.shape[1] == 0 or qb.shape[1] == 0:
         return 0.0
-    return float(np.linalg.svd(qa.T @ qb, compute_uv=False)[-1])
+    return float(decomposed(qa.T @ qb)[1][-1])
 
 
 def _projected(c: Candidate, projector: Projector) -> FloatArray:
@@ -70,7 +70,7 @@ def _projected(c: Candidate, projector: Projector) -> FloatArray:
     full[rows] = projector.weighted(c.term)
     full -= projector.spanned(projector.inner(slice(0, len(full)), full))
     norm = np.linalg.norm(full, axis=0)
-    u, s, _ = np.linalg.svd(full[:, norm > 1e-12] / norm[norm > 1e-12], full_matrices=False)
+    u, s, _ = decomposed(full[:, norm > 1e-12] / norm[norm > 1e-12])
     return np.asarray(u[:, s > 1e-3], dtype=np.float64)
 
 
@@ -167,7 +167,7 @@ def seen(c: Candidate, projector: Projector) -> int:
     unit, _ = np.linalg.qr(columns[:, norm > 0] / norm[norm > 0])
     known = projector.inner(projector.rows(c.term), unit)
     left = np.linalg.eigvalsh(np.eye(unit.shape[1]) - known.T @ known)
-    return int(np.sum(left > UNSEEN))
+    return int(np.sum(left > HIDDEN_DIRECTION))
 
 
 def late(a: Candidate, b: Candidate) -> bool:
@@ -189,7 +189,7 @@ def mirrored(a: Candidate, b: Candidate) -> bool:
 #: An effect must account for at least this share of the noise variance to matter.
 MATERIAL = 0.10
 #: Share of the excess that a line over time must account for by itself.
-ALONE = 0.8
+LINE_SHARE = 0.8
 #: ... or this share, if without the line the joint is within so much of its floor: a floor that is
 #: a twentieth too low is a third of an excess of half a floor.
 MAJOR, MET = 0.6, 1.06
@@ -231,7 +231,7 @@ def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
     # of a small excess the floor's own error is a good part
     rest = float(result.rms[j] ** 2) - removed
     at_floor = rest < (MET * evidence.floor.rms[j]) ** 2 and removed > MAJOR * excess
-    return bool(removed > ALONE * excess or at_floor)
+    return bool(removed > LINE_SHARE * excess or at_floor)
 
 
 def possible(evidence: Evidence, result: FitResult) -> list[Candidate]:
@@ -292,7 +292,7 @@ def choose(
 
 #: Blocks, beside one for each coefficient, from which their scatter says anything: of three blocks
 #: not even coefficients of ten standard errors are more than chance.
-FEWEST = 10
+FEWEST_BLOCKS = 10
 
 
 # ------------------------------------------------------------ coefficients beyond chance
@@ -327,7 +327,7 @@ def chance(result: FitResult, key: tuple[str, int]) -> float:
         return 0.0
     where = result.slices[number]
     count, m = int(blocks.max()) + 1, where.stop - where.start
-    if count - m < FEWEST:
+    if count - m < FEWEST_BLOCKS:
         return 0.0
     weighted = (result.residual / result.sigma[:, None]).reshape(-1)
     every = cluster_covariance(weighted, result.basis, np.tile(blocks, result.problem.d))

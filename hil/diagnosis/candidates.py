@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hil.diagnosis.evidence import Key, try_all
 from hil.diagnosis.folds import Split
 from hil.diagnosis.folds import split as dealt
-from hil.diagnosis.grams import Errors, Group, Table
+from hil.diagnosis.grams import BlockErrors, GramTable, Group
 from hil.diagnosis.types import Candidate
 from hil.identify.design import Term, block
 from hil.identify.problem import Problem
@@ -48,8 +48,8 @@ class Rated:
     """
 
     candidate: Candidate
-    now: Errors
-    errors: Errors
+    now: BlockErrors
+    errors: BlockErrors
     fall: FloatArray
     before: float
     after: float
@@ -145,7 +145,7 @@ def rate(
             continue
         folds = dealt(problem, whole_runs=False) if own else split
         more = [candidate_group(problem, c) for c in some]
-        table = Table(problem, folds, result.sigma, base, more)
+        table = GramTable(problem, folds, result.sigma, base, more)
         now = table.errors(keys)
         out |= {id(c): rated(c, table, keys, now) for c in some}
     return [out[id(c)] for c in candidates]
@@ -154,11 +154,11 @@ def rate(
 def held_out(result: FitResult, split: Split) -> FloatArray:
     """Residual (d, n) of a fit on blocks that its coefficients were not fitted to."""
     groups = model_groups(result)
-    table = Table(result.problem, split, result.sigma, groups)
+    table = GramTable(result.problem, split, result.sigma, groups)
     return table.left_out([g.key for g in groups])
 
 
-def rated(c: Candidate, table: Table, keys: Sequence[object], now: Errors) -> Rated:
+def rated(c: Candidate, table: GramTable, keys: Sequence[object], now: BlockErrors) -> Rated:
     """One candidate beside the groups `keys`, whose errors are `now`."""
     gone = {(name, c.term.joint) for name in c.term.effect.relations.replaces}
     chosen = [k for k in keys if k not in gone] + [key_of(c)]

@@ -31,7 +31,7 @@ from hil.diagnosis.constants import (
     WORTHLESS,
 )
 from hil.diagnosis.folds import Split, split
-from hil.diagnosis.grams import Group, Table
+from hil.diagnosis.grams import GramTable, Group
 from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.naming import Named, exchange, shares
 from hil.diagnosis.preconditions import mistaken, undetermined
@@ -39,11 +39,11 @@ from hil.diagnosis.search import Search, Visited
 from hil.diagnosis.types import (
     NOTHING,
     Candidate,
-    Correction,
     Diagnosis,
     Evidence,
     Finding,
     HeldOut,
+    UnnamedCorrection,
     joint_of,
 )
 from hil.diagnosis.verdict import (
@@ -159,14 +159,14 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
     return out
 
 
-def corrections_of(rung: Visited, before: HeldOut, problem: Problem) -> list[Correction]:
+def corrections_of(rung: Visited, before: HeldOut, problem: Problem) -> list[UnnamedCorrection]:
     """What the corrections of a rung are functions of, and what they do."""
     after, out = rung.step.heldout, []
     for c in rung.added:
         errors = (before.relative, after.relative, after.standard_error())
         effect, name = c.term.effect, problem.joints[c.joint]
         one = (float(e[c.joint]) for e in errors)
-        out.append(Correction(effect.name, effect.doc.variables, name, *one))
+        out.append(UnnamedCorrection(effect.name, effect.doc.variables, name, *one))
     return out
 
 
@@ -352,7 +352,7 @@ def gains(result: FitResult, split: Split) -> dict[int, float]:
     if not groups:
         return {}
     base = model_groups(result)
-    table = Table(problem, split, result.sigma, [*base, *groups])
+    table = GramTable(problem, split, result.sigma, [*base, *groups])
     keys = [g.key for g in base]
     before, out = table.errors(keys), {}
     for g in groups:

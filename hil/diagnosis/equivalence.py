@@ -58,7 +58,7 @@ PROBE = 10.0
 #: Motions that decide whether what the whole robot does to the base can be seen at all.
 RICH = ("multisine", "postures", "fast-strokes")
 #: Rivals on one joint that are looked at together.
-MOST = 6
+MAX_RIVALS = 6
 
 
 # ------------------------------------------------------------ the motion that would
@@ -175,11 +175,11 @@ def _rival(c: Candidate, projector: Projector, noise: FloatArray) -> Rival:
 
 
 #: Cosine between projected columns from which two effects count as one.
-SAME = 0.98
+SAME_COSINE = 0.98
 #: Confidence from which a name is one.
 CONFIDENT = 0.75
 #: Log odds below which a motion is as good as none.
-SOME = 1.0
+MOTION_ODDS = 1.0
 #: A name, its rivals, and the number of its joint; -1 of the whole robot.
 Undecided = tuple[str, list[str], int]
 
@@ -305,7 +305,7 @@ def _collinear(evidence: Evidence, known: list[_Set], named: set[str]) -> list[_
             if a.term.joint != b.term.joint or same or not named & {a.name, b.name}:
                 continue
             cosine = overlap(a, b, evidence.projector)
-            if cosine > SAME:
+            if cosine > SAME_COSINE:
                 seen.add(frozenset((a.name, b.name)))
                 why = f"with this motion their signatures coincide (cosine {cosine:.3f})"
                 out.append(_Set((a, b), (a.name, b.name), why, True))
@@ -343,13 +343,13 @@ def _group(s: _Set, sets: list[_Set]) -> tuple[Candidate, ...]:
     joint = s.among[0].term.joint
     alike = [x for x in sets if len(x.among) > 1 and x.among[0].term.joint == joint]
     every = {c.name: c for x in alike for c in x.among}
-    few = len(every) <= MOST
+    few = len(every) <= MAX_RIVALS
     return tuple(every.values()) if few else s.among
 
 
 def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     best, problem = choice.best, planner.result.problem
-    if best.verdict.odds < SOME:
+    if best.verdict.odds < MOTION_ODDS:
         why = f"{s.why}; as large as it is here, no motion of the menu shows a difference"
         return Indistinguishable(s.effects, why, "the same effect, larger", EXCITATION)
     names = tuple(c.name for c in s.among)

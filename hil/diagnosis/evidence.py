@@ -17,7 +17,7 @@ from hil.identify.design import Term
 from hil.identify.fit import time_blocks
 from hil.identify.parallel import in_parallel
 from hil.identify.projector import Projector
-from hil.identify.regression import ROUNDING
+from hil.identify.regression import RANK_ROUNDING
 from hil.identify.result import FitResult
 from hil.identify.screening import screen
 from hil.identify.shape_search import COARSE, best_shape
@@ -30,7 +30,7 @@ Key = tuple[str, int]
 #: What is sought: effects with a name; free functions for what none explains; a robot's geometry.
 EFFECT, CORRECTION, GEOMETRY = "effect", "correction", "geometry"
 #: Share of the squared length of columns of length one below which one is made of the others.
-ALIKE = 1e-9
+DEPENDENT = 1e-9
 
 
 # ------------------------------------------------------------ what may be added
@@ -125,9 +125,9 @@ def _directions(columns: FloatArray) -> int:
     """Coefficients that columns (N, m) tell apart: of a body on a link of an arm hardly all ten."""
     gram = columns.T @ columns
     size = np.sqrt(np.diag(gram))
-    live = size > ROUNDING * float(size.max())
+    live = size > RANK_ROUNDING * float(size.max())
     unit = gram[np.ix_(live, live)] / np.outer(size[live], size[live])
-    return int(np.linalg.matrix_rank(unit, tol=ALIKE, hermitian=True))
+    return int(np.linalg.matrix_rank(unit, tol=DEPENDENT, hermitian=True))
 
 
 def _free(term: Term, projector: Projector) -> int:

@@ -34,7 +34,7 @@ EFFORT_ACCURACY = 0.003
 #: Columns of which less than this is new do not count.
 RANK = 1e-6
 #: Times that normal equations are solved, from the second on for what is left.
-STEPS = 2
+FLOOR_STEPS = 2
 #: A model with more coefficients than this share of the instants follows any noise.
 FULL = 0.9
 #: Ridges that are tried.
@@ -169,7 +169,7 @@ def _least_squares(f: _Folds) -> tuple[FloatArray, int]:
         return f.y, 0
     factor, order, rank, _ = scipy.linalg.lapack.dpstrf(f.grams.sum(axis=0), tol=RANK**2)
     own, left = order[:rank] - 1, f.y
-    for _ in range(STEPS):
+    for _ in range(FLOOR_STEPS):
         theta = np.zeros(f.x.shape[1])
         theta[own] = scipy.linalg.cho_solve((factor[:rank, :rank], False), (f.x.T @ left)[own])
         left = left - f.x @ theta

@@ -23,7 +23,7 @@ from hil.identify.problem import Problem
 
 FloatArray = NDArray[np.float64]
 #: Rounds in which coefficients beyond a bound are put on it.
-ROUNDS = 8
+BOUND_ROUNDS = 8
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Errors:
+class BlockErrors:
     """Squared held-out errors of one model.
 
     Parameters
@@ -79,7 +79,7 @@ class Errors:
         """Root mean square by joint (d,)."""
         return np.sqrt(self.power)
 
-    def fall(self, after: Errors, weight: FloatArray) -> FloatArray:
+    def fall(self, after: BlockErrors, weight: FloatArray) -> FloatArray:
         """By how much `after` is lower, block by block (blocks,), joints weighted (d,)."""
         out: FloatArray = (self.squared - after.squared) @ weight
         return out
@@ -124,7 +124,7 @@ class _Chosen:
     right: FloatArray
 
 
-class Table:
+class GramTable:
     """Block-wise products of the columns of a model and of what may be added to it.
 
     Parameters
@@ -225,7 +225,7 @@ class Table:
         """Keep the coefficients (m,) of a group at these values in all folds."""
         self.groups[key] = replace(self.groups[key], lower=values, upper=values)
 
-    def errors(self, keys: Sequence[Hashable]) -> Errors:
+    def errors(self, keys: Sequence[Hashable]) -> BlockErrors:
         """Held-out errors of the model that consists of some groups."""
         theta, chosen = self.solutions(keys)
         alone = self._alone(keys)
@@ -243,7 +243,7 @@ class Table:
             if alone is not None and j in self._apart[alone].tested:
                 cross, inner = self._apart[alone].tested[j]
                 squared[:, j] += 2 * _forms(each, cross, u) + _forms(u, inner, u)
-        return Errors(np.maximum(squared, 0.0), self.count)
+        return BlockErrors(np.maximum(squared, 0.0), self.count)
 
     def left_out(self, keys: Sequence[Hashable]) -> FloatArray:
         """Residual (d, n) of the model of some groups, each block by the fit to the other folds.
@@ -338,7 +338,7 @@ class Table:
         ridge = self.ridge + shrink * np.diag(every)
         held = np.where(self._live[chosen], np.nan, prior)
         held = np.where(low == high, low, held)
-        for _ in range(ROUNDS):
+        for _ in range(BOUND_ROUNDS):
             theta = _ridge(every[None], both[None], prior, held, ridge)[0]
             slack = 1e-9 * np.maximum(np.abs(theta), 1e-300)
             beyond = np.maximum(low - theta, theta - high)

@@ -171,11 +171,11 @@ def of_blocks(residual: FloatArray, problem: Problem, folds: Split) -> HeldOut:
 
 #: Share by which the held-out error must fall.  One place where a joint lingers may hold all of it,
 #: so that its spread over blocks says nothing; the fitted runs must bear it as well.
-WORTH = 0.04
+LEAST_FALL = 0.04
 #: Ratio of held-out to fitted residual from which so much is there to be gained.
-APART = 1 + WORTH
+ROOM_TO_GAIN = 1 + LEAST_FALL
 #: Ratio of one resolution to the next that is tried.
-STEP = 1.25
+RESOLUTION_RATIO = 1.25
 
 
 # ------------------------------------------------------------ sharpness of the sign
@@ -208,15 +208,16 @@ def blunt(result: FitResult, heldout: HeldOut, examine: Examiner) -> dict[tuple[
     -------
     dict
         For joints whose error is larger on the other runs, the sharpest value, in steps of
-        `STEP`, that explains the fitted runs as well as the present one and lowers the held-out
-        error by more than `WORTH`, to within 1 % of the best one's.  Empty without other runs.
+        `RESOLUTION_RATIO`, that explains the fitted runs as well as the present one and lowers
+        the held-out error by more than `LEAST_FALL`, to within 1 % of the best one's.  Empty
+        without other runs.
     """
     if heldout.kind != "holdout":
         return {}
     problem = result.problem
     ratio = heldout.rms / np.maximum(result.rms, 1e-300)
     signs = [t for t in result.terms if Trait.DRY in t.effect.traits and not t.fixed_shape]
-    signs = [t for t in signs if ratio[t.joint] > APART and not problem.holds[t.joint]]
+    signs = [t for t in signs if ratio[t.joint] > ROOM_TO_GAIN and not problem.holds[t.joint]]
     if not signs:
         return {}
     found = {t.key: _sharpest(t, result, heldout, examine) for t in signs}
@@ -234,16 +235,19 @@ def _sharpest(term: Term, result: FitResult, heldout: HeldOut, examine: Examiner
             break
         rows.append((v0, float(examine(other).rms[j])))
     least = min((error for _, error in rows), default=np.inf)
-    if least > (1 - WORTH) * heldout.rms[j]:
+    if least > (1 - LEAST_FALL) * heldout.rms[j]:
         return 0.0
     return next(v0 for v0, error in rows if error**2 <= CLOSE * least**2)
 
 
 def _blunter(term: Term, result: FitResult) -> list[float]:
-    """Resolutions blunter than the present one, in steps of `STEP` to the end of its grid."""
+    """Blunter resolutions, in steps of `RESOLUTION_RATIO` to the end of the grid."""
     (most,) = result.problem.grid(term.effect, term.joint)[-1]
     v0 = float(term.shape[0])
-    return [float(v0 * STEP**k) for k in range(1, int(np.log(most / v0) / np.log(STEP)) + 1)]
+    return [
+        float(v0 * RESOLUTION_RATIO**k)
+        for k in range(1, int(np.log(most / v0) / np.log(RESOLUTION_RATIO)) + 1)
+    ]
 
 
 def _with(result: FitResult, term: Term, v0: float) -> FitResult:

@@ -22,7 +22,7 @@ from hil.diagnosis.evidence import (
     priced,
     terms_to_try,
 )
-from hil.diagnosis.grams import Group, Table
+from hil.diagnosis.grams import GramTable, Group
 from hil.diagnosis.search import Search, Visited, simplest, without
 from hil.diagnosis.types import Candidate, describe, ranking
 from hil.identify.context import renew
@@ -273,7 +273,7 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
         free = [g for what in COMPETITORS if (g := competitor(search.problem, j, what)) is not None]
         for c in (c for c in search.found if c.joint == j):
             free += foils(search.problem, c.term)
-        race = _Race(Table(search.problem, search.split, now.result.sigma, base, free), free, j)
+        race = _Race(GramTable(search.problem, search.split, now.result.sigma, base, free), free, j)
         every = [g.key for g in base]
         taken = float(search.base.errors.power[j]) - race.power(every)
         beside = race.best(every, every)
@@ -295,7 +295,7 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
 class _Race:
     """A model of one joint, and free functions that run against its names."""
 
-    table: Table
+    table: GramTable
     free: list[Group]
     joint: int
 

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from hil.identify.design import head
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
+from hil.identify.regression import least_squares
 from hil.identify.result import FitResult
 from hil.identify.solve import factors
 from hil.models.contact import penetration
@@ -127,7 +128,7 @@ TOUCHING = 0.02
 #: Least rms speed, in units of its noise, that is motion.
 SLOWEST = 4.0
 #: Shortest recording from which effects are named, all runs without the filter's edges [s].
-SHORTEST = 4.0
+SHORTEST_RECORDING = 4.0
 
 
 # ------------------------------------------------------------ motion
@@ -170,14 +171,14 @@ def _slow(problem: Problem, speed: FloatArray) -> str:
 def _short(problem: Problem) -> list[tuple[str, str]]:
     """Reason if all runs together are too short to name an effect."""
     left = problem.n / problem.rate
-    if left >= SHORTEST:
+    if left >= SHORTEST_RECORDING:
         return []
     recorded = sum(float(r.t[-1] - r.t[0]) for r in problem.recordings)
     # the filter's edges go at both ends of every run, so they come on top
-    wanted = math.ceil(SHORTEST + max(recorded - left, 0.0))
+    wanted = math.ceil(SHORTEST_RECORDING + max(recorded - left, 0.0))
     text = (
         f"{recorded:.2g} s are recorded, of which {left:.2g} s are left when the filter has cut "
-        f"its edges; {SHORTEST:g} s must be left to tell an effect from chance. Record "
+        f"its edges; {SHORTEST_RECORDING:g} s must be left to tell an effect from chance. Record "
         f"{wanted} s or more, or give several runs"
     )
     return [("too-short", text)]
@@ -296,7 +297,7 @@ class Reach:
         each = [(w * (q.T @ y), w * r, w * w * float(y @ y)) for q, r, y, w in parts]
         right = np.concatenate([c for c, _, _ in each])
         rows = np.concatenate([r for _, r, _ in each])
-        theta = np.linalg.lstsq(rows, right, rcond=None)[0]
+        theta = least_squares(rows, right)
         # what no column of its joint reaches, and what not all joints reach at once
         beyond = sum(whole - float(c @ c) for c, _, whole in each)
         rest = float(np.sum((right - rows @ theta) ** 2))

@@ -46,7 +46,7 @@ INSTANTS, AROUND = 15, 16
 #: Factor by which a change must explain more than the same throughout.
 MORE = 1.1
 #: Share of a column below which it is the model's own.
-NEW = 1e-4
+OWN_SHARE = 1e-4
 ADVICE = (
     "a gain that was set, a screw come loose, something that leans on it? Give what was recorded "
     "before and after as two sessions"
@@ -121,7 +121,7 @@ def _throughout(projector: Projector, j: int, c: FloatArray) -> float:
     whole = float(c @ c)
     free = whole - float(np.sum(projector.inner(rows, c[:, None]) ** 2))
     along = float(c @ projector.residual[rows])
-    return along**2 / free if free > NEW * whole else 0.0
+    return along**2 / free if free > OWN_SHARE * whole else 0.0
 
 
 def _beside(projector: Projector, j: int, c: FloatArray) -> FloatArray:
@@ -176,7 +176,7 @@ def _best(
         c = columns[:, k : k + 1] * np.stack(later, axis=1)
         whole = np.sum(c**2, axis=0)
         free = whole - np.sum(projector.inner(rows, c) ** 2, axis=0)
-        free = np.where(free > NEW * whole, free, np.inf)
+        free = np.where(free > OWN_SHARE * whole, free, np.inf)
         along = c.T @ projector.residual[rows]
         b = int(np.argmax(along**2 / free))
         found.append((float(along[b] ** 2 / free[b]), float(along[b] / free[b]), k, cuts[b]))
@@ -195,11 +195,11 @@ BURSTS, CLEAR = 3.0, 5.0
 #: Kurtosis above which bursts are all that there is.
 ONLY = 10.0
 #: Errors up to so many floors may be called adequate.
-NEAR = 1.25
+NEAR_FLOOR = 1.25
 #: Parts of a run that have an rms of their own; its growth that is worth a word, and kurtosis.
 PARTS, GROWS, UNEVEN = 6, 2.0, 1.0
 #: Fewer instants tell nothing.
-FEWEST = 200
+FEWEST_SAMPLES = 200
 #: Autocorrelations counted; share of the time that is called bursts; their length [s].
 LAGS, TENTH, LENGTH = 400, 0.1, 0.25
 #: Instants that are named, and the Fourier transform's padding.
@@ -246,7 +246,7 @@ def unlike(
         Of the fit: bursts that are no more than blurred reversals are then left out.
     """
     problem, out = result.problem, []
-    moves = ~problem.holds & (error <= NEAR * floor) & (result.model.explains == "motor")
+    moves = ~problem.holds & (error <= NEAR_FLOOR * floor) & (result.model.explains == "motor")
     for j in np.flatnonzero(moves).tolist():
         own = _unlike_of(result, j, projector)
         out += [own] if own else []
@@ -296,7 +296,7 @@ def kurtosis(r: FloatArray) -> tuple[float, float]:
 def _runs(problem: Problem, j: int, left: FloatArray) -> list[FloatArray]:
     """What is left on joint j (n,), run by run, where there is enough of it."""
     parts = [_residual(problem, j, left, k) for k in range(len(problem.recordings))]
-    return [r for r in parts if r.size >= FEWEST]
+    return [r for r in parts if r.size >= FEWEST_SAMPLES]
 
 
 def _even(runs: list[FloatArray]) -> tuple[float, float]:

@@ -124,7 +124,7 @@ def _of_other(problem: Problem, k: int) -> Feature:
 
 
 #: Highest order, in periods over the span; what is faster meets fewer than five instants.
-HIGHEST = 80.0
+HIGHEST_ORDER = 80.0
 
 
 # ------------------------------------------------------------ spectra
@@ -173,7 +173,9 @@ def order_spectra(result: FitResult, floor: Floor, j: int) -> list[Spectrum]:
     if span <= 0 or q.size < 50:
         return []
     # an instant moves by |v| / rate: orders faster than five instants a period are not seen
-    top = min(HIGHEST, span * problem.rate / (5 * max(float(np.quantile(np.abs(v), 0.5)), 1e-12)))
+    top = min(
+        HIGHEST_ORDER, span * problem.rate / (5 * max(float(np.quantile(np.abs(v), 0.5)), 1e-12))
+    )
     orders = np.arange(1.5, max(top, 2.0), 0.25) / span
     noise = floor.scale[j] * np.sqrt(2 * floor.inflation[j] / q.size)
     band = np.full(orders.size, noise * np.sqrt(2 * np.log(orders.size / LEVEL)))

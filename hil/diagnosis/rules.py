@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Case:
+class RuleCase:
     """A candidate beside the present model."""
 
     search: Search
@@ -66,15 +66,15 @@ class Refit:
 
 
 #: A case before a fit or after one.
-_Asked = TypeVar("_Asked", Case, Refit)
-CANDIDATE: dict[str, Callable[[Case], str]] = {}
+_Asked = TypeVar("_Asked", RuleCase, Refit)
+CANDIDATE: dict[str, Callable[[RuleCase], str]] = {}
 FIT: dict[str, Callable[[Refit], str]] = {}
 #: Codes of rules that are not asked: for the ablation alone.
 OFF: set[str] = set()
 
 
-def _candidate(code: str) -> Callable[[Callable[[Case], str]], Callable[[Case], str]]:
-    def add(rule: Callable[[Case], str]) -> Callable[[Case], str]:
+def _candidate(code: str) -> Callable[[Callable[[RuleCase], str]], Callable[[RuleCase], str]]:
+    def add(rule: Callable[[RuleCase], str]) -> Callable[[RuleCase], str]:
         CANDIDATE[code] = rule
         return rule
 
@@ -89,7 +89,7 @@ def _fit(code: str) -> Callable[[Callable[[Refit], str]], Callable[[Refit], str]
     return add
 
 
-def stopped(case: Case) -> CheckResult | None:
+def stopped(case: RuleCase) -> CheckResult | None:
     """The first rule that stops a candidate."""
     return _first(case, CANDIDATE, "candidate")
 
@@ -145,7 +145,7 @@ def _numbers(r: Rated) -> dict[str, float]:
 
 
 @_candidate("detected")
-def _detected(case: Case) -> str:
+def _detected(case: RuleCase) -> str:
     """Family-wise, by sign flips of blocks of noise."""
     if case.rated.candidate.p_value <= LEVEL:
         return ""
@@ -153,13 +153,13 @@ def _detected(case: Case) -> str:
 
 
 @_candidate("worth")
-def _worth(case: Case) -> str:
+def _worth(case: RuleCase) -> str:
     r = case.rated
     return "" if r.after < (1 - WORTH) ** 2 * r.before else "the held-out error hardly falls"
 
 
 @_candidate("practical-size")
-def _practical(case: Case) -> str:
+def _practical(case: RuleCase) -> str:
     r, problem = case.rated, case.search.problem
     size = float(problem.rms(problem.effort)[r.joint])
     if r.removed > (MATTERS * size) ** 2:
@@ -168,7 +168,7 @@ def _practical(case: Case) -> str:
 
 
 @_candidate("discrepancy")
-def _discrepancy(case: Case) -> str:
+def _discrepancy(case: RuleCase) -> str:
     """Laws that were named before miss their effects by a share of what they explain.
 
     No name is given to that; a correction may take it.
@@ -182,37 +182,37 @@ def _discrepancy(case: Case) -> str:
 
 
 @_candidate("physical")
-def _physical(case: Case) -> str:
+def _physical(case: RuleCase) -> str:
     good = physical(case.rated.candidate, case.search.problem.motions[0])
     return "" if good else "the values that fit best cannot be physics"
 
 
 @_candidate("position-noise")
-def _smoother(case: Case) -> str:
+def _smoother(case: RuleCase) -> str:
     noise = case.rated.candidate.smoother
     return "all that it does is to smooth the noise of the positions" if noise else ""
 
 
 @_candidate("blurred-sign")
-def _blurred(case: Case) -> str:
+def _blurred(case: RuleCase) -> str:
     blurred = case.rated.candidate.blurred
     return "what it explains is reversals that the filter blurs" if blurred else ""
 
 
 @_candidate("late")
-def _late(case: Case) -> str:
+def _late(case: RuleCase) -> str:
     good = in_time(case.rated.candidate, case.search.now.result)
     return "" if good else "the slow motion does not confirm that the effort is late"
 
 
 @_candidate("line")
-def _line(case: Case) -> str:
+def _line(case: RuleCase) -> str:
     good = alone(case.rated.candidate, case.evidence, case.search.now.result)
     return "" if good else "it is one line among many: a shadow of something else"
 
 
 @_candidate("geometry")
-def _geometry(case: Case) -> str:
+def _geometry(case: RuleCase) -> str:
     """Without a robot description springs and masses are names for what gravity may be."""
     effect = case.rated.candidate.term.effect
     if Trait.CORRECTION in effect.traits or not case.search.blind or effect.family not in SOLID:
@@ -221,14 +221,14 @@ def _geometry(case: Case) -> str:
 
 
 @_candidate("kindred")
-def _kindred(case: Case) -> str:
+def _kindred(case: RuleCase) -> str:
     c = case.rated.candidate
     near = any(kindred(c, f) for f in case.search.found)
     return "another form of the same cause is in the model" if near else ""
 
 
 @_candidate("overtone")
-def _overtone(case: Case) -> str:
+def _overtone(case: RuleCase) -> str:
     c, search = case.rated.candidate, case.search
     if case.evidence.projector is None:
         return ""
@@ -236,7 +236,7 @@ def _overtone(case: Case) -> str:
 
 
 @_candidate("paired")
-def _paired(case: Case) -> str:
+def _paired(case: RuleCase) -> str:
     term = case.rated.candidate.term
     r = case.rated
     # what acts in a few stretches only spreads its own gains: one that takes most is sure earlier
@@ -246,7 +246,7 @@ def _paired(case: Case) -> str:
 
 
 @_candidate("beyond-chance")
-def _beyond(case: Case) -> str:
+def _beyond(case: RuleCase) -> str:
     """N log(before / after) > m log N + 2 log(family).
 
     N tested instants less what their correlation takes, m values to fit beyond those that they
@@ -268,7 +268,7 @@ def _beyond(case: Case) -> str:
 
 
 @_candidate("at-floor")
-def _at_floor(case: Case) -> str:
+def _at_floor(case: RuleCase) -> str:
     """Many coefficients on many joints find something in any floor."""
     c, evidence = case.rated.candidate, case.evidence
     above = evidence.floor.exceeded(case.search.now.result.rms, case.rated.joint)
@@ -277,7 +277,7 @@ def _at_floor(case: Case) -> str:
 
 
 @_candidate("returned-noise")
-def _returned(case: Case) -> str:
+def _returned(case: RuleCase) -> str:
     """At the floor: where noise that a controller answers late explains more, it is that."""
     r, result = case.rated, case.search.now.result
     if case.evidence.floor.exceeded(result.rms, r.joint):
@@ -292,7 +292,7 @@ def _returned(case: Case) -> str:
 
 
 @_candidate("harm")
-def _harm(case: Case) -> str:
+def _harm(case: RuleCase) -> str:
     """Whether another joint gets worse, by more than chance and more than this one gains."""
     r, search = case.rated, case.search
     now = r.now

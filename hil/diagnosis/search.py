@@ -27,7 +27,7 @@ from hil.diagnosis.evidence import (
     terms_to_try,
 )
 from hil.diagnosis.folds import Split, parts
-from hil.diagnosis.grams import Errors, Table
+from hil.diagnosis.grams import BlockErrors, GramTable
 from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
@@ -47,7 +47,7 @@ class Visited:
     """A model on the way, with its errors on the fitted runs' folds and on held-out runs."""
 
     step: Step
-    errors: Errors
+    errors: BlockErrors
     added: tuple[Candidate, ...] = ()
 
     @property
@@ -144,7 +144,7 @@ class Search:
     def judged(self, label: str, result: FitResult) -> Visited:
         """A fit with its errors."""
         groups = model_groups(result)
-        table = Table(self.problem, self.split, result.sigma, groups)
+        table = GramTable(self.problem, self.split, result.sigma, groups)
         keys = [g.key for g in groups]
         errors = table.errors(keys)
         if self.examine.kind == "holdout":
@@ -153,10 +153,10 @@ class Search:
             heldout = of_blocks(table.left_out(keys), self.problem, self.split)
         return Visited(Step(label, result, heldout), errors)
 
-    def parted(self, result: FitResult) -> Errors:
+    def parted(self, result: FitResult) -> BlockErrors:
         """Errors of a fit on each part of the recording by the coefficients of the others."""
         groups = model_groups(result)
-        table = Table(self.problem, parts(self.split), result.sigma, groups)
+        table = GramTable(self.problem, parts(self.split), result.sigma, groups)
         return table.errors([g.key for g in groups])
 
     # ------------------------------------------------------------------ evidence
@@ -196,7 +196,7 @@ class Search:
         search ends.
         """
         tried = (r.candidate.name, r.candidate.term.joint) in self.refused
-        stop = rules.refused(r) if tried else rules.stopped(rules.Case(self, r, evidence))
+        stop = rules.refused(r) if tried else rules.stopped(rules.RuleCase(self, r, evidence))
         if stop is not None:
             self.stops[r.candidate.term.key] = stop
         return stop is None
@@ -354,7 +354,7 @@ class Search:
             if not any(t.key == key for t in now.result.terms) or c.term.effect.relations.replaces:
                 continue
             groups = model_groups(now.result)
-            table = Table(self.problem, self.split, now.result.sigma, groups)
+            table = GramTable(self.problem, self.split, now.result.sigma, groups)
             rest = table.errors([g.key for g in groups if g.key != key])
             rise = rest.squared[:, j] - now.errors.squared[:, j]
             if rest.power[j] > (1 + WORTH / 2) ** 2 * now.errors.power[j] or paired(rise) > BEYOND:

@@ -28,7 +28,7 @@ from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut
 from hil.identify.design import Term, coefficients
 from hil.identify.fit import in_units
 from hil.identify.projector import Projector
-from hil.identify.regression import cluster_covariance, inflation, time_blocks
+from hil.identify.regression import cluster_covariance, inflation, least_squares, time_blocks
 from hil.identify.result import FitResult
 from hil.identify.validity import identified, leaves
 
@@ -55,7 +55,7 @@ def explanation(fitted: FitResult, alone: FitResult, residual: FloatArray, j: in
     All parameters stay as they were fitted; one term at a time is added to them, of the model's
     own (another value) or of the catalogue's (an effect), and the best is told with its share of
     what the parameters miss; longer laws pay the price of their coefficients.  Empty where none
-    accounts for `MOST` of it.
+    accounts for `SAID_SHARE` of it.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def _tried(
 ) -> _Try:
     columns = bare.weighted(term)
     rows = bare.residual[bare.rows(term)]
-    beta = np.asarray(np.linalg.lstsq(columns, rows, rcond=None)[0], dtype=np.float64)
+    beta = least_squares(columns, rows)
     n = bare.problem.n
     part = (columns @ beta)[j * n : (j + 1) * n] if term.effect.scope.whole else columns @ beta
     r = bare.residual[j * n : (j + 1) * n]
@@ -173,9 +173,9 @@ def _covariance(f: FitResult) -> FloatArray:
 
 
 #: Factor between errors from which two sessions differ, beside any chance.
-APART = 1.2
+SESSIONS_DIFFER = 1.2
 #: Paired standard errors over blocks by which the error must fall when fitted alone.
-BEYOND = 3.0
+FALL_DEVIATIONS = 3.0
 #: Standard errors from which two fits' predictions differ for certain: theirs count noise alone.
 CERTAIN = 5.0
 #: Factor between two sessions' own errors from which the larger one is looked at for itself.
@@ -184,7 +184,7 @@ LOUDER = 1.5
 LACKS = 0.25
 DIFFER, SAID = "sessions-differ", "the sessions differ"
 #: Share of what stands above the noise that an effect must explain to be said.
-MOST = 0.7
+SAID_SHARE = 0.7
 BOTH = "Give both to the fit and hold out a third one"
 ADVICE = (
     f"{BOTH}, set what belongs to a day under [offsets] in "
@@ -244,7 +244,7 @@ def _values(pair: _Pair, j: int) -> str:
     """The sentence where parameters of the fit do not serve the held-out runs; else empty."""
     rms, own = float(pair.heldout.rms[j]), float(pair.alone.rms[j])
     single = replace(pair.heldout, residual=pair.alone.residual)
-    if rms <= APART * own or single.gain(pair.heldout, j) < BEYOND:
+    if rms <= SESSIONS_DIFFER * own or single.gain(pair.heldout, j) < FALL_DEVIATIONS:
         return ""
     joint, times = pair.fitted.problem.joints[j], rms / max(own, 1e-300)
     text = (
@@ -333,7 +333,7 @@ def _only(
     name, here, there = told
     excess = max(float(where.rms[c.joint]) ** 2 - floor**2, 1e-300)
     share = min(_here(c, where) / excess, 1.0)
-    if share < MOST:
+    if share < SAID_SHARE:
         return ""
     joint = where.problem.joints[c.joint]
     text = f"{name} would explain {100 * share:.0f} % of what stands above the noise in {here}"

@@ -298,7 +298,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
-class Share:
+class Explainable:
     """What one set of inputs could explain on one joint.
 
     Parameters
@@ -430,7 +430,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Correction:
+class UnnamedCorrection:
     """A free function without a name that the written model holds, for what no effect explains.
 
     Parameters
@@ -490,7 +490,7 @@ class Diagnosis:
     partial: list[Finding] = field(default_factory=list)
     heldout_floor: FloatArray | None = None
     #: What any function of position, speeds or time could explain of what is left.
-    network: list[Share] = field(default_factory=list)
+    network: list[Explainable] = field(default_factory=list)
     #: Share of an error at the floor that a function of one joint's position and speed removes.
     beyond: float | None = None
     #: What the motion could not have shown.
@@ -502,7 +502,7 @@ class Diagnosis:
     #: Rules that stopped something -> whether of one thing at least no other rule would have.
     fired: dict[str, bool] = field(default_factory=dict)
     #: Free functions without a name that the last model holds beside what was found.
-    corrections: list[Correction] = field(default_factory=list)
+    corrections: list[UnnamedCorrection] = field(default_factory=list)
     #: Rungs at the end of the ladder that corrections give.
     corrected: int = 0
     #: What the data cannot tell apart; made when first asked for (see `equivalence.sets_of`).

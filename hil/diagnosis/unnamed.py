@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.types import Floor, Share
+from hil.diagnosis.types import Explainable, Floor
 from hil.identify.parallel import in_parallel
 from hil.identify.problem import Problem
 from hil.identify.regression import basis, time_blocks
@@ -101,15 +101,15 @@ Make = Callable[[], FloatArray]
 #: Errors within this factor of the floor leave nothing to explain.
 REST = 1.10
 #: Share that is worth a word.
-LEAST = 0.005
+SAID_FROM = 0.005
 #: Rows up to which a network is fitted where nothing is left above the floor.
-ROWS = 10_000
+MAX_ROWS = 10_000
 #: Bumps over a joint's own range and over another one's, and joints up to which those are asked.
 FINE, COARSE, NEAR = 40, 12, 4
 #: Bumps over each of two joints' ranges.
 POSES = 7
 #: Fall of an error from which it is no noise.
-HIDDEN = 1 - 1 / REST
+HIDDEN_SHARE = 1 - 1 / REST
 #: Cosines over time; the same blocks as elsewhere are left out in turn, so it interpolates.
 TREND = 6
 
@@ -126,7 +126,7 @@ class Function:
     error: float
 
 
-def explainable(result: FitResult, floor: Floor) -> list[Share]:
+def explainable(result: FitResult, floor: Floor) -> list[Explainable]:
     """Shares for every joint that moves and is still above its floor; empty where none is."""
     out = []
     for j in np.flatnonzero(~result.problem.holds).tolist():
@@ -135,12 +135,12 @@ def explainable(result: FitResult, floor: Floor) -> list[Share]:
     return out
 
 
-def told(shares: list[Share]) -> list[str]:
+def told(shares: list[Explainable]) -> list[str]:
     """One sentence a joint, the largest share first; what explains nothing is not listed."""
     out = []
     for joint in dict.fromkeys(s.joint for s in shares):
         own = sorted((s for s in shares if s.joint == joint), key=lambda s: -s.share)
-        some = [s for s in own if s.share >= LEAST]
+        some = [s for s in own if s.share >= SAID_FROM]
         if not some:
             every = "; ".join(s.words for s in own)
             out.append(f"{joint}: functions of {every} explain none of it")
@@ -158,7 +158,7 @@ def foretold(result: FitResult) -> dict[int, float] | None:
     runs are so long that this would take its time.
     """
     problem = result.problem
-    if problem.n * problem.d > ROWS or result.model.explains != "motor":
+    if problem.n * problem.d > MAX_ROWS or result.model.explains != "motor":
         return None
     out, folds = {}, Folds(result)
     for j in np.flatnonzero(~problem.holds).tolist():
@@ -173,7 +173,7 @@ def _of_speeds(what: str) -> bool:
     return what.startswith("qd of ") and " and " in what
 
 
-def hidden(result: FitResult, falls: dict[int, float]) -> list[Share]:
+def hidden(result: FitResult, falls: dict[int, float]) -> list[Explainable]:
     """Shares on joints at their floor of whose error a function removes a tenth or more.
 
     The floor hides what no candidate explains; that it can be foretold shows that it is no noise.
@@ -186,10 +186,12 @@ def hidden(result: FitResult, falls: dict[int, float]) -> list[Share]:
     falls : dict of int to float
         What `foretold` says of it.
     """
-    return [s for j, fall in falls.items() if fall > HIDDEN for s in _of_joint(result, 0.0, j)]
+    return [
+        s for j, fall in falls.items() if fall > HIDDEN_SHARE for s in _of_joint(result, 0.0, j)
+    ]
 
 
-def _of_joint(result: FitResult, floor: float, j: int) -> list[Share]:
+def _of_joint(result: FitResult, floor: float, j: int) -> list[Explainable]:
     problem, folds = result.problem, Folds(result)
     before = folds.left_out(np.zeros((problem.n, 0)), j)
     return shares(_asked(folds, j, _sets(problem, j)), before, floor, problem.joints[j])
@@ -207,7 +209,7 @@ def _errors(folds: Folds, j: int, sets: Sequence[Make]) -> list[float]:
     return in_parallel(lambda make: folds.left_out(make(), j), sets, folds.result.problem.instants)
 
 
-def shares(found: list[Function], before: float, floor: float, joint: str) -> list[Share]:
+def shares(found: list[Function], before: float, floor: float, joint: str) -> list[Explainable]:
     """Shares of a joint's excess from left-out errors, `before` that without a function."""
     least = min([floor, *(f.error for f in found)])
     out = []
@@ -217,7 +219,7 @@ def shares(found: list[Function], before: float, floor: float, joint: str) -> li
         text = (
             f"{joint}: any function of {f.words} could explain {100 * share:.0f} % of what is left"
         )
-        out.append(Share(joint, f"network: {f.what}", share, text, f.words))
+        out.append(Explainable(joint, f"network: {f.what}", share, text, f.words))
     return out
 
 

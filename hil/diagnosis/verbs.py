@@ -29,8 +29,8 @@ from hil.identify.timing import fit_aligned
 from hil.identify.validity import outside
 from hil.models import catalogue
 from hil.models.model import Range, RobotModel, Use
-from hil.record.checks import Finding as Fault
 from hil.record.checks import check
+from hil.record.consistency import DataFault
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -67,7 +67,7 @@ class Comparison:
     evidence: Evidence
     where: dict[str, list[Region]]
     multi_step: MultiStep
-    faults: list[Fault] = field(default_factory=list)
+    faults: list[DataFault] = field(default_factory=list)
     heldout_floor: FloatArray | None = None
     #: What the given model had been identified on.
     valid: tuple[Range, ...] = ()
@@ -84,7 +84,7 @@ class Comparison:
         return np.minimum(self.evidence.floor.rms, self.result.rms)
 
 
-def faults_of(recordings: list[Recording]) -> list[Fault]:
+def faults_of(recordings: list[Recording]) -> list[DataFault]:
     """Data faults of all runs; the analysis must not go on where one is an error."""
     return [f for r in recordings for f in check(r)]
 
@@ -134,7 +134,10 @@ def compare(
     evidence = gather(result)
     where = regions(result, evidence.floor)
     beyond = outside(model.valid, problem) + examine.outside(result)
-    faults = [*faults_of(recordings), *(Fault("outside-range", "warning", "", x) for x in beyond)]
+    faults = [
+        *faults_of(recordings),
+        *(DataFault("outside-range", "warning", "", x) for x in beyond),
+    ]
     floor = examine.floor(result, evidence)
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
@@ -142,12 +145,12 @@ def compare(
     notes = other_robot(model, recordings) + differences(alike, examine) + noticed(evidence, result)
     notes += examine.own(result)
     notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))
-    faults += [Fault(code, "warning", "", x) for code, x in notes]
+    faults += [DataFault(code, "warning", "", x) for code, x in notes]
     out = Comparison(
         result, heldout, evidence, where, both(result, problem), faults, floor, model.valid
     )
     ratio = dict(zip(problem.joints, (heldout.rms / out.noise).tolist(), strict=True))
-    out.faults.extend(Fault(code, "warning", "", x) for code, x in seeming(ratio, where))
+    out.faults.extend(DataFault(code, "warning", "", x) for code, x in seeming(ratio, where))
     return out
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts
 from hil.diagnosis.artefacts import returned, shaken, smoothed
-from hil.diagnosis.constants import MATTERS
+from hil.diagnosis.constants import FAR, MATTERS
 from hil.diagnosis.equivalence import unseen
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.preconditions import other_robot
@@ -32,16 +32,13 @@ from hil.identify.validity import outside
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import RobotModel
-from hil.record.checks import Finding as Fault
+from hil.record.consistency import DataFault
 from hil.record.jumps import described
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
 #: Below this share of the excess explained, no name is given.
 EXPLAINED = 0.70
-#: Factor over their own floor from which held-out runs refute a model that nothing was added to:
-#: their floor and their error are each known to a factor of ADEQUATE, and there is chance.
-FAR = 1.25
 
 
 # ------------------------------------------------------------ excuses
@@ -155,7 +152,7 @@ def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
 
 COMMON, NO_GEOMETRY = "common-cause", "no-geometry"
 #: Spread of times, relative to their mean, within which they are one: late forms differ by as much.
-ALIKE = 0.2
+ONE_TIME = 0.2
 
 
 # ------------------------------------------------------------ what findings have in common
@@ -177,7 +174,7 @@ def common(findings: list[Finding], moving: list[str]) -> list[tuple[str, str]]:
         return []
     times = list(late.values())
     mean = sum(times) / len(times)
-    if max(times) - min(times) > ALIKE * mean:
+    if max(times) - min(times) > ONE_TIME * mean:
         return []
     text = (
         f"{', '.join(moving)} are late by the same time, {1e3 * mean:.3g} ms: more likely one "
@@ -219,7 +216,7 @@ def finish(
     examine: Examiner,
     model: RobotModel,
     recordings: list[Recording],
-    faults: list[Fault],
+    faults: list[DataFault],
 ) -> Diagnosis:
     """The diagnosis with all that is said beside its verdict.
 
@@ -233,7 +230,7 @@ def finish(
         The model under suspicion.
     recordings : list of Recording
         Runs that were fitted.
-    faults : list of Fault
+    faults : list of DataFault
         What the checks say of them.
     """
     result = out.ladder[-1].result

@@ -162,7 +162,7 @@ NOISE = 1e-3
 SIZE = 5e-3
 #: Share of the noise power that an effect must exceed to be noticed: the 4 % of the error that
 #: `hil diagnose` asks of every effect (1 - 0.96^2).
-NOTICED = 0.08
+NOTICED_SHARE = 0.08
 
 
 def question(
@@ -192,7 +192,7 @@ def question(
     _lacking(base, rivals)
     asked = _question(base, theta, _near(rivals, problem), NOISE * torque, problem)
     instants = problem.n * stage.seconds / motion.period
-    return replace(asked, floor=NOTICED * instants)
+    return replace(asked, floor=NOTICED_SHARE * instants)
 
 
 def _lacking(base: list[Term], rivals: list[Rival]) -> None:

@@ -35,7 +35,7 @@ INSTANTS, STARTS, BUDGET, BUDGET_URDF = 160, 40, 6000, 3000
 
 
 @dataclass(frozen=True)
-class Design:
+class FourierDesign:
     """What an identifying motion must determine.
 
     Parameters
@@ -87,7 +87,7 @@ def optimise(model: RobotModel, stage: Stage, seed: int = 0) -> Identifying:
     return Identifying(motion, _condition(x), _condition(naive), x.shape[1])
 
 
-def _refined(c: FloatArray, design: Design, budget: int) -> FloatArray:
+def _refined(c: FloatArray, design: FourierDesign, budget: int) -> FloatArray:
     def objective(z: FloatArray) -> float:
         return cost(z.reshape(c.shape), design)
 
@@ -97,7 +97,7 @@ def _refined(c: FloatArray, design: Design, budget: int) -> FloatArray:
     return np.asarray(found.x, dtype=np.float64).reshape(c.shape)
 
 
-def cost(c: FloatArray, design: Design) -> float:
+def cost(c: FloatArray, design: FourierDesign) -> float:
     """J of raw coefficients (d, h, 2)."""
     x = regressor(shaped(c, design.space, "try"), design)
     norm = np.linalg.norm(x, axis=0)
@@ -145,24 +145,24 @@ def _naive(space: Space) -> Trajectory:
     return shaped(c, space, "naive")
 
 
-def _design(model: RobotModel, stage: Stage) -> Design:
+def _design(model: RobotModel, stage: Stage) -> FourierDesign:
     space = stage.space
     rng = np.random.default_rng(0)
     probe = shaped(rng.normal(size=(space.center.size, 8, 2)), space, "probe")
     problem = stage.foresee(probe)
     terms, _ = nominal(model, problem, space.limits)
     torque = np.where(np.isfinite(space.limits.torque), space.limits.torque, 1.0)
-    every = Design(space, terms, torque, np.arange(0), problem.motions[0])
+    every = FourierDesign(space, terms, torque, np.arange(0), problem.motions[0])
     x = regressor(probe, every)
     norm = np.linalg.norm(x, axis=0)
     live = np.flatnonzero(norm > 1e-9 * norm.max())
     _, r, order = scipy.linalg.qr(x[:, live] / norm[live], mode="economic", pivoting=True)
     size = np.abs(np.diag(r))
     columns = np.sort(live[order[: int(np.sum(size > 1e-6 * size[0]))]])
-    return Design(space, terms, torque, columns, problem.motions[0])
+    return FourierDesign(space, terms, torque, columns, problem.motions[0])
 
 
-def regressor(x: Trajectory, design: Design) -> FloatArray:
+def regressor(x: Trajectory, design: FourierDesign) -> FloatArray:
     """Weighted columns of the design on one period, shape (n d, p)."""
     q, qd, qdd = sample(x, grid(x, INSTANTS / PERIOD))
     n, d = q.shape

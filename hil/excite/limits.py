@@ -133,7 +133,7 @@ def allowed(limits: Limits, robot: Robot, q: FloatArray) -> NDArray[np.bool_]:
 #: Share of the speed and torque limits that a planned motion may use.
 HEADROOM = 0.8
 #: A motion is looked at this often [Hz].
-RATE = 250.0
+CHECK_RATE = 250.0
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def margins(x: Trajectory, limits: Limits, robot: Robot, effort: FloatArray | No
     effort : ndarray (n, d) or None
         Predicted effort at `grid(x, RATE)` [N m or N]; None leaves torque out.
     """
-    q, qd, _ = sample(x, grid(x, RATE))
+    q, qd, _ = sample(x, grid(x, CHECK_RATE))
     units = dict(zip(robot.joints, robot.units, strict=True))
     out = [
         Margin(

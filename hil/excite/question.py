@@ -152,7 +152,7 @@ def ready(problem: Problem, question: Question) -> Problem:
 #: Share of an effect's power below which another one contains it.
 CONTAINED = 1e-3
 #: Largest number of shapes with which a rival may imitate.
-SHAPES = 6
+MAX_SHAPES = 6
 
 
 def gram(problem: Problem, question: Question) -> FloatArray:
@@ -251,5 +251,5 @@ def imitations(
 ) -> tuple[tuple[float, ...], ...]:
     """Shapes with which an effect may imitate another: its own, `near`, and its grid thinned."""
     grid = term.effect.search.grid(problem.motions[0], term.joint) or [term.shape]
-    step = max(1, len(grid) // SHAPES)
+    step = max(1, len(grid) // MAX_SHAPES)
     return tuple(dict.fromkeys([term.shape, *near, *grid[step // 2 :: step]]))

@@ -27,7 +27,7 @@ from hil.models.robots import Robot
 from hil.record.recording import RobotSource
 
 #: Share of the way to a position limit that is used.
-SHARE = 0.95
+LIMIT_USE = 0.95
 #: Speed of a joint whose limit nobody knows: its range in two seconds.
 CROSSING = 2.0
 
@@ -92,7 +92,7 @@ def _along(limits: Limits, robot: Robot, j: int) -> tuple[float, float]:
         q[:, j] += steps * (end - limits.center[j])
         ok = allowed(limits, robot, q)
         far = steps[-1] if ok.all() else steps[int(np.argmin(ok)) - 1]
-        ends.append(float(limits.center[j] + SHARE * far * (end - limits.center[j])))
+        ends.append(float(limits.center[j] + LIMIT_USE * far * (end - limits.center[j])))
     return ends[0], ends[1]
 
 

@@ -15,7 +15,6 @@ motion is played as it was planned.
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
+from hil.userfile import parse_toml, read_text
 
 FloatArray = NDArray[np.float64]
 
@@ -181,10 +181,8 @@ _KEYS = ("schema", "name", "for", "joints", "units", "period", "path", "fourier"
 def is_trajectory(path: Path) -> bool:
     """Whether a file is a trajectory file, or empty."""
     try:
-        text = path.read_text(encoding="utf-8")
-        return not text.strip() or str(tomllib.loads(text).get("schema")).startswith(
-            "hil.trajectory/"
-        )
+        text = read_text(path)
+        return not text.strip() or str(parse_toml(text).get("schema")).startswith("hil.trajectory/")
     except (OSError, ValueError):
         return False
 
@@ -198,7 +196,7 @@ def read(path: str | Path) -> Trajectory:
         If it is missing, of another kind, or wrong.
     """
     try:
-        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        table = parse_toml(read_text(path))
     except FileNotFoundError:
         raise ConfigError(f"trajectory {path}: no such file") from None
     except (OSError, ValueError) as error:

@@ -47,7 +47,7 @@ _NETWORK = {"nodes": 80, "gain": 0.02}
 
 
 @dataclass(frozen=True)
-class Row:
+class CableArmRow:
     """One estimator in one condition.
 
     Parameters
@@ -74,7 +74,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Study:
+class CableArmStudy:
     """Result of the experiment.
 
     Parameters
@@ -87,7 +87,7 @@ class Study:
         Condition -> share of the first part in which something could be learnt.
     """
 
-    rows: list[Row]
+    rows: list[CableArmRow]
     stiffness: dict[str, list[float]]
     learnt: dict[str, float]
 
@@ -117,9 +117,9 @@ SAID = {
 }
 
 
-def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Study:
+def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> CableArmStudy:
     """All conditions."""
-    rows: list[Row] = []
+    rows: list[CableArmRow] = []
     stiffness: dict[str, list[float]] = {}
     learnt: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as name:
@@ -130,7 +130,7 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Stud
             for e in ("filters", "both"):
                 stiffness[f"{condition}: {SAID[e]}"] = cables(path, e)
             learnt[condition] = float(_column(path, "both", "learning")[: _tick(LEARN)].mean())
-    return Study(rows, stiffness, learnt)
+    return CableArmStudy(rows, stiffness, learnt)
 
 
 def _tick(seconds: float) -> int:
@@ -158,7 +158,7 @@ def session(
     return path
 
 
-def judge(condition: str, path: Path, learn: float = LEARN) -> list[Row]:
+def judge(condition: str, path: Path, learn: float = LEARN) -> list[CableArmRow]:
     """Errors of all estimators after what was learnt."""
     run = load(path, ARM)
     if run.wrench is None:
@@ -176,7 +176,7 @@ def judge(condition: str, path: Path, learn: float = LEARN) -> list[Row]:
         error = values[:, :3] - seen
         nodes = values[-1, -1] if name in ("network", "both") else 0
         rows.append(
-            Row(
+            CableArmRow(
                 condition,
                 said,
                 _rms(error[free]),

@@ -24,7 +24,7 @@ PERIOD = 1e-3
 
 
 @dataclass(frozen=True)
-class Plant:
+class TwoMassPlant:
     """What the joint is made of.
 
     Parameters
@@ -50,7 +50,7 @@ class Plant:
     tension_friction: float = 0.0
     counts: float = 20000.0
 
-    def slackened(self, tension: float) -> Plant:
+    def slackened(self, tension: float) -> TwoMassPlant:
         """The same joint with `tension` times its cable tension: stiffness and pulley friction."""
         fall = 1.0 + self.tension_friction * (tension - 1.0)
         return replace(
@@ -62,7 +62,7 @@ class Plant:
 
 
 @dataclass(frozen=True)
-class Run:
+class FilterRun:
     """One record at 1 kHz.
 
     Parameters
@@ -101,7 +101,9 @@ def _simulate(u: Any, load: Any, c: Any, out: Any) -> None:
                 return
 
 
-def record(plant: Plant, seconds: float, seed: int, load: float = 0.0, size: float = 1.0) -> Run:
+def record(
+    plant: TwoMassPlant, seconds: float, seed: int, load: float = 0.0, size: float = 1.0
+) -> FilterRun:
     """Run the joint on six sines of torque with a light spring to the middle.
 
     Parameters
@@ -125,7 +127,7 @@ def record(plant: Plant, seconds: float, seed: int, load: float = 0.0, size: flo
     c = np.array([plant.motor, plant.link, plant.k1, plant.k3, *plant.coulomb, *plant.viscous])
     _simulate(u, np.where(t > 1.0, load, 0.0), c, out)
     grain = 2 * np.pi / plant.counts
-    return Run(np.round(out[:, 0] / grain) * grain, out[:, 4], out[:, 2], out[:, 3])
+    return FilterRun(np.round(out[:, 0] / grain) * grain, out[:, 4], out[:, 2], out[:, 3])
 
 
 #: First guess as a multiple of the truth.
@@ -137,7 +139,7 @@ _FORCES = (0.0, 0.02, 0.04, 0.08, 0.12)
 
 
 @dataclass(frozen=True)
-class Row:
+class ElasticTransmissionRow:
     """One condition.
 
     Parameters
@@ -164,7 +166,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Study:
+class TransmissionStudy:
     """Result of the experiment.
 
     Parameters
@@ -184,12 +186,14 @@ class Study:
 
     parameters: dict[str, float]
     correlation: dict[str, float]
-    rows: list[Row]
+    rows: list[ElasticTransmissionRow]
     slope: float
     departure: float
 
 
-def identify(plant: Plant, seconds: float = 25.0, seed: int = 1) -> tuple[FloatArray, ElasticUkf]:
+def identify(
+    plant: TwoMassPlant, seconds: float = 25.0, seed: int = 1
+) -> tuple[FloatArray, ElasticUkf]:
     """Parameters (6,) after `seconds` [s] of motion from a wrong guess, and the filter.
 
     The sign of friction of the plant differs from the filter's, so that the Coulomb terms are
@@ -203,15 +207,15 @@ def identify(plant: Plant, seconds: float = 25.0, seed: int = 1) -> tuple[FloatA
     return np.exp(states[-3000:, 4:].mean(0)), ukf
 
 
-def truth(plant: Plant) -> FloatArray:
+def truth(plant: TwoMassPlant) -> FloatArray:
     """k1, k3, Fcm, Fvm, Fcl, Fvl of a plant."""
     (fcm, fcl), (fvm, fvl) = plant.coulomb, plant.viscous
     return np.array([plant.k1, plant.k3, fcm, fvm, fcl, fvl])
 
 
-def study(seed: int = 1) -> Study:
+def study(seed: int = 1) -> TransmissionStudy:
     """Identify, freeze the parameters, then vary inertia, tension and interaction force."""
-    plant = Plant(tension_friction=0.8)
+    plant = TwoMassPlant(tension_friction=0.8)
     found, ukf = identify(plant, seed=seed)
     frozen = UkfConfig(plant.motor, plant.link, tuple(found), noise=_FROZEN, spread=1e-12)
     rows = [
@@ -227,21 +231,28 @@ def study(seed: int = 1) -> Study:
     unit = p / np.sqrt(np.outer(np.diag(p), np.diag(p)))
     pairs = {"fcm, fcl": float(unit[2, 4]), "fvm, fvl": float(unit[3, 5])}
     ratio = dict(zip(NAMES, (found / truth(plant)).tolist(), strict=True))
-    return Study(ratio, pairs, rows, slope, off)
+    return TransmissionStudy(ratio, pairs, rows, slope, off)
 
 
 def _row(
-    name: str, value: float, config: UkfConfig, plant: Plant, load: float = 0.0, size: float = 1.0
-) -> Row:
+    name: str,
+    value: float,
+    config: UkfConfig,
+    plant: TwoMassPlant,
+    load: float = 0.0,
+    size: float = 1.0,
+) -> ElasticTransmissionRow:
     run = record(plant, 6.0, 5, load, size)
     states, innovation = ElasticUkf(config, float(run.y[0])).run(run.y, run.u, PERIOD)
     return _measures(name, value, run, states, innovation)
 
 
-def _measures(name: str, value: float, run: Run, states: FloatArray, innovation: FloatArray) -> Row:
+def _measures(
+    name: str, value: float, run: FilterRun, states: FloatArray, innovation: FloatArray
+) -> ElasticTransmissionRow:
     """Errors after the first two seconds."""
     s = slice(2000, None)
-    return Row(
+    return ElasticTransmissionRow(
         name,
         value,
         rms(states[s, 2] - run.q[s]),

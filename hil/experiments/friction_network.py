@@ -18,7 +18,7 @@ _NOISE = 0.003
 
 
 @dataclass(frozen=True)
-class Row:
+class FrictionNetworkRow:
     """One model: relative errors of the three joints in training and validation, nodes."""
 
     model: str
@@ -49,7 +49,7 @@ def rub(qd: FloatArray) -> FloatArray:
     return np.asarray(out, np.float64)
 
 
-def study(seed: int = 1) -> list[Row]:
+def study(seed: int = 1) -> list[FrictionNetworkRow]:
     """Backbone alone, networks alone (batch and on line), network on the backbone."""
     rng = np.random.default_rng(seed)
     one, two = motion(60.0, seed), motion(30.0, seed + 100)
@@ -58,7 +58,7 @@ def study(seed: int = 1) -> list[Row]:
     for name, make in _MODELS.items():
         nets = [make(one, y[:, j], j) for j in range(3)]
         rows.append(
-            Row(
+            FrictionNetworkRow(
                 name,
                 tuple(friction_wavelets.relative(n, one, y[:, j]) for j, n in enumerate(nets)),
                 tuple(friction_wavelets.relative(n, two, z[:, j]) for j, n in enumerate(nets)),

@@ -30,7 +30,7 @@ _NOISE = 1e-3
 
 
 @dataclass(frozen=True)
-class Row:
+class ManualExcitationRow:
     """One excitation.
 
     Parameters
@@ -58,7 +58,7 @@ def motion(seed: int, seconds: float = 16.0, sines: int = 12) -> tuple[FloatArra
     return t, q, (a * w * np.cos(angle)).sum(-1), (-a * w**2 * np.sin(angle)).sum(-1)
 
 
-def study(seed: int = 1) -> list[Row]:
+def study(seed: int = 1) -> list[ManualExcitationRow]:
     """Motors alone, hand alone, hand with a small motor torque."""
     t, q, qd, qdd = motion(seed)
     rng, zero = np.random.default_rng(seed), np.zeros_like(q)
@@ -75,7 +75,7 @@ def study(seed: int = 1) -> list[Row]:
         found = manual_excitation.identify(q, qd, qdd, u, tau_s + noise)
         known = [n for n in manual_excitation.NAMES if n not in found.undetermined]
         errors = [abs(found.values[n] / _TRUE[manual_excitation.NAMES.index(n)] - 1) for n in known]
-        rows.append(Row(name, found, max(errors, default=float("nan"))))
+        rows.append(ManualExcitationRow(name, found, max(errors, default=float("nan"))))
     return rows
 
 

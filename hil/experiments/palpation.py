@@ -27,7 +27,7 @@ from hil.experiments import without_force_sensors
 from hil.runtime import runner
 from hil.teleop import force_sensor_free, hybrid, law_parameters, rig_designs
 from hil.teleop.architecture import Design
-from hil.teleop.rig_designs import Arms
+from hil.teleop.rig_designs import ArmImpedances
 from hil.toml import parse
 
 HZ, _TRIALS = 1.0, 6
@@ -47,7 +47,7 @@ NAMED = {
 
 
 @dataclass(frozen=True)
-class Row:
+class PalpationRow:
     """One controller.
 
     Parameters
@@ -80,7 +80,7 @@ class Row:
 
 def study(
     seed: int = 1, report: Callable[[str], None] = lambda _: None, trials: int = _TRIALS
-) -> tuple[list[Row], dict[str, float]]:
+) -> tuple[list[PalpationRow], dict[str, float]]:
     """All controllers, and the `differences` between them."""
     rows = []
     with tempfile.TemporaryDirectory() as name:
@@ -93,7 +93,7 @@ def study(
     return rows, differences(rows)
 
 
-def controllers(given: Mapping[str, Any], axes: Arms) -> dict[str, list[Design]]:
+def controllers(given: Mapping[str, Any], axes: ArmImpedances) -> dict[str, list[Design]]:
     """Sensitivity-optimised, with four channels, named ones; and what of them needs no sensor.
 
     An optimised design without force gains is its own force-sensor-free form and stands once.
@@ -119,7 +119,7 @@ def palpate(
     folder: Path,
     seed: int,
     trials: int,
-) -> Row:
+) -> PalpationRow:
     """Trials on gel and bolt with one controller."""
     h = rig.predicted(law, np.array([HZ]))[0]
     found, expected = [], []
@@ -140,7 +140,7 @@ def palpate(
     near = hybrid.sensitivity(hybrid.hybrid(design, s), environment(s))
     weight = np.abs(s)
     designed = np.sqrt(np.trapezoid(np.abs(near) ** 2, weight) / np.ptp(weight))
-    return Row(controller, float(designed), float(np.mean(expected)), tuple(found))
+    return PalpationRow(controller, float(designed), float(np.mean(expected)), tuple(found))
 
 
 def _impedances(
@@ -155,7 +155,7 @@ def _impedances(
     return complex(y[0] / u[0]), complex(-u[1] / y[1])
 
 
-def differences(rows: Sequence[Row]) -> dict[str, float]:
+def differences(rows: Sequence[PalpationRow]) -> dict[str, float]:
     """Two-sided exact Mann-Whitney p of what was asked beforehand, times Holm's factor.
 
     Every controller against the benchmark, and every force-sensor-free one against its own.

@@ -29,7 +29,7 @@ from hil.rigs import rig_path
 from hil.runtime import runner
 from hil.teleop import hybrid, law_parameters, rig_designs, sampled_loop
 from hil.teleop.hybrid import ComplexArray, Experiment, FloatArray
-from hil.teleop.rig_designs import Arms
+from hil.teleop.rig_designs import ArmImpedances
 from hil.toml import parse
 
 PERIOD = 1e-3
@@ -46,7 +46,7 @@ _CONFIDENCE = float(np.sqrt(stats.f.ppf(0.95, 2, 2 * (PERIODS - 1))))
 
 
 @dataclass(frozen=True)
-class Row:
+class TransparencyRow:
     """One entry of H at one frequency.
 
     Parameters
@@ -94,11 +94,15 @@ def identified(folder: Path, seed: int) -> dict[str, str]:
     return out
 
 
-def arms(models: Mapping[str, str], settings: Mapping[str, Any]) -> tuple[dict[str, Any], Arms]:
+def arms(
+    models: Mapping[str, str], settings: Mapping[str, Any]
+) -> tuple[dict[str, Any], ArmImpedances]:
     """Parameters of the law for the identified arms, and the masses of the axes."""
     given = rig_designs.models(models, load_rig(rig_path("lawrence"))) | dict(settings)
     law_type = registry.load("hil.controllers", "lawrence").Config
-    return given, Arms.of(parse(law_type, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "experiment"))
+    return given, ArmImpedances.of(
+        parse(law_type, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "experiment")
+    )
 
 
 def sessions(law: Mapping[str, Any], hz: float, folder: Path, seed: int) -> list[Experiment]:
@@ -174,9 +178,9 @@ DESIGNS: dict[str, dict[str, float]] = {
 }
 
 
-def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> list[Row]:
+def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> list[TransparencyRow]:
     """All designs at all frequencies."""
-    rows: list[Row] = []
+    rows: list[TransparencyRow] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         models = identified(folder, seed)
@@ -190,7 +194,7 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> list
 
 def compare(
     design: str, law: Mapping[str, Any], hz: tuple[float, ...], folder: Path, seed: int
-) -> list[Row]:
+) -> list[TransparencyRow]:
     """Measured against predicted at some frequencies."""
     goal, rows = predicted(law, np.array(hz)), []
     for k, f in enumerate(hz):
@@ -200,7 +204,7 @@ def compare(
             h, g, unit = (x.reshape(4)[i] for x in (found.h, goal[k], _scales(goal[k])))
             std = float(found.std.reshape(4)[i])
             rows.append(
-                Row(
+                TransparencyRow(
                     design,
                     entry,
                     f,
@@ -215,6 +219,6 @@ def compare(
     return rows
 
 
-def worst(rows: list[Row], entry: str) -> float:
+def worst(rows: list[TransparencyRow], entry: str) -> float:
     """Largest relative error of an entry."""
     return max(r.error for r in rows if r.entry == entry)

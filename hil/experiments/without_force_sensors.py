@@ -20,7 +20,7 @@ from hil.experiments import transparency as rig
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.teleop import force_sensor_free, hybrid, law_parameters
-from hil.teleop.architecture import Design, Robot, Term
+from hil.teleop.architecture import Design, MotionTerm, RobotImpedance
 
 HZ = (0.5, 1.0, 2.0, 4.0)
 #: The acceleration acts on the light motor side of the cables: 5 Hz is what it bears.
@@ -28,7 +28,7 @@ LAW = {"acceleration_hz": 5.0, "velocity_hz": 80.0, "force_hz": 60.0}
 
 
 @dataclass(frozen=True)
-class Row:
+class WithoutForceSensorsRow:
     """One frequency.
 
     Parameters
@@ -53,7 +53,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Study:
+class SensorFreeStudy:
     """Result of the experiment.
 
     Parameters
@@ -70,13 +70,13 @@ class Study:
     D: float
     smallest: float
     bound: float
-    rows: list[Row]
+    rows: list[WithoutForceSensorsRow]
     refused: str
 
 
 def designs(axes: Any, share: float = 0.3) -> list[Design]:
     """Design with all four channels on every axis; `share` is c2 = c3."""
-    pull = Term(130.0, 0.8)
+    pull = MotionTerm(130.0, 0.8)
     return [
         Design(
             c1=pull,
@@ -87,15 +87,15 @@ def designs(axes: Any, share: float = 0.3) -> list[Design]:
             c3=share,
             c5=0.1,
             c6=0.1,
-            master=Robot(m),
-            slave=Robot(s),
+            master=RobotImpedance(m),
+            slave=RobotImpedance(s),
             name="with-sensors",
         )
         for m, s in zip(axes.master, axes.slave, strict=True)
     ]
 
 
-def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Study:
+def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> SensorFreeStudy:
     """Both controllers at all frequencies."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -111,7 +111,7 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Stud
             rows.append(_row(laws, hz, folder, seed))
     d = own[rig.AXIS]
     condition = force_sensor_free.sampled_condition(d, LAW["acceleration_hz"], rig.PERIOD)
-    return Study(
+    return SensorFreeStudy(
         force_sensor_free.conditioning(d),
         d.D,
         condition.smallest,
@@ -121,13 +121,15 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Stud
     )
 
 
-def _row(laws: Sequence[Mapping[str, Any]], hz: float, folder: Path, seed: int) -> Row:
+def _row(
+    laws: Sequence[Mapping[str, Any]], hz: float, folder: Path, seed: int
+) -> WithoutForceSensorsRow:
     found, goal = [], []
     for law in laws:
         found.append(hybrid.estimate_hybrid(rig.sessions(law, hz, folder, seed)).h)
         goal.append(rig.predicted(law, np.array([hz]))[0])
     errors = _estimates(folder / f"{hz:g}-2.mcap", hz)
-    return Row(
+    return WithoutForceSensorsRow(
         hz,
         float(rig.relative(goal[1], goal[0]).max()),
         float(rig.relative(found[1], found[0]).max()),

@@ -31,7 +31,7 @@ FloatArray = NDArray[np.float64]
 WIDEST, LEAST = 25.0, 6.0
 #: Noise of the acceleration in units of its rms that is put up with, median of the joints that
 #: move.  Halved, the band is a quarter narrower; doubled, a third wider (it goes as f^2.5).
-SHARE = 0.05
+ACCELERATION_NOISE = 0.05
 #: Effort's power over its noise down to which a frequency is used: signal and noise alike (spectra
 #: by Welch, IEEE Trans. Audio Electroacoustics 15, 1967).  Doubled, a cable arm's band goes from
 #: 15 to 12 Hz, and the simulators' stay; halved, noise counts as signal.
@@ -100,11 +100,11 @@ def choose(
     """Filter band for a set of runs: given, or what the data hold information in.
 
     Where the model is of what moves (`moving`) the effort's cut-off is the frequency up to which
-    the acceleration stands clear of the positions' noise (`SHARE`) and the effort's spectrum
-    above its own (`ABOVE`), median of the joints that move, and no more than `HARMONICS` times the
-    motion's bandwidth; else six times the bandwidth of the
-    motion in 12..25 Hz.  The position filter is three times wider, so that what remains of a
-    reversal is sharp against the effort filter and the acceleration noise is still bounded.
+    the acceleration stands clear of the positions' noise (`ACCELERATION_NOISE`) and the effort's
+    spectrum above its own (`ABOVE`), median of the joints that move, and no more than `HARMONICS`
+    times the motion's bandwidth; else six times the bandwidth of the motion in 12..25 Hz.
+    The position filter is three times wider, so that what remains of a reversal is sharp against
+    the effort filter and the acceleration noise is still bounded.
     Where no joint's speed stands clear of its noise (`CLEAR`) both are narrower, down to
     `NARROWEST`.
 
@@ -167,7 +167,7 @@ def information(r: Recording) -> tuple[FloatArray, FloatArray]:
         return np.zeros(0), np.zeros(0)
     share = _shares(r, noise, tried)[:, used]
     level = np.log(np.maximum(np.maximum.accumulate(share, axis=0), 1e-300))
-    clean = [np.exp(np.interp(np.log(SHARE), x, np.log(tried))) for x in level.T]
+    clean = [np.exp(np.interp(np.log(ACCELERATION_NOISE), x, np.log(tried))) for x in level.T]
     return np.array(clean), np.array([_loud(r.tau[:, j], r.rate) for j in used])
 
 

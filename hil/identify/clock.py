@@ -40,7 +40,7 @@ WATCHED = ("q", "tau", "qd", "tau_ext", "wrench")
 #: which does not swing, and left out of the equations in any case.
 FILLED = 8
 #: Longest hold of a channel whose holds are alike, in its median: more is a standstill.
-ALIKE = 1.6
+LONGEST_HOLD = 1.6
 #: Default gap that splits a run [s]: an arm's friction, servo and load have another state after
 #: it (ten periods of the slowest filter chosen).  Halved or doubled only changes how much of the
 #: bridge is computed in vain: neither way it enters the equations.
@@ -230,7 +230,7 @@ def _hold(changes: NDArray[np.bool_]) -> int:
     usual = float(np.median(length))
     low, high = np.quantile(length, (0.05, 0.9))
     # a slow joint's counts change at all intervals, and a standstill is longer than any
-    alike = usual >= 2 and low > usual / ALIKE and high < usual * ALIKE
+    alike = usual >= 2 and low > usual / LONGEST_HOLD and high < usual * LONGEST_HOLD
     return round(usual) if alike else 1
 
 

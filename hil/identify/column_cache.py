@@ -17,13 +17,13 @@ from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 #: Columns that are kept for another round of a search, all together [bytes].
-ROOM = 3 * 2**26
+CACHE_BYTES = 3 * 2**26
 #: Part of it that former columns leave to new ones: one in so many.
-NEW = 2
+NEW_PART = 2
 #: Fields of a motion; the robot is the problem's own.
 FIELDS = frozenset(f.name for f in fields(Motion)) - {"robot"}
 #: Those that are compared by value and not as objects.
-SMALL = frozenset({"v0", "resolution", "span", "contact", "grain"})
+SMALL_FIELDS = frozenset({"v0", "resolution", "span", "contact", "grain"})
 #: What was looked at: a field, and of the sign resolution possibly one joint's.
 Field = tuple[str, int | None]
 #: All of them, in one order.
@@ -74,7 +74,7 @@ class _Made:
     columns: FloatArray
     seen: Seen
     states: tuple[object, ...]
-    #: Whether another round of a search may do without it: then it may take no more than `ROOM`.
+    #: Whether another round of a search may do without it: then no more than `CACHE_BYTES`.
     spare: bool
 
 
@@ -89,7 +89,7 @@ class Kept:
         self._made: dict[tuple[object, ...], list[_Made]] = {}
         self._motions: Sequence[Motion] = ()
         self._states: dict[Seen, tuple[object, ...]] = {}
-        self._room = ROOM
+        self._room = CACHE_BYTES
 
     def get(self, key: tuple[object, ...], motions: Sequence[Motion]) -> FloatArray | None:
         """Columns that are as the motions are now; None if there are none."""
@@ -124,7 +124,7 @@ class Kept:
                 elif made.spare and out._may(made):
                     former.append((key, made))
         for key, made in reversed(former):
-            if out._room - made.columns.nbytes > ROOM // NEW:
+            if out._room - made.columns.nbytes > CACHE_BYTES // NEW_PART:
                 out._hold(key, made)
         return out
 
@@ -165,4 +165,4 @@ def _state(motion: Motion, name: str, j: int | None) -> object:
         return float(getattr(motion, name)[j])
     value = getattr(motion, name)
     # the bytes, for NaN is no surface and equal to no surface
-    return value.tobytes() if name in SMALL else value
+    return value.tobytes() if name in SMALL_FIELDS else value

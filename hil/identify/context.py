@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 #: Families whose effort depends on posture and acceleration alone.
 SOLID = ("mass", "stiffness")
 #: Share of a load's range within which two loads are the same.
-SAME = 1e-3
+SAME_LOAD = 1e-3
 
 
 def impossible(term: Term, problem: Problem, reason: str) -> FitError:
@@ -106,7 +106,7 @@ def _driving(motion: Motion, drive: FloatArray) -> Motion:
     """The motion with what the model foretells of its motors; the same if it hardly differs."""
     old = motion.drive
     if old.shape == drive.shape:
-        near = np.max(np.abs(old - drive), axis=0) < SAME * np.max(np.abs(drive), axis=0)
+        near = np.max(np.abs(old - drive), axis=0) < SAME_LOAD * np.max(np.abs(drive), axis=0)
         if np.all(near):
             return motion
     return replace(motion, drive=drive)
@@ -125,7 +125,7 @@ def _sliding(
         return replace(motion, friction=()) if motion.friction else motion
     old = motion.friction or (None,) * motion.d
     kept = tuple(
-        b if a is not None and b is not None and np.max(np.abs(a - b)) < SAME else a
+        b if a is not None and b is not None and np.max(np.abs(a - b)) < SAME_LOAD else a
         for a, b in zip(states, old, strict=True)
     )
     return replace(motion, friction=kept)
@@ -155,7 +155,7 @@ def renew(result: FitResult) -> None:
     set_context(problem, result.terms)
     loads, _ = _loads(problem, *fitted)
     now = zip(loads, problem.motions, strict=True)
-    moved = any(np.ptp(x - m.load) > SAME * max(float(np.ptp(x)), 1e-300) for x, m in now)
+    moved = any(np.ptp(x - m.load) > SAME_LOAD * max(float(np.ptp(x)), 1e-300) for x, m in now)
     slid = any(_slid(m.friction, _sliding(m, *fitted).friction) for m in problem.motions)
     if moved or slid:
         update_load(problem, *fitted)
@@ -194,7 +194,7 @@ def _responding(
         if t.effect.family == "friction"
         and not (t.per_run or t.effect.traits & (Trait.VISCOUS | Trait.REPLAYED | Trait.LOAD))
     ]
-    return [replace(m, response=Response(m, solid, more)) for m in motions]
+    return [replace(m, response=EffortResponse(m, solid, more)) for m in motions]
 
 
 def _carried(problem: Problem, mass: list[tuple[Term, FloatArray]], rest: bool) -> list[FloatArray]:
@@ -216,7 +216,7 @@ def _carried(problem: Problem, mass: list[tuple[Term, FloatArray]], rest: bool) 
 RATE, STEP = 20.0, 1e-5
 
 
-class Response:
+class EffortResponse:
     """Inertia and static stiffness of a model along one run.
 
     Parameters

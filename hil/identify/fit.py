@@ -46,7 +46,7 @@ from hil.models.param import JOINT
 __all__ = ["fit", "predict", "solve", "time_blocks"]
 FloatArray = NDArray[np.float64]
 #: Relative change of the residual scales that asks for another round of the shape search.
-NEAR = 0.1
+SCALE_CHANGE = 0.1
 
 
 def fit(
@@ -91,7 +91,7 @@ def fit(
         terms = search_shapes(problem, terms, sigma, idle)
         set_context(problem, terms)
         sigma, now = _scales(problem, terms, model, sigma)
-        near = scale is not None and np.max(np.abs(np.log(sigma / before))) < NEAR
+        near = scale is not None and np.max(np.abs(np.log(sigma / before))) < SCALE_CHANGE
         if now == idle and (near or sweep >= sweeps - 1):
             break
         idle = now
@@ -212,8 +212,8 @@ def in_units(unit: str, problem: Problem, j: int) -> str:
 
 
 #: A fall of the weighted residual sum of squares (in noise units) that is worth another step.
-WORTH = 0.01
-STEPS = 8
+STEP_GAIN = 0.01
+MAX_STEPS = 8
 
 
 def gauss_newton(
@@ -228,7 +228,7 @@ def gauss_newton(
         return terms
     theta, _, b, slices, residual = solve(problem, terms, model, sigma)
     left, part = _weighted(residual, sigma), 1.0
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         joint = with_shapes(problem, terms, theta, slices, b, sigma, list(ranges))
         new = _stepped(terms, ranges, joint, (residual / sigma[:, None]).reshape(-1), part)
         set_context(problem, new)
@@ -242,7 +242,7 @@ def gauss_newton(
         theta, _, b, _, residual = found
         # a step that ended at a neighbour on the grid may go on beyond it
         ranges = {k: around(problem, terms[k]) for k in ranges}
-        if before - left < WORTH:
+        if before - left < STEP_GAIN:
             break
     return terms
 
@@ -360,9 +360,9 @@ def _given(covariance: FloatArray, s: int, held: NDArray[np.int_]) -> float:
 
 
 #: Step of the difference, in distances between grid values.
-STEP = 0.01
+DIFFERENCE_STEP = 0.01
 #: The same for values that lie on no continuous grid, relative to the value.
-SMALL = 1e-3
+DIFFERENCE_SHARE = 1e-3
 
 
 def line(problem: Problem, term: Term) -> FloatArray:
@@ -412,9 +412,9 @@ def derivative(
     shape = term.shape
     if i == 0:
         low, high = around(problem, term)
-        h = STEP * (high - low) / 2
+        h = DIFFERENCE_STEP * (high - low) / 2
     else:
-        h = SMALL * abs(shape[i])
+        h = DIFFERENCE_SHARE * abs(shape[i])
     # dy/ds = (y(s + h) - y(s - h)) / (2 h)
     up, down = (
         _effort(problem, terms, theta, slices, term.reshaped((*shape[:i], x, *shape[i + 1 :])))

@@ -32,11 +32,11 @@ IntArray = NDArray[np.int_]
 #: effort [N m or N] that is nothing.
 CLOSE, TINY = 1e-3, 1e-12
 #: Secants of a joint that turns round or sticks.
-ROUNDS = 3
+SECANTS = 3
 #: A term and its coefficients: (m,), or (w, m) row by row.
 Part = tuple[Term, FloatArray]
 #: Instants of a run that show which fields a term looks at.
-SOME = 200
+PROBED = 200
 
 
 @dataclass(frozen=True)
@@ -339,7 +339,7 @@ def _found(
     """Speeds of some rows that bring R close to zero; `pushed` is push + F(v)."""
     q, v, load = state
     dt, own = model.motion.dt, np.einsum("wdd->wd", mass)
-    for _ in range(ROUNDS):
+    for _ in range(SECANTS):
         # slope of F alone: that of R less the mass
         slope = np.maximum(ends.narrowed() - own / dt, 0.0)
         each = mass + dt * slope[..., None] * np.eye(v.shape[1])
@@ -362,7 +362,7 @@ def _errors(path: FloatArray, starts: IntArray, motion: Motion) -> tuple[FloatAr
 
 def looked_at(term: Term, motion: Motion) -> set[str]:
     """Fields of unconnected states that a term looks at."""
-    few = slice(None, None, max(1, motion.n // SOME))
+    few = slice(None, None, max(1, motion.n // PROBED))
     rows = [x[few] for x in (motion.q, motion.qd, motion.qdd, motion.load, motion.static)]
     return {
         name

@@ -23,15 +23,15 @@ from hil.identify.problem import Problem
 
 FloatArray = NDArray[np.float64]
 #: Frequencies that are fitted exactly.
-EXACT = 12
+EXACT_LINES = 12
 #: Zero padding: how much finer the transform is than the run resolves.
 FINE = 4
 #: Neighbours on either side out of which a line must stand, in grid steps.
-WIDE = 30
+LINE_NEIGHBOURS = 30
 #: A line of the motion exceeds its neighbourhood by this factor.
 PROMINENT = 6.0
 #: Values that are transformed at once, so that they stay in the processor's cache.
-BATCH = 2**17
+LINE_BATCH = 2**17
 #: A servo answers a disturbance with at most this multiple of it, resonance included.
 ANSWER = 3.0
 
@@ -75,7 +75,7 @@ def promising(
     if not f.size:
         return []
     power = gains(problem, term.joint, rows, f)
-    best = np.argsort(-power)[:EXACT]
+    best = np.argsort(-power)[:EXACT_LINES]
     best = best[power[best] > band(power)[best]]
     return [(float(x),) for x in np.sort(f[best])]
 
@@ -86,7 +86,7 @@ def band(power: FloatArray) -> FloatArray:
     The power of noise is exponentially distributed, its median ln 2 of its mean; the largest of
     N stays below  mean ln(N / 0.01).
     """
-    near = min(2 * WIDE + 1, 2 * ((power.size - 1) // 2) + 1)
+    near = min(2 * LINE_NEIGHBOURS + 1, 2 * ((power.size - 1) // 2) + 1)
     mean = scipy.ndimage.median_filter(power, near, mode="nearest") / np.log(2.0)
     out: FloatArray = mean * np.log(power.size / 0.01)
     return out
@@ -124,7 +124,7 @@ def _lines(problem: Problem, k: int) -> NDArray[np.bool_]:
         window = np.hanning(v.shape[1])
         size = np.abs(scipy.fft.rfft((v - v.mean(axis=1, keepdims=True)) * window, axis=1))
         near = scipy.ndimage.maximum_filter1d(size, 5, axis=1)
-        wide = scipy.ndimage.median_filter(size, (1, 2 * WIDE + 1), mode="nearest")
+        wide = scipy.ndimage.median_filter(size, (1, 2 * LINE_NEIGHBOURS + 1), mode="nearest")
         problem.memo["lines", k] = np.any(near > PROMINENT * wide, axis=0)
     out: NDArray[np.bool_] = problem.memo["lines", k]
     return out
@@ -151,7 +151,9 @@ def flipped(
     # single precision: an error of 1e-7 of what the luckiest line of noise explains
     single = noise.astype(np.float32)
     turns = signs.astype(np.float32)
-    for part in np.array_split(np.arange(len(signs)), max(1, len(signs) * noise.size // BATCH)):
+    for part in np.array_split(
+        np.arange(len(signs)), max(1, len(signs) * noise.size // LINE_BATCH)
+    ):
         rows = single * turns[part][:, blocks]
         best[part] = gains(problem, term.joint, rows, f).max(axis=-1)
     return best

@@ -28,6 +28,7 @@ from hil.identify.context import carrying
 from hil.identify.design import Term, prefix
 from hil.identify.forward import Windows, forward
 from hil.identify.problem import Problem
+from hil.identify.regression import least_squares
 from hil.identify.result import FitResult
 from hil.identify.solve import limits
 
@@ -40,11 +41,11 @@ DRAWN = 8
 #: Instants of a window that count.
 INSTANTS = 100
 #: Numbers that one simulation keeps at most: models times windows times instants times joints.
-ROOM = 10_000_000
+STATE_ROOM = 10_000_000
 #: Damping that is tried at once, in the present one.
 TRIED = (0.01, 0.3, 10.0, 300.0)
 #: Relative fall of the cost that is worth another step.
-WORTH = 2e-3
+STEP_FALL = 2e-3
 #: Steps without one after which a task ends.
 PATIENCE = 3
 
@@ -98,7 +99,7 @@ class Coordinates:
         x = r.x.reshape(d, n, -1)[:, rows] / r.sigma[:, None, None]
         y = (r.residual[:, rows] / r.sigma[:, None]).reshape(-1)
         count = self._t.shape[1]
-        z = np.linalg.lstsq(x.reshape(y.size, -1) @ self._t, y, rcond=1e-6)[0]
+        z = least_squares(x.reshape(y.size, -1) @ self._t, y, 1e-6)
         return np.concatenate([z, np.zeros(self.size - count)])
 
     def shapes(self, moved: FitResult) -> dict[str, float]:
@@ -208,7 +209,7 @@ class Simulator:
         for a in asked:
             longest = max(b.horizon for b in [*batch, a])
             rows = sum(s.size for b in [*batch, a] for s in b.starts)
-            if batch and rows * longest * self.problem.d > ROOM:
+            if batch and rows * longest * self.problem.d > STATE_ROOM:
                 out += self._batch(batch)
                 batch = []
             batch.append(a)
@@ -375,7 +376,7 @@ def _taken(
     ]
     k, task.taken = int(np.argmin(costs)), task.taken + 1
     fall = (task.cost - costs[k]) / task.cost
-    task.idle = 0 if fall > WORTH else task.idle + 1
+    task.idle = 0 if fall > STEP_FALL else task.idle + 1
     task.done = task.idle >= PATIENCE
     if fall <= 0:
         task.damping = min(3 * task.damping, 1e6)

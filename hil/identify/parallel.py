@@ -25,16 +25,16 @@ from threadpoolctl import threadpool_limits
 T = TypeVar("T")
 R = TypeVar("R")
 #: More than two have not been measured; each needs memory for its columns.
-MOST = 2
+MAX_WORKERS = 2
 #: Instants of all runs (200 a second, mostly) from which on they gain.
 LONG = 2**14
-_limit: contextvars.ContextVar[int] = contextvars.ContextVar("threads", default=MOST)
+_limit: contextvars.ContextVar[int] = contextvars.ContextVar("threads", default=MAX_WORKERS)
 
 
 def threads() -> int:
     """How many threads there may be: processors of this process, and what the user asks for."""
     asked = os.environ.get("OMP_NUM_THREADS", "")
-    most = int(asked) if asked.isdecimal() and int(asked) else MOST
+    most = int(asked) if asked.isdecimal() and int(asked) else MAX_WORKERS
     there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return max(1, min(_limit.get(), most, there or 1))
 
@@ -67,8 +67,15 @@ def in_parallel(work: Callable[[T], R], things: Iterable[T], instants: int) -> l
         return [work(x) for x in waiting]
     with alone():
         contexts = [contextvars.copy_context() for _ in waiting]
-    with ThreadPoolExecutor(count, "in_parallel") as pool:
-        return list(pool.map(lambda context, x: context.run(work, x), contexts, waiting))
+    pool = ThreadPoolExecutor(count, "in_parallel")
+    try:
+        done = list(pool.map(lambda context, x: context.run(work, x), contexts, waiting))
+    except BaseException:
+        # what still runs is of no use; an interruption does not wait for it
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
+    return done
 
 
 P = ParamSpec("P")

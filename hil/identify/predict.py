@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from hil.identify.context import update_load
 from hil.identify.design import Term, stack
 from hil.identify.problem import Problem
+from hil.identify.regression import least_squares
 from hil.identify.result import FitResult
 from hil.identify.solve import slices_of
 
@@ -68,7 +69,7 @@ def _without(r: FloatArray, term: Term, problem: Problem, sigma: FloatArray) -> 
     wide = columns if term.effect.scope.whole else columns[None]
     scale = sigma[at, None]
     rows = (wide / scale[..., None]).reshape(-1, wide.shape[-1])
-    part = np.linalg.lstsq(rows, (r[at] / scale).reshape(-1), rcond=None)[0]
+    part = least_squares(rows, (r[at] / scale).reshape(-1))
     out = r.copy()
     out[at] -= wide @ part
     return out

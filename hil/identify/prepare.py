@@ -34,21 +34,21 @@ from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
 #: Shortest run, in periods of the effort filter.
-SHORTEST = 6.0
+SHORTEST_RUN = 6.0
 #: Periods of the position filter's cut-off within which a bridge is as exact as the noise: a cubic
 #: over h = x / fc misses a wave of fc by (2 pi x)^4 / 384 of its amplitude, 2e-3 at 0.15 and less
 #: for what lies below.  Doubled, a bridge of 4 rows at 1 kHz counts as measured; halved, none of 2.
-EXACT = 0.15
+EXACT_BRIDGE = 0.15
 #: Error of a bridge, tried where rows are there, in units of the noise up to which it counts as
 #: measured, too: a cubic through four noisy rows strays by 1.3 from a fifth.  Doubled, bridges of a
 #: row more count; halved, none does.
-ALIKE = 2.0
+BRIDGE_STRAY = 2.0
 #: Periods of the position filter's cut-off by which the errors of a bridge reach beyond it: the
 #: 4th order Butterworth's slowest pole pair decays as exp(-2 pi fc t sin(22.5 deg)), to 1 % after
 #: 2 periods.  Halved it leaves 10 % in; doubled it costs as much data again.
-REACH = 2.0
+FILTER_REACH = 2.0
 #: Motion in units of the encoder's noise below which a joint is said to move little.
-LITTLE = 100.0
+LITTLE_EXCITATION = 100.0
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ def _excitation_notes(excitation: Sequence[Excitation]) -> list[tuple[str, str]]
         if x.held:
             text = f"{x.joint} only holds its place ({x.span:.2g}): nothing is learnt of it"
             out.append(("excitation", text))
-        elif x.grains < LITTLE:
+        elif x.grains < LITTLE_EXCITATION:
             text = (
                 f"{x.joint} moves by {x.span:.2g} only, {x.grains:.0f} times the noise of its "
                 "position: its friction and inertia are hardly determined"
@@ -320,11 +320,11 @@ def bridged(part: Even, cutoff: float) -> NDArray[np.bool_]:
     """Samples (n,) of a part that a bridge spoils behind a position filter of this cut-off [Hz]."""
     r = part.recording
     out = np.zeros(r.n, dtype=np.bool_)
-    reach = int(np.ceil(REACH / cutoff / r.period))
+    reach = int(np.ceil(FILTER_REACH / cutoff / r.period))
     exact: dict[int, bool] = {}
     for first, last in part.bridges:
         rows = int(last - first)
-        if (rows + 1) * r.period <= EXACT / cutoff:
+        if (rows + 1) * r.period <= EXACT_BRIDGE / cutoff:
             continue
         if rows not in exact:
             exact[rows] = rows <= FILLED and _as_measured(r, rows)
@@ -346,7 +346,7 @@ def _as_measured(r: Recording, rows: int) -> bool:
     for x in (r.q, r.tau):
         parts = [w * x[reach + k : reach + k + size] for w, k in zip(weight, near, strict=True)]
         error = np.sqrt(np.mean((x[reach : reach + size] - np.sum(parts, axis=0)) ** 2, axis=0))
-        if np.any(error > ALIKE * standstill.position_noise(x)):
+        if np.any(error > BRIDGE_STRAY * standstill.position_noise(x)):
             return False
     return True
 
@@ -367,10 +367,10 @@ def prepare(
     stride = max(1, int(fs / (5.0 * rates.position)))
     pick, step = slice(None, None, stride), stride / fs
     t = np.arange(q[pick].shape[0], dtype=np.float64) * step
-    if t.size * step * rates.effort < SHORTEST:
+    if t.size * step * rates.effort < SHORTEST_RUN:
         raise DataError(
             f"run {r.name!r} of {r.n / fs:.3g} s is too short for a filter of "
-            f"{rates.effort:.3g} Hz; record {SHORTEST / rates.effort:.2g} s or more"
+            f"{rates.effort:.3g} Hz; record {SHORTEST_RUN / rates.effort:.2g} s or more"
         )
     motion = Motion(
         t=t,

@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 #: Raw columns of the motion alone are kept up to this size [bytes], else made again.
 KEPT = 2**27
 #: Raw columns that pass the filter at once [bytes]: more would leave the processor's cache.
-BATCH = 2**22
+ROW_BATCH = 2**22
 
 
 def _later(x: FloatArray, t: FloatArray, seconds: float) -> FloatArray:
@@ -422,7 +422,7 @@ class Problem(Rows):
         found = {s: known for s, known in there.items() if known is not None}
         while missing:
             made = [self._made(effect, j, missing[0])]
-            room = max(1, BATCH // max(sum(x.nbytes for x in made[0][0]), 1))
+            room = max(1, ROW_BATCH // max(sum(x.nbytes for x in made[0][0]), 1))
             now, missing = missing[:room], missing[room:]
             made += [self._made(effect, j, s) for s in now[1:]]
             runs = zip(*(raw for raw, _ in made), strict=True)

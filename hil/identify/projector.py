@@ -17,8 +17,8 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.identify.design import Term, block
-from hil.identify.problem import BATCH, Problem
-from hil.identify.regression import basis
+from hil.identify.problem import ROW_BATCH, Problem
+from hil.identify.regression import basis, least_squares
 from hil.identify.solve import factors
 from hil.models.effect import Effect, strict
 
@@ -123,7 +123,7 @@ class Projector:
         rows = self.rows(term)
         right, known = columns.T @ self.residual[rows], self.inner(rows, columns)
         gram = columns.T @ columns - known.T @ known
-        return float(right @ np.linalg.lstsq(gram, right, rcond=1e-9)[0])
+        return float(right @ least_squares(gram, right, 1e-9))
 
     def gains(self, term: Term, shapes: Sequence[tuple[float, ...]]) -> FloatArray:
         """The same for several shapes of the term."""
@@ -138,7 +138,7 @@ class Projector:
         """Scores of a term for several shapes, in batches of columns that fit the memory."""
         if len(shapes) > 1 and not term.per_run:
             first = block(self.problem, term.reshaped(shapes[0]))
-            for some in batches(shapes, max(1, BATCH // max(first.nbytes, 1))):
+            for some in batches(shapes, max(1, ROW_BATCH // max(first.nbytes, 1))):
                 parts = self.problem.several(term.effect, term.joint, some)
                 if len({p.shape[-1] for p in parts}) == 1:
                     yield self._known(term, some, self._stacked(term, parts))

@@ -15,12 +15,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from hil.errors import FitError
 from hil.identify.problem import Problem
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 #: Columns below this share of the largest are zero but for rounding.
-ROUNDING = 1e-11
+RANK_ROUNDING = 1e-11
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def basis(x: FloatArray, noise_to_signal: float = 1e-9) -> Basis:
 def unit_scale(norm: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Scales (p,) of columns of some length (p,), 1 where they are zero; and which are not."""
     # a column that is nothing but rounding must not be scaled up to a direction of its own
-    live = norm > max(1e-300, ROUNDING * float(norm.max(initial=0.0)))
+    live = norm > max(1e-300, RANK_ROUNDING * float(norm.max(initial=0.0)))
     return np.where(live, norm, 1.0), live
 
 
@@ -104,10 +105,47 @@ def of_factors(q: Sequence[FloatArray], r: Sequence[FloatArray], least: float = 
 
 def _determined(q: FloatArray, r: FloatArray, scale: FloatArray, least: float) -> Basis:
     """Basis of Q R D without the directions whose singular value is below `least`."""
-    u, s, vt = np.linalg.svd(r, full_matrices=False)
+    u, s, vt = decomposed(r)
     keep = s > max(1e-9, least) * (s[0] if s.size else 1.0)
     k = int(np.sum(keep))
     return Basis(q @ u[:, :k], s[:k], vt[:k].T, scale)
+
+
+def decomposed(a: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Thin singular value decomposition U, s, V' of a finite matrix (n, p).
+
+    The usual algorithm of LAPACK (divide and conquer) gives up on some finite matrices; the
+    slower one by QR steps decomposes them too.
+
+    Raises
+    ------
+    FitError
+        If the matrix is not finite.
+    """
+    try:
+        u, s, vt = np.linalg.svd(a, full_matrices=False)
+    except np.linalg.LinAlgError:
+        _refuse_not_finite(a)
+        u, s, vt = scipy.linalg.svd(a, full_matrices=False, lapack_driver="gesvd")
+    return u, s, vt
+
+
+def least_squares(a: FloatArray, y: FloatArray, rcond: float | None = None) -> FloatArray:
+    """Solution of least norm of A x = y, (p,) or (p, k); algorithms as in `decomposed`."""
+    try:
+        x = np.linalg.lstsq(a, y, rcond=rcond)[0]
+    except np.linalg.LinAlgError:
+        _refuse_not_finite(a, y)
+        x = scipy.linalg.lstsq(a, y, cond=rcond, lapack_driver="gelss")[0]
+    return np.asarray(x, dtype=np.float64)
+
+
+def _refuse_not_finite(*arrays: FloatArray) -> None:
+    if not all(np.isfinite(a).all() for a in arrays):
+        raise FitError(
+            "the equations of the fit hold numbers that are infinite or none; values of the "
+            "recording or of the model are out of any physical range: look at them with 'hil info'"
+        )
 
 
 def extended(b: Basis, columns: FloatArray, noise_to_signal: float = 1e-9) -> Basis:

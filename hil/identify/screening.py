@@ -29,9 +29,9 @@ FloatArray = NDArray[np.float64]
 #: Instants beyond which the screening uses every second, third, ... one.
 ENOUGH = 8000
 #: Orders that are fitted exactly, how many of them first, and from how many on it pays to choose.
-EXACT, FIRST, MANY = 10, 3, 24
+EXACT_FEW, FIRST, MANY = 10, 3, 24
 #: Exact over approximate gain: in 95 of 100 orders that promise much it is less than this.
-SURE = 1.7
+GAIN_RATIO = 1.7
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,7 @@ def _waves(problem: Problem, j: int, orders: FloatArray, q: FloatArray) -> NDArr
     return found
 
 
-def promising(gains: FloatArray, count: int = EXACT) -> list[int]:
+def promising(gains: FloatArray, count: int = EXACT_FEW) -> list[int]:
     """Indices of the best orders with their neighbours, in the order of the grid."""
     best = np.argsort(-gains)[:count]
     near = {int(k) + step for k in best[:3] for step in (-1, 0, 1)}
@@ -279,7 +279,7 @@ def tried(
     near = waves.gains(back)
     out = _gains(projector, term, [grid[k] for k in promising(near, FIRST)])
     most = max(out.values())
-    more = [k for k in promising(near) if SURE * near[k] > most and grid[k] not in out]
+    more = [k for k in promising(near) if GAIN_RATIO * near[k] > most and grid[k] not in out]
     out |= _gains(projector, term, [grid[k] for k in more])
     return dict(sorted(out.items()))
 

@@ -260,7 +260,7 @@ def _refine(
 
 #: Share of the larger side that a golden step takes, and the closest step to a known point.
 GOLDEN, CLOSEST = 0.381966, 0.01
-MOST = 12
+GOLDEN_STEPS = 12
 Function = Callable[[float], float]
 
 
@@ -288,7 +288,7 @@ def line_search(
             return b, f(b)
         a, b, c = found
     width = 2 * (c - a)
-    for _ in range(MOST):
+    for _ in range(GOLDEN_STEPS):
         x, promise = _vertex(f, a, b, c)
         if promise < tolerance:
             break

@@ -33,14 +33,14 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int_]
 T = TypeVar("T")
 #: Parts of a run that are held out in turn.
-FOLDS = 3
+SIMULATION_FOLDS = 3
 #: Lengths of fitted windows, in the one that is judged, and their pulls; the first pull with all.
 LENGTHS = (1.0, 0.5, 0.25)
 PULLS = (0.005, 0.0005, 0.05)
 #: Windows of one length at most; the ends of a run [s] that filters blur.
-MOST, EDGE = 24, 0.2
+MAX_WINDOWS, EDGE = 24, 0.2
 #: Instants of the shortest window.
-SHORTEST = 2
+SHORTEST_WINDOW = 2
 #: Lengths [s] that are judged where none is asked for: the longest that stays in range.
 USUAL = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
 #: Steps of a fit that is judged, and of the last one.
@@ -50,7 +50,7 @@ GAIN = 1e-3
 
 
 @dataclass(frozen=True)
-class Errors:
+class SimulationErrors:
     """Both errors of one model on data it was not fitted to.
 
     Parameters
@@ -104,8 +104,8 @@ class SimulatedFit:
     better: bool
     judged: float
     free_run: bool
-    heldout: tuple[Errors, Errors]
-    official: tuple[Errors, Errors] | None = None
+    heldout: tuple[SimulationErrors, SimulationErrors]
+    official: tuple[SimulationErrors, SimulationErrors] | None = None
     tried: list[Tried] = field(default_factory=list)
 
     @property
@@ -128,7 +128,9 @@ class SimulatedFit:
         }
 
 
-def _named(pair: tuple[Errors, Errors], joints: Sequence[str]) -> dict[str, object]:
+def _named(
+    pair: tuple[SimulationErrors, SimulationErrors], joints: Sequence[str]
+) -> dict[str, object]:
     """Errors before and after by joint."""
     return {
         when: {
@@ -178,7 +180,7 @@ def refine(
         if tried:
             lengths = [max(alike([x.errors for x in tried.values()], [k[0] for k in tried]))]
         new = [(length, pull) for length in lengths for pull in pulls]
-        say(f"simulating {len(new) * FOLDS} fits of {work.where.size} directions")
+        say(f"simulating {len(new) * SIMULATION_FOLDS} fits of {work.where.size} directions")
         tried |= dict(zip(new, work.judge(new), strict=True))
     best = min((k for k in tried if k[0] == lengths[0]), key=lambda k: tried[k].ratio)
     order = [best, *(k for k in tried if k != best)]
@@ -200,12 +202,12 @@ def refine(
     )
 
 
-def free_run(result: FitResult, holdout: Sequence[Recording]) -> Errors:
+def free_run(result: FitResult, holdout: Sequence[Recording]) -> SimulationErrors:
     """Both errors on other runs, simulated from the first state of each stretch to its end."""
     return _official(result, _like(result.problem, holdout))
 
 
-def alike(errors: Sequence[Errors], what: Sequence[T]) -> list[T]:
+def alike(errors: Sequence[SimulationErrors], what: Sequence[T]) -> list[T]:
     """Those whose held-out simulated error is within one standard error of the least.
 
     With c_w the squared error of window w, each joint in its own scale, and b the best of them,
@@ -237,7 +239,7 @@ def chosen(fits: Sequence[SimulatedFit]) -> int:
 class _Fold:
     """Held-out errors of one plan, and their ratio to those of the one-step fits."""
 
-    errors: Errors
+    errors: SimulationErrors
     ratio: float
 
 
@@ -249,9 +251,9 @@ class _Refiner:
         self.where, self.free_run = Coordinates(result), free_run
         self.simulator = Simulator(self.problem, result)
         self._units: dict[int, FloatArray] = {}
-        self._third = [m.n // FOLDS for m in self.problem.motions]
+        self._third = [m.n // SIMULATION_FOLDS for m in self.problem.motions]
         self._dt = self.problem.motions[0].dt
-        self._centres = [self.where.one_step(self._rows(f, False)) for f in range(FOLDS)]
+        self._centres = [self.where.one_step(self._rows(f, False)) for f in range(SIMULATION_FOLDS)]
         self._edge = 0 if free_run else round(EDGE / self._dt)
         longest = min(min(self._third) - self._edge - 1, self._unbroken())
         self.horizon = longest if free_run else self._asked(window, longest)
@@ -266,7 +268,7 @@ class _Refiner:
                 for i, third in enumerate(self._third)
                 for a, b in [(0, 1), *self._whole(i, f * third, (f + 1) * third)]
             )
-            for f in range(FOLDS)
+            for f in range(SIMULATION_FOLDS)
         )
 
     def _whole(self, i: int, a: int, b: int) -> list[tuple[int, int]]:
@@ -307,12 +309,14 @@ class _Refiner:
         tasks = [
             self._task(round(a / self._dt), pull, fold)
             for a, pull in plans
-            for fold in range(FOLDS)
+            for fold in range(SIMULATION_FOLDS)
         ]
         descend(self.where, self.simulator, tasks, STEPS)
         out = []
         for k in range(len(plans)):
-            errors = self._errors([t.z for t in tasks[k * FOLDS : (k + 1) * FOLDS]])
+            errors = self._errors(
+                [t.z for t in tasks[k * SIMULATION_FOLDS : (k + 1) * SIMULATION_FOLDS]]
+            )
             ratio = errors.simulated / np.maximum(self.before.simulated, 1e-300)
             out.append(_Fold(errors, float(np.sqrt(np.mean(ratio**2)))))
         return out
@@ -347,26 +351,26 @@ class _Refiner:
             ends = zip(cuts[::2], cuts[1::2], strict=True)
             whole = [x for a, b in ends for x in self._whole(i, a, min(b, m.n - self._edge))]
             parts = [_spaced(a, b, horizon, 2) for a, b in [(0, 0), *whole]]
-            out.append(_thinned(np.concatenate(parts), MOST // len(self.problem.motions)))
+            out.append(_thinned(np.concatenate(parts), MAX_WINDOWS // len(self.problem.motions)))
         return out
 
     def _heldout(self, horizon: int, fold: int | None = None) -> list[IntArray]:
         """First instants of windows within thirds, one after the other, run by run."""
         out = []
         for i, third in enumerate(self._third):
-            ks = range(FOLDS) if fold is None else [fold]
+            ks = range(SIMULATION_FOLDS) if fold is None else [fold]
             whole = [x for k in ks for x in self._whole(i, k * third, (k + 1) * third)]
             parts = [_spaced(a, b, horizon, 1) for a, b in [(0, 0), *whole]]
-            out.append(_thinned(np.concatenate(parts), MOST))
+            out.append(_thinned(np.concatenate(parts), MAX_WINDOWS))
         return out
 
     def _rows(self, fold: int, inside: bool) -> NDArray[np.bool_]:
         """Rows (n,) of the one-step fit inside or outside a third."""
         spans = [m.n * m.dt for m in self.problem.motions]
-        part = self.problem.t * FOLDS // np.array(spans)[self.problem.run]
-        return np.asarray((np.minimum(part, FOLDS - 1) == fold) == inside)
+        part = self.problem.t * SIMULATION_FOLDS // np.array(spans)[self.problem.run]
+        return np.asarray((np.minimum(part, SIMULATION_FOLDS - 1) == fold) == inside)
 
-    def _errors(self, zs: Sequence[FloatArray]) -> Errors:
+    def _errors(self, zs: Sequence[FloatArray]) -> SimulationErrors:
         """Errors of the models of every fold on its held-out third."""
         models = [self.where.at(z) for z in zs]
         asked = [
@@ -378,7 +382,7 @@ class _Refiner:
             rows = self._rows(k, True)
             left[:, rows] = _residual(m)[:, rows]
         one = relative(left, self.problem.effort)
-        return Errors(one, np.sqrt(np.mean(each, axis=0)), each)
+        return SimulationErrors(one, np.sqrt(np.mean(each, axis=0)), each)
 
 
 def _spaced(a: int, b: int, horizon: int, overlap: int) -> IntArray:
@@ -395,7 +399,7 @@ def _thinned(starts: IntArray, most: int) -> IntArray:
     return starts[few.astype(np.int_)]
 
 
-def _official(result: FitResult, other: Problem, horizon: int = 0) -> Errors:
+def _official(result: FitResult, other: Problem, horizon: int = 0) -> SimulationErrors:
     """Both errors on other runs: windows one after the other, or with 0 the whole of each.
 
     None leaves its stretch between gaps.
@@ -407,7 +411,7 @@ def _official(result: FitResult, other: Problem, horizon: int = 0) -> Errors:
         for a, b in other.stretches(k):
             start = max(a, edge)
             long = min(horizon or m.n, b - start - 1)
-            if long < SHORTEST:
+            if long < SHORTEST_WINDOW:
                 continue
             first = _spaced(start, b, long, 1)
             starts = [first if i == k else first[:0] for i in range(len(other.motions))]
@@ -416,7 +420,7 @@ def _official(result: FitResult, other: Problem, horizon: int = 0) -> Errors:
     if not each:
         raise DataError("gaps leave no stretch of the held-out runs that is long enough")
     square = np.concatenate(each)
-    return Errors(one, np.sqrt(np.mean(square, axis=0)), square)
+    return SimulationErrors(one, np.sqrt(np.mean(square, axis=0)), square)
 
 
 def _like(problem: Problem, others: Sequence[Recording]) -> Problem:

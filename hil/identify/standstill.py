@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 #: Share of the filter's window that may stand before an instant is left out.
 TOLERATED = 0.7
 #: Peak-to-peak noise of an encoder in standard deviations.
-PEAKS = 7.0
+PEAK_TO_PEAK = 7.0
 #: Periods of the position filter's cut-off by which each edge of a standstill is widened.
 SMEAR = 0.35
 #: A joint with less than this share of its instants left keeps them all: poses are all there is.
@@ -65,7 +65,9 @@ def standing(
     out = np.zeros(q.shape)
     for j in range(q.shape[1]):
         span = float(np.ptp(q[:, j]))
-        band = max(PEAKS * float(noise[j]) * (quantum[j] == 0), 1.01 * quantum[j], 1e-6 * span)
+        band = max(
+            PEAK_TO_PEAK * float(noise[j]) * (quantum[j] == 0), 1.01 * quantum[j], 1e-6 * span
+        )
         typical = max(float(np.sqrt(np.mean(qdd[:, j] ** 2))), 1e-12)
         # a reversal with acceleration a stays within the band for sqrt(8 band / a)
         window = float(np.clip(1.5 * np.sqrt(8 * band / typical), 5 / fs, longest))

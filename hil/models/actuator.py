@@ -182,11 +182,11 @@ KNEES = {0.0: ("clipped", 0.98, 10), 4.0: ("a round knee", 1.8, 9), 2.0: ("gradu
 #: many such rows nothing is left to be explained.
 FREE = 0.8
 #: Share of the effort that a limit that acts takes at the largest command, at least.
-LEAST = 0.01
+LIMIT_SHARE = 0.01
 #: Limit, as a share of the largest effort, beyond which it is none: a law that bends everywhere.
-BEYOND = 2.0
+LIMIT_REACH = 2.0
 #: Rows by which the command must be beyond a limit.
-ROWS = 10
+ROWS_BEYOND = 10
 #: Share of the joint's largest command that a leak from the other one's largest is, at least.
 LEAK = 0.01
 #: Order of the polynomial of two positions that a leak is set against.
@@ -211,9 +211,9 @@ def _torque_saturation_felt(f: Fitted) -> bool:
     """
     limit, order = float(f.shape[0]), float(f.shape[1])
     size = np.sort(np.abs(f.motion.tau[:, f.j]))
-    met = size[-ROWS:][:1]
-    felt = bool(np.all(met - given(met, limit, order) > LEAST * met))
-    inside = 1.02 * least_limit(size, order) < limit < BEYOND * size[-1]
+    met = size[-ROWS_BEYOND:][:1]
+    felt = bool(np.all(met - given(met, limit, order) > LIMIT_SHARE * met))
+    inside = 1.02 * least_limit(size, order) < limit < LIMIT_REACH * size[-1]
     return felt and inside
 
 

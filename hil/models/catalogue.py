@@ -16,7 +16,8 @@ from types import ModuleType
 from hil import consent
 from hil.errors import ConfigError, unknown
 from hil.models.effect import FIXED, NEVER, Effect
-from hil.models.parts import Doc, Relations, Scope, Search, Trait, Variation
+from hil.models.parts import Doc, Relations, Scope, ShapeSearch, Trait, Variation
+from hil.userfile import LARGEST_TEXT, read_bytes
 
 #: Modules with a tuple `EFFECTS`; adding an effect touches its own file, its test, one line here.
 MODULES = (
@@ -108,7 +109,10 @@ def load_plugin(path: Path, said_in: Path | None = None) -> None:
     spec = importlib.util.spec_from_file_location(f"hil_plugin_{path.stem}", path)
     if not path.is_file() or spec is None:
         raise ConfigError(f"plugin {path}: no such Python file")
-    source = path.read_bytes()
+    try:
+        source = read_bytes(path, LARGEST_TEXT)
+    except OSError as error:
+        raise ConfigError(f"plugin {path} cannot be read: {error}") from error
     if said_in is not None:
         consent.require(consent.plugin(path, source), str(said_in))
     module = importlib.util.module_from_spec(spec)
@@ -168,7 +172,7 @@ PARTS: dict[str, tuple[type, str, object, tuple[str, ...]]] = {
         ("replaces", "twins", "limit", "foils", "state"),
     ),
     "search": (
-        Search,
+        ShapeSearch,
         "Grid(shapes), shapes(motion, j) a function",
         FIXED,
         (

@@ -36,7 +36,7 @@ from hil.models.presliding import slip_state
 from hil.models.robots import IndependentAxes
 
 #: Beyond the range by this factor a function of the position stays where it ends.
-BEYOND = 1.05
+RANGE_FACTOR = 1.05
 #: Degree of a function of the position.  Half: a joint's cable or foam needs two corrections;
 #: double: runs that go a little further than the fitted ones are foretold worse than without.
 DEGREE = 4
@@ -46,7 +46,7 @@ SLIPS, WIDER = (0.001, 0.003, 0.01, 0.03), (1.0, 3.0, 9.0)
 #: Times in which something follows the position [s].
 TIMES = (0.02, 0.06, 0.2, 0.6, 2.0)
 #: Speeds at which a friction peak fades, in units of the rms speed.
-PEAKS = (0.1, 0.3)
+FADING_SPEEDS = (0.1, 0.3)
 
 _CENTRE = Param("centre", "{x}", "middle of the range of the position")
 _HALF = Param("half", "{x}", "half the range of the position", 0.0)
@@ -65,7 +65,7 @@ def _range(motion: Motion, j: int) -> tuple[float, float]:
 
 def _powers(q: FloatArray, centre: float, half: float, degree: int) -> FloatArray:
     """Chebyshev polynomials 0 to `degree` of a position over its range, shape (n, degree + 1)."""
-    x = np.clip((q - centre) / half, -BEYOND, BEYOND)
+    x = np.clip((q - centre) / half, -RANGE_FACTOR, RANGE_FACTOR)
     return np.asarray(chebvander(x, degree), dtype=np.float64)
 
 
@@ -174,7 +174,7 @@ class OfSpeed(Correction):
         ),
         variables="the speed",
     )
-    params = _coefficients(5 + len(PEAKS), "coefficient of a function of the speed")
+    params = _coefficients(5 + len(FADING_SPEEDS), "coefficient of a function of the speed")
     shape = (_RMS,)
     search = Grid(_of_speed_grid, refine=False)
 
@@ -182,7 +182,7 @@ class OfSpeed(Correction):
         """Powers of the speed, and peaks about zero."""
         v, sign = motion.qd[:, j] / shape[0], motion.sign(j)
         size = np.abs(v)
-        peaks = (sign * np.exp(-((v / peak) ** 2)) for peak in PEAKS)
+        peaks = (sign * np.exp(-((v / peak) ** 2)) for peak in FADING_SPEEDS)
         return np.stack([v, size, v * size, sign * np.sqrt(size), np.abs(sign), *peaks], axis=1)
 
 
@@ -324,15 +324,15 @@ class OfOtherJoint(Correction):
 
 
 #: Joints, nearest in the chain first, whose angles count; 72 products of two of them.
-MOST = 6
+MAX_ANGLES = 6
 #: Range of a joint below which it holds its place [rad].
-LITTLE = 0.02
+LITTLE_SHARE = 0.02
 
 
 def moving(motion: Motion, j: int) -> list[int]:
-    """Joints that move, at most `MOST`, those nearest to joint j first."""
-    some = [k for k in range(motion.d) if np.ptp(motion.span[k]) > LITTLE]
-    return sorted(sorted(some, key=lambda k: abs(k - j))[:MOST])
+    """Joints that move, at most `MAX_ANGLES`, those nearest to joint j first."""
+    some = [k for k in range(motion.d) if np.ptp(motion.span[k]) > LITTLE_SHARE]
+    return sorted(sorted(some, key=lambda k: abs(k - j))[:MAX_ANGLES])
 
 
 def waves(motion: Motion, k: int) -> tuple[FloatArray, FloatArray]:

@@ -31,20 +31,20 @@ FASTEST = 25.0
 #: Fewest periods in a run: what is slower is a drift.
 PERIODS = 4.0
 #: Parts of a run in which a law's values may differ.
-PARTS = 8
+LAW_PARTS = 8
 #: Shortest time constant of a drift, in lengths of the run.
-SHORTEST = 0.1
+SHORTEST_DRIFT = 0.1
 
 
 def _friction_drift_lasts(f: Fitted) -> bool:
     """What is over within a tenth of the run is no drift: that run began differently."""
-    return bool(f.shape[1]) or f.shape[0] > 1.01 * SHORTEST * float(f.motion.since[-1])
+    return bool(f.shape[1]) or f.shape[0] > 1.01 * SHORTEST_DRIFT * float(f.motion.since[-1])
 
 
 def _friction_drift_grid(motion: Motion, j: int) -> Shapes:
     """A tenth of the run to three times its length; temperature where it was recorded."""
     length = max(float(motion.since[-1]), 1e-9)
-    times = [(x, 0.0) for (x,) in log_grid(SHORTEST * length, 3 * length, 7)]
+    times = [(x, 0.0) for (x,) in log_grid(SHORTEST_DRIFT * length, 3 * length, 7)]
     known = motion.temperature.shape == motion.q.shape and np.ptp(motion.temperature[:, j]) > 0
     return [*times, (length, 1.0)] if known else list(times)
 
@@ -111,8 +111,8 @@ def _periodic_disturbance_foils(
 
     What changes once leaves the motion's own lines, a little shifted.
     """
-    part = np.floor(PARTS * motion.since / max(float(motion.since[-1]), 1e-9))
-    here = part[:, None].clip(0, PARTS - 1) == np.arange(PARTS)
+    part = np.floor(LAW_PARTS * motion.since / max(float(motion.since[-1]), 1e-9))
+    here = part[:, None].clip(0, LAW_PARTS - 1) == np.arange(LAW_PARTS)
     own = (motion.qdd[:, j], motion.qd[:, j], motion.sign(j), motion.q[:, j])
     return [here * x[:, None] for x in own]
 

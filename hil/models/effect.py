@@ -26,7 +26,7 @@ from hil.models.parts import (
     PER_RUN,
     RELATIVE,
     STRICT,
-    SURE,
+    VALUE_DEVIATIONS,
     Doc,
     Fitted,
     Grid,
@@ -36,9 +36,9 @@ from hil.models.parts import (
     Over,
     Relations,
     Scope,
-    Search,
     Shape,
     Shapes,
+    ShapeSearch,
     Sight,
     Trait,
     Twin,
@@ -56,7 +56,7 @@ __all__ = [
     "PER_RUN",
     "RELATIVE",
     "STRICT",
-    "SURE",
+    "VALUE_DEVIATIONS",
     "Doc",
     "Effect",
     "Fitted",
@@ -68,8 +68,8 @@ __all__ = [
     "Param",
     "Relations",
     "Scope",
-    "Search",
     "Shape",
+    "ShapeSearch",
     "Shapes",
     "Sight",
     "Trait",
@@ -127,7 +127,7 @@ class Effect(ABC):
     scope: ClassVar[Scope] = Scope()
     variation: ClassVar[Variation] = NEVER
     relations: ClassVar[Relations] = Relations()
-    search: ClassVar[Search] = FIXED
+    search: ClassVar[ShapeSearch] = FIXED
     limits: ClassVar[tuple[Limit, ...]] = (BOUNDS,)
     traits: ClassVar[Trait] = Trait.NONE
 

@@ -151,9 +151,9 @@ def behind(u: FloatArray, dt: float, shape: Sequence[float]) -> FloatArray:
 
 
 #: Share of the motor's effort from which an external one tells a late motion from a late command.
-PUSH = 0.1
+TELLING_PUSH = 0.1
 #: Orders of an eccentric disc beyond this many periods over the span are a motor's cogging.
-HIGHEST = 40.0
+DISC_ORDER = 40.0
 #: Shape of jumps that are recorded, and the coefficient that says that they were lost counts.
 SEEN = (0.0,)
 CONFIRMED = Param("a", "1", "share of the recorded jumps that the effort confirms as lost", 0.0)
@@ -175,7 +175,7 @@ def _encoder_eccentricity_powers(motion: Motion, j: int) -> NDArray[np.complex12
 
 def _encoder_eccentricity_grid(motion: Motion, j: int) -> Shapes:
     """Every half order over the span."""
-    return position_orders(motion, j, HIGHEST)
+    return position_orders(motion, j, DISC_ORDER)
 
 
 def _encoder_eccentricity_lacks(motion: Motion, j: int) -> str:
@@ -335,7 +335,7 @@ class MissedCounts(Effect):
 
 def _filter_lag_lacks(motion: Motion, j: int) -> str:
     """Structural: without an external effort it is a delay of the command."""
-    if np.std(motion.tau_ext[:, j]) > PUSH * np.std(motion.tau[:, j]):
+    if np.std(motion.tau_ext[:, j]) > TELLING_PUSH * np.std(motion.tau[:, j]):
         return ""
     return (
         "without a measured external force of some size a lag of the measured motion is the "

@@ -18,6 +18,7 @@ from hil.models import catalogue
 from hil.models.model import ALL, BASE_EFFECTS, Band, Range, RobotModel, Use, Value
 from hil.models.param_text import in_words
 from hil.record.recording import RobotSource
+from hil.userfile import parse_toml, read_text
 
 __all__ = ["SCHEMA", "read_model", "write_model"]
 _TOP = ("schema", "robot", "effects", "signal", "plugins", "valid")
@@ -37,7 +38,7 @@ def read_model(path: str | Path) -> RobotModel:
     """
     path = Path(path)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = parse_toml(read_text(path))
     except FileNotFoundError as error:
         raise ConfigError(f"model {path}: no such file") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
@@ -161,7 +162,7 @@ def _source(robot: dict[str, Any], path: Path) -> RobotSource:
         return RobotSource(preset=str(robot.get("preset", "")), tip=tip)
     file = path.parent / str(robot["urdf"])
     try:
-        return RobotSource(preset="", urdf=file.read_text(encoding="utf-8"), tip=tip)
+        return RobotSource(preset="", urdf=read_text(file), tip=tip)
     except OSError as error:
         raise ConfigError(f"[robot] urdf = {robot['urdf']!r}: no such file ({file})") from error
 

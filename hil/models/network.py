@@ -19,7 +19,7 @@ from hil.models.motion import FloatArray, Motion
 #: Inputs by the value of the shape: own speed; position and speed; above 0 the other joint.
 SPEED, PLACE = 0.0, -1.0
 #: Speed that counts as 1, in multiples of the rms speed (about the 95 % quantile of |v|).
-WIDE = 2.0
+UNIT_SPEED = 2.0
 
 
 @lru_cache(maxsize=8)
@@ -69,9 +69,11 @@ def dictionary(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
 
 def input_sets(motion: Motion, j: int) -> Shapes:
     """Shapes: own speed, position and speed, own and every other joint's speed."""
-    size = WIDE * typical_speed(motion, j)
+    size = UNIT_SPEED * typical_speed(motion, j)
     others = [
-        (float(k + 1), size, WIDE * typical_speed(motion, k)) for k in range(motion.d) if k != j
+        (float(k + 1), size, UNIT_SPEED * typical_speed(motion, k))
+        for k in range(motion.d)
+        if k != j
     ]
     return [(SPEED, size, 1.0), (PLACE, size, 1.0), *others]
 

@@ -26,7 +26,7 @@ Shapes = list[tuple[float, ...]]
 #: Unusual forms, and what they must beat: an effect and its shapes.
 Others = tuple[Shapes, "Effect", Shapes]
 #: Standard errors from which on a value is not chance.
-SURE = 2.0
+VALUE_DEVIATIONS = 2.0
 #: The instance that declares no shape parameters has one shape, an empty one.
 _EMPTY: Shapes = [()]
 
@@ -352,7 +352,7 @@ def _no_powers(motion: Motion, j: int) -> NDArray[np.complex128] | None:
 
 
 @dataclass(frozen=True)
-class Search:
+class ShapeSearch:
     """How the shape values are found: not at all (`FIXED`), or as the subclasses say.
 
     Parameters
@@ -386,12 +386,12 @@ class Search:
 
 
 @dataclass(frozen=True)
-class Grid(Search):
+class Grid(ShapeSearch):
     """Values on a grid, then a climb of the first one."""
 
 
 @dataclass(frozen=True)
-class Waves(Search):
+class Waves(ShapeSearch):
     """Orders of waves over position, of which a long grid is screened at once.
 
     Parameters
@@ -408,11 +408,11 @@ class Waves(Search):
 
 
 @dataclass(frozen=True)
-class Lines(Search):
+class Lines(ShapeSearch):
     """Frequencies in time: the columns are [sin, cos] of 2 pi f t, f [Hz] the only shape."""
 
 
-FIXED = Search()
+FIXED = ShapeSearch()
 
 
 # ------------------------------------------------------------ limits
@@ -445,9 +445,9 @@ class Fitted:
 
     @property
     def slack(self) -> list[float]:
-        """What every coefficient may lack: `SURE` standard errors; zero where unknown."""
+        """Doubt of every coefficient: `VALUE_DEVIATIONS` standard errors; zero where unknown."""
         known = self.error if len(self.error) == len(self.beta) else [0.0] * len(self.beta)
-        return [SURE * e if math.isfinite(e) else 0.0 for e in known]
+        return [VALUE_DEVIATIONS * e if math.isfinite(e) else 0.0 for e in known]
 
 
 @dataclass(frozen=True)
@@ -470,7 +470,7 @@ class Limit:
 
 
 def _within(f: Fitted) -> bool:
-    """Whether all lie within their bounds, but for `SURE` standard errors."""
+    """Whether all lie within their bounds, but for `VALUE_DEVIATIONS` standard errors."""
     if len(f.effect.params) != len(f.beta):
         return True
     return all(

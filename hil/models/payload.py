@@ -23,7 +23,7 @@ import scipy.optimize
 
 from hil.models.effect import (
     AT_AN_INSTANT,
-    SURE,
+    VALUE_DEVIATIONS,
     Doc,
     Effect,
     Fitted,
@@ -50,7 +50,7 @@ SOME, UNSEEN = 400, 1e-5
 #: Rounding of an eigenvalue, and the least one that a search starts from, in the largest.
 EXACT, NEAR = 1e-12, 1e-4
 #: Columns below this share of the largest are zero but for rounding.
-ROUNDING = 1e-11
+NULL_ROUNDING = 1e-11
 _MOMENTS = (("mx", "x"), ("my", "y"), ("mz", "z"))
 _INERTIAS = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
@@ -127,7 +127,7 @@ class Payload(Effect):
         first = link or next(iter(motion.robot.links), 0)
         out = motion.robot.body_load(motion.q, motion.qd, motion.qdd, first)
         size = np.abs(out).max(axis=(0, 1), initial=0.0)
-        acts = size > ROUNDING * size.max(initial=0.0)
+        acts = size > NULL_ROUNDING * size.max(initial=0.0)
         return np.where(acts if link else acts & (np.arange(10) == 0), out, 0.0)
 
 
@@ -166,7 +166,7 @@ def _noise(seen: FloatArray, errors: FloatArray) -> float:
         return 0.0
     rank = float(np.linalg.matrix_rank(seen / scale, tol=UNSEEN))
     s2 = float(np.median(np.max(errors[:, live] ** 2, axis=0) / known[live]))
-    return float(s2 * (rank + SURE * np.sqrt(2 * rank)))
+    return float(s2 * (rank + VALUE_DEVIATIONS * np.sqrt(2 * rank)))
 
 
 def _inverse(seen: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -209,7 +209,7 @@ def _apart(seen: FloatArray, pi: FloatArray) -> float:
 
 
 #: Farthest that a load's centre lies from the tip [m].
-REACH = 0.5
+PAYLOAD_REACH = 0.5
 MASS = Param("m", "kg", "mass at the tip from then on, more than before")
 MOMENTS = tuple(
     Param(name, "kg m", f"its first moment about the tip, {axis} axis of the last link")
@@ -231,7 +231,7 @@ def _payload_change_terms(motion: Motion, j: int) -> tuple[Param, ...]:
 
 def _payload_change_near(f: Fitted) -> bool:
     """The load's centre lies within reach of the tip."""
-    return float(np.linalg.norm(f.beta[1:])) <= REACH * abs(f.beta[0])
+    return float(np.linalg.norm(f.beta[1:])) <= PAYLOAD_REACH * abs(f.beta[0])
 
 
 def _payload_change_lacks(motion: Motion, j: int) -> str:

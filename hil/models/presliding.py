@@ -10,7 +10,7 @@ import numpy as np
 
 from hil.models.effect import (
     STRICT,
-    SURE,
+    VALUE_DEVIATIONS,
     Doc,
     Effect,
     Fitted,
@@ -33,9 +33,9 @@ LUGRE = 2.0
 #: Words for its values.
 FORMS = ((0.0, "Maxwell slip"), (1.0, "Dahl"), (LUGRE, "LuGre"))
 #: Least displacement over which friction builds up, in units of the least that is tried.
-WIDE = 1.1
+FORM_REACH = 1.1
 #: Share of the friction that loops carry at least, to be more than the error of a sign's form.
-LEAST = 0.02
+LOOP_SHARE = 0.02
 
 
 @numba.njit(cache=True, nogil=True)
@@ -142,11 +142,11 @@ def _presliding_state(
 
 def _presliding_remark(values: Mapping[str, float], errors: Mapping[str, float]) -> str:
     """LuGre's law without a rise of its level is Dahl's."""
-    if values["form"] != LUGRE or values["f2"] > SURE * errors["f2"]:
+    if values["form"] != LUGRE or values["f2"] > VALUE_DEVIATIONS * errors["f2"]:
         return ""
     return (
-        f"f2 is within {SURE:g} standard errors of zero: LuGre's law without a rise at low "
-        "speed is Dahl's, and vs then says nothing"
+        f"f2 is within {VALUE_DEVIATIONS:g} standard errors of zero: LuGre's law without a rise at "
+        "low speed is Dahl's, and vs then says nothing"
     )
 
 
@@ -172,13 +172,13 @@ def _presliding_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes
 def _presliding_carries(f: Fitted) -> bool:
     """Loops that carry a part of the friction, one of them surely; else it is a blunt sign."""
     sure = any(b > e for b, e in zip(f.beta[1:], f.slack[1:], strict=True))
-    part = sum(f.beta[1:]) > LEAST * sum(f.beta)
+    part = sum(f.beta[1:]) > LOOP_SHARE * sum(f.beta)
     return sure and part
 
 
 def _presliding_wide(f: Fitted) -> bool:
     """Over more than the least displacement that is tried: else a sign that turns a little late."""
-    return f.shape[0] >= WIDE * _least(f.motion, f.j)
+    return f.shape[0] >= FORM_REACH * _least(f.motion, f.j)
 
 
 def _presliding_others(motion: Motion, j: int, shape: Sequence[float]) -> Others | None:

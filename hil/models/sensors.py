@@ -89,7 +89,7 @@ def _axes(motion: Motion, frame: float) -> FloatArray:
 
 
 #: Share of the motor's effort from which a force is more than the noise of its sensor.
-PUSH = 0.05
+SENSED_PUSH = 0.05
 _SOURCE = "Cao, Laws, Rodriguez y Baena, IEEE Sensors J. 21(18), 2021 (six-axis force sensors)"
 
 
@@ -224,7 +224,7 @@ class ForceDrift(_ForceSensor):
 
 def pushed(motion: Motion) -> str:
     """Why an error that grows with the force cannot be seen; empty where a force of size acts."""
-    size = np.std(motion.tau_ext, axis=0) > PUSH * np.std(motion.tau, axis=0)
+    size = np.std(motion.tau_ext, axis=0) > SENSED_PUSH * np.std(motion.tau, axis=0)
     return "" if np.any(size) else "the measured force is no more than noise beside the effort"
 
 

@@ -108,7 +108,7 @@ def inside(motion: Motion, f: float) -> bool:
 
 
 #: Share of the load behind a spring or a play from which it is one (the rotor is before it).
-MOST = 0.25
+LOAD_SHARE = 0.25
 #: Frictions behind a play that are tried, in units of the load's standard deviation.
 FRICTIONS = (0.03, 0.06, 0.1, 0.15, 0.25)
 #: Tension that takes up half a play, in the same units: next to none.
@@ -153,7 +153,7 @@ class _Resonance(Effect):
 
 def _elastic_transmission_carries(f: Fitted) -> bool:
     """Within the band, and a good part of the load behind it; a small one is a mode."""
-    return f.beta[0] > MOST
+    return f.beta[0] > LOAD_SHARE
 
 
 def _free(motion: Motion) -> bool:
@@ -220,7 +220,7 @@ def _backlash_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
 
 def _backlash_carries(f: Fitted) -> bool:
     """A good part of the load lies behind the play; a small one is friction under load."""
-    return f.beta[0] > MOST
+    return f.beta[0] > LOAD_SHARE
 
 
 class Backlash(Effect):
@@ -332,7 +332,7 @@ def _hardening_cable_between(f: Fitted) -> bool:
     """Neither all of the motion in its soft range nor next to nothing, and much behind it."""
     low, high = (t * load_size(f.motion, f.j) for t in (MORE_TENSIONS[0], MORE_TENSIONS[-1]))
     between = 1.05 * low < f.shape[1] < 0.95 * high and inside(f.motion, f.shape[0])
-    return between and f.beta[0] > MOST
+    return between and f.beta[0] > LOAD_SHARE
 
 
 class HardeningCable(Effect):

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError
 from hil.record import consistency as physics
-from hil.record.consistency import Finding, check_spikes, smooth
+from hil.record.consistency import DataFault, check_spikes, smooth
 from hil.record.jumps import described
 from hil.record.recording import Recording
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
@@ -95,7 +95,7 @@ MILLI = 20.0
 _WIDTH_S = 0.01
 
 
-def position(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding]:
+def position(r: Recording, k: int, joint: UrdfJoint) -> Iterator[DataFault]:
     """Position beyond the range of a joint.
 
     Parameters
@@ -110,7 +110,7 @@ def position(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding]:
     q, room = r.q[:, k], ROOM * (joint.upper - joint.lower)
     out = int(np.count_nonzero((q > joint.upper + room) | (q < joint.lower - room)))
     if math.isfinite(room) and out >= FEW:
-        yield Finding(
+        yield DataFault(
             "limits",
             "warning",
             r.joints[k],
@@ -120,7 +120,7 @@ def position(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding]:
         )
 
 
-def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding]:
+def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[DataFault]:
     """Speed and effort beyond what a joint is said to be capable of; parameters as `position`."""
     effort = "N m" if joint.unit == "rad" else "N"
     q = r.q[:, k]
@@ -154,11 +154,11 @@ def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[Finding
 
 def _beyond(
     code: str, name: str, values: FloatArray, limit: float, unit: str, joint: str, advice: str
-) -> Iterator[Finding]:
+) -> Iterator[DataFault]:
     size = np.abs(values)
     out = int(np.count_nonzero(size > (1 + BEYOND) * limit))
     if out >= FEW:
-        yield Finding(
+        yield DataFault(
             code,
             "warning",
             joint,
@@ -181,7 +181,7 @@ _KNOWN_FACTORS = (
 )
 
 
-def check_motion(recording: Recording) -> Iterator[Finding]:
+def check_motion(recording: Recording) -> Iterator[DataFault]:
     """Warnings that follow from the motion; the values and the time must be sound.
 
     Parameters
@@ -215,7 +215,7 @@ def described_joints(recording: Recording) -> tuple[UrdfJoint, ...]:
     return listed if len(listed) == recording.d else ()
 
 
-def _units(r: Recording) -> Iterator[Finding]:
+def _units(r: Recording) -> Iterator[DataFault]:
     listed = described_joints(r)
     described = bool(listed)
     unit = r.metadata.get("unit", "rad")
@@ -224,7 +224,7 @@ def _units(r: Recording) -> Iterator[Finding]:
         q = r.q[:, k]
         if physics.unit_doubt(q, joint, described):
             what = "degrees" if joint.unit == "rad" else "millimetres"
-            yield Finding(
+            yield DataFault(
                 "unit",
                 "warning",
                 name,
@@ -236,13 +236,13 @@ def _units(r: Recording) -> Iterator[Finding]:
             yield from speed_and_effort(r, k, joint)
 
 
-def _position(r: Recording, k: int, joint: str) -> Iterator[Finding]:
+def _position(r: Recording, k: int, joint: str) -> Iterator[DataFault]:
     q = r.q[:, k]
     frozen = list(physics.stuck(r.t, q))
     jumps = [j for j in physics.steps(r.t, q) if not _ends(frozen, float(r.t[j]))]
     if frozen:
         start, length = max(frozen, key=lambda x: x[1])
-        yield Finding(
+        yield DataFault(
             "stuck",
             "warning",
             joint,
@@ -252,10 +252,10 @@ def _position(r: Recording, k: int, joint: str) -> Iterator[Finding]:
     lost = r.jumps[k]
     # what is less than the fastest ordinary step may be a sample that came late
     if lost.at.size and np.abs(lost.size).max() > np.quantile(np.abs(np.diff(q)), 0.99):
-        yield Finding("step", "warning", joint, f"q{k + 1} {described(r.t, lost)}")
+        yield DataFault("step", "warning", joint, f"q{k + 1} {described(r.t, lost)}")
     elif jumps:
         size = float(q[jumps[0] + 1] - q[jumps[0]])
-        yield Finding(
+        yield DataFault(
             "step",
             "warning",
             joint,
@@ -268,7 +268,7 @@ def _ends(frozen: list[tuple[float, float]], at: float) -> bool:
     return any(start <= at <= start + 1.5 * length for start, length in frozen)
 
 
-def _effort(r: Recording, k: int, joint: str) -> Iterator[Finding]:
+def _effort(r: Recording, k: int, joint: str) -> Iterator[DataFault]:
     moving = partial(physics.moves, r.t, r.q[:, k])
     for clip in physics.clipping(r.tau[:, k], moving):
         yield _clipped(f"tau{k + 1}", joint, clip)
@@ -277,8 +277,8 @@ def _effort(r: Recording, k: int, joint: str) -> Iterator[Finding]:
             yield _clipped(f"tauext{k + 1}", joint, clip)
 
 
-def _clipped(name: str, joint: str, clip: physics.Clipping) -> Finding:
-    return Finding(
+def _clipped(name: str, joint: str, clip: physics.Clipping) -> DataFault:
+    return DataFault(
         "saturation",
         "warning",
         joint,
@@ -287,14 +287,14 @@ def _clipped(name: str, joint: str, clip: physics.Clipping) -> Finding:
     )
 
 
-def _velocity(r: Recording, k: int, joint: str) -> Iterator[Finding]:
+def _velocity(r: Recording, k: int, joint: str) -> Iterator[DataFault]:
     if r.qd is None:
         return
     factor, correlation = physics.velocity_factor(r.t, r.q[:, k], r.qd[:, k])
     if not abs(correlation) > 0.95:
         return
     if factor < 0:
-        yield Finding(
+        yield DataFault(
             "velocity-sign",
             "warning",
             joint,
@@ -303,7 +303,7 @@ def _velocity(r: Recording, k: int, joint: str) -> Iterator[Finding]:
         )
     elif not 0.8 < factor < 1.25:
         guess = [f" ({text})" for f, text in _KNOWN_FACTORS if abs(factor / f - 1) < 0.1]
-        yield Finding(
+        yield DataFault(
             "velocity-scale",
             "warning",
             joint,
@@ -312,7 +312,7 @@ def _velocity(r: Recording, k: int, joint: str) -> Iterator[Finding]:
         )
 
 
-def _signs(r: Recording) -> Iterator[Finding]:
+def _signs(r: Recording) -> Iterator[DataFault]:
     """Efforts that take energy out where the motor is the only one to put it in."""
     found = {}
     for k in range(r.d):
@@ -326,7 +326,7 @@ def _signs(r: Recording) -> Iterator[Finding]:
         backward = b.inertia < 0 and b.friction < 0
         known = abs(b.certainty) > 0.8 and 0.6 < abs(b.external) < 1.7
         if known and b.external > 0 and not backward and b.inertia > 0 and b.friction > 0:
-            yield Finding(
+            yield DataFault(
                 "sign",
                 "warning",
                 name,
@@ -335,7 +335,7 @@ def _signs(r: Recording) -> Iterator[Finding]:
             )
         alone = r.wrench is None and r.tau_ext is None
         if backward and ((alone and b.work < -0.3 and total < -0.3) or (known and b.external > 0)):
-            yield Finding(
+            yield DataFault(
                 "sign",
                 "warning",
                 name,
@@ -355,10 +355,10 @@ _GAP, _JITTER = 3.0, 0.5
 #: No measured quantity reaches this in any unit; NaN and infinity do not pass it either.
 _ABSURD = 1e50
 
-__all__ = ["Finding", "check", "columns", "joint_units"]
+__all__ = ["DataFault", "check", "columns", "joint_units"]
 
 
-def check(recording: Recording) -> list[Finding]:
+def check(recording: Recording) -> list[DataFault]:
     """Find the faults of a recording.
 
     Parameters
@@ -368,7 +368,7 @@ def check(recording: Recording) -> list[Finding]:
 
     Returns
     -------
-    list of Finding
+    list of DataFault
         Errors first; empty if nothing is wrong.  Never raises for bad data.
     """
     found = [*_values(recording), *_time(recording)]
@@ -406,11 +406,11 @@ _STEMS = {
 }
 
 
-def _values(r: Recording) -> Iterator[Finding]:
+def _values(r: Recording) -> Iterator[DataFault]:
     for name, joint, values in [("t", "", r.t), *columns(r)]:
         bad = np.flatnonzero(~(np.abs(values) < _ABSURD))
         if bad.size:
-            yield Finding(
+            yield DataFault(
                 "not-finite",
                 "error",
                 joint,
@@ -419,10 +419,10 @@ def _values(r: Recording) -> Iterator[Finding]:
             )
 
 
-def _time(r: Recording) -> Iterator[Finding]:
+def _time(r: Recording) -> Iterator[DataFault]:
     t = r.t[np.isfinite(r.t)]
     if t.size < HOPELESS_SAMPLES:
-        yield Finding(
+        yield DataFault(
             "too-short", "error", "", f"{r.n} samples; at least {HOPELESS_SAMPLES} are needed"
         )
         return
@@ -430,7 +430,7 @@ def _time(r: Recording) -> Iterator[Finding]:
     period = float(np.median(dt))
     back, same = np.flatnonzero(dt < 0), np.flatnonzero(dt == 0)
     if back.size:
-        yield Finding(
+        yield DataFault(
             "time-backward",
             "error",
             "",
@@ -438,7 +438,7 @@ def _time(r: Recording) -> Iterator[Finding]:
             "sort the rows or import each run by itself",
         )
     if same.size:
-        yield Finding(
+        yield DataFault(
             "time-repeated",
             "error" if period <= 0 else "warning",
             "",
@@ -449,23 +449,23 @@ def _time(r: Recording) -> Iterator[Finding]:
         yield from _rate(t, dt[dt > 0], period)
 
 
-def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[Finding]:
+def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[DataFault]:
     rate, gaps = 1 / period, dt > _GAP * period
     if rate < SLOW_HZ:
         severity = "error" if rate < HOPELESS_HZ else "warning"
         hint = "; is the time in milliseconds? Scale it by 0.001 in a map"
         text = f"{rate:.4g} Hz is slow for dynamics (from {SLOW_HZ:.0f} Hz on it is fine)"
         text += hint if severity == "error" else ""
-        yield Finding("sample-rate", severity, "", text)
+        yield DataFault("sample-rate", severity, "", text)
     if t[-1] - t[0] < SHORT_S:
         text = (
             f"{t[-1] - t[0]:.3g} s of data: parameters will be uncertain, and no effect is named "
             f"from less than {SHORT_S:g} s; record longer, or give several runs together"
         )
-        yield Finding("too-short", "warning", "", text)
+        yield DataFault("too-short", "warning", "", text)
     if gaps.any():
         first = t[np.flatnonzero(np.diff(t) > _GAP * period)[0]]
-        yield Finding(
+        yield DataFault(
             "gap",
             "warning",
             "",
@@ -477,7 +477,7 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[Finding]:
         return
     low, high = np.quantile(dt[~gaps], (0.05, 0.95))
     if high - low > _JITTER * period:
-        yield Finding(
+        yield DataFault(
             "irregular-time",
             "warning",
             "",
@@ -486,19 +486,19 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[Finding]:
         )
 
 
-def _frozen(r: Recording) -> Iterator[Finding]:
+def _frozen(r: Recording) -> Iterator[DataFault]:
     still = np.ptp(r.q, axis=0) == 0
     idle = np.ptp(r.tau, axis=0) == 0
     if still.all() and idle.all():
         text = "no position and no effort changes in the whole recording: the sensors were stuck"
-        yield Finding("stuck", "error", "", text)
+        yield DataFault("stuck", "error", "", text)
         return
     if idle.all() and not np.any(r.tau) and r.wrench is None and r.tau_ext is None:
         text = (
             "no effort is recorded: every tau is zero, and there is no measured force; "
             "name the effort columns in a map"
         )
-        yield Finding("no-effort", "error", "", text)
+        yield DataFault("no-effort", "error", "", text)
         return
     span = np.ptp(r.tau, axis=0)
     for k, joint in enumerate(r.joints):
@@ -507,7 +507,7 @@ def _frozen(r: Recording) -> Iterator[Finding]:
                 f"q{k + 1} never changes while tau{k + 1} varies by {span[k]:.3g}; "
                 "is the joint locked, or its encoder dead?"
             )
-            yield Finding("stuck", "warning", joint, text)
+            yield DataFault("stuck", "warning", joint, text)
         if idle[k] and not still[k] and (r.tau[0, k] != 0 or not idle.all()):
             text = f"tau{k + 1} never changes while q{k + 1} moves; is the channel dead?"
-            yield Finding("stuck", "warning", joint, text)
+            yield DataFault("stuck", "warning", joint, text)

@@ -218,7 +218,7 @@ def stuck(t: FloatArray, q: FloatArray) -> Iterator[tuple[float, float]]:
 
 
 @dataclass(frozen=True)
-class Finding:
+class DataFault:
     """One fault of a recording.
 
     Parameters
@@ -245,9 +245,9 @@ class Finding:
 
 
 #: Times the largest bend of an ordinary sample (99 % of all) from which one is a spike.
-OUT = 20.0
+OUT_OF_SCALE = 20.0
 #: Bend that the value may keep behind a spike; more is a step.
-BACK = 0.2
+BACK_SHARE = 0.2
 
 
 def spikes(x: FloatArray) -> NDArray[np.intp]:
@@ -269,20 +269,22 @@ def spikes(x: FloatArray) -> NDArray[np.intp]:
     if x.size < 1000:
         return none
     bend = np.abs(x[1:-1] - (x[:-2] + x[2:]) / 2)
-    if reached(bend, float(bend.max()) / OUT):
+    if reached(bend, float(bend.max()) / OUT_OF_SCALE):
         return none
     usual = float(np.quantile(bend, 0.99))
     moved = np.abs(np.diff(x))
     if not np.any(moved):
         return none
     count = float(np.min(moved[moved > 0]))
-    limit = max(OUT * usual, 5 * count, 0.02 * float(np.subtract(*np.quantile(x, [0.99, 0.01]))))
+    limit = max(
+        OUT_OF_SCALE * usual, 5 * count, 0.02 * float(np.subtract(*np.quantile(x, [0.99, 0.01])))
+    )
     found: NDArray[np.intp] = 1 + np.flatnonzero(bend > limit)
-    back = np.abs(x[found + 1] - x[found - 1]) < BACK * bend[found - 1]
+    back = np.abs(x[found + 1] - x[found - 1]) < BACK_SHARE * bend[found - 1]
     return found[back]
 
 
-def check_spikes(r: Recording) -> Iterator[Finding]:
+def check_spikes(r: Recording) -> Iterator[DataFault]:
     """A warning for every column with spikes."""
     for k, joint in enumerate(r.joints):
         for name, values in (("q", r.q), ("tau", r.tau), ("tauext", r.tau_ext)):
@@ -292,7 +294,7 @@ def check_spikes(r: Recording) -> Iterator[Finding]:
             if at.size:
                 first = int(at[0])
                 count = "once" if at.size == 1 else f"{at.size} times"
-                yield Finding(
+                yield DataFault(
                     "spike",
                     "warning",
                     joint,

@@ -116,7 +116,7 @@ CHANNEL, START = 0, 2
 AT_ONCE = 4096
 
 
-class Found:
+class Messages:
     """Messages of all channels in the order in which they are read.
 
     Parameters
@@ -292,7 +292,7 @@ class _Reader:
         self.out, self.messages = out, messages
         self.schemas: dict[int, tuple[str, str, bytes]] = {}
         self.channels: dict[int, Topic] = {}
-        self.found = Found(large)
+        self.found = Messages(large)
 
     def records(self, raw: bytes, at: int) -> tuple[int, bool]:
         """Walk records; where the last complete one ends, and if the data section ended."""

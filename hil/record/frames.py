@@ -1,7 +1,7 @@
 """Raw wire frames: kept while a session runs, written into it, and read again.
 
-A frame is what went over a bus at a moment of the loop's time; `FrameLog` collects them from any
-thread.
+A frame is what went over a bus at a moment of the loop's time; `BoundedFrameLog` collects them
+from any thread.
 
 A recording in place of a device: its answers in their order, at their time.
 
@@ -56,7 +56,7 @@ class Frame:
     data: bytes = b""
 
 
-class FrameLog:
+class BoundedFrameLog:
     """Frames of one bus since the last `take`.
 
     Attributes
@@ -148,7 +148,7 @@ STREAMED = "bulk"
 MOST_TEXTS = 20
 
 
-class Replay:
+class RecordedAnswers:
     """Answers of a recording.
 
     Keys of one bus may name streams, ``stream:rest``: an answer waits for the questions of its

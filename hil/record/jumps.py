@@ -13,21 +13,21 @@ FloatArray = NDArray[np.float64]
 BESIDE = 8
 #: Standard errors by which a step must stand out: of a million normal ones none does by 7; a
 #: rounded one never does by more than two counts, or five standard errors of its own.
-OUT = 7.0
+OUTLYING = 7.0
 #: ... and times what any step near it does: a blow shakes the readings for many samples.
-ALONE = 2.5
+ALONE_FACTOR = 2.5
 #: Samples around a step that tell how much readings stray there.
-NEAR = 40
+NEIGHBOURHOOD = 40
 #: Share of the fastest steps that is no jump in any case: samples are not quite evenly spaced.
-UNEVEN = 0.05
+UNEVEN_SHARE = 0.05
 #: Jumps that are listed one by one.
 LISTED = 12
 #: A position that comes in counts has fewer sizes of steps than so.
-KINDS = 200
+MAX_KINDS = 200
 #: Rounds of the search, each without the jumps found before.
-ROUNDS = 5
+SEARCH_ROUNDS = 5
 #: Samples beside a jump that do not tell how much readings stray there.
-BACK = 3
+BACK_STEPS = 3
 #: Share of a jump by which it stands out of the two steps beside it, and share that one of them
 #: takes back where a reading came late.
 ALL, LATE = 0.5, 0.35
@@ -85,7 +85,7 @@ def resolution(x: FloatArray, exact: bool = False) -> float:
     # what has too many kinds of steps mostly shows it in the first thousand
     for some in (steps[:1000], steps):
         kinds = np.unique(some if exact else np.round(some, 12)).size
-        if not 0 < kinds < KINDS:
+        if not 0 < kinds < MAX_KINDS:
             return 0.0
     return float(steps.min())
 
@@ -114,8 +114,8 @@ def jumps(t: FloatArray, q: FloatArray) -> Jumps:
     if dq.size < 8 * BESIDE or not np.any(dq):
         return none
     step = np.zeros(dq.size)
-    least = max(UNEVEN * float(np.quantile(np.abs(dq), 0.99)), OUT * count / np.sqrt(6))
-    for _ in range(ROUNDS):
+    least = max(UNEVEN_SHARE * float(np.quantile(np.abs(dq), 0.99)), OUTLYING * count / np.sqrt(6))
+    for _ in range(SEARCH_ROUNDS):
         found = _standing_out(dq - step, least)
         if np.any(found):
             found &= _whole(t)
@@ -144,15 +144,17 @@ def _standing_out(dq: FloatArray, least: float) -> NDArray[np.bool_]:
     size = np.abs(dq - np.clip(dq, np.minimum(before, after), np.maximum(before, after)))
     stray = np.abs(dq - (before + after) / 2)
     # 1.4826 median |x| is the standard deviation of a normal x
-    limit = max(OUT * 1.4826 * float(np.median(stray[::7])), least)
+    limit = max(OUTLYING * 1.4826 * float(np.median(stray[::7])), least)
     at = np.flatnonzero((size > limit) & (size == maximum_filter1d(size, 2 * BESIDE + 1)))
-    at = at[(at >= NEAR) & (at < dq.size - NEAR)]
+    at = at[(at >= NEIGHBOURHOOD) & (at < dq.size - NEIGHBOURHOOD)]
     out = np.zeros(dq.size, dtype=np.bool_)
     if not 0 < at.size <= MANY * dq.size:
         return out
-    near = at[:, None] + np.concatenate([np.arange(-NEAR, -BACK), np.arange(BACK + 1, NEAR + 1)])
+    near = at[:, None] + np.concatenate(
+        [np.arange(-NEIGHBOURHOOD, -BACK_STEPS), np.arange(BACK_STEPS + 1, NEIGHBOURHOOD + 1)]
+    )
     usual = 1.4826 * np.median(stray[near], axis=1)
-    out[at] = size[at] > np.maximum(OUT * usual, ALONE * np.max(size[near], axis=1))
+    out[at] = size[at] > np.maximum(OUTLYING * usual, ALONE_FACTOR * np.max(size[near], axis=1))
     return out
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
+from hil.userfile import parse_toml, read_text
 
 FloatArray = NDArray[np.float64]
 #: Start of the metadata that hold a map's [signal].
@@ -141,8 +142,8 @@ def read_map(source: str | Path) -> TableMap:
         if builtin:
             text = resources.files("hil.record").joinpath("maps", f"{name}.toml").read_text("utf-8")
         else:
-            text = path.read_text(encoding="utf-8")
-        out = parse_map(tomllib.loads(text))
+            text = read_text(path)
+        out = parse_map(parse_toml(text))
     except FileNotFoundError as error:
         known = ", ".join(builtin_maps())
         raise ConfigError(f"map {name}: no such file, and no built-in map ({known})") from error

@@ -42,6 +42,11 @@ def recording(box: Container, arm: str) -> Recording:
         raise DataError(f"session {box.path}: {error}") from error
     except (struct.error, IndexError, ValueError, TypeError) as error:
         raise DataError(f"session {box.path}: arm {arm!r} cannot be decoded: {error}") from error
+    if broken := [n for n in (arm, *names) if "\n" in n or not n]:
+        raise DataError(
+            f"session {box.path}: an arm or joint has the name {broken[0]!r}; expected text "
+            "without line breaks"
+        )
     q, tau = columns.get("position"), columns.get("setpoint_jf", columns.get("effort"))
     if q is None or tau is None:
         what = "motor effort (setpoint_jf, or effort of measured_js)" if tau is None else "position"

@@ -26,7 +26,7 @@ from mcap.writer import Writer
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from hil.record.frames import SCHEMA, SCHEMA_NAME, TOPIC, FrameLog, encode
+from hil.record.frames import SCHEMA, SCHEMA_NAME, TOPIC, BoundedFrameLog, encode
 from hil.record.recovery import CHUNK_BYTES, FRAME, chunk_closer, create, mcap_writer
 from hil.record.schema import EVENT_SCHEMA, Channel, encoder, places
 
@@ -324,7 +324,7 @@ class SessionWriter:
         self._blocks: dict[tuple[tuple[str, int, int], ...], Block] = {}
         self._append = appender(self._writer, CHUNK_BYTES - FRAME - largest)
         self._events = 0
-        self._logs: list[tuple[int, FrameLog]] = []
+        self._logs: list[tuple[int, BoundedFrameLog]] = []
         self._at_the_end: Callable[[], Mapping[str, Mapping[str, str]]] = dict
         self._origin_ns, self._period_ns, self._epoch_ns = 0, 0, -1
         self._chunk_start = 0
@@ -434,7 +434,7 @@ class SessionWriter:
         self._writer.add_message(self._events, t_ns, text.encode(), t_ns, tick)
         self._keep_up(t_ns)
 
-    def frames(self, logs: Mapping[str, FrameLog], origin_ns: int, period_ns: int) -> None:
+    def frames(self, logs: Mapping[str, BoundedFrameLog], origin_ns: int, period_ns: int) -> None:
         """Write the frames of these boxes from now on, at every `flush`.
 
         Parameters

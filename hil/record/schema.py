@@ -34,7 +34,7 @@ EVENT_SCHEMA = (
 PARTS = ("position", "velocity", "effort")
 #: Stamps [s] from here on do not fit into a ROS 2 message.
 LAST_S = 2**31
-KINDS = ("joint_state", "wrench", "fields")
+MESSAGE_KINDS = ("joint_state", "wrench", "fields")
 #: What every ROS 2 tool accepts; a decoder refuses the whole channel otherwise.
 _FIELD = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
 
@@ -80,8 +80,8 @@ class Channel:
             raise ConfigError(f"channel {self.topic}: {fault}")
 
     def _fault(self) -> str:
-        if self.kind not in KINDS:
-            return unknown("kind", self.kind, KINDS)
+        if self.kind not in MESSAGE_KINDS:
+            return unknown("kind", self.kind, MESSAGE_KINDS)
         if self.kind == "wrench":
             return ""
         if not self.names or len(set(self.names)) < len(self.names):

@@ -22,7 +22,7 @@ from hil.errors import DataError, unknown
 
 
 @dataclass(frozen=True)
-class Table:
+class ForeignTable:
     """Named columns of one file.
 
     Parameters
@@ -59,7 +59,7 @@ class Table:
         return self.read(wanted)
 
 
-def text_table(path: Path) -> Table:
+def text_table(path: Path) -> ForeignTable:
     """Open a text table: header row; comma, semicolon or tab between the cells.
 
     Raises
@@ -88,7 +88,7 @@ def text_table(path: Path) -> Table:
     if not body:
         raise DataError(f"table {path} has a header row but no samples")
     reader = _TextColumns(path, names, delimiter, body)
-    return Table(path, names, reader, body[0][0], path.stem)
+    return ForeignTable(path, names, reader, body[0][0], path.stem)
 
 
 def _header_line(lines: Sequence[str]) -> int | None:
@@ -151,7 +151,7 @@ class _TextColumns:
 
 
 FloatArray = NDArray[np.float64]
-__all__ = ["FORMATS", "Table", "open_table", "run_names"]
+__all__ = ["FORMATS", "ForeignTable", "open_table", "run_names"]
 
 FORMATS = (".csv", ".tsv", ".txt", ".npz", ".mat")
 
@@ -161,7 +161,7 @@ def open_table(
     array: str = "",
     columns: Sequence[str] = (),
     run: str = "",
-) -> Table:
+) -> ForeignTable:
     """Open a table.
 
     Parameters
@@ -244,7 +244,7 @@ def _load_once(path: Path, _: int) -> dict[str, NDArray[Any]]:
     return {key: np.asarray(value) for key, value in data.items() if not key.startswith("__")}
 
 
-def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> Table:
+def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> ForeignTable:
     data = _load(path)
     if not data:
         raise DataError(f"table {path} holds no arrays")
@@ -266,11 +266,11 @@ def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> Table:
     return _named(path, {**inner, **{k: v for k, v in data.items() if k not in records}}, path.stem)
 
 
-def _named(path: Path, data: Mapping[str, NDArray[Any]], run: str) -> Table:
+def _named(path: Path, data: Mapping[str, NDArray[Any]], run: str) -> ForeignTable:
     found = _by_key(data)
     if not found:
         raise DataError(f"table {path} holds no columns; it has {', '.join(data) or 'nothing'}")
-    return Table(path, tuple(found), _picker(path, found), 1, run)
+    return ForeignTable(path, tuple(found), _picker(path, found), 1, run)
 
 
 def _fields(value: NDArray[Any]) -> dict[str, NDArray[Any]]:
@@ -292,7 +292,9 @@ def _choose(path: Path, runs: list[str], run: str, width: int = 0) -> str:
     return run or runs[0]
 
 
-def _matrix(path: Path, data: dict[str, NDArray[Any]], name: str, columns: Sequence[str]) -> Table:
+def _matrix(
+    path: Path, data: dict[str, NDArray[Any]], name: str, columns: Sequence[str]
+) -> ForeignTable:
     if name not in data:
         raise DataError(f"table {path}: " + unknown("array", name, data))
     values = data[name]
@@ -302,7 +304,7 @@ def _matrix(path: Path, data: dict[str, NDArray[Any]], name: str, columns: Seque
         raise DataError(f"table {path}: array {name!r} has shape {values.shape}; expected {want}")
     names = tuple(columns) or tuple(f"c{k + 1}" for k in range(width))
     found = {n: values[:, k] for k, n in enumerate(names)}
-    return Table(path, names, _picker(path, found), 1, name)
+    return ForeignTable(path, names, _picker(path, found), 1, name)
 
 
 def _by_key(data: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

@@ -21,8 +21,9 @@ from hil.record.consistency import unit_doubt, velocity_factor
 from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
 from hil.record.recording import Recording, RobotSource
 from hil.record.schema import LAST_S, Channel
-from hil.record.table_files import Table, open_table
+from hil.record.table_files import ForeignTable, open_table
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
+from hil.userfile import read_text
 
 #: A step of so many median periods is a jump.
 JUMP = 10.0
@@ -31,7 +32,7 @@ LONG_PERIOD = 0.05
 
 
 def refuse_not_finite(
-    table: Table, rules: Mapping[str, Rule], values: Mapping[str, FloatArray]
+    table: ForeignTable, rules: Mapping[str, Rule], values: Mapping[str, FloatArray]
 ) -> None:
     """Refuse NaN and infinite values, naming the column, how many and which rows first.
 
@@ -53,7 +54,9 @@ def refuse_not_finite(
             )
 
 
-def clean_time(table: Table, t: FloatArray | None, gaps: str, repeated: str) -> NDArray[np.intp]:
+def clean_time(
+    table: ForeignTable, t: FloatArray | None, gaps: str, repeated: str
+) -> NDArray[np.intp]:
     """Rows to keep, after checking that the time increases evenly.
 
     Parameters
@@ -93,7 +96,7 @@ def clean_time(table: Table, t: FloatArray | None, gaps: str, repeated: str) -> 
     return rows if repeated == "keep" else even
 
 
-def _refuse_steps(table: Table, t: FloatArray, rows: NDArray[np.intp], gaps: str) -> None:
+def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], gaps: str) -> None:
     dt = np.diff(t)
     if not dt.size:
         raise DataError(f"table {table.path}: the time never changes")
@@ -116,7 +119,7 @@ def _refuse_steps(table: Table, t: FloatArray, rows: NDArray[np.intp], gaps: str
         )
 
 
-def from_zero(table: Table, recordings: Sequence[Recording]) -> list[Recording]:
+def from_zero(table: ForeignTable, recordings: Sequence[Recording]) -> list[Recording]:
     """Shift a table that begins before 0 s as a whole; a session cannot hold earlier times.
 
     Raises
@@ -138,7 +141,7 @@ def from_zero(table: Table, recordings: Sequence[Recording]) -> list[Recording]:
     ]
 
 
-def refuse_units(table: Table, recording: Recording, joints: tuple[UrdfJoint, ...]) -> None:
+def refuse_units(table: ForeignTable, recording: Recording, joints: tuple[UrdfJoint, ...]) -> None:
     """Refuse positions that are certainly degrees or millimetres.
 
     Raises
@@ -164,7 +167,7 @@ def refuse_units(table: Table, recording: Recording, joints: tuple[UrdfJoint, ..
         _refuse_mixed(table, recording, k)
 
 
-def _refuse_mixed(table: Table, r: Recording, k: int) -> None:
+def _refuse_mixed(table: ForeignTable, r: Recording, k: int) -> None:
     """Refuse a position in degrees beside a velocity in rad/s, or the other way round."""
     if r.qd is None:
         return
@@ -192,7 +195,7 @@ GROUPS = {
 
 
 def count_joints(
-    rules: Mapping[str, Rule], table: Table, joints: tuple[UrdfJoint, ...], timed: bool
+    rules: Mapping[str, Rule], table: ForeignTable, joints: tuple[UrdfJoint, ...], timed: bool
 ) -> int:
     """Number of joints, after checking that every group of columns is complete.
 
@@ -239,7 +242,7 @@ def _grouped(rules: Mapping[str, Rule]) -> dict[str, list[int]]:
     return groups
 
 
-def _whole(table: Table, stem: str, numbers: Sequence[int], d: int) -> None:
+def _whole(table: ForeignTable, stem: str, numbers: Sequence[int], d: int) -> None:
     """Refuse a group that has not one column for each of `d` joints."""
     count = plural(d, "joint")
     missing = [f"{stem}{k}" for k in range(1, max(d, 1) + 1) if k not in numbers]
@@ -249,7 +252,7 @@ def _whole(table: Table, stem: str, numbers: Sequence[int], d: int) -> None:
         raise DataError(f"table {table.path}: column {stem}{max(numbers)}, but only {count}")
 
 
-def _whole_wrench(table: Table, rules: Mapping[str, Rule]) -> None:
+def _whole_wrench(table: ForeignTable, rules: Mapping[str, Rule]) -> None:
     """Refuse a force or a wrench of which a component is missing."""
     force = [n for n in WRENCH if n in rules]
     need = WRENCH if any(n in force for n in WRENCH[3:]) else WRENCH[:3]
@@ -257,7 +260,7 @@ def _whole_wrench(table: Table, rules: Mapping[str, Rule]) -> None:
         raise _no_column(table, [n for n in need if n not in force], f"it has {', '.join(force)}")
 
 
-def _no_column(table: Table, names: Sequence[str], why: str) -> DataError:
+def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError:
     reason = f" ({why})" if why else ""
     return DataError(
         f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It has: "
@@ -359,15 +362,15 @@ def _select(given: TableMap, arm: str) -> dict[str, Mapping[str, Rule]]:
     return {n: r for n, r in given.arms.items() if arm in ("", n)}
 
 
-def _joined(table: Table, given: TableMap) -> dict[str, Table]:
+def _joined(table: ForeignTable, given: TableMap) -> dict[str, ForeignTable]:
     return {prefix: open_table(table.path.parent / name) for prefix, name in given.join.items()}
 
 
-def _prefixed(prefix: str, table: Table) -> tuple[str, ...]:
+def _prefixed(prefix: str, table: ForeignTable) -> tuple[str, ...]:
     return tuple(f"{prefix}.{n}" if prefix else n for n in table.names)
 
 
-def _with_defaults(rules: Mapping[str, Rule], table: Table) -> dict[str, Rule]:
+def _with_defaults(rules: Mapping[str, Rule], table: ForeignTable) -> dict[str, Rule]:
     """Rules of the map, and columns that bear a default name and that no rule uses."""
     taken = {source for rule in rules.values() for source in rule.terms}
     default = {
@@ -385,7 +388,7 @@ def _robot(
     folders = [Path()] if urdf else [f for f in (given.folder, table.parent) if f is not None]
     file = next((f / name for f in folders if (f / name).is_file()), folders[0] / name)
     try:
-        text = file.read_text(encoding="utf-8")
+        text = read_text(file)
     except FileNotFoundError as error:
         raise DataError(f"URDF {file}: no such file; give its path with --robot") from error
     except (OSError, UnicodeDecodeError) as error:
@@ -401,7 +404,7 @@ def _robot(
 def _arm(
     arm: str,
     rules: Mapping[str, Rule],
-    tables: Mapping[str, Table],
+    tables: Mapping[str, ForeignTable],
     given: TableMap,
     robot: RobotSource,
     joints: tuple[UrdfJoint, ...],
@@ -431,7 +434,9 @@ def _arm(
     return recording, set(columns), {n: values[n] for n in given.extras}
 
 
-def _sources(rules: Mapping[str, Rule], tables: Mapping[str, Table]) -> dict[str, FloatArray]:
+def _sources(
+    rules: Mapping[str, Rule], tables: Mapping[str, ForeignTable]
+) -> dict[str, FloatArray]:
     """Values of every column that a rule uses, all of one length."""
     wanted = list(dict.fromkeys(s for rule in rules.values() for s in rule.terms))
     out: dict[str, FloatArray] = {}
@@ -455,7 +460,7 @@ def _sources(rules: Mapping[str, Rule], tables: Mapping[str, Table]) -> dict[str
 
 def _recording(
     arm: str,
-    table: Table,
+    table: ForeignTable,
     values: Mapping[str, FloatArray],
     d: int,
     robot: RobotSource,

@@ -11,13 +11,13 @@ from hil.diagnosis.constants import ADEQUATE
 from hil.diagnosis.equivalence import pairs, sets_of
 from hil.diagnosis.residual_tests import CHANGED, UNLIKE
 from hil.diagnosis.types import (
-    Correction,
     Diagnosis,
     Evidence,
+    Explainable,
     Finding,
     Indistinguishable,
-    Share,
     Step,
+    UnnamedCorrection,
     Unseen,
 )
 from hil.diagnosis.verbs import Comparison, Rung, ladder
@@ -67,11 +67,11 @@ class Material:
     partial: list[Finding] = field(default_factory=list)
     sets: list[Indistinguishable] = field(default_factory=list)
     warnings: list[tuple[str, str]] = field(default_factory=list)
-    network: list[Share] = field(default_factory=list)
+    network: list[Explainable] = field(default_factory=list)
     valid: tuple[Range, ...] = ()
     unseen: list[Unseen] = field(default_factory=list)
     beyond: float | None = None
-    corrections: list[Correction] = field(default_factory=list)
+    corrections: list[UnnamedCorrection] = field(default_factory=list)
     #: Rungs at the end of the ladder that corrections give.
     corrected: int = 0
 

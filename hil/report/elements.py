@@ -9,6 +9,7 @@ the whole diagnosis; here a figure is a list of traces and a layout, written as 
 from __future__ import annotations
 
 import base64
+import hashlib
 import html
 import json
 import math
@@ -18,6 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from plotly.offline import get_plotlyjs
+
+from hil.errors import printable
 
 FloatArray = NDArray[np.float64]
 CSS = """
@@ -62,6 +65,9 @@ SCRIPT = """
 window.addEventListener('beforeprint', function () {
   document.querySelectorAll('details').forEach(function (d) { d.open = true; });
 });
+document.querySelectorAll('script.figure').forEach(function (s) {
+  Plotly.newPlot.apply(Plotly, JSON.parse(s.textContent));
+});
 """
 
 
@@ -70,7 +76,7 @@ window.addEventListener('beforeprint', function () {
 
 def escape(text: object) -> str:
     """Text for HTML and for plotly's labels, which read HTML too."""
-    return html.escape(str(text), quote=True)
+    return html.escape(printable(str(text)), quote=True)
 
 
 def number(x: float, digits: int = 3) -> str:
@@ -156,13 +162,30 @@ def document(title: str, body: str, figures: bool = True) -> str:
     figures : bool
         Whether the page draws anything.
     """
-    script = f"<script>{get_plotlyjs()}</script>" if figures else ""
+    plotly = get_plotlyjs() if figures else ""
+    script = f"<script>{plotly}</script>" if figures else ""
+    policy = _policy([plotly, SCRIPT] if figures else [SCRIPT])
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(title)}</title><style>{CSS}</style>{script}</head>\n<body><main>"
         "<noscript><p>The figures need JavaScript; the tables do not.</p></noscript>"
         f"{body}</main><script>{SCRIPT}</script></body></html>\n"
+    )
+
+
+def _policy(scripts: Sequence[str]) -> str:
+    """Content security policy: these scripts run, no other one, and nothing is fetched or sent.
+
+    Figures are data that the page's own script draws.  Text of a session that got into the page
+    as markup after all could therefore do nothing.
+    """
+    digests = (hashlib.sha256(s.encode("utf-8")).digest() for s in scripts)
+    allowed = " ".join(f"'sha256-{base64.b64encode(d).decode('ascii')}'" for d in digests)
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
 
 
@@ -205,6 +228,19 @@ def plain(value: Any) -> Any:
             return {"dtype": BINARY[value.dtype.name], "bdata": data}
         return value.tolist()
     return value.item()
+
+
+def _known(value: Any) -> Any:
+    """A tree as JSON has it: arrays as `plain` says, a number that is none as null, a gap."""
+    if isinstance(value, dict):
+        return {k: _known(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_known(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    return _known(plain(value))
 
 
 class Panels:
@@ -315,14 +351,14 @@ class Panels:
         """Division with a script that draws the figure into it."""
         # no "<" within a script: it could end it
         parts = [
-            json.dumps(x, default=plain, separators=(",", ":")).replace("<", "\\u003c")
+            json.dumps(_known(x), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
             for x in (name, self.data, self.layout, config)
         ]
         size = f"height:{self.layout['height']}px; width:{self.layout['width']}px;"
         return (
             f'<div style="{size}"><div id="{name}" class="plotly-graph-div" '
             'style="height:100%; width:100%;"></div>'
-            f"<script>Plotly.newPlot({','.join(parts)})</script></div>"
+            f'<script type="application/json" class="figure">[{",".join(parts)}]</script></div>'
         )
 
 

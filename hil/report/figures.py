@@ -51,7 +51,7 @@ _AXES = {
     "load": "transmitted load",
 }
 #: Views over unevenly spaced bins, drawn with bins of equal width.
-UNEVEN = ("speed", "since-reversal", "distance-since-reversal", "load")
+UNEVEN_AXES = ("speed", "since-reversal", "distance-since-reversal", "load")
 
 
 # ------------------------------------------------------------ ladder and views
@@ -166,7 +166,7 @@ def _beyond(fig: Any, m: Material, view: View, row: int, column: int) -> None:
     if known is None or view.feature not in QUANTITIES:
         return
     low, high = limits(known, view.feature)
-    if view.feature.startswith(UNEVEN):
+    if view.feature.startswith(UNEVEN_AXES):
         at = np.arange(view.edges.size, dtype=float)
         low, high = (float(np.interp(x, view.edges, at)) for x in (low, high))
         ends = (0.0, float(at[-1]))
@@ -190,7 +190,7 @@ def _title(view: View) -> str:
 
 
 def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, legend: bool) -> None:
-    uneven = old.feature.startswith(UNEVEN)
+    uneven = old.feature.startswith(UNEVEN_AXES)
     edges = np.arange(old.edges.size, dtype=float) if uneven else old.edges
     used = old.count >= FEWEST
     band = np.where(used, old.band, 0.0)

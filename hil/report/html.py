@@ -285,7 +285,7 @@ def _sets(sets: list[Indistinguishable]) -> str:
 #: Metadata of a session worth printing.
 KEYS = ("rig", "package_version", "git_revision", "git_dirty", "seed", "clock", "rate_hz")
 #: More rigid-body parameters than this are folded away.
-FOLD = 4
+FOLD_FROM = 4
 
 
 # ------------------------------------------------------------ parameters and provenance
@@ -299,7 +299,7 @@ def parameters(m: Material) -> str:
     terms = m.after.result.terms
     bodies = tuple(f"{head(t.effect, t.joint)}." for t in terms if Trait.BODY in t.effect.traits)
     rigid = [n for n in new if n.startswith(bodies) and n not in added]
-    if len(rigid) <= FOLD:
+    if len(rigid) <= FOLD_FROM:
         rigid = []
     plain = [n for n in new if n not in added and n not in rigid]
     main = _values(m, [*added, *plain], len(added))

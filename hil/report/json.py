@@ -9,7 +9,7 @@ from typing import Any
 from hil.diagnosis.attribution import plausible, weights
 from hil.diagnosis.equivalence import sets_of
 from hil.diagnosis.residuals import Region, regions
-from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Share, joint_of
+from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Explainable, Finding, joint_of
 from hil.diagnosis.verbs import Comparison, Rung
 from hil.identify.multistep import MultiStep
 from hil.identify.result import FitResult
@@ -18,7 +18,7 @@ from hil.models.param_text import in_words
 
 #: Fields of an indistinguishable set, and of what a motion could not show.
 SETS = ("effects", "why", "experiment", "reason", "motion", "command")
-UNSEEN = ("effects", "joints", "why", "command")
+UNSEEN_KEYS = ("effects", "joints", "why", "command")
 CORRECTION = ("effect", "of", "joint", "relative_before", "relative_after", "se")
 
 
@@ -157,7 +157,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, object]:
         "remaining": _remaining(d),
         "corrections": [_fields(c, CORRECTION) for c in d.corrections],
         "indistinguishable": [_fields(s, SETS) for s in sets_of(d)],
-        "could_not_show": [_fields(u, UNSEEN) for u in d.unseen],
+        "could_not_show": [_fields(u, UNSEEN_KEYS) for u in d.unseen],
         "warnings": [{"code": code, "text": text} for code, text in d.warnings],
     }
 
@@ -179,7 +179,7 @@ def _remaining(d: Diagnosis) -> dict[str, object]:
     }
 
 
-def _structure(x: Region | Share) -> dict[str, object]:
+def _structure(x: Region | Explainable) -> dict[str, object]:
     return {"joint": x.joint, "feature": x.feature, "share": number(x.share, 3), "text": x.text}
 
 

@@ -17,7 +17,7 @@ from hil.diagnosis.equivalence import CONFIDENT
 from hil.diagnosis.floor import EFFORT_ACCURACY, SENSOR_ACCURACY
 from hil.diagnosis.residual_tests import CHANGED, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
-from hil.diagnosis.types import Correction, Finding
+from hil.diagnosis.types import Finding, UnnamedCorrection
 from hil.diagnosis.unnamed import told
 from hil.diagnosis.verdict import COMMON, EXPLAINED, NO_GEOMETRY, only_there
 from hil.errors import ConfigError
@@ -90,7 +90,7 @@ def remains(ratios: FloatArray, joints: Sequence[str]) -> str:
     )
 
 
-def corrections(which: Sequence[Correction]) -> str:
+def corrections(which: Sequence[UnnamedCorrection]) -> str:
     """What the improved model holds without a name; empty if nothing.
 
     Parameters

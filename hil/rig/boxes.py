@@ -25,7 +25,7 @@ _PLACE = re.compile(r"(-?)([^/]+)/(\d+)")
 
 
 @dataclass(frozen=True)
-class Place:
+class BoxPlace:
     """One channel of one box, and whether its sign is turned (-1) or not (1)."""
 
     box: str
@@ -42,7 +42,7 @@ def wired(config: RigConfig) -> dict[str, DeviceConfig]:
     }
 
 
-def places(config: RigConfig, name: str) -> dict[str, list[Place]]:
+def places(config: RigConfig, name: str) -> dict[str, list[BoxPlace]]:
     """Role -> places of a device.
 
     Raises
@@ -50,7 +50,7 @@ def places(config: RigConfig, name: str) -> dict[str, list[Place]]:
     ConfigError
         If a place is not written as ``BOX/CHANNEL``, or there is no such box.
     """
-    found: dict[str, list[Place]] = {}
+    found: dict[str, list[BoxPlace]] = {}
     for role, texts in config.devices[name].channels.items():
         for text in texts:
             match = _PLACE.fullmatch(text)
@@ -62,11 +62,11 @@ def places(config: RigConfig, name: str) -> dict[str, list[Place]]:
             sign, box, channel = match.groups()
             if box not in config.boxes:
                 raise ConfigError(f"[devices.{name}.channels]: {unknown('box', box, config.boxes)}")
-            found.setdefault(role, []).append(Place(box, int(channel), -1 if sign else 1))
+            found.setdefault(role, []).append(BoxPlace(box, int(channel), -1 if sign else 1))
     return found
 
 
-def only_gauges(name: str, spots: Mapping[str, list[Place]]) -> Place:
+def only_gauges(name: str, spots: Mapping[str, list[BoxPlace]]) -> BoxPlace:
     """Place of a force sensor, which is wired to one box and to nothing else.
 
     Raises
@@ -294,7 +294,7 @@ class BoxWire:
     name : str
         Device.
     rows : dict
-        Role -> (box, `Place`) in the order of the motors; roles ``encoders`` and ``motors``.
+        Role -> (box, `BoxPlace`) in the order of the motors; roles ``encoders`` and ``motors``.
     advance : callable, optional
         Lets a simulated world run to a time [ns].
 
@@ -307,7 +307,7 @@ class BoxWire:
     def __init__(
         self,
         name: str,
-        rows: Mapping[str, list[tuple[Any, Place]]],
+        rows: Mapping[str, list[tuple[Any, BoxPlace]]],
         advance: Callable[[int], None] | None,
     ) -> None:
         encoders, motors = _roles(name, rows)
@@ -394,8 +394,8 @@ def check_roles(name: str, rows: Mapping[str, Sequence[object]]) -> None:
 
 
 def _roles(
-    name: str, rows: Mapping[str, list[tuple[Any, Place]]]
-) -> tuple[list[tuple[Any, Place]], list[tuple[Any, Place]]]:
+    name: str, rows: Mapping[str, list[tuple[Any, BoxPlace]]]
+) -> tuple[list[tuple[Any, BoxPlace]], list[tuple[Any, BoxPlace]]]:
     check_roles(name, rows)
     if not any(box.heartbeat for box, _ in rows["motors"]):
         raise ConfigError(

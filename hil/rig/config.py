@@ -14,6 +14,7 @@ from typing import Any
 from hil.errors import ConfigError, unknown
 from hil.rigs import NAMES, packaged
 from hil.toml import merge, parse
+from hil.userfile import parse_toml, read_text
 
 
 @dataclass(frozen=True)
@@ -321,8 +322,7 @@ def load_rig(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Ri
     """
     path = packaged(path)
     try:
-        text = path.read_text(encoding="utf-8")
-        table = tomllib.loads(text)
+        table = parse_toml(read_text(path))
     except FileNotFoundError:
         raise ConfigError(
             f"{path}: no such rig file. Name a file, or a rig that comes with the package: "

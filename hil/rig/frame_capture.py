@@ -8,12 +8,12 @@ from dataclasses import replace
 from hil import registry
 from hil.errors import ConfigError
 from hil.record.container import read
-from hil.record.frames import FrameLog, Replay, read_frames
+from hil.record.frames import BoundedFrameLog, RecordedAnswers, read_frames
 from hil.rig.config import RigConfig
 from hil.signals.bus import Bus
 
 #: Kinds of buses whose drivers can be recorded and replayed.
-KINDS = ("can", "udp", "usb", "hid")
+FRAME_KINDS = ("can", "udp", "usb", "hid")
 #: Those whose tap is in what the bus hands to the library; the others have it in their link.
 HANDLES = ("usb", "hid")
 
@@ -36,14 +36,14 @@ class Taps:
 
     def __init__(self, config: RigConfig) -> None:
         self._frames, self._session = config.record.frames, config.record.replay
-        self.logs: dict[str, FrameLog] = {}
-        self.replays: dict[str, Replay] = {}
+        self.logs: dict[str, BoundedFrameLog] = {}
+        self.replays: dict[str, RecordedAnswers] = {}
 
     def recorded(self, name: str, bus: Bus) -> Bus:
         """The bus of a box, with a tap where the rig file wants its frames."""
-        if not self._frames or bus.kind not in KINDS:
+        if not self._frames or bus.kind not in FRAME_KINDS:
             return bus
-        log = self.logs.setdefault(name, FrameLog())
+        log = self.logs.setdefault(name, BoundedFrameLog())
 
         def advance(t_ns: int) -> None:
             log.advance(t_ns)
@@ -109,12 +109,12 @@ class Taps:
             raise ConfigError(
                 f"box {name!r}: back end 'replay' needs the session, [record] replay = 'S.mcap'."
             )
-        if kind not in KINDS:
+        if kind not in FRAME_KINDS:
             raise ConfigError(
                 f"box {name!r}: frames of {kind!r} cannot be replayed, those of "
-                f"{' and '.join(KINDS)} can; set backend = 'sim' for the devices wired to it."
+                f"{' and '.join(FRAME_KINDS)} can; set backend = 'sim' for the devices wired to it."
             )
-        found = self.replays[name] = Replay(name, read_frames(self._session, name))
+        found = self.replays[name] = RecordedAnswers(name, read_frames(self._session, name))
         plain = Bus(
             kind,
             None,

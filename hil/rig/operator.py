@@ -43,7 +43,7 @@ class Shop:
         if self._rig is not None:
             self._rig.enable()
 
-    def settable(self) -> Mapping[str, settable.Range]:
+    def settable(self) -> Mapping[str, settable.SettableRange]:
         """What an operator may set of the law, and how far."""
         return settable.ranges(self._in_force())
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from hil.errors import ConfigError, DeviceError, unknown
 from hil.signals.device import Controller
-from hil.signals.settable import Range, told
+from hil.signals.settable import SettableRange, told
 
 
 class Operated(Protocol):
@@ -43,7 +43,7 @@ class Workshop(Protocol):
         """Enable the devices."""
         ...
 
-    def settable(self) -> Mapping[str, Range]:
+    def settable(self) -> Mapping[str, SettableRange]:
         """What may be set of the law, and how far."""
         ...
 
@@ -57,7 +57,7 @@ class Workshop(Protocol):
 
 
 @dataclass(frozen=True)
-class Command:
+class OperatorCommand:
     """One command, ready to be applied between two ticks.
 
     Parameters
@@ -72,7 +72,7 @@ class Command:
     apply: Callable[[Operated], None]
 
 
-def parse(text: str, shop: Workshop) -> Command:
+def parse(text: str, shop: Workshop) -> OperatorCommand:
     """Command from a line such as ``pause`` or ``set force_scale 0.5``.
 
     Raises
@@ -85,7 +85,7 @@ def parse(text: str, shop: Workshop) -> Command:
         raise ConfigError(unknown("command", words[0] if words else "", COMMANDS))
     form, build = COMMANDS[words[0]]
     try:
-        return Command(" ".join(words), build(words[1:], shop))
+        return OperatorCommand(" ".join(words), build(words[1:], shop))
     except ConfigError:
         raise
     except (ValueError, TypeError) as error:
@@ -159,7 +159,7 @@ COMMANDS: dict[str, tuple[str, Callable[[Sequence[str], Workshop], Callable[[Ope
 }
 
 
-def usage(known: Mapping[str, Range]) -> str:
+def usage(known: Mapping[str, SettableRange]) -> str:
     """All commands, and what may be set, for the operator."""
     return f"commands: {', '.join(text for text, _ in COMMANDS.values())}; to set: {told(known)}"
 

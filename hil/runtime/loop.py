@@ -21,7 +21,7 @@ from hil.rig import estimators, safety
 from hil.rig.open import ArmPort
 from hil.rig.safety import BITS, FAULTING, PAUSING
 from hil.runtime.clock import Clock
-from hil.runtime.commands import Command
+from hil.runtime.commands import OperatorCommand
 from hil.signals.device import Controller, FloatArray, Status
 from hil.signals.frame import FrameLayout
 from hil.signals.state import OperatingState, StateCommand, StateMachine
@@ -224,7 +224,7 @@ class Loop:
         self._shown = self._state.size
         self._overload = Overload(missed_limit, round(1e9 / period_ns))
         self.machine = StateMachine("the loop")
-        self.mailbox: deque[Command] = deque()
+        self.mailbox: deque[OperatorCommand] = deque()
         self.applied: deque[tuple[int, str, OperatingState, OperatingState]] = deque()
         self.tick = self._zero_ns = 0
         self.since = self.reason = 0
@@ -305,7 +305,7 @@ class Loop:
             self.machine.command(StateCommand.PAUSE)
             self.since, self.reason = self.tick, mask & PAUSING
 
-    def _obey(self, command: Command) -> None:
+    def _obey(self, command: OperatorCommand) -> None:
         before = self.machine.state
         command.apply(self)
         self.applied.append((self.tick, command.text, before, self.machine.state))

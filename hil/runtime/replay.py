@@ -13,7 +13,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import tempfile
-import tomllib
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -36,10 +35,11 @@ from hil.signals.device import Controller, FloatArray, IntArray, ServoJf, Status
 from hil.signals.frame import TIMING
 from hil.signals.state import OperatingState
 from hil.toml import parse
+from hil.userfile import parse_toml
 
 
 @dataclass
-class Played:
+class RecordedInputs:
     """What a session holds for a replay, on the rows that all its channels share."""
 
     config: RigConfig
@@ -53,11 +53,11 @@ class Played:
     commands: dict[int, list[str]]
 
 
-def played(box: Container, folder: Path) -> Played:
+def played(box: Container, folder: Path) -> RecordedInputs:
     """Everything that a replay needs."""
     if "rig.toml" not in box.attachments:
         raise DataError(f"session {box.path} has no rig file; only sessions of 'hil run' replay")
-    config = parse(RigConfig, tomllib.loads(box.attachments["rig.toml"].decode()), "rig")
+    config = parse(RigConfig, parse_toml(box.attachments["rig.toml"].decode()), "rig")
     if "trajectory.toml" in box.attachments:
         (folder / "trajectory.toml").write_bytes(box.attachments["trajectory.toml"])
         law = config.controller
@@ -78,7 +78,7 @@ def played(box: Container, folder: Path) -> Played:
     return _arrays(box, config, n)
 
 
-def _arrays(box: Container, config: RigConfig, n: int) -> Played:
+def _arrays(box: Container, config: RigConfig, n: int) -> RecordedInputs:
     arms = config.controller.arms
     u, sent, codes = np.zeros((n, len(arms), 12)), np.zeros((n, len(arms), 3)), []
     raw = decode_numbers(box.topics["/rig/raw"])[:n].reshape(n, len(arms), len(WORDS))
@@ -99,7 +99,7 @@ def _arrays(box: Container, config: RigConfig, n: int) -> Played:
         states = dict(zip(topic.sequence, decode_numbers(topic), strict=True))
     ticks = box.topics["/loop/timing"].ticks[:n]
     times = box.topics["/loop/timing"].stamps[:n].astype(np.float64)
-    return Played(
+    return RecordedInputs(
         config, ticks, times, u, sent, np.stack(codes, axis=1), timing, states, _commands(box)
     )
 
@@ -143,7 +143,7 @@ class _Nowhere:
     def close(self) -> None: ...
 
 
-class Run:
+class ReplayRun:
     """The law over the rows of a record; what commands do to the loop, done to this.
 
     Parameters
@@ -154,7 +154,7 @@ class Run:
         Parameters of the law that are to be others.
     """
 
-    def __init__(self, record: Played, changes: dict[str, float]) -> None:
+    def __init__(self, record: RecordedInputs, changes: dict[str, float]) -> None:
         self.record = record
         self.shop = Shop(None, record.config, bounded=False)
         self.law: Controller = self.shop.law({k: (v,) for k, v in changes.items()})
@@ -240,7 +240,7 @@ def _driver(config: RigConfig, arm: str) -> ServoJf:
 
 
 @dataclass(frozen=True)
-class Difference:
+class CommandDifference:
     """Where record and replay part.
 
     Parameters
@@ -282,7 +282,7 @@ class Replayed:
     ticks: int
     compared: int = 0
     differ: int = 0
-    first: Difference | None = None
+    first: CommandDifference | None = None
     notes: list[str] = field(default_factory=list)
     rms: dict[str, list[float]] = field(default_factory=dict)
 
@@ -314,12 +314,14 @@ def replay(path: str | Path, changes: Mapping[str, float] | None = None) -> Repl
     with tempfile.TemporaryDirectory() as folder:
         record = played(box, Path(folder))
         out = Replayed(str(path), record.ticks.size)
-        _judge(record, *Run(record, dict(changes or {})).all(), out)
+        _judge(record, *ReplayRun(record, dict(changes or {})).all(), out)
     _explain(box, out, changes)
     return out
 
 
-def _judge(r: Played, sent: FloatArray, codes: FloatArray, known: Any, out: Replayed) -> None:
+def _judge(
+    r: RecordedInputs, sent: FloatArray, codes: FloatArray, known: Any, out: Replayed
+) -> None:
     """Compare bit by bit."""
     worse = (sent != r.sent) | (codes != r.codes)
     worse &= known[:, None, None]
@@ -331,7 +333,7 @@ def _judge(r: Played, sent: FloatArray, codes: FloatArray, known: Any, out: Repl
         k, a, j = (int(v[0]) for v in np.nonzero(worse))
         told = ("effort", r.sent, sent), ("code", r.codes, codes)
         name, old, new = told[int(r.sent[k, a, j] == sent[k, a, j])]
-        out.first = Difference(
+        out.first = CommandDifference(
             int(r.ticks[k]),
             r.config.controller.arms[a],
             f"{name}{j + 1}",

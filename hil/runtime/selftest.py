@@ -34,7 +34,7 @@ MOVES, STILL_COUNTS, STILL_FORCE = 0.03, 4, 1.0
 
 
 @dataclass(frozen=True)
-class Step:
+class TestStep:
     """Outcome of one step.
 
     Parameters
@@ -60,7 +60,7 @@ def selftest(
     opener: Callable[[RigConfig, int], Rig] = open_rig,
     source: str = "RIG.toml",
     rearm: bool = False,
-) -> Iterator[Step]:
+) -> Iterator[TestStep]:
     """Test a rig; nothing but zero goes to a motor before `allowed` has returned True.
 
     Parameters
@@ -98,7 +98,7 @@ def selftest(
         bench = _Bench(rig, config)
         passed = True
         for name, box in rig.boxes.items():
-            yield Step(name, "box", True, boxes.describe(box))
+            yield TestStep(name, "box", True, boxes.describe(box))
         for step in bench.without_power():
             passed &= step.passed
             yield step
@@ -149,7 +149,7 @@ class _Bench:
             status = max(status, Status(safe), port.efforts.servo_jf(wanted, self.sent))
         return status
 
-    def without_power(self) -> Iterator[Step]:
+    def without_power(self) -> Iterator[TestStep]:
         """Everything is read for a while; nothing may move or be pressed."""
         counts, force, worst = [], [], Status.OK
         for _ in range(WATCH):
@@ -158,7 +158,7 @@ class _Bench:
             force.append(self.wrench[:, :3].copy())
         if worst >= Status.STALE:
             why = self.rig.trouble() or f"the worst status was {worst.name}"
-            yield Step("rig", "reading", False, f"{why}; run 'hil devices RIG.toml'")
+            yield TestStep("rig", "reading", False, f"{why}; run 'hil devices RIG.toml'")
             return
         moved, noise = np.ptp(counts, axis=0), np.std(force, axis=0)
         for i, (arm, port) in enumerate(self.arms.items()):
@@ -166,22 +166,22 @@ class _Bench:
             text = f"counts moved by {most} at rest"
             if most > STILL_COUNTS:
                 text += "; rest the arm in its dock and keep off it, or look for bad cables"
-            yield Step(arm, "encoders", most <= STILL_COUNTS, text)
+            yield TestStep(arm, "encoders", most <= STILL_COUNTS, text)
             if port.force is not None:
                 most_n = float(noise[i].max())
                 text = f"force has a noise of {most_n:.2g} N"
                 if most_n > STILL_FORCE:
                     text += "; keep off the sensor, and look at its cable"
-                yield Step(arm, "force", most_n <= STILL_FORCE, text)
+                yield TestStep(arm, "force", most_n <= STILL_FORCE, text)
 
-    def with_power(self, torque: float) -> Iterator[Step]:
+    def with_power(self, torque: float) -> Iterator[TestStep]:
         """Every joint of every arm, one at a time, both ways."""
         for i, (arm, port) in enumerate(self.arms.items()):
             devices = self._of(arm)
             for k in range(3):
                 yield _judge(arm, k, self._both_ways(i, port, devices, k, torque), torque)
 
-    def cut(self, watchdog: Watchdog, torque: float) -> Iterator[Step]:
+    def cut(self, watchdog: Watchdog, torque: float) -> Iterator[TestStep]:
         """Stop ticking until the watchdog has cut; on hardware no motor may move from then on.
 
         A simulated rig has no power that a program could cut: there only the program is judged.
@@ -191,7 +191,7 @@ class _Bench:
             self.step()
         trip = watchdog.proved()
         text = in_words(trip) if trip else "it did not act when the loop stopped"
-        yield Step("watchdog", "cut", bool(trip.get("worked")), text)
+        yield TestStep("watchdog", "cut", bool(trip.get("worked")), text)
         if not (self.config.hardware and trip.get("worked")):
             return
         for i, (arm, port) in enumerate(self.arms.items()):
@@ -201,7 +201,7 @@ class _Bench:
             text = f"{torque:g} N m after the cut changed a speed by {most:.2f} rad/s"
             if most >= MOVES:
                 text += ": the motors still have power; look at what the cut program switches"
-            yield Step(arm, "cut", most < MOVES, text)
+            yield TestStep(arm, "cut", most < MOVES, text)
 
     def _of(self, arm: str) -> list[Device]:
         """Devices of an arm."""
@@ -237,7 +237,7 @@ class _Bench:
         return np.asarray(change)
 
 
-def _judge(arm: str, k: int, change: FloatArray, torque: float) -> Step:
+def _judge(arm: str, k: int, change: FloatArray, torque: float) -> TestStep:
     """Whether joint k, and it above all, went the way that it was pushed."""
     name, seen = f"joint {k + 1}", f"{torque:g} N m changed its speed by {change[k]:+.2f} rad/s"
     largest = int(np.argmax(np.abs(change)))
@@ -248,5 +248,5 @@ def _judge(arm: str, k: int, change: FloatArray, torque: float) -> Step:
     elif change[k] < 0:
         text = f"{seen}: turn the sign of its place in channels.motors or channels.encoders"
     else:
-        return Step(arm, name, True, seen)
-    return Step(arm, name, False, text)
+        return TestStep(arm, name, True, seen)
+    return TestStep(arm, name, False, text)

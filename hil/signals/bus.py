@@ -33,7 +33,7 @@ def threaded(name: str, step: Step) -> Callable[[], None]:
 
 
 class FrameLog(Protocol):
-    """Takes the frames of a bus (`hil.record.frames.FrameLog`)."""
+    """Takes the frames of a bus (`hil.record.frames.BoundedFrameLog`)."""
 
     def add(self, kind: str, key: str, data: bytes) -> None:
         """A frame went over the bus; `kind` is ``tx`` or ``rx``."""
@@ -55,7 +55,7 @@ class RecordedFrame(Protocol):
 
 
 class Replay(Protocol):
-    """Answers for a device (`hil.record.frames.Replay`)."""
+    """Answers for a device (`hil.record.frames.RecordedAnswers`)."""
 
     def put(self, key: str, data: bytes) -> None:
         """The driver sends a frame."""

@@ -10,7 +10,7 @@ from hil.errors import ConfigError, unknown
 
 
 @dataclass(frozen=True)
-class Range:
+class SettableRange:
     """Values that a parameter may take, bounds included.
 
     Parameters
@@ -36,23 +36,25 @@ class Range:
 class Settable(Protocol):
     """A law's parameters of which some may be set."""
 
-    def settable(self) -> Mapping[str, Range]:
+    def settable(self) -> Mapping[str, SettableRange]:
         """Parameter -> range."""
         ...
 
 
-def ranges(parameters: object) -> Mapping[str, Range]:
+def ranges(parameters: object) -> Mapping[str, SettableRange]:
     """Ranges that the parameters of a law declare; none where they declare nothing."""
     declared = getattr(parameters, "settable", None)
     return declared() if callable(declared) else {}
 
 
-def told(known: Mapping[str, Range]) -> str:
+def told(known: Mapping[str, SettableRange]) -> str:
     """All of them in one line."""
     return ", ".join(f"{name} {known[name]}" for name in sorted(known)) or "none"
 
 
-def checked(name: str, values: Sequence[float], known: Mapping[str, Range]) -> Sequence[float]:
+def checked(
+    name: str, values: Sequence[float], known: Mapping[str, SettableRange]
+) -> Sequence[float]:
     """`values` of the parameter `name`, within its range.
 
     Raises

@@ -26,7 +26,7 @@ FORCE = ("c2", "c3", "c5", "c6")
 
 
 @dataclass(frozen=True)
-class Term:
+class MotionTerm:
     """Motion term c(s) = k / s + b + a s: on position, velocity, acceleration.
 
     Parameters
@@ -43,13 +43,13 @@ class Term:
         """Value at s, with the filters of velocity and acceleration."""
         return self.k / s + self.b * velocity + self.a * s * acceleration
 
-    def __add__(self, other: Term) -> Term:
-        return Term(self.k + other.k, self.b + other.b, self.a + other.a)
+    def __add__(self, other: MotionTerm) -> MotionTerm:
+        return MotionTerm(self.k + other.k, self.b + other.b, self.a + other.a)
 
-    def __mul__(self, x: float) -> Term:
-        return Term(self.k * x, self.b * x, self.a * x)
+    def __mul__(self, x: float) -> MotionTerm:
+        return MotionTerm(self.k * x, self.b * x, self.a * x)
 
-    def __neg__(self) -> Term:
+    def __neg__(self) -> MotionTerm:
         return self * -1.0
 
     def size(self) -> float:
@@ -58,7 +58,7 @@ class Term:
 
 
 @dataclass(frozen=True)
-class Robot:
+class RobotImpedance:
     """Controlled robot on one axis, z(s) = m s + b.
 
     Parameters
@@ -75,9 +75,9 @@ class Robot:
             raise ConfigError(f"robot: m = {self.m} kg must be positive, b = {self.b} not negative")
 
     @property
-    def term(self) -> Term:
+    def term(self) -> MotionTerm:
         """Impedance as a term."""
-        return Term(0.0, self.b, self.m)
+        return MotionTerm(0.0, self.b, self.m)
 
 
 @dataclass(frozen=True)
@@ -125,16 +125,16 @@ class Design:
         Goals v_s = motion_scale v_m and f_m = force_scale f_s.
     """
 
-    c1: Term = Term()
+    c1: MotionTerm = MotionTerm()
     c2: float = 0.0
     c3: float = 0.0
-    c4: Term = Term()
+    c4: MotionTerm = MotionTerm()
     c5: float = 0.0
     c6: float = 0.0
-    c7: Term = Term()
-    c8: Term = Term()
-    master: Robot = field(default_factory=Robot)
-    slave: Robot = field(default_factory=Robot)
+    c7: MotionTerm = MotionTerm()
+    c8: MotionTerm = MotionTerm()
+    master: RobotImpedance = field(default_factory=RobotImpedance)
+    slave: RobotImpedance = field(default_factory=RobotImpedance)
     name: str = "own"
     motion_scale: float = 1.0
     force_scale: float = 1.0
@@ -229,8 +229,8 @@ class Wish:
     master_force: float = 0.0
     motion_scale: float = 1.0
     force_scale: float = 1.0
-    master: Robot = field(default_factory=Robot)
-    slave: Robot = field(default_factory=Robot)
+    master: RobotImpedance = field(default_factory=RobotImpedance)
+    slave: RobotImpedance = field(default_factory=RobotImpedance)
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "damping", "master_stiffness", "master_damping"):
@@ -242,20 +242,23 @@ class Wish:
 
 def position_error(w: Wish) -> Design:
     """Both robots pulled to each other; no force is used."""
-    pull = Term(w.stiffness, w.damping)
-    back = Term(w.master_stiffness, w.master_damping)
+    pull = MotionTerm(w.stiffness, w.damping)
+    back = MotionTerm(w.master_stiffness, w.master_damping)
     return Design(c1=pull * w.motion_scale, c4=-(back * (1 / w.motion_scale)), c7=pull, c8=back)
 
 
 def position_force(w: Wish) -> Design:
     """Slave follows the master's position, master feels the slave's force."""
-    pull = Term(w.stiffness, w.damping)
+    pull = MotionTerm(w.stiffness, w.damping)
     return Design(
-        c1=pull * w.motion_scale, c2=w.force_scale * w.share, c7=pull, c8=Term(0, w.master_damping)
+        c1=pull * w.motion_scale,
+        c2=w.force_scale * w.share,
+        c7=pull,
+        c8=MotionTerm(0, w.master_damping),
     )
 
 
-def _transparent(w: Wish, c5: float, c6: float, c7: Term, c8: Term) -> Design:
+def _transparent(w: Wish, c5: float, c6: float, c7: MotionTerm, c8: MotionTerm) -> Design:
     """Channels that the theorem demands for given local loops."""
     kp, kf = w.motion_scale, w.force_scale
     return Design(
@@ -270,12 +273,12 @@ def _transparent(w: Wish, c5: float, c6: float, c7: Term, c8: Term) -> Design:
     )
 
 
-def _inner_loops(w: Wish) -> tuple[float, float, Term, Term]:
+def _inner_loops(w: Wish) -> tuple[float, float, MotionTerm, MotionTerm]:
     return (
         w.slave_force,
         w.master_force,
-        Term(w.stiffness, w.damping),
-        Term(w.master_stiffness, w.master_damping),
+        MotionTerm(w.stiffness, w.damping),
+        MotionTerm(w.master_stiffness, w.master_damping),
     )
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from hil.models.phantom import Premium
 from hil.teleop import force_sensor_free
-from hil.teleop.architecture import FORCE, MOTION, Design, Realisation, Robot, Term
+from hil.teleop.architecture import FORCE, MOTION, Design, MotionTerm, Realisation, RobotImpedance
 from hil.teleop.hybrid import FREE, FloatArray, Impedance
-from hil.teleop.sampled_loop import Cable, Loop
+from hil.teleop.sampled_loop import Cable, SampledLoop
 
 _AXES = ("x", "y", "z")
 
@@ -29,7 +29,7 @@ class Way(Protocol):
         """What comes on top at most [s]."""
 
 
-class Law(Protocol):
+class LawParameters(Protocol):
     """What is read of a law's parameters; see `hil.controllers.lawrence.LawrenceConfig`."""
 
     @property
@@ -106,7 +106,7 @@ def tip_mass(pi: Any, pose: Any) -> FloatArray:
     return out
 
 
-def realisation(law: Law) -> Realisation:
+def realisation(law: LawParameters) -> Realisation:
     """Filters, and the longest delay of each channel."""
     return Realisation(
         law.velocity_hz,
@@ -117,20 +117,32 @@ def realisation(law: Law) -> Realisation:
     )
 
 
-def designs_of(law: Law) -> list[Design]:
+def designs_of(law: LawParameters) -> list[Design]:
     """Designs of the three axes."""
     out = []
     for g, m in zip(law.gains(), law.masses().T, strict=True):
-        t = [Term(*map(float, g[3 * i : 3 * i + 3])) for i in range(4)]
-        out.append(Design(
-            c1=t[0], c4=t[1], c7=t[2], c8=t[3], c2=float(g[12]), c3=float(g[13]),
-            c5=float(g[14]), c6=float(g[15]), master=Robot(float(m[0])), slave=Robot(float(m[1])),
-            name="lawrence", motion_scale=law.motion_scale, force_scale=law.force_scale,
-        ))  # fmt: skip
+        t = [MotionTerm(*map(float, g[3 * i : 3 * i + 3])) for i in range(4)]
+        out.append(
+            Design(
+                c1=t[0],
+                c4=t[1],
+                c7=t[2],
+                c8=t[3],
+                c2=float(g[12]),
+                c3=float(g[13]),
+                c5=float(g[14]),
+                c6=float(g[15]),
+                master=RobotImpedance(float(m[0])),
+                slave=RobotImpedance(float(m[1])),
+                name="lawrence",
+                motion_scale=law.motion_scale,
+                force_scale=law.force_scale,
+            )
+        )
     return out
 
 
-def loops_of(law: Law) -> list[Loop]:
+def loops_of(law: LawParameters) -> list[SampledLoop]:
     """Loops of the three axes at the law's pose, for the checks.
 
     Forces that are estimated from the motion make of a design its force-sensor-free equivalent
@@ -149,11 +161,13 @@ def loops_of(law: Law) -> list[Loop]:
     if law.forces == "estimated":
         arms = tips if law.shape == "natural" else law.masses()
         designs = [
-            force_sensor_free.transform(replace(d, master=Robot(float(m)), slave=Robot(float(s))))
+            force_sensor_free.transform(
+                replace(d, master=RobotImpedance(float(m)), slave=RobotImpedance(float(s)))
+            )
             for d, m, s in zip(designs, *arms, strict=True)
         ]
     return [
-        Loop(
+        SampledLoop(
             design,
             real,
             law.shape,

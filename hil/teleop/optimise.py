@@ -22,7 +22,7 @@ from scipy.optimize import NonlinearConstraint, minimize
 
 from hil.errors import ConfigError
 from hil.teleop import hybrid, passivity
-from hil.teleop.architecture import IDEAL, Design, Realisation, Robot, Term
+from hil.teleop.architecture import IDEAL, Design, MotionTerm, Realisation, RobotImpedance
 from hil.teleop.hybrid import GEL, HAND, FloatArray, Impedance
 from hil.teleop.summary import band, tracking, weighted
 
@@ -32,7 +32,7 @@ _FORCES = np.array([False, True, True, False, True, True, False, False])
 
 
 @dataclass(frozen=True)
-class Problem:
+class DesignProblem:
     """What a design must do.
 
     Parameters
@@ -55,8 +55,8 @@ class Problem:
         Filters and delays.
     """
 
-    master: Robot = field(default_factory=lambda: Robot(0.3))
-    slave: Robot = field(default_factory=lambda: Robot(0.3))
+    master: RobotImpedance = field(default_factory=lambda: RobotImpedance(0.3))
+    slave: RobotImpedance = field(default_factory=lambda: RobotImpedance(0.3))
     environment: Impedance = GEL
     operator: Impedance = HAND
     largest: Impedance = Impedance(0.0, 6.0, 1500.0)  # noqa: RUF009
@@ -85,10 +85,10 @@ _STABILITY_MARGIN = 0.03
 _FINE: FloatArray = np.geomspace(0.1, 1000.0, 600)
 
 
-class Search:
+class DesignSearch:
     """Grids and bounds of one problem; x = theta / bounds in [0, 1]."""
 
-    def __init__(self, p: Problem) -> None:
+    def __init__(self, p: DesignProblem) -> None:
         self.p, self.top = p, p.bounds()
         self.w, self.slow = band()[::3], 2 * np.pi * np.geomspace(0.05, 1.0, 8)
         self.watch(np.geomspace(0.1, 1000.0, 60))
@@ -104,7 +104,7 @@ class Search:
         """Controller of scaled parameters."""
         t, c = x * self.top, self.p.corner
         v = dict(zip(ORDER, t.tolist(), strict=True))
-        one = Term(c, 1.0)
+        one = MotionTerm(c, 1.0)
         return Design(
             c1=one * v["c1"],
             c4=one * -v["c4"],
@@ -196,7 +196,7 @@ class Active:
     price: float
 
 
-def _active_constraints(search: Search, x: FloatArray) -> tuple[Active, ...]:
+def _active_constraints(search: DesignSearch, x: FloatArray) -> tuple[Active, ...]:
     """Constraints and bounds that bind, with their prices from the stationarity conditions."""
     slack = {n: v for n, v in search.constraints(x).items() if v.min() < _ACTIVE}
     rows: list[tuple[str, str, FloatArray]] = []
@@ -217,7 +217,7 @@ def _active_constraints(search: Search, x: FloatArray) -> tuple[Active, ...]:
     return tuple(sorted(out, key=lambda a: -a.price))
 
 
-def _reason(search: Search, x: FloatArray, name: str) -> str:
+def _reason(search: DesignSearch, x: FloatArray, name: str) -> str:
     p, values = search.p, search.constraints(x)[name]
     at = int(values.argmin())
     hz = (search.slow if "tracking" in name else search.wide) / (2 * np.pi)
@@ -230,7 +230,7 @@ def _reason(search: Search, x: FloatArray, name: str) -> str:
     }[name]
 
 
-def _gradient(search: Search, x: FloatArray, name: str) -> FloatArray:
+def _gradient(search: DesignSearch, x: FloatArray, name: str) -> FloatArray:
     at = int(search.constraints(x)[name].argmin())
     return _slope(lambda v: float(search.constraints(v)[name][at]), x)
 
@@ -254,7 +254,7 @@ _OPTIONS = {"maxiter": 60, "ftol": 1e-5, "eps": 1e-6}
 
 
 @dataclass(frozen=True)
-class Found:
+class OptimisedDesign:
     """An optimised design.
 
     Parameters
@@ -280,8 +280,8 @@ class Found:
 
 
 def optimise(
-    problem: Problem, start: tuple[float, ...] | None = None, starts: int = 8, seed: int = 0
-) -> Found:
+    problem: DesignProblem, start: tuple[float, ...] | None = None, starts: int = 8, seed: int = 0
+) -> OptimisedDesign:
     """Maximise the sensitivity.
 
     Parameters
@@ -289,7 +289,7 @@ def optimise(
     problem : Problem
         Task and bounds.
     start : tuple of 8 floats, optional
-        `Found.theta` of a neighbouring problem: one search from there (fast enough for a
+        `OptimisedDesign.theta` of a neighbouring problem: one search from there (fast enough for a
         re-design on line).
     starts, seed : int
         Searches from random points, without `start`.
@@ -299,7 +299,7 @@ def optimise(
     ConfigError
         If no start leads to a feasible design; it names the constraint that fails least.
     """
-    search, rng = Search(problem), np.random.default_rng(seed)
+    search, rng = DesignSearch(problem), np.random.default_rng(seed)
     first = (
         [np.clip(np.array(start) / search.top, 0.0, 1.0)]
         if start is not None
@@ -320,12 +320,12 @@ def optimise(
     best, x = max(good, key=lambda r: r[0])
     agreeing = sum(value > 0.99 * best for value, _ in good)
     theta = tuple(float(v) for v in x * search.top)
-    return Found(
+    return OptimisedDesign(
         search.design(x), theta, best, _active_constraints(search, x), len(first), agreeing
     )
 
 
-def _maximise(search: Search, x: FloatArray) -> FloatArray:
+def _maximise(search: DesignSearch, x: FloatArray) -> FloatArray:
     """Sequential quadratic programming on scaled parameters; grid refined where it was passed."""
     climb: Any = minimize
     for _ in range(_REFINEMENTS):

@@ -11,9 +11,9 @@ from hil.estimate import compensation_tables
 from hil.models.files import read_model
 from hil.models.phantom import Premium
 from hil.teleop import architecture, law_parameters, optimise
-from hil.teleop.architecture import Design, Robot, Wish
+from hil.teleop.architecture import Design, RobotImpedance, Wish
 from hil.teleop.hybrid import Impedance
-from hil.teleop.optimise import Problem
+from hil.teleop.optimise import DesignProblem
 
 #: What a design is made from, and what of the law can be set beside it.
 WISHES = tuple(f.name for f in fields(Wish) if f.name not in ("master", "slave"))
@@ -28,14 +28,14 @@ REAL = (
     "forward",
     "backward",
 )
-#: What an optimised design is made from: bounds and tolerances of `hil.teleop.optimise.Problem`.
+#: Bounds and tolerances of an optimised design, as in `hil.teleop.optimise.DesignProblem`.
 TASK = ("max_stiffness", "max_force", "corner", "free", "contact", "kappa")
 #: Masses of the sensors on the tip [kg] (data sheets), reflected inertia of the rotors [kg m^2].
 _SENSORS = {"nano17": 0.009, "nano25": 0.063}
 _ROTORS = (1.8e-4, 1.3e-4, 1.3e-4)
 
 
-class Rig(Protocol):
+class RigTables(Protocol):
     """What is read of a rig file."""
 
     @property
@@ -48,7 +48,7 @@ class Rig(Protocol):
 
 
 @dataclass(frozen=True)
-class Arms:
+class ArmImpedances:
     """The two arms as the axes see them.
 
     Parameters
@@ -61,15 +61,15 @@ class Arms:
     slave: tuple[float, ...]
 
     @staticmethod
-    def of(law: Any) -> Arms:
+    def of(law: Any) -> ArmImpedances:
         """Masses for a law: its own where the arm is shaped, else those of its models."""
         if law.shape != "natural":
             m, s = law.masses()
-            return Arms(tuple(map(float, m)), tuple(map(float, s)))
+            return ArmImpedances(tuple(map(float, m)), tuple(map(float, s)))
         tips = [
             law_parameters.tip_mass(p, law.pose) for p in (law.leader_model, law.follower_model)
         ]
-        return Arms(*(tuple(round(float(x), 4) for x in tip) for tip in tips))
+        return ArmImpedances(*(tuple(round(float(x), 4) for x in tip) for tip in tips))
 
 
 def settings(words: Sequence[str]) -> dict[str, Any]:
@@ -105,7 +105,9 @@ def _value(key: str, text: str) -> Any:
     return numbers[0]
 
 
-def optimised(task: Mapping[str, float], arms: Arms, law: Any) -> list[optimise.Found]:
+def optimised(
+    task: Mapping[str, float], arms: ArmImpedances, law: Any
+) -> list[optimise.OptimisedDesign]:
     """Sensitivity-optimised designs of the three axes, the later ones warm-started.
 
     Parameters
@@ -119,11 +121,11 @@ def optimised(task: Mapping[str, float], arms: Arms, law: Any) -> list[optimise.
     """
     names = {"max_stiffness": "stiffness", "max_force": "force"}
     chosen: dict[str, Any] = _ON_THE_RIG | {names.get(k, k): v for k, v in task.items()}
-    found: list[optimise.Found] = []
+    found: list[optimise.OptimisedDesign] = []
     for m, s in zip(arms.master, arms.slave, strict=True):
-        problem = Problem(
-            master=Robot(m),
-            slave=Robot(s),
+        problem = DesignProblem(
+            master=RobotImpedance(m),
+            slave=RobotImpedance(s),
             environment=Impedance(*law.environment),
             operator=Impedance(*law.operator),
             real=law_parameters.realisation(law),
@@ -137,7 +139,7 @@ def optimised(task: Mapping[str, float], arms: Arms, law: Any) -> list[optimise.
 _ON_THE_RIG = {"stiffness": 150.0, "corner": 100.0, "contact": 0.75, "kappa": 1.5}
 
 
-def designs(name: str, wishes: Mapping[str, float], arms: Arms) -> list[Design]:
+def designs(name: str, wishes: Mapping[str, float], arms: ArmImpedances) -> list[Design]:
     """Designs of the three axes, each for its own masses.
 
     Parameters
@@ -151,12 +153,12 @@ def designs(name: str, wishes: Mapping[str, float], arms: Arms) -> list[Design]:
     """
     out = []
     for m, s in zip(arms.master, arms.slave, strict=True):
-        robots = {"master": Robot(m), "slave": Robot(s)}
+        robots = {"master": RobotImpedance(m), "slave": RobotImpedance(s)}
         out.append(architecture.named_design(name, replace(Wish(**wishes), **robots)))  # type: ignore[arg-type]
     return out
 
 
-def models(paths: Mapping[str, str], rig: Rig) -> dict[str, Any]:
+def models(paths: Mapping[str, str], rig: RigTables) -> dict[str, Any]:
     """Rigid-body parameters and effects to compensate of both arms.
 
     An arm without a fitted model gets the published parameters with its rotors and the mass of
@@ -185,7 +187,7 @@ def _nominal(payload: float) -> list[float]:
     return [float(x) for x in law_parameters.payload(pi, payload)]
 
 
-def _payload(rig: Rig, arm: str) -> float:
+def _payload(rig: RigTables, arm: str) -> float:
     """Mass of an arm's force sensor [kg]."""
     for device in rig.devices.values():
         if device.arm == arm and device.driver == "ft-sensor":

@@ -69,7 +69,7 @@ def _mechanics(
 
 
 @dataclass(frozen=True)
-class Loop:
+class SampledLoop:
     """One axis as it will run.
 
     Parameters
@@ -127,7 +127,7 @@ class Axis:
         T [s].
     """
 
-    def __init__(self, loop: Loop, zh: Impedance, ze: Impedance, period: float) -> None:
+    def __init__(self, loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> None:
         self.loop, self.outside, self.period = loop, (zh, ze), period
         self._g = gains(loop.design)
         real = loop.real
@@ -221,19 +221,21 @@ class Axis:
         return np.stack([self.advance(e) for e in np.eye(self.size)], axis=1)
 
 
-def _spectral_radius(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> float:
+def _spectral_radius(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> float:
     """Largest magnitude of the eigenvalues of one period; stable below 1."""
     return _dominant_mode(loop, zh, ze, period)[0]
 
 
-def _dominant_mode(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> tuple[float, float]:
+def _dominant_mode(
+    loop: SampledLoop, zh: Impedance, ze: Impedance, period: float
+) -> tuple[float, float]:
     """Magnitude of the largest eigenvalue of one period, and its frequency [Hz]."""
     values = np.linalg.eigvals(Axis(loop, zh, ze, period).matrix())
     top = values[np.abs(values).argmax()]
     return float(abs(top)), float(abs(np.angle(top)) / (2 * np.pi * period))
 
 
-def _sampled_delay_margin(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> float:
+def _sampled_delay_margin(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> float:
     """Additional round-trip delay that the sampled loop bears [s], to half a millisecond or so.
 
     Half of it is added to each channel; the search doubles, then halves, and ends at 0.2 s.
@@ -259,7 +261,9 @@ def _sampled_delay_margin(loop: Loop, zh: Impedance, ze: Impedance, period: floa
     return low
 
 
-def hybrid_at(loop: Loop, w: FloatArray, period: float, encoders: bool = False) -> ComplexArray:
+def hybrid_at(
+    loop: SampledLoop, w: FloatArray, period: float, encoders: bool = False
+) -> ComplexArray:
     """Hybrid matrix that the sampled loop shows at w [rad/s], (n, 2, 2).
 
     Two experiments per frequency, free and against a spring, driven by the operator's force:
@@ -313,7 +317,7 @@ class Margins:
     pair: str
 
 
-def _proper(loop: Loop) -> None:
+def _proper(loop: SampledLoop) -> None:
     """Refuse gains that cannot be realised or cannot hold a slave.
 
     Raises
@@ -342,7 +346,7 @@ def _proper(loop: Loop) -> None:
         )
 
 
-def margins(loop: Loop, period: float) -> Margins:
+def margins(loop: SampledLoop, period: float) -> Margins:
     """Margins of one axis."""
     rows = []
     for zh, ze in _pairs(loop):
@@ -359,7 +363,7 @@ def margins(loop: Loop, period: float) -> Margins:
     return Margins(loop.axis, max(r[0] for r in rows), worst[1], min(r[2] for r in rows), worst[3])
 
 
-def refuse(loops: Iterable[Loop], period: float) -> None:
+def refuse(loops: Iterable[SampledLoop], period: float) -> None:
     """Refuse a controller that must not run.
 
     Parameters
@@ -385,7 +389,7 @@ def refuse(loops: Iterable[Loop], period: float) -> None:
             _stable(loop, zh, ze, period)
 
 
-def _stable(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> None:
+def _stable(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> None:
     size, hz = _dominant_mode(loop, zh, ze, period)
     if size <= 1.0 + _GROWTH:
         return
@@ -414,7 +418,7 @@ def _stable(loop: Loop, zh: Impedance, ze: Impedance, period: float) -> None:
     )
 
 
-def _advice(loop: Loop, hz: float) -> str:
+def _advice(loop: SampledLoop, hz: float) -> str:
     if any(getattr(loop.design, c).a for c in MOTION):
         return (
             "lower acceleration_hz, or go further from the estimation singularity (smaller c2 c3)"
@@ -424,7 +428,7 @@ def _advice(loop: Loop, hz: float) -> str:
     return "lower the gains, or raise velocity_hz and force_hz"
 
 
-def _pairs(loop: Loop) -> Iterable[tuple[Impedance, Impedance]]:
+def _pairs(loop: SampledLoop) -> Iterable[tuple[Impedance, Impedance]]:
     return product(loop.operators, loop.environments)
 
 

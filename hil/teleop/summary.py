@@ -15,7 +15,7 @@ from plotly.subplots import make_subplots
 from hil.teleop import force_sensor_free, hybrid, passivity, transparency
 from hil.teleop.architecture import IDEAL
 from hil.teleop.hybrid import FREE, GRID, FloatArray, Impedance
-from hil.teleop.sampled_loop import Loop, Margins, margins
+from hil.teleop.sampled_loop import Margins, SampledLoop, margins
 
 #: Band over which the sensitivity is averaged, and up to which tracking counts [Hz].
 _BAND, _TRACKING = (0.2, 5.0), 1.0
@@ -24,7 +24,7 @@ _LARGEST = Impedance(0.0, 6.0, 1500.0)
 
 
 @dataclass(frozen=True)
-class Summary:
+class DesignSummary:
     """Figures of merit of one axis, with filters and delays.
 
     Parameters
@@ -88,7 +88,7 @@ def tracking(h: Any, ze: Any, scale: float) -> FloatArray:
     return out
 
 
-def summarise(loop: Loop, period: float) -> Summary:
+def summarise(loop: SampledLoop, period: float) -> DesignSummary:
     """Figures of merit of one axis.
 
     Parameters
@@ -104,7 +104,7 @@ def summarise(loop: Loop, period: float) -> Summary:
     sampled = force_sensor_free.sampled_condition(d, loop.real.acceleration_hz, period)
     still = hybrid.hybrid(d, np.array([1e-4j]), loop.real)
     gap = tracking(far, ze(hybrid.jw(slow)), d.motion_scale)
-    return Summary(
+    return DesignSummary(
         loop.axis,
         d.name,
         tuple(c.text for c in transparency.check(d) if not c.holds),
@@ -137,7 +137,7 @@ def _figure(rows: int, cols: int, titles: tuple[str, ...], height: int) -> Any:
     return figure
 
 
-def bode_plot(loops: list[Loop]) -> Any:
+def bode_plot(loops: list[SampledLoop]) -> Any:
     """Magnitude and phase of h11..h22: ideal dashed, with filters and delays solid."""
     figure = _figure(2, 4, _ENTRIES, 520)
     for loop, color in zip(loops, _COLORS, strict=False):
@@ -168,7 +168,7 @@ def bode_plot(loops: list[Loop]) -> Any:
     return figure
 
 
-def stability_plot(loops: list[Loop]) -> Any:
+def stability_plot(loops: list[SampledLoop]) -> Any:
     """Margins over frequency: passivity, Llewellyn, and radius mu of admissible environments."""
     titles = ("absolute stability", "passivity (min eigenvalue)", "mu: admissible reflection")
     figure = _figure(1, 3, titles, 330)
@@ -193,7 +193,9 @@ def stability_plot(loops: list[Loop]) -> Any:
     return figure
 
 
-def region_plot(loop: Loop, hz: tuple[float, ...] = (0.5, 2.0, 10.0), b: float = 20.0) -> Any:
+def region_plot(
+    loop: SampledLoop, hz: tuple[float, ...] = (0.5, 2.0, 10.0), b: float = 20.0
+) -> Any:
     """Stability circles in the plane of the environment's reflection (z_e - b) / (z_e + b)."""
     figure = _figure(1, 1, ("environments that are stable with every passive operator",), 460)
     angle = np.linspace(0, 2 * np.pi, 181)
@@ -221,7 +223,7 @@ def region_plot(loop: Loop, hz: tuple[float, ...] = (0.5, 2.0, 10.0), b: float =
     return figure
 
 
-def impedance_plot(loops: list[Loop]) -> Any:
+def impedance_plot(loops: list[SampledLoop]) -> Any:
     """Transmitted impedance in free space and against the stiffest world: its width."""
     figure = _figure(1, 1, ("transmitted impedance: free, gel, stiffest",), 360)
     for loop, color in zip(loops, _COLORS, strict=False):

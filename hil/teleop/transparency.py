@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 
-from hil.teleop.architecture import Design, Term
+from hil.teleop.architecture import Design, MotionTerm
 
 #: Channel -> the local gain that replaces it, and the value that makes it vanish.
 LOCAL = {
@@ -36,7 +36,7 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class Condition:
+class TransparencyCondition:
     """One condition of the theorem.
 
     Parameters
@@ -81,38 +81,40 @@ class Family:
     condition: str
 
 
-def _wanted(design: Design) -> dict[str, Term]:
+def _wanted(design: Design) -> dict[str, MotionTerm]:
     """c1..c4 that the theorem demands for the local gains of this design."""
     kp, kf = design.motion_scale, design.force_scale
     return {
         "c1": (design.slave.term + design.c7) * kp,
-        "c2": Term(0.0, kf * (1.0 + design.c6)),
-        "c3": Term(0.0, (1.0 + design.c5) / kf),
+        "c2": MotionTerm(0.0, kf * (1.0 + design.c6)),
+        "c3": MotionTerm(0.0, (1.0 + design.c5) / kf),
         "c4": -(design.master.term + design.c8) * (1.0 / kp),
     }
 
 
-def check(design: Design) -> list[Condition]:
+def check(design: Design) -> list[TransparencyCondition]:
     """All five conditions with their gaps, the missed ones saying what to change."""
     goal = _wanted(design)
     found = []
     for name in LOCAL:
         value = getattr(design, name)
-        have = value if isinstance(value, Term) else Term(0.0, value)
+        have = value if isinstance(value, MotionTerm) else MotionTerm(0.0, value)
         difference = (have + (-goal[name])).size()
         gap = difference / max(have.size(), goal[name].size(), 1e-300)
         holds = gap <= _TOLERANCE or difference <= _TOLERANCE
         text = "" if holds else f"{name} is {_said(have)}, it should be {_said(goal[name])}"
-        found.append(Condition(name, _EQUATIONS[name], holds, 0.0 if holds else gap, text))
+        found.append(
+            TransparencyCondition(name, _EQUATIONS[name], holds, 0.0 if holds else gap, text)
+        )
     return [*found, _rank(design)]
 
 
-def _rank(design: Design) -> Condition:
+def _rank(design: Design) -> TransparencyCondition:
     one, two = design.c1 * design.c2, design.c4 * design.c3
     gap = (one + (-two)).size() / max(one.size(), two.size(), 1e-300)
     holds = gap > _TOLERANCE
     text = "" if holds else "the channels cancel: the port variables are not determined"
-    return Condition("rank", _EQUATIONS["rank"], holds, gap, text)
+    return TransparencyCondition("rank", _EQUATIONS["rank"], holds, gap, text)
 
 
 def transparent(design: Design) -> bool:
@@ -166,11 +168,11 @@ def redundant(design: Design) -> dict[str, str]:
     return out
 
 
-def _there(value: Term | float) -> bool:
-    return (value.size() if isinstance(value, Term) else abs(value)) > 0.0
+def _there(value: MotionTerm | float) -> bool:
+    return (value.size() if isinstance(value, MotionTerm) else abs(value)) > 0.0
 
 
-def _said(term: Term) -> str:
+def _said(term: MotionTerm) -> str:
     parts = [(term.k, "/s"), (term.b, ""), (term.a, " s")]
     least = _ROUNDING * term.size()
     text = " + ".join(f"{x:.6g}{unit}" for x, unit in parts if abs(x) > least)

@@ -112,7 +112,7 @@ class FarEnd:
 NOTICED = 0.2
 
 
-class Bench:
+class DriverBench:
     """A device under test with its time."""
 
     def __init__(
@@ -185,10 +185,10 @@ class Bench:
 
 
 #: Efforts [N m] that every motor can give.
-PUSH = 0.02
+TEST_EFFORT = 0.02
 
 
-def _states(b: Bench) -> None:
+def _states(b: DriverBench) -> None:
     device = b.device
     b.require(bool(device.name), "has no name")
     b.require(device.state is OperatingState.DISABLED, f"opens {device.state!r}, not DISABLED")
@@ -208,7 +208,7 @@ def _states(b: Bench) -> None:
     device.close()
 
 
-def _refused(b: Bench, what: str) -> None:
+def _refused(b: DriverBench, what: str) -> None:
     try:
         b.device.enable()
     except DeviceError as error:
@@ -217,7 +217,7 @@ def _refused(b: Bench, what: str) -> None:
     b.require(False, f"{what} was not refused with a DeviceError")
 
 
-def _position(b: Bench) -> None:
+def _position(b: DriverBench) -> None:
     goal = b.far.pose.copy()
     b.enable()
     speed = 0.5 * np.array([1.0, -0.6, 0.8, -1.0, 0.7, 0.5])[: b.far.joints]
@@ -235,7 +235,7 @@ def _position(b: Bench) -> None:
     b.require(float(off.max()) < b.tol.position, f"at rest: measured {b.q}, true {goal} rad")
 
 
-def _force(b: Bench) -> None:
+def _force(b: DriverBench) -> None:
     b.enable()
     for k in range(b.far.axes):
         wrench = np.zeros(6)
@@ -250,8 +250,8 @@ def _force(b: Bench) -> None:
     b.ticks(b.settle)
 
 
-def _effort(b: Bench) -> None:
-    push = PUSH * np.array([1.0, -0.5, 0.8, -1.0, 0.6, 0.5])[: b.far.joints]
+def _effort(b: DriverBench) -> None:
+    push = TEST_EFFORT * np.array([1.0, -0.5, 0.8, -1.0, 0.6, 0.5])[: b.far.joints]
     b.ticks(b.settle, push)
     b.require(not b.far.effort().any(), "gives an effort before enable()")
     b.enable()
@@ -266,18 +266,18 @@ def _effort(b: Bench) -> None:
     status = b.tick(push)
     b.require(status is Status.INVALID, f"answers {status!r} to an effort that is not a number")
     b.require(b.device.state is OperatingState.FAULT, "is not in FAULT after such an effort")
-    status = b.ticks(b.settle, np.full(b.far.joints, PUSH))
+    status = b.ticks(b.settle, np.full(b.far.joints, TEST_EFFORT))
     b.require(status is Status.INVALID, f"answers {status!r} to an effort in FAULT")
     b.require(not b.far.effort().any(), "gives an effort in FAULT")
 
 
-def _same(b: Bench, value: FloatArray, true: FloatArray, what: str) -> None:
+def _same(b: DriverBench, value: FloatArray, true: FloatArray, what: str) -> None:
     near = float(np.abs(value - true).max()) < b.tol.effort
     b.require(near, f"{what} {value}, asked for {true} N m")
 
 
-def _zero_on_exit(b: Bench) -> None:
-    push = np.full(b.far.joints, PUSH)
+def _zero_on_exit(b: DriverBench) -> None:
+    push = np.full(b.far.joints, TEST_EFFORT)
     for leave in ("disable", "close", "fault"):
         b.enable()
         b.ticks(b.settle, push)
@@ -291,7 +291,7 @@ def _zero_on_exit(b: Bench) -> None:
     b.device.close()
 
 
-def _unplug(b: Bench) -> None:
+def _unplug(b: DriverBench) -> None:
     b.enable()
     b.far.unplug()
     try:
@@ -313,7 +313,7 @@ def _unplug(b: Bench) -> None:
     b.device.close()
 
 
-def _mute(b: Bench) -> None:
+def _mute(b: DriverBench) -> None:
     b.enable()
     b.far.mute(True)
     noticed = b.notices()
@@ -321,7 +321,7 @@ def _mute(b: Bench) -> None:
     b.require(noticed >= Status.STALE, f"does not notice in {NOTICED} s that no answer comes")
 
 
-def _garble(b: Bench) -> None:
+def _garble(b: DriverBench) -> None:
     b.enable()
     if b.far.can("place"):  # away from zero, where nothing shows
         goal = b.far.pose.copy()
@@ -343,7 +343,7 @@ def _garble(b: Bench) -> None:
 
 
 _ANY: tuple[type, ...] = (MeasuredJs, MeasuredCf, ServoJf)
-_Check = Callable[[Bench], None]
+_Check = Callable[[DriverBench], None]
 #: name -> what the far end must be able to do, which capabilities it is about, the check.
 CHECKS: dict[str, tuple[tuple[str, ...], tuple[type, ...], _Check]] = {
     "states": ((), _ANY, _states),
@@ -409,7 +409,7 @@ def check_driver(
     checked = Checked()
     for name, (needs, kinds, check) in CHECKS.items():
         missing = [m for m in needs if not far.can(m)]
-        bench = Bench(open_device, far, period, settle, tolerance or Tolerance())
+        bench = DriverBench(open_device, far, period, settle, tolerance or Tolerance())
         try:
             applies = any(isinstance(bench.device, kind) for kind in kinds)
             if applies and not missing:

@@ -128,8 +128,8 @@ def test_without_a_rule_what_another_stops_too_stays_out(two):
 
 
 def test_only_cases_with_a_rule_of_their_own_are_repeated():
-    case = cases.Case("none", "arm", (), "white", "strokes", 0)
-    other = cases.Case("none", "arm", (), "white", "strokes", 1)
+    case = cases.SessionCase("none", "arm", (), "white", "strokes", 0)
+    other = cases.SessionCase("none", "arm", (), "white", "strokes", 1)
     rows = [row(case.name, "right", alone=["worth", "harm"]), row(other.name, "unstable")]
     assert [(a.case, a.code) for a in ablation.repeated([case, other], rows)] == [
         (case, "harm"),

@@ -19,7 +19,7 @@ def row(kind, hidden, named, verdict, excess=2.0):
         for e, j, c, r in named
     ]
     hid = tuple(cases.Hidden(e, int(j[-1]) - 1, x) for e, j, x in hidden)
-    case = cases.Case(kind, "arm", hid, "white", "strokes", 0)
+    case = cases.SessionCase(kind, "arm", hid, "white", "strokes", 0)
     return found | {"outcome": runner.outcome(case, found)}
 
 
@@ -46,12 +46,14 @@ def test_outcome(kind, hidden, named, verdict, outcome):
 
 
 def test_wilson_interval():
-    low, high = tables.Share(9, 10).interval
+    low, high = tables.Proportion(9, 10).interval
     # Brown, Cai, DasGupta 2001: 0.596 to 0.982
     assert (round(low, 3), round(high, 3)) == (0.596, 0.982)
     for n in range(1, 60):
-        assert tables.Share(0, n).interval[0] >= 0.0 and "-0" not in str(tables.Share(0, n))
-        assert tables.Share(n, n).interval[1] <= 1.0
+        assert tables.Proportion(0, n).interval[0] >= 0.0 and "-0" not in str(
+            tables.Proportion(0, n)
+        )
+        assert tables.Proportion(n, n).interval[1] <= 1.0
 
 
 def test_progress_is_told_in_a_file_too(capsys: pytest.CaptureFixture[str]) -> None:
@@ -67,6 +69,9 @@ def test_report_and_resume(tmp_path):
     ]
     text = tables.report(rows, "hil bench diagnosis")
     assert "| stribeck" in text and "(0/1" in text
+    unstable = {k: v for k, v in rows[0].items() if k not in ("excess", "before", "after")}
+    text = tables.report([*rows, unstable | {"outcome": "unstable"}], "hil bench diagnosis")
+    assert "1 sessions unstable: not counted." in text
     path = tmp_path / "r.jsonl"
     path.write_text("".join(json.dumps(r) + "\n" for r in rows) + '{"half')
     assert runner.read(path) == rows

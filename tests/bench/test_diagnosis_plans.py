@@ -48,7 +48,7 @@ def test_rows_of_an_earlier_revision_are_of_the_tuning_plants():
     ],
 )
 def test_what_has_no_name_of_its_own_has_right_names(hidden, named, outcome):
-    case = cases.Case("one", "elbow3", (cases.Hidden(hidden, 0, 1.5),), "white", "points", 0)
+    case = cases.SessionCase("one", "elbow3", (cases.Hidden(hidden, 0, 1.5),), "white", "points", 0)
     found = row("test", "elbow3", named, "") | {"hidden": [[hidden, "joint1", 1.5]]}
     assert runner.outcome(case, found) == outcome
     (mean,) = [s.k for _, _, _, s in tables.calibration([found]) if s.n]

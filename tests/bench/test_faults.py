@@ -116,6 +116,6 @@ def test_cyclictest_is_read(monkeypatch):
     assert (found.ticks, found.missed, found.p50, found.most) == (100, 2, 7.0, 1200.0)
     monkeypatch.setattr(loop.shutil, "which", lambda name: None)
     assert "not installed" in loop.cyclictest(1.0).note
-    ours = loop.Run("hil run", 1, 0, 1, 1, 1, 1)
+    ours = loop.LoopRun("hil run", 1, 0, 1, 1, 1, 1)
     assert "nothing to compare" in loop.verdict([loop.cyclictest(1.0), ours])
     assert loop.plain_sleep(0.01).ticks == 10

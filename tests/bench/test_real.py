@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hil.bench import least_squares_script, real, real_table
-from hil.bench.real import Case, Ours, Row, Script
+from hil.bench.real import Ours, RealCase, RealRow, ScriptErrors
 from hil.cli import main
 from hil.errors import DataError
 from hil.record import datasets
@@ -70,7 +70,7 @@ def test_person_on_recordings(name):
     train, hold = datasets.load_set(name, "train"), datasets.load_set(name, "hold")
     found = least_squares_script.run(train, hold, train[0].robot)
     given, final, joints = KNOWN[name]
-    row = Row(name, "", False, list(train[0].joints), found.holds.tolist(), "", "", 0.0)
+    row = RealRow(name, "", False, list(train[0].joints), found.holds.tolist(), "", "", 0.0)
     assert row.whole(found.given.tolist()) == pytest.approx(given, abs=0.06)
     assert row.whole(found.final.tolist()) == pytest.approx(final, abs=0.06)
     for j, before, after in joints:
@@ -81,7 +81,7 @@ def test_person_on_recordings(name):
 @needs_data
 def test_a_case_end_to_end():
     row = next(iter(real.run(real.cases(["a_spring"]))))
-    assert isinstance(row.script, Script)
+    assert isinstance(row.script, ScriptErrors)
     assert isinstance(row.ours, Ours)
     # the given spring is the same law on the same rows
     assert row.ours.ladder[0] == pytest.approx(row.script.given, rel=1e-3)
@@ -109,22 +109,22 @@ def test_an_error_of_ours_is_a_row(monkeypatch):
         raise ZeroDivisionError("no floor")
 
     monkeypatch.setattr(real, "ours", broken)
-    row = real.examine(Case("axis", "drive", two))
-    assert isinstance(row.script, Script)
+    row = real.examine(RealCase("axis", "drive", two))
+    assert isinstance(row.script, ScriptErrors)
     assert str(row.ours).startswith("ZeroDivisionError at test_real.py:")
     assert real_table.FAILED in real_table.line(row)
 
 
-def dies(case: Case) -> Row:
+def dies(case: RealCase) -> RealRow:
     os._exit(7)
 
 
-def lacks(case: Case) -> Row:
+def lacks(case: RealCase) -> RealRow:
     raise DataError("get it from there")
 
 
 def test_a_process_that_dies_is_a_row_and_missing_data_an_error():
-    case = Case("axis", "drive", two)
+    case = RealCase("axis", "drive", two)
     (row,) = real.run([case], work=dies)
     assert row.ours == row.script == "its process ended with status 7"
     assert real_table.line(row)[0] == "axis"
@@ -138,10 +138,12 @@ def test_command_names_the_source_of_what_is_not_there(monkeypatch, capsys):
     assert "inverse-dynamics-solver" in capsys.readouterr().err
 
 
-def row(case: str, ours: Ours | str, complete: bool = False) -> Row:
+def row(case: str, ours: Ours | str, complete: bool = False) -> RealRow:
     """A case of two joints that move and one that holds."""
-    script = Script([4.0, 4.0, 90.0], [3.0, 1.0, 90.0], [["slip"], [], []], 0.5)
-    return Row(case, "arm", complete, ["a", "b", "c"], [False, False, True], script, ours, 200.0)
+    script = ScriptErrors([4.0, 4.0, 90.0], [3.0, 1.0, 90.0], [["slip"], [], []], 0.5)
+    return RealRow(
+        case, "arm", complete, ["a", "b", "c"], [False, False, True], script, ours, 200.0
+    )
 
 
 def mine(*rungs: float, written: int = 0, names: tuple[str, ...] = (), own: bool = False) -> Ours:
@@ -200,7 +202,7 @@ def test_aims_count_what_fails():
 
 
 def test_data_are_json():
-    dead = Row("dead", "arm", False, [], [], "gone", "gone", math.nan)
+    dead = RealRow("dead", "arm", False, [], [], "gone", "gone", math.nan)
     back = json.loads(json.dumps(real_table.data([*ROWS, dead]), allow_nan=False))
     assert back[0]["ours"]["names"] == [["presliding on a", 0.9]]
     assert back[-1]["mebibytes"] is None
@@ -211,5 +213,5 @@ def test_page():
     assert "revision abc123" in text
     assert "crash: ValueError at here.py:1" in text
     tables = [x for x in text.splitlines() if x.startswith("|")]
-    widths = {len(real_table.HEAD), len(real_table.JOINTS), len(real_table.KINDS)}
+    widths = {len(real_table.HEAD), len(real_table.JOINT_HEAD), len(real_table.KIND_HEAD)}
     assert {x.count("|") - 1 for x in tables} == widths

@@ -243,7 +243,7 @@ def test_estimators_keep_no_memory_in_the_hot_path(memory_growth):
 
 
 def test_predict_then_correct_is_the_filter_that_agrees_with_filterpy():
-    plant = elastic_transmission.Plant()
+    plant = elastic_transmission.TwoMassPlant()
     run = elastic_transmission.record(plant, 0.3, 1)
     known = ElasticUkf(UkfConfig(), float(run.y[0]))
     other = ElasticUkf(UkfConfig(), float(run.y[0]))

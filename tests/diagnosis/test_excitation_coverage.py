@@ -5,7 +5,7 @@ import pytest
 
 from hil.commands.diagnose import text
 from hil.diagnosis.engine import diagnose
-from hil.diagnosis.unnamed import HIDDEN
+from hil.diagnosis.unnamed import HIDDEN_SHARE
 from hil.diagnosis.verbs import ladder
 from hil.models.model import base_model
 from hil.record.recording import Recording
@@ -82,6 +82,6 @@ def test_it_is_told_with_an_adequate_answer_everywhere(tmp_path):
 
 def test_an_error_at_the_floor_is_called_no_proof():
     d = answer(FAST)
-    assert d.beyond is not None and 0.0 <= d.beyond < HIDDEN
+    assert d.beyond is not None and 0.0 <= d.beyond < HIDDEN_SHARE
     assert "an error at it is no proof" in text(d, ladder(d))
     assert diagnosis_json(d)["remaining"]["any_function"] == pytest.approx(d.beyond, rel=0.01)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hil
-from hil.diagnosis.types import Share
+from hil.diagnosis.types import Explainable
 from hil.diagnosis.unnamed import told
 from hil.report.json import diagnosis_json
 
@@ -70,10 +70,10 @@ def test_nothing_left_nothing_said():
 
 def test_one_line_a_joint_tells_the_shares():
     shares = [
-        Share("a", "network: t", 0.2, "", "time"),
-        Share("a", "network: qd of a", 0.9, "", "speed"),
-        Share("a", "network: q,qd of a", 0.0, "", "place"),
-        Share("b", "t", 0.0, "", "time"),
+        Explainable("a", "network: t", 0.2, "", "time"),
+        Explainable("a", "network: qd of a", 0.9, "", "speed"),
+        Explainable("a", "network: q,qd of a", 0.0, "", "place"),
+        Explainable("b", "t", 0.0, "", "time"),
     ]
     assert told(shares) == [
         "a: any function of speed could explain 90 %, of time 20 %",

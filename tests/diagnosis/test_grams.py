@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.diagnosis.folds import split
-from hil.diagnosis.grams import Group, Table
+from hil.diagnosis.grams import GramTable, Group
 from hil.identify.problem import Problem
 
 
@@ -48,7 +48,7 @@ def by_rows(problem, folds, x):
 def test_any_subset_of_columns_gives_what_the_rows_give(made, names):
     problem, folds = made
     groups = columns(problem, *"avs1q")
-    table = Table(problem, folds, np.array([0.01]), groups)
+    table = GramTable(problem, folds, np.array([0.01]), groups)
     keys = sorted(names)
     x = np.concatenate([g.columns for g in groups if g.key in keys], axis=1)
     expected = by_rows(problem, folds, x)
@@ -58,7 +58,7 @@ def test_any_subset_of_columns_gives_what_the_rows_give(made, names):
 
 def test_left_out_rows_give_the_same_errors(made):
     problem, folds = made
-    table = Table(problem, folds, np.array([0.01]), columns(problem, *"avs1"))
+    table = GramTable(problem, folds, np.array([0.01]), columns(problem, *"avs1"))
     left = table.left_out(list("avs1"))[0] * problem.live[0]
     each = np.bincount(folds.block, left**2, minlength=folds.blocks)
     assert each == pytest.approx(table.errors(list("avs1")).squared[:, 0], rel=1e-6, abs=1e-12)
@@ -68,10 +68,10 @@ def test_a_coefficient_that_leaves_its_bound_lies_on_it(made):
     problem, folds = made
     a, v, s, one = columns(problem, *"avs1")
     bounded = Group("v", 0, v.columns, np.array([0.2]), np.array([np.inf]), np.zeros(1))
-    table = Table(problem, folds, np.array([0.01]), [a, bounded, s, one])
+    table = GramTable(problem, folds, np.array([0.01]), [a, bounded, s, one])
     found = table.coefficients(["a", "v", "s", "1"])
     assert found["v"][0] == pytest.approx(0.2)  # the truth is 0.1
-    free = Table(problem, folds, np.array([0.01]), [a, v, s, one]).coefficients(list("avs1"))
+    free = GramTable(problem, folds, np.array([0.01]), [a, v, s, one]).coefficients(list("avs1"))
     assert free["v"][0] == pytest.approx(0.1, abs=0.02)
     assert found["s"][0] < free["s"][0]  # the others make up for it
 
@@ -81,22 +81,24 @@ def test_what_no_row_sees_stays_at_its_prior(made):
     nothing = Group(
         "x", 0, np.zeros((problem.n, 1)), np.array([-9.0]), np.array([9.0]), np.array([3.0])
     )
-    table = Table(problem, folds, np.array([0.01]), [*columns(problem, *"avs1"), nothing])
+    table = GramTable(problem, folds, np.array([0.01]), [*columns(problem, *"avs1"), nothing])
     assert table.coefficients([*"avs1", "x"])["x"][0] == 3.0
 
 
 def test_a_column_of_noise_costs_on_left_out_blocks(made):
     problem, folds = made
     noise = np.random.default_rng(0).normal(size=(problem.n, 30))
-    table = Table(problem, folds, np.array([0.01]), [*columns(problem, *"avs1"), group("n", noise)])
+    table = GramTable(
+        problem, folds, np.array([0.01]), [*columns(problem, *"avs1"), group("n", noise)]
+    )
     assert table.errors([*"avs1", "n"]).power[0] > table.errors(list("avs1")).power[0]
 
 
 def test_a_group_apart_gives_what_it_gives_among_the_others(made):
     problem, folds = made
     every = columns(problem, *"avs1q")
-    whole = Table(problem, folds, np.array([0.01]), every)
-    apart = Table(problem, folds, np.array([0.01]), every[:3], every[3:])
+    whole = GramTable(problem, folds, np.array([0.01]), every)
+    apart = GramTable(problem, folds, np.array([0.01]), every[:3], every[3:])
     for keys in ("avs", "avs1", "avsq", "as1"):
         one, other = whole.errors(list(keys)), apart.errors(list(keys))
         assert one.squared == pytest.approx(other.squared, rel=1e-9)

@@ -7,7 +7,7 @@ import pytest
 
 from hil.bench import identify
 from hil.bench.diagnosis import runner
-from hil.bench.diagnosis.cases import Case, Hidden
+from hil.bench.diagnosis.cases import Hidden, SessionCase
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import ranking
 from hil.identify.problem import Problem
@@ -20,7 +20,7 @@ from hil.models.model import base_model
 def named(*hidden: Hidden, noise: str, excitation: str, seed: int) -> dict[str, set[str]]:
     """Names with their rivals, for effects hidden in a session of the arm."""
     kind = "one" if len(hidden) == 1 else "two"
-    train, other = runner.recordings(Case(kind, "arm", hidden, noise, excitation, seed))
+    train, other = runner.recordings(SessionCase(kind, "arm", hidden, noise, excitation, seed))
     found = diagnose(train, base_model(train[0].robot), other).findings
     return {f.effect: {f.effect, *f.rivals} for f in found}
 

@@ -119,7 +119,7 @@ def test_a_rule_that_stopped_a_candidate_says_which_and_why():
 def test_a_rule_that_is_off_is_not_asked(code, monkeypatch):
     monkeypatch.setitem(rules.CANDIDATE, code, lambda case: "asked")
     monkeypatch.setattr(rules, "OFF", set(rules.CANDIDATE) - {code})
-    case = rules.Case(SimpleNamespace(fired={}), _Rated(), None)  # type: ignore[arg-type]
+    case = rules.RuleCase(SimpleNamespace(fired={}), _Rated(), None)  # type: ignore[arg-type]
     assert rules.stopped(case).code == code
     monkeypatch.setattr(rules, "OFF", set(rules.CANDIDATE))
     assert rules.stopped(case) is None

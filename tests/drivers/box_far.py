@@ -7,7 +7,7 @@ from bench_far import ArmFar
 from hil.drivers.premium import PremiumArm, PremiumConfig
 from hil.drivers.usb_31xx import Usb31xx, Usb31xxConfig
 from hil.drivers.usb_quad08 import Quad08, Quad08Config
-from hil.rig.boxes import BoxWire, Place
+from hil.rig.boxes import BoxPlace, BoxWire
 from hil.sim_devices.wired import WiredBench
 
 
@@ -66,8 +66,8 @@ class BoxFar(ArmFar):
             dac = Usb31xx("dac", self.wired.buses["hid"], "", self.dac, (0, 1, 2))
             stack.callback(dac.close)
             rows = {
-                "encoders": [(quad, Place("quad", k, s)) for k, s in enumerate(self.signs)],
-                "motors": [(dac, Place("dac", k, s)) for k, s in enumerate(self.signs)],
+                "encoders": [(quad, BoxPlace("quad", k, s)) for k, s in enumerate(self.signs)],
+                "motors": [(dac, BoxPlace("dac", k, s)) for k, s in enumerate(self.signs)],
             }
             wire = BoxWire("arm", rows, self.bench.advance)
             wire.close = stack.pop_all().close

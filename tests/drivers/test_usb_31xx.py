@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.drivers.usb_31xx import Usb31xx, Usb31xxConfig, codec
-from hil.drivers.usb_31xx.driver import Link
+from hil.drivers.usb_31xx.driver import HidLink
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
 from hil.sim_devices.hid.module import SimHid
@@ -335,6 +335,6 @@ def test_the_simulated_handle_fails_as_hidapi_does():
 
 def test_a_link_skips_answers_to_other_questions():
     world = World()
-    link = Link("dac", world.bus, 0x009A, "")
+    link = HidLink("dac", world.bus, 0x009A, "")
     world.box.inputs.append(bytes.fromhex("03 ff"))
     assert link.query(bytes([codec.GET_STATUS]), 1) == b"\0"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hil.drivers.usb_quad08 import Quad08, Quad08Config, codec, link
 from hil.drivers.usb_quad08.driver import ScanClock, arm, configure, read_count
-from hil.drivers.usb_quad08.link import Link, find
+from hil.drivers.usb_quad08.link import UsbLink, find
 from hil.errors import ConfigError, DeviceError
 from hil.signals.bus import Bus
 from hil.signals.device import Status
@@ -63,7 +63,7 @@ class World:
         return Quad08("quad", self.bus(), "", Quad08Config(**options), channels)
 
     def link(self):
-        return Link("quad", find(self.usb, self.box.product, "")[0])
+        return UsbLink("quad", find(self.usb, self.box.product, "")[0])
 
 
 # golden words

@@ -8,7 +8,7 @@ from hil.bench.ukf import reference
 from hil.errors import ConfigError
 from hil.estimate import elastic_ukf
 from hil.experiments import elastic_transmission
-from hil.experiments.elastic_transmission import PERIOD, Plant, record
+from hil.experiments.elastic_transmission import PERIOD, TwoMassPlant, record
 
 CONFIG = elastic_ukf.UkfConfig()
 
@@ -19,7 +19,7 @@ def test_the_reference_is_filterpy():
 
 
 def test_the_compiled_filter_is_filterpys():
-    run = record(Plant(), 0.6, 3)
+    run = record(TwoMassPlant(), 0.6, 3)
     mine, theirs = elastic_ukf.ElasticUkf(CONFIG), reference(CONFIG, 0.0)
     for k in range(600):
         innovation = mine.step(run.y[k], run.u[k], PERIOD)
@@ -42,8 +42,8 @@ def test_approximations_are_as_good_as_said():
 
 def test_parameters_within_five_percent_in_25_seconds():
     """The plant has the filter's friction law only up to the shape of its sign."""
-    found, f = elastic_transmission.identify(Plant())
-    ratio = found / elastic_transmission.truth(Plant())
+    found, f = elastic_transmission.identify(TwoMassPlant())
+    ratio = found / elastic_transmission.truth(TwoMassPlant())
     np.testing.assert_allclose(ratio[:2], 1, atol=0.05)
     # only the sums are well determined: the motor's and the link's correlate with -1
     assert found[2] + found[4] == pytest.approx(0.022, rel=0.05)

@@ -30,7 +30,7 @@ def test_differences_are_those_asked_beforehand_after_holm():
     names = (palpation.MEASURE, "a", "a" + palpation.FREE_FORM)
     size = {palpation.MEASURE: 0.1, "a": 0.2, "a" + palpation.FREE_FORM: 0.2}
     rows = [
-        palpation.Row(
+        palpation.PalpationRow(
             n,
             0.0,
             0.0,

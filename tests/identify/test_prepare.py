@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from identify_arm import record
 
-from hil.identify.bands import SHARE, choose, information
+from hil.identify.bands import ACCELERATION_NOISE, choose, information
 from hil.identify.clock import even
 from hil.identify.fit import fit
 from hil.identify.prepare import bridged, prepared, signal
@@ -301,7 +301,7 @@ def test_acceleration_stands_clear_of_known_noise_up_to_a_known_frequency(noise:
     q = motion(r.t)[:, None] + noise * np.random.default_rng(5).normal(size=r.q.shape)
     rms = np.sqrt((0.6 * (2 * np.pi * 0.37) ** 2) ** 2 + (0.2 * (2 * np.pi * 1.13) ** 2) ** 2)
     rms /= np.sqrt(2)
-    known = (SHARE * rms / (noise * (2 * np.pi) ** 2) * np.sqrt(FS / 0.4)) ** 0.4
+    known = (ACCELERATION_NOISE * rms / (noise * (2 * np.pi) ** 2) * np.sqrt(FS / 0.4)) ** 0.4
     (found,), _ = information(replace(r, q=q))
     assert found == pytest.approx(known, rel=0.1)
 

@@ -9,7 +9,7 @@ from hil.errors import ConfigError
 from hil.identify.fit import fit
 from hil.identify.forward import Windows, _braked, _Forward, forward
 from hil.identify.problem import Problem
-from hil.identify.simulated import Errors, alike, refine
+from hil.identify.simulated import SimulationErrors, alike, refine
 from hil.models.model import Band, RobotModel, base_model
 from hil.record.recording import Recording, RobotSource
 
@@ -114,9 +114,9 @@ def test_simulated_from_other_first_states() -> None:
     assert moved[0] - plain[0] == pytest.approx(shift, rel=1e-6)
 
 
-def errors(*each: float) -> Errors:
+def errors(*each: float) -> SimulationErrors:
     square = np.array(each)[:, None]
-    return Errors(np.zeros(1), np.sqrt(square.mean(axis=0)), square)
+    return SimulationErrors(np.zeros(1), np.sqrt(square.mean(axis=0)), square)
 
 
 def test_models_within_one_standard_error_of_the_best_are_alike() -> None:

@@ -14,7 +14,17 @@ from hil.commands.run import differences
 from hil.errors import ConfigError, DataError, DeviceError
 from hil.record.container import read
 from hil.record.decode import read_fields
-from hil.record.frames import RX, START, TX, Frame, FrameLog, Replay, decode, encode, read_frames
+from hil.record.frames import (
+    RX,
+    START,
+    TX,
+    BoundedFrameLog,
+    Frame,
+    RecordedAnswers,
+    decode,
+    encode,
+    read_frames,
+)
 from hil.record.mcap_read import summary
 from hil.rig.config import load_rig
 from hil.rig.open import open_rig
@@ -125,7 +135,7 @@ def test_answers_wait_for_their_time_and_their_question():
         Frame(70, TX, "a", b"1"),
         Frame(70, RX, "b", b"3"),
     ]
-    replay = Replay("box", frames)
+    replay = RecordedAnswers("box", frames)
     replay.advance(1000)
     assert replay.take(True) is None
     replay.put("a", b"1")
@@ -141,7 +151,7 @@ def test_answers_wait_for_their_time_and_their_question():
 
 def test_a_full_log_drops_and_counts(monkeypatch):
     monkeypatch.setattr("hil.record.frames.MOST_WAITING", 3)
-    log = FrameLog()
+    log = BoundedFrameLog()
     for k in range(5):
         log.add(TX, "", bytes([k]))
     assert log.dropped == 2

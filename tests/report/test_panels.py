@@ -10,8 +10,7 @@ from hil.report.elements import Panels, nested
 
 
 def drawn(html: str) -> list:
-    text = re.search(r"Plotly.newPlot\((.*)\)</script>", html).group(1)
-    return json.loads(f"[{text}]")
+    return json.loads(re.search(r'class="figure">(.*)</script>', html).group(1))
 
 
 def figure() -> Panels:

@@ -21,7 +21,7 @@ from hil.rig.config import ArmConfig, SafetyConfig, load_rig
 from hil.rig.open import ArmPort
 from hil.rig.safety import BITS, FAULTING, PAUSING, TABLE, limits, named, sentence
 from hil.runtime.clock import VirtualClock
-from hil.runtime.commands import Command
+from hil.runtime.commands import OperatorCommand
 from hil.runtime.loop import Loop, Overload
 from hil.signals.device import Status
 from hil.signals.frame import FrameLayout
@@ -211,7 +211,7 @@ def test_leaving_the_range_pauses_once_and_the_way_back_is_open(bench):
         bench.arm.q[1] = q
         bench.run()
     assert bench.loop.machine.state is State.PAUSED and "position" in bench.names()
-    bench.loop.mailbox.append(Command("resume", lambda loop: loop.begin()))
+    bench.loop.mailbox.append(OperatorCommand("resume", lambda loop: loop.begin()))
     assert bench.run(5) is State.ENABLED and "position" in bench.names()
 
 
@@ -238,7 +238,7 @@ def test_a_fault_is_latched_and_takes_no_command(bench):
     bench.arm.js = Status.INVALID
     bench.run()
     bench.arm.js = Status.OK
-    bench.loop.mailbox.append(Command("start", lambda loop: loop.begin()))
+    bench.loop.mailbox.append(OperatorCommand("start", lambda loop: loop.begin()))
     assert bench.run(5) is State.FAULT
     assert (bench.arm.out == 0.0).all()
 

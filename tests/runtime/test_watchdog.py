@@ -50,10 +50,11 @@ def safe(tmp_path, state, agreed):
 def rig_file(tmp_path, safe):
     text = rig_path("teleop").read_text()
     words = json.dumps(list(safe.cut))
-    (tmp_path / "rig.toml").write_text(f"{text}\n[safety]\nwatchdog = 0.5\ncut = {words}\n")
+    (tmp_path / "rig.toml").write_text(f"{text}\n[safety]\nwatchdog = 1.0\ncut = {words}\n")
     return str(tmp_path / "rig.toml")
 
 
+@pytest.mark.real_time
 def test_files_in_the_working_directory_do_not_take_its_place(tmp_path, safe, monkeypatch):
     for name in ("json", "mmap", "subprocess", "sitecustomize", "hil"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit(0)")
@@ -83,6 +84,7 @@ def test_an_answer_is_to_a_number_that_is_new_each_time(tmp_path, safe, monkeypa
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.real_time
 def test_a_watchdog_that_is_gone_is_a_fault(tmp_path, safe, number):
     with guarded(safe, tmp_path / "s.mcap") as dog:
         assert dog.beat(1) == 0
@@ -102,6 +104,7 @@ class Late(VirtualClock):
         return super().wait(tick)
 
 
+@pytest.mark.real_time
 def test_a_cut_is_a_fault_in_record_and_info_and_latched(tmp_path, rig_file, safe, capsys):
     path = tmp_path / "s.mcap"
     mark, Late.held = tmp_path / "mark", beside(path).exists
@@ -213,7 +216,7 @@ def test_a_cut_program_that_cannot_run_is_refused_before_anything(tmp_path, rig_
     text = rig_path("teleop").read_text()
     for words, why in bad_programs(tmp_path):
         with open(rig_file, "w") as file:
-            file.write(f"{text}\n[safety]\nwatchdog = 0.5\ncut = {json.dumps(words)}\n")
+            file.write(f"{text}\n[safety]\nwatchdog = 1.0\ncut = {json.dumps(words)}\n")
         assert main(["run", rig_file, "--seconds", "0.01", "-o", str(tmp_path / "s.mcap")]) == 2
         assert why in capsys.readouterr().err
         assert not (tmp_path / "s.mcap").exists()
@@ -233,6 +236,7 @@ def test_programs_and_scripts_are_found(tmp_path, monkeypatch):
         cut.proven(SafetyConfig(cut=("touch", "x")))
 
 
+@pytest.mark.real_time
 def test_the_self_test_fires_the_cut(tmp_path, safe):
     over = {"safety": {"watchdog": 0.5, "cut": list(safe.cut)}}
     config = load_rig("identify", over)
@@ -244,6 +248,7 @@ def test_the_self_test_fires_the_cut(tmp_path, safe):
     assert not guard.latched(cut.proven(safe))
 
 
+@pytest.mark.real_time
 def test_the_self_test_finds_a_cut_that_fails_and_latches_it(tmp_path, state, agreed):
     agreed(["false"])
     config = load_rig("identify", {"safety": {"watchdog": 0.2, "cut": ["false"]}})
@@ -252,6 +257,7 @@ def test_the_self_test_finds_a_cut_that_fails_and_latches_it(tmp_path, state, ag
     assert "false returned 1" in guard.latched(cut.proven(config.safety))
 
 
+@pytest.mark.real_time
 def test_motors_that_move_after_the_cut_are_found(tmp_path, safe, monkeypatch):
     over = {"safety": {"watchdog": 0.5, "cut": list(safe.cut)}}
     config = load_rig("identify", over)
@@ -264,12 +270,13 @@ def test_motors_that_move_after_the_cut_are_found(tmp_path, safe, monkeypatch):
     assert "the motors still have power" in wrong[0].text
 
 
+@pytest.mark.real_time
 def test_a_cut_runs_only_where_it_was_agreed_to(tmp_path, rig_file, safe, state, capsys):
     script = tmp_path / "cut.sh"
     executable(script, b"#!/bin/sh\ntouch ran\n")
     text = rig_path("teleop").read_text()
     with open(rig_file, "w") as file:
-        file.write(f"{text}\n[safety]\nwatchdog = 0.5\ncut = {json.dumps([str(script)])}\n")
+        file.write(f"{text}\n[safety]\nwatchdog = 1.0\ncut = {json.dumps([str(script)])}\n")
     words = ["run", rig_file, "--seconds", "0.05", "-o", str(tmp_path / "s.mcap")]
     assert main(words) == 2
     assert f"'hil trust {rig_file}' remembers" in capsys.readouterr().err

@@ -54,7 +54,7 @@ def test_data_are_the_same_every_time() -> None:
 
 def test_page_says_which_goals_hold():
     rows = [
-        identify.Row(peer, identify.DATA[missing], 1.0, 1.0, ratio)
+        identify.IdentifyRow(peer, identify.DATA[missing], 1.0, 1.0, ratio)
         for peer, missing, ratio in (
             ("hil.fit", False, 0.7),
             ("hil.fit", True, 0.9),

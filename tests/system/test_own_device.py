@@ -12,7 +12,7 @@ import pytest
 from hil import registry
 from hil.drivers.premium import PremiumArm, PremiumConfig
 from hil.errors import DeviceError
-from hil.rig.boxes import BoxWire, Place
+from hil.rig.boxes import BoxPlace, BoxWire
 from hil.rig.config import load_rig
 from hil.rig.open import open_rig
 from hil.signals.bus import Bus
@@ -36,7 +36,7 @@ def own(monkeypatch):
 
 def open_arm(module, bus, address="/dev/ttyACM0"):
     box = module.open_box("mcu", bus, address, module.Config(), (0, 1, 2))
-    three = [(box, Place("mcu", k, 1)) for k in range(3)]
+    three = [(box, BoxPlace("mcu", k, 1)) for k in range(3)]
     wire = BoxWire("arm", {"encoders": three, "motors": three}, None)
     arm = PremiumArm("arm", wire, PremiumConfig(), 1e-3)
     close = arm.close

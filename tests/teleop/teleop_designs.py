@@ -2,31 +2,31 @@
 
 from hypothesis import strategies as st
 
-from hil.teleop.architecture import Design, Robot, Term
+from hil.teleop.architecture import Design, MotionTerm, RobotImpedance
 
 gain = st.floats(-2, 2)
 positive = st.floats(0.05, 3)
 
 
 def terms(stiff=400.0):
-    return st.builds(Term, st.floats(-stiff, stiff), st.floats(-20, 20), st.floats(-0.2, 0.2))
+    return st.builds(MotionTerm, st.floats(-stiff, stiff), st.floats(-20, 20), st.floats(-0.2, 0.2))
 
 
 def robots():
-    return st.builds(Robot, positive, st.floats(0, 2))
+    return st.builds(RobotImpedance, positive, st.floats(0, 2))
 
 
 def anchor():
     return Design(
-        c1=Term(210, 14),
+        c1=MotionTerm(210, 14),
         c2=0.4,
         c3=0.1,
-        c4=Term(-180, -12),
+        c4=MotionTerm(-180, -12),
         c5=0.1,
-        c7=Term(240, 16),
-        c8=Term(240, 16),
-        master=Robot(0.3),
-        slave=Robot(0.3),
+        c7=MotionTerm(240, 16),
+        c8=MotionTerm(240, 16),
+        master=RobotImpedance(0.3),
+        slave=RobotImpedance(0.3),
         name="anchor",
     )
 

@@ -12,7 +12,7 @@ from teleop_designs import anchor, designs, positive, robots
 
 from hil.errors import ConfigError
 from hil.teleop import architecture, hybrid, transparency
-from hil.teleop.architecture import Design, Realisation, Robot, Term
+from hil.teleop.architecture import Design, MotionTerm, Realisation, RobotImpedance
 from hil.teleop.hybrid import GEL, HAND, Impedance
 
 W = 2 * np.pi * np.geomspace(0.05, 50, 40)
@@ -67,7 +67,7 @@ def test_the_theorem_and_the_hybrid_matrix_agree(name, kp, kf, master, slave, c5
 def test_the_checker_names_the_condition_that_fails(missed):
     d = architecture.named_design("four-channel")
     value = getattr(d, missed)
-    wrong = value + Term(b=0.5) if isinstance(value, Term) else value + 0.5
+    wrong = value + MotionTerm(b=0.5) if isinstance(value, MotionTerm) else value + 0.5
     found = {c.name: c for c in transparency.check(replace(d, **{missed: wrong}))}
     assert [n for n, c in found.items() if not c.holds] == [missed]
     assert missed in found[missed].text and "should be" in found[missed].text
@@ -75,7 +75,7 @@ def test_the_checker_names_the_condition_that_fails(missed):
 
 def test_a_controller_whose_channels_cancel_is_not_transparent():
     d = architecture.named_design(
-        "four-channel", architecture.Wish(master=Robot(0.2), slave=Robot(0.2))
+        "four-channel", architecture.Wish(master=RobotImpedance(0.2), slave=RobotImpedance(0.2))
     )
     # (1 + c6)(z_cs + c7) = -(1 + c5)(z_cm + c8)
     d = replace(d, c8=-(d.slave.term + d.c7) + -d.master.term)
@@ -97,8 +97,11 @@ def test_the_enumeration_is_what_brute_force_finds():
             possible = False
             for _ in range(5):
                 c5, c6 = rng.uniform(0, 1, 2)
-                t = [Term(*rng.uniform(1, 9, 3)) for _ in range(2)]
-                master, slave = Robot(rng.uniform(0.1, 1)), Robot(rng.uniform(0.1, 1))
+                t = [MotionTerm(*rng.uniform(1, 9, 3)) for _ in range(2)]
+                master, slave = (
+                    RobotImpedance(rng.uniform(0.1, 1)),
+                    RobotImpedance(rng.uniform(0.1, 1)),
+                )
                 c5, c6 = c5 if "c3" in used else -1.0, c6 if "c2" in used else -1.0
                 c7 = t[0] if "c1" in used else -slave.term
                 c8 = t[1] if "c4" in used else -master.term
@@ -144,7 +147,7 @@ def of_control(d, zh, ze, real=REAL):
 
 @pytest.mark.parametrize("real", [hybrid.IDEAL, REAL])
 def test_closed_loop_agrees_with_python_control(real):
-    d = replace(anchor(), c8=Term(240, 16, 0.05))
+    d = replace(anchor(), c8=MotionTerm(240, 16, 0.05))
     loop = control.minreal(of_control(d, HAND, GEL, real), tol=1e-5, verbose=False)
     mine = hybrid.poles(d, HAND, GEL, real)
     # faster poles are the filters', several at one place
@@ -162,7 +165,11 @@ def test_the_delay_margin_is_that_of_python_control_and_of_the_poles():
     d = architecture.named_design(
         "position-force",
         architecture.Wish(
-            stiffness=400, damping=12, share=0.8, master=Robot(0.1), slave=Robot(0.1)
+            stiffness=400,
+            damping=12,
+            share=0.8,
+            master=RobotImpedance(0.1),
+            slave=RobotImpedance(0.1),
         ),
     )
     margin = hybrid.delay_margin(d, HAND, GEL, REAL)
@@ -195,7 +202,7 @@ def test_the_secant_identity_and_the_slope():
 
 
 def test_undetermined_ports_are_refused():
-    d = Design(c7=Term(-0.0, 0.0, -0.1), slave=Robot(0.1))
+    d = Design(c7=MotionTerm(-0.0, 0.0, -0.1), slave=RobotImpedance(0.1))
     with pytest.raises(ConfigError, match="not determined"):
         hybrid.hybrid(d, hybrid.jw(W))
 
@@ -206,4 +213,4 @@ def test_unknown_designs_and_bad_wishes_are_refused():
     with pytest.raises(ConfigError, match="stiffness"):
         architecture.Wish(stiffness=-1.0)
     with pytest.raises(ConfigError, match="positive"):
-        Robot(0.0)
+        RobotImpedance(0.0)

@@ -9,7 +9,7 @@ from teleop_designs import anchor, designs
 
 from hil.errors import ConfigError
 from hil.teleop import architecture, force_sensor_free, hybrid, transparency
-from hil.teleop.architecture import Realisation, Robot, Term
+from hil.teleop.architecture import MotionTerm, Realisation, RobotImpedance
 from hil.teleop.hybrid import GEL, HAND
 
 W = 2 * np.pi * np.geomspace(0.05, 50, 30)
@@ -167,4 +167,4 @@ def test_filters_break_the_equivalence_as_predicted():
 def test_the_slave_force_alone_is_singular_at_minus_one():
     with pytest.raises(ConfigError, match="c5"):
         force_sensor_free.master_measured(replace(anchor(), c5=-1.0))
-    assert Robot(0.3).term == Term(0, 0, 0.3)
+    assert RobotImpedance(0.3).term == MotionTerm(0, 0, 0.3)

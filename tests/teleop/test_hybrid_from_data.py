@@ -9,11 +9,11 @@ from hil.experiments import transparency
 from hil.teleop import architecture, hybrid, sampled_loop
 from hil.teleop.architecture import Realisation
 from hil.teleop.hybrid import Experiment, Impedance
-from hil.teleop.sampled_loop import Axis, Loop
+from hil.teleop.sampled_loop import Axis, SampledLoop
 
 T, PERIODS, N = 1e-3, 6, 1000
 HARMONICS = (1, 2, 5)
-LOOP = Loop(anchor(), Realisation(80, 30, 60))
+LOOP = SampledLoop(anchor(), Realisation(80, 30, 60))
 
 
 def run(ze, seed, noise=1.0):

@@ -9,11 +9,11 @@ from hil.errors import ConfigError
 from hil.teleop import force_sensor_free, hybrid, optimise, passivity
 from hil.teleop.architecture import Realisation
 from hil.teleop.hybrid import Impedance
-from hil.teleop.optimise import ORDER, Problem, Search
+from hil.teleop.optimise import ORDER, DesignProblem, DesignSearch
 from hil.teleop.summary import tracking
 
 REAL = Realisation(velocity_hz=32, acceleration_hz=30, force_hz=32)
-PROBLEM = Problem(real=REAL)
+PROBLEM = DesignProblem(real=REAL)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_the_optimum_keeps_every_constraint_on_a_finer_grid(found):
 
 def test_nothing_near_it_is_better(found):
     """The corners beat the anchor of the theory, and random neighbours do not beat the optimum."""
-    search, rng = Search(PROBLEM), np.random.default_rng(0)
+    search, rng = DesignSearch(PROBLEM), np.random.default_rng(0)
     x = np.array(found.theta) / search.top
     assert found.sensitivity > 0.489
     better = 0
@@ -96,4 +96,4 @@ def test_what_cannot_be_met_is_said():
     with pytest.raises(ConfigError, match=r"no design meets all.*contact tracking"):
         optimise.optimise(replace(PROBLEM, contact=0.02, stiffness=60.0), starts=2)
     with pytest.raises(ConfigError, match="kappa"):
-        Problem(kappa=1.0)
+        DesignProblem(kappa=1.0)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.bench.diagnosis import runner, tables
-from hil.bench.diagnosis.cases import Case
+from hil.bench.diagnosis.cases import SessionCase
 from hil.bench.diagnosis.tables import PLANTS, revisions, table
 from hil.diagnosis import rules
 from hil.errors import DataError
@@ -27,7 +27,7 @@ _sessions = lru_cache(maxsize=2)(runner.recordings)
 class Again:
     """A case to be diagnosed without a rule."""
 
-    case: Case
+    case: SessionCase
     code: str
 
     @property
@@ -36,7 +36,7 @@ class Again:
         return f"{self.case.name} without {self.code}"
 
 
-def run(todo: list[Case], rows: list[Row], jobs: int, path: Path | None) -> list[Row]:
+def run(todo: list[SessionCase], rows: list[Row], jobs: int, path: Path | None) -> list[Row]:
     """Diagnose again without each rule that matters to a case.
 
     Parameters
@@ -62,7 +62,7 @@ def run(todo: list[Case], rows: list[Row], jobs: int, path: Path | None) -> list
     return found
 
 
-def repeated(todo: list[Case], rows: list[Row]) -> list[Again]:
+def repeated(todo: list[SessionCase], rows: list[Row]) -> list[Again]:
     """Cases and the rules without which their answer may be another."""
     by_name = {r["case"]: r for r in rows}
     return [Again(c, code) for c in todo for code in by_name[c.name].get("alone", [])]
@@ -103,7 +103,7 @@ _HEAD = (
 
 
 @dataclass(frozen=True)
-class Effect:
+class RuleEffect:
     """What a rule does to the answers of a plan.
 
     Parameters
@@ -141,19 +141,19 @@ def _differ(a: Row, b: Row) -> bool:
     return _said(a) != _said(b) or a["outcome"] != b["outcome"]
 
 
-def effects(rows: list[Row], again: list[Row]) -> list[Effect]:
+def effects(rows: list[Row], again: list[Row]) -> list[RuleEffect]:
     """Every rule, in the order in which they are asked."""
     rows = [r for r in rows if r["outcome"] not in ("unstable", "crashed")]
     return [_effect(code, rows, again) for code in (*rules.CANDIDATE, *rules.FIT)]
 
 
-def _effect(code: str, rows: list[Row], again: list[Row]) -> Effect:
+def _effect(code: str, rows: list[Row], again: list[Row]) -> RuleEffect:
     without = {r["case"]: r for r in again if r["without"] == code}
     pairs = [(r, without.get(r["case"], r)) for r in rows]
     lost = sum(_good(a) and not _good(b) for a, b in pairs)
     gained = sum(_good(b) and not _good(a) for a, b in pairs)
     both = sum(_good(a) and _good(b) for a, b in pairs)
-    return Effect(
+    return RuleEffect(
         code,
         rules.stage(code),
         sum(code in r["fired"] for r in rows),
@@ -197,7 +197,7 @@ def report(rows: list[Row], again: list[Row], command: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _table(found: list[Effect]) -> str:
+def _table(found: list[RuleEffect]) -> str:
     rows = [
         [
             e.code,

@@ -60,7 +60,7 @@ class Idler(Hidden):
 
 
 @dataclass(frozen=True)
-class Case:
+class SessionCase:
     """One recording session to be diagnosed.
 
     Parameters
@@ -102,7 +102,7 @@ class Case:
 _OFFSETS = ("torque-offset", "asymmetric-coulomb")
 
 
-def suspected(case: Case, robot: RobotSource) -> RobotModel:
+def suspected(case: SessionCase, robot: RobotSource) -> RobotModel:
     """The model under suspicion: the base model, without an offset where an offset is hidden."""
     model = base_model(robot)
     hidden = any(h.effect in _OFFSETS for h in case.hidden)
@@ -115,7 +115,7 @@ def known() -> set[str]:
     return {e.name for e in table if Trait.GIVEN not in e.traits and "motor" in e.scope.explains}
 
 
-def plan(quick: bool = False, seeds: int = SEEDS) -> list[Case]:
+def plan(quick: bool = False, seeds: int = SEEDS) -> list[SessionCase]:
     """All cases of the tuning plants; where `quick`, every effect at two of the levels, or at one.
 
     Effects that are not in the catalogue count as outside, with fewer seeds; sensors have half.
@@ -133,7 +133,7 @@ def plan(quick: bool = False, seeds: int = SEEDS) -> list[Case]:
     return [c for c in found + two(range(min(seeds, 4)), _NOISES, (1.5, 5.0)) if _distinct(c)]
 
 
-def _quick() -> list[Case]:
+def _quick() -> list[SessionCase]:
     found = [c for c in nothing(range(2)) if (c.robot, c.force) == ("arm", False)]
     for k, effect in enumerate(session.kinds()):
         # one level of what sensors do and of what has no name: the whole is to take minutes
@@ -148,7 +148,7 @@ def _quick() -> list[Case]:
     return [c for c in found + pairs if _distinct(c)]
 
 
-def single(effect: str, level: float, noise: str, excitation: str, seed: int) -> Case:
+def single(effect: str, level: float, noise: str, excitation: str, seed: int) -> SessionCase:
     """One hidden effect; its joint follows from the seed, every fifth is a single axis."""
     needs, kind = session.kinds()[effect][0], "one" if effect in known() else "outside"
     axis = seed % 5 == 4 and not needs
@@ -156,10 +156,10 @@ def single(effect: str, level: float, noise: str, excitation: str, seed: int) ->
     last = effect == "coupled-transmission" and joint == 2
     hidden = ((Idler if last else Hidden)(effect, joint, level),)
     robot = "axis" if axis else "arm"
-    return Case(kind, robot, hidden, noise, excitation, seed, needs == "force")
+    return SessionCase(kind, robot, hidden, noise, excitation, seed, needs == "force")
 
 
-def _distinct(case: Case) -> bool:
+def _distinct(case: SessionCase) -> bool:
     """Whether no smaller level has the same amplitude, the largest there is."""
     for h in case.hidden:
         levels = amplitudes.LEVELS[case.plant]
@@ -172,11 +172,11 @@ def _distinct(case: Case) -> bool:
     return True
 
 
-def nothing(seeds: range) -> list[Case]:
+def nothing(seeds: range) -> list[SessionCase]:
     """Sessions with no hidden effect: arm, single axis, arm with a measured force."""
     arms = (("arm", False), ("axis", False), ("arm", True))
     return [
-        Case("none", robot, (), noise, excitation, seed, force)
+        SessionCase("none", robot, (), noise, excitation, seed, force)
         for seed in seeds
         for noise in _NOISES
         for excitation in EXCITATIONS
@@ -185,7 +185,7 @@ def nothing(seeds: range) -> list[Case]:
     ]
 
 
-def two(seeds: range, noises: tuple[str, ...], levels: tuple[float, ...]) -> list[Case]:
+def two(seeds: range, noises: tuple[str, ...], levels: tuple[float, ...]) -> list[SessionCase]:
     """Two hidden effects, on one joint and on two."""
     found = []
     for k, (a, b) in enumerate(_PAIRS):
@@ -198,7 +198,7 @@ def two(seeds: range, noises: tuple[str, ...], levels: tuple[float, ...]) -> lis
                     hidden = (Hidden(a, first, level), Hidden(b, second, level))
                     noise = noises[(seed + n) % len(noises)]
                     excitation = EXCITATIONS[(seed + k) % 2]
-                    found.append(Case("two", "arm", hidden, noise, excitation, 100 + seed))
+                    found.append(SessionCase("two", "arm", hidden, noise, excitation, 100 + seed))
     return found
 
 
@@ -211,7 +211,7 @@ _PAIRED = ("coupled-transmission",)
 _SMALL_ROBOTS = ("elbow3", "pendulum", "planar2", "spindle", "stylus3", "scara4", "gantry2")
 
 
-def mujoco_plan(quick: bool = False, seeds: int = 10) -> list[Case]:
+def mujoco_plan(quick: bool = False, seeds: int = 10) -> list[SessionCase]:
     """All cases; with ten seeds every effect has been on every robot that can show it.
 
     Where `quick`, every effect once, at one of the levels, and seven sessions with nothing hidden.
@@ -227,14 +227,14 @@ def mujoco_plan(quick: bool = False, seeds: int = 10) -> list[Case]:
     ]
 
 
-def _calibrated(case: Case) -> bool:
+def _calibrated(case: SessionCase) -> bool:
     """Whether its amplitudes are in the file; a plan does not wait for others."""
     known = amplitudes.table("test")
     where = (case.robot, case.excitation)
     return all(amplitudes.name(h.effect, h.joint, *where) in known for h in case.hidden)
 
 
-def _quick_mujoco() -> list[Case]:
+def _quick_mujoco() -> list[SessionCase]:
     found = [c for k, c in enumerate(_mujoco_nothing(range(1))) if k % 13 == 0]
     for k, effect in enumerate(session.kinds("test")):
         found.append(_mujoco_single(k, effect, _MUJOCO_LEVELS[1 + k % 2], k % 7, _SMALL_ROBOTS))
@@ -243,7 +243,7 @@ def _quick_mujoco() -> list[Case]:
 
 def _mujoco_single(
     k: int, effect: str, level: float, seed: int, among: tuple[str, ...] = ()
-) -> Case:
+) -> SessionCase:
     """Effect number `k`, hidden; robot, joint, motion and noise follow from it and the seed."""
     needs = session.kinds("test")[effect][0]
     robots = [r for r in session.robots_showing(needs) if not among or r in among]
@@ -252,7 +252,9 @@ def _mujoco_single(
     kind = "one" if tables.accepted(effect) & known() else "outside"
     motion = _MUJOCO_MOTIONS[(k + seed + seed // len(robots)) % len(_MUJOCO_MOTIONS)]
     noise = _MUJOCO_NOISES[(k + 2 * seed + _MUJOCO_LEVELS.index(level)) % len(_MUJOCO_NOISES)]
-    return Case(kind, robot, (Hidden(effect, joint, level),), noise, motion, seed, needs == "force")
+    return SessionCase(
+        kind, robot, (Hidden(effect, joint, level),), noise, motion, seed, needs == "force"
+    )
 
 
 def _joint(effect: str, robot: str, n: int) -> int:
@@ -260,10 +262,10 @@ def _joint(effect: str, robot: str, n: int) -> int:
     return n % (session.joint_count(robot) - (effect in _PAIRED))
 
 
-def _mujoco_nothing(seeds: range) -> list[Case]:
+def _mujoco_nothing(seeds: range) -> list[SessionCase]:
     """Sessions with no hidden effect: every robot, motion and noise."""
     return [
-        Case("none", robot, (), noise, motion, 50 + seed)
+        SessionCase("none", robot, (), noise, motion, 50 + seed)
         for seed in seeds
         for motion in _MUJOCO_MOTIONS
         for noise in _MUJOCO_NOISES
@@ -271,7 +273,7 @@ def _mujoco_nothing(seeds: range) -> list[Case]:
     ]
 
 
-def _mujoco_two(seeds: range) -> list[Case]:
+def _mujoco_two(seeds: range) -> list[SessionCase]:
     """Two hidden effects on one joint, or on two, of a robot that has them."""
     found, robots = [], session.robots_showing("arm")
     for k, (a, b) in enumerate(_PAIRS):
@@ -282,5 +284,5 @@ def _mujoco_two(seeds: range) -> list[Case]:
             second = first if seed % 2 else (first + 1) % d
             hidden = (Hidden(a, first, level), Hidden(b, second, level))
             noise, motion = _MUJOCO_NOISES[(k + seed) % 3], _MUJOCO_MOTIONS[(k + 2 * seed) % 3]
-            found.append(Case("two", robot, hidden, noise, motion, 100 + seed))
+            found.append(SessionCase("two", robot, hidden, noise, motion, 100 + seed))
     return found

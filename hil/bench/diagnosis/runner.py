@@ -19,19 +19,20 @@ import numpy as np
 from tqdm import tqdm
 
 from hil.bench.diagnosis import amplitudes, cases, session
-from hil.bench.diagnosis.cases import Case, Hidden, suspected
+from hil.bench.diagnosis.cases import Hidden, SessionCase, suspected
 from hil.bench.diagnosis.tables import accepted
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
 from hil.errors import DataError
 from hil.identify.parallel import alone
+from hil.interrupt import held_back
 from hil.record.recording import Recording
 
 #: Between the seeds of two runs of one motion: no noise comes twice.
 _OTHER_NOISE = 5000
 
 
-def recordings(case: Case) -> tuple[list[Recording], list[Recording]]:
+def recordings(case: SessionCase) -> tuple[list[Recording], list[Recording]]:
     """Runs to fit and a held-out run on another motion, with another noise."""
     rows = [
         (
@@ -47,13 +48,13 @@ def recordings(case: Case) -> tuple[list[Recording], list[Recording]]:
     return runs[:1], runs[1:]
 
 
-def _record(case: Case, rows: list[session.Row], k: int, noise: int = 0) -> Recording:
+def _record(case: SessionCase, rows: list[session.Row], k: int, noise: int = 0) -> Recording:
     motion = (case.excitation, 2 * case.seed + k)
     seed = 2 * case.seed + k + noise
     return session.record(case.robot, rows, case.noise, motion, seed, case.force)
 
 
-def judge(case: Case) -> dict[str, Any]:
+def judge(case: SessionCase) -> dict[str, Any]:
     """Row of the results: the case, what was said, the outcome, the times."""
     began = time.process_time()
     train, other = recordings(case)
@@ -91,7 +92,7 @@ def judge(case: Case) -> dict[str, Any]:
     return row
 
 
-def answer(case: Case, train: list[Recording], other: list[Recording]) -> dict[str, Any]:
+def answer(case: SessionCase, train: list[Recording], other: list[Recording]) -> dict[str, Any]:
     """What a diagnosis of a case's sessions said, with its outcome."""
     try:
         row = said(diagnose(train, suspected(case, train[0].robot), other))
@@ -134,7 +135,7 @@ def _hit(finding: dict[str, Any], hidden: Hidden) -> bool:
     return finding["effect"] in accepted(hidden.effect) and joint in (None, hidden.label)
 
 
-def outcome(case: Case, row: dict[str, Any]) -> str:
+def outcome(case: SessionCase, row: dict[str, Any]) -> str:
     """One word for a case.
 
     ``right``: exactly what is hidden (rightly nothing); ``extra``: that and something else;
@@ -219,7 +220,9 @@ def spread(work: Callable[[Any], Any], todo: list[Any], jobs: int, unit: str) ->
     """Results of `work` in any order, with progress on stderr: a bar, or in a file ten lines."""
     terminal = sys.stderr.isatty()
     bar = tqdm(total=len(todo), unit=unit, disable=not terminal)
-    with bar, multiprocessing.get_context("spawn").Pool(max(1, min(jobs, len(todo) or 1))) as pool:
+    with held_back():  # an interruption is for this process, which ends the others
+        pool = multiprocessing.get_context("spawn").Pool(max(1, min(jobs, len(todo) or 1)))
+    with bar, pool:
         for k, result in enumerate(pool.imap_unordered(partial(_single_threaded, work), todo), 1):
             bar.update()
             if not terminal and 10 * k // len(todo) > 10 * (k - 1) // len(todo):

@@ -43,7 +43,7 @@ OUTCOMES = ("right", "ambiguous", "extra", "wrong", "one", "unexplained", "misse
 
 
 @dataclass(frozen=True)
-class Share:
+class Proportion:
     """k of n, with its 95 % interval."""
 
     k: int
@@ -83,7 +83,7 @@ def difference(both: int, lost: int, gained: int, neither: int) -> tuple[float, 
         Sessions that are right before and after, before alone, after alone, never.
     """
     n = both + lost + gained + neither
-    before, after = Share(both + lost, n), Share(both + gained, n)
+    before, after = Proportion(both + lost, n), Proportion(both + gained, n)
     if not n:
         return -1.0, 1.0
     (low_b, high_b), (low_a, high_a) = before.interval, after.interval
@@ -99,10 +99,10 @@ def difference(both: int, lost: int, gained: int, neither: int) -> tuple[float, 
     return q - p - apart(q - low_a, high_b - p), q - p + apart(p - low_b, high_a - q)
 
 
-def share(rows: Iterable[Row], hit: Callable[[Row], bool]) -> Share:
+def share(rows: Iterable[Row], hit: Callable[[Row], bool]) -> Proportion:
     """Share of `rows` for which `hit` holds."""
     found = [hit(r) for r in rows]
-    return Share(sum(found), len(found))
+    return Proportion(sum(found), len(found))
 
 
 def of(rows: list[Row], kind: str) -> list[Row]:
@@ -120,7 +120,7 @@ def _ended(*outcomes: str) -> Callable[[Row], bool]:
     return lambda row: row["outcome"] in outcomes
 
 
-def headline(rows: list[Row]) -> dict[str, Share]:
+def headline(rows: list[Row]) -> dict[str, Proportion]:
     """The shares that the project states."""
     one, none, outside, two = (of(rows, k) for k in ("one", "none", "outside", "two"))
     visible = [r for r in one if _enough(r)]
@@ -185,9 +185,9 @@ def confusion(rows: list[Row]) -> dict[str, Counter[str]]:
     return dict(sorted(out.items()))
 
 
-def power(rows: list[Row]) -> dict[str, dict[float, tuple[Share, Share]]]:
+def power(rows: list[Row]) -> dict[str, dict[float, tuple[Proportion, Proportion]]]:
     """Effect -> level -> shares right, and right or ambiguous."""
-    out: dict[str, dict[float, tuple[Share, Share]]] = {}
+    out: dict[str, dict[float, tuple[Proportion, Proportion]]] = {}
     for r in of(rows, "one"):
         out.setdefault(r["hidden"][0][0], {})
     for effect in out:
@@ -201,7 +201,7 @@ def power(rows: list[Row]) -> dict[str, dict[float, tuple[Share, Share]]]:
     return dict(sorted(out.items()))
 
 
-def calibration(rows: list[Row]) -> list[tuple[float, float, float, Share]]:
+def calibration(rows: list[Row]) -> list[tuple[float, float, float, Proportion]]:
     """Bins of confidence: edges, mean confidence, share of findings that are hidden there.
 
     Every finding counts, of every session; where nothing or nothing of the catalogue is
@@ -214,7 +214,7 @@ def calibration(rows: list[Row]) -> list[tuple[float, float, float, Share]]:
     for low, high in pairwise(_BINS):
         inside = [p for p in pairs if low <= p[0] < high or p[0] == high == 1.0]
         mean = float(np.mean([p[0] for p in inside])) if inside else float("nan")
-        out.append((low, high, mean, Share(sum(p[1] for p in inside), len(inside))))
+        out.append((low, high, mean, Proportion(sum(p[1] for p in inside), len(inside))))
     return out
 
 
@@ -237,8 +237,10 @@ def failures(rows: list[Row]) -> list[tuple[str, str, list[Row]]]:
     """Classes of failure (hidden, said), most frequent first; what lies below half a floor last."""
     classes: dict[tuple[str, str], list[Row]] = {}
     for r in rows:
+        if r["outcome"] == "unstable":  # nothing was diagnosed
+            continue
         silent = r["kind"] == "outside" and _enough(r) and r["verdict"] == "adequate"
-        bad = silent or r["outcome"] not in ("right", "unstable")
+        bad = silent or r["outcome"] != "right"
         quiet = r["kind"] == "one" and not _enough(r) and r["outcome"] in ("missed", "ambiguous")
         if bad and not quiet:
             hidden = " + ".join(f"{h[0]}" for h in r["hidden"]) or "(nothing)"
@@ -348,7 +350,7 @@ def _power(rows: list[Row]) -> str:
     for effect, by in found.items():
         cells = []
         for level in levels:
-            right, either = by.get(level, (Share(0, 0), Share(0, 0)))
+            right, either = by.get(level, (Proportion(0, 0), Proportion(0, 0)))
             cells.append(f"{right.k} ({either.k}) of {right.n}" if right.n else "-")
         lines.append([effect, *cells])
     return table(["effect", *[f"{x:g} floors" for x in levels]], lines)

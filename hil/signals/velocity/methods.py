@@ -22,7 +22,7 @@ from hil.toml import parse
 GROUP = "hil.velocity"
 
 
-class Estimator(Protocol):
+class VelocityEstimator(Protocol):
     """Rates of some channels from their counts."""
 
     def reset(self, counts: IntArray) -> None:
@@ -39,7 +39,9 @@ def names() -> list[str]:
     return sorted(registry.names(GROUP))
 
 
-def estimator(name: str, options: dict[str, Any], channels: int, period: float) -> Estimator:
+def estimator(
+    name: str, options: dict[str, Any], channels: int, period: float
+) -> VelocityEstimator:
     """Estimator by name.
 
     Parameters
@@ -59,7 +61,7 @@ def estimator(name: str, options: dict[str, Any], channels: int, period: float) 
         For an unknown name or option, or a value out of range.
     """
     config = parse(registry.load(GROUP, name), options, f"velocity {name}")
-    built: Estimator = config.build(channels, period)
+    built: VelocityEstimator = config.build(channels, period)
     return built
 
 
@@ -67,7 +69,7 @@ def estimator(name: str, options: dict[str, Any], channels: int, period: float) 
 class FirstDifference:
     """Difference of two neighbouring counts: no delay to speak of, all of the quantisation."""
 
-    def build(self, channels: int, period: float) -> Estimator:
+    def build(self, channels: int, period: float) -> VelocityEstimator:
         """Estimator of so many channels."""
         return _Plain(channels, 1, kernels.first_difference, ())
 
@@ -84,7 +86,7 @@ class FilteredDifference:
 
     cutoff_hz: float = 30.0
 
-    def build(self, channels: int, period: float) -> Estimator:
+    def build(self, channels: int, period: float) -> VelocityEstimator:
         """Estimator of so many channels."""
         beta = low_pass(self.cutoff_hz, period)
         return _Plain(channels, 2, kernels.filtered_difference, (beta,))
@@ -109,7 +111,7 @@ class FoawEndFit:
         if self.window < 2 or self.noise <= 0:
             raise ConfigError("velocity foaw: window must be at least 2, noise positive.")
 
-    def build(self, channels: int, period: float) -> Estimator:
+    def build(self, channels: int, period: float) -> VelocityEstimator:
         """Estimator of so many channels."""
         return _Windowed(channels, self.window, self.noise, kernels.end_fit)
 
@@ -118,7 +120,7 @@ class FoawEndFit:
 class FoawBestFit(FoawEndFit):
     """Adaptive window, least-squares line."""
 
-    def build(self, channels: int, period: float) -> Estimator:
+    def build(self, channels: int, period: float) -> VelocityEstimator:
         """Estimator of so many channels."""
         return _Windowed(channels, self.window, self.noise, kernels.best_fit)
 
@@ -139,7 +141,7 @@ class Kalman:
         if self.acceleration <= 0:
             raise ConfigError("velocity kalman: acceleration must be positive.")
 
-    def build(self, channels: int, period: float) -> Estimator:
+    def build(self, channels: int, period: float) -> VelocityEstimator:
         """Estimator of so many channels."""
         return _Kalman(channels, (self.acceleration * period * period) ** 2)
 

@@ -1,0 +1,128 @@
+"""Ctrl-C at any moment: one line, exit code 130, whatever was going on.
+
+While the program starts or ends there is nothing to undo, and it leaves at once.  While a command
+runs, the first Ctrl-C unwinds it (motors off, record closed); what comes while it unwinds is
+ignored, so that impatience costs neither.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import Any
+
+CODE = 130
+#: Further Ctrl-C are ignored for so long after the one that unwinds [s].
+UNWINDING_S = 5.0
+#: Time after which one that got lost in a callback is given again [s].
+AGAIN_S = 0.01
+
+
+class Interrupts:
+    """What SIGINT does to the program; there is one, `interrupts`."""
+
+    def __init__(self) -> None:
+        self._name = "hil"
+        self._running = False
+        self._since = -float("inf")
+        #: Whether a command was interrupted; an error after that is a consequence.
+        self.seen = False
+        self._told = False
+
+    def arm(self) -> None:
+        """From here on Ctrl-C leaves at once; to be called before anything large is imported."""
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, self._handle)
+            sys.unraisablehook = self._unraisable
+
+    @contextlib.contextmanager
+    def unwinding(self, name: str) -> Iterator[None]:
+        """A command runs: Ctrl-C raises KeyboardInterrupt.
+
+        Parameters
+        ----------
+        name : str
+            Of the command, for the line.
+        """
+        self._name, self._running, self.seen = f"hil {name}", True, False
+        self._since, self._told = -float("inf"), False
+        try:
+            yield
+        finally:
+            self._running = False
+
+    def line(self, said: str = "") -> str:
+        """What is printed at the end, once; `said` is where the record is, where there is one."""
+        if self._told:
+            return ""
+        self._told = True
+        return f"{self._name}: interrupted{f'; {said}' if said else ''}\n"
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        if not self._running:
+            self.leave(self.line())
+        now = time.monotonic()
+        if now - self._since > UNWINDING_S:
+            self._since, self.seen = now, True
+            raise KeyboardInterrupt
+
+    def leave(self, line: str) -> None:
+        """Print a line and end the process, past everything that could still print or wait."""
+        for stream in (sys.stdout, sys.stderr):
+            # the interruption may have hit a write to the same stream, which refuses a second
+            with contextlib.suppress(OSError, RuntimeError, ValueError):
+                stream.flush()
+        with contextlib.suppress(OSError):
+            os.write(2, line.encode("utf-8", "replace"))
+        os._exit(CODE)
+
+    def _unraisable(self, told: Any) -> None:
+        """An interruption that hit a callback or a destructor is given again outside of it."""
+        if not issubclass(told.exc_type, KeyboardInterrupt):
+            sys.__unraisablehook__(told)
+            return
+        self._since = -float("inf")
+        again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), signal.SIGINT))
+        again.daemon = True
+        again.start()
+
+
+interrupts = Interrupts()
+
+
+@contextlib.contextmanager
+def held_back() -> Iterator[None]:
+    """No SIGINT for this thread, nor for threads and processes that it starts, which keep that.
+
+    For pools of processes: a terminal sends Ctrl-C to all of them, and each would print its own
+    traceback; their owner ends them.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def saying(where: Callable[[], str]) -> Iterator[None]:
+    """Add to an interruption where the record is.
+
+    Parameters
+    ----------
+    where : callable
+        Sentence, asked for after everything within has been closed.
+    """
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        raise KeyboardInterrupt(where()).with_traceback(error.__traceback__) from None

@@ -1,0 +1,111 @@
+"""A user's text file brought in without harm: what is read, how much of it, how deep it nests.
+
+Every refusal is an error that a reader of such files expects anyway: `OSError` for the file,
+`tomllib.TOMLDecodeError` for what stands in it.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+#: Rig, model, map, trajectory and robot files are far below that [byte].
+LARGEST_TEXT = 4 * 2**20
+#: Tables within tables; the deepest of the package has five.
+DEEPEST = 32
+#: What TOML promises to hold: integers of 64 bits.
+LARGEST_NUMBER = 2**63
+#: A key of many parts: the parser of the library takes memory with the square of their number.
+_LONG_KEY = re.compile(
+    r"""(?<![\w"'-])(?>[\w"'-]++[ \t]*+\.[ \t]*+){%d}""" % DEEPEST  # noqa: UP031
+)
+
+
+def read_bytes(path: str | Path, most: int) -> bytes:
+    """Whole content of a regular file; a pipe or device is refused before it is read.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    most : int
+        Largest size [byte].
+
+    Raises
+    ------
+    OSError
+        If it is not there, no regular file, or larger.
+    """
+    # without O_NONBLOCK, opening a pipe waits for a writer
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
+    with os.fdopen(handle, "rb") as file:
+        state = os.fstat(handle)
+        if stat.S_ISDIR(state.st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if not stat.S_ISREG(state.st_mode):
+            raise OSError(errno.EINVAL, "it is a device or a pipe, not a regular file", str(path))
+        if state.st_size > most:
+            raise _too_large(path, state.st_size, most)
+        # the size of a file of the kernel is 0, and a file may grow while it is read
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise _too_large(path, len(data), most)
+    return data
+
+
+def _too_large(path: str | Path, size: int, most: int) -> OSError:
+    text = f"it has {size / 2**20:.4g} MiB; at most {most / 2**20:.4g} MiB are read"
+    return OSError(errno.EFBIG, text, str(path))
+
+
+def read_text(path: str | Path, most: int = LARGEST_TEXT) -> str:
+    """Whole text of a small file in UTF-8, line ends as they stand in Python.
+
+    Raises
+    ------
+    OSError
+        If it is not there, no regular file, or larger than `most` bytes.
+    UnicodeDecodeError
+        If it is not text.
+    """
+    return read_bytes(path, most).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Tables of a TOML file.
+
+    Raises
+    ------
+    tomllib.TOMLDecodeError
+        If it is not TOML, nests deeper than `DEEPEST`, or holds an integer of more than 64 bits.
+    """
+    if _LONG_KEY.search(text):
+        raise tomllib.TOMLDecodeError(_deep())
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except RecursionError:
+        raise tomllib.TOMLDecodeError(_deep()) from None
+    except ValueError as error:  # a number of thousands of digits
+        raise tomllib.TOMLDecodeError(str(error)) from None
+    waiting: list[tuple[Any, int]] = [(table, 0)]
+    while waiting:
+        value, depth = waiting.pop()
+        if isinstance(value, dict | list):
+            if depth > DEEPEST:
+                raise tomllib.TOMLDecodeError(_deep())
+            inner = value.values() if isinstance(value, dict) else value
+            waiting += [(x, depth + 1) for x in inner]
+        elif type(value) is int and not -LARGEST_NUMBER <= value < LARGEST_NUMBER:
+            raise tomllib.TOMLDecodeError("it holds an integer of more than 64 bits")
+    return table
+
+
+def _deep() -> str:
+    return f"tables or lists nest deeper than {DEEPEST}"

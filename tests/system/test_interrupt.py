@@ -1,0 +1,123 @@
+"""Ctrl-C at any moment: one line, exit code 130, and where the record is."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from hil.interrupt import Interrupts, held_back, saying
+from hil.record.mcap_read import load
+
+#: Runs the program and gives it Ctrl-C when it begins to import a module.
+IMPORTING = """
+import signal, sys
+class Hook:
+    def find_spec(self, name, path=None, target=None):
+        if name == WHEN:
+            signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, Hook())
+from hil.__main__ import program
+program()
+"""
+#: Runs the program and gives it Ctrl-C, and two more at once, when a file has some length.
+RECORDING = """
+import os, signal, sys, threading, time
+def watch():
+    while not (os.path.exists("s.mcap") and os.path.getsize("s.mcap") > 60_000):
+        time.sleep(0.005)
+    for _ in range(3):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.002)
+from hil.__main__ import program
+threading.Thread(target=watch, daemon=True).start()
+program()
+"""
+
+
+def run(script: str, *words: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", script, *words]
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=120)
+
+
+@pytest.mark.parametrize("when", ["hil.cli", "hil.commands.demo", "numpy.linalg", "scipy.optimize"])
+def test_during_an_import(tmp_path, when):
+    done = run(f"WHEN = {when!r}\n" + IMPORTING, "demo", "-o", "demo", folder=tmp_path)
+    assert done.returncode == 130
+    assert done.stderr == "hil: interrupted\n" and not done.stdout
+
+
+def test_during_an_import_of_a_command_that_runs(tmp_path):
+    script = "WHEN = 'pinocchio'\n" + IMPORTING
+    (tmp_path / "one.urdf").write_text(
+        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+        '<parent link="a"/><child link="b"/></joint></robot>'
+    )
+    done = run(script, "excite", "one.urdf", "-o", "t.toml", folder=tmp_path)
+    assert done.returncode == 130
+    assert done.stderr == "hil excite: interrupted\n" and not (tmp_path / "t.toml").exists()
+
+
+def test_while_a_session_is_recorded(tmp_path):
+    words = ("run", "teleop", "--clock", "lockstep", "--seconds", "1000", "-o", "s.mcap")
+    done = run(RECORDING, *words, folder=tmp_path)
+    assert done.returncode == 130 and "Traceback" not in done.stderr
+    last = done.stderr.splitlines()[-1]
+    assert last == "hil run: interrupted; what was recorded until then is in s.mcap"
+    assert done.stderr.count("interrupted") == 1
+    found = load(tmp_path / "s.mcap", "leader")
+    assert found.n > 100 and "note" not in found.metadata  # closed properly
+
+
+def test_a_second_one_does_not_disturb_what_the_first_unwinds():
+    interrupts = Interrupts()
+    with interrupts.unwinding("run"):
+        with pytest.raises(KeyboardInterrupt):
+            interrupts._handle(signal.SIGINT, None)
+        interrupts._handle(signal.SIGINT, None)
+    assert interrupts.seen
+    assert interrupts.line("x") == "hil run: interrupted; x\n"
+    assert interrupts.line("x") == ""  # said once
+
+
+def test_one_that_a_callback_swallows_is_given_again():
+    script = (
+        "import gc, sys, time\nfrom hil.interrupt import interrupts\ninterrupts.arm()\n"
+        "class Swallows:\n    def __del__(self):\n"
+        "        import signal\n        signal.raise_signal(signal.SIGINT)\n"
+        "with interrupts.unwinding('fit'):\n"
+        "    try:\n        Swallows()\n        time.sleep(20)\n"
+        "    except KeyboardInterrupt:\n        print('unwound')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=15
+    )
+    assert done.stdout == "unwound\n" and done.stderr == ""
+
+
+def test_processes_of_a_pool_do_not_see_it():
+    with held_back():
+        child = subprocess.Popen(
+            [sys.executable, "-c", "input(); print('alive')"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+    os.kill(child.pid, signal.SIGINT)
+    assert child.communicate("\n", timeout=20)[0] == "alive\n"
+    # and the caller sees it again
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+        threading.Event().wait(1.0)
+
+
+def test_where_the_record_is_is_asked_for_after_closing():
+    closed = []
+    with pytest.raises(KeyboardInterrupt, match="it is here"), saying(lambda: closed[0]):
+        try:
+            raise KeyboardInterrupt
+        finally:
+            closed.append("it is here")
