@@ -243,7 +243,7 @@ def test_goals_and_conditions_are_told_apart(capsys):
     assert "absolute stability margin" in said and "the other rows are goals" in said
     assert "may run: both conditions are met" in said
     assert "axis x, y, z: c2 is 0.5, it should be 1\n" in said
-    assert "axis y: c1 is 250/s + 1.5, it should be 250/s + 1.5 + 0.0695 s\n" in said
+    assert "axis y: c1 is 250/s + 1.5, it should be 250/s + 1.5 + 0.0744 s\n" in said
     assert main(["design", rig, "--design", "four-channel"]) == 2
     said = capsys.readouterr().out
     assert "unlimited" not in said
