@@ -154,17 +154,17 @@ def _refuse_numbers(owner: ET.Element, element: ET.Element, where: str) -> None:
         text = element.get(key)
         if text is None:
             continue
-        place = f"{where}: {owner.tag} {owner.get('name')!r}: <{element.tag} {key}={text[:80]!r}>"
+        place = f"{owner.tag} {owner.get('name')!r}: <{element.tag} {key}={text[:80]!r}>"
         try:
             values = [float(x) for x in text.split()]
         except ValueError:
-            raise DataError(f"{place}; expected {count} numbers") from None
+            raise DataError(f"{where} does not parse: {place}; expected {count} numbers") from None
         if len(values) != count or any(math.isnan(x) for x in values):
-            raise DataError(f"{place}; expected {count} numbers")
+            raise DataError(f"{where}: {place}; expected {count} numbers")
         if element.tag not in _BOUNDS and any(abs(x) > _ABSURD for x in values):
-            raise DataError(f"{place}; no part of a machine has that in SI units")
+            raise DataError(f"{where}: {place}; no part of a machine has that in SI units")
         if key in ("value", "ixx", "iyy", "izz") and values[0] < 0:
-            raise DataError(f"{place}; a mass or moment of inertia is not negative")
+            raise DataError(f"{where}: {place}; a mass or moment of inertia is not negative")
 
 
 def _refuse_loops(root: ET.Element, where: str) -> None:
