@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import plants
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from record_tables import URDF, recording
+from record_tables import URDF
 
 from hil.cli import main
 from hil.errors import DataError, HilError
@@ -21,7 +22,7 @@ from hil.record.recording import RobotSource
 from hil.record.recovery import recover
 from hil.record.schema import Channel
 
-R = recording(seconds=3.0)
+R = plants.joints(seconds=3.0)
 FULL = replace(R, wrench=np.random.default_rng(1).normal(size=(R.n, 6)), tau_ext=2 * R.tau)
 
 
