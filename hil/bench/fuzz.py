@@ -19,6 +19,7 @@ import sys
 import tempfile
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -194,12 +195,18 @@ _CHANGES = (_bit, _bit, _word, _number, _number, _cut, _end, _again, _spliced)
 def tried(target: Target, data: bytes, folder: Path) -> str:
     """Run one input; what is wrong, empty if it was taken or refused properly."""
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        with (
+            contextlib.redirect_stdout(io.StringIO()),
+            contextlib.redirect_stderr(io.StringIO()),
+            warnings.catch_warnings(),
+        ):
+            warnings.simplefilter("error", RuntimeWarning)  # it would be a line of its own
             target.use(data, folder)
     except HilError as error:
         return "" if str(error) else "a refusal without a word"
     except Exception as error:
-        own = [f for f in traceback.extract_tb(error.__traceback__) if _OWN.search(f.filename)]
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
+        own = [f for f in frames if _OWN.search(f.filename)]
         place = f"{Path(own[-1].filename).name}:{own[-1].lineno}" if own else "?"
         return f"{type(error).__name__} in {place}"
     return ""
@@ -216,7 +223,7 @@ def explore(
     with tempfile.TemporaryDirectory() as name:
         waiting = list(target.seeds())[::-1]
         while (now := time.monotonic()) - began < seconds or waiting:
-            data = waiting.pop() if waiting else mutated(_chosen(kept, rng), kept, rng)
+            data = waiting.pop() if waiting else mutated(_chosen(kept, rng), kept or [b""], rng)
             report(data)
             before = len(lines.seen)
             with lines.watch():

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import tempfile
 import zipfile
 from collections.abc import Callable, Sequence
 from functools import cache, partial
@@ -81,7 +82,7 @@ def _npz() -> list[bytes]:
     for save in (np.savez, np.savez_compressed):
         file = io.BytesIO()
         both = np.stack([_columns()["q1"], _columns()["tau1"]], axis=1)
-        save(file, **{**_columns(), "q": both, "name": np.array("text")})  # type: ignore[arg-type]
+        save(file, **{**_columns(), "x": both, "name": np.array("text")})  # type: ignore[arg-type]
         out.append(file.getvalue())
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as box:
@@ -92,11 +93,13 @@ def _npz() -> list[bytes]:
 def _mat() -> list[bytes]:
     from scipy.io import savemat
 
-    out = []
-    for packed in (False, True):
-        file = io.BytesIO()
-        savemat(file, {**_columns(), "s": {"a": np.arange(9.0)}}, do_compression=packed)
-        out.append(file.getvalue())
+    table = {**_columns(), "s": {"a": np.arange(9.0)}}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "seed.mat"
+        out = []
+        for packed in (False, True):
+            savemat(str(path), table, do_compression=packed)
+            out.append(path.read_bytes())
     return out
 
 
@@ -130,7 +133,7 @@ def _urdf(data: bytes, folder: Path) -> object:
     urdf_joints(text)
     robot = UrdfRobot(text)
     q = np.zeros((2, len(robot.joints)))
-    return robot.regressor(q, q, q), robot.tip(q), robot.jacobian(q)
+    return robot.tip(q), robot.jacobian(q)
 
 
 def _urdfs() -> list[bytes]:
@@ -208,8 +211,6 @@ def _plain_session(recording: Recording, folder: Path) -> bytes:
 
 @cache
 def _sessions() -> list[bytes]:
-    import tempfile
-
     c = _columns()
     column = {k: v[:, None] for k, v in c.items()}
     wrench = np.zeros((_SAMPLES, 6))
@@ -238,8 +239,6 @@ def _replay(data: bytes, folder: Path) -> object:
 
 def _replays() -> list[bytes]:
     """A session of the loop of a few ticks."""
-    import tempfile
-
     from hil.runtime import runner
 
     with tempfile.TemporaryDirectory() as folder:
