@@ -191,6 +191,10 @@ COMMANDS: dict[str, Command] = {
     "import": Command(
         "hil.commands.import_", "bring a CSV, NPZ or MAT recording of any rig into a session"
     ),
+    "trust": Command(
+        "hil.commands.trust",
+        "agree to what a model file (plugins) or a rig file (cut program) would run",
+    ),
     "info": Command("hil.commands.info", "channels, rates, gaps and data faults of sessions"),
     "fit": Command("hil.commands.fit", "identify all parameters of a model jointly"),
     "compare": Command(

@@ -63,6 +63,11 @@ def _escape(found: re.Match[str]) -> str:
     return f"\\u{code:04x}" if code < 65536 else f"\\U{code:08x}"
 
 
+#: Characters of a name, and names, from which on a message shows only some: a file may hold
+#: names of any length, and the search for near ones takes the square of that.
+_LONG, _MOST = 120, 200
+
+
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     """Sentence for an unknown name: a known one that is truly near first, then all of them.
 
@@ -76,9 +81,16 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
         What there is.
     """
     names = sorted(known)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    short = [n for n in names if len(n) <= _LONG] if len(name) <= _LONG else []
+    near = difflib.get_close_matches(name, short, n=1, cutoff=0.6)
     hint = f" Did you mean {near[0]!r}?" if near else ""
-    return f"unknown {kind} {name!r}.{hint} Available: {', '.join(names) or 'none'}."
+    listed = ", ".join(map(_cut, names[:_MOST])) or "none"
+    more = f" and {len(names) - _MOST} more" if len(names) > _MOST else ""
+    return f"unknown {kind} {_cut(name)!r}.{hint} Available: {listed}{more}."
+
+
+def _cut(name: str) -> str:
+    return name if len(name) <= _LONG else f"{name[: _LONG - 3]}..."
 
 
 def plural(n: int, what: str) -> str:

@@ -12,7 +12,7 @@ import re
 import stat
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 #: Rig, model, map, trajectory and robot files are far below that [byte].
 LARGEST_TEXT = 4 * 2**20
@@ -26,8 +26,8 @@ _LONG_KEY = re.compile(
 )
 
 
-def read_bytes(path: str | Path, most: int) -> bytes:
-    """Whole content of a regular file; a pipe or device is refused before it is read.
+def open_regular(path: str | Path, most: int) -> BinaryIO:
+    """Open a regular file; a pipe or device is refused before it is read.
 
     Parameters
     ----------
@@ -42,15 +42,19 @@ def read_bytes(path: str | Path, most: int) -> bytes:
         If it is not there, no regular file, or larger.
     """
     # without O_NONBLOCK, opening a pipe waits for a writer
-    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
-    with os.fdopen(handle, "rb") as file:
-        state = os.fstat(handle)
-        if stat.S_ISDIR(state.st_mode):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        if not stat.S_ISREG(state.st_mode):
-            raise OSError(errno.EINVAL, "it is a device or a pipe, not a regular file", str(path))
-        if state.st_size > most:
-            raise _too_large(path, state.st_size, most)
+    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb")
+    state = os.fstat(file.fileno())
+    if stat.S_ISREG(state.st_mode) and state.st_size <= most:
+        return file
+    file.close()
+    if stat.S_ISREG(state.st_mode):
+        raise _too_large(path, state.st_size, most)
+    raise OSError(errno.EINVAL, "it is a device or a pipe, not a regular file", str(path))
+
+
+def read_bytes(path: str | Path, most: int) -> bytes:
+    """Whole content of a regular file; parameters and errors as of `open_regular`."""
+    with open_regular(path, most) as file:
         # the size of a file of the kernel is 0, and a file may grow while it is read
         data = file.read(most + 1)
     if len(data) > most:

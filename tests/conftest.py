@@ -1,6 +1,7 @@
 """What tests of several folders share."""
 
 import tracemalloc
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -20,6 +21,33 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.get_closest_marker("real_time"):
             item.add_marker(pytest.mark.flaky(reruns=TRIES - 1))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def nothing_of_the_user(tmp_path_factory):
+    """What is agreed to and latched in tests stays in them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HIL_STATE", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
+@pytest.fixture
+def agreed():
+    """Agree to what a model file, or the cut program of a rig, would run."""
+
+    def agree(what):
+        from hil import consent
+        from hil.rig.config import SafetyConfig
+        from hil.rig.cut import proven
+
+        if isinstance(what, Path):
+            found = consent.plugin(what, what.read_bytes())
+        else:
+            found = consent.cut_program(proven(SafetyConfig(watchdog=1.0, cut=tuple(what))))
+        consent.give(found)
+        return found
+
+    return agree
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import sys
 from hil.commands.run import named
 from hil.rig import status
 from hil.rig.config import load_rig
+from hil.runtime import guard
 
 EXAMPLE = "hil devices rigs/teleop.toml"
 
@@ -27,6 +28,10 @@ def run(args: argparse.Namespace) -> int:
         config = load_rig(args.rig)
         with named(args.rig):
             rows = status.check(config)
+        found = guard.standing(config.safety, args.rig)
+        if found is not None:
+            able, what = found
+            rows.append(status.row("watchdog", "cut", "-", "yes" if able else "no", what))
     if args.json:
         sys.stdout.write(json.dumps({"schema": "hil.devices/1", "devices": rows}) + "\n")
     else:

@@ -11,17 +11,19 @@ import sys
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hil.commands import outputs
+from hil.commands import outputs, trust
 from hil.errors import ConfigError, DataError, plural
 from hil.record.checks import check, columns, joint_units
 from hil.record.consistency import DataFault
-from hil.record.mcap_read import ChannelSummary, SessionSummary, load, summary
+from hil.record.mcap_read import ChannelSummary, SessionSummary, load, read_attachments, summary
 from hil.record.recording import Recording
 from hil.record.recovery import recover
+from hil.runtime.watchdog import beside, in_words, parsed
+from hil.userfile import read_text
 
 if TYPE_CHECKING:
     from hil.identify.prepare import Prepared
@@ -76,7 +78,12 @@ EXAMPLE = "hil info run1.mcap run2.mcap"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("sessions", nargs="+", metavar="S.mcap", help="sessions")
+    parser.add_argument(
+        "sessions",
+        nargs="+",
+        metavar="S.mcap",
+        help="sessions; of model and rig files (.toml), what they would run",
+    )
     parser.add_argument(
         "--recover",
         metavar="OUT.mcap",
@@ -89,12 +96,18 @@ def run(args: argparse.Namespace) -> int:
     """Print what the sessions hold."""
     if args.recover:
         return _recover(args.sessions, Path(args.recover), args.json)
-    seen = [_session(path) for path in args.sessions]
+    files = [path for path in args.sessions if path.endswith(".toml")]
+    run_by = [(path, what) for path in files for what in trust.executables(Path(path))]
+    seen = [_session(path) for path in args.sessions if path not in files]
     if args.json:
         entries = [_as_dict(*entry) for entry in seen]
+        entries += [{"path": path, **trust.entry(what)} for path, what in run_by]
         sys.stdout.write(json.dumps({"schema": "hil.info/1", "sessions": entries}) + "\n")
     else:
         sys.stdout.write("\n".join(_text(*entry) for entry in seen))
+        sys.stdout.writelines(f"{path}: {trust.line(what)}\n" for path, what in run_by)
+        idle = [path for path in files if path not in {p for p, _ in run_by}]
+        sys.stdout.writelines(f"{path}: runs nothing\n" for path in idle)
     return 0
 
 
@@ -106,6 +119,9 @@ def _recover(sessions: list[str], target: Path, as_json: bool) -> int:
     outputs.check(target, ".mcap", sessions)
     with outputs.writing(target):
         kept, found = recover(sessions[0], target), summary(sessions[0])
+    trip = beside(Path(sessions[0]))
+    if trip.is_file():
+        beside(target).write_bytes(trip.read_bytes())
     lost = {"unread_bytes": found.unread, "damaged_chunks": found.damaged}
     if as_json:
         entry = {"schema": "hil.info/1", "recovered": str(target), "messages": kept, **lost}
@@ -177,7 +193,28 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
         "loop": figures(found),
         "metadata": found.metadata,
         "attachments": list(found.attachments),
+        "watchdog": _trip(found),
+        "executables": _executables(found),
     }
+
+
+def _trip(found: SessionSummary) -> dict[str, Any] | None:
+    """What the watchdog did in a session: in its record, or beside one that was killed."""
+    recorded = parsed(str(found.metadata.get("watchdog", {}).get("report", "")))
+    if recorded:
+        return recorded
+    try:
+        return parsed(read_text(beside(Path(found.path)))) or None
+    except FileNotFoundError:
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        return {"why": "unknown", "cut": f"{beside(Path(found.path))} cannot be read ({error})"}
+
+
+def _executables(found: SessionSummary) -> list[str]:
+    """What the files within the session name that could run."""
+    inside = {"model.toml", "rig.toml"} & set(found.attachments)
+    return trust.named(read_attachments(found.path)) if inside else []
 
 
 def _arm_dict(arm: _Arm) -> dict[str, object]:
@@ -239,6 +276,9 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
         for c in found.channels
     ]
     lines += [*_aligned(rows), "", *loop_lines(found)]
+    trip, named = _trip(found), _executables(found)
+    lines += [f"  {in_words(trip)}", ""] if trip else []
+    lines += [f"  {text}; nothing of it runs because the session is read" for text in named]
     if not arms:
         lines += ["  no arm: no /<name>/measured_js channel, so there is nothing to fit", ""]
     for arm in arms:

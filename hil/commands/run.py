@@ -95,7 +95,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--wait", action="store_true", help="begin without torque and wait for the command start"
     )
     parser.add_argument("--model", metavar="M.toml", help="model file to attach to the session")
+    add_rearm(parser)
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
+
+
+def add_rearm(parser: argparse.ArgumentParser) -> None:
+    """Declare --rearm."""
+    parser.add_argument(
+        "--rearm",
+        action="store_true",
+        help="start although the watchdog has cut the power of this rig before",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -176,6 +186,8 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
             args.model,
             opener(args.rig),
             aside=lambda path: _aside(bar, path),
+            source=args.rig,
+            rearm=args.rearm,
         )
 
 

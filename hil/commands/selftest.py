@@ -8,7 +8,7 @@ import sys
 from dataclasses import asdict
 
 from hil.commands import common
-from hil.commands.run import opener
+from hil.commands.run import add_rearm, opener
 from hil.rig.config import RigConfig, load_rig
 from hil.runtime.runner import unwinding_signals
 from hil.runtime.selftest import USUAL, selftest
@@ -23,6 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--torque", type=float, default=USUAL, help=f"torque of a pulse [N m] (default {USUAL})"
     )
     parser.add_argument("--no-motors", action="store_true", help="stop before the motors")
+    add_rearm(parser)
     parser.add_argument("--json", action="store_true", help="steps as JSON on stdout")
 
 
@@ -36,7 +37,8 @@ def run(args: argparse.Namespace) -> int:
         return answers[-1] and not args.no_motors
 
     with unwinding_signals():
-        for step in selftest(config, args.torque, allowed, opener(args.rig)):
+        steps_of = selftest(config, args.torque, allowed, opener(args.rig), args.rig, args.rearm)
+        for step in steps_of:
             steps.append(step)
             if not args.json:
                 mark = "ok  " if step.passed else "FAIL"

@@ -155,6 +155,7 @@ class Search:
 
     def parted(self, result: FitResult) -> BlockErrors:
         """Errors of a fit on each part of the recording by the coefficients of the others."""
+        renew(result)  # columns may depend on what another fit has found since
         groups = model_groups(result)
         table = GramTable(self.problem, parts(self.split), result.sigma, groups)
         return table.errors([g.key for g in groups])

@@ -13,9 +13,11 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 
+from hil import consent
 from hil.errors import ConfigError, unknown
 from hil.models.effect import FIXED, NEVER, Effect
 from hil.models.parts import Doc, Relations, Scope, ShapeSearch, Trait, Variation
+from hil.userfile import LARGEST_TEXT, read_bytes
 
 #: Modules with a tuple `EFFECTS`; adding an effect touches its own file, its test, one line here.
 MODULES = (
@@ -88,22 +90,36 @@ def get(name: str) -> Effect:
     return table()[name]
 
 
-def load_plugin(path: Path) -> None:
+def load_plugin(path: Path, said_in: Path | None = None) -> None:
     """Load a user's effects from a Python file with a tuple `EFFECTS`.
+
+    Parameters
+    ----------
+    path : Path
+        The file.  Its text is run, never what was compiled of it before.
+    said_in : Path, optional
+        Model file that names it; then it runs only if the user has agreed to it.
 
     Raises
     ------
     ConfigError
-        If the file is missing, does not run or holds no effects.
+        If the file is missing, does not run, holds no effects, or was not agreed to.
     """
     table()
     spec = importlib.util.spec_from_file_location(f"hil_plugin_{path.stem}", path)
-    if not path.is_file() or spec is None or spec.loader is None:
+    if not path.is_file() or spec is None:
         raise ConfigError(f"plugin {path}: no such Python file")
+    try:
+        source = read_bytes(path, LARGEST_TEXT)
+    except OSError as error:
+        raise ConfigError(f"plugin {path} cannot be read: {error}") from error
+    if said_in is not None:
+        consent.require(consent.plugin(path, source), str(said_in))
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up by name
     try:
-        spec.loader.exec_module(module)
+        code = compile(source, spec.origin or str(path), "exec", dont_inherit=True)
+        exec(code, module.__dict__)
     except (Exception, SystemExit) as error:
         raise ConfigError(f"plugin {path} does not run: {error!r}") from error
     effects = getattr(module, "EFFECTS", ())

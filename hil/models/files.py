@@ -66,7 +66,7 @@ def _model(data: dict[str, Any], path: Path) -> RobotModel:
     files = _texts(data.get("plugins", []), "plugins", "['./my_effects.py']")
     plugins = tuple(str((path.parent / p).resolve()) for p in files)
     for plugin in plugins:
-        catalogue.load_plugin(Path(plugin))
+        catalogue.load_plugin(Path(plugin), said_in=path)
     explains = robot.get("explains", "motor")
     if explains not in _EXPLAINS:
         raise ConfigError(unknown("value of robot.explains", str(explains), _EXPLAINS))

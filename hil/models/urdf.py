@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.errors import ConfigError
+from hil.errors import ConfigError, DataError
 from hil.models import bodies
+from hil.record.urdf_joints import checked_urdf
 
 FloatArray = NDArray[np.float64]
 _BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -36,13 +37,18 @@ class UrdfRobot:
     Raises
     ------
     ConfigError
-        If the URDF does not parse, has a joint with more than one degree of freedom or one
-        that mimics nothing, or lacks the named tip.
+        If the URDF does not parse, holds what no robot has (`hil.record.urdf_joints`), has a
+        joint with more than one degree of freedom or one that mimics nothing, or lacks the named
+        tip.
     """
 
     has_armature = True
 
     def __init__(self, urdf: str, tip: str = "") -> None:
+        try:
+            checked_urdf(urdf)
+        except DataError as error:
+            raise ConfigError(str(error)) from error
         import pinocchio as pin
 
         self._pin = pin

@@ -349,6 +349,8 @@ FloatArray = NDArray[np.float64]
 
 #: Below these rates [Hz] an identification is doubtful, or hopeless.
 SLOW_HZ, HOPELESS_HZ = 100.0, 20.0
+#: Above it [Hz] the time is in another unit: filters and grids would take any memory.
+FASTEST_HZ = 1e6
 #: A run from which alone no effect is named (`hil.diagnosis.preconditions`) [s], and no fit made.
 SHORT_S, HOPELESS_SAMPLES = 4.0, 20
 _GAP, _JITTER = 3.0, 0.5
@@ -451,6 +453,14 @@ def _time(r: Recording) -> Iterator[DataFault]:
 
 def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[DataFault]:
     rate, gaps = 1 / period, dt > _GAP * period
+    if rate > FASTEST_HZ:
+        yield DataFault(
+            "sample-rate",
+            "error",
+            "",
+            f"the time advances by {period:.4g} s a sample; no rig samples faster than "
+            f"{FASTEST_HZ:g} Hz. Scale the time to seconds in a map when importing",
+        )
     if rate < SLOW_HZ:
         severity = "error" if rate < HOPELESS_HZ else "warning"
         hint = "; is the time in milliseconds? Scale it by 0.001 in a map"

@@ -7,18 +7,28 @@ from __future__ import annotations
 
 import csv
 import functools
+import io
+import itertools
 import math
-import warnings
-import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError, unknown
+from hil.record.foreign import Array, Arrays, read_arrays
+from hil.userfile import open_regular
+
+FloatArray = NDArray[np.float64]
+FORMATS = (".csv", ".tsv", ".txt", ".npz", ".mat")
+#: Largest text table [byte], its longest row and column name [characters].
+LARGEST_TEXT, LONGEST_ROW, LONGEST_NAME = 2**33, 2**20, 256
+#: A recording has some ten columns a joint; what has more is no table of samples.
+MOST_COLUMNS = 4096
 
 
 @dataclass(frozen=True)
@@ -65,42 +75,89 @@ def text_table(path: Path) -> ForeignTable:
     Raises
     ------
     DataError
-        If it is empty, not text, or lacks a header row.
+        If it is empty, not text, lacks a header row, or has rows, columns or names beyond
+        `LONGEST_ROW`, `MOST_COLUMNS` and `LONGEST_NAME`.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise DataError(f"table {path} is not a text file: {error}") from error
-    head = _header_line(lines)
-    if head is None:
-        raise DataError(f"table {path} is empty; a header row and samples are needed")
-    header = lines[head].lstrip("#% ")
+    head, header = _header_line(path)
+    header = header.lstrip("#% ")
     delimiter = max(";\t,", key=header.count)
-    names = tuple(n.strip() for n in next(csv.reader([header], delimiter=delimiter)))
-    body = [(i + 1, line) for i, line in enumerate(lines) if i > head and line.strip()]
+    names = _header_names(path, head, header, delimiter)
+    body = _Body(path, head)
+    first = list(itertools.islice(body, 100))
+    if not first:
+        raise DataError(f"table {path} has a header row but no samples")
+    comma = delimiter == ";" and not any("." in line for _, line in first)
+    reader = _TextColumns(path, names, delimiter, body, comma)
+    return ForeignTable(path, names, reader, first[0][0], path.stem)
+
+
+def _header_names(path: Path, head: int, header: str, delimiter: str) -> tuple[str, ...]:
+    try:
+        names = tuple(n.strip() for n in next(csv.reader([header], delimiter=delimiter)))
+    except csv.Error as error:
+        raise DataError(f"table {path}, row {head}: {error}; expected column names") from error
     if all(_is_number(n) for n in names):
         raise DataError(
-            f"table {path}: row {head + 1} holds numbers; a header row with column names is needed"
+            f"table {path}: row {head} holds numbers; a header row with column names is needed"
         )
-    twice = sorted({n for n in names if names.count(n) > 1})
+    _refuse_columns(path, names)
+    twice = sorted(n for n, count in Counter(names).items() if count > 1)
     if twice:
         raise DataError(f"table {path}: column {twice[0]!r} stands twice in the header")
-    if not body:
-        raise DataError(f"table {path} has a header row but no samples")
-    reader = _TextColumns(path, names, delimiter, body)
-    return ForeignTable(path, names, reader, body[0][0], path.stem)
+    return names
 
 
-def _header_line(lines: Sequence[str]) -> int | None:
-    """Index of the header: the first row, or the last comment if numbers follow it."""
-    comment: int | None = None
-    for i, line in enumerate(lines):
+def _refuse_columns(path: Path, names: Sequence[str]) -> None:
+    if len(names) > MOST_COLUMNS:
+        raise DataError(
+            f"table {path} has {len(names)} columns; at most {MOST_COLUMNS} are read. Are rows and "
+            "columns exchanged?"
+        )
+    longest = max(names, key=len, default="")
+    if len(longest) > LONGEST_NAME:
+        raise DataError(
+            f"table {path}: a column has a name of {len(longest)} characters "
+            f"({longest[:20]!r}...); at most {LONGEST_NAME} are read"
+        )
+
+
+@dataclass(frozen=True)
+class _Body:
+    """Rows of a text table that are not blank, each with its number, from after a row on."""
+
+    path: Path
+    head: int
+
+    def __iter__(self) -> Iterator[tuple[int, str]]:
+        with (
+            open_regular(self.path, LARGEST_TEXT) as raw,
+            io.TextIOWrapper(raw, encoding="utf-8-sig") as file,
+        ):
+            number = 0
+            try:
+                while line := file.readline(LONGEST_ROW):
+                    number += 1
+                    if len(line) == LONGEST_ROW:
+                        raise DataError(
+                            f"table {self.path}, row {number}: more than {LONGEST_ROW} characters; "
+                            "expected one sample a row"
+                        )
+                    if number > self.head and line.strip():
+                        yield number, line.rstrip("\n")
+            except UnicodeDecodeError as error:
+                raise DataError(f"table {self.path} is not a text file: {error}") from error
+
+
+def _header_line(path: Path) -> tuple[int, str]:
+    """Number and text of the header: the first row, or the last comment if numbers follow it."""
+    comment: tuple[int, str] | None = None
+    for number, line in _Body(path, 0):
         if line.lstrip().startswith(("#", "%")):
-            comment = i
-        elif line.strip():
-            first = line.replace(";", ",").replace("\t", ",").split(",")[0]
-            return comment if comment is not None and _is_number(first) else i
-    return None
+            comment = number, line
+        else:
+            first = line.replace(";", ",").replace("\t", ",").split(",", 1)[0]
+            return comment if comment is not None and _is_number(first) else (number, line)
+    raise DataError(f"table {path} is empty; a header row and samples are needed")
 
 
 def _is_number(text: str) -> bool:
@@ -116,44 +173,60 @@ class _TextColumns:
     path: Path
     names: tuple[str, ...]
     delimiter: str
-    body: list[tuple[int, str]]
+    body: _Body
+    #: Whether a comma stands for the decimal point.
+    comma: bool
 
     def __call__(self, wanted: Sequence[str]) -> dict[str, FloatArray]:
         use = [self.names.index(n) for n in wanted]
         if not use:
             return {}
-        rows = [line for _, line in self.body]
-        if self.delimiter == ";" and not any("." in line for line in rows[:100]):
-            rows = [line.replace(",", ".") for line in rows]
+        rows = (line for _, line in self._lines())
         try:
             block = np.loadtxt(rows, delimiter=self.delimiter, usecols=use, ndmin=2, comments=None)
         except ValueError:
-            block = self._slowly(wanted, use, rows)
+            block = self._slowly(wanted, use)
         return {name: block[:, k] for k, name in enumerate(wanted)}
 
-    def _slowly(self, wanted: Sequence[str], use: list[int], rows: list[str]) -> FloatArray:
+    def _lines(self) -> Iterator[tuple[int, str]]:
+        if not self.comma:
+            return iter(self.body)
+        return ((number, line.replace(",", ".")) for number, line in self.body)
+
+    def _slowly(self, wanted: Sequence[str], use: list[int]) -> FloatArray:
         """Row by row: empty cells become NaN, the first bad cell is named."""
-        out = np.empty((len(rows), len(use)))
-        cells = csv.reader(rows, delimiter=self.delimiter)
-        for i, row in enumerate(cells):
-            where = f"table {self.path}, row {self.body[i][0]}"
-            if len(row) not in (len(self.names), len(self.names) + (row[-1].strip() == "")):
-                raise DataError(f"{where}: {len(row)} cells; expected {len(self.names)}")
-            for k, column in enumerate(use):
-                text = row[column].strip()
-                try:
-                    out[i, k] = float(text) if text else math.nan
-                except ValueError:
-                    raise DataError(
-                        f"{where}: column {wanted[k]!r} holds {text!r}; expected a number"
-                    ) from None
-        return out
+        number = 0
 
+        def lines() -> Iterator[str]:
+            nonlocal number
+            for at, line in self._lines():
+                number = at
+                yield line
 
-FloatArray = NDArray[np.float64]
-__all__ = ["FORMATS", "ForeignTable", "open_table", "run_names"]
+        out = array("d")
+        cells = csv.reader(lines(), delimiter=self.delimiter)
+        try:
+            for row in cells:
+                out.extend(self._row(row, number, wanted, use))
+        except csv.Error as error:
+            raise DataError(f"table {self.path}, row {number}: {error}") from error
+        return np.frombuffer(out, np.float64).reshape(-1, len(use))
 
-FORMATS = (".csv", ".tsv", ".txt", ".npz", ".mat")
+    def _row(
+        self, row: Sequence[str], number: int, wanted: Sequence[str], use: Sequence[int]
+    ) -> Iterator[float]:
+        where = f"table {self.path}, row {number}"
+        if len(row) not in (len(self.names), len(self.names) + (row[-1].strip() == "")):
+            raise DataError(f"{where}: {len(row)} cells; expected {len(self.names)}")
+        for name, column in zip(wanted, use, strict=True):
+            text = row[column].strip()
+            try:
+                yield float(text) if text else math.nan
+            except ValueError:
+                shown = text if len(text) <= LONGEST_NAME else f"{text[:LONGEST_NAME]}..."
+                raise DataError(
+                    f"{where}: column {name!r} holds {shown!r}; expected a number"
+                ) from None
 
 
 def open_table(
@@ -210,50 +283,37 @@ def run_names(path: str | Path, columns: Sequence[str] = ()) -> list[str]:
     if Path(path).suffix.lower() not in (".npz", ".mat"):
         return []
     data = _load(Path(path))
-    return _runs(data, columns) if columns else [k for k, v in data.items() if _fields(v)]
+    return _runs(data, columns) if columns else [k for k, v in data.items() if isinstance(v, dict)]
 
 
-def _runs(data: dict[str, NDArray[Any]], columns: Sequence[str]) -> list[str]:
-    return [k for k, v in data.items() if columns and v.ndim == 2 and v.shape[1] == len(columns)]
+def _runs(data: Arrays, columns: Sequence[str]) -> list[str]:
+    wide = len(columns)
+    return [k for k, v in _plain(data).items() if columns and v.ndim == 2 and v.shape[1] == wide]
 
 
-def _load(path: Path) -> dict[str, NDArray[Any]]:
+def _plain(data: Arrays) -> dict[str, Array]:
+    return {k: v for k, v in data.items() if not isinstance(v, dict)}
+
+
+def _load(path: Path) -> Arrays:
     return _load_once(path, path.stat().st_mtime_ns)
 
 
 @functools.lru_cache(maxsize=1)  # a file of many runs is read once for all of them
-def _load_once(path: Path, _: int) -> dict[str, NDArray[Any]]:
-    if path.suffix.lower() == ".npz":
-        try:
-            with np.load(path, allow_pickle=False) as data:
-                return {key: data[key] for key in data.files}
-        except (zipfile.BadZipFile, ValueError, EOFError) as error:
-            raise DataError(f"table {path} is not an NPZ file of plain arrays: {error}") from error
-    from scipy.io import loadmat
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            data = loadmat(path)
-    except NotImplementedError as error:
-        raise DataError(
-            f"table {path} is a MAT file of version 7.3; save it with save(..., '-v7')"
-        ) from error
-    except Exception as error:  # SciPy raises many kinds on a damaged file
-        raise DataError(f"table {path} is not a MAT file: {error}") from error
-    return {key: np.asarray(value) for key, value in data.items() if not key.startswith("__")}
+def _load_once(path: Path, _: int) -> Arrays:
+    return read_arrays(path)
 
 
 def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> ForeignTable:
     data = _load(path)
     if not data:
         raise DataError(f"table {path} holds no arrays")
-    records = {key: fields for key, value in data.items() if (fields := _fields(value))}
+    records = {key: value for key, value in data.items() if isinstance(value, dict)}
     if array in records:
         return _named(path, records[array], array)
     if array or columns:
         name = array or _choose(path, _runs(data, columns), run, len(columns))
-        return _matrix(path, data, name, columns)
+        return _matrix(path, _plain(data), name, columns)
     if len(records) > 1 or (run and records):
         name = _choose(path, list(records), run)
         return _named(path, records[name], name)
@@ -263,21 +323,14 @@ def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> Foreign
             "name the columns of its arrays in a map: [table] columns = [...]"
         )
     inner = next(iter(records.values()), {})
-    return _named(path, {**inner, **{k: v for k, v in data.items() if k not in records}}, path.stem)
+    return _named(path, {**inner, **_plain(data)}, path.stem)
 
 
-def _named(path: Path, data: Mapping[str, NDArray[Any]], run: str) -> ForeignTable:
-    found = _by_key(data)
+def _named(path: Path, data: Mapping[str, Array], run: str) -> ForeignTable:
+    found = _by_key(path, data)
     if not found:
         raise DataError(f"table {path} holds no columns; it has {', '.join(data) or 'nothing'}")
     return ForeignTable(path, tuple(found), _picker(path, found), 1, run)
-
-
-def _fields(value: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Fields of a structured array or of a MAT struct; empty for a plain array."""
-    names = value.dtype.names or ()
-    one = value.size == 1 and value.dtype.hasobject
-    return {n: np.asarray(value[n].ravel()[0] if one else value[n]) for n in names}
 
 
 def _choose(path: Path, runs: list[str], run: str, width: int = 0) -> str:
@@ -293,7 +346,7 @@ def _choose(path: Path, runs: list[str], run: str, width: int = 0) -> str:
 
 
 def _matrix(
-    path: Path, data: dict[str, NDArray[Any]], name: str, columns: Sequence[str]
+    path: Path, data: Mapping[str, Array], name: str, columns: Sequence[str]
 ) -> ForeignTable:
     if name not in data:
         raise DataError(f"table {path}: " + unknown("array", name, data))
@@ -302,36 +355,46 @@ def _matrix(
     if not width or (columns and width != len(columns)):
         want = f"(n, {len(columns)})" if columns else "two dimensions"
         raise DataError(f"table {path}: array {name!r} has shape {values.shape}; expected {want}")
+    if width > MOST_COLUMNS:
+        raise _too_wide(path, name, width)
     names = tuple(columns) or tuple(f"c{k + 1}" for k in range(width))
     found = {n: values[:, k] for k, n in enumerate(names)}
     return ForeignTable(path, names, _picker(path, found), 1, name)
 
 
-def _by_key(data: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+def _too_wide(path: Path, name: str, width: int) -> DataError:
+    return DataError(
+        f"table {path}: array {name!r} has {width} columns; at most {MOST_COLUMNS} are read. Are "
+        "rows and columns exchanged?"
+    )
+
+
+def _by_key(path: Path, data: Mapping[str, Array]) -> dict[str, Array]:
     """Columns by key: ``q`` of shape (n, d) becomes ``q1`` to ``qd``; scalars are left out."""
-    out: dict[str, NDArray[Any]] = {}
+    out: dict[str, Array] = {}
     for key, value in data.items():
         flat = value.ravel() if value.ndim == 2 and 1 in value.shape else value
         if flat.ndim == 1 and flat.size > 1:
             out[key] = flat
         elif flat.ndim == 2:
+            if len(out) + flat.shape[1] > MOST_COLUMNS:
+                raise _too_wide(path, key, flat.shape[1])
             out |= {f"{key}{k + 1}": flat[:, k] for k in range(flat.shape[1])}
     return out
 
 
 def _picker(
-    path: Path, found: dict[str, NDArray[Any]]
+    path: Path, found: Mapping[str, Array]
 ) -> Callable[[Sequence[str]], dict[str, FloatArray]]:
     def pick(wanted: Sequence[str]) -> dict[str, FloatArray]:
         out: dict[str, FloatArray] = {}
         for name in wanted:
-            try:
-                out[name] = np.asarray(found[name]).astype(np.float64)
-            except (ValueError, TypeError):
+            if found[name].dtype.kind not in "biuf":
                 raise DataError(
                     f"table {path}: column {name!r} is of type {found[name].dtype}; "
-                    "expected numbers"
-                ) from None
+                    "expected numbers, real ones"
+                )
+            out[name] = found[name].astype(np.float64)
         return out
 
     return pick

@@ -29,6 +29,8 @@ from hil.userfile import read_text
 JUMP = 10.0
 #: A longer median period [s] means that the time is not in seconds, or useless for dynamics.
 LONG_PERIOD = 0.05
+#: No shorter median period [s] is one of a rig: filters and grids would take any memory.
+SHORT_PERIOD = 1e-6
 
 
 def refuse_not_finite(
@@ -101,6 +103,12 @@ def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], ga
     if not dt.size:
         raise DataError(f"table {table.path}: the time never changes")
     period = float(np.median(dt))
+    if period < SHORT_PERIOD:
+        raise DataError(
+            f"table {table.path}: the time advances by {period:.4g} s a sample; no rig samples "
+            f"faster than {1 / SHORT_PERIOD:g} Hz. Scale it to seconds in a map, [columns] "
+            't = { from = "t", scale = ... }'
+        )
     if period > LONG_PERIOD:
         raise DataError(
             f"table {table.path}: the time advances by {period:.4g} s a sample "
@@ -329,6 +337,8 @@ def import_table(
     table = open_table(path, given.array, given.columns, run)
     tables = {"": table, **_joined(table, given)}
     arms = _select(given, arm)
+    for name in arms:
+        refuse_arm(name)
     robot, joints = _robot(given, Path(path), urdf)
     recordings: list[Recording] = []
     used: set[str] = set()
@@ -351,6 +361,24 @@ def _extras(
     units = tuple(given.units[n] for n in values)
     channel = Channel("/extras", "fields", tuple(values), units=units, message=EXTRAS)
     return ((channel, recordings[-1].t, np.stack(list(values.values()), axis=1)),)
+
+
+#: An arm is a part of the names of its topics.
+_ARM = re.compile(r"\w[\w.-]{0,63}")
+
+
+def refuse_arm(name: str) -> None:
+    """Refuse a name that cannot be a part of a topic's; the empty one stands for none.
+
+    Raises
+    ------
+    ConfigError
+        If it holds more than letters, digits, dots and dashes, or is longer than 64.
+    """
+    if name and not _ARM.fullmatch(name):
+        raise ConfigError(
+            f"arm {name[:80]!r}: a name of at most 64 letters, digits, '_', '.' and '-' is needed"
+        )
 
 
 def _select(given: TableMap, arm: str) -> dict[str, Mapping[str, Rule]]:

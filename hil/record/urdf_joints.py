@@ -1,4 +1,8 @@
-"""Moving joints of a URDF in kinematic order, without a rigid-body library."""
+"""Moving joints of a URDF in kinematic order, without a rigid-body library.
+
+Every robot file passes here first: the library behind the models trusts what stands in it, takes
+any number for a mass, and memory with the cube of the joints.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,26 @@ from dataclasses import dataclass
 from hil.errors import DataError
 
 _KINDS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
+#: Largest URDF [characters], and what is more than any robot has; columns are named to q99.
+LARGEST, MOST_ELEMENTS, MOST_LINKS, MOST_JOINTS = 4 * 2**20, 100_000, 1000, 99
+#: Larger or smaller than any part of a machine, in SI units.
+_ABSURD = 1e9
+#: Attributes of numbers by element, and how many each holds.
+_NUMBERS = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "mass": {"value": 1},
+    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1),
+    "limit": dict.fromkeys(("lower", "upper", "velocity", "effort"), 1),
+    "mimic": {"multiplier": 1, "offset": 1},
+    "dynamics": {"damping": 1, "friction": 1},
+    "safety_controller": dict.fromkeys(
+        ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"), 1
+    ),
+    "calibration": {"rising": 1, "falling": 1},
+}
+#: They may be infinite, as exporters write where there is no limit.
+_BOUNDS = ("limit", "safety_controller")
 
 
 @dataclass(frozen=True)
@@ -51,36 +75,16 @@ def urdf_joints(text: str, where: str = "the URDF") -> tuple[UrdfJoint, ...]:
     DataError
         If it is not a URDF, has no moving joint, or one of several degrees of freedom.
     """
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise DataError(f"{where} does not parse as XML: {error}") from error
-    if root.tag != "robot":
-        raise DataError(f"{where}: the root element is <{root.tag}>, expected <robot>")
+    root = checked_urdf(text, where)
     children: dict[str, list[ET.Element]] = {}
     for joint in sorted(root.findall("joint"), key=lambda j: j.get("name", "")):
         children.setdefault(_link(joint, "parent", where), []).append(joint)
     inner = {_link(j, "child", where) for joints in children.values() for j in joints}
     out: list[UrdfJoint] = []
-    for start in sorted(set(children) - inner):
-        _walk(start, children, out, where)
-    if not out:
-        raise DataError(f"{where} has no moving joint (revolute, continuous or prismatic)")
-    return tuple(out)
-
-
-def _link(joint: ET.Element, tag: str, where: str) -> str:
-    element = joint.find(tag)
-    name = element.get("link", "") if element is not None else ""
-    if not name:
-        raise DataError(f"{where}: joint {joint.get('name')!r} has no <{tag} link=...>")
-    return name
-
-
-def _walk(
-    link: str, children: dict[str, list[ET.Element]], out: list[UrdfJoint], where: str
-) -> None:
-    for joint in children.get(link, ()):
+    # depth first by a list: a chain may be longer than calls nest
+    waiting = [j for start in sorted(set(children) - inner) for j in children[start]][::-1]
+    while waiting:
+        joint = waiting.pop()
         kind, name = joint.get("type", ""), joint.get("name", "")
         if kind in _KINDS and joint.find("mimic") is None:
             ends = _range(joint, kind, where)
@@ -91,7 +95,103 @@ def _walk(
                 f"{where}: joint {name!r} is of type {kind!r}; "
                 f"expected one of {', '.join(_KINDS)}, fixed"
             )
-        _walk(_link(joint, "child", where), children, out, where)
+        waiting += children.get(_link(joint, "child", where), [])[::-1]
+    if not out:
+        raise DataError(f"{where} has no moving joint (revolute, continuous or prismatic)")
+    return tuple(out)
+
+
+def checked_urdf(text: str, where: str = "the URDF") -> ET.Element:
+    """Root of a URDF in which no claim, loop or number does harm to what reads it next.
+
+    Raises
+    ------
+    DataError
+        If it is no URDF, is larger than any robot, has a loop, or a number that no body has.
+    """
+    if len(text) > LARGEST or "<!DOCTYPE" in text:
+        raise DataError(
+            f"{where} has {len(text)} characters or a document type; expected a URDF of at most "
+            f"{LARGEST} characters without entities"
+        )
+    try:
+        root = ET.fromstring(text)
+    except (ET.ParseError, ValueError) as error:
+        raise DataError(f"{where} does not parse as XML: {error}") from error
+    if root.tag != "robot":
+        raise DataError(f"{where}: the root element is <{root.tag}>, expected <robot>")
+    _refuse_sizes(root, where)
+    for owner in (*root.findall("link"), *root.findall("joint")):
+        for element in owner.iter():
+            if element.tag not in ("visual", "collision"):
+                _refuse_numbers(owner, element, where)
+    _refuse_loops(root, where)
+    return root
+
+
+def _refuse_sizes(root: ET.Element, where: str) -> None:
+    joints = root.findall("joint")
+    moving = sum(j.get("type") != "fixed" for j in joints)
+    for what, count, most in (
+        ("elements", sum(1 for _ in root.iter()), MOST_ELEMENTS),
+        ("links", max(len(root.findall("link")), len(joints) + 1), MOST_LINKS),
+        ("moving joints", moving, MOST_JOINTS),
+    ):
+        if count > most:
+            raise DataError(f"{where} has {count} {what}; a robot of at most {most} can be used")
+    for tag in ("link", "joint"):
+        names = [e.get("name", "") for e in root.findall(tag)]
+        for name in names:
+            if not name or not name.isprintable() or len(name) > 256:
+                raise DataError(f"{where}: a {tag} has the name {name[:80]!r}; expected a word")
+        if len(set(names)) < len(names):
+            twice = next(n for k, n in enumerate(names) if n in names[:k])
+            raise DataError(f"{where}: {tag} {twice!r} is there twice")
+
+
+def _refuse_numbers(owner: ET.Element, element: ET.Element, where: str) -> None:
+    for key, count in _NUMBERS.get(element.tag, {}).items():
+        text = element.get(key)
+        if text is None:
+            continue
+        place = f"{owner.tag} {owner.get('name')!r}: <{element.tag} {key}={text[:80]!r}>"
+        try:
+            values = [float(x) for x in text.split()]
+        except ValueError:
+            raise DataError(f"{where} does not parse: {place}; expected {count} numbers") from None
+        if len(values) != count or any(math.isnan(x) for x in values):
+            raise DataError(f"{where}: {place}; expected {count} numbers")
+        if element.tag not in _BOUNDS and any(abs(x) > _ABSURD for x in values):
+            raise DataError(f"{where}: {place}; no part of a machine has that in SI units")
+        if key in ("value", "ixx", "iyy", "izz") and values[0] < 0:
+            raise DataError(f"{where}: {place}; a mass or moment of inertia is not negative")
+
+
+def _refuse_loops(root: ET.Element, where: str) -> None:
+    """Refuse links with two parents, and loops, which a tree of links has not."""
+    parents: dict[str, str] = {}
+    for joint in root.findall("joint"):
+        child = _link(joint, "child", where)
+        if child in parents:
+            raise DataError(f"{where}: link {child!r} has two parents; expected a tree of links")
+        parents[child] = _link(joint, "parent", where)
+    known: set[str] = set()  # on a path to a root
+    for start in parents:
+        path, link = [], start
+        while link in parents and link not in known:
+            path.append(link)
+            link = parents[link]
+            if len(path) > len(parents):
+                raise DataError(f"{where}: the joints from {start!r} up form a loop")
+        known.update(path)
+
+
+def _link(joint: ET.Element, tag: str, where: str) -> str:
+    element = joint.find(tag)
+    name = element.get("link", "") if element is not None else ""
+    if not name:
+        raise DataError(f"{where}: joint {joint.get('name')!r} has no <{tag} link=...>")
+    return name
 
 
 def _range(joint: ET.Element, kind: str, where: str) -> tuple[float, float]:

@@ -72,6 +72,8 @@ TABLE: tuple[Condition, ...] = (
     Condition("not-a-number", _R.FAULT, "a measured value is not a number"),
     Condition("effort-invalid", _R.FAULT, "an effort of the law was not a number"),
     Condition("motor-refused", _R.FAULT, "the motor driver refused a command"),
+    Condition("watchdog-lost", _R.FAULT, "the watchdog does not answer"),
+    Condition("power-cut", _R.FAULT, "the watchdog cut the power"),
 )
 BITS: dict[str, int] = {c.name: 1 << k for k, c in enumerate(TABLE)}
 

@@ -199,7 +199,7 @@ class Loop:
     applied : deque of (int, str, OperatingState, OperatingState)
         Tick and text of every command applied, state before and after.
     heart : callable or None
-        Called with every tick that is done: the watchdog's.
+        The watchdog's: called with every tick, gives the conditions that it finds.
     """
 
     def __init__(
@@ -232,7 +232,7 @@ class Loop:
         self.longest_ns = 0
         self.clamped = 0
         self.finished = False
-        self.heart: Callable[[int], None] | None = None
+        self.heart: Callable[[int], int] | None = None
 
     def rehearse(self) -> None:
         """Do once all that a tick does, with the devices not enabled and nothing recorded.
@@ -256,6 +256,8 @@ class Loop:
         mask = self._arms.read(t_ns + self._origin_ns, steps)
         if self._overload.over(tick, steps - 1):
             mask |= _OVERRUN
+        if self.heart is not None:
+            mask |= self.heart(tick)
         # who was outside already may be driven back in
         acute = mask & ~(self.conditions & _LASTING)
         if acute & (PAUSING | FAULTING):
@@ -286,8 +288,6 @@ class Loop:
         timing[7] = len(self._ring)
         timing[8] = self._arms.hottest
         self._ring.push(tick, t_ns + self._clock.epoch_ns, self.frame)
-        if self.heart is not None:
-            self.heart(tick)
         if done - woken > self.longest_ns:
             self.longest_ns = done - woken
         if mask & _LIMITED:

@@ -8,6 +8,7 @@ Ways out: a signal that ends the program unwinds it first, so that the motors ge
 from __future__ import annotations
 
 import contextlib
+import json
 import signal
 import threading
 import time
@@ -24,12 +25,13 @@ from hil.rig.operator import Shop
 from hil.rig.safety import sentence
 from hil.runtime import commands, session
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
+from hil.runtime.guard import Watchdog, guarded
 from hil.runtime.loop import Loop
 from hil.runtime.realtime import Arrangement, accompany, arranged
 from hil.runtime.session import Operator, Summary, cut_short
 from hil.runtime.slow import SlowSide, SlowThread
 from hil.runtime.statistics import Statistics
-from hil.runtime.watchdog import Watchdog, guarded
+from hil.runtime.watchdog import in_words
 
 CLOCKS: dict[str, Callable[[int], Clock]] = {"lockstep": VirtualClock, "real": MonotonicClock}
 #: Ticks that a session goes on after a FAULT, with the motors at zero: the record shows it.
@@ -85,6 +87,7 @@ class Session:
         )
         self.left, self.shown = 0.0, 0
         self.watchdog: Watchdog | None = None
+        self.trip: dict[str, object] = {}
 
     def run(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
         """Until the time is up, an arm faults, or the operator stops."""
@@ -110,10 +113,19 @@ class Session:
         """Devices and loop ENABLED, unless the operator is waited for; tick 0 is now."""
         waits = self.operator.wait
         if not waits:
+            # from here on a loop that hangs is a loop with power
+            self._feel()
             self.rig.enable()
+            self._feel()
             self.loop.begin()
         self.timer.start()
         self.slow.note(0, self.timer.epoch_ns, "waiting" if waits else "enabled")
+
+    def _feel(self) -> None:
+        """Beat before the first tick; refuse to go on with a watchdog that is gone."""
+        found = self.watchdog.beat(0) if self.watchdog is not None else 0
+        if found:
+            raise DeviceError(f"the rig is not enabled: {sentence(found)}")
 
     def over(self) -> bool:
         """Whether this tick was the last."""
@@ -191,6 +203,7 @@ class Session:
     def _finish(self, name: str, told: dict[str, object]) -> None:
         """Close the file with what the session was; it may be that it takes nothing more."""
         loop, timer = self.loop, self.timer
+        self.trip = self.watchdog.trip() if self.watchdog is not None else {}
         if self.slow.trouble is not None:
             return
         end_ns = timer.epoch_ns + loop.tick * self.config.loop.period_ns
@@ -198,6 +211,9 @@ class Session:
         if timer.set_back:
             said["clock_set_back"] = timer.set_back
         try:
+            if self.trip:
+                self.writer.event(loop.tick, end_ns, "power-cut", self.trip)
+                self.writer.metadata("watchdog", {"report": json.dumps(self.trip)})
             self.writer.event(loop.tick, end_ns, name, said)
             session.conclude(self.writer, self.statistics, self.arrangement)
             self.writer.close()
@@ -224,7 +240,7 @@ class Session:
                     f"session stopped at tick {loop.since}: {reason}; {ended}, take --seconds no "
                     f"longer than that. {self.output} holds what was replayed until then."
                 )
-            told = self.rig.trouble()
+            told = in_words(self.trip) if self.trip else self.rig.trouble()
             raise DeviceError(
                 f"session stopped at tick {loop.since}: FAULT, because {reason}"
                 f"{f' ({told})' if told else ''}; the motors got no torque from that tick on, and "
@@ -292,6 +308,8 @@ def run(
     timer: Callable[[int], Clock] | None = None,
     kind: type[Session] | None = None,
     aside: Callable[[Path], None] = lambda path: None,
+    source: str = "RIG.toml",
+    rearm: bool = False,
 ) -> Summary:
     """Run a session of a rig and record it.
 
@@ -320,20 +338,29 @@ def run(
         Another arrangement of loop and slow side, for the bench of the loop.
     aside : callable
         Called with `output` when the rig is open, before the file is written.
+    source : str
+        Rig file, as messages name it.
+    rearm : bool
+        Start although the watchdog cut the power of this rig before.
 
     Raises
     ------
     DeviceError
-        An arm went to FAULT; what was recorded until then is kept.
+        An arm went to FAULT; what was recorded until then is kept.  Or the watchdog does not
+        answer, or its last cut is latched.
     ConfigError
-        The session could not be written on, e.g. for a full disk; the loop ran to its end.
-        Or the recording in place of the boxes ended before it.
+        The program of ``[safety] cut`` cannot be run, or the user has not agreed to it
+        (`hil.consent`).  The session could not be written on, e.g. for a
+        full disk; the loop ran to its end.  Or the recording in place of the boxes ended before it.
     """
     config = session.with_run_options(config, seconds, seed, clock)
     operator = operator or Operator()
     commands.rehearse(operator.schedule, config.loop.seconds, Shop(None, config))
     began = time.perf_counter()
-    with unwinding_signals(), guarded(config.safety, Path(output)) as watchdog:
+    with (
+        unwinding_signals(),
+        guarded(config.safety, Path(output), source, rearm) as watchdog,
+    ):
         rig = opener(config, seed)
         try:
             made = (kind or Session)(rig, config, seed, Path(output), operator, model, timer, aside)

@@ -6,8 +6,11 @@ the motor's alone, whatever gravity and a supporting hand do to both.
 
 from __future__ import annotations
 
+import tempfile
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -15,8 +18,11 @@ from hil.errors import ConfigError, DeviceError
 from hil.rig import boxes, safety
 from hil.rig.config import RigConfig
 from hil.rig.open import ArmPort, Rig, open_rig
+from hil.runtime import guard
 from hil.runtime.clock import Clock
+from hil.runtime.guard import Watchdog, guarded
 from hil.runtime.runner import CLOCKS
+from hil.runtime.watchdog import in_words
 from hil.signals.device import Device, FloatArray, Status
 
 #: Torques that may be asked for [N m].
@@ -52,6 +58,8 @@ def selftest(
     torque: float,
     allowed: Callable[[], bool],
     opener: Callable[[RigConfig, int], Rig] = open_rig,
+    source: str = "RIG.toml",
+    rearm: bool = False,
 ) -> Iterator[TestStep]:
     """Test a rig; nothing but zero goes to a motor before `allowed` has returned True.
 
@@ -65,18 +73,21 @@ def selftest(
         Asks the user whether the motors may be driven.
     opener : callable
         Opens the rig.
+    source, rearm : str, bool
+        As of `hil.runtime.runner.run`.
 
     Yields
     ------
     Step
-        One after the other; the motors' only if all before have passed.
+        One after the other; the motors' only if all before have passed.  Last the cut: the
+        self-test stops ticking with the watchdog beside it, and its program runs.
 
     Raises
     ------
     ConfigError
-        If the torque is not a small one.
+        If the torque is not a small one, or the cut program cannot be run or was not agreed to.
     DeviceError
-        If the rig cannot be opened, or a box is lost on the way.
+        If the rig cannot be opened, or a box or the watchdog is lost on the way.
     """
     if not SMALLEST <= torque <= LARGEST:
         raise ConfigError(f"--torque {torque:g}: {SMALLEST} to {LARGEST} N m is needed.")
@@ -94,7 +105,14 @@ def selftest(
         if not passed:
             return
         if allowed():
-            yield from bench.with_power(torque)
+            with (
+                tempfile.TemporaryDirectory() as folder,
+                guarded(config.safety, Path(folder, "selftest"), source, rearm) as watchdog,
+            ):
+                bench.watchdog = watchdog
+                yield from bench.with_power(torque)
+                if watchdog is not None:
+                    yield from bench.cut(watchdog, torque)
     finally:
         rig.close()
 
@@ -108,6 +126,7 @@ class _Bench:
         self.clock: Clock = CLOCKS[config.clock](self.period_ns)
         self.clock.start()
         self.tick = 0
+        self.watchdog: Watchdog | None = None
         self.arms = dict(zip(config.controller.arms, rig.ports, strict=True))
         n = len(self.arms)
         self.q, self.qd = np.zeros((n, 3)), np.zeros((n, 3))
@@ -116,6 +135,9 @@ class _Bench:
     def step(self, driven: ArmPort | None = None, effort: FloatArray | None = None) -> Status:
         """One tick: read everything, drive one arm."""
         self.tick = self.clock.wait(self.tick + 1)
+        found = 0 if self.watchdog is None else self.watchdog.beat(self.tick)
+        if found:
+            raise DeviceError(f"the self-test was stopped: {safety.sentence(found)}")
         t_ns = self.tick * self.period_ns + self.rig.origin_ns
         status = Status.OK
         for i, port in enumerate(self.arms.values()):
@@ -155,16 +177,46 @@ class _Bench:
     def with_power(self, torque: float) -> Iterator[TestStep]:
         """Every joint of every arm, one at a time, both ways."""
         for i, (arm, port) in enumerate(self.arms.items()):
-            devices = [
-                d for name, d in self.rig.devices.items() if self.config.devices[name].arm == arm
-            ]
+            devices = self._of(arm)
             for k in range(3):
-                change = np.zeros(3)
-                for sign in (1.0, -1.0):
-                    effort = np.zeros(3)
-                    effort[k] = sign * torque
-                    change += 0.5 * sign * self._pulse(i, port, devices, effort)
-                yield _judge(arm, k, change, torque)
+                yield _judge(arm, k, self._both_ways(i, port, devices, k, torque), torque)
+
+    def cut(self, watchdog: Watchdog, torque: float) -> Iterator[TestStep]:
+        """Stop ticking until the watchdog has cut; on hardware no motor may move from then on.
+
+        A simulated rig has no power that a program could cut: there only the program is judged.
+        """
+        self.watchdog, until = None, time.monotonic() + guard.CUTTING
+        while watchdog.alive and time.monotonic() < until:
+            self.step()
+        trip = watchdog.proved()
+        text = in_words(trip) if trip else "it did not act when the loop stopped"
+        yield TestStep("watchdog", "cut", bool(trip.get("worked")), text)
+        if not (self.config.hardware and trip.get("worked")):
+            return
+        for i, (arm, port) in enumerate(self.arms.items()):
+            most = max(
+                np.abs(self._both_ways(i, port, self._of(arm), k, torque)).max() for k in range(3)
+            )
+            text = f"{torque:g} N m after the cut changed a speed by {most:.2f} rad/s"
+            if most >= MOVES:
+                text += ": the motors still have power; look at what the cut program switches"
+            yield TestStep(arm, "cut", most < MOVES, text)
+
+    def _of(self, arm: str) -> list[Device]:
+        """Devices of an arm."""
+        return [d for name, d in self.rig.devices.items() if self.config.devices[name].arm == arm]
+
+    def _both_ways(
+        self, i: int, port: ArmPort, devices: list[Device], k: int, torque: float
+    ) -> FloatArray:
+        """Change of speed (3,) [rad/s] by torque on joint k, free of what acts both ways alike."""
+        change = np.zeros(3)
+        for sign in (1.0, -1.0):
+            effort = np.zeros(3)
+            effort[k] = sign * torque
+            change += 0.5 * sign * self._pulse(i, port, devices, effort)
+        return change
 
     def _pulse(
         self, i: int, port: ArmPort, devices: list[Device], effort: FloatArray

@@ -1,51 +1,83 @@
-"""Watchdog outside of the process: where the loop stops ticking, it takes the power off.
+"""The process beside the loop: where the loop stops ticking, it takes the power off.
 
-The process beside the loop shares nothing with it but a page of memory, so that it outlives a
-crash, a kill and a hang of the interpreter.  It cannot reach the motors itself: it runs the
-program of the rig file (a relay, a supply with a network port), and writes down that it did.
+It shares nothing with the loop but a page of memory, so that it outlives a crash, a kill and a
+hang of the interpreter.  It cannot reach the motors itself: it runs the program of the rig file
+(a relay, a supply with a network port), and writes down that it did.
+
+Python starts this file isolated (``-I -S FILE``) and nothing but the standard library is imported
+here: no file of the working directory, no variable and no package of the user's can take its
+place.  `hil.runtime.guard` is the loop's end of the page.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
 import mmap
 import os
-import struct
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from hil.errors import ConfigError
-from hil.rig.config import SafetyConfig
+#: Words of the page, 64 bits each, so that each is written and read whole.  The loop writes the
+#: first four: time of its last beat [ns, monotonic; 0 = does not run yet], tick, 1 = ended
+#: properly, a number to be answered.  The process writes the others: the answer, time of its last
+#: beat, 1 = it cuts.
+LOOP_BEAT, TICK, ENDED, ASKED, ANSWER, DOG_BEAT, CUTS = range(7)
+#: How often hearts are felt, in shares of the time-out; the longest pause between [s].
+SHARE, LONGEST = 0.2, 0.1
+#: A cut that fails is tried so often; pause before the next [s], and how long one may take [s].
+ATTEMPTS, PAUSE, LIMIT = 3, 0.2, 10.0
 
-_BEAT = struct.Struct("<qqq")  # monotonic time [ns], tick, 1 = ended properly
-#: How often the heart is felt, in shares of the time-out.
-_SHARE = 0.2
 
+def watch(page: memoryview[int], parent: int, timeout: float) -> str:
+    """Feel the heart until it stops or the session ends; why it stopped, empty if it ended.
 
-class Watchdog:
-    """The loop's end of the page.
-
-    Parameters
-    ----------
-    page : mmap
-        Shared with the process beside.
+    Before the first beat the loop is not running, and only the life of the process counts.
     """
+    pause = min(timeout * SHARE, LONGEST)
+    while True:
+        page[DOG_BEAT] = time.monotonic_ns()
+        beat_ns = page[LOOP_BEAT]
+        if page[ENDED]:
+            return ""
+        if os.getppid() != parent:
+            return "the process of the loop is gone"
+        if beat_ns and time.monotonic_ns() - beat_ns > timeout * 1e9:
+            return "the loop does not tick"
+        time.sleep(pause)
 
-    def __init__(self, page: mmap.mmap) -> None:
-        self._page = page
 
-    def beat(self, tick: int) -> None:
-        """Say that `tick` is done."""
-        _BEAT.pack_into(self._page, 0, time.monotonic_ns(), tick, 0)
+def cut(words: Sequence[str]) -> tuple[bool, str]:
+    """Run the program that takes the power off, again where it fails; whether it worked, and how.
 
-    def end(self) -> None:
-        """Say that the session is over, and the motors are off."""
-        _BEAT.pack_into(self._page, 0, time.monotonic_ns(), -1, 1)
+    Whatever it meets ends in the sentence: there is nobody left to raise it to.
+    """
+    name, done = Path(words[0]).name, ""
+    for attempt in range(ATTEMPTS):
+        if attempt:
+            time.sleep(PAUSE)
+        try:
+            code = subprocess.run(words, stdin=subprocess.DEVNULL, timeout=LIMIT).returncode
+        except (OSError, subprocess.SubprocessError) as error:
+            done = f"{name} failed: {error}"
+            continue
+        done = f"{name} returned {code}"
+        if code == 0:
+            return True, done
+    return False, done
+
+
+def write(path: Path, report: Mapping[str, object]) -> None:
+    """Put a report into its place, whole and on the disk."""
+    new = path.with_name(path.name + ".new")
+    with new.open("w", encoding="utf-8") as file:
+        file.write(json.dumps(report) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+    new.replace(path)
 
 
 def beside(session: Path) -> Path:
@@ -53,84 +85,73 @@ def beside(session: Path) -> Path:
     return session.with_name(session.name + ".watchdog.json")
 
 
-@contextlib.contextmanager
-def guarded(config: SafetyConfig, session: Path) -> Iterator[Watchdog | None]:
-    """Watchdog process around a session; None where the rig file asks for none.
-
-    Raises
-    ------
-    ConfigError
-        If the process cannot be started.
-    """
-    if not config.watchdog:
-        yield None
-        return
-    with tempfile.TemporaryFile() as file:
-        file.truncate(mmap.PAGESIZE)
-        with mmap.mmap(file.fileno(), mmap.PAGESIZE) as page:
-            dog = Watchdog(page)
-            told = json.dumps(
-                {
-                    # told, not asked: the loop may be gone before this process has begun
-                    "parent": os.getpid(),
-                    "timeout": config.watchdog,
-                    "cut": list(config.cut),
-                    "report": str(beside(session)),
-                }
-            )
-            words = [sys.executable, "-m", "hil.runtime.watchdog", str(file.fileno()), told]
-            try:
-                child = subprocess.Popen(
-                    words,
-                    pass_fds=[file.fileno()],
-                    stdin=subprocess.DEVNULL,
-                    start_new_session=True,
-                )
-            except OSError as error:
-                raise ConfigError(f"the watchdog cannot be started: {error}") from error
-            try:
-                yield dog
-            finally:
-                dog.end()
-                child.wait(timeout=10.0 + config.watchdog)
+def tripped(report: Path) -> dict[str, Any]:
+    """Report of a cut; empty where there is none."""
+    try:
+        return parsed(report.read_text(encoding="utf-8", errors="replace"))
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        return {"why": f"unknown, {report} cannot be read", "cut": str(error)}
 
 
-def watch(page: mmap.mmap, parent: int, timeout: float) -> str:
-    """Feel the heart until it stops or the session ends; why it stopped, empty if it ended.
+def parsed(text: str) -> dict[str, Any]:
+    """Report from its text, which anybody may have written; empty where there is none."""
+    try:
+        found = json.loads(text or "{}")
+    except ValueError:
+        found = text
+    return found if isinstance(found, dict) else {"why": "unknown", "cut": f"report {text[:80]!r}"}
 
-    Before the first beat the loop is not running, and only the life of the process counts.
-    """
-    while True:
-        beat_ns, _, ended = _BEAT.unpack_from(page)
-        if ended:
-            return ""
-        if os.getppid() != parent:
-            return "the process of the loop is gone"
-        if beat_ns and time.monotonic_ns() - beat_ns > timeout * 1e9:
-            return "the loop does not tick"
-        time.sleep(timeout * _SHARE)
+
+def in_words(trip: Mapping[str, Any]) -> str:
+    """A report as a sentence."""
+    silent = trip.get("silent_s")
+    told = isinstance(silent, (int, float))
+    after = f" {silent:.2g} s after tick {trip.get('last_tick')}" if told else ""
+    sure = "" if trip.get("worked") is True else "; THE POWER MAY STILL BE ON"
+    return f"the watchdog cut the power{after}, because {trip.get('why')}: {trip.get('cut')}{sure}"
+
+
+def act(page: memoryview[int], told: Mapping[str, Any], why: str) -> None:
+    """Cut the power; the latch stands before the program runs, the report when it has."""
+    page[CUTS] = 1
+    beat_ns, tick = page[LOOP_BEAT], page[TICK]
+    silent = (time.monotonic_ns() - beat_ns) * 1e-9 if beat_ns else None
+    report = {"why": why, "last_tick": tick, "silent_s": silent, "time_s": time.time()}
+    places = [Path(told[name]) for name in ("latch", "report")]
+    trouble = _written(places[:1], {**report, "worked": False, "cut": "has begun"})
+    worked, done = cut(told["cut"])
+    whole = {**report, "worked": worked, "cut": done}
+    trouble += _written(places, whole)
+    if not worked or trouble:
+        sys.stderr.write(f"hil watchdog: {why}; {'; '.join([done, *trouble])}\n")
+
+
+def _written(places: Sequence[Path], report: Mapping[str, object]) -> list[str]:
+    """Sentences about the places that took no report; a full disk must not stop the cut."""
+    trouble = []
+    for place in places:
+        try:
+            write(place, report)
+        except OSError as error:
+            trouble.append(f"{place} cannot be written: {error}")
+    return trouble
 
 
 def main(argv: Sequence[str]) -> int:
-    """Watch, and cut the power where the loop stops."""
+    """Answer the loop, watch, and cut the power where the loop stops."""
     told = json.loads(argv[1])
-    with mmap.mmap(int(argv[0]), mmap.PAGESIZE) as page:
+    with mmap.mmap(int(argv[0]), mmap.PAGESIZE) as raw, memoryview(raw).cast("q") as page:
+        if not os.access(told["cut"][0], os.X_OK):
+            sys.stderr.write(f"hil watchdog: {told['cut'][0]} may not be run\n")
+            return 2
+        page[DOG_BEAT] = time.monotonic_ns()
+        page[ANSWER] = page[ASKED]
         why = watch(page, int(told["parent"]), float(told["timeout"]))
-        beat_ns, tick, _ = _BEAT.unpack_from(page)
         if not why:
             return 0
-        silent = (time.monotonic_ns() - beat_ns) * 1e-9 if beat_ns else None
-    done = "no program is given in [safety] cut"
-    if told["cut"]:
-        try:
-            code = subprocess.run(told["cut"], timeout=10, check=False).returncode
-            done = f"{told['cut'][0]} returned {code}"
-        except (OSError, subprocess.SubprocessError) as error:
-            done = f"{told['cut'][0]} failed: {error}"
-    report = {"why": why, "last_tick": tick, "silent_s": silent, "cut": done}
-    new = Path(told["report"] + ".new")
-    new.write_text(json.dumps(report) + "\n", encoding="utf-8")
-    new.replace(told["report"])
+        act(page, told, why)
     return 1
 
 

@@ -84,6 +84,22 @@ def test_a_killed_process_loses_a_tenth_of_a_second_and_its_power(tmp_path):
 
 
 @pytest.mark.real_time
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("process hangs until the cut", "power-cut"),
+        ("watchdog killed (-9)", "watchdog-lost"),
+        ("killed, json.py in its folder", "gone"),
+    ],
+)
+def test_a_watchdog_that_is_attacked_is_a_fault_or_cuts(name, says, tmp_path):
+    found = process.one(name, tmp_path)
+    assert found.right, found
+    assert says in runner.row(found)[4]
+    assert found.ticks is not None and found.ticks < 2000
+
+
+@pytest.mark.real_time
 def test_a_full_disk_stops_the_record_and_not_the_loop(tmp_path):
     found = process.one("disk full", tmp_path)
     assert found.right and found.lost > 0, found

@@ -108,8 +108,9 @@ def assert_same(a: RobotModel, b: RobotModel) -> None:
         assert all(same(x.values[k], y.values[k]) for k in x.values)
 
 
-def test_round_trip_of_everything(tmp_path: Path) -> None:
+def test_round_trip_of_everything(tmp_path: Path, agreed) -> None:
     (tmp_path / "creep.py").write_text(PLUGIN)
+    agreed(tmp_path / "creep.py")
     (tmp_path / "m.toml").write_text(f'plugins = ["./creep.py"]\n{HEAD}{COULOMB}')
     model = read_model(tmp_path / "m.toml")
     values = {
@@ -124,9 +125,10 @@ def test_round_trip_of_everything(tmp_path: Path) -> None:
     assert_same(read_model(tmp_path / "m2.toml"), model)
 
 
-def test_plugin_is_written_relative_to_the_model(tmp_path: Path) -> None:
+def test_plugin_is_written_relative_to_the_model(tmp_path: Path, agreed) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "creep.py").write_text(PLUGIN)
+    agreed(tmp_path / "creep.py")
     (tmp_path / "m.toml").write_text(f'plugins = ["creep.py"]\n{HEAD}{COULOMB}')
     write_model(read_model(tmp_path / "m.toml"), tmp_path / "a" / "m.toml")
     assert 'plugins = ["../creep.py"]' in (tmp_path / "a" / "m.toml").read_text()
@@ -286,8 +288,9 @@ def test_writing_into_no_folder_is_refused(tmp_path: Path) -> None:
         (PLUGIN.replace('"cable-creep"', '"spring"'), "'spring' .* already defined in hil.models"),
     ],
 )
-def test_a_bad_plugin_is_named(text: str, message: str, tmp_path: Path) -> None:
+def test_a_bad_plugin_is_named(text: str, message: str, tmp_path: Path, agreed) -> None:
     (tmp_path / "own.py").write_text(text)
+    agreed(tmp_path / "own.py")
     (tmp_path / "m.toml").write_text(f'plugins = ["own.py"]\n{HEAD}{COULOMB}')
     with pytest.raises(ConfigError, match=message):
         read_model(tmp_path / "m.toml")

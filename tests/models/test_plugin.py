@@ -1,16 +1,21 @@
 """A user's effect from one file outside the package: loaded, checked, fitted, proposed."""
 
+import importlib.util
+import py_compile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hil.cli import main
 from hil.diagnosis.evidence import gather
+from hil.errors import ConfigError
 from hil.identify.fit import fit
 from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.files import read_model, write_model
+from hil.record.export import write_recordings
 from hil.record.recording import Recording, RobotSource
 from hil.testing import check_effect
 
@@ -65,9 +70,10 @@ BASE = "".join(f'[[effects]]\ntype = "{name}"\n' for name in ("rigid-body", "cou
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, agreed) -> Path:
     monkeypatch.setattr(catalogue, "_table", dict(catalogue.table()))
     (tmp_path / "tight.py").write_text(PLUGIN)
+    agreed(tmp_path / "tight.py")
     (tmp_path / "base.toml").write_text(MODEL + BASE)
     (tmp_path / "full.toml").write_text(MODEL + BASE + '[[effects]]\ntype = "tight-spot"\n')
     return tmp_path
@@ -110,3 +116,58 @@ def test_it_is_the_best_candidate_where_it_is_what_is_missing(folder: Path) -> N
     assert "tight-spot" in names and "spring" in names
     assert names[0] == "tight-spot"
     assert evidence.candidates[0].p_value < 0.05
+
+
+@pytest.fixture
+def foreign(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A model of somebody else, whose plugin leaves a trace where it runs."""
+    monkeypatch.setenv("HIL_STATE", str(folder / "state"))
+    (folder / "tight.py").write_text(PLUGIN + "open('ran', 'w').close()\n")
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fit", "s.mcap", "--model", "base.toml"],
+        ["compare", "s.mcap", "--model", "base.toml"],
+        ["diagnose", "s.mcap", "--model", "base.toml"],
+        ["add", "stribeck", "s.mcap", "--model", "base.toml", "-o", "x.toml"],
+        ["improve", "s.mcap", "--model", "base.toml", "-o", "x.toml"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_no_command_runs_a_plugin_because_it_read_a_model(foreign: Path, capsys, words) -> None:
+    write_recordings(foreign / "s.mcap", [record()])
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "tight.py would run with your rights" in said and "'hil trust base.toml'" in said
+    assert not (foreign / "ran").exists()
+
+
+def test_a_plugin_runs_as_it_was_agreed_to(foreign: Path, capsys) -> None:
+    assert main(["info", "base.toml"]) == 0
+    assert "plugin" in (listed := capsys.readouterr().out) and "NOT agreed to" in listed
+    assert not (foreign / "ran").exists()
+    assert main(["trust", "base.toml"]) == 0
+    assert not (foreign / "ran").exists()
+    read_model(foreign / "base.toml")
+    (foreign / "ran").unlink()
+    with (foreign / "tight.py").open("a") as file:
+        file.write("# changed\n")
+    with pytest.raises(ConfigError, match="have not agreed to it as it is now"):
+        read_model(foreign / "base.toml")
+    assert not (foreign / "ran").exists()
+
+
+def test_what_was_compiled_before_does_not_run(foreign: Path, agreed) -> None:
+    # a compiled file that Python takes without looking at the text
+    agreed(foreign / "tight.py")
+    other = foreign / "other.py"
+    other.write_text(PLUGIN + "open('taken', 'w').close()\n")
+    cached = importlib.util.cache_from_source(str(foreign / "tight.py"))
+    unchecked = py_compile.PycInvalidationMode.UNCHECKED_HASH
+    py_compile.compile(str(other), cached, invalidation_mode=unchecked)
+    read_model(foreign / "base.toml")
+    assert (foreign / "ran").exists() and not (foreign / "taken").exists()

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from record_tables import URDF, columns, recording, write_csv
+from scipy.io import savemat
 
 from hil.cli import main
+from hil.errors import ConfigError
+from hil.models.urdf import UrdfRobot
+from hil.record import foreign
+from hil.record.urdf_joints import urdf_joints
 
 Table = dict[str, np.ndarray]
 
@@ -310,3 +320,229 @@ def test_time_that_no_session_can_hold(tmp_path, refuse):
 def test_all_runs_of_one(tmp_path, refuse):
     table = changed(tmp_path, lambda c: None)
     refuse(table, "leave --all-runs out", options=("--all-runs",))
+
+
+# what a file claims, and what no table of samples has
+
+
+def test_a_cell_of_many_characters(tmp_path, refuse):
+    (tmp_path / "run.csv").write_text("t,q1,tau1\n0,1,2\n1," + "7" * 200_000 + ",x\n")
+    refuse(tmp_path / "run.csv", "row 3", "field limit")
+    (tmp_path / "run.csv").write_text("t,q1,tau1\n0,1,2\n1," + "x" * 50_000 + ",3\n")
+    assert len(refuse(tmp_path / "run.csv", "row 3", "'q1'", "...")) < 1000
+    (tmp_path / "run.csv").write_text("t,q1,tau1\n" + "7" * 2**21 + "\n")
+    refuse(tmp_path / "run.csv", "row 2", "characters")
+    (tmp_path / "run.csv").write_text('t,q1,tau1\n0,"' + "1\n" * 100_000)  # a quote never closed
+    refuse(tmp_path / "run.csv", "row")
+    (tmp_path / "run.csv").write_text("t,q1,tau1\n0,1,\0\n")
+    refuse(tmp_path / "run.csv", "row 2")
+
+
+def test_a_header_of_many_columns(tmp_path, refuse):
+    (tmp_path / "run.csv").write_text(",".join(f"c{k}" for k in range(100_000)) + "\n1,2\n")
+    refuse(tmp_path / "run.csv", "100000 columns", "at most 4096")
+    (tmp_path / "run.csv").write_text("t,q1,tau1," + "n" * 5000 + "\n0,1,2,3\n")
+    refuse(tmp_path / "run.csv", "5000 characters")
+    np.savez(tmp_path / "run.npz", t=np.arange(9.0), q=np.zeros((2, 9000)))
+    refuse(tmp_path / "run.npz", "'q'", "9000 columns", "exchanged")
+
+
+def test_what_is_no_regular_file(tmp_path, refuse):
+    os.mkfifo(tmp_path / "run.csv")
+    (tmp_path / "run.npz").symlink_to("/dev/zero")
+    for name in ("run.csv", "run.npz"):
+        refuse(tmp_path / name, name)
+    (tmp_path / "run.csv").unlink()
+    (tmp_path / "map.toml").symlink_to("/dev/zero")
+    table = changed(tmp_path, lambda c: None)
+    refuse(table, "map.toml", "not a regular file", options=("--map", str(tmp_path / "map.toml")))
+
+
+def npy(claimed: str, kind: str, data: bytes) -> bytes:
+    """File of one array that claims a shape."""
+    head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {claimed}, }}"
+    head += " " * (-(len(head) + 11) % 64) + "\n"
+    return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head.encode() + data
+
+
+def test_an_array_that_claims_more_than_it_has(tmp_path, refuse):
+    for claimed in ("(1000000000000,)", "(3000000000,)", "(2147483648, 4611686018427387904)"):
+        with zipfile.ZipFile(tmp_path / "run.npz", "w") as box:
+            box.writestr("t.npy", npy(claimed, "<f8", b"12345678"))
+        refuse(tmp_path / "run.npz", "'t'", "claims")
+
+
+def test_an_archive_that_unpacks_to_a_thousand_times_its_size(tmp_path, refuse):
+    with zipfile.ZipFile(tmp_path / "run.npz", "w", zipfile.ZIP_DEFLATED) as box:
+        data = bytes(8 * 10**6)
+        for k in range(12):
+            box.writestr(f"q{k + 1}.npy", npy("(1000000,)", "<f8", data))
+    assert (tmp_path / "run.npz").stat().st_size < 10**6
+    refuse(tmp_path / "run.npz", "claims 91.", "MiB")
+
+
+def test_members_that_are_no_arrays_are_left_out(tmp_path, capsys):
+    table = columns(recording(d=1))
+    np.savez(tmp_path / "run.npz", **table)
+    with zipfile.ZipFile(tmp_path / "run.npz", "a") as box:
+        box.writestr("README.txt", "recorded on a Monday")
+    assert main(["import", str(tmp_path / "run.npz"), "-o", str(tmp_path / "s.mcap")]) == 0
+    assert "1 joint" in capsys.readouterr().out
+
+
+def test_columns_that_hold_no_real_numbers(tmp_path, refuse):
+    table = columns(recording(d=1))
+    np.savez(tmp_path / "run.npz", **{**table, "tau1": table["tau1"] + 1j})
+    refuse(tmp_path / "run.npz", "'tau1'", "complex128")
+    np.savez(tmp_path / "run.npz", **{**table, "tau1": table["tau1"].astype("datetime64[s]")})
+    refuse(tmp_path / "run.npz", "'tau1'", "expected numbers")
+    savemat(tmp_path / "run.mat", {**table, "tau1": table["tau1"] * 1j})
+    refuse(tmp_path / "run.mat", "'tau1'", "complex128")
+    cells = np.empty(table["t"].size, object)
+    cells[:] = "x"
+    np.savez(tmp_path / "run.npz", **{**table, "tau1": cells})
+    refuse(tmp_path / "run.npz", "'tau1'", "object")
+
+
+def test_a_damaged_matlab_file(tmp_path, refuse, capsys):
+    savemat(tmp_path / "good.mat", columns(recording(d=1, seconds=1.0)), do_compression=False)
+    good = (tmp_path / "good.mat").read_bytes()
+    # a size of 2 GiB, a type that there is none of, an array of minus one row, a file cut off
+    for at, new in ((132, b"\xff\xff\xff\x7f"), (128, b"\x63\0\0\0"), (160, b"\xff\xff\xff\xff")):
+        (tmp_path / "run.mat").write_bytes(good[:at] + new + good[at + len(new) :])
+        assert main(["import", str(tmp_path / "run.mat"), "-o", str(tmp_path / "x.mcap")]) in (0, 2)
+    capsys.readouterr()
+    (tmp_path / "run.mat").write_bytes(good[: len(good) // 2])
+    refuse(tmp_path / "run.mat", "run.mat")
+
+
+def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> Path:
+    """A table whose reader does what `text` says."""
+    (tmp_path / "reader.py").write_text(text)
+    monkeypatch.setattr(foreign, "_WORDS", (sys.executable, str(tmp_path / "reader.py")))
+    np.savez(tmp_path / "run.npz", t=np.arange(9.0))
+    return tmp_path / "run.npz"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", ("signal 11", "damaged")),
+        ("raise SystemExit(3)", ("wrote nothing", "damaged")),
+        ("import sys; sys.stdout.write('x' * 100)", ("wrote nothing", "damaged")),
+        ("import time; time.sleep(60)", ("not read within", "damaged")),
+    ],
+)
+def test_a_reader_that_fails_or_hangs(tmp_path, refuse, monkeypatch, text, words):
+    monkeypatch.setattr(foreign, "PATIENCE_S", 0.5)
+    refuse(reader(tmp_path, monkeypatch, text), *words)
+
+
+def test_what_a_reader_answers_is_checked_again(tmp_path, refuse, monkeypatch):
+    for shape in ([10**12], [-1], [3, -5]):
+        told = json.dumps({"arrays": [["t", None, "<f8", shape]]}).encode()
+        answer = len(told).to_bytes(8, "little") + told
+        text = f"import sys; sys.stdout.buffer.write({answer!r})"
+        refuse(reader(tmp_path, monkeypatch, text), "it wrote too")
+
+
+def test_memory_of_a_reader_is_limited(tmp_path):
+    (tmp_path / "run.npz").write_bytes(b"x")
+    script = (
+        "from hil.record import foreign\n"
+        "foreign._npz = lambda path, most: iter([('t', bytearray(2**33))])\n"
+        f"print(foreign._answer({str(tmp_path / 'run.npz')!r}))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert "claims more memory than a file of its size may (64 MiB)" in done.stdout
+
+
+def test_time_steps_of_a_femtosecond(tmp_path, refuse):
+    table = changed(tmp_path, lambda c: c.update(t=1e-15 * np.arange(c["t"].size)))
+    refuse(table, "1e-15 s a sample", "Scale it to seconds")
+
+
+@pytest.mark.parametrize("name", ["a/b", "..", "a b", "a\nb", "x" * 65, "/"])
+def test_an_arm_that_is_no_part_of_a_topic(tmp_path, refuse, name):
+    refuse(changed(tmp_path, lambda c: None), "arm", "needed", options=("--arm", name))
+
+
+def test_an_arm_of_a_map_that_is_no_part_of_a_topic(tmp_path, refuse):
+    (tmp_path / "m.toml").write_text('[arms."a/b".columns]\nq1 = "q1"\n')
+    table = changed(tmp_path, lambda c: None)
+    refuse(table, "arm 'a/b'", options=("--map", str(tmp_path / "m.toml")))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a = " + "[" * 10_000,
+        "a." * 50_000 + "a = 1",
+        "[" + "a." * 50_000 + "a]",
+        "[table]\nrate_hz = 1" + "0" * 400,
+        "[table]\nrate_hz = 1" + "0" * 5000,
+        "x = 1\n" * 10**6,
+    ],
+)
+def test_a_map_that_is_deeper_or_larger_than_any(tmp_path, refuse, text):
+    (tmp_path / "m.toml").write_text(text)
+    refuse(changed(tmp_path, lambda c: None), "m.toml", options=("--map", str(tmp_path / "m.toml")))
+
+
+# robots that there are none of
+
+LINK = '<link name="b"><inertial><mass value="{}"/><inertia ixx="{}" iyy="1" izz="1"/></inertial>'
+
+
+def chain(n: int, kind: str = "revolute") -> str:
+    joints = "".join(
+        f'<link name="l{k + 1}"/><joint name="j{k}" type="{kind}"><parent link="l{k}"/>'
+        f'<child link="l{k + 1}"/><limit effort="1" velocity="1"/></joint>'
+        for k in range(n)
+    )
+    return f'<robot name="r"><link name="l0"/>{joints}</robot>'
+
+
+def with_mass(mass: str, moment: str = "1") -> str:
+    return (
+        f'<robot name="r"><link name="a"/>{LINK.format(mass, moment)}</link><joint name="j" '
+        'type="continuous"><parent link="a"/><child link="b"/></joint></robot>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("urdf", "words"),
+    [
+        (with_mass("-1"), ("'b'", "mass", "not negative")),
+        (with_mass("nan"), ("'b'", "mass", "expected 1 number")),
+        (with_mass("1e300"), ("'b'", "mass", "SI units")),
+        (with_mass("heavy"), ("'b'", "mass", "expected 1 number")),
+        (with_mass("1", "-2"), ("'b'", "ixx", "not negative")),
+        (chain(3000), ("3001 links", "at most 1000")),
+        (chain(150), ("150 moving joints", "at most 99")),
+        (chain(20) + "<", ("XML",)),
+        (chain(2).replace('child link="l2"', 'child link="l0"'), ("loop",)),
+        (chain(2).replace('child link="l2"', 'child link="l1"'), ("'l1'", "two parents")),
+        (chain(2).replace('name="j1"', 'name="j0"'), ("'j0'", "twice")),
+        ('<!DOCTYPE r [<!ENTITY a "aaaa">]>' + chain(1), ("document type",)),
+        (chain(1).replace('effort="1"', 'effort="1 2"'), ("limit", "expected 1 number")),
+        (chain(1).replace("<limit", '<origin xyz="0 0"/><limit'), ("origin", "3 numbers")),
+        (chain(1).replace("<limit", '<mimic joint="x" offset="a"/><limit'), ("mimic",)),
+        ("<a>" * 100_000, ("XML",)),
+    ],
+)
+def test_a_robot_that_there_is_none_of(tmp_path, refuse, urdf, words):
+    (tmp_path / "r.urdf").write_text(urdf)
+    refuse(changed(tmp_path, lambda c: None), *words, options=("--robot", str(tmp_path / "r.urdf")))
+    with pytest.raises(ConfigError):  # where it comes with a model or a session
+        UrdfRobot(urdf)
+
+
+def test_a_long_chain_of_fixed_links_is_no_matter():
+    text = chain(900, "fixed").replace("</robot>", "")
+    text += (
+        '<link name="x"/><joint name="j" type="continuous"><parent link="l900"/><child link="x"/>'
+        "</joint></robot>"
+    )
+    assert [j.name for j in urdf_joints(text)] == ["j"]
+    assert UrdfRobot(text).joints == ("j",)

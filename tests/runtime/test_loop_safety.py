@@ -353,8 +353,9 @@ def test_a_signal_takes_the_torque_and_the_power_off(tmp_path, number):
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("kind", ["killed", "hung"])
-def test_the_watchdog_cuts_the_power_of_a_killed_and_of_a_hung_process(tmp_path, kind):
+def test_the_watchdog_cuts_the_power_of_a_killed_and_of_a_hung_process(tmp_path, kind, agreed):
     mark, report = tmp_path / "cut", tmp_path / "s.mcap.watchdog.json"
+    agreed(["touch", str(mark)])
     over = {"safety": {"watchdog": 1.0, "cut": ["touch", str(mark)]}}
     with live(tmp_path, over) as process:
         process.send_signal(signal.SIGKILL if kind == "killed" else signal.SIGSTOP)
@@ -371,7 +372,8 @@ def test_a_loop_that_is_gone_before_its_watchdog_has_begun_is_gone(tmp_path):
     from hil.runtime import watchdog
 
     mark, report = tmp_path / "cut", tmp_path / "s.mcap.watchdog.json"
-    told = {"parent": -1, "timeout": 1.0, "cut": ["touch", str(mark)], "report": str(report)}
+    told = {"parent": -1, "timeout": 1.0, "cut": ["/bin/touch", str(mark)], "report": str(report)}
+    told["latch"] = str(tmp_path / "latch")
     with (tmp_path / "page").open("w+b") as file:
         file.truncate(mmap.PAGESIZE)
         assert watchdog.main([str(file.fileno()), json.dumps(told)]) == 1
@@ -379,9 +381,10 @@ def test_a_loop_that_is_gone_before_its_watchdog_has_begun_is_gone(tmp_path):
 
 
 @pytest.mark.real_time
-def test_the_watchdog_keeps_still_where_the_session_ends(tmp_path):
+def test_the_watchdog_keeps_still_where_the_session_ends(tmp_path, agreed):
     from hil.runtime.runner import run
 
+    agreed(["touch", str(tmp_path / "cut")])
     over = {"safety": {"watchdog": 1.0, "cut": ["touch", str(tmp_path / "cut")]}}
     run(load_rig(RIG, over), 0.5, output=tmp_path / "s.mcap", clock="real")
     assert not (tmp_path / "cut").exists()

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil import consent
 from hil.cli import main
 from hil.commands import plugins
 from hil.errors import unknown
@@ -52,7 +53,9 @@ def folder(tmp_path, monkeypatch):
 
 
 def own(folder, body, name="broken"):
-    (folder / "mine.py").write_text(EFFECT.format(name=name, body=body))
+    text = EFFECT.format(name=name, body=body)
+    (folder / "mine.py").write_text(text)
+    consent.give(consent.plugin(folder / "mine.py", text.encode()))
     (folder / "m.toml").write_text(MODEL + f'[[effects]]\ntype = "{name}"\n')
 
 

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import resource
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil import consent
 from hil.bench.faults.fault_injection import FaultySession
 from hil.bench.faults.runner import Outcome
 from hil.errors import DataError
@@ -22,11 +27,15 @@ from hil.record.container import Container, read
 from hil.record.decode import decode_numbers
 from hil.record.mcap_write import SessionWriter
 from hil.rig.config import load_rig
+from hil.rig.cut import proven
+from hil.rig.safety import BITS
 from hil.rigs import rig_path
 from hil.runtime import runner
-from hil.runtime.watchdog import beside
+from hil.runtime.guard import Watchdog
+from hil.runtime.watchdog import beside, tripped
 from hil.signals.device import Status
 from hil.signals.frame import TIMING, WORDS
+from hil.signals.state import OperatingState
 
 #: When the parent strikes [ticks], and the watchdog's time-out [s].
 _LONG, _TIMEOUT = 800, 0.25
@@ -68,16 +77,65 @@ def _nothing(path: Path) -> None:
     """The parent does it."""
 
 
-#: Name -> what the child does to itself, signal of the parent, exit code, seconds, what must hold.
-CASES: dict[str, tuple[Callable[[Path], None], int, int, float, str]] = {
-    "process killed (-9)": (_nothing, signal.SIGKILL, -signal.SIGKILL, SECONDS, "cut"),
-    "process hangs": (_nothing, signal.SIGSTOP, -signal.SIGKILL, SECONDS, "cut"),
-    "process terminated": (_nothing, signal.SIGTERM, 143, SECONDS, "zero"),
-    "terminal closed": (_nothing, signal.SIGHUP, 129, SECONDS, "zero"),
-    "Ctrl-C": (_nothing, signal.SIGINT, 130, SECONDS, "zero"),
-    "disk full": (_limit_file, 0, 2, _ENOUGH, "whole"),
-    "disk slow (0.4 s a write)": (_slow_disk, 0, 0, 2.0, "all"),
-    "logger dies": (_dead_logger, 0, 1, _ENOUGH, "whole"),
+def _in_the_way(path: Path) -> None:
+    """Files of the names of modules lie in the working directory: who imports them is gone."""
+    folder = path.with_suffix(".cwd")
+    folder.mkdir(exist_ok=True)
+    for name in ("json", "mmap", "subprocess", "struct", "hil", "sitecustomize"):
+        (folder / f"{name}.py").write_text("raise SystemExit(0)\n")
+    os.chdir(folder)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault of a process.
+
+    Parameters
+    ----------
+    act : callable
+        What the child does to itself before its session, given the path of the record.
+    number, code : int
+        Signal of the parent, and exit code that must follow.
+    seconds : float
+        Length of the session [s].
+    must : str
+        What must hold: ``"cut"``, ``"zero"``, ``"all"``, ``"whole"``, or a condition of
+        `hil.rig.safety` that must lead to FAULT.
+    watchdog : bool
+        The signal strikes the watchdog, not the loop.
+    wakes : bool
+        The loop goes on after the cut.
+    cut : str
+        Shell text of the cut program; ``{path}`` is the record.
+    """
+
+    act: Callable[[Path], None]
+    number: int
+    code: int
+    seconds: float
+    must: str
+    watchdog: bool = False
+    wakes: bool = False
+    cut: str = "true"
+
+
+_KILL, _STOP = signal.SIGKILL, signal.SIGSTOP
+CASES: dict[str, Case] = {
+    "process killed (-9)": Case(_nothing, _KILL, -_KILL, SECONDS, "cut"),
+    "process hangs": Case(_nothing, _STOP, -_KILL, SECONDS, "cut"),
+    "process hangs until the cut": Case(_nothing, _STOP, 3, SECONDS, "power-cut", wakes=True),
+    "killed, json.py in its folder": Case(_in_the_way, _KILL, -_KILL, SECONDS, "cut"),
+    "killed, cut fails at first": Case(
+        _nothing, _KILL, -_KILL, SECONDS, "cut", cut="test -e {path}.on || ! touch {path}.on"
+    ),
+    "watchdog killed (-9)": Case(_nothing, _KILL, 3, SECONDS, "watchdog-lost", watchdog=True),
+    "watchdog hangs": Case(_nothing, _STOP, 3, SECONDS, "watchdog-lost", watchdog=True),
+    "process terminated": Case(_nothing, signal.SIGTERM, 143, SECONDS, "zero"),
+    "terminal closed": Case(_nothing, signal.SIGHUP, 129, SECONDS, "zero"),
+    "Ctrl-C": Case(_nothing, signal.SIGINT, 130, SECONDS, "zero"),
+    "disk full": Case(_limit_file, 0, 2, _ENOUGH, "whole"),
+    "disk slow (0.4 s a write)": Case(_slow_disk, 0, 0, 2.0, "all"),
+    "logger dies": Case(_dead_logger, 0, 1, _ENOUGH, "whole"),
 }
 
 
@@ -100,19 +158,31 @@ def _say(text: str) -> None:
     sys.stderr.write(text + "\n")
 
 
+class _Telling(runner.Session):
+    """A session that prints the process of its watchdog."""
+
+    def run(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
+        """As it is, the process first."""
+        sys.stdout.write(f"watchdog {watchdog.pid if watchdog else 0}\n")
+        sys.stdout.flush()
+        super().run(progress, watchdog)
+
+
 def child(name: str, path: Path) -> int:
     """The session of a case; prints every tenth tick, and the power as it goes off."""
-    act, _, _, seconds, _ = CASES[name]
+    case = CASES[name]
     # a job in the background of a script ignores it
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    safety = {"watchdog": _TIMEOUT, "cut": ["true"]}
-    config = load_rig(rig_path("teleop"), {"safety": safety})
+    words = ["sh", "-c", case.cut.format(path=path)]
+    config = load_rig(rig_path("teleop"), {"safety": {"watchdog": _TIMEOUT, "cut": words}})
+    # the words of this file; what is remembered is in the folder of the bench
+    consent.give(consent.cut_program(proven(config.safety)))
     faulty = FaultySession(lambda t: None)
-    act(path)
+    case.act(path)
     faulty.js = _every_tenth()
+    arranged: dict[str, Any] = {"opener": faulty.open, "operator": runner.Operator(say=_say)}
     try:
-        operator = runner.Operator(say=_say)
-        done = runner.run(config, seconds, 1, "real", path, opener=faulty.open, operator=operator)
+        done = runner.run(config, case.seconds, 1, "real", path, kind=_Telling, **arranged)
         sys.stdout.write(f"end {done.ticks + done.missed}\n")
     except KeyboardInterrupt:
         return 130
@@ -128,24 +198,32 @@ def child(name: str, path: Path) -> int:
 
 def one(name: str, folder: Path) -> Outcome:
     """Run one case in a child, strike, and look at what is left."""
-    _, number, code, _, must = CASES[name]
-    path = folder / "process.mcap"
+    case, path = CASES[name], folder / "process.mcap"
     beside(path).unlink(missing_ok=True)
+    path.with_name(path.name + ".on").unlink(missing_ok=True)
     words = [sys.executable, "-m", "hil.bench.faults.process", name, str(path)]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None  # noqa: S101  (asked for above)
-    last, lines = 0, []
-    for line in process.stdout:
-        lines.append(line.strip())
-        last = int(line) if line.strip().isdigit() else last
-        if number and last >= _LONG:
-            process.send_signal(number)
-            number = 0
-            if must == "cut":
-                _await(beside(path))
-                process.kill()
-    _, said = process.communicate()
-    return _judge(name, path, last, lines, said, process.returncode == code, must)
+    last, lines, struck, guard = 0, [], 0, 0
+    with tempfile.TemporaryDirectory(dir=folder) as state:
+        process = subprocess.Popen(
+            words,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, consent.VARIABLE: state},
+        )
+        assert process.stdout is not None  # noqa: S101  (asked for above)
+        for line in process.stdout:
+            lines.append(line.strip())
+            last = int(line) if line.strip().isdigit() else last
+            guard = int(line.split()[1]) if line.startswith("watchdog ") else guard
+            if case.number and last >= _LONG and not struck:
+                struck = last
+                os.kill(guard if case.watchdog else process.pid, case.number)
+                if case.must == "cut" or case.wakes:
+                    _await(beside(path))
+                    process.send_signal(signal.SIGCONT if case.wakes else _KILL)
+        _, said = process.communicate()
+    return _judge(name, path, last, struck, lines, said, process.returncode == case.code)
 
 
 def _await(report: Path) -> None:
@@ -155,41 +233,54 @@ def _await(report: Path) -> None:
 
 
 def _judge(
-    name: str, path: Path, last: int, lines: list[str], said: str, ended: bool, must: str
+    name: str, path: Path, last: int, struck: int, lines: list[str], said: str, ended: bool
 ) -> Outcome:
     """Whether the motors were off, and how much is lost."""
+    must = CASES[name].must
     try:
         box = read(path)
         sequence, torque = _rows(box)
-        missed = int(decode_numbers(box.topics["/loop/timing"])[-1, TIMING.index("missed")])
+        timing = decode_numbers(box.topics["/loop/timing"])
+        missed = int(timing[-1, TIMING.index("missed")])
     except DataError:
         sequence, torque, missed = np.zeros(0, np.int64), False, 0
+        timing = np.zeros((0, len(TIMING)))
     reached = max(int(sequence[-1]) - missed if sequence.size else 0, last)
     lost = reached - int(sequence.size)
     off, note, ticks = "off True" in lines, "", None
+    # a busy machine skips ticks; what counts is how far the record reaches
+    fine = lost == 0 if must == "all" else lost <= 100
     if must == "cut":
-        told = json.loads(beside(path).read_text()) if beside(path).exists() else {}
-        off = told.get("cut") == "true returned 0"
+        told = tripped(beside(path))
+        off = told.get("cut") == "sh returned 0" and told.get("worked") is True
         ticks = round(1e3 * told["silent_s"]) if told.get("silent_s") else None
         note = f"watchdog: {told.get('why', 'silent')}"
-    fine = {
-        "cut": lost <= 100,
-        "zero": lost <= 100,
-        "all": lost == 0,
-        # a busy machine skips ticks; what counts is how far the record reaches
-        "whole": bool(sequence.size) and int(sequence[-1]) > 300,
-    }[must]
+    if must in BITS:
+        first = _faulted(timing, sequence, must)
+        ticks = None if first is None else first - struck
+        note = "the record names no fault" if first is None else must
+        wrote = json.loads(box.topics["/events"].data[-1])["name"] if first is not None else ""
+        fine = fine and wrote == "fault" and (must != "power-cut" or "watchdog" in box.metadata)
     if must == "whole":
         about = [line for line in said.strip().splitlines() if "record" in line]
         lost = max([lost, *map(int, re.findall(r"(\d+) rows are lost", said))])
         note = about[0][:90] if about else "nothing was said of the record"
-        fine = fine and bool(about)
+        fine = bool(sequence.size) and int(sequence[-1]) > 300 and bool(about)
     if not ended and said.strip():
         note = said.strip().splitlines()[-1][:160]
     right = off and ended and fine and torque
     state = "off" if off else "POWERED"
     how = "as it should" if ended else "wrong exit code"
     return Outcome(name, "off", state, ticks, [], off, how, lost, right, note)
+
+
+def _faulted(
+    timing: NDArray[np.float64], sequence: NDArray[np.int64], condition: str
+) -> int | None:
+    """First tick in FAULT that names the condition."""
+    mask = timing[:, TIMING.index("conditions")].astype(int) & BITS[condition] != 0
+    found = np.flatnonzero(mask & (timing[:, TIMING.index("state")] == OperatingState.FAULT))
+    return int(sequence[found[0]]) if found.size else None
 
 
 def _rows(box: Container) -> tuple[NDArray[np.int64], bool]:

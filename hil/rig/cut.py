@@ -1,0 +1,82 @@
+"""The program that takes the power off the motors: proven before it is needed.
+
+What can be known without running it: that it is there, may be run, and is a program or a script
+whose interpreter is there.  That it switches the right thing off is shown by `hil selftest`, which
+runs it.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+from hil.errors import ConfigError
+from hil.rig.config import SafetyConfig
+
+#: How a compiled program begins: Linux and BSD, macOS (three kinds).
+_MAGIC = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xfe\xed\xfa\xcf")
+
+
+def proven(safety: SafetyConfig) -> tuple[str, ...]:
+    """Words of the cut program, its place absolute; empty where the rig has no watchdog.
+
+    Raises
+    ------
+    ConfigError
+        If there is a watchdog without a program, a program without a watchdog, or the program
+        could not be run.
+    """
+    words = safety.cut
+    if not safety.watchdog:
+        if words:
+            raise ConfigError(
+                f"[safety]: cut = {list(words)} is never run, because watchdog = 0; give the time "
+                "without a tick after which it is, e.g. watchdog = 0.1"
+            )
+        return ()
+    if not words or not words[0]:
+        raise ConfigError(
+            f"[safety]: watchdog = {safety.watchdog:g} has no program to run; give what takes the "
+            'power off, e.g. cut = ["usbrelay", "HW554_1=0"]'
+        )
+    return (str(_program(words[0], f"[safety] cut: {words[0]!r}")), *words[1:])
+
+
+def _program(name: str, what: str) -> Path:
+    """Absolute path of a program that could be run; `what` begins the sentence if it could not."""
+    found = shutil.which(name)
+    if found is None:
+        place = Path(name)
+        if place.is_dir():
+            why = "is a folder"
+        elif place.exists():
+            why = f"may not be run; 'chmod +x {name}' allows it"
+        elif os.sep in name:
+            why = "does not exist"
+        else:
+            why = "is not found in any folder of PATH; give its whole path or install it"
+        raise ConfigError(f"{what} {why}. The watchdog could not take the power off.")
+    path = Path(found).resolve()
+    with path.open("rb") as file:
+        head = file.readline(256)
+    if head.startswith(b"#!"):
+        _interpreter(head[2:].decode("utf-8", "replace").split(), what)
+    elif not head.startswith(_MAGIC):
+        raise ConfigError(
+            f"{what} is neither a program nor a script: its first line must be #! and its "
+            "interpreter, e.g. #!/bin/sh. The watchdog could not take the power off."
+        )
+    return Path(found).absolute()
+
+
+def _interpreter(words: list[str], what: str) -> None:
+    """Refuse a script whose interpreter, or what `env` is to find for it, is not there."""
+    plain = [w for w in words[1:] if not w.startswith("-") and "=" not in w]
+    asked = [words[0], *plain[:1]] if words and Path(words[0]).name == "env" else words[:1]
+    missing = [w for w in asked if shutil.which(w) is None]
+    if missing or not asked:
+        raise ConfigError(
+            f"{what} is a script for {missing[0] if missing else 'nothing'}, which cannot be run. "
+            "The watchdog could not take the power off."
+        )

@@ -1,0 +1,325 @@
+"""A watchdog that is watched: isolated, proven before power, latched after a cut."""
+
+import json
+import os
+import signal
+import stat
+import time
+
+import numpy as np
+import pytest
+
+from hil import consent
+from hil.cli import main
+from hil.errors import ConfigError, DeviceError
+from hil.record.container import read
+from hil.rig import cut
+from hil.rig.config import SafetyConfig, load_rig
+from hil.rig.safety import BITS, FAULTING
+from hil.rigs import rig_path
+from hil.runtime import guard, runner, watchdog
+from hil.runtime.clock import VirtualClock
+from hil.runtime.guard import guarded
+from hil.runtime.selftest import selftest
+from hil.runtime.watchdog import beside, tripped
+
+
+def until(what, seconds=20.0):
+    end = time.monotonic() + seconds
+    while not what() and time.monotonic() < end:
+        os.sched_yield()
+    assert what()
+
+
+@pytest.fixture
+def state(tmp_path, monkeypatch):
+    """Nothing is agreed to, nothing latched."""
+    monkeypatch.setenv("HIL_STATE", str(tmp_path / "state"))
+    return tmp_path / "state"
+
+
+@pytest.fixture
+def safe(tmp_path, state, agreed):
+    """Cut by a mark on the disk, agreed to."""
+    words = ("touch", str(tmp_path / "mark"))
+    agreed(words)
+    return SafetyConfig(watchdog=0.5, cut=words)
+
+
+@pytest.fixture
+def rig_file(tmp_path, safe):
+    text = rig_path("teleop").read_text()
+    words = json.dumps(list(safe.cut))
+    (tmp_path / "rig.toml").write_text(f"{text}\n[safety]\nwatchdog = 1.0\ncut = {words}\n")
+    return str(tmp_path / "rig.toml")
+
+
+@pytest.mark.real_time
+def test_files_in_the_working_directory_do_not_take_its_place(tmp_path, safe, monkeypatch):
+    for name in ("json", "mmap", "subprocess", "sitecustomize", "hil"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit(0)")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with guarded(safe, tmp_path / "s.mcap") as dog:
+        assert dog.alive and dog.beat(1) == 0
+
+
+def test_no_rig_is_opened_without_an_answer(tmp_path, safe, monkeypatch):
+    opened = []
+    monkeypatch.setattr(guard, "ISOLATED", ("-c", "raise SystemExit(5)"))
+    config = load_rig("teleop", {"safety": {"watchdog": 0.5, "cut": list(safe.cut)}})
+    with pytest.raises(DeviceError, match=r"ended at once \(code 5\), so the rig must not be"):
+        runner.run(config, 0.1, output=tmp_path / "s.mcap", opener=lambda *a: opened.append(a))
+    assert not opened and not (tmp_path / "s.mcap").exists()
+
+
+def test_an_answer_is_to_a_number_that_is_new_each_time(tmp_path, safe, monkeypatch):
+    # a process that is there and writes no answer
+    monkeypatch.setattr(guard, "ISOLATED", ("-c", "import time; time.sleep(60)"))
+    monkeypatch.setattr(guard, "ANSWERS", 0.2)
+    monkeypatch.setattr(guard, "ENDS", 0.1)
+    with pytest.raises(DeviceError, match="the watchdog does not answer"):
+        with guarded(safe, tmp_path / "s.mcap"):
+            pass
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.real_time
+def test_a_watchdog_that_is_gone_is_a_fault(tmp_path, safe, number):
+    with guarded(safe, tmp_path / "s.mcap") as dog:
+        assert dog.beat(1) == 0
+        os.kill(dog.pid, number)
+        until(lambda: dog.beat(2))
+        assert dog.beat(3) == BITS["watchdog-lost"] and BITS["watchdog-lost"] & FAULTING
+
+
+class Late(VirtualClock):
+    """The loop holds still at tick 50, until something has happened."""
+
+    held = None
+
+    def wait(self, tick):
+        if tick == 50:
+            until(Late.held)
+        return super().wait(tick)
+
+
+@pytest.mark.real_time
+def test_a_cut_is_a_fault_in_record_and_info_and_latched(tmp_path, rig_file, safe, capsys):
+    path = tmp_path / "s.mcap"
+    mark, Late.held = tmp_path / "mark", beside(path).exists
+    config = load_rig(rig_file)
+    with pytest.raises(DeviceError, match=r"tick 50: FAULT, because the watchdog cut the power \("):
+        runner.run(config, 1.0, 1, "lockstep", path, timer=Late)
+    assert mark.exists()
+    box = read(path)
+    events = [json.loads(d) for d in box.topics["/events"].data]
+    assert [e["name"] for e in events][-2:] == ["power-cut", "fault"]
+    found = json.loads(box.metadata["watchdog"]["report"])
+    assert found["why"] == "the loop does not tick" and found["worked"] is True
+    assert found["last_tick"] == 49 and found["silent_s"] > 0.5
+    assert main(["info", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "after tick 49, because the loop does not tick: touch returned 0" in said
+    assert "STILL BE ON" not in said
+    assert main(["info", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["sessions"][0]["watchdog"] == found
+    # latched, whatever the session is called, until the operator asks for a new watchdog
+    again = ["run", rig_file, "--seconds", "0.05", "-o", str(tmp_path / "t.mcap")]
+    assert main(again) == 3
+    assert "was cut and stays off" in capsys.readouterr().err
+    assert not (tmp_path / "t.mcap").exists()
+    assert main(["devices", rig_file]) == 3
+    assert "--rearm" in capsys.readouterr().out
+    assert main([*again, "--rearm"]) == 0
+    assert main([*again[:-1], str(tmp_path / "u.mcap")]) == 0
+
+
+def test_a_killed_session_tells_of_its_cut_also_where_it_is_recovered(tmp_path, capsys, safe):
+    path, new = tmp_path / "s.mcap", tmp_path / "new.mcap"
+    runner.run(load_rig("identify"), 0.3, output=path)
+    path.write_bytes(path.read_bytes()[:-2000])
+    watchdog.write(beside(path), {"why": "it is gone", "last_tick": 7, "cut": "x returned 1"})
+    assert main(["info", str(path), "--recover", str(new)]) == 0
+    assert main(["info", str(new)]) == 0
+    said = capsys.readouterr().out
+    assert "because it is gone: x returned 1; THE POWER MAY STILL BE ON" in said
+
+
+def test_the_latch_stays_where_the_new_watchdog_does_not_answer(tmp_path, safe, monkeypatch):
+    latch = guard.latch_of(cut.proven(safe))
+    latch.parent.mkdir(parents=True)
+    watchdog.write(latch, {"why": "x", "cut": "y", "time_s": 1.7e9})
+    with monkeypatch.context() as patch:
+        patch.setattr(guard, "ISOLATED", ("-c", "raise SystemExit(5)"))
+        with pytest.raises(DeviceError, match="ended at once"):
+            with guarded(safe, tmp_path / "s.mcap", rearm=True):
+                pass
+    with pytest.raises(DeviceError, match="2023-11-14 22:13:20 UTC: the watchdog cut the power"):
+        with guarded(safe, tmp_path / "s.mcap"):
+            pass
+    with guarded(safe, tmp_path / "s.mcap", rearm=True) as dog:
+        assert dog.alive
+    assert not latch.exists()
+
+
+def test_a_cut_that_fails_is_tried_again_and_said(tmp_path):
+    script = tmp_path / "cut.sh"
+    script.write_text(f"#!/bin/sh\necho >> {tmp_path}/tries\n[ $(wc -l < {tmp_path}/tries) = 3 ]\n")
+    script.chmod(0o755)
+    assert watchdog.cut([str(script)]) == (True, "cut.sh returned 0")
+    assert watchdog.cut([str(script)]) == (False, "cut.sh returned 1")
+    script.unlink()
+    worked, said = watchdog.cut([str(script)])
+    assert not worked and "cut.sh failed: [Errno 2]" in said
+    assert "THE POWER MAY STILL BE ON" in watchdog.in_words({"cut": said, "why": "x"})
+
+
+def test_a_full_disk_does_not_stop_the_cut(tmp_path, capsys):
+    page = np.zeros(8, np.int64)
+    told = {"cut": ["/bin/touch", str(tmp_path / "mark")]}
+    told |= {"latch": str(tmp_path / "no" / "l"), "report": str(tmp_path / "no" / "r")}
+    watchdog.act(memoryview(page), told, "the loop does not tick")
+    assert (tmp_path / "mark").exists() and page[watchdog.CUTS] == 1
+    assert capsys.readouterr().err.count("cannot be written") == 3
+
+
+@pytest.mark.parametrize("text", ["", "null", "[1]", "{", '{"silent_s": "x"}', "\xff", '{"a": 1}'])
+def test_any_report_is_read(tmp_path, text):
+    (tmp_path / "r.json").write_bytes(text.encode("latin-1"))
+    assert "STILL BE ON" in watchdog.in_words(tripped(tmp_path / "r.json"))
+
+
+def executable(path, text):
+    path.write_bytes(text)
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    return str(path)
+
+
+def bad_programs(folder):
+    plain = folder / "plain"
+    plain.write_text("x")
+    yield ["/nonexistent"], "does not exist"
+    yield ["no-such-program-of-anybody"], "not found in any folder of PATH"
+    yield [str(folder)], "is a folder"
+    yield [str(plain)], "chmod"
+    yield [executable(folder / "text", b"rm -rf x\n")], "neither a program nor a script"
+    yield [executable(folder / "a", b"#!/no/interpreter -x\n")], "script for /no/interpreter"
+    yield [executable(folder / "b", b"#!/usr/bin/env -S no-such-thing\n")], "script for no-such"
+    yield [executable(folder / "c", b"#!\n")], "script for nothing"
+    yield [executable(folder / "d", b"")], "neither"
+    yield [""], "has no program to run"
+    yield [], "has no program to run"
+
+
+def test_a_cut_program_that_cannot_run_is_refused_before_anything(tmp_path, rig_file, capsys):
+    text = rig_path("teleop").read_text()
+    for words, why in bad_programs(tmp_path):
+        with open(rig_file, "w") as file:
+            file.write(f"{text}\n[safety]\nwatchdog = 1.0\ncut = {json.dumps(words)}\n")
+        assert main(["run", rig_file, "--seconds", "0.01", "-o", str(tmp_path / "s.mcap")]) == 2
+        assert why in capsys.readouterr().err
+        assert not (tmp_path / "s.mcap").exists()
+    assert main(["devices", rig_file]) == 3
+    found = capsys.readouterr().out
+    assert "watchdog" in found.splitlines()[-1] and "has no program" in found
+
+
+def test_programs_and_scripts_are_found(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    executable(tmp_path / "ok", b"#!/usr/bin/env sh\n")
+    for name in ("touch", "./ok", str(tmp_path / "ok")):
+        words = cut.proven(SafetyConfig(watchdog=1.0, cut=(name, "x")))
+        assert os.path.isabs(words[0]) and words[1:] == ("x",)
+    assert cut.proven(SafetyConfig()) == ()
+    with pytest.raises(ConfigError, match="is never run, because watchdog = 0"):
+        cut.proven(SafetyConfig(cut=("touch", "x")))
+
+
+@pytest.mark.real_time
+def test_the_self_test_fires_the_cut(tmp_path, safe):
+    over = {"safety": {"watchdog": 0.5, "cut": list(safe.cut)}}
+    config = load_rig("identify", over)
+    steps = list(selftest(config, 0.1, lambda: True))
+    last = steps[-1]
+    assert (last.device, last.what, last.passed) == ("watchdog", "cut", True)
+    assert "touch returned 0" in last.text and (tmp_path / "mark").exists()
+    # asked for: nothing is latched
+    assert not guard.latched(cut.proven(safe))
+
+
+@pytest.mark.real_time
+def test_the_self_test_finds_a_cut_that_fails_and_latches_it(tmp_path, state, agreed):
+    agreed(["false"])
+    config = load_rig("identify", {"safety": {"watchdog": 0.2, "cut": ["false"]}})
+    last = list(selftest(config, 0.1, lambda: True))[-1]
+    assert not last.passed and "false returned 1; THE POWER MAY STILL BE ON" in last.text
+    assert "false returned 1" in guard.latched(cut.proven(config.safety))
+
+
+@pytest.mark.real_time
+def test_motors_that_move_after_the_cut_are_found(tmp_path, safe, monkeypatch):
+    over = {"safety": {"watchdog": 0.5, "cut": list(safe.cut)}}
+    config = load_rig("identify", over)
+    # as on hardware, where power can be cut: the simulated rig keeps its own
+    monkeypatch.setattr(type(config), "hardware", property(lambda self: True))
+    monkeypatch.setattr(type(config), "clock", "lockstep")
+    steps = list(selftest(config, 0.1, lambda: True))
+    wrong = [s for s in steps if not s.passed]
+    assert [(s.device, s.what) for s in wrong] == [(a, "cut") for a in config.controller.arms]
+    assert "the motors still have power" in wrong[0].text
+
+
+@pytest.mark.real_time
+def test_a_cut_runs_only_where_it_was_agreed_to(tmp_path, rig_file, safe, state, capsys):
+    script = tmp_path / "cut.sh"
+    executable(script, b"#!/bin/sh\ntouch ran\n")
+    text = rig_path("teleop").read_text()
+    with open(rig_file, "w") as file:
+        file.write(f"{text}\n[safety]\nwatchdog = 1.0\ncut = {json.dumps([str(script)])}\n")
+    words = ["run", rig_file, "--seconds", "0.05", "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 2
+    assert f"'hil trust {rig_file}' remembers" in capsys.readouterr().err
+    assert main(["devices", rig_file]) == 3
+    assert main(["info", rig_file]) == 0
+    assert f"cut program {script} (NOT agreed to" in capsys.readouterr().out
+    assert main(["trust", rig_file]) == 0
+    assert main(words) == 0
+    assert main(["devices", rig_file]) == 0
+    # what is changed is asked for anew
+    script.write_text("#!/bin/sh\nexit 0\n")
+    assert main(words) == 2
+    assert main(["trust", "--forget", rig_file]) == 0
+    script.write_bytes(b"#!/bin/sh\ntouch ran\n")
+    assert main(["trust", "--forget", rig_file, "--json"]) == 0
+    capsys.readouterr()
+    assert main(words) == 2
+    assert main(["trust", "--show", rig_file, "--json"]) == 0
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["executables"][0]["agreed"] is False
+    # what a session names is told, and nothing of it runs
+    assert main(["info", str(tmp_path / "s.mcap")]) == 0
+    assert f"rig.toml names cut program {script}" in capsys.readouterr().out
+    assert not list(tmp_path.glob("**/ran"))
+
+
+def test_what_counts_of_a_cut_program(tmp_path):
+    script, log = tmp_path / "cut.py", tmp_path / "cut.log"
+    script.write_text("print(1)")
+    log.write_text("")
+    words = ["/bin/sh", str(script), str(log)]
+    before = consent.cut_program(words)
+    log.write_text("cut")
+    assert consent.cut_program(words) == before
+    assert consent.cut_program(words[:2]).digest != before.digest
+    script.write_text("print(2)")
+    assert consent.cut_program(words).digest != before.digest
+
+
+def test_agreements_are_kept_in_the_users_folder(monkeypatch, tmp_path):
+    monkeypatch.delenv(consent.VARIABLE)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert consent.folder() == tmp_path / "hil"
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert consent.folder() == tmp_path / ".local" / "state" / "hil"
