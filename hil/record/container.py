@@ -194,8 +194,6 @@ _UNREADABLE = (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError)
 #: From this size on [byte] the compiled walk is worth the import of the compiler, where nothing
 #: else has needed that.
 _LARGE = 2**24
-#: No writer makes chunks so large [byte]; a damaged length must not claim the memory.
-_LARGEST_CHUNK = 2**31
 #: Times from here on (1973) count from 1970, not from the start of a session [ns].
 EPOCH_NS = 10**17
 
