@@ -45,7 +45,7 @@ def proven(safety: SafetyConfig) -> tuple[str, ...]:
     if not SHORTEST <= safety.watchdog <= LONGEST:
         raise ConfigError(
             f"[safety]: watchdog = {safety.watchdog:g} s; {SHORTEST} to {LONGEST:g} s is needed: "
-            "an ordinary process is kept waiting for milliseconds, and an arm may not run on for long"
+            "an ordinary process is kept waiting for milliseconds, and no arm may run on for long"
         )
     return (str(_program(words[0], f"[safety] cut: {words[0]!r}")), *words[1:])
 
