@@ -88,11 +88,35 @@ def _place(what: Executable) -> Path:
     return folder() / "trusted" / what.digest
 
 
+def prepare(place: Path) -> None:
+    """Make a folder within `folder`.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be made.
+    """
+    try:
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(_unwritable(error)) from error
+
+
+def _unwritable(error: OSError) -> str:
+    return (
+        f"{error.filename}: {error.strerror}; agreements and latches are kept in {folder()}, give "
+        f"{VARIABLE} = FOLDER to keep them elsewhere"
+    )
+
+
 def give(what: Executable) -> None:
-    """Remember that the user has agreed to it as it is now."""
+    """Remember that the user has agreed to it as it is now; `ConfigError` where it cannot be."""
     place = _place(what)
-    place.parent.mkdir(parents=True, exist_ok=True)
-    place.write_text(f"{what.kind}: {what.text}\n", encoding="utf-8")
+    prepare(place.parent)
+    try:
+        place.write_text(f"{what.kind}: {what.text}\n", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(_unwritable(error)) from error
 
 
 def withdraw(what: Executable) -> None:

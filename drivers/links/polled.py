@@ -89,9 +89,10 @@ class PolledGauges:
             self.unusable = not good
             self._asked_ns = None
         elif self._asked_ns is not None and t_ns - self._asked_ns >= self._wait_ns():
-            # what comes late belongs to the old request: one more tick for it to pass
+            # what comes late belongs to the old request: one more tick for it to come, in which
+            # nothing is asked that it could be mistaken for
             self.timeouts += 1
-            self._asked_ns, self._got = None, 0
+            self._asked_ns = None
             return self._age(t_ns, False)
         if good:
             self._fresh_ns = t_ns

@@ -43,7 +43,9 @@ DISARM = (
     (ACQUIRE, 0x0003),
     (DMA, 0x0010),
 )
-DAC_DISARM = ((DAC, 0x0010), (DMA, 0x0000), *[(DAC, 0)] * 5, (DAC, 0x0004))
+#: What the initialisation writes for the five converters that the board might have: it is done
+#: twice, and their enable words are known the second time.
+DAC_WORDS = ((0, 0, 0, 0, 0), (0x20, 0x30, 0x40, 0x50, 0x60))
 ARM = ((DMA, 0x0011), (ACQUIRE, 0x0071), (ACQUIRE, 0x0011))
 RUN, STOPPED, RESET_LIST, NORMAL_PACER, RESET_RESULTS = 0x0031, 0x0000, 0x0004, 0x0060, 0x0003
 BEFORE_LIST_ENDS = ((ACQUIRE, 0x0054), (ACQUIRE, 0x0040), (VARIABLE_RATE, 0))
@@ -101,6 +103,12 @@ def mode_word(edges: int, index: str = "", asynchronous: bool = False) -> int:
     word = ENCODER | CHANNEL_A | RESOLUTIONS[edges]
     word |= {"": 0, "latch": LATCH_ON_INDEX, "clear": CLEAR_ON_INDEX}[index]
     return word | (ASYNCHRONOUS if asynchronous else 0)
+
+
+def disarm_all(words: Sequence[int]) -> tuple[tuple[int, int], ...]:
+    """Registers and values that stop converters, with a row of `DAC_WORDS`, and scan."""
+    converters = ((DAC, word) for word in words)
+    return ((DAC, 0x0010), (DMA, 0x0000), *converters, (DAC, 0x0004), *DISARM)
 
 
 def debounce_byte(microseconds: float) -> int:

@@ -191,19 +191,24 @@ def open_link(
         load_firmware(UsbLink(name, cold[0]), _folder(name, images))
         found = _come_back(name, backend, serial, pause)
     link = UsbLink(name, found[0])
+    if link.ask(codec.FPGA_STATE, 1) != 1:
+        check_version(link)
+        load_fpga(link, _folder(name, images))
+    for words in codec.DAC_WORDS:  # all of it twice, as ULDAQ does
+        check_version(link)
+        prove(link)
+        link.write_all(codec.disarm_all(words))
+    return link
+
+
+def check_version(link: UsbLink) -> None:
+    """Refuse firmware that is too old."""
     version = link.ask(codec.VERSION, 2)
     if version < codec.FIRMWARE_MIN:
         raise DeviceError(
-            f"box {name!r}: firmware {version:#06x} is older than {codec.FIRMWARE_MIN:#06x}; "
+            f"box {link.name!r}: firmware {version:#06x} is older than {codec.FIRMWARE_MIN:#06x}; "
             "load the images of UL for Linux 1.2.1 or later."
         )
-    if link.ask(codec.FPGA_STATE, 1) != 1:
-        load_fpga(link, _folder(name, images))
-    prove(link)
-    for _ in range(2):  # as ULDAQ does
-        link.write_all(codec.DAC_DISARM)
-        link.write_all(codec.DISARM)
-    return link
 
 
 def _folder(name: str, images: str) -> Path:

@@ -91,7 +91,7 @@ def _judged(c: Comparison) -> str:
     """On what the errors are taken, and what the floor is from."""
     method = {
         "repeats": "repeated motion",
-        "largest-model": "what the largest model cannot predict",
+        "largest-model": "the residual of the largest model on left-out data",
     }
     judged = (
         "held-out sessions"
@@ -99,11 +99,11 @@ def _judged(c: Comparison) -> str:
         else "blocks of the same sessions, held out"
     )
     fixed = all(t.fixed for t in c.result.terms)
-    values = "the model's values as they are" if fixed else "all values fitted again to these data"
+    values = "values of the model file" if fixed else "all values fitted to these data"
     return (
         f"  {values}; errors on {judged}; noise floor from {method[c.evidence.floor.method]}; "
-        f"multi-step: simulated position over {c.multi_step.horizon:g} s, and over "
-        f"{_horizon(c)} under a soft servo to the measured motion (replay)"
+        f"multi-step: simulated position over {c.multi_step.horizon:g} s; replay: over "
+        f"{_horizon(c)} with a soft servo to the measured motion"
     )
 
 

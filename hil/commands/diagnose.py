@@ -27,10 +27,10 @@ from hil.report.text import LEADING, Files, corrections, explains, floor_says, r
 
 SENTENCES = {
     "missing-effect": "missing-effect: the model lacks what is named below.",
-    "ambiguous": "ambiguous: something is missing; these data leave open which of several effects.",
-    "unexplained": "unexplained: something is missing, and no effect of the catalogue explains it.",
+    "ambiguous": "ambiguous: an effect is missing; these data do not show which of several it is.",
+    "unexplained": "unexplained: an effect is missing, and none in the catalogue explains it.",
     "not-identifiable": "not-identifiable: nothing can be concluded from these data.",
-    "bad-data": "bad-data: the recording has faults; nothing fitted to it would mean anything.",
+    "bad-data": "bad-data: the recording has faults; a fit of it would be meaningless.",
 }
 
 
@@ -52,7 +52,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     if d.verdict == "adequate":
         lines += [f"  {floor_says(d.beyond)}"]
     if d.network:
-        lines += ["", "What any function of some variables could explain of what is left"]
+        lines += ["", "How much of the remaining error functions without a name could explain"]
         lines += [f"  - {line}" for line in told(d.network)]
     if not d.ladder:
         return "\n".join([*lines, *(f"  {w}" for _, w in d.warnings)])
@@ -84,12 +84,12 @@ def verdict(d: Diagnosis) -> str:
     """The verdict as a sentence."""
     if d.verdict == "adequate" and any(code == DIFFER for code, _ in d.warnings):
         return (
-            "adequate for what was fitted: the model explains that down to the noise floor, but "
+            "adequate for the fitted data: the model explains them down to the noise floor, but "
             "not the held-out data."
         )
     if d.verdict == "unexplained" and only_there(d.ladder[-1], d.last, d.noise):
         return (
-            "unexplained: the model explains what was fitted down to the noise floor, but not the "
+            "unexplained: the model explains the fitted data down to the noise floor, but not the "
             "held-out data."
         )
     if d.verdict == "adequate":
@@ -123,7 +123,7 @@ def _apart(d: Diagnosis, verbose: bool) -> list[str]:
     lines += dict.fromkeys(told)
     if standing:
         pairs = "; ".join(f"{s.effects[0]} from {', '.join(s.effects[1:])}" for s in standing)
-        lines += ["", f"  no motion alone tells apart: {pairs} (--verbose: why, and what would)"]
+        lines += ["", f"  not separable by motion alone: {pairs} (details: --verbose)"]
     return lines
 
 
@@ -132,7 +132,8 @@ def _finding(f: Finding, joints: tuple[str, ...]) -> list[str]:
     lines = [
         f"  {f.effect}{where}  (confidence {f.confidence:.2f})",
         f"    held-out error {f.relative_before:.2f} % -> {f.relative_after:.2f} % "
-        f"(se {f.se:.2g}), {100 * f.excess_explained:.0f} % of the squared error above the floor",
+        f"(standard error {f.se:.2g}); explains {100 * f.excess_explained:.0f} % of the squared "
+        "error above the noise floor",
     ]
     lines += [f"    {common.value_line(name, v, joints)}" for name, v in f.parameters.items()]
     if said := remark(f.effect, f.parameters):
@@ -156,8 +157,9 @@ def ladder_text(d: Diagnosis) -> str:
     head = ["held-out error", *(f"{j} %" for j in joints), *(f"{j}/floor" for j in joints)]
     band = d.result.problem.rates.effort
     return common.table(head, rows) + (
-        f"\n  efforts up to {band:.3g} Hz: the band follows the fitted motion, and errors of two "
-        "reports compare where it is the same"
+        f"\n  Errors are of efforts up to {band:.3g} Hz. The band follows the fitted motion: "
+        "compare "
+        "two reports only if their bands are equal."
     )
 
 
@@ -173,10 +175,10 @@ def multi_text(rungs: list[Rung]) -> str:
     joints = first.step.result.problem.joints
     rows = [[r.step.label, *_cells(r.multi_step), *_cells(r.multi_step.closed_loop)] for r in rungs]
     head = [f"multi-step error, {first.multi_step.horizon:g} s", *(f"{j} %" for j in joints)]
-    meaning = "rms error of the position simulated from measured states, in % of its motion"
+    meaning = "rms error of the simulated position, in % of its motion; starts from measured states"
     if first.multi_step.closed_loop is not None:
         head += [f"{j} replay %" for j in joints]
-        meaning += "; replay: over longer windows, a 1 Hz servo holding it"
+        meaning += "; replay: longer windows with a 1 Hz servo"
     lines = [common.table(head, rows), f"  {meaning}"]
     for r in rungs:
         m = r.multi_step

@@ -64,9 +64,16 @@ def _model(
             f"model {args.model} is of another robot than {args.rig}; give that robot's URDF in "
             "place of the rig file"
         )
-    # an offset asks for no motion
-    model = base_model(source) - "torque-offset" if given is None else given
+    model = _moving(base_model(source)) if given is None else given
     model.check_joints(tuple(robot.joints))
+    return model
+
+
+def _moving(model: RobotModel) -> RobotModel:
+    """The model without what is constant: that asks for no motion."""
+    for name in model.names():
+        if catalogue.get(name).relations.causes == ("constant",):
+            model = model - name
     return model
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from hil.errors import ConfigError, HilError
 from hil.record.mcap_read import read_metadata
+from hil.runtime.watchdog import beside
 from hil.userfile import parse_toml, read_text
 
 #: The beginning of every report holds its title.
@@ -139,6 +140,8 @@ def keep_old(path: Path) -> None:
     number = next(n for n in count(1) if not path.with_suffix(f".{n}{path.suffix}").exists())
     aside = path.with_suffix(f".{number}{path.suffix}")
     path.rename(aside)
+    if beside(path).exists():  # what the watchdog did goes with the session that it ended
+        beside(path).rename(beside(aside))
     sys.stderr.write(f"{path} was there already; it is kept as {aside}\n")
 
 

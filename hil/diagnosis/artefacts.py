@@ -221,11 +221,10 @@ def blur_notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
     return [
         (
             BLURRED,
-            f"{joint}: {100 * share[j]:.0f} % of the squared error is at reversals and no physics: "
-            "dry friction turns there within less than the filter of the positions passes, or (as "
-            "in a rigid-body engine) before the speed does; with a "
-            f"wider one (position_hz above {result.problem.rates.position:.3g} under [signal] in "
-            "the model file) it is less",
+            f"{joint}: {100 * share[j]:.0f} % of the squared error comes from the filter at "
+            "reversals, not from a missing effect: dry friction turns there faster than the "
+            "position filter lets pass. A wider filter lowers it (position_hz above "
+            f"{result.problem.rates.position:.3g} under [signal] in the model file)",
         )
         for j, joint in enumerate(result.problem.joints)
         if share[j] > MUCH
@@ -347,10 +346,9 @@ def shaken(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
     return [
         (
             POSITION_NOISE,
-            f"{joint}: {100 * share[j]:.0f} % of the squared error is the noise of the measured "
-            "positions, in the model's accelerations or as the controller answers it, and no "
-            "physics: a finer encoder, more motion or a narrower [signal] in the model file would "
-            "show more",
+            f"{joint}: {100 * share[j]:.0f} % of the squared error comes from the noise of the "
+            "measured positions, not from a missing effect. A finer encoder, more motion or a "
+            "narrower band ([signal] in the model file) lowers it",
         )
         for j, joint in enumerate(result.problem.joints)
         if share[j] > MUCH

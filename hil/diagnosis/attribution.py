@@ -361,8 +361,8 @@ def impossible(result: FitResult, effect: str) -> list[str]:
     joints = result.problem.joints
     broken = [t for t in result.terms if t.effect.name == effect and not allowed(result, t)]
     return [
-        f"{effect}{where}: values that fit best "
-        "cannot be physics (a stop that pulls, friction that drives, a cause that is another one); "
+        f"{effect}{where}: the best values are physically "
+        "impossible (for example a stop that pulls, or friction that drives); "
         "'hil diagnose' would not name it"
         for where in ("" if t.effect.scope.of_robot else f" on {joints[t.joint]}" for t in broken)
     ]
@@ -431,9 +431,9 @@ def harmonic(c: Candidate, found: Sequence[Candidate], motion: Motion, projector
         ratio = c.term.shape[0] / wave.term.shape[0]
         times = round(ratio)
         if 2 <= times <= HIGHEST_ORDER and abs(ratio - times) < WHOLE_ORDER * times:
-            return f"repeats {times} times within a period of its {wave.name}: a further harmonic"
+            return f"the remainder repeats {times} times in a period of its {wave.name}: a harmonic"
         if _more(wave, projector) >= c.parts[c.joint]:
-            return f"is as well explained by further harmonics of its {wave.name}: a part"
+            return f"further harmonics of its {wave.name} explain the remainder as well: a part"
     return ""
 
 

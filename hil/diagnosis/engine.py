@@ -175,9 +175,9 @@ def without_robot(problem: Problem) -> list[tuple[str, str]]:
     if problem.d == 1 or problem.source.urdf or problem.source.preset not in ("", "single-axis"):
         return []
     text = (
-        f"{problem.d} joints without a robot description: gravity, couplings and kinematics are "
-        "not in the model, and a name may stand for one of them; give --robot ARM.urdf (makers "
-        "publish it, or write masses and lengths into one)"
+        f"{problem.d} joints without a robot description: the model has no gravity, no inertia "
+        "coupling and no kinematics, and a named effect may stand for one of them. Give "
+        "--robot ARM.urdf (from the maker, or with masses and lengths of your own)"
     )
     return [(NO_GEOMETRY, text)]
 
@@ -242,7 +242,7 @@ def overtones(search: Search) -> list[tuple[str, str]]:
         if stop.code == "overtone" and any(f.joint == j for f in search.found):
             told.setdefault(j, stop.reason)
     return [
-        ("harmonic", f"{joints[j]}: what is left {why} of that, not another effect")
+        ("harmonic", f"{joints[j]}: {why} of that effect, not another effect")
         for j, why in told.items()
     ]
 
@@ -373,17 +373,18 @@ def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list
             faults.append(
                 (
                     "external-sign",
-                    f"the external effort of {joint} has the wrong sign: turned round, the model "
-                    f"fits; give {column} (or fx, fy, fz) scale = -1 in a map file",
+                    f"the external effort of {joint} has the wrong sign: with the other sign "
+                    f"the model fits. Set scale = -1 for {column} (or fx, fy, fz) in a map file",
                 )
             )
         elif abs(g - 1) > NEAR:
             warnings.append(
                 (
                     "external-ratio",
-                    f"the external effort of {joint} fits best at {g:.3g} times its values: "
-                    "confirm the ratio, the unit or the place of the sensor, and give "
-                    f"{column} that scale in a map file",
+                    f"the external effort of {joint} fits best at {g:.3g} times its values. "
+                    "Check the ratio, the unit and the place of the sensor, then set this scale "
+                    "for "
+                    f"{column} in a map file",
                 )
             )
     return faults, warnings

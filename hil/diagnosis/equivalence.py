@@ -228,7 +228,7 @@ def pairs(
         if others:
             every = "both" if len(others) == 1 else f"all {len(others) + 1}"
             where = f" of {result.problem.joints[j]}" if result is not None and j >= 0 else ""
-            why = f"{every} explain this residual{where} nearly equally well with this motion"
+            why = f"with this motion {every} explain the residual{where} almost equally well"
             sets.append(_Set(_named(evidence, (name, *others), j), (name, *others), why))
     sets += _collinear(evidence, sets, {n for name, others, _ in rivals for n in (name, *others)})
     planner = Planner(result, evidence) if sets and result is not None else None
@@ -280,8 +280,8 @@ def _absorbed(evidence: Evidence, known: set[str]) -> list[_Set]:
             known.add(c.name)
             partners = c.term.effect.doc.confused_with
             why = (
-                f"parameters that are free already take up {100 * c.absorbed:.2f} % of what it "
-                f"does: any {c.name} shows up as other values of theirs"
+                f"the model's own parameters can imitate {100 * c.absorbed:.2f} % of it: "
+                f"{c.name} only changes their values"
             )
             out.append(_Set((c,), (c.name, partners[0] if partners else "the base model"), why))
     return out
@@ -307,7 +307,7 @@ def _collinear(evidence: Evidence, known: list[_Set], named: set[str]) -> list[_
             cosine = overlap(a, b, evidence.projector)
             if cosine > SAME_COSINE:
                 seen.add(frozenset((a.name, b.name)))
-                why = f"with this motion their signatures coincide (cosine {cosine:.3f})"
+                why = f"with this motion both have the same signature (cosine {cosine:.3f})"
                 out.append(_Set((a, b), (a.name, b.name), why, True))
     return out
 
@@ -325,8 +325,8 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
         return Indistinguishable(s.effects, s.why, shown or s.effects[0], reason)
     if choice.structural:
         why = (
-            f"{s.why}; structural: after all motions of the menu together the other would still "
-            f"imitate {100 * (1 - choice.everything.share):.1f} % of it"
+            f"{s.why}; structural: even all motions of the menu together leave "
+            f"{100 * (1 - choice.everything.share):.1f} % of it to the other"
         )
         if len(s.among) > 1:
             return Indistinguishable(s.effects, why, "no motion of this robot alone")
@@ -350,7 +350,7 @@ def _group(s: _Set, sets: list[_Set]) -> tuple[Candidate, ...]:
 def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     best, problem = choice.best, planner.result.problem
     if best.verdict.odds < MOTION_ODDS:
-        why = f"{s.why}; as large as it is here, no motion of the menu shows a difference"
+        why = f"{s.why}; at this size no motion of the menu shows a difference"
         return Indistinguishable(s.effects, why, "the same effect, larger", EXCITATION)
     names = tuple(c.name for c in s.among)
     joint = problem.joints[s.among[0].term.joint]
@@ -364,12 +364,12 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     where = "" if whole else f" of {joint}"
     text = (
         f"{motion}{where}: {menu.describe(motion)} (log odds {best.verdict.odds:.1f} foreseen{now}"
-        + ("" if best.verdict.decided else "; with the values fitted here too little to decide")
+        + ("" if best.verdict.decided else "; not enough to decide, with the values fitted here")
         + f"): {command}"
     )
-    why = f"{s.why}; it is this excitation, not the structure"
+    why = f"{s.why}; another motion can separate them"
     if choice.now is not None and choice.now.decided:
-        why = f"{s.why}: they differ by less than real parts depart from such laws"
+        why = f"{s.why}: the difference is smaller than the accuracy of such laws on real parts"
     if choice.never:
         why += f" (but no motion tells {names[0]} from {' or '.join(choice.never)})"
     return Indistinguishable(s.effects, why, text, EXCITATION, motion, command)
@@ -458,8 +458,8 @@ def _low_speed(result: FitResult, evidence: Evidence) -> list[Unseen]:
         return []
     names = tuple(e.name for e in _showing(Sight.SLOW))
     why = (
-        f"too little motion is slower than {100 * LOW:g} % of the top speed; friction that rises "
-        f"only there goes unseen{_up_to(max(missed.values()))}"
+        f"too little of the motion is slower than {100 * LOW:g} % of the top speed; friction that "
+        f"rises only there is not seen{_up_to(max(missed.values()))}"
     )
     return [Unseen(names, tuple(missed), why, _command(laws[0].name, problem, list(missed)))]
 
@@ -486,7 +486,7 @@ def _dry(result: FitResult, j: int) -> float:
 
 def _up_to(share: float) -> str:
     """How much of Coulomb friction is missed, where that says anything."""
-    return f" up to {100 * share:.2g} % of Coulomb friction" if share < 1.0 else ", however large"
+    return f" (up to {100 * share:.2g} % of Coulomb friction)" if share < 1.0 else ", however large"
 
 
 def _missed(result: FitResult, evidence: Evidence, effect: Effect, j: int) -> float:
@@ -537,9 +537,9 @@ def _of_all(problem: Problem) -> list[Unseen]:
     out = []
     length = max(float(r.t[-1] - r.t[0]) for r in problem.recordings)
     if length < MINUTE:
-        why = f"the longest recording has {length:.3g} s, and warming mostly takes minutes"
+        why = f"the longest recording lasts {length:.3g} s; warming takes minutes"
         out.append(Unseen(_richest(Sight.MINUTES), (), why))
     if not any(np.any(m.tau_ext) or np.any(m.wrench) for m in problem.motions):
-        why = "no external force was measured; without one it scales all parameters alike"
+        why = "no external force was measured; without it a gain scales all parameters alike"
         out.append(Unseen(_richest(Sight.FORCE), (), why))
     return out

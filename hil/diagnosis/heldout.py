@@ -84,8 +84,8 @@ class Examiner:
             self._other.recordings[int(np.argmax(self._other.whole == k))].name for k in range(runs)
         )
         text = (
-            f"every run has values of its own for {'; '.join(parts)}: {plural(total, 'value')} "
-            f"were fitted to {names}, so that the held-out error says nothing of them"
+            f"every run has its own values of {'; '.join(parts)}: {plural(total, 'value')} "
+            f"were fitted to {names}. The held-out error does not test them"
         )
         return [("held-out-values", text)]
 

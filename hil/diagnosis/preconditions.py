@@ -154,15 +154,17 @@ def undetermined(result: FitResult) -> list[tuple[str, str]]:
 def _slow(problem: Problem, speed: FloatArray) -> str:
     """What the joints move, what that drowns in, and what helps."""
     parts = [
-        f"{joint} moves at {v:.2g} {unit}/s (rms) and its encoder's steps alone make {noise:.2g}"
+        f"{joint} moves at {v:.2g} {unit}/s (rms), and the encoder's steps make {noise:.2g} "
+        f"{unit}/s"
         for joint, v, noise, unit in zip(
             problem.joints, speed, problem.speed_noise, problem.robot.units, strict=True
         )
     ]
     band = problem.rates
     return (
-        f"{'; '.join(parts)} behind the filter of {band.position:.3g} Hz: too little motion for so "
-        f"coarse a position. Move faster or wider, use a finer encoder, or narrow the band in the "
+        f"{'; '.join(parts)} after the filter of {band.position:.3g} Hz: the motion is too small "
+        "for "
+        f"this encoder. Move faster or wider, use a finer encoder, or narrow the band in the "
         f"model file, under [signal]: position_hz = {band.position / 3:.2g}, "
         f"effort_hz = {band.effort / 3:.2g}"
     )
@@ -177,8 +179,9 @@ def _short(problem: Problem) -> list[tuple[str, str]]:
     # the filter's edges go at both ends of every run, so they come on top
     wanted = math.ceil(SHORTEST_RECORDING + max(recorded - left, 0.0))
     text = (
-        f"{recorded:.2g} s are recorded, of which {left:.2g} s are left when the filter has cut "
-        f"its edges; {SHORTEST_RECORDING:g} s must be left to tell an effect from chance. Record "
+        f"the recordings last {recorded:.2g} s, and {left:.2g} s are left after the filter's "
+        "edges; "
+        f"at least {SHORTEST_RECORDING:g} s are needed to tell an effect from chance. Record "
         f"{wanted} s or more, or give several runs"
     )
     return [("too-short", text)]
@@ -195,8 +198,8 @@ def _rigid(result: FitResult) -> list[tuple[str, str]]:
                     f"{joint}: while touching, position explains only {100 * r2:.0f} % of the "
                     "contact effort's variance, so its stiffness is bounded from below only "
                     f"(forward and reverse regression differ by a factor {1 / max(r2, 1e-3):.1f}):"
-                    " the object is stiffer than the position resolves, or there is no contact; "
-                    "use a softer object, a finer encoder or a stiffer mount",
+                    " the object is too stiff for this position sensor, or there is no contact. "
+                    "Use a softer object, a finer encoder or a stiffer mount",
                 )
             )
     return out if len(out) == problem.d else []

@@ -329,8 +329,8 @@ def _swings(k: float, runs: list[FloatArray], rate: float) -> str:
         where = f"about {at[1]:.2g} Hz"
     does = "switches between two levels" if k < SWITCH else "swings from side to side"
     return (
-        f"what is left {does}, at {where}, and is no noise (kurtosis {k:.2g}; noise has 0, a wave "
-        "-1.5, a switch -2): something acts there that the motion does not foretell"
+        f"the remaining error {does}, at {where}. It is not noise (kurtosis {k:.2g}; noise 0, sine "
+        "-1.5, switch -2): something acts there that does not follow from the motion"
     )
 
 
@@ -351,9 +351,9 @@ def _bursts(problem: Problem, j: int, left: FloatArray, k: float) -> str:
         f"{x:.2f}" for x in _largest(_residual(problem, j, left, run), when, problem.rate)
     )
     return (
-        f"what is left comes in bursts: a tenth of the time holds {100 * share:.0f} % of its "
-        f"square (kurtosis {k:.2g}; noise has 0 and 44 %). The largest are at {where} s of "
-        f"{problem.recordings[run].name}: look what happens there"
+        f"the remaining error comes in bursts: {100 * share:.0f} % of its power lies in a tenth of "
+        f"the time (noise: 44 %; kurtosis {k:.2g}, noise 0). The largest are at {where} s of "
+        f"{problem.recordings[run].name}: check what happens there"
     )
 
 
@@ -362,8 +362,9 @@ def _uneven(r: FloatArray) -> str:
     thirds = [float(np.sqrt(np.mean(x**2))) for x in np.array_split(r, 3)]
     size = ", ".join(f"{x / thirds[0]:.2g}" for x in thirds)
     return (
-        f"what is left is like noise, and not of one size: {size} times as large in the thirds of "
-        "the run; standard errors and the floor are of the whole"
+        f"the remaining error is like noise of changing size: {size} times in the thirds of the "
+        "run. "
+        "Standard errors and the noise floor are averages over the run"
     )
 
 

@@ -248,7 +248,7 @@ def _what(s: Spectrum, k: int, low: float, result: FitResult, j: int) -> str:
     if s.feature == "frequency":
         return f"at {interval(low, x) if low < x else f'{x:.3g}'} Hz the error is"
     if s.feature == "line":
-        where = "which the motion has, too," if _in_motion(result, j, x) else "not in the motion,"
+        where = "which the motion has too," if _in_motion(result, j, x) else "not in the motion,"
         return f"the residual has a line at {x:.3g} Hz, {where} of"
     kind = "the residual" if s.feature == "order" else "the friction"
     return f"over position {kind} ripples with a period of {1 / x:.3g} {s.unit[2:]}, amplitude"
@@ -457,9 +457,10 @@ def seeming(
     return [
         (
             SEEMING,
-            f"{joint}: its error is near a floor that no model at hand goes below, and "
-            f"{most[joint]:.1f} times its noise band in places: the floor holds something "
-            "systematic; 'hil diagnose' measures it anew beside what it adds",
+            f"{joint}: the error is near the noise floor, but {most[joint]:.1f} times its noise "
+            "band in "
+            "places: the floor itself holds something systematic. 'hil diagnose' estimates it "
+            "again after each effect that it adds",
         )
         for joint, x in ratio.items()
         if x <= NEAR and most[joint] > PLAIN

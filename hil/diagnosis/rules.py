@@ -96,7 +96,7 @@ def stopped(case: RuleCase) -> CheckResult | None:
 
 def refused(r: Rated) -> CheckResult:
     """What the search says of a candidate that it has fitted before."""
-    reason = "a model with it was fitted before and did not hold"
+    reason = "a model with it was fitted before and was rejected"
     return CheckResult("refused", "candidate", reason, _numbers(r))
 
 
@@ -149,7 +149,7 @@ def _detected(case: RuleCase) -> str:
     """Family-wise, by sign flips of blocks of noise."""
     if case.rated.candidate.p_value <= LEVEL:
         return ""
-    return "noise lets the luckiest of all candidates explain as much"
+    return "by chance the best of all candidates explains as much"
 
 
 @_candidate("worth")
@@ -164,7 +164,7 @@ def _practical(case: RuleCase) -> str:
     size = float(problem.rms(problem.effort)[r.joint])
     if r.removed > (MATTERS * size) ** 2:
         return ""
-    return "what it explains is less than efforts are known to"
+    return "it explains less than the accuracy of the efforts"
 
 
 @_candidate("discrepancy")
@@ -178,25 +178,25 @@ def _discrepancy(case: RuleCase) -> str:
         return ""
     explained = max(float(case.search.base.errors.power[r.joint]) - r.before, 0.0)
     small = r.removed <= DISCREPANCY * explained
-    return "it is what the laws named before may miss of their effects" if small else ""
+    return "it may be an inaccuracy of the laws named before" if small else ""
 
 
 @_candidate("physical")
 def _physical(case: RuleCase) -> str:
     good = physical(case.rated.candidate, case.search.problem.motions[0])
-    return "" if good else "the values that fit best cannot be physics"
+    return "" if good else "the best values are physically impossible"
 
 
 @_candidate("position-noise")
 def _smoother(case: RuleCase) -> str:
     noise = case.rated.candidate.smoother
-    return "all that it does is to smooth the noise of the positions" if noise else ""
+    return "it only smooths the noise of the positions" if noise else ""
 
 
 @_candidate("blurred-sign")
 def _blurred(case: RuleCase) -> str:
     blurred = case.rated.candidate.blurred
-    return "what it explains is reversals that the filter blurs" if blurred else ""
+    return "it explains a filter artifact at reversals" if blurred else ""
 
 
 @_candidate("late")
@@ -208,7 +208,7 @@ def _late(case: RuleCase) -> str:
 @_candidate("line")
 def _line(case: RuleCase) -> str:
     good = alone(case.rated.candidate, case.evidence, case.search.now.result)
-    return "" if good else "it is one line among many: a shadow of something else"
+    return "" if good else "it is one spectral line among many: a side effect of another cause"
 
 
 @_candidate("geometry")
@@ -242,7 +242,7 @@ def _paired(case: RuleCase) -> str:
     # what acts in a few stretches only spreads its own gains: one that takes most is sure earlier
     least = MOSTLY if r.after < (1 - MUCH) * r.before else BEYOND
     sure = r.sureness > least or term.effect.variation.dated(term.shape)
-    return "" if sure else "the fall varies as much from block to block"
+    return "" if sure else "the fall of the error varies as much from block to block"
 
 
 @_candidate("beyond-chance")
@@ -264,7 +264,7 @@ def _beyond(case: RuleCase) -> str:
     net = max(r.candidate.dof - search.replaced(r.candidate), 1)
     family = sum(c.joint == r.joint for c in case.evidence.candidates)
     price = net * np.log(count) + 2 * np.log(max(family, 2))
-    return "" if gain > price else "so few independent instants show it that it may be chance"
+    return "" if gain > price else "too few independent instants show it: it may be chance"
 
 
 @_candidate("at-floor")
@@ -278,7 +278,7 @@ def _at_floor(case: RuleCase) -> str:
 
 @_candidate("returned-noise")
 def _returned(case: RuleCase) -> str:
-    """At the floor: where noise that a controller answers late explains more, it is that."""
+    """At the floor: where position noise fed back by the controller explains more, it is that."""
     r, result = case.rated, case.search.now.result
     if case.evidence.floor.exceeded(result.rms, r.joint):
         return ""
@@ -288,7 +288,7 @@ def _returned(case: RuleCase) -> str:
         if c.joint == r.joint and c.parts[r.joint] > r.candidate.parts[r.joint]
     ]
     late = any(not in_time(c, result) for c in more)
-    return "noise that a controller answers late explains more" if late else ""
+    return "position noise fed back by the controller explains more" if late else ""
 
 
 @_candidate("harm")
@@ -314,7 +314,7 @@ def _keeps(case: Refit) -> str:
     j = case.rated.joint
     old, new = case.before.errors.power[j], case.after.errors.power[j]
     kept = new < (1 - WORTH / 2) ** 2 * old
-    return "" if kept else "the fall is gone once everything is fitted again"
+    return "" if kept else "the error does not fall once all parameters are fitted again"
 
 
 @_fit("never-rises")
@@ -356,7 +356,7 @@ def _robs(case: Refit) -> str:
     ]
     names = [key for key in case.search.standing if key in efforts[0]]
     robbed = [key for key in names if efforts[1].get(key, 0.0) < (1 - ROBBED) * efforts[0][key]]
-    return f"it takes the place of {robbed[0][0]}" if robbed else ""
+    return f"it replaces {robbed[0][0]}" if robbed else ""
 
 
 @_fit("transfers")
@@ -377,7 +377,7 @@ def _transfers(case: Refit) -> str:
 def _coefficients(case: Refit) -> str:
     key = case.rated.candidate.term.key
     nothing = by_chance(case.after.result, key)
-    return "its coefficients are no more than their scatter over blocks" if nothing else ""
+    return "its coefficients are not larger than their scatter over blocks" if nothing else ""
 
 
 @_fit("scales")
@@ -400,4 +400,4 @@ def _lawful(case: Refit) -> str:
     result, key = case.after.result, case.rated.candidate.term.key
     term = next((t for t in result.terms if t.key == key), None)
     good = term is None or allowed(result, term)
-    return "" if good else "the values of the fit cannot be physics"
+    return "" if good else "the fitted values are physically impossible"

@@ -80,7 +80,7 @@ def explanation(fitted: FitResult, alone: FitResult, residual: FloatArray, j: in
     best = max(tried, key=lambda x: x.score)
     if best.share < ACCOUNTED:
         return ""
-    return f"{best.text} would account for {100 * min(best.share, 1.0):.0f} % of that"
+    return f"{best.text} would explain {100 * min(best.share, 1.0):.0f} % of that"
 
 
 def _terms(fitted: FitResult, alone: FitResult, j: int) -> list[tuple[Term, bool]]:
@@ -248,13 +248,13 @@ def _values(pair: _Pair, j: int) -> str:
         return ""
     joint, times = pair.fitted.problem.joints[j], rms / max(own, 1e-300)
     text = (
-        f"with the parameters fitted to {pair.ours} the error in {pair.theirs} is {times:.1f} "
-        f"times what the same model leaves when it is fitted to {pair.theirs} alone"
+        f"with the parameters fitted to {pair.ours} the error on {pair.theirs} is {times:.1f} "
+        f"times the error of the same model fitted to {pair.theirs} alone"
     )
     if foretold(pair.fitted, pair.alone, j) < CERTAIN:
         return (
-            f"{joint}: {text}; their standard errors allow as much: the motion of {pair.ours} does "
-            f"not determine what {pair.theirs} needs"
+            f"{joint}: {text}. The standard errors allow this: the motion of {pair.ours} does not "
+            f"determine what {pair.theirs} needs"
         )
     why = explanation(pair.fitted, pair.alone, pair.heldout.residual, j)
     left = leaves(identified(pair.fitted.problem), pair.alone.problem, j)
@@ -336,7 +336,7 @@ def _only(
     if share < SAID_SHARE:
         return ""
     joint = where.problem.joints[c.joint]
-    text = f"{name} would explain {100 * share:.0f} % of what stands above the noise in {here}"
+    text = f"{name} would explain {100 * share:.0f} % of the error above the noise in {here}"
     if blind:
-        return f"{joint}: {text}; the motion of {there} could hardly show it"
-    return f"{joint}: {SAID}: {text}, and {there} shows nothing of it"
+        return f"{joint}: {text}; the motion of {there} can hardly show it"
+    return f"{joint}: {SAID}: {text}, and {there} does not show it"

@@ -147,7 +147,7 @@ def told(shares: list[Explainable]) -> list[str]:
             continue
         rest = "".join(f", of {s.words} {100 * s.share:.0f} %" for s in some[1:])
         first = f"{some[0].words} could explain {100 * some[0].share:.0f} %"
-        out.append(f"{joint}: any function of {first}{rest}")
+        out.append(f"{joint}: a function of {first}{rest}")
     return out
 
 
@@ -217,7 +217,8 @@ def shares(found: list[Function], before: float, floor: float, joint: str) -> li
         excess = max(before**2 - least**2, 1e-300)
         share = float(np.clip((before**2 - f.error**2) / excess, 0.0, 1.0))
         text = (
-            f"{joint}: any function of {f.words} could explain {100 * share:.0f} % of what is left"
+            f"{joint}: a function of {f.words} could explain {100 * share:.0f} % of the "
+            "remaining error"
         )
         out.append(Explainable(joint, f"network: {f.what}", share, text, f.words))
     return out

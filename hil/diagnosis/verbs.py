@@ -275,7 +275,7 @@ def useless(before: Rung, after: Rung, joints: list[int]) -> list[str]:
     names, se = after.step.result.problem.joints, new.standard_error()
     return [
         f"held-out error of {names[j]} {old.relative[j]:.2f} -> {new.relative[j]:.2f} % "
-        f"(se {se[j]:.2f}): no benefit beyond its standard error"
+        f"(standard error {se[j]:.2f}): no significant benefit"
         for j in joints
     ]
 
@@ -288,12 +288,12 @@ def _sentence(before: Rung, after: Rung, j: int) -> str:
     over = f"simulated position error over {after.multi_step.horizon:g} s"
     rise = f"{over} rises from {old:.3g} to {new:.3g} {unit} ({100 * (new / old - 1):+.1f} %)"
     if after.multi_step.lost:
-        rise = f"{over} cannot be told any more: every simulation leaves the recorded range"
+        rise = f"{over} is unknown: every simulation leaves the recorded range"
     if errors[1] < 0.99 * errors[0]:
         return (
-            f"{after.step.label}: the one-step error of {joint} falls but its {rise}; the effect "
-            "helps the effort prediction, not the simulation"
+            f"{after.step.label}: the one-step error of {joint} falls, but its {rise}: the effect "
+            "improves the effort prediction, not the simulation"
         )
     if errors[1] > 1.01 * errors[0]:
-        return f"{after.step.label}: the one-step error of {joint} rises, too, and its {rise}"
-    return f"{after.step.label}: the one-step error of {joint} stays but its {rise}"
+        return f"{after.step.label}: the one-step error of {joint} rises, and its {rise}"
+    return f"{after.step.label}: the one-step error of {joint} stays, but its {rise}"

@@ -102,8 +102,8 @@ def notes(result: FitResult, last: Evidence) -> list[tuple[str, str]]:
         out.append(
             (
                 "standstill",
-                f"{result.problem.joints[j]} stands still for {100 * still[j]:.0f} % of the time: "
-                "left out, for static friction balances any effort there",
+                f"{result.problem.joints[j]} stands still for {100 * still[j]:.0f} % of the time. "
+                "These samples are left out: static friction balances any effort there",
             )
         )
     for name, v in result.values.items():
@@ -114,8 +114,8 @@ def notes(result: FitResult, last: Evidence) -> list[tuple[str, str]]:
         out.append(
             (
                 "not-identifiable",
-                f"{len(lost)} parameters are determined only in combination, e.g. "
-                f"{', '.join(lost[:4])}; no prediction of such motions depends on it",
+                f"{len(lost)} parameters are determined only in combination, for example "
+                f"{', '.join(lost[:4])}. Predictions of such motions do not depend on this",
             )
         )
     return out
@@ -131,10 +131,11 @@ def _held(result: FitResult) -> list[tuple[str, str]]:
     dead = [
         problem.joints[j] for j in held if all(np.ptp(r.q[:, j]) == 0 for r in problem.recordings)
     ]
-    blind = f"; {', '.join(dead)} never changes by a single count: a brake, or a dead encoder?"
+    blind = f". {', '.join(dead)} never changes by one count: a brake, or a dead encoder?"
     text = (
-        f"{', '.join(names)}: only held in place (within {HELD:.0f} steps of the encoder), so "
-        "nothing is named there; diagnose it together with a session that moves it"
+        f"{', '.join(names)}: held in place (within {HELD:.0f} steps of the encoder), so no "
+        "effect is "
+        "named there. Diagnose it together with a session that moves it"
     )
     return [("holds", text + (blind if dead else ""))]
 
@@ -177,9 +178,9 @@ def common(findings: list[Finding], moving: list[str]) -> list[tuple[str, str]]:
     if max(times) - min(times) > ONE_TIME * mean:
         return []
     text = (
-        f"{', '.join(moving)} are late by the same time, {1e3 * mean:.3g} ms: more likely one "
-        f"cause than {len(late)}, such as efforts and positions that were recorded with different "
-        "clocks, one filter or one bus"
+        f"{', '.join(moving)} are late by the same time, {1e3 * mean:.3g} ms: probably one "
+        f"cause and not {len(late)}, for example different clocks of efforts and positions, one "
+        "filter or one bus"
     )
     return [(COMMON, text)]
 

@@ -115,14 +115,15 @@ class Prepared:
         out = [
             f"analysed at {t.rate:.6g} Hz (period {t.period * 1e3:.6g} ms"
             + (f" +- {t.error * 1e3:.1g} ms" if t.error > 1e-9 * t.period else "")
-            + (f", stamps stray by {t.jitter * 1e3:.2g} ms rms)" if _strays(t) else ")"),
+            + (f", time stamps vary by {t.jitter * 1e3:.2g} ms rms)" if _strays(t) else ")"),
             f"band: positions to {self.rates.position:.3g} Hz, efforts to "
-            f"{self.rates.effort:.3g} Hz ({self.rates.why}); position_hz and effort_hz under "
-            "[signal] of a model overrule it",
+            f"{self.rates.effort:.3g} Hz ({self.rates.why}); to change it, set position_hz and "
+            "effort_hz under [signal] in the model file",
         ]
         if self.parts > 1 or self.left_out:
             out.append(
-                f"{plural(self.parts, 'part')}, {self.left_out:.3g} s left out beside bridged gaps"
+                f"{plural(self.parts, 'part')}, {self.left_out:.3g} s left out near interpolated "
+                "gaps"
             )
         return out + [text for _, text in self.warnings]
 
@@ -224,12 +225,12 @@ def _excitation_notes(excitation: Sequence[Excitation]) -> list[tuple[str, str]]
     out = []
     for x in excitation:
         if x.held:
-            text = f"{x.joint} only holds its place ({x.span:.2g}): nothing is learnt of it"
+            text = f"{x.joint} holds its place ({x.span:.2g}): the recording says nothing about it"
             out.append(("excitation", text))
         elif x.grains < LITTLE_EXCITATION:
             text = (
-                f"{x.joint} moves by {x.span:.2g} only, {x.grains:.0f} times the noise of its "
-                "position: its friction and inertia are hardly determined"
+                f"{x.joint} moves by only {x.span:.2g}, {x.grains:.0f} times its position noise: "
+                "friction and inertia are hardly determined"
             )
             out.append(("excitation", text))
     return out
@@ -242,46 +243,46 @@ def timing_notes(t: Timing) -> list[tuple[str, str]]:
         out.append(
             (
                 "time-repeated",
-                f"{_rows(t.repeated)} with stamp and values of the one before left out",
+                f"{_rows(t.repeated)} left out: same time and values as the row before",
             )
         )
     if t.stale and t.excess:
         out.append(
             (
                 "stale-rows",
-                f"{_rows(t.stale)} repeating every value of the one before: "
-                "written in excess, as the motion goes on without them; left out, and the "
-                f"rows taken {t.period * 1e3:.5g} ms apart",
+                f"{_rows(t.stale)} repeat all values of the row before and the motion continues "
+                "without them: left out as extra; the period is "
+                f"{t.period * 1e3:.5g} ms",
             )
         )
     elif t.stale:
         out.append(
             (
                 "stale-rows",
-                f"{_rows(t.stale)} repeating every value of the one before: taken as missing",
+                f"{_rows(t.stale)} repeat all values of the row before: taken as missing",
             )
         )
     for name, hold in t.held.items():
         out.append(
             (
                 "held-samples",
-                f"{name} keeps each value for {hold} rows: it was measured at "
-                f"{t.rate / hold:.4g} Hz, and is used so",
+                f"{name} holds each value for {hold} rows: it was measured at "
+                f"{t.rate / hold:.4g} Hz and is used at that rate",
             )
         )
     if t.wrong:
         out.append(
             (
                 "spike",
-                f"{plural(t.wrong, 'single value')} standing out of all neighbours "
-                "replaced by what those say",
+                f"{plural(t.wrong, 'spike')} of one row replaced by interpolation of the "
+                "neighbours",
             )
         )
     if t.reading == "stamps":
         out.append(
             (
                 "irregular-time",
-                f"stamps stray by {t.jitter * 1e3:.2g} ms rms and the "
+                f"time stamps vary by {t.jitter * 1e3:.2g} ms rms and the "
                 "positions follow them: resampled to an even grid",
             )
         )
@@ -289,14 +290,14 @@ def timing_notes(t: Timing) -> list[tuple[str, str]]:
         out.append(
             (
                 "irregular-time",
-                f"stamps stray by {t.jitter * 1e3:.2g} ms rms and the "
-                "positions do not follow them: rows are taken as even",
+                f"time stamps vary by {t.jitter * 1e3:.2g} ms rms and the "
+                "positions do not follow them: rows are taken as evenly spaced",
             )
         )
     if t.gaps:
         out.append(("gap", _gaps(t)))
     if t.dropped:
-        out.append(("gap", f"{t.dropped:.3g} s in parts too short to stand alone left out"))
+        out.append(("gap", f"{t.dropped:.3g} s left out: parts too short to use alone"))
     return out
 
 
@@ -307,8 +308,8 @@ def _gaps(t: Timing) -> str:
     done = f"; the run is split at {split} of them" if split else ""
     return (
         f"{_rows(rows)} missing in {plural(len(t.gaps), 'gap')}, the longest {longest.length:.3g} "
-        f"s after {longest.after:.6g} s{done}; the others are bridged, and what is near a bridge "
-        "that is not exact to the noise enters no equation"
+        f"s after {longest.after:.6g} s{done}; the others are interpolated, and samples near an "
+        "inexact interpolation are not used"
     )
 
 

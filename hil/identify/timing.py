@@ -231,26 +231,26 @@ def lateness(recording: Recording) -> Lateness:
         return Lateness(
             None,
             None,
-            "whether the efforts are late against the positions cannot be told without the robot's "
-            "geometry: import with --robot ARM.urdf",
+            "the delay between efforts and positions is unknown without the robot's geometry: "
+            "import with --robot ARM.urdf",
         )
     try:
         problem = Problem([recording], source)
         result = fit_aligned(problem, base_model(source))
     except HilError as error:
-        return Lateness(None, None, f"no lateness of the efforts can be told: {error}")
+        return Lateness(None, None, f"the delay between efforts and positions is unknown: {error}")
     longest, samples = longest_shift(problem), min(problem.sources)
     if problem.given_shift is not None:
         given = problem.given_shift
-        said = f"the efforts are taken {given * 1e3:.3g} ms later, as the map's [signal] says"
+        said = f"the efforts are shifted by {given * 1e3:.3g} ms, as [signal] in the map file says"
         return Lateness(-given, -given * samples, said)
     known = [slow_delay(result, j, turns=True)[1] for j in np.flatnonzero(~problem.holds).tolist()]
     if min(known, default=np.inf) >= KNOWN * longest:
         return Lateness(
             None,
             None,
-            "this motion does not show the lateness of the efforts to half a sample: needed are "
-            "slow strokes of a second or so with much effort, for a minute",
+            "this motion does not show the delay between efforts and positions to half a sample; "
+            "record slow strokes of about a second with much effort, for a minute",
         )
     late = -problem.shift
     size, side = abs(late), "late" if late > 0 else "early"
@@ -259,7 +259,7 @@ def lateness(recording: Recording) -> Lateness:
         late,
         late * samples,
         f"efforts against positions: {says} ({size * samples:.2g} samples), by a fit of the base "
-        "model; a diagnosis takes that out (shift_s under [signal] overrules it)",
+        "model; a diagnosis corrects it (to change it, set shift_s under [signal])",
     )
 
 
@@ -273,7 +273,7 @@ def late_effort(problem: Problem) -> list[tuple[str, str]]:
         (
             "late-effort",
             f"the efforts are {abs(shift) * 1e3:.3g} ms {later} against the positions "
-            f"({share:.2g} samples); they were shifted by it (shift_s under [signal] overrules it)",
+            f"({share:.2g} samples) and were shifted (to change it, set shift_s under [signal])",
         )
     ]
 
@@ -367,9 +367,9 @@ def reading_notes(r: Recording) -> list[tuple[str, str]]:
     first, second = found[0], found[1]
     if second.error > DECIDES * first.error:
         decided = (
-            f"the dynamics support that {first.text} (base model {100 * first.error:.3g} % against "
-            f"{100 * second.error:.3g} %)"
+            f"the dynamics fit better if {first.text} (base model error {100 * first.error:.3g} % "
+            f"against {100 * second.error:.3g} %)"
         )
     else:
-        decided = "the dynamics fit both alike and cannot tell"
-    return [("velocity-scale", f"either {either}; {decided}; scale it in a map")]
+        decided = "the dynamics fit both equally well"
+    return [("velocity-scale", f"either {either}; {decided}. Set its scale in a map file")]

@@ -79,8 +79,8 @@ def outside(known: Sequence[Range], problem: Problem, which: str = "session") ->
         beyond = "; ".join(p for p in parts if p)
         if beyond:
             out.append(
-                f"the {which} leaves the {what} range that the model was identified on, "
-                f"predictions there are extrapolation: {beyond}"
+                f"the {which} leaves the identified {what} range; "
+                f"predictions there are extrapolations: {beyond}"
             )
     return out
 

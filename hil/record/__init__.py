@@ -1,1 +1,1 @@
-"""PLACEHOLDER."""
+"""Recordings: sessions in MCAP, foreign tables, and checks of both."""

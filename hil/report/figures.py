@@ -37,8 +37,9 @@ OUTSIDE = "#E69F00"
 VIEWS, FEWEST = 9, 10
 ONE_STEP = (
     "How to read: one group of bars a joint, one bar a model. The dashed line at 1 is the measured "
-    "noise floor: what all effects of the catalogue together leave, without its chance gain. A bar "
-    "at the line leaves nothing for them to explain; an effect of your own may still go below it."
+    "noise floor: the error that all effects of the catalogue together leave, corrected for "
+    "chance. "
+    "A bar at the line leaves nothing for them to explain. An effect of your own may go below it."
 )
 MULTI_STEP = (
     " Right: the model is started from measured states, driven with the measured effort and "
@@ -286,9 +287,9 @@ def _figure(m: Material, j: int, found: list[list[Spectrum]]) -> str:
         if column == 1:
             fig.update_yaxes(title_text=f"amplitude [{m.effort_unit(j)}]", row=row, col=column)
     text = (
-        f"{m.joints[j]}: spectra of measured minus predicted effort. Grey: what noise alone would "
-        "stay below. A peak over position betrays a wheel, a screw or a motor's teeth; a line over "
-        "time, something that turns or hums whatever the arm does."
+        f"{m.joints[j]}: spectra of measured minus predicted effort. Grey: the limit for "
+        "noise alone. A peak over position points to a wheel, a screw or the poles of a motor. A "
+        "line over time points to a vibration that does not depend on the arm's motion."
     )
     return embed(fig, f"spectra-{j + 1}", text)
 
@@ -339,7 +340,7 @@ def candidates_figure(m: Material) -> str:
     ratio = m.floor / np.maximum(m.before.result.rms, 1e-300)
     whole = [100 * max(0.0, 1 - float(ratio[c.joint]) ** 2) for c in chosen]
     mark = {"symbol": "diamond", "size": 9, "color": FLOOR}
-    name = "all that is above the noise floor of the joint"
+    name = "all error above the noise floor of the joint"
     fig.add_trace(scatter(x=whole, y=labels, mode="markers", marker=mark, name=name))
     order: dict[str, Any] = {"categoryorder": "array", "categoryarray": labels[::-1]}
     fig.update_yaxes(**order, tickmode="array", tickvals=labels, showgrid=False)
@@ -347,9 +348,9 @@ def candidates_figure(m: Material) -> str:
     fig.update_layout(margin={"l": 270}, barmode="overlay", legend_traceorder="normal")
     text = (
         "Each candidate was tried alone beside the first model, its coefficients fitted jointly "
-        "with all others. A bar that reaches its diamond explains all that is not noise; a full "
-        "refit, with the speeds and lengths inside the first model's own laws, may explain more. "
-        "Best first, by evidence after the price of the parameters."
+        "with all others. A bar that reaches its diamond explains all error above the noise "
+        "floor. A full refit, which also adapts the nonlinear parameters of the first model, may "
+        "explain more. Best first, by evidence less a penalty for the number of parameters."
     )
     return embed(fig, "candidates", text)
 
@@ -447,8 +448,8 @@ def trace_figure(m: Material) -> str:
     fig.update_xaxes(range=[0, float(time[-1])])
     most = "the models differ most" if len(m.rungs) > 1 else "the model errs most"
     text = (
-        f"The stretch of the held-out data where {most}. Per joint: measured and "
-        "predicted effort, below it what remains (grey: plus and minus the noise floor's rms)."
+        f"The part of the held-out data where {most}. Per joint: measured and predicted "
+        "effort, and below it the residual (grey: plus and minus the rms of the noise floor)."
     )
     return embed(fig, "traces", text)
 

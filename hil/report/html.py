@@ -179,11 +179,11 @@ def _network(m: Material) -> str:
     if not m.network:
         return ""
     note = (
-        "What a wavelet network of these variables, fitted beside the last model, explains on "
-        "blocks of time left out of its fit, as a share of the error above the noise floor."
+        "Share of the error above the noise floor that a wavelet network of these variables "
+        "explains on left-out blocks of time. It was fitted beside the last model."
     )
     rows = [[s.joint, s.feature.removeprefix("network: "), f"{s.share:.0%}"] for s in m.network]
-    lead = paragraph("Any function of these variables could explain of what is left:")
+    lead = paragraph("How much of the remaining error functions of these variables could explain:")
     return lead + table(["joint", "variables", "share"], rows) + paragraph(note, "note")
 
 
@@ -200,12 +200,12 @@ def candidates(m: Material) -> str:
     """What was tried, what stands out, what cannot be tested."""
     listed = candidates_table(m)
     note = (
-        "Score = chi2 (fall of the squared residual in units of the noise) less the price of the "
-        "parameters. Detection p: chance that noise alone makes any candidate look "
+        "Score = chi2 (fall of the squared residual in units of the noise) less a penalty for the "
+        "number of parameters. Detection p: chance that noise alone makes any candidate look "
         "this good (0.0025 is the least that the test can show). "
-        "Absorbed: share of the effect that the first model's parameters imitate; only the rest "
-        "is evidence. Set off: effects that were accepted. After each accepted effect the others "
-        "were tried again."
+        "Absorbed: share of the effect that the parameters of the first model can imitate; only "
+        "the rest is evidence. Highlighted: accepted effects. After each accepted effect the "
+        "others were tried again."
     )
     never = [f"{name}: {why}" for name, why in m.first.impossible]
     tail = paragraph("Not testable with these data:") + items(never) if never else ""

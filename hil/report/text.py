@@ -40,11 +40,11 @@ TONES = {
     COMPARED: "#56B4E9",
 }
 ORIGIN = {
-    "repeats": "The motion repeats itself: the floor is what differs between two passes over the "
-    "same motion, which no model of the motion can explain.",
-    "largest-model": "The motion does not repeat itself: the floor is the error, on blocks of time "
-    "left out of the fit, of the largest model at hand (every effect of the catalogue and "
-    "smooth functions of all positions and speeds).",
+    "repeats": "The motion repeats itself. The noise floor is the difference between two passes "
+    "of the same motion: no model of the motion can explain it.",
+    "largest-model": "The motion does not repeat itself. The noise floor is the error of the "
+    "largest model (every effect of the catalogue, and smooth functions of all positions and "
+    "speeds) on blocks of time left out of its fit.",
 }
 #: Codes of warnings that stand beside the verdict.
 LEADING = (NO_GEOMETRY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
@@ -85,8 +85,8 @@ def remains(ratios: FloatArray, joints: Sequence[str]) -> str:
     if ratios[j] <= ADEQUATE:
         return ""
     return (
-        f"With all this added, the error of {joints[j]} is still {ratios[j]:.2f} times the noise "
-        "floor: no effect that the fitted sessions determine accounts for what remains."
+        f"With these effects the error of {joints[j]} is still {ratios[j]:.2f} times the noise "
+        "floor. No effect that the fitted sessions determine explains the rest."
     )
 
 
@@ -161,20 +161,17 @@ def headline(m: Material) -> str:
         tail = f", and perhaps {listed(perhaps)}" if perhaps else ""
         return f"The model lacks {lead}{listed(sure)}{tail}."
     if m.verdict == "ambiguous":
-        return (
-            f"Something is missing, most likely {names}, but these data do not settle which effect "
-            "it is."
-        )
+        return f"An effect is missing, most likely {names}. These data do not show which one it is."
     if m.verdict == "adequate" and apart(m):
-        return "The model is adequate for what was fitted, but not for the held-out data."
+        return "The model is adequate for the fitted data, but not for the held-out data."
     if m.verdict == "adequate":
         errors = dict(zip(m.joints, m.ratio(m.after).tolist(), strict=True))
         return f"The model is adequate: {explains(blurred_above(m.warnings, errors), 'it')}"
     if m.verdict == "unexplained":
         joint = m.joints[m.concerned(1)[0]]
         if only_there(m.after, m.last, m.floor):
-            return f"The model explains what was fitted, but not {joint} in the held-out data."
-        return f"Something is missing on {joint}, and no effect of the catalogue explains it."
+            return f"The model explains the fitted data, but not {joint} in the held-out data."
+        return f"An effect is missing on {joint}, and none in the catalogue explains it."
     if m.verdict == "not-identifiable":
         return "Nothing can be concluded from these data, neither for nor against the model."
     if m.verdict == "bad-data":
@@ -188,7 +185,10 @@ def headline(m: Material) -> str:
 def explains(blurred: bool, model: str) -> str:
     """What an adequate model explains, whether or not reversals leave an error above its floor."""
     if blurred:
-        return f"what {model} leaves above the noise floor is at reversals, and no missing physics."
+        return (
+            "the error above the noise floor is a filter artifact at reversals, not a missing "
+            "effect."
+        )
     return f"{model} explains the data down to the noise floor."
 
 
@@ -198,8 +198,8 @@ def details(m: Material) -> list[str]:
     out += _said(m, BLURRED) + apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
     for f in m.partial:
         out.append(
-            f"Best partial explanation: {where(f)} ({_errors(m, f)}; it accounts for "
-            f"{100 * f.excess_explained:.0f} % of the squared error above the floor, and less "
+            f"Best partial explanation: {where(f)} ({_errors(m, f)}; it explains "
+            f"{100 * f.excess_explained:.0f} % of the squared error above the noise floor; less "
             f"than {100 * EXPLAINED:.0f} % is explained in all, so it is not named as the cause)."
         )
     if m.findings and (left := remains(m.ratio(m.explained), m.joints)):
@@ -213,7 +213,8 @@ def details(m: Material) -> list[str]:
         out += [floor_says(m.beyond)] if m.verdict == "adequate" else []
         out += [f"{line[:1].upper()}{line[1:]}." for line in told(m.network)]
         out.append(
-            f"Largest error against the floor: {m.joints[j]} with {held.relative[j]:.2f} % of the "
+            f"Largest error relative to the noise floor: {m.joints[j]} with "
+            f"{held.relative[j]:.2f} % of the "
             f"effort; noise floor {m.relative_floor(j):.2f} % (ratio {ratio:.2f})."
         )
     return out
@@ -226,7 +227,7 @@ def _finding(m: Material, f: Finding) -> str:
     return (
         f"{where(f)[:1].upper()}{where(f)[1:]}{f': {text[:1].lower()}{text[1:]}' if text else ''}. "
         f"Confidence {_chance(f.confidence)}{sure}. {_errors(m, f).capitalize()}; this explains "
-        f"{100 * f.excess_explained:.0f} % of the squared error above the floor.{rivals}"
+        f"{100 * f.excess_explained:.0f} % of the squared error above the noise floor.{rivals}"
     )
 
 
@@ -254,13 +255,15 @@ def origin(m: Material) -> str:
 
 def floor_says(beyond: float | None) -> str:
     """What an error at the floor does not prove, and what any function could still explain."""
-    text = "The floor holds what no candidate explains, too: an error at it is no proof"
+    text = (
+        "An error at the noise floor is no proof: the floor also holds what no candidate explains"
+    )
     if beyond is None:
         return f"{text}."
     if beyond < 0.005:
-        return f"{text}; no function of a joint's own position and speed would lower the error."
+        return f"{text}. No function of a joint's own position and speed would lower the error."
     return (
-        f"{text}; a function of a joint's own position and speed would lower its error by "
+        f"{text}. A function of a joint's own position and speed would lower its error by "
         f"{100 * beyond:.2g} % at most."
     )
 
@@ -283,8 +286,8 @@ def value(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
 AGAIN = "Diagnose again."
 #: Where what is left acts by itself.
 ELSEWHERE = (
-    "Record this joint at rest with its motor on: what acts by itself (a supply, a neighbouring "
-    "machine, a loop that hunts, a knock) is there, too; take it away there."
+    "Record this joint at rest with its motor on. A disturbance that does not depend on the motion "
+    "(supply, neighbouring machine, limit cycle of a loop, knock) shows there too: remove it first."
 )
 #: Verdict -> what follows from it alone.
 FIXED = {
@@ -293,13 +296,12 @@ FIXED = {
         "To be sure beyond it, record faster, slower and wider motion.",
     ],
     "unexplained": [
-        "See below where the model fails: there the missing physics sits.",
+        "See below where the model fails: the missing effect acts there.",
         "Record more motion there; if the cause is known, write it as an effect of "
         "your own (one file) and diagnose again.",
     ],
     "not-identifiable": [
-        "Record again as the sentence above says; a fit of these data would "
-        "give numbers without meaning."
+        "Record again as the sentence above says. A fit of these data would be meaningless."
     ],
     "bad-data": ["Run 'hil info' on the recording; mend, cut or repeat it."],
     COMPARED: ["Run 'hil diagnose' on the same files to learn which effect is missing."],
@@ -325,7 +327,7 @@ def next_steps(m: Material) -> list[str]:
         what = ADVICE if any(SAID in x for x in apart(m)) else BOTH
         return [f"{what}.", AGAIN]
     if m.verdict == "unexplained" and only_there(m.after, m.last, m.floor):
-        return [f"{BOTH}: what acts there, the fitted motion hardly shows.", AGAIN]
+        return [f"{BOTH}: the fitted motion hardly shows what acts there.", AGAIN]
     if m.verdict == "unexplained" and changed(m):
         return ["Give what was recorded before and after that instant as two sessions.", AGAIN]
     if m.verdict == "unexplained" and unlike(m) and not m.network:

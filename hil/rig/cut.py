@@ -14,6 +14,8 @@ from pathlib import Path
 from hil.errors import ConfigError
 from hil.rig.config import SafetyConfig
 
+#: Times without a tick that a watchdog can tell from ordinary delays, and that make sense [s].
+SHORTEST, LONGEST = 0.02, 10.0
 #: How a compiled program begins: Linux and BSD, macOS (three kinds).
 _MAGIC = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xfe\xed\xfa\xcf")
 
@@ -24,8 +26,8 @@ def proven(safety: SafetyConfig) -> tuple[str, ...]:
     Raises
     ------
     ConfigError
-        If there is a watchdog without a program, a program without a watchdog, or the program
-        could not be run.
+        If there is a watchdog without a program, a program without a watchdog, a time that no
+        watchdog can keep, or the program could not be run.
     """
     words = safety.cut
     if not safety.watchdog:
@@ -39,6 +41,11 @@ def proven(safety: SafetyConfig) -> tuple[str, ...]:
         raise ConfigError(
             f"[safety]: watchdog = {safety.watchdog:g} has no program to run; give what takes the "
             'power off, e.g. cut = ["usbrelay", "HW554_1=0"]'
+        )
+    if not SHORTEST <= safety.watchdog <= LONGEST:
+        raise ConfigError(
+            f"[safety]: watchdog = {safety.watchdog:g} s; {SHORTEST} to {LONGEST:g} s is needed: "
+            "an ordinary process is kept waiting for milliseconds, and no arm may run on for long"
         )
     return (str(_program(words[0], f"[safety] cut: {words[0]!r}")), *words[1:])
 

@@ -152,7 +152,7 @@ def latched(words: Sequence[str]) -> str:
     return f"{at}{in_words(trip)}"
 
 
-def standing(config: SafetyConfig, source: str) -> tuple[bool, str] | None:
+def standing(config: SafetyConfig, source: str, rearm: bool = False) -> tuple[bool, str] | None:
     """Whether a session could start with this watchdog, and what it is like; None without one."""
     try:
         words = proven(config)
@@ -163,7 +163,7 @@ def standing(config: SafetyConfig, source: str) -> tuple[bool, str] | None:
     except ConfigError as error:
         return False, str(error)
     why = latched(words)
-    if why:
+    if why and not rearm:
         return False, f"{why}; 'hil run {source} --rearm' starts a session all the same"
     return True, f"runs {asked.text} after {config.watchdog:g} s without a tick; agreed to"
 
@@ -204,10 +204,8 @@ def guarded(
             f"the power of this rig was cut and stays off: {why}. Find out why, look at the rig, "
             "switch its power on, then run again with --rearm"
         )
-    latch.parent.mkdir(parents=True, exist_ok=True)
+    consent.prepare(latch.parent)
     with _started(config.watchdog, words, latch, report) as dog:
-        # of the session before, under the same name
-        report.unlink(missing_ok=True)
         latch.unlink(missing_ok=True)
         yield dog
 

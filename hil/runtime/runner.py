@@ -107,6 +107,8 @@ class Session:
             told = {"error": f"{type(error).__name__}: {error}"}
             raise
         finally:
+            if watchdog is not None:  # nothing ticks any more, and closing a file may take long
+                watchdog.end()
             self._finish(name, told)
 
     def _enable(self) -> None:

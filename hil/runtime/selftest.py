@@ -91,12 +91,15 @@ def selftest(
     """
     if not SMALLEST <= torque <= LARGEST:
         raise ConfigError(f"--torque {torque:g}: {SMALLEST} to {LARGEST} N m is needed.")
+    passed, found = True, guard.standing(config.safety, source, rearm)
+    if found is not None:
+        passed, text = found
+        yield TestStep("watchdog", "program", passed, text)
     # a simulated operator keeps off, as the user is told to
     config = replace(config, simulation={**config.simulation, "operator": {}})
     rig = opener(config, 0)
     try:
         bench = _Bench(rig, config)
-        passed = True
         for name, box in rig.boxes.items():
             yield TestStep(name, "box", True, boxes.describe(box))
         for step in bench.without_power():

@@ -28,6 +28,7 @@ from hil.rig.config import RigConfig
 from hil.rig.open import Rig
 from hil.runtime.realtime import Arrangement
 from hil.runtime.statistics import Statistics
+from hil.runtime.watchdog import beside
 from hil.signals.device import Controller
 from hil.signals.frame import TIMING, TIMING_UNITS, FrameLayout
 
@@ -159,6 +160,8 @@ def open_writer(
         attachments["model.toml"] = _attached(Path(model))
     plan, records = channels(config, rig.controller), describe(config, rig, seed)
     aside(output)
+    # of a session that is not there any more
+    beside(output).unlink(missing_ok=True)
     writer = SessionWriter(output, plan, records, attachments)
     if rig.taps is not None:
         writer.frames(rig.taps.logs, rig.origin_ns, config.loop.period_ns)

@@ -1,8 +1,8 @@
 """The firmware of an ATI 9105-NETCANOEM board, from its side of the wire (manual 1030-04).
 
-Written from the manual alone; it shares nothing with the driver.  Assumptions, where the
-manual is silent: an answer starts 60 us after the request, a reset takes 5 ms, a request with a
-wrong length, axis or slot is not answered.
+Written from the manual and from frames recorded on a real board (protocol notes, 3.1); it shares
+nothing with the driver.  Assumptions, where both are silent: an answer starts 60 us after the
+request, a reset takes 5 ms, a request with a wrong length, axis or slot is not answered.
 """
 
 from __future__ import annotations
@@ -22,6 +22,10 @@ RESET_NS = 5_000_000
 DEFAULT_BASE, DEFAULT_BIT_RATE = 0x20, 250_000
 #: A status word and three gauges, or three gauges; words of 16 bits, the high byte first.
 _FOUR, _THREE = struct.Struct(">Hhhh").pack, struct.Struct(">hhh").pack
+#: Diagnostic converter -> word, as read on a real board; how the thermistor's changes with
+#: temperature is an assumption.
+THERMISTOR = 2
+DIAGNOSTICS = {0: 0x0201, THERMISTOR: 0x00B1, 3: 0x0118, 4: 0x001F, 5: 0x8009}
 #: Bits of the status word.
 WATCHDOG, BAD_CALIBRATION, CAN_ERROR, ANY_ERROR = 1 << 0, 1 << 6, 1 << 14, 1 << 15
 
@@ -173,7 +177,8 @@ class NetCanOemBoard(Node):
             word |= BAD_CALIBRATION
         if self.failures >= 96:
             word |= CAN_ERROR
-        return word | ANY_ERROR if word & ~ANY_ERROR else word
+        # on a real board every sample says 0x4000: trouble on the bus does not set the last bit
+        return word | ANY_ERROR if word & ~(ANY_ERROR | CAN_ERROR) else word
 
     def _gauges(self, request: bytes, t_ns: int) -> list[bytes]:
         g = self.transducer.read(t_ns).tolist()
@@ -214,10 +219,10 @@ class NetCanOemBoard(Node):
         return [bytes([held.force_unit, held.torque_unit]) if held else bytes([2, 3])]
 
     def _diagnostic(self, request: bytes, t_ns: int) -> list[bytes]:
-        known = {0: 32768, 2: 14000 + round(40 * self.transducer.warming), 3: 39000, 4: 32768, 5: 0}
-        if self.firmware[:2] < (3, 8) or request[0] not in known:
+        if self.firmware[:2] < (3, 8) or request[0] not in DIAGNOSTICS:
             return []
-        return [known[request[0]].to_bytes(2, "big")]
+        warm = round(40 * self.transducer.warming) if request[0] == THERMISTOR else 0
+        return [(DIAGNOSTICS[request[0]] + warm).to_bytes(2, "big")]
 
     def _reset(self, request: bytes, t_ns: int) -> list[bytes]:
         self._restart(t_ns)

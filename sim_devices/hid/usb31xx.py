@@ -2,7 +2,8 @@
 
 Written from the protocol notes alone; shares no code with the driver.  What the notes leave
 open: an unknown or short report is ignored; outputs are 0 V at power-up; the sync line is a slave
-until told otherwise.
+until told otherwise; a digital line that is wired to nothing reads 0; a block of the flash takes
+what is written as NOR cells do, ones to zeros alone; the calibration is read at power-up.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ PRODUCTS = {
 }
 #: Spread of gain [1] and offset [codes] of the converters, which the flash corrects.
 GAIN_SPREAD, OFFSET_SPREAD = 0.004, 40.0
+#: Memory: free for the user, calibration, end; blocks and sectors of the flash; where the word that
+#: unlocks the flash is written.
+FLASH, MEMORY_END, BLOCK, SECTOR, UNLOCK, KEY = 0x100, 0x500, 32, 64, 0x500, 0xAA55
+READ_MOST, WRITE_MOST = 62, 59
 
 
 class Sim31xx:
@@ -51,6 +56,12 @@ class Sim31xx:
         Takes reports, answers none.
     garbled : int
         Answers to come that are spoilt.
+    outside : int
+        Levels that the world puts on the eight digital lines.
+    events : int
+        Pulses that the counter has seen since it was zeroed.
+    blinks : int
+        How often the LED was told to blink.
     """
 
     def __init__(
@@ -79,15 +90,25 @@ class Sim31xx:
         self._offset = OFFSET_SPREAD * rng.standard_normal(self.channels)
         self.volts = np.zeros(self.channels)
         self._flash = self._calibration()
+        self._eeprom = bytearray(FLASH)
+        self.outside = 0x00
         self._edge = edge
-        #: Number -> length of the whole report, action.
+        #: Number -> length of the whole report (0: the report says it), action.
         self._actions: dict[int, tuple[int, Callable[[bytes], None]]] = {
+            0x01: (2, self._direction_all),
             0x02: (3, self._direction_bit),
+            0x03: (1, self._pins),
+            0x04: (2, self._lines_all),
+            0x05: (2, self._pin),
             0x06: (3, self._line),
             0x14: (5, self._aout),
             0x15: (1, self._sync),
             0x1C: (3, self._config),
+            0x20: (1, self._zero_events),
+            0x21: (1, self._told_events),
             0x30: (5, self._memory),
+            0x31: (0, self._write),
+            0x40: (2, self._blink),
             0x41: (1, self._reset),
             0x43: (2, self._set_sync),
             0x44: (1, self._state),
@@ -105,11 +126,13 @@ class Sim31xx:
         self._bipolar = [False] * self.channels
         self._master = False
         self._direction, self._lines = 0xFF, 0
+        self.events = self.blinks = 0
+        self._unlocked = False
         self._pending: deque[tuple[int, bytes]] = deque()
         self._free_ns = 0
         self.executed = 0
 
-    def _calibration(self) -> bytes:
+    def _calibration(self) -> bytearray:
         flash = bytearray(b"\xff" * 0x400)
         for c in range(self.channels):
             # k_terminal = gain k + offset, so that k = (k_ideal - offset) / gain
@@ -117,7 +140,7 @@ class Sim31xx:
             for base in (0x000, 0x008):
                 at = 0x10 * c + base
                 flash[at : at + 8] = pair
-        return bytes(flash)
+        return flash
 
     def output(self, report: bytes) -> None:
         """A report is on its way; it takes effect a frame later, one after the other."""
@@ -138,7 +161,7 @@ class Sim31xx:
 
     def _execute(self, report: bytes) -> None:
         act = self._actions.get(report[0]) if report else None
-        if act is None or len(report) != act[0]:
+        if act is None or (act[0] and len(report) != act[0]):
             return
         self.executed += 1
         act[1](report)
@@ -172,9 +195,26 @@ class Sim31xx:
             self._bipolar[channel] = bool(code)
             self.volts[channel] = 0.0
 
+    def _direction_all(self, report: bytes) -> None:
+        self._direction = 0xFF if report[1] else 0x00
+
     def _direction_bit(self, report: bytes) -> None:
         mask = 1 << (report[1] & 7)
         self._direction = self._direction | mask if report[2] else self._direction & ~mask
+
+    def _levels(self) -> int:
+        """What stands on the lines: of the box where it drives them, of the world elsewhere."""
+        return (self._lines & ~self._direction | self.outside & self._direction) & 0xFF
+
+    def _pins(self, report: bytes) -> None:
+        self._answer(bytes([0x03, self._levels()]))
+
+    def _pin(self, report: bytes) -> None:
+        self._answer(bytes([0x05, self._levels() >> (report[1] & 7) & 1]))
+
+    def _lines_all(self, report: bytes) -> None:
+        for bit in range(8):
+            self._line(bytes([0x06, bit, report[1] >> bit & 1]))
 
     def _line(self, report: bytes) -> None:
         bit, level = report[1] & 7, report[2] & 1
@@ -183,10 +223,42 @@ class Sim31xx:
         if self._edge is not None and level != before and not self._direction >> bit & 1:
             self._edge(bit, level, self.now_ns)
 
+    def count(self, pulses: int) -> None:
+        """The event counter sees some pulses; it has 32 bits."""
+        self.events = self.events + pulses & 0xFFFF_FFFF
+
+    def _zero_events(self, report: bytes) -> None:
+        self.events = 0
+
+    def _told_events(self, report: bytes) -> None:
+        self._answer(bytes([0x21]) + self.events.to_bytes(4, "little"))
+
+    def _blink(self, report: bytes) -> None:
+        self.blinks += report[1]
+
     def _memory(self, report: bytes) -> None:
-        address, count = report[1] | report[2] << 8, min(report[4], 62)
-        memory = bytes(0x100) + self._flash
-        self._answer(bytes([0x30]) + memory[address : address + count].ljust(62, b"\0"))
+        address, count = report[1] | report[2] << 8, min(report[4], READ_MOST)
+        memory = self._eeprom + self._flash
+        self._answer(bytes([0x30]) + memory[address : address + count].ljust(READ_MOST, b"\0"))
+
+    def _write(self, report: bytes) -> None:
+        """Memory: the user's at any address, the flash in whole blocks and unlocked alone."""
+        address, data = int.from_bytes(report[1:3], "little"), report[4:]
+        if not 4 < len(report) == 4 + report[3] or len(data) > WRITE_MOST:
+            return
+        if address == UNLOCK:
+            self._unlocked = self._unlocked or data == KEY.to_bytes(2, "little")
+        elif address + len(data) <= FLASH:
+            self._eeprom[address : address + len(data)] = data
+        elif FLASH <= address < MEMORY_END and self._unlocked:
+            self._program((address & ~(BLOCK - 1)) - FLASH, data[:BLOCK])
+
+    def _program(self, at: int, data: bytes) -> None:
+        """A block of the flash; its sector is erased before where the block is the first of it."""
+        if not at & BLOCK:
+            self._flash[at : at + SECTOR] = b"\xff" * SECTOR
+        for k, byte in enumerate(data):
+            self._flash[at + k] &= byte
 
     def _state(self, report: bytes) -> None:
         self._answer(bytes([0x44, 1 if self._master else 0]))

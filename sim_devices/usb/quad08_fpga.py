@@ -1,6 +1,9 @@
 """The FPGA of a simulated USB-QUAD08: registers, counters, scan list and results FIFO.
 
-Written from the protocol notes alone (registers, states and order of ULDAQ 1.2.1).
+Written from the protocol notes alone (registers, states and order of ULDAQ 1.2.1).  Where they are
+silent it does the least: it scans only after the whole initialisation has been done twice, as the
+vendor's code does; a digital line has a direction only after port control; a line that is driven
+with 1 is let go.
 """
 
 from __future__ import annotations
@@ -15,6 +18,10 @@ from hil.sim_devices.usb import counters
 #: Bytes that the results FIFO holds (unknown).
 FIFO_BYTES = 65_536
 OVERRUN, SCANNING, PIPE_FULL = 0x0004, 0x0008, 0x0010
+#: Words of the mark register that prove the bit-stream; all must be written and read.
+MARKS = frozenset({0xFE, 0x02, 0xFB, 0x08, 0xEF, 0x20, 0xBF, 0x80})
+#: Port control word that makes the digital lines a port.
+PORT = 0x30
 
 
 class Fpga:
@@ -37,6 +44,10 @@ class Fpga:
         Scans.
     endpoint_reset : bool
         Whether the host has reset the endpoint of the stream.
+    initialised : int
+        How often the whole initialisation was done.
+    outside : int
+        What the world does to the eight digital lines: 0 pulls a line to ground.
     """
 
     def __init__(
@@ -60,6 +71,8 @@ class Fpga:
         self._scanned = np.zeros(0, np.int64), 1
         self._pace_ns = 0.0
         self._internal = self.endpoint_reset = False
+        self.initialised, self._proven, self._quiet = 0, set[int](), False
+        self.outside, self._outputs, self._driven = 0xFF, 0x00, 0x00
 
     def tick(self, now_ns: int, muted: bool) -> None:
         """The world is at `now_ns`: count, and scan unless `muted`."""
@@ -116,6 +129,11 @@ class Fpga:
             if register == 0x30:  # the low word latches the whole count
                 self._latched = int(self.totals[self._bank & 7, 1]) % counters.SPAN
             return self._latched >> 16 * (register - 0x30) & 0xFFFF
+        if register == 0x22:
+            # pull-ups; outputs are open collectors
+            return self.outside & (self._driven | ~self._outputs) & 0xFF
+        if register == 0x5D:
+            self._proven.add(int(self.registers[register]) & 0xFF)
         return int(self.registers[register & 0xFF]) & 0xFFFF
 
     def write(self, register: int, value: int) -> None:
@@ -129,12 +147,26 @@ class Fpga:
             self._bank = value
         elif register == 0x28:
             self._mode(value)
+        elif register == 0x22:
+            self._driven = value & 0xFF
+        elif register == 0x23 and self.registers[0x18] == PORT:
+            self._outputs = value & 0xFF
+        elif register == 0x10 and value == 0x0004:
+            self._quiet = self._proven >= MARKS
         elif register == 0x58:
+            self._initialise(value)
             self._dma = value == 0x11 or (self._dma and value not in (0x10, 0x00))
         elif register in (0x02, 0x03, 0x05):
             words = [int(self.registers[r]) for r in (0x02, 0x03, 0x05)]
             divisor = words[0] | words[1] << 16 | words[2] << 32
             self._pace_ns = (divisor + 1) / 0.048
+
+    def _initialise(self, value: int) -> None:
+        """The last word of an initialisation, if all before it came: marks, converters, stop."""
+        if value == 0x10 and self._quiet and self.registers[0x59] == 0x0010:
+            self.initialised += 1
+            self._proven.clear()
+            self._quiet = False
 
     def _mode(self, value: int) -> None:
         """Mode word of the selected counter, which resets it; or a word of its limit."""
@@ -149,11 +181,12 @@ class Fpga:
 
     def _acquire(self, command: int) -> None:
         """Commands of the acquisition; a scan starts only after everything that it needs."""
-        if command == 0x0004:
-            self._list = []
-        elif command == 0x0003:
-            self.fifo.clear()
-            self._status = 0
+        if 0 < command < 0x0008:  # resets, which may come together
+            if command & 0x0004:
+                self._list = []
+            if command & 0x0002:
+                self.fifo.clear()
+                self._status = 0
         elif command in (0x0010, 0x0000):
             self.running = self._armed = False
             self._status &= ~PIPE_FULL
@@ -161,7 +194,7 @@ class Fpga:
             self._internal = True
         elif command == 0x0011:
             good = self._list and self.endpoint_reset and self._dma and self._pace_ns > 0
-            self._armed = bool(good) and self._synchronous()
+            self._armed = bool(good) and self.initialised >= 2 and self._synchronous()
             self._status |= PIPE_FULL if self._armed else 0
         elif command == 0x0031 and self._armed and self._internal:
             self.running = self._virgin = True

@@ -67,5 +67,5 @@ def test_it_is_told_with_an_adequate_answer_everywhere(tmp_path):
 def test_an_error_at_the_floor_is_called_no_proof():
     d = answer(FAST)
     assert d.beyond is not None and 0.0 <= d.beyond < HIDDEN_SHARE
-    assert "an error at it is no proof" in text(d, ladder(d))
+    assert "An error at the noise floor is no proof" in text(d, ladder(d))
     assert diagnosis_json(d)["remaining"]["any_function"] == pytest.approx(d.beyond, rel=0.01)

@@ -49,9 +49,11 @@ def test_shares_are_in_json_text_and_report(unnamed, tmp_path):
     rows = json.loads(json.dumps(diagnosis_json(d)))["remaining"]["structure"]
     row = next(r for r in rows if r["feature"] == "network: q,qd of joint1")
     assert row["joint"] == "joint1" and row["share"] > 0.8 and "position and speed" in row["text"]
-    assert "any function of its position and speed could explain" in text(d, ladder(d))
+    assert "a function of its position and speed could explain" in text(d, ladder(d))
     diagnosis_report(d, tmp_path / "r.html")
-    assert "Any function of these variables" in (tmp_path / "r.html").read_text("utf-8")
+    assert "remaining error functions of these variables could explain" in (
+        tmp_path / "r.html"
+    ).read_text("utf-8")
 
 
 def test_network_fits_and_lowers_the_heldout_error(unnamed):
@@ -76,7 +78,7 @@ def test_one_line_a_joint_tells_the_shares():
         Explainable("b", "t", 0.0, "", "time"),
     ]
     assert told(shares) == [
-        "a: any function of speed could explain 90 %, of time 20 %",
+        "a: a function of speed could explain 90 %, of time 20 %",
         "b: functions of time explain none of it",
     ]
 

@@ -26,7 +26,7 @@ def test_exact_dry_friction_at_quick_reversals_is_adequate(seed):
     assert d.verdict == "adequate" and not d.findings
     assert share(d) > 0.3
     (said,) = [text for code, text in d.warnings if code == artefacts.BLURRED]
-    assert "at reversals and no physics" in said and "position_hz above 36" in said
+    assert "from the filter at reversals" in said and "position_hz above 36" in said
     assert said in text(d, ladder(d)) and f"{said}." in report_text.details(from_diagnosis(d))
 
 
@@ -35,8 +35,8 @@ def test_an_adequate_error_above_its_floor_is_called_what_it_is():
     ratio = float((d.ladder[-1].heldout.rms / d.noise)[0])
     above = ratio > 1.1
     shown = text(d, ladder(d)).splitlines()[0]
-    assert ("above the noise floor is at reversals" in shown) == above
-    assert ("is at reversals" in report_text.headline(from_diagnosis(d))) == above
+    assert ("a filter artifact at reversals" in shown) == above
+    assert ("a filter artifact at reversals" in report_text.headline(from_diagnosis(d))) == above
     assert above == artefacts.blurred_above(d.warnings, {"joint1": ratio})
 
 

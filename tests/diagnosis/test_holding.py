@@ -33,7 +33,7 @@ def test_nothing_is_named_on_joints_that_hold_their_place(tmp_path, capsys):
     assert not {
         c.term.joint for c in found.first.candidates if not c.term.effect.scope.of_robot
     } & {1, 2}
-    assert "joint2, joint3: only held in place" in dict(found.warnings)["holds"]
+    assert "joint2, joint3: held in place" in dict(found.warnings)["holds"]
 
 
 def test_what_does_not_move_at_all_is_held_and_what_creeps_is_not():

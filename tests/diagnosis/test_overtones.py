@@ -11,7 +11,7 @@ def test_a_third_harmonic_is_no_second_name() -> None:
     found = diagnose([train], base_model(train.robot), [plants.cogging_axis(1, 0.008)])
     assert [f.effect for f in found.findings] == ["cogging"]
     (text,) = (text for code, text in found.warnings if code == "harmonic")
-    assert "repeats 3 times within a period of its cogging" in text
+    assert "repeats 3 times in a period of its cogging" in text
 
 
 def test_a_wave_of_another_order_is_no_harmonic() -> None:

@@ -44,7 +44,9 @@ def test_an_error_that_is_the_encoders_is_said_to_be():
     )
     assert not {f.effect for f in d.findings} & TRANSMISSION
     assert d.verdict == "adequate"
-    assert any(code == POSITION_NOISE and "no physics" in text for code, text in d.warnings)
+    assert any(
+        code == POSITION_NOISE and "not from a missing effect" in text for code, text in d.warnings
+    )
 
 
 def test_the_band_is_narrower_behind_much_noise():

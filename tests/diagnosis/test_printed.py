@@ -28,7 +28,7 @@ def test_results_print_as_one_line(run):
 
 
 def test_compare_says_that_it_fits_again(run):
-    assert "all values fitted again" in text(hil.compare([run], hil.base_model(run.robot)))
+    assert "all values fitted to these data" in text(hil.compare([run], hil.base_model(run.robot)))
 
 
 def test_an_effect_in_the_wrong_place_is_a_sentence(run):
@@ -40,7 +40,7 @@ def test_a_fitted_model_is_compared_as_it_is(run):
     other, model = plants.axis(2, 12.0), hil.base_model(run.robot)
     fitted = hil.fit([run], model).model
     seen = hil.compare([other], fitted.as_it_is())
-    assert "the model's values as they are" in text(seen)
+    assert "values of the model file" in text(seen)
     again = hil.compare([other], fitted)
     assert seen.result.values["j1.coulomb.fc"].value == fitted_value(fitted)
     assert again.result.values["j1.coulomb.fc"].value != fitted_value(fitted)

@@ -27,7 +27,7 @@ def answer(extra, **more):
 def test_a_wave_whose_frequency_rises_is_told_with_its_frequencies(tmp_path):
     d, (said,) = answer(np.sin(2 * np.pi * (2.0 * plants.DRY_T + 0.16 * plants.DRY_T**2)))
     assert d.verdict == "unexplained" and not d.findings
-    assert said.startswith("joint1: what is left swings from side to side, at about ")
+    assert said.startswith("joint1: the remaining error swings from side to side, at about ")
     at = [float(x) for x in said.split("about ")[1].split(" Hz")[0].replace("and", ",").split(",")]
     assert 2.0 < at[0] < 5.0 < at[1] < 8.0 < at[2] < 10.0
     shown = text(d, ladder(d))
@@ -37,13 +37,13 @@ def test_a_wave_whose_frequency_rises_is_told_with_its_frequencies(tmp_path):
     page = tmp_path / "r.html"
     diagnosis_report(d, page)
     html = page.read_text(encoding="utf-8")
-    assert "Something is missing on joint1" in html and "Record this joint at rest" in html
+    assert "An effect is missing on joint1" in html and "Record this joint at rest" in html
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_torque_that_switches_is_no_noise(seed):
     d, (said,) = answer(2.5 * switching(seed), seed=seed)
-    assert d.verdict == "unexplained" and "is no noise (kurtosis -1." in said
+    assert d.verdict == "unexplained" and "It is not noise (kurtosis -1." in said
 
 
 def test_bursts_are_told_with_their_instants_and_leave_the_verdict():

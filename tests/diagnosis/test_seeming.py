@@ -18,7 +18,7 @@ def test_an_error_at_a_floor_that_fails_in_places_is_said_to(failing):
     # a floor as it comes out where two effects that are missing hide each other
     ((code, said),) = residuals.seeming({"joint1": 1.05}, failing.where)
     assert code == residuals.SEEMING
-    assert said.startswith("joint1: its error is near a floor that no model at hand goes below")
+    assert said.startswith("joint1: the error is near the noise floor, but")
 
 
 def test_a_joint_far_above_its_floor_does_not_seem_right(failing):
@@ -28,4 +28,4 @@ def test_a_joint_far_above_its_floor_does_not_seem_right(failing):
 
 def test_a_right_model_is_not_said_to_seem_so():
     run = plants.axis(2)
-    assert "near a floor" not in text(hil.compare([run], hil.base_model(run.robot)))
+    assert "near the noise floor" not in text(hil.compare([run], hil.base_model(run.robot)))

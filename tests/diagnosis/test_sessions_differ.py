@@ -28,19 +28,19 @@ def said(d) -> list[str]:
         (
             "cogging",
             "",
-            "cogging would explain 100 % of what stands above the noise in monday, and "
-            "friday shows nothing of it",
+            "cogging would explain 100 % of the error above the noise in monday, and "
+            "friday does not show it",
         ),
         (
             "",
             "cogging",
-            "cogging would explain 100 % of what stands above the noise in friday, and "
-            "monday shows nothing of it",
+            "cogging would explain 100 % of the error above the noise in friday, and "
+            "monday does not show it",
         ),
         ("", "stribeck", "stribeck would explain"),
         ("", "offset", "torque-offset"),
         ("offset", "", "torque-offset"),
-        ("", "coulomb", "another j2.coulomb.fc (+0.25 N m) would account for 100 %"),
+        ("", "coulomb", "another j2.coulomb.fc (+0.25 N m) would explain 100 %"),
         ("", "gain", "all efforts of the joint scaled by 1.15"),
     ],
 )
@@ -77,7 +77,7 @@ def test_what_the_fitted_motion_could_not_show_is_no_difference():
         plants.two_axes("stribeck", 2, "slow", 0.2),
     )
     sentences = said(diagnose([fit], base_model(fit.robot), [held]))
-    assert any("the motion of fast could hardly show it" in x for x in sentences)
+    assert any("the motion of fast can hardly show it" in x for x in sentences)
     assert all("the sessions differ" not in x for x in sentences)
 
 
@@ -88,7 +88,7 @@ def test_compare_and_the_report_say_it_too(tmp_path):
     d = answer("", "coulomb")
     diagnosis_report(d, page)
     shown = page.read_text(encoding="utf-8")
-    assert "explains what was fitted, but not joint2 in the held-out data" in shown
+    assert "explains the fitted data, but not joint2 in the held-out data" in shown
     assert "another j2.coulomb.fc" in shown and "Use the model within the range" not in shown
 
 

@@ -102,6 +102,90 @@ def test_reports_of_the_simulated_box():
     assert box.inputs.pop()[:9] == bytes.fromhex("30") + np.array([1, 0], "<f4").tobytes()
 
 
+def asked(box, *reports):
+    send(box, *reports)
+    found = [r.hex(" ") for r in box.inputs]
+    box.inputs.clear()
+    return found
+
+
+def test_digital_lines_of_the_simulated_box():
+    edges = []
+    box = Sim31xx("usb-3101", "A1", lambda *edge: edges.append(edge[:2]))
+    box.outside = 0xA5
+    assert asked(box, "03", "05 00", "05 01") == ["03 a5", "05 01", "05 00"]
+    # lines 0 to 3 are driven; what the world puts on the others stays
+    asked(box, "02 00 00", "02 01 00", "02 02 00", "02 03 00", "04 0a")
+    assert edges == [(1, 1), (3, 1)]
+    assert asked(box, "03", "05 03", "05 05", "05 06") == ["03 aa", "05 01", "05 01", "05 00"]
+    asked(box, "01 01")
+    assert asked(box, "03") == ["03 a5"]
+    asked(box, "01 00", "04 f0")
+    assert asked(box, "03") == ["03 f0"]
+    box.power_up()
+    assert asked(box, "03") == ["03 a5"]  # inputs again
+    assert asked(box, "03 00", "05", "05 00 00") == []  # of no such length
+
+
+def test_the_event_counter_of_the_simulated_box():
+    box = perfect()
+    box.count(0x01020304)
+    assert asked(box, "21") == ["21 04 03 02 01"]
+    box.count(0xFFFFFFFF)
+    assert asked(box, "21") == ["21 03 03 02 01"]  # 32 bits
+    assert asked(box, "20", "21") == ["21 00 00 00 00"]
+    box.count(5)
+    box.power_up()
+    assert asked(box, "21") == ["21 00 00 00 00"]
+    send(box, "40 03")
+    assert box.blinks == 3
+
+
+def memory(box, address, count):
+    at = address.to_bytes(2, "little").hex(" ")
+    (answer,) = asked(box, f"30 {at} 00 {count:02x}")
+    return " ".join(answer.split()[1 : 1 + count])
+
+
+def test_the_users_memory_is_written():
+    box = perfect()
+    send(box, "31 10 00 03 0a 0b 0c")
+    assert memory(box, 0x0F, 5) == "00 0a 0b 0c 00"
+    # wrong lengths, too long, across the end of the user's part: nothing
+    send(box, "31 10 00 03 01 01", "31 10 00 00", "31", "31 fe 00 04 01 01 01 01")
+    send(box, "31 00 00 3c" + " 01" * 60)
+    assert memory(box, 0x0F, 5) == "00 0a 0b 0c 00"
+    assert memory(box, 0xFE, 2) == "00 00"
+    send(box, "31 c5 00 3b" + " 07" * 59)
+    assert memory(box, 0xC4, 2) == "00 07" and memory(box, 0xFF, 1) == "07"
+    box.power_up()
+    assert memory(box, 0x0F, 5) == "00 0a 0b 0c 00"
+
+
+def test_the_flash_is_written_in_blocks_when_unlocked():
+    box = perfect()
+    before = memory(box, 0x100, 62)
+    send(box, "31 00 01 20" + " 00" * 32, "31 00 05 02 aa 55", "31 00 01 01 00")
+    assert memory(box, 0x100, 62) == before  # locked, or the wrong key
+    # a block begins where the low five bits are 0; the first of a sector erases both
+    send(box, "31 00 05 02 55 aa", "31 07 01 04 11 22 33 44")
+    assert memory(box, 0x100, 62) == "11 22 33 44" + " ff" * 58
+    send(box, "31 2b 01 02 f0 0f", "31 3f 01 01 3c")
+    assert memory(box, 0x11E, 6) == "ff ff 30 0f ff ff"  # ones to zeros alone
+    send(box, "31 40 01 3b" + " 05" * 59)
+    assert memory(box, 0x15E, 3) == "05 05 ff"  # 32 bytes, no more
+    box.power_up()
+    send(box, "31 00 01 01 00")
+    assert memory(box, 0x100, 3) == "11 22 33"  # it stays; the key does not
+
+
+def test_a_calibration_that_was_overwritten_is_refused():
+    world = World()
+    send(world.box, "31 00 05 02 55 aa", "31 00 01 01 00")
+    with pytest.raises(DeviceError, match="no calibration"):
+        world.open()
+
+
 def test_one_report_a_frame():
     box = perfect()
     box.output(bytes.fromhex("1c 00 01"))

@@ -149,6 +149,73 @@ def test_the_order_of_a_start():
     assert writes[at : at + 4] == pacer
 
 
+#: One initialisation after the marks: converters off, scan off (protocol notes 1.3, 1.8); it is
+#: done twice, and the five words of the converters are known the second time.
+DISARM = [(0x59, 0), (0x59, 0x10), (0x00, 0x30), (0x00, 0x10), (0x00, 3), (0x58, 0x10)]
+PASSES = [
+    [(0x10, 0x10), (0x58, 0), *((0x10, w) for w in words), (0x10, 4), *DISARM]
+    for words in ((0, 0, 0, 0, 0), (0x20, 0x30, 0x40, 0x50, 0x60))
+]
+
+
+def test_the_initialisation_is_done_twice_as_the_vendor_does():
+    world = World()
+    seen = transfers(world)
+    link.open_link("quad", world.usb, "", "", world.pause)
+    marks = [p for m in codec.mark_patterns() for p in ((0x40, 0xB4, m), (0xC0, 0xB4, 0))]
+    expected = [(0xC0, 0xB2, 0, 0)]
+    for words in PASSES:
+        expected.append((0xC0, 0xB0, 0, 0))
+        expected += [(k, r, v, 0x5D) for k, r, v in marks]
+        expected += [(0x40, 0xB4, v, i) for i, v in words]
+    vendor = [t[:4] for t in seen if t[1] in (0xB0, 0xB2, 0xB4)]
+    assert vendor == expected
+    assert world.box.fpga.initialised == 2
+
+
+@pytest.mark.parametrize("spoil", ["one pass", "marks"])
+def test_a_simulated_box_scans_only_after_both_initialisations(spoil, monkeypatch):
+    world = World()
+    if spoil == "one pass":
+        monkeypatch.setattr(codec, "DAC_WORDS", codec.DAC_WORDS[:1])
+    else:
+        monkeypatch.setattr(link, "prove", lambda link: None)
+    with pytest.raises(DeviceError):
+        world.open()
+    monkeypatch.undo()
+    world.open().close()
+
+
+def test_digital_lines_are_pulled_up():
+    world = World()
+    box = world.link()
+    assert box.read(0x22) == 0xFF  # nothing is connected
+    world.box.fpga.outside = 0xF3
+    assert box.read(0x22) == 0xF3
+    box.write(0x22, 0x55)
+    assert box.read(0x22) == 0xF3  # inputs yet
+    box.write(0x23, 0xFF)
+    assert box.read(0x22) == 0xF3  # no port yet
+    box.write(0x18, 0x30)
+    box.write(0x23, 0x0F)
+    assert box.read(0x22) == 0xF1  # open collectors: 0 pulls down, 1 lets go
+    box.write(0x23, 0xFF)
+    assert box.read(0x22) == 0x51
+    world.box.power_up(cold=False)
+    assert world.link().read(0x22) == 0xFF
+
+
+def test_resets_may_come_together():
+    world = World()
+    quad, fpga = world.open(), world.box.fpga
+    fpga.fifo += b"12"
+    fpga.write(0x00, 0x0001)
+    assert fpga.fifo and fpga._list
+    fpga.write(0x00, 0x0006)
+    assert not fpga.fifo and not fpga._list
+    quad.close()
+
+
 def test_the_simulated_box_sends_the_words_of_the_notes():
     world = World()
     quad = world.open()

@@ -42,7 +42,7 @@ def test_the_proposed_motion_resolves_an_ambiguity(effect, joint, poor, rival, t
     before = diagnose([first], model)
     assert before.verdict == "ambiguous"
     found = next(s for s in sets_of(before) if {effect, rival} <= set(s.effects))
-    assert found.reason == "excitation" and "not the structure" in found.why
+    assert found.reason == "excitation" and "another motion can separate them" in found.why
     # the command that the answer gives, word for word but for the files
     place = tmp_path / "next.toml"
     words = found.command.replace("RIG.toml", str(RIG)).replace("next.toml", str(place)).split()

@@ -364,7 +364,7 @@ def test_the_dynamics_tell_a_wrong_clock_from_wrong_velocities(what: str) -> Non
     assert found[0].what == what
     ((code, text),) = reading_notes(wrong)
     assert code == "velocity-scale"
-    assert "the dynamics support that" in text
+    assert "the dynamics fit better if" in text
 
 
 def test_degrees_in_one_position() -> None:

@@ -19,7 +19,7 @@ def plain():
 
 def test_what_no_motion_tells_takes_one_line_unless_asked_for(plain):
     short, long = (text(plain, ladder(plain), verbose=v) for v in (False, True))
-    assert "no motion alone tells apart: torque-gain from every other parameter" in short
+    assert "not separable by motion alone: torque-gain from every other parameter" in short
     assert "hand force" not in short and "What these data cannot tell apart" not in short
     assert "  - torque-gain / every other parameter: " in long and "hand force" in long
     sets = diagnosis_json(plain)["indistinguishable"]

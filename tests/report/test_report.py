@@ -144,14 +144,14 @@ def test_adequate(tmp_path: Path) -> None:
 def test_unexplained_with_partial(drag: Diagnosis, tmp_path: Path) -> None:
     partial: list[Finding] = drag.findings
     page = written(replace(drag, verdict="unexplained", findings=[], partial=partial), tmp_path)
-    assert "no effect of the catalogue explains it" in page.text
+    assert "none in the catalogue explains it" in page.text
     assert "Best partial explanation: quadratic-drag on joint2" in page.text
 
 
 def test_unexplained_by_anything(tmp_path: Path) -> None:
     run = plants.tanh_axes("unknown")
     page = written(replace(diagnose([run], model(run)), verdict="unexplained"), tmp_path)
-    assert "Something is missing on joint1" in page.text
+    assert "An effect is missing on joint1" in page.text
 
 
 def test_not_identifiable(tmp_path: Path) -> None:

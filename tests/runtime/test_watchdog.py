@@ -225,6 +225,32 @@ def test_a_cut_program_that_cannot_run_is_refused_before_anything(tmp_path, rig_
     assert "watchdog" in found.splitlines()[-1] and "has no program" in found
 
 
+@pytest.mark.parametrize("seconds", [1e-3, 60.0, float("nan"), float("inf")])
+def test_times_that_no_watchdog_can_keep_are_refused(seconds):
+    with pytest.raises(ConfigError, match=r"0\.02 to 10 s is needed"):
+        cut.proven(SafetyConfig(watchdog=seconds, cut=("touch", "x")))
+
+
+@pytest.mark.real_time
+def test_a_session_that_is_kept_aside_keeps_what_the_watchdog_did(tmp_path, rig_file, capsys):
+    path = tmp_path / "s.mcap"
+    runner.run(load_rig("identify"), 0.1, output=path)
+    watchdog.write(beside(path), {"why": "it is gone", "cut": "x returned 0", "worked": True})
+    assert main(["run", rig_file, "--seconds", "0.05", "-o", str(path)]) == 0
+    capsys.readouterr()
+    assert main(["info", str(path), str(tmp_path / "s.1.mcap")]) == 0
+    said = capsys.readouterr().out
+    assert said.count("because it is gone") == 1
+    assert said.index("s.1.mcap") < said.index("because it is gone")
+
+
+def test_a_folder_that_cannot_be_written_is_said(tmp_path, rig_file, monkeypatch, capsys):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("HIL_STATE", str(tmp_path / "file"))
+    assert main(["trust", rig_file]) == 2
+    assert "give HIL_STATE = FOLDER" in capsys.readouterr().err
+
+
 def test_programs_and_scripts_are_found(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     executable(tmp_path / "ok", b"#!/usr/bin/env sh\n")
@@ -241,11 +267,21 @@ def test_the_self_test_fires_the_cut(tmp_path, safe):
     over = {"safety": {"watchdog": 0.5, "cut": list(safe.cut)}}
     config = load_rig("identify", over)
     steps = list(selftest(config, 0.1, lambda: True))
-    last = steps[-1]
+    first, last = steps[0], steps[-1]
+    assert (first.device, first.what, first.passed) == ("watchdog", "program", True)
     assert (last.device, last.what, last.passed) == ("watchdog", "cut", True)
     assert "touch returned 0" in last.text and (tmp_path / "mark").exists()
     # asked for: nothing is latched
     assert not guard.latched(cut.proven(safe))
+
+
+def test_the_self_test_drives_no_motor_without_a_program(tmp_path, state):
+    # not agreed to
+    over = {"safety": {"watchdog": 0.5, "cut": ["touch", str(tmp_path / "mark")]}}
+    steps = list(selftest(load_rig("identify", over), 0.1, lambda: pytest.fail("asked")))
+    assert not steps[0].passed and "'hil trust RIG.toml'" in steps[0].text
+    assert not [s for s in steps if s.what.startswith(("joint", "cut"))]
+    assert not (tmp_path / "mark").exists()
 
 
 @pytest.mark.real_time

@@ -9,8 +9,7 @@ from hil.errors import ConfigError
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
 from hil.runtime import runner
-from hil.signals.velocity import FilteredAcceleration, estimator, names
-from hil.signals.velocity.methods import low_pass
+from hil.signals.velocity import FilteredAcceleration, estimator, low_pass, names
 
 T = 1e-3
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
