@@ -280,6 +280,6 @@ def test_a_device_is_no_session(tmp_path, capsys):
 
 
 def test_a_sample_rate_that_no_rig_has(tmp_path):
-    run = recording()
+    run = plants.joints()
     (fault,) = [f for f in check(replace(run, t=1e-15 * np.arange(run.n))) if f.severity == "error"]
     assert fault.code == "sample-rate" and "1e-15 s" in fault.sentence
