@@ -56,6 +56,7 @@ def read_bytes(path: str | Path, most: int) -> bytes:
     """Whole content of a regular file; parameters and errors as of `open_regular`."""
     with open_regular(path, most) as file:
         # the size of a file of the kernel is 0, and a file may grow while it is read
+        most = min(most, max(os.fstat(file.fileno()).st_size, LARGEST_TEXT))
         data = file.read(most + 1)
     if len(data) > most:
         raise _too_large(path, len(data), most)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from hil.bench import determinism, hidden, loop, real, real_table, record_speed, recordings
+from hil.bench import determinism, fuzz, hidden, loop, real, real_table, record_speed, recordings
 from hil.bench.diagnosis import ablation, cases, runner, session, tables
 from hil.bench.diagnosis.runner import revision
 from hil.bench.faults import cases as fault_cases
@@ -23,8 +23,12 @@ from hil.bench.faults import process
 from hil.bench.faults import runner as fault_runner
 from hil.commands import bench_speed, common, plugins
 from hil.commands.common import Found
-from hil.errors import ConfigError
+from hil.commands.fuzz_targets import TARGETS
+from hil.errors import ConfigError, unknown
 from hil.rigs import rig_path
+
+#: Folder for inputs that were not refused properly.
+FINDINGS = "fuzz-findings"
 
 
 def _diagnosis(args: argparse.Namespace) -> Found:
@@ -116,6 +120,28 @@ def _named_right(found: Sequence[hidden.HiddenCase]) -> str:
         f"{recordings.median([c.after for c in present]):.2f} after, "
         f"worst {max(c.after for c in present):.2f}"
     )
+
+
+def _fuzz(args: argparse.Namespace) -> Found:
+    """Every parser under mutated input; inputs that are not refused properly are kept."""
+    common.check_page(args.report)
+    targets = [t for t in TARGETS if not args.only or any(w in t.name for w in args.only)]
+    if not targets:
+        raise ConfigError(unknown("target", " ".join(args.only), [t.name for t in TARGETS]))
+    if not 0 < args.minutes <= 10_000:
+        raise ConfigError(f"--minutes {args.minutes:g}: a time above 0 is needed")
+    found = []
+    for target in targets:
+        common.log(f"{target.name} ...")
+        found.append(fuzz.guarded(target, 60 * args.minutes, args.seeds or 0))
+    command = " ".join(["hil bench fuzz", f"--minutes {args.minutes:g}", *args.only])
+    common.write_page(args.report, fuzz.page(found, command))
+    kept = fuzz.keep(found, Path(FINDINGS))
+    said = f"{common.table(fuzz.HEAD, [fuzz.row(e) for e in found])}\n\n{fuzz.verdict(found)}"
+    if kept:
+        said += f"; the inputs are in {FINDINGS}/: {', '.join(p.name for p in kept)}"
+    rows = [dict(zip(fuzz.HEAD, fuzz.row(e), strict=True)) for e in found]
+    return said, {"targets": rows, "inputs": [str(p) for p in kept]}
 
 
 def _faults(args: argparse.Namespace) -> Found:
@@ -332,6 +358,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=60.0,
         help="of every run (loop), of the session (record, determinism); default 60",
     )
+    parser.add_argument(
+        "--minutes", type=float, default=1.0, help="for every parser (fuzz); default 1"
+    )
     parser.add_argument("--jobs", type=int, default=2, help="processes (diagnosis, real)")
     parser.add_argument(
         "--resume",
@@ -349,7 +378,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="WORD",
         action="append",
         default=[],
-        help="cases whose name (real: or kind) holds this word (diagnosis, real); repeatable",
+        help="cases whose name (real: or kind) holds this word (diagnosis, real, fuzz); repeatable",
     )
     parser.add_argument(
         "--figaroh",
@@ -385,6 +414,7 @@ BENCHES: dict[str, Callable[[argparse.Namespace], Found]] = {
     "diagnosis": _diagnosis,
     "emps": _emps,
     "faults": _faults,
+    "fuzz": _fuzz,
     "hidden": _hidden,
     "loop": _loop,
     "real": _real,

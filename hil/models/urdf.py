@@ -5,8 +5,11 @@ Mimic joints of a URDF: joints that follow another one, q_k = multiplier q_j + o
 
 from __future__ import annotations
 
+import contextlib
+import os
+import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +22,20 @@ from hil.record.urdf_joints import checked_urdf
 FloatArray = NDArray[np.float64]
 _BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _BODY_UNITS = ("kg", "kg m", "kg m", "kg m") + ("kg m^2",) * 6
+
+
+@contextlib.contextmanager
+def _mute() -> Iterator[None]:
+    """Keep what a library prints of a bad file, names and all, from the standard error."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nothing:
+            os.dup2(nothing.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 class UrdfRobot:
@@ -53,7 +70,8 @@ class UrdfRobot:
 
         self._pin = pin
         try:
-            self._model = pin.buildModelFromXML(urdf)
+            with _mute():
+                self._model = pin.buildModelFromXML(urdf)
         except (ValueError, RuntimeError) as error:
             raise ConfigError(f"the URDF does not parse: {error}") from error
         model = self._model

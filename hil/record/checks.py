@@ -360,6 +360,7 @@ _ABSURD = 1e50
 __all__ = ["DataFault", "check", "columns", "joint_units"]
 
 
+@np.errstate(all="ignore")  # sums of values near the absurd are infinite, and no finding
 def check(recording: Recording) -> list[DataFault]:
     """Find the faults of a recording.
 

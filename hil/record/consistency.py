@@ -132,9 +132,11 @@ def velocity_factor(t: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[float
     Returns
     -------
     factor, correlation : float
-        NaN where the joint hardly moves.
+        NaN where the joint hardly moves, or most times repeat.
     """
     period = float(np.median(np.diff(t)))
+    if not period > 0:
+        return float("nan"), float("nan")
     width = max(int(0.05 / period), 3)
     trim = slice(2 * width, -2 * width or None)
     derivative = np.gradient(smooth(q, width), t)[trim]

@@ -25,6 +25,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from hil.errors import DataError
+from hil.userfile import read_bytes
 
 
 def _none() -> NDArray[np.int64]:
@@ -194,6 +195,10 @@ _UNREADABLE = (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError)
 #: From this size on [byte] the compiled walk is worth the import of the compiler, where nothing
 #: else has needed that.
 _LARGE = 2**24
+#: No writer makes chunks so large [byte]; a damaged length must not claim the memory.
+_LARGEST_CHUNK = 2**28
+#: All chunks together may unpack to so many bytes, and to so many times the file.
+_ROOM, _RATIO = 2**28, 256
 #: Times from here on (1973) count from 1970, not from the start of a session [ns].
 EPOCH_NS = 10**17
 
@@ -256,7 +261,7 @@ def read(path: str | Path, messages: bool = True) -> Container:
     """
     path = Path(path)
     try:
-        raw = path.read_bytes()
+        raw = read_bytes(path, 2**48)
     except OSError as error:
         raise DataError(f"session {path}: {error.strerror}") from error
     if not raw.startswith(MAGIC):
@@ -291,6 +296,8 @@ class _Reader:
         self.schemas: dict[int, tuple[str, str, bytes]] = {}
         self.channels: dict[int, Topic] = {}
         self.found = Messages(large)
+        #: Bytes that the chunks say they unpack to.
+        self.claimed = 0
 
     def records(self, raw: bytes, at: int) -> tuple[int, bool]:
         """Walk records; where the last complete one ends, and if the data section ended."""
@@ -323,6 +330,7 @@ class _Reader:
         (n,) = struct.unpack_from("<Q", chunk, start)
         data = chunk[start + 8 : start + 8 + n]
         if compression == "zstd":
+            self.refuse_claim(max(uncompressed, zstandard.frame_content_size(data)))
             data = zstandard.ZstdDecompressor().decompress(data, max_output_size=uncompressed)
         elif compression:
             raise DataError(
@@ -332,6 +340,12 @@ class _Reader:
         if checksum and zlib.crc32(data) != checksum:
             raise struct.error("checksum of the chunk")
         return data
+
+    def refuse_claim(self, size: int) -> None:
+        """Refuse a chunk, or the chunks until here, of more than a file of this size may hold."""
+        if size > _LARGEST_CHUNK or self.claimed + size > _ROOM + _RATIO * self.out.size:
+            raise struct.error("claims of the chunks")
+        self.claimed += size
 
     def inner(self, data: bytes) -> None:
         at, size, base = 0, len(data), self.found.add(data)

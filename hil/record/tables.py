@@ -299,6 +299,7 @@ class Imported:
     extras: tuple[tuple[Channel, FloatArray, FloatArray], ...] = ()
 
 
+@np.errstate(all="ignore")  # what overflows is infinite then, and refused
 def import_table(
     path: str | Path,
     mapping: TableMap | None = None,

@@ -57,7 +57,10 @@ def played(box: Container, folder: Path) -> RecordedInputs:
     """Everything that a replay needs."""
     if "rig.toml" not in box.attachments:
         raise DataError(f"session {box.path} has no rig file; only sessions of 'hil run' replay")
-    config = parse(RigConfig, parse_toml(box.attachments["rig.toml"].decode()), "rig")
+    try:
+        config = parse(RigConfig, parse_toml(box.attachments["rig.toml"].decode()), "rig")
+    except ValueError as error:  # also what is no text, no TOML or no rig file
+        raise DataError(f"session {box.path}: its rig file cannot be read: {error}") from error
     if "trajectory.toml" in box.attachments:
         (folder / "trajectory.toml").write_bytes(box.attachments["trajectory.toml"])
         law = config.controller

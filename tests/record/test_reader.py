@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import plants
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from record_tables import URDF, recording
+from record_tables import URDF
 
 from hil.cli import main
 from hil.errors import DataError, HilError
+from hil.record import container
+from hil.record.checks import check
 from hil.record.decode import read_fields
 from hil.record.export import write_recordings
 from hil.record.mcap_read import arms, load, load_all, read_metadata, summary
@@ -21,7 +24,7 @@ from hil.record.recording import RobotSource
 from hil.record.recovery import recover
 from hil.record.schema import Channel
 
-R = recording(seconds=3.0)
+R = plants.joints(seconds=3.0)
 FULL = replace(R, wrench=np.random.default_rng(1).normal(size=(R.n, 6)), tau_ext=2 * R.tau)
 
 
@@ -244,3 +247,39 @@ def test_any_channel_of_numbers(tmp_path):
         w.event(1, 0, "enabled", {})
     with pytest.raises(DataError, match="encoded as 'json'"):
         read_fields(tmp_path / "e.mcap", "/events")
+
+
+def test_chunks_that_claim_more_than_a_file_may_hold(whole, tmp_path, monkeypatch):
+    raw = bytearray(whole)
+    magic = b"\x28\xb5\x2f\xfd"  # of zstd: then a descriptor and the size of the content
+    frame = raw.index(magic, raw.index(magic) + 4)  # the first one has the channels
+    assert raw[frame + 4] >> 6 < 3
+    chunk = frame - 8 - 4 - 4 - 4 - 8  # size of the records, compression, checksum, claimed size
+    assert raw[chunk + 16 : chunk + 20] == b"zstd"
+    for claim in (2**40, 2**63, 2**28 + 1):
+        raw[chunk : chunk + 8] = claim.to_bytes(8, "little")
+        (tmp_path / "s.mcap").write_bytes(raw)
+        found = summary(tmp_path / "s.mcap")
+        assert found.damaged == 1
+    # a frame of eight bytes of size says a terabyte
+    at = raw.index(magic, frame + 4)
+    raw[at + 4 : at + 13] = b"\xe0" + (2**40).to_bytes(8, "little")
+    (tmp_path / "s.mcap").write_bytes(raw)
+    assert summary(tmp_path / "s.mcap").damaged == 2
+    # many chunks that each claim a little
+    monkeypatch.setattr(container, "_ROOM", 0)
+    monkeypatch.setattr(container, "_RATIO", 1)
+    (tmp_path / "s.mcap").write_bytes(whole)
+    assert summary(tmp_path / "s.mcap").damaged > 1
+
+
+def test_a_device_is_no_session(tmp_path, capsys):
+    (tmp_path / "s.mcap").symlink_to("/dev/zero")
+    assert main(["info", str(tmp_path / "s.mcap")]) == 2
+    assert "not a regular file" in capsys.readouterr().err
+
+
+def test_a_sample_rate_that_no_rig_has(tmp_path):
+    run = plants.joints()
+    (fault,) = [f for f in check(replace(run, t=1e-15 * np.arange(run.n))) if f.severity == "error"]
+    assert fault.code == "sample-rate" and "1e-15 s" in fault.sentence
