@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,8 @@ def test_one_that_a_callback_swallows_is_given_again():
 
 def test_processes_of_a_pool_do_not_see_it():
     with held_back():
+        resource_tracker.ensure_running()  # as a pool does first; it unblocks SIGINT
+    with held_back():
         child = subprocess.Popen(
             [sys.executable, "-c", "input(); print('alive')"],
             stdin=subprocess.PIPE,
@@ -121,3 +124,32 @@ def test_where_the_record_is_is_asked_for_after_closing():
             raise KeyboardInterrupt
         finally:
             closed.append("it is here")
+
+
+#: A bench that works in a pool of processes and draws a bar, interrupted by the whole terminal.
+POOL = """
+import os, signal, sys, threading, time
+from hil.interrupt import interrupts
+interrupts.arm()
+from tqdm import tqdm
+from hil.bench.diagnosis.runner import spread
+if __name__ == "__main__":
+    os.setpgrp()
+    bar = tqdm(total=1, file=open(os.devnull, "w"))
+    threading.Timer(3.0, os.killpg, (os.getpgrp(), signal.SIGINT)).start()
+    try:
+        with interrupts.unwinding("bench"):
+            for _ in spread(time.sleep, [100.0] * 4, 2, "session"):
+                pass
+    except KeyboardInterrupt:
+        sys.stderr.write(interrupts.line())
+        interrupts.end()
+"""
+
+
+def test_a_pool_of_processes_ends_with_one_line(tmp_path):
+    (tmp_path / "pool.py").write_text(POOL)
+    words = [sys.executable, str(tmp_path / "pool.py")]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=90)
+    assert done.returncode == 130
+    assert done.stderr == "hil bench: interrupted\n"
