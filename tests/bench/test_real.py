@@ -7,6 +7,7 @@ import math
 import os
 
 import numpy as np
+import plants
 import pytest
 
 from hil.bench import least_squares_script, real, real_table
@@ -14,7 +15,7 @@ from hil.bench.real import Ours, RealCase, RealRow, ScriptErrors
 from hil.cli import main
 from hil.errors import DataError
 from hil.record import datasets
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import RobotSource
 
 needs_data = pytest.mark.skipif(
     not os.environ.get("HIL_DATA"), reason="HIL_DATA (folder of the public recordings) is not set"
@@ -22,36 +23,27 @@ needs_data = pytest.mark.skipif(
 AXIS = RobotSource("single-axis")
 
 
-def axis(seed: int, spring: float = 3.0, seconds: float = 8.0) -> Recording:
-    """One axis with viscous friction and a spring of the third power, 500 Hz."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(int(500 * seconds)) / 500
-    f, a = rng.uniform(0.3, 1.0, 3)[:, None], rng.uniform(0.5, 1.0, 3)[:, None]
-    phase = 2 * np.pi * f * t + rng.uniform(0, 6, (3, 1))
-    w = 2 * np.pi * f
-    q, qd, qdd = (
-        np.sum(a * x, axis=0) for x in (np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase))
-    )
-    tau = 0.1 * qdd + 0.3 * qd + spring * q**3 + 0.2
-    tau += 0.02 * rng.normal(size=t.size)
-    return Recording(f"run{seed}", "arm", ("j1",), t, q[:, None], tau[:, None], robot=AXIS)
-
-
 def test_person_finds_a_spring_and_nothing_in_a_complete_model():
-    found = least_squares_script.run([axis(1), axis(2), axis(3)], [axis(4)], AXIS)
+    found = least_squares_script.run(
+        [plants.sprung_axis(1), plants.sprung_axis(2), plants.sprung_axis(3)],
+        [plants.sprung_axis(4)],
+        AXIS,
+    )
     assert found.chosen[0][0] in ("poly3", "poly6")
     assert found.final[0] < 0.1 * found.given[0]
     plain = least_squares_script.run(
-        [axis(k, spring=0.0) for k in (1, 2, 3)], [axis(4, spring=0.0)], AXIS
+        [plants.sprung_axis(k, spring=0.0) for k in (1, 2, 3)],
+        [plants.sprung_axis(4, spring=0.0)],
+        AXIS,
     )
     assert plain.chosen == ((),)
     np.testing.assert_array_equal(plain.given, plain.final)
 
 
 def test_person_chooses_without_the_judged_runs():
-    train = [axis(1)]
+    train = [plants.sprung_axis(1)]
     choices = {
-        least_squares_script.run(train, [axis(k, spring=s)], AXIS).chosen
+        least_squares_script.run(train, [plants.sprung_axis(k, spring=s)], AXIS).chosen
         for k, s in ((4, 3), (5, -8))
     }
     assert len(choices) == 1
@@ -101,7 +93,7 @@ def test_cases_are_one_of_a_name_and_of_every_set():
 
 
 def two() -> real.Split:
-    return [axis(1)], [axis(2)]
+    return [plants.sprung_axis(1)], [plants.sprung_axis(2)]
 
 
 def test_an_error_of_ours_is_a_row(monkeypatch):

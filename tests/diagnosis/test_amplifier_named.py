@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import compare_plants as plants
 import numpy as np
+import plants
 import pytest
 
 import hil

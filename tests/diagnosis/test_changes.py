@@ -1,6 +1,6 @@
 """What changes at once in a run: said with its value and its instant, and not called a hum."""
 
-import numpy as np
+import plants
 import pytest
 
 import hil
@@ -9,21 +9,6 @@ from hil.diagnosis.residual_tests import CHANGED, changes
 from hil.diagnosis.verbs import ladder
 from hil.record.recording import Recording
 from hil.report.html import diagnosis_report
-
-
-def recorded(change, hum=0.0, seed=1, mass=8.0, name="monday", phase=0.4):
-    """A belt on six tones; `change` is added to mass, friction and stiffness at half time."""
-    rng, t = np.random.default_rng(seed), np.arange(0.0, 25.0, 0.001)
-    tones = 1.125 * np.array([0.07, 0.13, 0.31, 0.53, 0.97, 1.7])
-    size = 0.17 * np.array([1.0, 0.7, 0.35, 0.2, 0.1, 0.05])
-    w, angle = 2 * np.pi * tones, np.outer(t, 2 * np.pi * tones) + rng.uniform(0, 6.28, 6)
-    q, v, a = np.sin(angle) @ size, np.cos(angle) @ (size * w), -np.sin(angle) @ (size * w**2)
-    later = t > 12.5
-    more, friction, stiffness = (x * later for x in change)
-    tau = (mass + more) * a + (12.0 + friction) * np.tanh(v / 0.004) + 30.0 * v + stiffness * q
-    tau += hum * np.sin(2 * np.pi * 1.6 * t + phase) + 0.5 * rng.standard_normal(t.size)
-    q = q + 1e-6 * rng.standard_normal(t.size)
-    return Recording(name, "arm", ("joint1",), t, q[:, None], tau[:, None])
 
 
 def answer(*runs: Recording):
@@ -41,7 +26,7 @@ def answer(*runs: Recording):
 )
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_changes_at_once_is_said_with_its_value_and_its_instant(change, what, unit, seed):
-    d = answer(recorded(change, seed=seed))
+    d = answer(plants.belt(change, seed=seed))
     (found,) = changes(d.result)
     assert found.what == what and found.unit == unit
     assert found.value == pytest.approx(sum(change), rel=0.1)
@@ -52,7 +37,7 @@ def test_what_changes_at_once_is_said_with_its_value_and_its_instant(change, wha
 
 
 def test_it_stands_beside_the_verdict_and_in_the_report(tmp_path):
-    d = answer(recorded((1.2, 0, 0)))
+    d = answer(plants.belt((1.2, 0, 0)))
     (sentence,) = [w for code, w in d.warnings if code == CHANGED]
     shown = text(d, ladder(d))
     assert shown.count(sentence) == 1 and shown.index(sentence) < shown.index("held-out error")
@@ -61,23 +46,25 @@ def test_it_stands_beside_the_verdict_and_in_the_report(tmp_path):
 
 
 def test_of_two_sessions_the_other_one_as_a_whole():
-    other = recorded((0, 0, 0), seed=2, mass=9.2, name="friday")
-    (found,) = changes(answer(recorded((0, 0, 0)), other).result)
+    other = plants.belt((0, 0, 0), seed=2, mass=9.2, name="friday")
+    (found,) = changes(answer(plants.belt((0, 0, 0)), other).result)
     assert found.what == "inertia" and found.run == "friday" and found.at == 0.0
     assert found.value == pytest.approx(1.2, rel=0.1) and "in friday (+1.2 " in found.text
 
 
 @pytest.mark.parametrize("seed", range(1, 6))
 def test_where_nothing_changes_nothing_is_said(seed):
-    d = answer(recorded((0, 0, 0), seed=seed))
+    d = answer(plants.belt((0, 0, 0), seed=seed))
     assert d.verdict == "adequate" and not changes(d.result)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("phase", [None, 0.4, 2.4])
 def test_a_hum_is_one_whatever_its_phase_in_another_run(seed, phase):
-    run = recorded((0, 0, 0), 0.5, seed)
-    held = [] if phase is None else [recorded((0, 0, 0), 0.5, seed + 9, phase=phase, name="later")]
+    run = plants.belt((0, 0, 0), 0.5, seed)
+    held = (
+        [] if phase is None else [plants.belt((0, 0, 0), 0.5, seed + 9, phase=phase, name="later")]
+    )
     d = hil.diagnose([run], hil.base_model(run.robot), held)
     assert [f.effect for f in d.findings] == ["periodic-disturbance"]
     assert d.ladder[-1].heldout.rms[0] < 1.2 * d.noise[0]

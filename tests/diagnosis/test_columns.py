@@ -2,20 +2,13 @@
 
 from dataclasses import replace
 
-import compare_plants as plants
 import numpy as np
+import plants
 import pytest
 
 import hil
 from hil.diagnosis import preconditions
 from hil.record.recording import Recording
-
-
-def two(seed: int = 1) -> Recording:
-    """Two axes of one robot, each with a plant of its own."""
-    a, b = plants.axis(seed), plants.axis(seed + 10, warm=lambda t: 2.0)
-    q, tau = (np.concatenate(x, axis=1) for x in ((a.q, b.q), (a.tau, b.tau)))
-    return replace(a, joints=("joint1", "joint2"), q=q, tau=tau)
 
 
 def said(run: Recording) -> tuple[str, list[tuple[str, str]]]:
@@ -32,7 +25,7 @@ def said(run: Recording) -> tuple[str, list[tuple[str, str]]]:
     ],
 )
 def test_mistaken_columns_are_bad_data(change, code, words):
-    run = two()
+    run = plants.axes_apart()
     verdict, warnings = said(replace(run, tau=np.ascontiguousarray(change(run.tau))))
     assert verdict == "bad-data"
     assert [c for c, _ in warnings] == [code] and words in warnings[0][1]
@@ -45,7 +38,7 @@ def test_one_axis_of_wrong_sign():
 
 
 def test_right_columns_are_not_bad_data():
-    assert said(two())[0] == "adequate"
+    assert said(plants.axes_apart())[0] == "adequate"
     # a large effect is one, not a wrong column
     assert said(plants.axis(1, extra=lambda t, q, v: 2.0 * np.sin(3 * q)))[0] != "bad-data"
 

@@ -1,6 +1,6 @@
 """What a motion could not show: computed from it, with a reason, told everywhere."""
 
-import numpy as np
+import plants
 import pytest
 
 from hil.commands.diagnose import text
@@ -8,26 +8,8 @@ from hil.diagnosis.engine import diagnose
 from hil.diagnosis.unnamed import HIDDEN_SHARE
 from hil.diagnosis.verbs import ladder
 from hil.models.model import base_model
-from hil.record.recording import Recording
 from hil.report.html import diagnosis_report
 from hil.report.json import diagnosis_json
-
-
-def axis(tones, sizes, seconds=20.0, ext=False, low=0.0, noise=0.005):
-    """One axis with Coulomb friction; `low` is a Stribeck peak below 0.03 rad/s."""
-    rng, rate = np.random.default_rng(0), 500.0
-    t = np.arange(int(seconds * rate)) / rate
-    w = 2 * np.pi * np.array(tones)
-    q = (np.array(sizes) * np.sin(np.outer(t, w) + np.arange(len(tones)))).sum(axis=1)
-    v = np.gradient(q, t)
-    tau = 0.05 * np.gradient(v, t) + 0.2 * np.tanh(v / 1e-3) + 0.1 * v
-    tau += low * np.exp(-((v / 0.03) ** 2)) * np.tanh(v / 1e-3)
-    tau += noise * rng.standard_normal(t.size)
-    more = {"tau_ext": 0.5 * np.sin(0.7 * t)[:, None]} if ext else {}
-    if ext:
-        tau -= more["tau_ext"][:, 0]
-    q += 2e-6 * rng.standard_normal(t.size)
-    return Recording("run", "arm", ("joint1",), t, q[:, None], tau[:, None], **more)
 
 
 def answer(run):
@@ -38,13 +20,13 @@ def shown(d):
     return {e for u in d.unseen for e in u.effects}
 
 
-FAST = axis([0.9, 1.7], [1.2, 0.5])
-SLOW = axis([0.11, 0.23], [0.3, 0.15])
+FAST = plants.axis_on_tones([0.9, 1.7], [1.2, 0.5])
+SLOW = plants.axis_on_tones([0.11, 0.23], [0.3, 0.15])
 
 
 def test_fast_motion_hides_friction_that_rises_at_low_speed_only():
     # 50 % of Coulomb friction within 0.03 rad/s of a motion that goes to 10 rad/s
-    hidden = answer(axis([0.9, 1.7], [1.2, 0.5], low=0.1, noise=0.05))
+    hidden = answer(plants.axis_on_tones([0.9, 1.7], [1.2, 0.5], low=0.1, noise=0.05))
     assert hidden.verdict == "adequate"
     (line,) = [u for u in hidden.unseen if "stribeck" in u.effects]
     assert "of Coulomb friction" in line.why and "--for stribeck" in line.command
@@ -52,7 +34,7 @@ def test_fast_motion_hides_friction_that_rises_at_low_speed_only():
 
 
 def test_few_reversals_hide_what_happens_behind_them():
-    few = answer(axis([0.11], [0.5], seconds=14.0))
+    few = answer(plants.axis_on_tones([0.11], [0.5], seconds=14.0))
     assert {"presliding", "backlash"} <= shown(few)
     assert "backlash" not in shown(answer(FAST))
 
@@ -62,9 +44,11 @@ def test_an_external_force_that_changes_shows_load_and_gain():
     assert {"load-friction", "torque-gain", "friction-drift"} <= shown(without)
     (load,) = [u for u in without.unseen if "load-friction" in u.effects]
     assert load.command == ""  # nothing that this axis does changes its load
-    pushed = shown(answer(axis([0.9, 1.7], [1.2, 0.5], ext=True)))
+    pushed = shown(answer(plants.axis_on_tones([0.9, 1.7], [1.2, 0.5], ext=True)))
     assert not {"load-friction", "torque-gain"} & pushed
-    assert "friction-drift" not in shown(answer(axis([0.9, 1.7], [1.2, 0.5], seconds=61.0)))
+    assert "friction-drift" not in shown(
+        answer(plants.axis_on_tones([0.9, 1.7], [1.2, 0.5], seconds=61.0))
+    )
 
 
 def test_it_is_told_with_an_adequate_answer_everywhere(tmp_path):

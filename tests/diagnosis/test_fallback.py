@@ -3,8 +3,8 @@
 import json
 from dataclasses import replace
 
-import compare_plants as plants
 import numpy as np
+import plants
 import pytest
 
 import hil

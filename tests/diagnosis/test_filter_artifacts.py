@@ -1,48 +1,14 @@
 """Reversals that the positions' filter blurs are no missing physics, and hide none."""
 
-import numpy as np
+import plants
 import pytest
 
 import hil
 from hil.commands.diagnose import text
 from hil.diagnosis import artefacts
 from hil.diagnosis.verbs import ladder
-from hil.record.recording import Recording
 from hil.report import text as report_text
 from hil.report.data import from_diagnosis
-
-RATE, STEPS, J, FV, FC = 1000.0, 8, 0.09, 0.2, 0.3
-COUNT = 2 * np.pi / 2**20
-
-
-def axis(seed, extra=0.0, width=0.0, noise=0.02, seconds=28.0):
-    """A quick axis with exact dry friction, or a smooth one over `width` [rad/s]; `extra` at rest.
-
-    J q'' = tau - Fv q' - (Fc + extra / (1 + (q' / 0.1)^2)) sgn q'
-    """
-    rng, h = np.random.default_rng(seed), 1 / RATE / STEPS
-    t = np.arange(int(seconds * RATE)) / RATE
-    f = np.array([0.1, 0.23, 0.41, 0.72, 1.1])
-    goal = np.sin(2 * np.pi * f * t[:, None] + rng.uniform(0, 6.28, 5)) @ (
-        rng.uniform(0.6, 1, 5) / f**0.8
-    )
-    goal *= 1.2 / np.abs(goal).max() * np.clip(t / 1.5, 0, 1)
-    rate = np.gradient(goal, 1 / RATE)
-    q, qd, rows = float(goal[0]), 0.0, np.empty((t.size, 2))
-    for k in range(t.size):
-        seen = np.floor(q / COUNT + 0.5) * COUNT
-        tau = 70.0 * (goal[k] - seen) + 4.0 * (rate[k] - qd)
-        rows[k] = seen, tau
-        for _ in range(STEPS):
-            dry = FC + extra / (1 + (qd / 0.1) ** 2)
-            free = qd + h * (tau - FV * qd) / J
-            if width:
-                qd = free - h * dry * np.tanh(qd / width) / J
-            else:
-                qd = np.sign(free) * max(abs(free) - h * dry / J, 0.0)
-            q += h * qd
-    rows[:, 1] += noise * rng.normal(size=t.size)
-    return Recording("run", "arm", ("joint1",), t, rows[:, :1], rows[:, 1:])
 
 
 def diagnosed(run):
@@ -56,7 +22,7 @@ def share(d):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_exact_dry_friction_at_quick_reversals_is_adequate(seed):
-    d = diagnosed(axis(seed))
+    d = diagnosed(plants.quick_axis(seed))
     assert d.verdict == "adequate" and not d.findings
     assert share(d) > 0.3
     (said,) = [text for code, text in d.warnings if code == artefacts.BLURRED]
@@ -65,7 +31,7 @@ def test_exact_dry_friction_at_quick_reversals_is_adequate(seed):
 
 
 def test_an_adequate_error_above_its_floor_is_called_what_it_is():
-    d = diagnosed(axis(2))
+    d = diagnosed(plants.quick_axis(2))
     ratio = float((d.ladder[-1].heldout.rms / d.noise)[0])
     above = ratio > 1.1
     shown = text(d, ladder(d)).splitlines()[0]
@@ -82,26 +48,26 @@ def test_only_a_joint_that_is_said_to_be_blurred_counts():
 
 
 def test_smooth_friction_leaves_nothing_to_blur():
-    d = diagnosed(axis(1, width=0.02))
+    d = diagnosed(plants.quick_axis(1, width=0.02))
     assert d.verdict == "adequate" and share(d) < 0.1
     assert artefacts.BLURRED not in [code for code, _ in d.warnings]
 
 
 def test_a_real_effect_beside_blurred_reversals_keeps_its_name():
-    d = diagnosed(axis(1, extra=0.15))
+    d = diagnosed(plants.quick_axis(1, extra=0.15))
     assert [f.effect for f in d.findings] == ["stribeck"]
     first = next(c for c in d.first.candidates if c.name == "stribeck")
     assert not first.blurred
 
 
 def test_candidates_that_explain_only_that_are_marked():
-    d = diagnosed(axis(2))
+    d = diagnosed(plants.quick_axis(2))
     strong = [c for c in d.first.candidates if c.p_value <= 0.01 and c.score > 0]
     assert strong and all(c.blurred for c in strong if c.name in ("stribeck", "torque-ripple"))
 
 
 def test_without_dry_friction_in_the_model_nothing_is_said():
-    run = axis(1)
+    run = plants.quick_axis(1)
     model = hil.base_model(run.robot)
     rest = [u for u in model.effects if u.type != "coulomb"]
     bare = type(model)(robot=model.robot, effects=tuple(rest))

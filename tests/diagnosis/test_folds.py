@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+import plants
 import pytest
-from diagnosis_plants import axis
 
 from hil.diagnosis.constants import FOLDS, GUARD
 from hil.diagnosis.folds import split
@@ -13,7 +13,7 @@ from hil.identify.problem import Problem
 
 @pytest.fixture(scope="module")
 def problem():
-    run = axis(seconds=20.0)
+    run = plants.smooth_axis(seconds=20.0)
     return Problem([run], run.robot)
 
 
@@ -50,7 +50,7 @@ def test_the_same_seed_deals_the_same(problem):
 
 
 def test_three_runs_are_folds_of_their_own():
-    runs = [replace(axis(seed=k, seconds=8.0), name=f"run{k}") for k in range(3)]
+    runs = [replace(plants.smooth_axis(seed=k, seconds=8.0), name=f"run{k}") for k in range(3)]
     problem = Problem(runs, runs[0].robot)
     s = split(problem)
     first = [a for a, _ in s.edges()]
@@ -60,7 +60,7 @@ def test_three_runs_are_folds_of_their_own():
 
 
 def test_where_no_other_fold_has_been_nothing_is_tested():
-    run = axis(seconds=20.0)
+    run = plants.smooth_axis(seconds=20.0)
     # one short excursion far beyond the rest
     bump = 3.0 * np.exp(-(((run.t - 10.0) / 0.15) ** 2))[:, None]
     problem = Problem([replace(run, q=run.q + bump)], run.robot)

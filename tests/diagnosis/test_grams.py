@@ -1,8 +1,8 @@
 """Held-out errors from block-wise products are those of fits to the rows."""
 
 import numpy as np
+import plants
 import pytest
-from diagnosis_plants import axis
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,7 +13,7 @@ from hil.identify.problem import Problem
 
 @pytest.fixture(scope="module")
 def made():
-    run = axis(seconds=20.0)
+    run = plants.smooth_axis(seconds=20.0)
     problem = Problem([run], run.robot)
     return problem, split(problem)
 

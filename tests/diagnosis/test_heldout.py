@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-import compare_plants as plants
 import numpy as np
+import plants
 import pytest
 
 import hil

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import plants
 import pytest
 
 import hil
@@ -82,9 +83,8 @@ def test_suggested_commands_name_the_files():
 
 
 def test_both_simulations_of_a_sticking_drive_improve_with_the_missing_effect() -> None:
-    from compare_stiction import stiction_run
 
-    run = stiction_run(4, drag=0.15)
+    run = plants.stiction_axis(4, drag=0.15)
     model = base_model(run.robot)
     before, after = hil.add([run], model, "quadratic-drag")
     for old, new in (

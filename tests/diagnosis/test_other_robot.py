@@ -3,23 +3,17 @@
 from dataclasses import replace
 
 import numpy as np
+import plants
 import pytest
 
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.preconditions import OTHER_ROBOT, other_robot
 from hil.diagnosis.verbs import compare, fit
 from hil.models.model import base_model
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import RobotSource
 
 PHANTOM, AXES = RobotSource("phantom-premium-1.5"), RobotSource("single-axis")
 URDF = RobotSource("", "<robot/>")
-
-
-def run(robot: RobotSource, seconds: float = 8.0) -> Recording:
-    t = np.arange(int(500 * seconds)) / 500.0
-    angle = t[:, None] * np.array([1.0, 1.7, 2.3]) + np.arange(3)
-    tau = -0.02 * np.sin(angle) + 1e-3 * np.random.default_rng(1).normal(size=angle.shape)
-    return Recording("run", "arm", ("a", "b", "c"), t, 0.3 * np.sin(angle), tau, robot=robot)
 
 
 @pytest.mark.parametrize("robot", [PHANTOM, URDF, AXES, RobotSource("")])
@@ -27,14 +21,14 @@ def run(robot: RobotSource, seconds: float = 8.0) -> Recording:
 def test_only_another_kind_than_the_session_names_is_told(
     model: RobotSource, robot: RobotSource
 ) -> None:
-    found = other_robot(base_model(model), [run(robot)])
+    found = other_robot(base_model(model), [plants.three_joints(robot)])
     named = robot in (PHANTOM, URDF)
     assert bool(found) == (named and model != robot)
     assert all(code == OTHER_ROBOT and "session run" in text for code, text in found)
 
 
 def test_every_answer_tells_it() -> None:
-    given, own = run(PHANTOM), base_model(AXES)
+    given, own = plants.three_joints(PHANTOM), base_model(AXES)
     wanted = other_robot(own, [given])
     assert wanted[0] in fit([given], own).warnings
     assert wanted[0][1] in [f.sentence for f in compare([given], own).faults]
@@ -43,7 +37,7 @@ def test_every_answer_tells_it() -> None:
 
 
 def test_a_run_too_short_to_simulate_has_no_multi_step_error() -> None:
-    short = run(AXES, 0.7)
+    short = plants.three_joints(AXES, 0.7)
     found = compare([short], base_model(AXES))
     assert found.multi_step.lost and found.multi_step.windows == 0
     assert np.isfinite(found.heldout.rms).all()
@@ -51,7 +45,7 @@ def test_a_run_too_short_to_simulate_has_no_multi_step_error() -> None:
 
 def test_a_run_of_fewer_instants_than_coefficients_has_noise() -> None:
     """The largest model follows all of it: its residual is no noise band."""
-    found = compare([run(AXES, 0.7)], base_model(AXES))
+    found = compare([plants.three_joints(AXES, 0.7)], base_model(AXES))
     floor = found.evidence.floor
     assert (floor.scale > 0.1 * floor.rms).all()
     strengths = [x.strength for regions in found.where.values() for x in regions]

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+import plants
 import pytest
-from compare_planar import planar
 
 import hil
 from hil.diagnosis.residual_tests import changes
@@ -14,12 +14,12 @@ from hil.identify import parallel
 
 @pytest.fixture(scope="module")
 def gained():
-    run = planar(1, gain=(1.0, 1.2))
+    run = plants.planar(1, gain=(1.0, 1.2))
     return run, hil.diagnose([run], hil.base_model(run.robot))
 
 
 def test_with_nothing_hidden_the_model_is_adequate():
-    run = planar(1)
+    run = plants.planar(1)
     assert hil.diagnose([run], hil.base_model(run.robot)).verdict == "adequate"
 
 
@@ -42,14 +42,14 @@ def test_every_rung_is_simulated_with_its_own_load(gained):
 
 
 def test_an_offset_is_no_change_at_the_beginning():
-    run = planar(1, offset=(0.3, -0.2))
+    run = plants.planar(1, offset=(0.3, -0.2))
     d = hil.diagnose([run], hil.base_model(run.robot))
     assert not changes(d.ladder[0].result)
     assert not [text for code, text in d.warnings if code == "changed"]
 
 
 def test_an_offset_in_both_runs_is_no_richer_than_friction_that_differs_by_direction():
-    runs = [planar(k, offset=(0.0, -0.2)) for k in (1, 2)]
+    runs = [plants.planar(k, offset=(0.0, -0.2)) for k in (1, 2)]
     d = hil.diagnose(runs, hil.base_model(runs[0].robot) - "torque-offset")
     (f,) = d.findings
     assert f.joint == "elbow" and {f.effect, *f.rivals} >= {"torque-offset", "asymmetric-coulomb"}
@@ -57,7 +57,7 @@ def test_an_offset_in_both_runs_is_no_richer_than_friction_that_differs_by_direc
 
 
 def test_exchanged_efforts_are_bad_data():
-    run = planar(1)
+    run = plants.planar(1)
     d = hil.diagnose([replace(run, tau=run.tau[:, ::-1])], hil.base_model(run.robot))
     assert d.verdict == "bad-data" and "tau1 and tau2 (shoulder, elbow) are swapped" in str(
         d.warnings
@@ -66,7 +66,7 @@ def test_exchanged_efforts_are_bad_data():
 
 @pytest.mark.parametrize("gain", [(1.0, 1.0), (1.0, 1.2)])
 def test_what_is_found_does_not_depend_on_the_threads(gain, monkeypatch):
-    run = planar(1, gain=gain)
+    run = plants.planar(1, gain=gain)
     with parallel.alone():
         one = hil.diagnose([run], hil.base_model(run.robot))
     monkeypatch.setattr(parallel, "LONG", 0)

@@ -1,7 +1,7 @@
 """Names are physics: friction over position is no stop, and what no effect is gets no name."""
 
-import compare_plants as plants
 import numpy as np
+import plants
 import pytest
 
 import hil

@@ -1,35 +1,19 @@
 """Coarse encoders: the noise of positions in a model's load is no spring, whoever smooths it."""
 
 import numpy as np
+import plants
 import pytest
 
 import hil
 from hil.diagnosis.artefacts import POSITION_NOISE
 from hil.identify import bands
 from hil.models.model import Band
-from hil.record.recording import Recording
 
 TRANSMISSION = {"elastic-transmission", "vibration-mode", "hardening-cable", "backlash"}
 
 
-def run(noise: float, seed: int = 1, law=None, seconds: float = 25.0) -> Recording:
-    """An axis on six tones; what its encoder says is off by white noise."""
-    rng, t = np.random.default_rng(seed), np.arange(0.0, seconds, 0.001)
-    w = 2 * np.pi * 1.125 * np.array([0.07, 0.13, 0.31, 0.53, 0.97, 1.7])
-    size, angle = (
-        0.17 * np.array([1.0, 0.7, 0.35, 0.2, 0.1, 0.05]),
-        np.outer(t, w) + rng.uniform(0, 6.28, 6),
-    )
-    q, v, a = np.sin(angle) @ size, np.cos(angle) @ (size * w), -np.sin(angle) @ (size * w**2)
-    tau = 8.0 * a + 2.0 * np.tanh(v / 0.004) + 5.0 * v + 0.1 * rng.standard_normal(t.size)
-    if law is not None:
-        tau += law(q, v)
-    q = q + noise * rng.standard_normal(t.size)
-    return Recording("axis", "arm", ("joint1",), t, q[:, None], tau[:, None])
-
-
 def diagnosed(*args, **more):
-    r = run(*args, **more)
+    r = plants.rough_encoder_axis(*args, **more)
     return hil.diagnose([r], hil.base_model(r.robot))
 
 
@@ -48,13 +32,13 @@ def test_nothing_is_named_behind_a_very_coarse_one(seed):
 
 
 def test_it_holds_on_other_data_too():
-    fit, held = run(1e-4, 1), run(1e-4, 2)
+    fit, held = plants.rough_encoder_axis(1e-4, 1), plants.rough_encoder_axis(1e-4, 2)
     d = hil.diagnose([fit], hil.base_model(fit.robot), [held])
     assert not {f.effect for f in d.findings} & TRANSMISSION
 
 
 def test_an_error_that_is_the_encoders_is_said_to_be():
-    r = run(3e-5)
+    r = plants.rough_encoder_axis(3e-5)
     d = hil.diagnose(
         [r], hil.RobotModel(r.robot, hil.base_model(r.robot).effects, band=Band(25, 75))
     )
@@ -66,9 +50,11 @@ def test_an_error_that_is_the_encoders_is_said_to_be():
 
 
 def test_the_band_is_narrower_behind_much_noise():
-    fine, coarse = (bands.choose([run(x)], Band(), True).effort for x in (1e-6, 3e-4))
+    fine, coarse = (
+        bands.choose([plants.rough_encoder_axis(x)], Band(), True).effort for x in (1e-6, 3e-4)
+    )
     assert bands.NARROWEST <= coarse < 10.0 < fine
-    assert bands.shaken(run(3e-4), coarse) < bands.NOISY
+    assert bands.shaken(plants.rough_encoder_axis(3e-4), coarse) < bands.NOISY
 
 
 def test_an_effect_is_found_behind_it():

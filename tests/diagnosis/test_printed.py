@@ -1,6 +1,6 @@
 """What is printed of results at the prompt, and of arguments in another order."""
 
-import compare_plants as plants
+import plants
 import pytest
 
 import hil

@@ -1,6 +1,7 @@
 """What is left at the floor and is no noise: said with what it is like, when and how fast."""
 
 import numpy as np
+import plants
 import pytest
 from scipy.signal import lfilter
 
@@ -9,45 +10,29 @@ from hil.commands.compare import text as compared
 from hil.commands.diagnose import text
 from hil.diagnosis.residual_tests import BURSTS, CLEAR, SURE, SWINGS, UNLIKE, kurtosis
 from hil.diagnosis.verbs import ladder
-from hil.record.recording import Recording
 from hil.report.html import diagnosis_report
-
-T = np.arange(0.0, 25.0, 0.001)
-
-
-def recorded(extra, seed=1, colour=0.0):
-    """An axis on six tones with dry friction, on which `extra` (n,) acts, too."""
-    rng = np.random.default_rng(seed)
-    tones = np.array([0.08, 0.19, 0.31, 0.53, 1.1, 1.9])
-    size = 0.2 * np.array([1.0, 0.7, 0.35, 0.2, 0.1, 0.05])
-    w, angle = 2 * np.pi * tones, np.outer(T, 2 * np.pi * tones) + rng.uniform(0, 6.28, 6)
-    q, v, a = np.sin(angle) @ size, np.cos(angle) @ (size * w), -np.sin(angle) @ (size * w**2)
-    noise = lfilter([1 - colour], [1, -colour], rng.standard_normal(T.size))
-    tau = 8.0 * a + 6.0 * np.sign(v) + 20.0 * v + extra + noise
-    q = q + 1e-6 * rng.standard_normal(T.size)
-    return Recording("monday", "arm", ("joint1",), T, q[:, None], tau[:, None])
 
 
 def switching(seed):
     rng = np.random.default_rng(seed)
-    return np.where(np.cumsum(rng.random(T.size) < 0.002) % 2, 1.0, -1.0)
+    return np.where(np.cumsum(rng.random(plants.DRY_T.size) < 0.002) % 2, 1.0, -1.0)
 
 
 def answer(extra, **more):
-    run = recorded(extra, **more)
+    run = plants.dry_axis(extra, **more)
     d = hil.diagnose([run], hil.base_model(run.robot))
     return d, [w for code, w in d.warnings if code == UNLIKE]
 
 
 def test_a_wave_whose_frequency_rises_is_told_with_its_frequencies(tmp_path):
-    d, (said,) = answer(np.sin(2 * np.pi * (2.0 * T + 0.16 * T**2)))
+    d, (said,) = answer(np.sin(2 * np.pi * (2.0 * plants.DRY_T + 0.16 * plants.DRY_T**2)))
     assert d.verdict == "unexplained" and not d.findings
     assert said.startswith("joint1: the remaining error swings from side to side, at about ")
     at = [float(x) for x in said.split("about ")[1].split(" Hz")[0].replace("and", ",").split(",")]
     assert 2.0 < at[0] < 5.0 < at[1] < 8.0 < at[2] < 10.0
     shown = text(d, ladder(d))
     assert shown.count(said) == 1 and shown.index(said) < shown.index("held-out error")
-    run = recorded(np.sin(2 * np.pi * (2.0 * T + 0.16 * T**2)))
+    run = plants.dry_axis(np.sin(2 * np.pi * (2.0 * plants.DRY_T + 0.16 * plants.DRY_T**2)))
     assert said in compared(hil.compare([run], hil.base_model(run.robot)))
     page = tmp_path / "r.html"
     diagnosis_report(d, page)
@@ -62,10 +47,14 @@ def test_a_torque_that_switches_is_no_noise(seed):
 
 
 def test_bursts_are_told_with_their_instants_and_leave_the_verdict():
-    rng, extra = np.random.default_rng(3), np.zeros(T.size)
+    rng, extra = np.random.default_rng(3), np.zeros(plants.DRY_T.size)
     at = (3.3, 11.0, 19.7)
     for x in at:
-        extra += 4.0 * rng.standard_normal(T.size) * np.exp(-(((T - x) / 0.15) ** 2))
+        extra += (
+            4.0
+            * rng.standard_normal(plants.DRY_T.size)
+            * np.exp(-(((plants.DRY_T - x) / 0.15) ** 2))
+        )
     d, (said,) = answer(extra)
     assert d.verdict == "adequate" and "comes in bursts" in said
     told = [float(x) for x in said.split("largest are at ")[1].split(" s of monday")[0].split(",")]
@@ -75,7 +64,7 @@ def test_bursts_are_told_with_their_instants_and_leave_the_verdict():
 @pytest.mark.parametrize("colour", [0.0, 0.9, 0.99])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_of_noise_of_any_colour_nothing_is_said(colour, seed):
-    d, said = answer(np.zeros(T.size), seed=seed, colour=colour)
+    d, said = answer(np.zeros(plants.DRY_T.size), seed=seed, colour=colour)
     assert d.verdict == "adequate" and not said
 
 

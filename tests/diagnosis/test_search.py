@@ -5,8 +5,8 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
+import plants
 import pytest
-from diagnosis_plants import axis
 
 import hil
 from hil.diagnosis import rules
@@ -25,16 +25,20 @@ def named(d):
 
 
 def test_nothing_hidden_is_adequate_with_any_offset():
-    assert said(axis(1)).verdict == "adequate"
+    assert said(plants.smooth_axis(1)).verdict == "adequate"
 
 
 def test_what_is_less_than_efforts_are_known_to_is_no_effect():
-    quiet = axis(1, noise=1e-5, extra=lambda t, q, v, a: 2e-4 * np.sin(9 * q))
+    quiet = plants.smooth_axis(1, noise=1e-5, extra=lambda t, q, v, a: 2e-4 * np.sin(9 * q))
     assert said(quiet).verdict == "adequate"
 
 
 def test_one_effect_is_named_and_the_error_falls_to_the_floor():
-    d = said(axis(2, extra=lambda t, q, v, a: 0.15 * np.exp(-((v / 0.4) ** 2)) * np.tanh(v / 0.02)))
+    d = said(
+        plants.smooth_axis(
+            2, extra=lambda t, q, v, a: 0.15 * np.exp(-((v / 0.4) ** 2)) * np.tanh(v / 0.02)
+        )
+    )
     assert d.verdict == "missing-effect" and named(d) == ["stribeck"]
     assert d.ladder[-1].heldout.rms[0] < 1.15 * d.noise[0]
 
@@ -48,7 +52,11 @@ def test_the_search_ends_where_no_fit_holds(monkeypatch):
         return "nothing holds"
 
     monkeypatch.setattr(rules, "FIT", {"never": never})
-    d = said(axis(2, extra=lambda t, q, v, a: 0.15 * np.exp(-((v / 0.4) ** 2)) * np.tanh(v / 0.02)))
+    d = said(
+        plants.smooth_axis(
+            2, extra=lambda t, q, v, a: 0.15 * np.exp(-((v / 0.4) ** 2)) * np.tanh(v / 0.02)
+        )
+    )
     assert asked and len(asked) == len(set(asked))
     assert d.verdict == "unexplained" and not d.findings
 
@@ -59,7 +67,7 @@ def test_a_second_effect_is_judged_by_what_is_left_now():
     def extra(t, q, v, a):
         return 0.12 * q + 0.25 * np.abs(v)
 
-    d = said(axis(3, extra=extra))
+    d = said(plants.smooth_axis(3, extra=extra))
     assert set(named(d)) == {"asymmetric-viscous", "spring"}
 
 
@@ -74,14 +82,17 @@ def test_friction_with_load_is_a_level_of_the_state_that_presliding_has():
         load = 0.1 * a - push(t, q, v)
         return (0.4 + 0.3 * np.abs(load)) * z - 0.3 * np.tanh(v / 0.02)
 
-    d = said(axis(4, seconds=60.0, push=push, extra=extra))
+    d = said(plants.smooth_axis(4, seconds=60.0, push=push, extra=extra))
     assert named(d)[:2] == ["presliding", "load-friction"]
     mu = next(f for f in d.findings if f.effect == "load-friction").parameters
     assert mu["j1.load-friction.mu"].value == pytest.approx(0.3, rel=0.15)
 
 
 def test_the_ladder_never_rises_and_its_last_model_is_what_is_written():
-    run, other = axis(5, extra=lambda t, q, v, a: 0.2 * v * np.abs(v)), axis(6)
+    run, other = (
+        plants.smooth_axis(5, extra=lambda t, q, v, a: 0.2 * v * np.abs(v)),
+        plants.smooth_axis(6),
+    )
     d = said(run, holdout=[other])  # the held-out run lacks the effect
     errors = [s.heldout.rms[0] for s in d.ladder]
     assert all(b <= a for a, b in pairwise(errors))
@@ -93,7 +104,7 @@ def test_held_out_runs_confirm_a_name():
     def drag(t, q, v, a):
         return 0.2 * v * np.abs(v)
 
-    d = said(axis(5, extra=drag), holdout=[axis(6, extra=drag)])
+    d = said(plants.smooth_axis(5, extra=drag), holdout=[plants.smooth_axis(6, extra=drag)])
     assert named(d) == ["quadratic-drag"]
 
 
@@ -104,7 +115,7 @@ def test_a_rule_that_stopped_a_candidate_says_which_and_why():
     from hil.diagnosis.search import Search
     from hil.identify.problem import Problem
 
-    run = axis(1, seconds=15.0)
+    run = plants.smooth_axis(1, seconds=15.0)
     problem = Problem([run], run.robot)
     search = Search(problem, split(problem), Examiner(problem, []))
     search.rungs.append(search.rung("base model", hil.base_model(run.robot)))
@@ -136,7 +147,7 @@ def pushed(scale):
     def push(t, q, v):
         return 1.5 * np.sin(0.9 * t) + 0.5 * np.sin(2.3 * t + 1.0)
 
-    run = axis(7, push=push)
+    run = plants.smooth_axis(7, push=push)
     return replace(run, tau_ext=scale * run.tau_ext)
 
 
@@ -159,7 +170,7 @@ def test_the_right_ratio_needs_no_word():
 
 
 def test_several_joints_without_geometry_are_said():
-    a, b = axis(1), axis(2)
+    a, b = plants.smooth_axis(1), plants.smooth_axis(2)
     both = replace(
         a, joints=("joint1", "joint2"), q=np.hstack([a.q, b.q]), tau=np.hstack([a.tau, b.tau])
     )

@@ -1,6 +1,6 @@
 """A floor that holds something systematic is said to, where a model only seems to be right."""
 
-import compare_plants as plants
+import plants
 import pytest
 
 import hil

@@ -1,7 +1,7 @@
 """Sessions that differ: which one holds what, and which effect would explain it."""
 
+import plants
 import pytest
-from compare_axes import session
 
 from hil.commands.compare import text as compared
 from hil.commands.diagnose import text
@@ -14,7 +14,7 @@ from hil.report.json import diagnosis_json
 
 
 def answer(ours: str, theirs: str):
-    fit, held = session(ours, 1, "monday"), session(theirs, 2, "friday")
+    fit, held = plants.two_axes(ours, 1, "monday"), plants.two_axes(theirs, 2, "friday")
     return diagnose([fit], base_model(fit.robot), [held])
 
 
@@ -64,7 +64,7 @@ def test_sessions_of_one_rig_do_not_differ(law):
 
 def test_a_motion_that_says_too_little_is_told_from_another_rig():
     # the slow session leaves the inertia open; the fast one is the same rig
-    fit, held = session("", 1, "slow", 0.08), session("", 2, "fast")
+    fit, held = plants.two_axes("", 1, "slow", 0.08), plants.two_axes("", 2, "fast")
     d = diagnose([fit], base_model(fit.robot), [held])
     assert all("the sessions differ" not in x or "leaves the range of slow" in x for x in said(d))
     assert any("does not determine what fast needs" in x for x in said(d))
@@ -72,14 +72,17 @@ def test_a_motion_that_says_too_little_is_told_from_another_rig():
 
 def test_what_the_fitted_motion_could_not_show_is_no_difference():
     # fast strokes hide what happens at low speed
-    fit, held = session("stribeck", 1, "fast", 3.0), session("stribeck", 2, "slow", 0.2)
+    fit, held = (
+        plants.two_axes("stribeck", 1, "fast", 3.0),
+        plants.two_axes("stribeck", 2, "slow", 0.2),
+    )
     sentences = said(diagnose([fit], base_model(fit.robot), [held]))
     assert any("the motion of fast can hardly show it" in x for x in sentences)
     assert all("the sessions differ" not in x for x in sentences)
 
 
 def test_compare_and_the_report_say_it_too(tmp_path):
-    fit, held = session("", 1, "monday"), session("coulomb", 2, "friday")
+    fit, held = plants.two_axes("", 1, "monday"), plants.two_axes("coulomb", 2, "friday")
     assert "another j2.coulomb.fc" in compared(compare([fit], base_model(fit.robot), [held]))
     page = tmp_path / "r.html"
     d = answer("", "coulomb")
@@ -95,5 +98,5 @@ def test_held_out_runs_far_above_their_floor_refute_the_model():
 
 
 def test_without_held_out_sessions_nothing_is_compared():
-    run = session("cogging", 1, "monday")
+    run = plants.two_axes("cogging", 1, "monday")
     assert said(diagnose([run], base_model(run.robot))) == []

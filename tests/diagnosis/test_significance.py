@@ -1,9 +1,9 @@
 """Coefficients that chance makes, and those that are there, under white and coloured noise."""
 
 import numpy as np
+import plants
 import pytest
 import scipy.signal
-from compare_axes import session
 
 from hil.diagnosis.attribution import by_chance, chance
 from hil.identify.fit import fit
@@ -12,7 +12,7 @@ from hil.identify.result import FitResult
 from hil.models.model import Use, Value, base_model
 from hil.record.recording import Recording
 
-RUN = session("", 1, "quiet")
+RUN = plants.two_axes("", 1, "quiet")
 WAVE = Use("cogging", ("joint2",), {"fixed_shape": True}, {"j2.cogging.p": Value(3.0)})
 
 

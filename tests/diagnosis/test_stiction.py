@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import plants
 import pytest
-from compare_stiction import COULOMB, INERTIA, VISCOUS, stiction_run
 
 from hil.diagnosis.engine import diagnose
 from hil.identify.problem import Problem
@@ -16,13 +16,13 @@ from hil.models.presliding import Presliding
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_sticking_alone_is_no_missing_effect_and_parameters_are_exact(seed: int) -> None:
-    run = stiction_run(seed)
+    run = plants.stiction_axis(seed)
     out = diagnose([run], base_model(run.robot))
     assert out.verdict == "adequate", [f.effect for f in out.findings]
     values = {name: v.value for name, v in out.result.values.items()}
-    assert values["rigid-body.m"] == pytest.approx(INERTIA, rel=0.02)
-    assert values["j1.coulomb.fc"] == pytest.approx(COULOMB, rel=0.01)
-    assert values["j1.viscous.fv"] == pytest.approx(VISCOUS, rel=0.02)
+    assert values["rigid-body.m"] == pytest.approx(plants.STICTION_J, rel=0.02)
+    assert values["j1.coulomb.fc"] == pytest.approx(plants.STICTION_FC, rel=0.01)
+    assert values["j1.viscous.fv"] == pytest.approx(plants.STICTION_FV, rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -30,14 +30,14 @@ def test_sticking_alone_is_no_missing_effect_and_parameters_are_exact(seed: int)
     [({"drag": 0.15}, "quadratic-drag"), ({"peak": 0.3}, "stribeck")],
 )
 def test_effects_beside_stiction_are_named(change: dict[str, float], name: str) -> None:
-    run = stiction_run(4, **change)  # type: ignore[arg-type]
+    run = plants.stiction_axis(4, **change)  # type: ignore[arg-type]
     out = diagnose([run], base_model(run.robot))
     assert [f.effect for f in out.findings] == [name]
     assert out.verdict == "missing-effect"
 
 
 def test_a_delay_beside_stiction_is_a_delay_or_a_lag() -> None:
-    run = stiction_run(4, late=3)
+    run = plants.stiction_axis(4, late=3)
     out = diagnose([run], base_model(run.robot))
     assert len(out.findings) == 1
     assert "delay" in {out.findings[0].effect, *out.findings[0].rivals}
@@ -57,7 +57,7 @@ def test_standstill_is_found_and_a_smooth_reversal_is_none() -> None:
 
 
 def test_the_slow_motion_measures_a_delay_in_spite_of_the_loop() -> None:
-    run = stiction_run(5, late=3)
+    run = plants.stiction_axis(5, late=3)
     out = fit_aligned(Problem([run], run.robot), base_model(run.robot))
     late, error = slow_delay(out, 0)
     # three periods of 2 ms, and half of one for the command that is held
@@ -68,7 +68,7 @@ def test_the_slow_motion_measures_a_delay_in_spite_of_the_loop() -> None:
 def test_presliding_below_the_encoders_count_is_not_proposed() -> None:
     from dataclasses import replace
 
-    run = stiction_run(6)
+    run = plants.stiction_axis(6)
     count = 2 * np.pi / 8192
     coarse = replace(run, q=np.round(run.q / count) * count)
     problem = Problem([coarse], coarse.robot)
@@ -77,7 +77,7 @@ def test_presliding_below_the_encoders_count_is_not_proposed() -> None:
 
 
 def test_a_few_seconds_name_nothing() -> None:
-    run = stiction_run(1, seconds=3.0)
+    run = plants.stiction_axis(1, seconds=3.0)
     out = diagnose([run], base_model(run.robot))
     assert out.verdict == "not-identifiable"
     assert "Record 5 s or more" in out.warnings[0][1]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import plants
 import pytest
-from compare_transmission import LINK, MOTOR, transmission_run
 
 from hil.diagnosis.engine import diagnose
 from hil.models.kernels import lag, softened, sprung
@@ -14,7 +14,7 @@ from hil.models.model import base_model
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("fast", [0.5, 1.0])
 def test_a_rigid_drive_lacks_nothing(seed: int, fast: float) -> None:
-    run = transmission_run(seed, fast=fast)
+    run = plants.transmission(seed, fast=fast)
     assert diagnose([run], base_model(run.robot)).verdict == "adequate"
 
 
@@ -28,7 +28,7 @@ def test_a_rigid_drive_lacks_nothing(seed: int, fast: float) -> None:
     ],
 )
 def test_named(hidden: dict[str, float], effect: str, parameter: str, value: float) -> None:
-    run = transmission_run(1, **hidden)
+    run = plants.transmission(1, **hidden)
     d = diagnose([run], base_model(run.robot))
     assert d.verdict == "missing-effect"
     assert [f.effect for f in d.findings] == [effect]
@@ -43,7 +43,7 @@ def test_named(hidden: dict[str, float], effect: str, parameter: str, value: flo
 def test_a_resonance_is_found_and_its_two_causes_are_both_said(
     hidden: dict[str, float], resonance: float
 ) -> None:
-    run = transmission_run(2, **hidden)
+    run = plants.transmission(2, **hidden)
     d = diagnose([run], base_model(run.robot))
     first = d.findings[0]
     assert d.verdict == "ambiguous"
@@ -52,7 +52,7 @@ def test_a_resonance_is_found_and_its_two_causes_are_both_said(
 
 
 def test_a_mass_that_is_an_eighth_of_the_link_hangs_on_it_and_is_not_the_link() -> None:
-    run = transmission_run(2, mode=0.01)
+    run = plants.transmission(2, mode=0.01)
     d = diagnose([run], base_model(run.robot))
     assert [(f.effect, f.rivals) for f in d.findings] == [("vibration-mode", [])]
     assert d.findings[0].parameters["j1.vibration-mode.f"].value == pytest.approx(9.0, rel=0.02)
@@ -60,7 +60,7 @@ def test_a_mass_that_is_an_eighth_of_the_link_hangs_on_it_and_is_not_the_link() 
 
 
 def test_a_short_lag_may_be_a_delay() -> None:
-    run = transmission_run(1, lag=0.005)
+    run = plants.transmission(1, lag=0.005)
     d = diagnose([run], base_model(run.robot))
     assert d.verdict == "ambiguous"
     assert {d.findings[0].effect, *d.findings[0].rivals} == {"actuator-lag", "delay"}
@@ -71,17 +71,17 @@ def test_a_cable_that_stiffens_is_named_and_its_stretch_is_found(
     frequency: float, harden: float
 ) -> None:
     """The plant's T = k d (1 + h |k d|) is another law: d(T) agrees where the motion was."""
-    run = transmission_run(1, frequency=frequency, harden=harden)
+    run = plants.transmission(1, frequency=frequency, harden=harden)
     d = diagnose([run], base_model(run.robot))
     (found,) = d.findings
     assert found.effect == "hardening-cable" and set(found.rivals) <= {"elastic-transmission"}
     assert found.confidence > 0.75 and found.excess_explained > 0.9
     values = {k.rsplit(".")[-1]: v.value for k, v in found.parameters.items()}
     # the rotor lies before the cable: the model's inertia is that of both
-    k0 = (MOTOR + LINK) * (2 * np.pi * values["f"]) ** 2
+    k0 = (plants.MOTOR + plants.LINK) * (2 * np.pi * values["f"]) ** 2
     tension = np.array([0.25, 0.5, 1.0, 2.0])
     stretch = tension / k0 / (1 + tension / values["T0"])
-    soft = LINK * (2 * np.pi * frequency) ** 2
+    soft = plants.LINK * (2 * np.pi * frequency) ** 2
     true = (np.sqrt(1 + 4 * harden * tension) - 1) / (2 * harden * soft)
     np.testing.assert_allclose(stretch, true, rtol=0.5)
 
@@ -123,7 +123,7 @@ def test_a_link_flies_through_its_play_and_hands_its_momentum_over(friction: flo
 
 @pytest.mark.parametrize("width", [0.01, 0.015])
 def test_backlash_is_named(width: float) -> None:
-    run = transmission_run(3, gravity=0.6, frequency=40.0, zeta=0.3, width=width)
+    run = plants.transmission(3, gravity=0.6, frequency=40.0, zeta=0.3, width=width)
     d = diagnose([run], base_model(run.robot) + "position-torque")
     assert d.findings[0].effect == "backlash", [(f.effect, f.confidence) for f in d.findings]
     assert d.findings[0].parameters["j1.backlash.b"].value == pytest.approx(width, rel=0.4)

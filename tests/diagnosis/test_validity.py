@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-import compare_plants as plants
+import plants
 import pytest
 
 import hil

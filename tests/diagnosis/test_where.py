@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import plants
 import pytest
-from compare_stiction import stiction_run
 
 from hil.diagnosis.evidence import gather
 from hil.diagnosis.residuals import lines, path, regions, since_reversal
@@ -50,7 +50,7 @@ def test_since_reversal_in_time_and_distance() -> None:
     ],
 )
 def test_lines_are_found_where_they_were_put(shape, feature, low, high) -> None:  # type: ignore[no-untyped-def]
-    run = stiction_run(1)
+    run = plants.stiction_axis(1)
     result, floor = compared(disturbed(run, shape(run)))
     found = {x.feature: x for x in lines(result, floor, 0)}
     assert low < found[feature].high < high
@@ -58,7 +58,7 @@ def test_lines_are_found_where_they_were_put(shape, feature, low, high) -> None:
 
 
 def test_a_drag_shows_over_speed_and_nothing_shows_without() -> None:
-    result, floor = compared(stiction_run(1, drag=0.2))
+    result, floor = compared(plants.stiction_axis(1, drag=0.2))
     assert "speed" in {r.feature for r in regions(result, floor)["joint1"]}
-    result, floor = compared(stiction_run(1))
+    result, floor = compared(plants.stiction_axis(1))
     assert regions(result, floor)["joint1"] == []

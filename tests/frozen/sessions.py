@@ -16,9 +16,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import plants
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "diagnosis"))
-from diagnosis_plants import axis
+sys.path.insert(0, str(Path(__file__).parents[1]))
 from mcap.reader import make_reader
 
 import hil
@@ -76,7 +76,7 @@ RUNS = {
 
 def diagnosis(law: str, folder: Path) -> dict[str, Any]:
     """What `hil diagnose` says of an axis with an extra effort."""
-    run = axis(2, seconds=20.0, rate=250.0, extra=LAWS[law])
+    run = plants.smooth_axis(2, seconds=20.0, rate=250.0, extra=LAWS[law])
     table = np.column_stack([run.t, run.q, run.tau])
     with chdir(folder):
         np.savetxt(f"{law}.csv", table, delimiter=",", header="t,q1,tau1", comments="")

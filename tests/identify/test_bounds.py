@@ -1,9 +1,9 @@
 """Bounds hold, whatever the data determine, and the rest is the best that they allow."""
 
 import numpy as np
+import plants
 import pytest
 import scipy.optimize
-from identify_arm import record, urdf
 
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -69,10 +69,10 @@ def test_bounds_that_hold_already_change_nothing() -> None:
 
 def test_undetermined_armature_is_not_negative() -> None:
     """On the arm's first axes the rotor's inertia is one with the links'."""
-    guess = RobotSource("", urdf((2.0, 2.0, 2.0)))
+    guess = RobotSource("", plants.spatial_urdf((2.0, 2.0, 2.0)))
     model = base_model(guess)
-    result = fit(Problem([record(1)], guess), model)
-    free = fit(Problem([record(1)], guess), model - "armature")
+    result = fit(Problem([plants.spatial(1)], guess), model)
+    free = fit(Problem([plants.spatial(1)], guess), model - "armature")
     armature = [result.values[f"j{k}.armature.ia"] for k in (1, 2, 3)]
     assert all(v.value >= 0 for v in armature)
     tied = [v for v in armature if not v.identifiable]

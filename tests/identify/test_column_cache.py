@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
+import plants
 import pytest
-from identify_arm import record, urdf
 
 from hil.identify.column_cache import watched
 from hil.identify.problem import Problem
@@ -25,7 +25,7 @@ CASES = [
 
 @pytest.fixture
 def problem() -> Problem:
-    return Problem([record(1, 8.0)], RobotSource("", urdf()))
+    return Problem([plants.spatial(1, 8.0)], RobotSource("", plants.spatial_urdf()))
 
 
 def change(problem: Problem, what: str) -> None:
@@ -62,7 +62,7 @@ def test_only_what_was_looked_at_counts(
         before = counting(problem)
         new = problem.columns(effect, 1, shape)
         assert bool(before()) == (what in reached), what
-        alone = Problem([record(1, 8.0)], RobotSource("", urdf()))
+        alone = Problem([plants.spatial(1, 8.0)], RobotSource("", plants.spatial_urdf()))
         alone.motions = problem.motions
         assert np.array_equal(new, alone.columns(effect, 1, shape))
         assert (what in reached) or new is old

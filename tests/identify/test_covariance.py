@@ -1,8 +1,8 @@
 """Standard errors of shapes and coefficients against the scatter over many noise samples."""
 
 import numpy as np
+import plants
 import pytest
-import scipy.signal
 
 from hil.identify.design import Term
 from hil.identify.errors import complete
@@ -17,21 +17,6 @@ from hil.record.recording import Recording, RobotSource
 
 AXIS = base_model(RobotSource("single-axis"))
 TRUE = {"j1.coulomb.fc": 0.5, "j1.viscous.fv": 0.3, "j1.stribeck.fs": 0.4, "j1.stribeck.vs": 0.15}
-FS = 250.0
-
-
-def axis(seed: int, noise: float = 0.05, rho: float = 0.0, vs: float = 0.15) -> Recording:
-    """One motion with Stribeck friction; white or coloured noise."""
-    n = 10000
-    t, phase = np.arange(n) / FS, np.array([1.0, 3.0, 5.0])
-    w = 2 * np.pi * np.array([0.11, 0.3, 0.7])
-    angle = t[:, None] * w + phase
-    q, v = 0.15 * np.sin(angle).sum(axis=1), 0.15 * (w * np.cos(angle)).sum(axis=1)
-    white = np.random.default_rng(seed).normal(size=n)
-    e = scipy.signal.lfilter([np.sqrt(1 - rho**2)], [1, -rho], white)
-    tau = -0.3 * (w**2 * np.sin(angle)).sum(axis=1) + 0.3 * v
-    tau += (0.5 + 0.4 * np.exp(-((v / vs) ** 2))) * np.sign(v) + noise * e
-    return Recording("axis", "arm", ("joint1",), t, q[:, None], tau[:, None])
 
 
 def fitted(run: Recording, model: RobotModel) -> FitResult:
@@ -40,7 +25,9 @@ def fitted(run: Recording, model: RobotModel) -> FitResult:
 
 @pytest.mark.parametrize(("noise", "rho"), [(0.05, 0.0), (0.2, 0.0), (0.05, 0.95)])
 def test_stated_errors_are_the_scatter(noise: float, rho: float) -> None:
-    results = [fitted(axis(s, noise, rho), AXIS + "stribeck").values for s in range(40)]
+    results = [
+        fitted(plants.stribeck_axis(s, noise, rho), AXIS + "stribeck").values for s in range(40)
+    ]
     for name, true in TRUE.items():
         values = np.array([r[name].value for r in results])
         stated = np.sqrt(np.mean([r[name].stderr ** 2 for r in results]))
@@ -52,7 +39,7 @@ def test_stated_errors_are_the_scatter(noise: float, rho: float) -> None:
 def test_a_coefficient_on_its_bound_does_not_widen_its_shape() -> None:
     # the whole effort is late: share and delay trade off until the share's bound holds it
     def late(seed: int) -> dict[str, Value]:
-        run = axis(seed, noise=0.2)
+        run = plants.stribeck_axis(seed, noise=0.2)
         moved = Recording("axis", "arm", run.joints, run.t[:-3], run.q[:-3], run.tau[3:])
         return fitted(moved, AXIS + "stribeck" + "delay").values
 
@@ -64,10 +51,10 @@ def test_a_coefficient_on_its_bound_does_not_widen_its_shape() -> None:
 
 
 def test_an_uncertain_shape_widens_the_coefficients() -> None:
-    free = fitted(axis(0), AXIS + "stribeck").values
+    free = fitted(plants.stribeck_axis(0), AXIS + "stribeck").values
     held = {n: Value(free[n].value) for n in ("j1.stribeck.vs", "j1.stribeck.n")}
     use = Use("stribeck", options={"fixed_shape": True}, values=held)
-    known = fitted(axis(0), AXIS + use).values
+    known = fitted(plants.stribeck_axis(0), AXIS + use).values
     assert free["j1.coulomb.fc"].stderr > 1.15 * known["j1.coulomb.fc"].stderr
     assert free["j1.stribeck.fs"].stderr > 1.15 * known["j1.stribeck.fs"].stderr
     vs = known["j1.stribeck.vs"]
@@ -75,7 +62,7 @@ def test_an_uncertain_shape_widens_the_coefficients() -> None:
 
 
 def test_a_shape_at_the_end_of_its_range_is_flagged_and_has_no_error() -> None:
-    values = fitted(axis(1, vs=0.5), AXIS + "stribeck").values
+    values = fitted(plants.stribeck_axis(1, vs=0.5), AXIS + "stribeck").values
     vs = values["j1.stribeck.vs"]
     assert vs.at_bound and np.isnan(vs.stderr) and vs.identifiable
     sharp = values["j1.coulomb.v0"]  # as sharp as the speed resolves: that is no bound
@@ -83,14 +70,14 @@ def test_a_shape_at_the_end_of_its_range_is_flagged_and_has_no_error() -> None:
 
 
 def test_one_of_a_few_forms_has_no_error() -> None:
-    values = fitted(axis(2), AXIS + "stribeck").values
+    values = fitted(plants.stribeck_axis(2), AXIS + "stribeck").values
     n = values["j1.stribeck.n"]
     assert n.value == 2.0 and np.isnan(n.stderr) and not n.at_bound and n.identifiable
 
 
 @pytest.mark.parametrize("effect", ["stribeck", "presliding", "position-friction", "cogging"])
 def test_jacobian_is_the_derivative_of_the_columns(effect: str) -> None:
-    result = fitted(axis(3), AXIS + effect)
+    result = fitted(plants.stribeck_axis(3), AXIS + effect)
     k = next(i for i, t in enumerate(result.terms) if t.effect.name == effect)
     where = result.slices[k]
     theta = np.ones_like(result.theta)
@@ -106,7 +93,7 @@ def test_jacobian_is_the_derivative_of_the_columns(effect: str) -> None:
 
 
 def test_jacobian_of_the_sign_resolution_holds_what_refers_to_it() -> None:
-    result = fitted(axis(4), AXIS + "stribeck")
+    result = fitted(plants.stribeck_axis(4), AXIS + "stribeck")
     k = next(i for i, t in enumerate(result.terms) if t.effect.name == "coulomb")
     alone = np.array([float(n == "j1.coulomb.fc") for n in result.names])
     both = alone + np.array([float(n == "j1.stribeck.fs") for n in result.names])
@@ -132,19 +119,10 @@ def test_an_extended_basis_is_that_of_all_columns() -> None:
 
 
 def test_shape_of_an_effect_that_is_zero_is_not_determined() -> None:
-    values = fitted(axis(1, vs=1.5), AXIS + "stribeck").values
+    values = fitted(plants.stribeck_axis(1, vs=1.5), AXIS + "stribeck").values
     fs, vs = values["j1.stribeck.fs"], values["j1.stribeck.vs"]
     assert fs.value == 0.0 and fs.at_bound
     assert np.isnan(vs.stderr) and not vs.identifiable and not vs.at_bound
-
-
-def curve(seed: int, n: float) -> Recording:
-    """A slow session with a Stribeck curve of exponent n."""
-    run = axis(seed, noise=0.02, rho=0.9)
-    w = 2 * np.pi * np.array([0.11, 0.3, 0.7])
-    v = 0.15 * (w * np.cos(run.t[:, None] * w + np.array([1.0, 3.0, 5.0]))).sum(axis=1)
-    fs = 0.4 * (np.exp(-(np.abs(v / 0.15) ** n)) - np.exp(-((v / 0.15) ** 2))) * np.sign(v)
-    return Recording("axis", "arm", ("joint1",), run.t, run.q, run.tau + fs[:, None])
 
 
 @pytest.mark.parametrize("n", [2.0, 1.4, 1.0])
@@ -152,7 +130,7 @@ def test_an_exponent_that_was_picked_widens_what_trades_off_with_it(n: float) ->
     true = TRUE | {"j1.stribeck.n": n}
     early, late = [], []
     for seed in range(8):
-        result = fitted(curve(seed, n), AXIS + "stribeck")
+        result = fitted(plants.stribeck_axis(seed, 0.02, 0.9, n=n), AXIS + "stribeck")
         told = complete(result)
         assert {k: v.value for k, v in told.values.items()} == {
             k: v.value for k, v in result.values.items()
@@ -169,14 +147,17 @@ def test_an_exponent_that_was_picked_widens_what_trades_off_with_it(n: float) ->
 
 def test_shapes_that_are_no_quantity_get_no_error() -> None:
     model = base_model(RobotSource("single-axis")) + "presliding"
-    told = complete(fitted(axis(0, rho=0.5), model))
+    told = complete(fitted(plants.stribeck_axis(0, rho=0.5), model))
     name = "j1.presliding.form"
     assert np.isnan(told.values[name].stderr) and in_words(name, told.values[name].value)
-    assert complete(fitted(axis(0), AXIS)).values.keys() == fitted(axis(0), AXIS).values.keys()
+    assert (
+        complete(fitted(plants.stribeck_axis(0), AXIS)).values.keys()
+        == fitted(plants.stribeck_axis(0), AXIS).values.keys()
+    )
 
 
 def test_told_errors_are_plain_numbers_that_a_file_holds(tmp_path) -> None:
-    told = complete(fitted(curve(0, 1.4), AXIS + "stribeck"))
+    told = complete(fitted(plants.stribeck_axis(0, 0.02, 0.9, n=1.4), AXIS + "stribeck"))
     assert all(type(v.stderr) is float for v in told.values.values())
     write_model(told.model, tmp_path / "m.toml")
     again = read_model(tmp_path / "m.toml").values()
@@ -186,5 +167,5 @@ def test_told_errors_are_plain_numbers_that_a_file_holds(tmp_path) -> None:
 
 def test_an_error_that_says_nothing_is_none() -> None:
     model = base_model(RobotSource("single-axis")) + "presliding"
-    for name, v in complete(fitted(axis(0, vs=0.02), model)).values.items():
+    for name, v in complete(fitted(plants.stribeck_axis(0, vs=0.02), model)).values.items():
         assert not v.stderr > 10 * abs(v.value) or not name.startswith("j1.presliding.v")

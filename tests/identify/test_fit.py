@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
+import plants
 import pytest
 import scipy.optimize
-from identify_arm import FC, FV, JOINTS, NOISE, record, urdf
 
 from hil.errors import ConfigError, DataError, FitError
 from hil.identify.fit import fit, predict, time_blocks
@@ -17,49 +17,33 @@ from hil.identify.result import FitResult
 from hil.models.effect import Doc, Effect, Param
 from hil.models.model import RobotModel, Use, Value, base_model
 from hil.models.motion import FloatArray, Motion
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import RobotSource
 
-GUESS = RobotSource("", urdf((2.0, 2.0, 2.0)))
+GUESS = RobotSource("", plants.spatial_urdf((2.0, 2.0, 2.0)))
 ARM = RobotModel(GUESS, (Use("rigid-body"), Use("coulomb"), Use("viscous")))
 AXIS = base_model(RobotSource("single-axis"))
 
 
 @pytest.fixture(scope="module")
 def fitted() -> FitResult:
-    return fit(Problem([record(1)], GUESS), ARM)
-
-
-def axis(seed: int = 0, n: int = 6000, fv: float = 0.3, d: int = 1, fs: float = 500.0) -> Recording:
-    """Axes of 2 kg m^2 with friction: inertia, Coulomb 0.5, viscous fv, white noise."""
-    rng, t = np.random.default_rng(seed), np.arange(n) / fs
-    w, phase = 2 * np.pi * np.array([0.3, 0.7, 1.1]), rng.uniform(0, 6, (d, 3))
-    angle = t[:, None, None] * w + phase
-    q, qd = 0.2 * np.sin(angle).sum(axis=2), 0.2 * (w * np.cos(angle)).sum(axis=2)
-    qdd = -0.2 * (w**2 * np.sin(angle)).sum(axis=2)
-    tau = 2 * qdd + 0.5 * np.sign(qd) + fv * qd + 0.05 * rng.normal(size=q.shape)
-    return Recording(f"axis{seed}", "arm", tuple(f"joint{k + 1}" for k in range(d)), t, q, tau)
-
-
-def touch(seed: int = 0, hysteresis: float = 0.0) -> Recording:
-    """A lever that presses a damped spring of 200 N m/rad from 0.05 rad on."""
-    run = axis(seed)
-    q, v = run.q, np.gradient(run.q, 1 / 500.0, axis=0)
-    ext = np.where(q > 0.05, -200 * (q - 0.05) - 3 * v, 0.0)
-    return replace(run, tau_ext=ext + 0.1 * np.random.default_rng(9).normal(size=q.shape))
+    return fit(Problem([plants.spatial(1)], GUESS), ARM)
 
 
 # --- a known arm ----------------------------------------------------------------------------
 
 
 def truth() -> dict[str, float]:
-    model = pin.buildModelFromXML(urdf())
+    model = pin.buildModelFromXML(plants.spatial_urdf())
     names = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
     out = {}
-    for joint, inertia in zip(JOINTS, list(model.inertias)[1:], strict=True):
+    for joint, inertia in zip(plants.JOINTS, list(model.inertias)[1:], strict=True):
         for name, value in zip(names, inertia.toDynamicParameters(), strict=True):
             out[f"rigid-body.{joint}.{name}"] = value
     for k in range(3):
-        out |= {f"j{k + 1}.coulomb.fc": FC[k], f"j{k + 1}.viscous.fv": FV[k]}
+        out |= {
+            f"j{k + 1}.coulomb.fc": plants.SPATIAL_FC[k],
+            f"j{k + 1}.viscous.fv": plants.SPATIAL_FV[k],
+        }
     return out
 
 
@@ -77,7 +61,7 @@ def test_the_arm_s_dynamics_are_recovered(fitted: FitResult) -> None:
     """Base parameters: many do not show one by one, but the efforts they make do."""
     rng = np.random.default_rng(5)
     q, qd, qdd = rng.normal(size=(3, 200, 3))
-    model = pin.buildModelFromXML(urdf())
+    model = pin.buildModelFromXML(plants.spatial_urdf())
     data = model.createData()
     true = np.array([pin.rnea(model, data, *x).copy() for x in zip(q, qd, qdd, strict=True)])
     body = fitted.theta[fitted.slices[0]]
@@ -97,18 +81,18 @@ def test_what_the_data_do_not_hold_stays_at_the_prior(fitted: FitResult) -> None
 
 
 def test_residual_is_the_noise(fitted: FitResult) -> None:
-    expected = NOISE * np.sqrt(fitted.problem.rates.effort / 250.0)
+    expected = plants.NOISE * np.sqrt(fitted.problem.rates.effort / 250.0)
     assert np.all(fitted.rms < 1.5 * expected)
     assert np.all(fitted.relative < 1.0)
 
 
 def test_prediction_of_a_new_run_is_as_good(fitted: FitResult) -> None:
     problem = fitted.problem
-    new = Problem([record(2)], GUESS, rates=problem.rates, span=problem.span)
+    new = Problem([plants.spatial(2)], GUESS, rates=problem.rates, span=problem.span)
     residual = predict(fitted, new)
     assert residual.shape == (3, new.n)
     assert np.all(np.sqrt(np.mean(residual**2, axis=1)) < 1.3 * fitted.rms)
-    again = Problem([record(1)], GUESS, rates=problem.rates, span=problem.span)
+    again = Problem([plants.spatial(1)], GUESS, rates=problem.rates, span=problem.span)
     np.testing.assert_allclose(predict(fitted, again), fitted.residual, atol=1e-9)
 
 
@@ -120,7 +104,7 @@ def test_result_is_json_and_holds_everything(fitted: FitResult) -> None:
     assert fc["unit"] == "N m" and fc["at_bound"] is False and fc["identifiable"] is True
     assert fc["stderr"] == pytest.approx(fitted.values["j2.coulomb.fc"].stderr)
     assert data["parameters"]["rigid-body.base.m"]["identifiable"] is False
-    assert set(data["relative"]) == set(JOINTS)
+    assert set(data["relative"]) == set(plants.JOINTS)
 
 
 def test_model_holds_the_values_and_the_source(fitted: FitResult) -> None:
@@ -134,12 +118,12 @@ def test_model_holds_the_values_and_the_source(fitted: FitResult) -> None:
 def test_fit_is_repeatable_on_one_problem_and_on_a_fresh_one(fitted: FitResult) -> None:
     same = fit(fitted.problem, ARM)
     np.testing.assert_allclose(same.residual, fitted.residual, atol=1e-10)
-    fresh = fit(Problem([record(1)], GUESS), ARM)
-    np.testing.assert_array_equal(fresh.theta, fit(Problem([record(1)], GUESS), ARM).theta)
+    fresh = fit(Problem([plants.spatial(1)], GUESS), ARM)
+    np.testing.assert_array_equal(fresh.theta, fit(Problem([plants.spatial(1)], GUESS), ARM).theta)
 
 
 def test_json_of_a_fit_that_determines_nothing() -> None:
-    run = axis()
+    run = plants.coulomb_axes()
     result = fit(Problem([replace(run, tau=0 * run.tau)], AXIS.robot), AXIS)
     assert json.loads(json.dumps(result.as_dict(), allow_nan=False))["rank"] >= 0
 
@@ -148,13 +132,16 @@ def test_json_of_a_fit_that_determines_nothing() -> None:
 
 
 def test_per_run_offsets_belong_to_their_runs() -> None:
-    runs = [replace(axis(k), tau=axis(k).tau + offset) for k, offset in ((0, 0.7), (1, -0.4))]
+    runs = [
+        replace(plants.coulomb_axes(k), tau=plants.coulomb_axes(k).tau + offset)
+        for k, offset in ((0, 0.7), (1, -0.4))
+    ]
     model = (AXIS - "torque-offset") + Use("torque-offset", options={"per_run": True})
     result = fit(Problem(runs, AXIS.robot), model)
     for run, true in (("axis0", 0.7), ("axis1", -0.4)):
         value = result.values[f"j1.torque-offset.t0[{run}]"]
         assert abs(value.value - true) < 4 * value.stderr < 0.05
-    third = replace(axis(2), tau=axis(2).tau + 3.0)
+    third = replace(plants.coulomb_axes(2), tau=plants.coulomb_axes(2).tau + 3.0)
     problem = Problem([third], AXIS.robot, rates=result.problem.rates, span=result.problem.span)
     assert np.sqrt(np.mean(predict(result, problem) ** 2)) < 1.5 * result.rms[0]
 
@@ -162,36 +149,36 @@ def test_per_run_offsets_belong_to_their_runs() -> None:
 def test_fixed_values_stay_and_the_others_move() -> None:
     given = {"j1.viscous.fv": Value(0.9)}
     model = (AXIS - "viscous") + Use("viscous", options={"fixed": True}, values=given)
-    result = fit(Problem([axis()], AXIS.robot), model)
+    result = fit(Problem([plants.coulomb_axes()], AXIS.robot), model)
     value = result.values["j1.viscous.fv"]
     assert value.value == 0.9 and value.source == "given" and np.isnan(value.stderr)
-    assert result.relative[0] > fit(Problem([axis()], AXIS.robot), AXIS).relative[0]
+    assert result.relative[0] > fit(Problem([plants.coulomb_axes()], AXIS.robot), AXIS).relative[0]
 
 
 def test_fixed_shape_stays_and_its_coefficient_is_fitted() -> None:
     values = {"j1.coulomb.v0": Value(0.123)}
     use = Use("coulomb", options={"fixed_shape": True}, values=values)
-    result = fit(Problem([axis()], AXIS.robot), (AXIS - "coulomb") + use)
+    result = fit(Problem([plants.coulomb_axes()], AXIS.robot), (AXIS - "coulomb") + use)
     assert result.values["j1.coulomb.v0"].value == 0.123
     assert result.values["j1.coulomb.fc"].value == pytest.approx(0.5, rel=0.2)
 
 
 def test_presliding_takes_coulomb_s_place() -> None:
-    result = fit(Problem([axis()], AXIS.robot), AXIS + "presliding")
+    result = fit(Problem([plants.coulomb_axes()], AXIS.robot), AXIS + "presliding")
     names = {t.effect.name for t in result.terms}
     assert "presliding" in names and "coulomb" not in names
 
 
 def test_units_follow_the_joint() -> None:
-    linear = replace(axis(), metadata={"unit": "m"})
+    linear = replace(plants.coulomb_axes(), metadata={"unit": "m"})
     values = fit(Problem([linear], AXIS.robot), AXIS).values
     assert values["rigid-body.m"].unit == "kg" and values["j1.viscous.fv"].unit == "N s/m"
-    values = fit(Problem([axis()], AXIS.robot), AXIS).values
+    values = fit(Problem([plants.coulomb_axes()], AXIS.robot), AXIS).values
     assert values["rigid-body.m"].unit == "kg m^2" and values["j1.viscous.fv"].unit == "N m s/rad"
 
 
 def test_a_bound_is_held_and_the_others_are_refitted() -> None:
-    result = fit(Problem([axis(fv=-0.2)], AXIS.robot), AXIS)
+    result = fit(Problem([plants.coulomb_axes(fv=-0.2)], AXIS.robot), AXIS)
     value = result.values["j1.viscous.fv"]
     assert value.value == 0.0 and value.at_bound
     assert not result.values["j1.coulomb.fc"].at_bound
@@ -202,7 +189,7 @@ def test_a_bound_is_held_and_the_others_are_refitted() -> None:
 
 
 def test_bounds_of_many_joints_at_once() -> None:
-    result = fit(Problem([axis(fv=-0.2, d=7)], AXIS.robot), AXIS)
+    result = fit(Problem([plants.coulomb_axes(fv=-0.2, d=7)], AXIS.robot), AXIS)
     for k in range(7):
         assert result.values[f"j{k + 1}.viscous.fv"].value == 0.0
 
@@ -215,24 +202,24 @@ def test_contact_laws_in_any_order(order: tuple[int, ...]) -> None:
     laws = ("contact-stiffness", "contact-damping", "contact-hardening")
     uses = (Use("torque-offset"), *(Use(laws[k]) for k in order))
     model = RobotModel(AXIS.robot, uses, explains="external")
-    result = fit(Problem([touch()], AXIS.robot, explains="external"), model)
+    result = fit(Problem([plants.touching_axis()], AXIS.robot, explains="external"), model)
     assert result.values["j1.contact-stiffness.q0"].value == pytest.approx(0.05, abs=3e-3)
     assert result.values["j1.contact-damping.c"].value == pytest.approx(3.0, rel=0.02)
-    again = fit(Problem([touch()], AXIS.robot, explains="external"), result.model)
+    again = fit(Problem([plants.touching_axis()], AXIS.robot, explains="external"), result.model)
     np.testing.assert_allclose(again.relative, result.relative, rtol=0.05)
 
 
 def test_a_contact_law_without_a_surface_is_refused() -> None:
     model = RobotModel(AXIS.robot, (Use("contact-hardening"),), explains="external")
     with pytest.raises(FitError, match="needs 'contact-stiffness' in the model"):
-        fit(Problem([touch()], AXIS.robot, explains="external"), model)
+        fit(Problem([plants.touching_axis()], AXIS.robot, explains="external"), model)
 
 
 # --- refusals -------------------------------------------------------------------------------
 
 
 def test_unknown_joints_and_foreign_effects_are_refused() -> None:
-    problem = Problem([axis()], AXIS.robot)
+    problem = Problem([plants.coulomb_axes()], AXIS.robot)
     with pytest.raises(ConfigError, match="unknown joint 'joint9'"):
         fit(problem, AXIS + Use("spring", ("joint9",)))
     with pytest.raises(ConfigError, match=r"'contact-stiffness' explains external effort, but"):
@@ -240,42 +227,45 @@ def test_unknown_joints_and_foreign_effects_are_refused() -> None:
 
 
 def test_coupled_effects_on_all_joints_take_the_joints_that_can() -> None:
-    result = fit(Problem([axis(d=2)], AXIS.robot), AXIS + "coupled-transmission")
+    result = fit(Problem([plants.coulomb_axes(d=2)], AXIS.robot), AXIS + "coupled-transmission")
     assert "j1.coupled-transmission.i" in result.values
     assert "j2.coupled-transmission.i" not in result.values
     with pytest.raises(FitError, match="cannot be fitted to joint1: the robot has one joint"):
-        fit(Problem([axis()], AXIS.robot), AXIS + "coupled-friction")
+        fit(Problem([plants.coulomb_axes()], AXIS.robot), AXIS + "coupled-friction")
     with pytest.raises(FitError, match="cannot be fitted to joint2: no later joint"):
-        fit(Problem([axis(d=2)], AXIS.robot), AXIS + Use("coupled-transmission", ("joint2",)))
+        fit(
+            Problem([plants.coulomb_axes(d=2)], AXIS.robot),
+            AXIS + Use("coupled-transmission", ("joint2",)),
+        )
 
 
 def test_an_armature_beside_an_axis_only_inertia_is_left_out() -> None:
-    assert "j1.armature.ia" not in fit(Problem([axis()], AXIS.robot), AXIS).values
+    assert "j1.armature.ia" not in fit(Problem([plants.coulomb_axes()], AXIS.robot), AXIS).values
 
 
 @pytest.mark.parametrize("n", [60, 70, 90, 110])
 def test_short_runs_are_refused(n: int) -> None:
     with pytest.raises(DataError, match=r"'axis0' of .* too short for a filter of .* record"):
-        Problem([axis(n=n)], AXIS.robot)
+        Problem([plants.coulomb_axes(n=n)], AXIS.robot)
 
 
 def test_a_run_without_motion_is_refused() -> None:
-    run = axis()
+    run = plants.coulomb_axes()
     with pytest.raises(FitError, match="hold no motion"):
         fit(Problem([replace(run, q=0 * run.q)], AXIS.robot), AXIS)
 
 
 def test_runs_of_different_robots_and_no_runs_are_refused() -> None:
     with pytest.raises(DataError, match="'axis1' has 2 joints but 'axis0' has 1"):
-        Problem([axis(0), axis(1, d=2)], AXIS.robot)
+        Problem([plants.coulomb_axes(0), plants.coulomb_axes(1, d=2)], AXIS.robot)
     with pytest.raises(DataError, match="no recording given"):
         Problem([], AXIS.robot)
     with pytest.raises(DataError, match="'axis0' has no external effort"):
-        Problem([axis()], AXIS.robot, explains="external")
+        Problem([plants.coulomb_axes()], AXIS.robot, explains="external")
 
 
 def test_time_blocks_keep_runs_apart() -> None:
-    problem = Problem([axis(0), axis(1, n=4000)], AXIS.robot)
+    problem = Problem([plants.coulomb_axes(0), plants.coulomb_axes(1, n=4000)], AXIS.robot)
     blocks = time_blocks(problem)
     assert np.all(np.diff(blocks) >= 0)
     assert not set(blocks[problem.run == 0]) & set(blocks[problem.run == 1])
@@ -285,7 +275,7 @@ def test_time_blocks_keep_runs_apart() -> None:
 
 def test_the_regressor_is_made_once_for_all_fits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Moving and at rest, whatever the sign resolution and the load become."""
-    problem, calls = Problem([record(1)], GUESS), []
+    problem, calls = Problem([plants.spatial(1)], GUESS), []
     whole = problem.robot.regressor
 
     def counted(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
@@ -327,4 +317,4 @@ class Broken(Effect):
 )
 def test_faulty_columns_of_an_own_effect_are_refused(columns: list[float], text: str) -> None:
     with pytest.raises(ConfigError, match=text):
-        Problem([axis()], AXIS.robot).columns(Broken(np.array(columns)), 0, ())
+        Problem([plants.coulomb_axes()], AXIS.robot).columns(Broken(np.array(columns)), 0, ())

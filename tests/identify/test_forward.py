@@ -1,6 +1,7 @@
 """Models that are simulated together move as each of them alone."""
 
 import numpy as np
+import plants
 import pytest
 
 from hil.identify.fit import fit
@@ -8,24 +9,15 @@ from hil.identify.forward import Windows, _Forward, looked_at
 from hil.identify.multistep import each, simulate
 from hil.identify.problem import Problem
 from hil.models.model import base_model
-from hil.record.recording import Recording, RobotSource
-
-
-def recording(seed: int) -> Recording:
-    """Two axes of 2 kg m^2 with Coulomb 0.5, viscous 0.3 and quadratic friction, white noise."""
-    rng, t = np.random.default_rng(seed), np.arange(4000) / 500.0
-    w, phase = 2 * np.pi * np.array([0.3, 0.7, 1.1]), rng.uniform(0, 6, (2, 3))
-    angle = t[:, None, None] * w + phase
-    q, qd = 0.2 * np.sin(angle).sum(axis=2), 0.2 * (w * np.cos(angle)).sum(axis=2)
-    qdd = -0.2 * (w**2 * np.sin(angle)).sum(axis=2)
-    tau = 2 * qdd + 0.5 * np.sign(qd) + 0.3 * qd + 0.1 * qd * np.abs(qd)
-    tau = tau + 0.05 * rng.normal(size=q.shape)
-    return Recording(f"axes{seed}", "arm", ("joint1", "joint2"), t, q, tau)
+from hil.record.recording import RobotSource
 
 
 @pytest.mark.parametrize("runs", [1, 2])
 def test_together_as_alone(runs: int) -> None:
-    problem = Problem([recording(k) for k in range(runs)], RobotSource("single-axis"))
+    problem = Problem(
+        [plants.coulomb_axes(k, 4000, d=2, drag=0.1) for k in range(runs)],
+        RobotSource("single-axis"),
+    )
     small = base_model(problem.source)
     models = [small, small + "quadratic-drag", small + "asymmetric-viscous"]
     results = [fit(problem, m) for m in models]
@@ -41,7 +33,7 @@ def test_together_as_alone(runs: int) -> None:
 
 
 def test_several_accelerations_of_a_state_as_each_of_them_alone() -> None:
-    problem = Problem([recording(1)], RobotSource("single-axis"))
+    problem = Problem([plants.coulomb_axes(1, 4000, d=2, drag=0.1)], RobotSource("single-axis"))
     motion = problem.motions[0]
     result = fit(problem, base_model(problem.source) + "quadratic-drag")
     starts = np.arange(0, 500, 100)

@@ -3,14 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
-from test_forward import recording
+import plants
 
 from hil.identify.forward import groups, joined, runs_of
 from hil.identify.problem import Problem
 
 
 def test_runs_are_joined_where_they_are_alike() -> None:
-    runs = [recording(k) for k in range(3)]
+    runs = [plants.coulomb_axes(k, 4000, d=2, drag=0.1) for k in range(3)]
     motions = Problem(runs, runs[0].robot).motions
     assert groups(motions, {"q", "qd", "v0"}) == [[0, 1, 2]]
     other = replace(motions[1], v0=2 * motions[1].v0)
@@ -19,7 +19,7 @@ def test_runs_are_joined_where_they_are_alike() -> None:
 
 
 def test_a_joined_run_holds_the_states_of_all() -> None:
-    runs = [recording(k) for k in range(2)]
+    runs = [plants.coulomb_axes(k, 4000, d=2, drag=0.1) for k in range(2)]
     motions = Problem(runs, runs[0].robot).motions
     both = joined(motions)
     assert runs_of(both) == tuple(motions)

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import plants
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from identify_arm import record
 
 from hil.identify.bands import ACCELERATION_NOISE, choose, information
 from hil.identify.clock import even
@@ -26,40 +26,12 @@ from hil.identify.timing import (
     readings,
 )
 from hil.models.model import Band, RobotModel, base_model
-from hil.record.recording import COLUMNS, Recording, RobotSource
+from hil.record.recording import Recording, RobotSource
 from hil.record.urdf_joints import urdf_joints
 
 AXIS = base_model(RobotSource("single-axis"))
 FS = 1000.0
 DATA = os.environ.get("HIL_DATA", "")
-
-
-def motion(t: np.ndarray) -> np.ndarray:
-    return 0.6 * np.sin(2 * np.pi * 0.37 * t) + 0.2 * np.sin(2 * np.pi * 1.13 * t + 1.0)
-
-
-def axis(seconds: float = 30.0, fs: float = FS, seed: int = 0, noise: float = 0.02) -> Recording:
-    """An axis with inertia, and friction; counts of 2e-5 rad, white effort noise."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(int(seconds * fs)) / fs
-    return at(t, t, rng, noise)
-
-
-def at(stamps: np.ndarray, t: np.ndarray, rng: np.random.Generator, noise: float) -> Recording:
-    """What is measured at instants t and logged with other stamps."""
-    h = 1e-4
-    v = (motion(t + h) - motion(t - h)) / (2 * h)
-    a = (motion(t + h) - 2 * motion(t) + motion(t - h)) / h**2
-    tau = 0.02 * a + 0.05 * v + 0.3 * np.tanh(v / 0.003) + noise * rng.normal(size=t.size)
-    q = np.round(motion(t) / 2e-5) * 2e-5
-    return Recording("run", "arm", ("joint1",), stamps, q[:, None], tau[:, None])
-
-
-def without(r: Recording, rows: np.ndarray) -> Recording:
-    keep = np.ones(r.n, dtype=bool)
-    keep[rows] = False
-    arrays = {k: v[keep] for k in ("t", *COLUMNS) if (v := getattr(r, k)) is not None}
-    return replace(r, **arrays)
 
 
 def floor(r: Recording) -> float:
@@ -71,7 +43,7 @@ def floor(r: Recording) -> float:
 
 
 def test_an_even_recording_is_used_as_it_is() -> None:
-    r = axis(5.0)
+    r = plants.counted_axis(5.0)
     (part,), timing = even(r)
     assert part.recording is r
     assert timing.even
@@ -80,14 +52,14 @@ def test_an_even_recording_is_used_as_it_is() -> None:
 
 @pytest.mark.parametrize("row", [777, 12345, 29000])
 def test_a_lost_row_costs_nothing(row: int) -> None:
-    whole = axis()
-    assert floor(without(whole, np.array([row]))) == pytest.approx(floor(whole), rel=0.02)
+    whole = plants.counted_axis()
+    assert floor(plants.without(whole, np.array([row]))) == pytest.approx(floor(whole), rel=0.02)
 
 
 def test_many_lost_rows_cost_what_they_held() -> None:
-    whole = axis()
+    whole = plants.counted_axis()
     lost = np.random.default_rng(1).choice(np.arange(10, whole.n - 10), 300, replace=False)
-    r = without(whole, lost)
+    r = plants.without(whole, lost)
     (part,), timing = even(r)
     assert sum(g.rows for g in timing.gaps) == 300
     assert part.recording.n == whole.n
@@ -99,8 +71,8 @@ def test_many_lost_rows_cost_what_they_held() -> None:
 def test_a_bridge_has_the_length_of_the_gap_and_nothing_else_changes(
     first: int, length: int
 ) -> None:
-    whole = axis(5.0)
-    r = without(whole, np.arange(first, first + length))
+    whole = plants.counted_axis(5.0)
+    r = plants.without(whole, np.arange(first, first + length))
     (part,), timing = even(r)
     (gap,) = timing.gaps
     assert (gap.rows, gap.split) == (length, False)
@@ -112,8 +84,8 @@ def test_a_bridge_has_the_length_of_the_gap_and_nothing_else_changes(
 
 
 def test_a_gap_of_three_seconds_splits_and_keeps_one_run() -> None:
-    whole = axis(40.0)
-    r = without(whole, np.arange(15_000, 18_000))
+    whole = plants.counted_axis(40.0)
+    r = plants.without(whole, np.arange(15_000, 18_000))
     parts, timing = even(r)
     assert [p.recording.n for p in parts] == [15_000, 22_000]
     assert timing.gaps[0].split
@@ -122,7 +94,7 @@ def test_a_gap_of_three_seconds_splits_and_keeps_one_run() -> None:
     model = RobotModel(
         AXIS.robot, tuple(replace(u, options={}) for u in AXIS.effects), band=Band(60.0, 20.0)
     )
-    problem = Problem([r, axis(10.0, seed=3)], model.robot, band=model.band)
+    problem = Problem([r, plants.counted_axis(10.0, seed=3)], model.robot, band=model.band)
     assert (len(problem.motions), problem.runs) == (3, 2)
     assert problem.whole.tolist() == [0, 0, 1]
     assert floor(r) == pytest.approx(floor(whole), rel=0.03)
@@ -130,16 +102,16 @@ def test_a_gap_of_three_seconds_splits_and_keeps_one_run() -> None:
 
 def test_beside_a_gap_nothing_enters() -> None:
     """Nonsense on a bridge changes nothing of the fit."""
-    whole = axis(20.0)
-    r = without(whole, np.arange(8000, 8400))
+    whole = plants.counted_axis(20.0)
+    r = plants.without(whole, np.arange(8000, 8400))
     (part,), _ = even(r)
     assert np.sum(bridged(part, 60.0)) == pytest.approx(400 + 2 * 34, abs=3)
     assert floor(r) == pytest.approx(floor(whole), rel=0.03)
 
 
 def test_a_short_part_stays_behind_a_bridge() -> None:
-    whole = axis(20.0)
-    r = without(whole, np.arange(17_000, 18_500))
+    whole = plants.counted_axis(20.0)
+    r = plants.without(whole, np.arange(17_000, 18_500))
     parts, timing = even(r)
     assert len(parts) == 1
     assert not timing.gaps[0].split
@@ -149,27 +121,31 @@ def test_stamps_that_stray_are_not_followed_by_the_positions() -> None:
     t = np.arange(10_000) / 200.0
     rng = np.random.default_rng(2)
     late = np.sort(t + 0.3 / 200 * rng.random(t.size))
-    r = at(late, t, rng, 0.02)
+    r = plants.counted_at(late, t, rng, 0.02)
     timing = even(r)[1]
     assert timing.reading == "even"
     assert timing.jitter == pytest.approx(0.3 / 200 / np.sqrt(12), rel=0.1)
     assert not timing.gaps
     assert timing.rate == pytest.approx(200.0, rel=1e-4)
-    assert floor(r) == pytest.approx(floor(at(t, t, np.random.default_rng(2), 0.02)), rel=0.1)
+    assert floor(r) == pytest.approx(
+        floor(plants.counted_at(t, t, np.random.default_rng(2), 0.02)), rel=0.1
+    )
 
 
 def test_samples_that_stray_are_put_on_a_grid() -> None:
     rng = np.random.default_rng(3)
     t = np.sort(np.arange(6000) / 200.0 + 0.4 / 200 * (rng.random(6000) - 0.5))
     t -= t[0]
-    parts, timing = even(at(t, t, rng, 0.02))
+    parts, timing = even(plants.counted_at(t, t, rng, 0.02))
     assert timing.reading == "stamps"
     (part,) = parts
-    np.testing.assert_allclose(part.recording.q[5:-5, 0], motion(part.recording.t[5:-5]), atol=5e-5)
+    np.testing.assert_allclose(
+        part.recording.q[5:-5, 0], plants.counted_motion(part.recording.t[5:-5]), atol=5e-5
+    )
 
 
 def test_a_late_stamp_is_no_gap() -> None:
-    r = axis(5.0)
+    r = plants.counted_axis(5.0)
     t = r.t.copy()
     t[2000] += 0.7e-3
     timing = even(replace(r, t=t))[1]
@@ -177,7 +153,7 @@ def test_a_late_stamp_is_no_gap() -> None:
 
 
 def test_repeated_rows_are_left_out() -> None:
-    r = axis(5.0)
+    r = plants.counted_axis(5.0)
     rows = np.sort(np.r_[np.arange(r.n), [500, 1200, 1201]])
     arrays = {k: getattr(r, k)[rows] for k in ("t", "q", "tau")}
     parts, timing = even(replace(r, **arrays))
@@ -187,7 +163,7 @@ def test_repeated_rows_are_left_out() -> None:
 
 def test_stale_rows_in_excess_are_left_out() -> None:
     """A logger a little faster than its source: 30 Hz of 29.4."""
-    source = axis(60.0, 29.4)
+    source = plants.counted_axis(60.0, 29.4)
     t = np.arange(int(59.9 * 30.0)) / 30.0
     newest = np.floor(t * 29.4 + 1e-9).astype(int)
     r = replace(source, t=t, q=source.q[newest], tau=source.tau[newest])
@@ -199,7 +175,7 @@ def test_stale_rows_in_excess_are_left_out() -> None:
 
 
 def test_stale_rows_in_place_of_lost_ones_are_bridged() -> None:
-    whole = axis(10.0, 100.0)
+    whole = plants.counted_axis(10.0, 100.0)
     q, tau = whole.q.copy(), whole.tau.copy()
     lost = np.array([200, 333, 410, 555, 620, 777, 850])
     q[lost], tau[lost] = q[lost - 1], tau[lost - 1]
@@ -209,7 +185,7 @@ def test_stale_rows_in_place_of_lost_ones_are_bridged() -> None:
 
 
 def test_a_slow_signal_logged_fast_has_its_own_rate() -> None:
-    slow = axis(30.0, 100.0)
+    slow = plants.counted_axis(30.0, 100.0)
     rows = np.repeat(np.arange(slow.n), 10)
     r = replace(slow, t=np.arange(rows.size) / 1000.0, q=slow.q[rows], tau=slow.tau[rows])
     (part,), timing = even(r)
@@ -220,7 +196,7 @@ def test_a_slow_signal_logged_fast_has_its_own_rate() -> None:
 
 
 def test_efforts_that_are_held_alone_have_their_own_rate() -> None:
-    fast = axis(30.0)
+    fast = plants.counted_axis(30.0)
     tau = np.repeat(fast.tau[::10], 10, axis=0)
     r = replace(fast, tau=tau)
     timing = even(r)[1]
@@ -231,7 +207,7 @@ def test_efforts_that_are_held_alone_have_their_own_rate() -> None:
 
 
 def test_a_wrong_row_is_put_right() -> None:
-    r = axis()
+    r = plants.counted_axis()
     q, tau = r.q.copy(), r.tau.copy()
     q[9000] += 0.5
     tau[20_000] -= 40.0
@@ -245,7 +221,10 @@ def test_lateness_within_a_sample_is_found(late: float) -> None:
     fs = 200.0
     t = np.arange(int(40 * fs)) / fs
     rng = np.random.default_rng(4)
-    seen, moved = at(t, t, rng, 0.002), at(t, t + late / fs, rng, 0.002)
+    seen, moved = (
+        plants.counted_at(t, t, rng, 0.002),
+        plants.counted_at(t, t + late / fs, rng, 0.002),
+    )
     problem = Problem([replace(seen, tau=moved.tau)], AXIS.robot)
     fit_aligned(problem, AXIS)
     assert problem.shift == pytest.approx(late / fs, abs=0.1 / fs)
@@ -259,7 +238,10 @@ def test_lateness_is_told_before_a_diagnosis() -> None:
     fs = 200.0
     t = np.arange(int(40 * fs)) / fs
     rng = np.random.default_rng(4)
-    seen, moved = at(t, t, rng, 0.002), at(t, t - 0.4 / fs, rng, 0.002)
+    seen, moved = (
+        plants.counted_at(t, t, rng, 0.002),
+        plants.counted_at(t, t - 0.4 / fs, rng, 0.002),
+    )
     found = lateness(replace(seen, tau=moved.tau, robot=AXIS.robot))
     assert found.seconds == pytest.approx(0.4 / fs, abs=0.1 / fs)
     assert found.samples == pytest.approx(0.4, abs=0.1)
@@ -275,13 +257,15 @@ def test_lateness_is_told_before_a_diagnosis() -> None:
 
 def test_a_given_shift_is_taken() -> None:
     model = replace(AXIS, band=Band(shift_s=0.002))
-    problem = Problem([axis(20.0)], model.robot, band=model.band)
+    problem = Problem([plants.counted_axis(20.0)], model.robot, band=model.band)
     fit_aligned(problem, model)
     assert problem.shift == 0.002
 
 
 def test_what_a_map_says_of_the_signal_holds_where_the_model_is_silent() -> None:
-    r = replace(axis(5.0), metadata={"signal_effort_hz": "7.0", "signal_rate_hz": "990.0"})
+    r = replace(
+        plants.counted_axis(5.0), metadata={"signal_effort_hz": "7.0", "signal_rate_hz": "990.0"}
+    )
     assert signal(Band(), r).effort_hz == 7.0
     assert signal(Band(effort_hz=9.0), r) == Band(effort_hz=9.0, rate_hz=990.0)
     assert prepared(r).rates.effort == 7.0
@@ -290,15 +274,19 @@ def test_what_a_map_says_of_the_signal_holds_where_the_model_is_silent() -> None
 
 @pytest.mark.parametrize(("noise", "low", "high"), [(1e-5, 12.0, 12.0), (3e-3, 4.0, 8.0)])
 def test_the_band_follows_signal_over_noise(noise: float, low: float, high: float) -> None:
-    r = axis()
-    q = motion(r.t)[:, None] + noise * np.random.default_rng(5).normal(size=r.q.shape)
+    r = plants.counted_axis()
+    q = plants.counted_motion(r.t)[:, None] + noise * np.random.default_rng(5).normal(
+        size=r.q.shape
+    )
     assert low <= choose([replace(r, q=q)], Band(), True).effort <= high
 
 
 @pytest.mark.parametrize("noise", [3e-5, 3e-4, 1e-3])
 def test_acceleration_stands_clear_of_known_noise_up_to_a_known_frequency(noise: float) -> None:
-    r = axis(60.0)
-    q = motion(r.t)[:, None] + noise * np.random.default_rng(5).normal(size=r.q.shape)
+    r = plants.counted_axis(60.0)
+    q = plants.counted_motion(r.t)[:, None] + noise * np.random.default_rng(5).normal(
+        size=r.q.shape
+    )
     rms = np.sqrt((0.6 * (2 * np.pi * 0.37) ** 2) ** 2 + (0.2 * (2 * np.pi * 1.13) ** 2) ** 2)
     rms /= np.sqrt(2)
     known = (ACCELERATION_NOISE * rms / (noise * (2 * np.pi) ** 2) * np.sqrt(FS / 0.4)) ** 0.4
@@ -307,7 +295,7 @@ def test_acceleration_stands_clear_of_known_noise_up_to_a_known_frequency(noise:
 
 
 def test_one_bad_joint_does_not_set_the_band() -> None:
-    r, rng = axis(), np.random.default_rng(6)
+    r, rng = plants.counted_axis(), np.random.default_rng(6)
     three = np.repeat(r.q, 3, axis=1)
     three[:, 2] += 3e-3 * rng.normal(size=r.n)
     joints = ("a", "b", "c")
@@ -317,7 +305,7 @@ def test_one_bad_joint_does_not_set_the_band() -> None:
 
 
 def test_what_was_done_is_said() -> None:
-    r = without(axis(20.0), np.arange(8000, 8040))
+    r = plants.without(plants.counted_axis(20.0), np.arange(8000, 8040))
     found = prepared(r)
     assert "40 rows missing in 1 gap" in " ".join(found.sentences)
     said = found.as_dict()
@@ -366,7 +354,7 @@ def test_a_cable_arm() -> None:
 @pytest.mark.parametrize("what", ["clock", "velocity"])
 def test_the_dynamics_tell_a_wrong_clock_from_wrong_velocities(what: str) -> None:
     """An arm that lifts itself: gravity stays, inertia goes with the square of the clock."""
-    r = record(3)
+    r = plants.spatial(3)
     r = replace(r, qd=np.gradient(r.q, r.t, axis=0))
     assert r.qd is not None
     assert readings(r) == []
@@ -380,7 +368,7 @@ def test_the_dynamics_tell_a_wrong_clock_from_wrong_velocities(what: str) -> Non
 
 
 def test_degrees_in_one_position() -> None:
-    r = record(3)
+    r = plants.spatial(3)
     q, qd = r.q.copy(), np.gradient(r.q, r.t, axis=0)
     q[:, 1] *= 180 / np.pi
     found = readings(replace(r, q=q, qd=qd))

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+import plants
 import pytest
-from test_forward import recording
 
 from hil.diagnosis.preconditions import Reach
 from hil.identify.fit import fit
@@ -15,7 +15,7 @@ from hil.models.model import base_model
 @pytest.mark.parametrize("columns", [[0, 1], [1, 0]])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_least_error_is_below_that_of_any_fit(columns: list[int], sign: float) -> None:
-    run = recording(0)
+    run = plants.coulomb_axes(0, 4000, d=2, drag=0.1)
     problem = Problem([run], run.robot)
     reach = Reach(fit(problem, base_model(run.robot)))
     changed = replace(run, tau=run.tau[:, columns] * np.array([sign, 1.0]))
@@ -28,7 +28,7 @@ def test_least_error_is_below_that_of_any_fit(columns: list[int], sign: float) -
 
 
 def test_nothing_is_known_of_other_models() -> None:
-    run = recording(0)
+    run = plants.coulomb_axes(0, 4000, d=2, drag=0.1)
     problem = Problem([run], run.robot)
     reach = Reach(fit(problem, base_model(run.robot) + "quadratic-drag"))
     assert reach.least(problem) == 0.0

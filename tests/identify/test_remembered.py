@@ -3,8 +3,8 @@
 import gc
 
 import numpy as np
+import plants
 import pytest
-from identify_arm import record, urdf
 
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -17,7 +17,7 @@ from hil.record.recording import RobotSource
 
 @pytest.fixture
 def problem() -> Problem:
-    return Problem([record(1, 8.0)], RobotSource("", urdf()))
+    return Problem([plants.spatial(1, 8.0)], RobotSource("", plants.spatial_urdf()))
 
 
 def test_only_the_very_same_objects_are_known(problem: Problem) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import plants
 import pytest
 
 from hil.identify.design import Term
@@ -12,7 +13,6 @@ from hil.identify.projector import Projector
 from hil.identify.screening import EXACT_FEW, _overtone, promising, screen
 from hil.identify.shape_search import best_shape
 from hil.models import catalogue
-from hil.record.recording import Recording
 
 
 def test_adjoint_of_the_decimator() -> None:
@@ -22,20 +22,10 @@ def test_adjoint_of_the_decimator() -> None:
     assert f(x) @ y == pytest.approx(x @ f.adjoint(y), rel=1e-9)
 
 
-def wave(order: float, friction: bool) -> Recording:
-    rng = np.random.default_rng(3)
-    t = np.arange(0, 20, 2e-3)
-    q = 0.7 * np.sin(0.9 * t) + 0.2 * np.sin(4.1 * t + 1)
-    speed = np.gradient(q, t)
-    side = np.sign(speed) if friction else 1.0
-    tau = 0.1 * np.sin(2 * np.pi * order * q + 0.4) * side + 0.02 * rng.normal(size=t.size)
-    return Recording("wave", "arm", ("joint1",), t, q[:, None].copy(), tau[:, None].copy())
-
-
 @pytest.mark.parametrize("name", ["cogging", "position-friction"])
 @pytest.mark.parametrize("order", [1.3, 4.2, 9.7])
 def test_the_best_order_is_promising_and_its_gain_is_close(name: str, order: float) -> None:
-    run = wave(order, name == "position-friction")
+    run = plants.wave_over_position(order, name == "position-friction")
     problem = Problem([run], run.robot)
     projector = Projector(problem, [], np.ones(1))
     term = Term(catalogue.get(name), 0)
@@ -51,7 +41,7 @@ def test_the_best_order_is_promising_and_its_gain_is_close(name: str, order: flo
 
 
 def test_flipped_signs_give_the_noise_that_exact_columns_give() -> None:
-    run = wave(3.0, False)
+    run = plants.wave_over_position(3.0, False)
     problem = Problem([run], run.robot)
     term = Term(catalogue.get("cogging"), 0)
     grid = term.effect.search.grid(problem.motions[0], 0)
@@ -78,7 +68,7 @@ def test_overtones_lie_at_twice_and_three_times_an_order_where_the_grid_has_them
 
 
 def test_no_order_over_position_leaves_less_than_the_one_that_is_found() -> None:
-    run = wave(4.2, True)
+    run = plants.wave_over_position(4.2, True)
     problem = Problem([run], run.robot)
     projector = Projector(problem, [], np.ones(1))
     term = Term(catalogue.get("position-friction"), 0)

@@ -1,6 +1,7 @@
 """Variable projection equals refitting everything."""
 
 import numpy as np
+import plants
 import pytest
 
 from hil.identify.design import Term, bind, stack
@@ -10,27 +11,16 @@ from hil.identify.projector import Projector
 from hil.identify.shape_search import best_shape
 from hil.models import catalogue
 from hil.models.model import RobotModel, Use
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import RobotSource
 
 SOURCE = RobotSource("phantom-premium-1.5")
 # without armature, which is one with pi1, pi5 and pi6
 BASE = RobotModel(SOURCE, tuple(Use(name) for name in ("rigid-body", "coulomb", "viscous")))
 
 
-def record(seed: int, vs: float = 0.0, d: int = 3) -> Recording:
-    rng, t = np.random.default_rng(seed), np.arange(5000) / 250.0
-    w, phase = 2 * np.pi * rng.uniform(0.1, 1.5, (d, 5)), rng.uniform(0, 6, (d, 5))
-    angle = t[:, None, None] * w + phase
-    q, qd = (0.4 / w * np.sin(angle)).sum(axis=2), (0.4 * np.cos(angle)).sum(axis=2)
-    tau = 0.2 * np.tanh(qd / 0.02) + 0.1 * qd + 0.01 * rng.normal(size=q.shape)
-    if vs:
-        tau += 0.15 * np.exp(-((qd / vs) ** 2)) * np.sign(qd)
-    return Recording("run", "arm", tuple(f"joint{k + 1}" for k in range(d)), t, q, tau)
-
-
 @pytest.fixture(scope="module")
 def setting() -> tuple[Problem, list[Term], np.ndarray]:
-    problem = Problem([record(0)], SOURCE)
+    problem = Problem([plants.slow_axes(0)], SOURCE)
     terms = [
         t if t.shape or not t.effect.shape else t.reshaped((0.02,)) for t in bind(BASE, problem)
     ]
@@ -99,7 +89,7 @@ def test_gain_beside_no_base_is_plain_regression(
 
 @pytest.mark.parametrize("vs", [0.05, 0.12])
 def test_stribeck_speed_is_found(vs: float) -> None:
-    problem = Problem([record(3, vs)], SOURCE)
+    problem = Problem([plants.slow_axes(3, vs)], SOURCE)
     effect = catalogue.get("stribeck")
     result = fit(problem, BASE + Use("stribeck", ("joint2",)))
     term = next(t for t in result.terms if t.effect is effect)

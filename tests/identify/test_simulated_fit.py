@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import plants
 import pytest
 
 from hil.errors import ConfigError
@@ -11,28 +12,9 @@ from hil.identify.forward import Windows, _braked, _Forward, forward
 from hil.identify.problem import Problem
 from hil.identify.simulated import SimulationErrors, alike, refine
 from hil.models.model import Band, RobotModel, base_model
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import RobotSource
 
 AXIS = RobotSource("single-axis")
-MASS, DRY, VISCOUS = 2.0, 0.5, 1.5
-
-
-def plant(seed: int, noise: float, joints: int = 1, seconds: float = 24.0) -> Recording:
-    """Axes of 2 kg m^2 with Coulomb 0.5 and viscous 1.5, driven by sums of sines, 500 Hz."""
-    rng, fine, rate = np.random.default_rng(seed), 20, 500.0
-    t = np.arange(round(seconds * rate)) / rate
-    w = 2 * np.pi * rng.uniform(0.3, 1.6, (4, joints))
-    tau = 3.0 * np.sin(t[:, None, None] * w + rng.uniform(0, 6, (4, joints))).sum(axis=1)
-    q, v, path, h = np.zeros(joints), np.zeros(joints), np.empty((t.size, joints)), 1 / rate / fine
-    for k in range(t.size):
-        path[k] = q
-        for _ in range(fine):
-            v = v + h / MASS * (tau[k] - VISCOUS * v)
-            v = np.sign(v) * np.maximum(np.abs(v) - h * DRY / MASS, 0.0)
-            q = q + h * v
-    names = tuple(f"joint{j + 1}" for j in range(joints))
-    measured = path + noise * rng.normal(size=path.shape)
-    return Recording(f"plant{seed}", "arm", names, t, measured, tau)
 
 
 def wide() -> RobotModel:
@@ -42,9 +24,9 @@ def wide() -> RobotModel:
 
 def test_simulation_is_right_where_noise_of_the_positions_biases_the_one_step_fit() -> None:
     model = wide()
-    result = fit(Problem([plant(1, 2e-3)], AXIS, band=model.band), model)
-    found = refine(result, [plant(2, 2e-3)], window=2.0)
-    mass = [abs(r.values["rigid-body.m"].value / MASS - 1) for r in (result, found.result)]
+    result = fit(Problem([plants.pushed_axes(1, 2e-3)], AXIS, band=model.band), model)
+    found = refine(result, [plants.pushed_axes(2, 2e-3)], window=2.0)
+    mass = [abs(r.values["rigid-body.m"].value / plants.MASS - 1) for r in (result, found.result)]
     assert found.better and mass[0] > 0.1 and mass[1] < 0.03
     assert found.official is not None
     before, after = found.official
@@ -56,7 +38,7 @@ def test_simulation_is_right_where_noise_of_the_positions_biases_the_one_step_fi
 
 
 def test_what_is_kept_is_never_worse_on_held_out_windows() -> None:
-    result = fit(Problem([plant(3, 1e-5, seconds=12.0)], AXIS), base_model(AXIS))
+    result = fit(Problem([plants.pushed_axes(3, 1e-5, seconds=12.0)], AXIS), base_model(AXIS))
     found = refine(result, window=1.0)
     kept = found.heldout[int(found.better)]
     assert np.all(kept.simulated <= found.heldout[0].simulated)
@@ -66,44 +48,44 @@ def test_what_is_kept_is_never_worse_on_held_out_windows() -> None:
 @pytest.mark.slow
 def test_three_joints_in_windows() -> None:
     model = wide()
-    result = fit(Problem([plant(4, 2e-3, 3, 12.0)], AXIS, band=model.band), model)
+    result = fit(Problem([plants.pushed_axes(4, 2e-3, 3, 12.0)], AXIS, band=model.band), model)
     found = refine(result, window=1.0)
     before, after = found.heldout
     assert found.better and after.simulated.shape == (3,)
     assert np.all(after.simulated < before.simulated)
     masses = [v.value for k, v in found.result.values.items() if k.endswith(".m")]
-    assert masses == pytest.approx([MASS] * len(masses), rel=0.05)
+    assert masses == pytest.approx([plants.MASS] * len(masses), rel=0.05)
 
 
 def test_a_joint_that_sticks_stays_and_one_that_turns_loses_what_friction_takes() -> None:
-    problem = Problem([plant(5, 0.0)], AXIS)
+    problem = Problem([plants.pushed_axes(5, 0.0)], AXIS)
     result = fit(problem, base_model(AXIS))
-    values = {"rigid-body.m": MASS, "j1.coulomb.fc": DRY}
+    values = {"rigid-body.m": plants.MASS, "j1.coulomb.fc": plants.DRY}
     theta = np.array([values.get(name, 0.0) for name in result.names])
     sharp = [t.reshaped((1e-9,)) if t.effect.name == "coulomb" else t for t in result.terms]
     model, motion = replace(result, theta=theta, terms=sharp), problem.motions[0]
     one = np.array([0])
     forward_ = _Forward([Windows(model, one, 1)], motion, one)
-    q, load, mass = np.zeros((1, 1)), np.zeros((1, 2, 1)), np.full((1, 1, 1), MASS)
+    q, load, mass = np.zeros((1, 1)), np.zeros((1, 2, 1)), np.full((1, 1, 1), plants.MASS)
 
     def after(v: float, tau: float) -> float:
         speed = np.array([[v]])
         push = tau - forward_.drag(q, speed, load)
-        far = speed + motion.dt * push / MASS
+        far = speed + motion.dt * push / plants.MASS
         return float(_braked(forward_, (q, speed, load), mass, push, far)[0, 0])
 
     for tau in (-0.4, 0.3, 0.45):
         v = 1e-4
         for _ in range(200):
             v = after(v, tau)
-        assert abs(v) < 0.05 * motion.dt * abs(tau) / MASS
+        assert abs(v) < 0.05 * motion.dt * abs(tau) / plants.MASS
     # from v through zero: -dt (|tau| - fc) / m + v
     reached = after(1e-5, -3.0)
-    assert reached == pytest.approx(1e-5 - motion.dt * (3.0 - DRY) / MASS, rel=1e-2)
+    assert reached == pytest.approx(1e-5 - motion.dt * (3.0 - plants.DRY) / plants.MASS, rel=1e-2)
 
 
 def test_simulated_from_other_first_states() -> None:
-    problem = Problem([plant(6, 0.0, seconds=12.0)], AXIS)
+    problem = Problem([plants.pushed_axes(6, 0.0, seconds=12.0)], AXIS)
     result, starts = fit(problem, base_model(AXIS)), np.array([200, 900])
     offset = np.array([[[0.01], [0.02]], [[0.0], [0.0]]])
     plain, moved = forward(
@@ -125,7 +107,7 @@ def test_models_within_one_standard_error_of_the_best_are_alike() -> None:
 
 
 def test_what_cannot_be_simulated_is_refused() -> None:
-    problem = Problem([plant(7, 0.0, seconds=12.0)], AXIS)
+    problem = Problem([plants.pushed_axes(7, 0.0, seconds=12.0)], AXIS)
     result = fit(problem, base_model(AXIS))
     with pytest.raises(ConfigError, match="third of the shortest run"):
         refine(result, window=20.0)

@@ -1,10 +1,8 @@
 """Simulated windows stop at gaps: at bridges over missing rows, and where a run is split."""
 
-from dataclasses import replace
-
-import numpy as np
+import plants
 import pytest
-from test_simulated_fit import AXIS, plant
+from test_simulated_fit import AXIS
 
 from hil.identify import multistep
 from hil.identify.fit import fit
@@ -18,26 +16,18 @@ from hil.record.recording import Recording
 BRIDGE, SPLIT = (5000, 5075), (6500, 8300)
 
 
-def without(r: Recording, *holes: tuple[int, int]) -> Recording:
-    """A recording that lacks some rows."""
-    keep = np.ones(r.n, dtype=bool)
-    for a, b in holes:
-        keep[a:b] = False
-    return replace(r, t=r.t[keep], q=r.q[keep], tau=r.tau[keep])
-
-
 @pytest.fixture(scope="module")
 def whole() -> Recording:
-    return plant(5, 1e-5, seconds=24.0)
+    return plants.pushed_axes(5, 1e-5, seconds=24.0)
 
 
 def test_a_bridge_parts_a_run(whole: Recording) -> None:
     assert len(Problem([whole], AXIS).stretches(0)) == 1
-    problem = Problem([without(whole, BRIDGE)], AXIS)
+    problem = Problem([plants.without(whole, BRIDGE)], AXIS)
     (_, one), (two, _) = problem.stretches(0)
     t = problem.motions[0].t
     assert t[one - 1] < 10.0 and t[two] > 10.15
-    both = Problem([without(whole, BRIDGE, SPLIT)], AXIS)
+    both = Problem([plants.without(whole, BRIDGE, SPLIT)], AXIS)
     assert [len(both.stretches(k)) for k in range(len(both.motions))] == [2, 1]
 
 
@@ -45,7 +35,7 @@ def test_a_bridge_parts_a_run(whole: Recording) -> None:
 def test_no_window_of_a_multi_step_error_leaves_its_stretch(
     whole: Recording, seconds: float, servo: float
 ) -> None:
-    problem = Problem([without(whole, BRIDGE, SPLIT)], AXIS)
+    problem = Problem([plants.without(whole, BRIDGE, SPLIT)], AXIS)
     total = 0
     for k, motion in enumerate(problem.motions):
         some = problem.stretches(k)
@@ -58,7 +48,7 @@ def test_no_window_of_a_multi_step_error_leaves_its_stretch(
 def test_the_multi_step_error_is_that_of_what_was_recorded(whole: Recording) -> None:
     """The force that the lost rows held is known to nobody: windows across would go astray."""
     errors = []
-    for run in (whole, without(whole, BRIDGE)):
+    for run in (whole, plants.without(whole, BRIDGE)):
         problem = Problem([run], AXIS)
         errors.append(multistep.simulate(fit(problem, base_model(AXIS)), problem).rms[0])
     assert errors[1] < 1.2 * errors[0]
@@ -67,7 +57,7 @@ def test_the_multi_step_error_is_that_of_what_was_recorded(whole: Recording) -> 
 def test_a_refinement_and_a_free_run_stop_at_gaps(
     whole: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = without(whole, BRIDGE)
+    run = plants.without(whole, BRIDGE)
     problem = Problem([run], AXIS)
     result = fit(problem, base_model(AXIS))
     asked = []

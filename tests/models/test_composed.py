@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import plants
 import pytest
 
 from hil.diagnosis import attribution, evidence, rules
@@ -33,7 +34,7 @@ from hil.models.effect import (
 from hil.models.friction import Coulomb, Viscous, harmonics, position_orders
 from hil.models.model import RobotModel, Use
 from hil.models.motion import Motion
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import RobotSource
 from hil.testing import ConformanceError, check_effect
 
 ROOT = Path(__file__).parents[2] / "hil"
@@ -138,19 +139,6 @@ def own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(catalogue, "_table", known)
 
 
-def run(seconds: float = 8.0, late: int = 0) -> Recording:
-    """A single axis on a sum of sines; its effort `late` samples late."""
-    t = np.arange(int(500 * seconds)) / 500
-    w = 2 * np.pi * np.array([0.31, 0.73, 1.9])
-    q, qd, qdd = (
-        0.3 * (w**k * np.sin(w * t[:, None] + k * np.pi / 2 + np.arange(3))).sum(axis=1)
-        for k in range(3)
-    )
-    tau = 0.1 * qdd + 0.3 * np.tanh(qd / 0.01) + 0.1 * qd
-    tau += 0.005 * np.random.default_rng(0).normal(size=t.size)
-    return Recording("run", "arm", ("x",), t, q[:, None], np.roll(tau, -late)[:, None])
-
-
 def candidate(effect: Effect, shape: tuple[float, ...] = (), joint: int = 0) -> Candidate:
     return Candidate(Term(effect, joint, shape), 1.0, 1.0)
 
@@ -164,7 +152,7 @@ def test_they_conform(effect: Effect) -> None:
 def test_a_lateness_is_held_against_the_slow_motion(effect: Effect) -> None:
     model = RobotModel(AXIS, tuple(Use(n) for n in ("rigid-body", "coulomb", "viscous")))
     for late, good in ((0, False), (8, True)):
-        result = fit(Problem([run(late=late)], AXIS), model)
+        result = fit(Problem([plants.delayed_axis(late=late)], AXIS), model)
         c = candidate(effect, (0.016,))
         case: Any = SimpleNamespace(
             rated=SimpleNamespace(candidate=c),
@@ -188,7 +176,7 @@ def test_forms_of_one_cause_are_kindred_whoever_wrote_them() -> None:
 
 def test_a_size_that_is_less_than_its_error_names_nothing() -> None:
     model = RobotModel(AXIS, tuple(Use(n) for n in ("rigid-body", "coulomb", "groove")))
-    result = fit(Problem([run()], AXIS), model)
+    result = fit(Problem([plants.delayed_axis()], AXIS), model)
     one = next(t for t in result.terms if t.effect.name == "groove")
     case: Any = SimpleNamespace(
         after=SimpleNamespace(result=result), rated=SimpleNamespace(candidate=Candidate(one, 1, 1))
@@ -202,7 +190,7 @@ def test_a_size_that_is_less_than_its_error_names_nothing() -> None:
 
 def test_friction_under_another_name_is_fitted_as_the_catalogue_s() -> None:
     theirs, mine = (
-        fit(Problem([run()], AXIS), RobotModel(AXIS, tuple(Use(n) for n in names)))
+        fit(Problem([plants.delayed_axis()], AXIS), RobotModel(AXIS, tuple(Use(n) for n in names)))
         for names in (("rigid-body", "coulomb", "viscous"), ("rigid-body", "own-dry", "own-wet"))
     )
     np.testing.assert_array_equal(mine.theta, theirs.theta)
@@ -217,7 +205,7 @@ def test_an_own_delay_takes_the_place_of_an_alignment() -> None:
         name, traits = "own-shift", BusLatency.traits | Trait.SHIFTS
 
     result = fit(
-        Problem([run(late=1)], AXIS),
+        Problem([plants.delayed_axis(late=1)], AXIS),
         RobotModel(AXIS, tuple(Use(n) for n in ("rigid-body", "coulomb", "viscous"))),
     )
     assert timing.sample_shift(result)
@@ -226,7 +214,7 @@ def test_an_own_delay_takes_the_place_of_an_alignment() -> None:
 
 
 def test_limits_say_which_one_is_broken() -> None:
-    motion = Problem([run()], AXIS).motions[0]
+    motion = Problem([plants.delayed_axis()], AXIS).motions[0]
     assert refused(BusLatency(), motion, 0, (0.01,), (2.0,)) == "bounds"
     assert refused(BusLatency(), motion, 0, (0.01,), (1.0,)) == ""
 

@@ -2,7 +2,7 @@
 
 import json
 
-import numpy as np
+import plants
 import pytest
 
 from hil.commands.common import value_line
@@ -14,7 +14,7 @@ from hil.models.files import read_model, write_model
 from hil.models.model import Value, base_model
 from hil.models.param_text import in_words, remark, without_error
 from hil.models.presliding import LUGRE
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import RobotSource
 from hil.report.json import value_json
 from hil.report.text import value
 from hil.testing.effects import sample_motions
@@ -55,7 +55,7 @@ def test_terminal_report_json_and_file_say_the_words(tmp_path):
     assert value_line(name, v) == "j1.presliding.form = 1 (Dahl)"
     assert value(name, v) == "j1.presliding.form = 1 (Dahl)"
     assert value_json(name, v)["text"] == "Dahl"
-    result = fit(Problem([run()], RobotSource("single-axis")), MODEL)
+    result = fit(Problem([plants.two_tone_axis()], RobotSource("single-axis")), MODEL)
     form = result.values[name].value
     said = in_words(name, form)
     assert said and said in text(result)
@@ -69,15 +69,6 @@ def test_terminal_report_json_and_file_say_the_words(tmp_path):
 
 
 MODEL = base_model(RobotSource("single-axis")) + "presliding"
-
-
-def run():
-    t = np.arange(5000) / 500.0
-    q = 0.5 * np.sin(1.3 * t) + 0.1 * np.sin(7.1 * t)
-    v = np.gradient(q, t)
-    noise = 0.01 * np.random.default_rng(0).standard_normal(t.size)
-    tau = 0.05 * np.gradient(v, t) + 0.2 * np.tanh(v / 0.01) + 0.1 * v + noise
-    return Recording("run", "arm", ("joint1",), t, q[:, None], tau[:, None])
 
 
 def test_a_missing_error_has_a_reason():

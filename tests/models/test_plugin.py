@@ -4,7 +4,7 @@ import importlib.util
 import py_compile
 from pathlib import Path
 
-import numpy as np
+import plants
 import pytest
 
 from hil.cli import main
@@ -16,7 +16,7 @@ from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.files import read_model, write_model
 from hil.record.export import write_recordings
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import RobotSource
 from hil.testing import check_effect
 
 PLUGIN = '''
@@ -79,18 +79,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, agreed) -> Path:
     return tmp_path
 
 
-def record() -> Recording:
-    rng, t = np.random.default_rng(0), np.arange(12000) / 500.0
-    w, phase = 2 * np.pi * np.array([0.31, 0.73, 1.13]), rng.uniform(0, 6, 3)
-    angle = t[:, None] * w + phase
-    q, qd = 0.3 * np.sin(angle).sum(axis=1), 0.3 * (w * np.cos(angle)).sum(axis=1)
-    qdd = -0.3 * (w**2 * np.sin(angle)).sum(axis=1)
-    middle = (q.min() + q.max()) / 2
-    tight = 0.4 * np.exp(-(((q - middle) / 0.15) ** 2)) * np.sign(qd)
-    tau = 0.1 * qdd + 0.3 * np.sign(qd) + 0.1 * qd + tight + 0.05 * rng.normal(size=t.size)
-    return Recording("run", "arm", ("x",), t, q[:, None], tau[:, None])
-
-
 def test_it_is_loaded_and_passes_the_public_check(folder: Path) -> None:
     model = read_model(folder / "base.toml")
     assert model.plugins == (str(folder / "tight.py"),)
@@ -100,7 +88,7 @@ def test_it_is_loaded_and_passes_the_public_check(folder: Path) -> None:
 
 def test_it_is_fitted_and_written(folder: Path) -> None:
     model = read_model(folder / "full.toml")
-    result = fit(Problem([record()], RobotSource("single-axis")), model)
+    result = fit(Problem([plants.tight_axis()], RobotSource("single-axis")), model)
     value = result.values["j1.tight-spot.f"]
     assert value.value == pytest.approx(0.4, rel=0.1) and value.unit == "N m"
     assert result.values["j1.tight-spot.w"].value == pytest.approx(0.15, rel=0.15)
@@ -110,7 +98,7 @@ def test_it_is_fitted_and_written(folder: Path) -> None:
 
 def test_it_is_the_best_candidate_where_it_is_what_is_missing(folder: Path) -> None:
     model = read_model(folder / "base.toml")
-    result = fit(Problem([record()], RobotSource("single-axis")), model)
+    result = fit(Problem([plants.tight_axis()], RobotSource("single-axis")), model)
     evidence = single_threaded(gather)(result)
     names = [c.name for c in evidence.candidates]
     assert "tight-spot" in names and "spring" in names
@@ -139,7 +127,7 @@ def foreign(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ids=lambda words: words[0],
 )
 def test_no_command_runs_a_plugin_because_it_read_a_model(foreign: Path, capsys, words) -> None:
-    write_recordings(foreign / "s.mcap", [record()])
+    write_recordings(foreign / "s.mcap", [plants.tight_axis()])
     assert main(words) == 2
     said = capsys.readouterr().err
     assert "tight.py would run with your rights" in said and "'hil trust base.toml'" in said

@@ -27,21 +27,6 @@ needs_data = pytest.mark.skipif(
 )
 
 
-def recording(
-    d: int = 2, seconds: float = 6.0, rate: float = 500.0, seed: int = 0, unit: str = "rad"
-) -> Recording:
-    """Clean motion of d joints with inertia, friction and a little noise."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(int(seconds * rate)) / rate
-    f = rng.uniform(0.3, 1.2, (2, d))
-    q = sum(0.2 * np.sin(2 * np.pi * f[k] * t[:, None] + rng.uniform(0, 6, d)) for k in (0, 1))
-    qd = np.gradient(q, t, axis=0)
-    qdd = np.gradient(qd, t, axis=0)
-    tau = 0.05 * qdd + 0.1 * qd + 0.3 * np.tanh(qd / 0.02) + 0.002 * rng.normal(size=q.shape)
-    names = tuple(f"joint{k + 1}" for k in range(d))
-    return Recording("run", "arm", names, t, q, tau, qd, metadata={"unit": unit})
-
-
 def columns(r: Recording) -> dict[str, np.ndarray]:
     """Table of a recording by the default column names."""
     out = {"t": r.t}

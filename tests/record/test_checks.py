@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import plants
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from record_tables import URDF, columns, recording
+from record_tables import URDF, columns
 
 from hil.record import consistency
 from hil.record.checks import check, joint_units, speed_and_effort
@@ -33,7 +34,7 @@ def faults(r: Recording) -> list[tuple[str, str, str]]:
     slow=st.sampled_from([1.0, 0.1]),
 )
 def test_clean_recordings_have_no_fault(d, seed, rate, unit, count, delay, still, slow):
-    r = recording(d, 6.0, rate, seed, unit)
+    r = plants.joints(d, 6.0, rate, seed, unit)
     q, tau = r.q, r.tau
     if still and slow == 1:  # stands still for the first and last second
         ramp = np.clip(np.minimum(r.t, r.t[-1] - r.t) - 1.0, 0, 1)[:, None]
@@ -51,7 +52,7 @@ def test_clean_recordings_have_no_fault(d, seed, rate, unit, count, delay, still
 
 
 def test_nan_is_an_error():
-    r = recording()
+    r = plants.joints()
     tau = r.tau.copy()
     tau[7:9, 1] = np.nan
     (found,) = check(replace(r, tau=tau))
@@ -61,7 +62,7 @@ def test_nan_is_an_error():
 
 
 def with_time(change) -> Recording:
-    r = recording()
+    r = plants.joints()
     t = r.t.copy()
     change(t)
     return replace(r, t=t)
@@ -103,7 +104,7 @@ def test_irregular_time():
 
 @pytest.mark.parametrize(("rate", "severity"), [(50.0, "warning"), (10.0, "error")])
 def test_slow_rate(rate, severity):
-    assert ("sample-rate", severity, "") in faults(recording(rate=rate))
+    assert ("sample-rate", severity, "") in faults(plants.joints(rate=rate))
 
 
 def test_milliseconds_are_named():
@@ -113,18 +114,18 @@ def test_milliseconds_are_named():
 
 
 def test_too_short():
-    assert ("too-short", "warning", "") in faults(recording(seconds=0.5))
-    assert faults(recording().slice(0, 10)) == [("too-short", "error", "")]
-    assert faults(recording().slice(0, 1)) == [("too-short", "error", "")]
+    assert ("too-short", "warning", "") in faults(plants.joints(seconds=0.5))
+    assert faults(plants.joints().slice(0, 10)) == [("too-short", "error", "")]
+    assert faults(plants.joints().slice(0, 1)) == [("too-short", "error", "")]
 
 
 def test_nothing_moves_is_no_error():
-    r = recording()
+    r = plants.joints()
     assert all(s == "warning" for _, s, _ in faults(replace(r, q=np.zeros_like(r.q), qd=None)))
 
 
 def test_everything_stuck_is_an_error():
-    r = recording()
+    r = plants.joints()
     zero = np.zeros_like(r.q)
     assert faults(replace(r, q=zero, tau=zero, qd=None)) == [("stuck", "error", "")]
 
@@ -136,7 +137,7 @@ def one(r: Recording, key: str, change) -> Recording:
 
 
 def test_no_effort_anywhere_is_an_error():
-    r = recording(d=1)
+    r = plants.joints(d=1)
     silent = replace(r, tau=np.zeros_like(r.tau), qd=None)
     assert faults(silent) == [("no-effort", "error", "")]
     by_hand = replace(silent, tau_ext=r.tau)  # motors off, moved by hand
@@ -144,7 +145,7 @@ def test_no_effort_anywhere_is_an_error():
 
 
 def test_dead_effort_channel():
-    r = one(recording(), "tau", lambda x: 0 * x)
+    r = one(plants.joints(), "tau", lambda x: 0 * x)
     assert faults(r) == [("stuck", "warning", "joint1")]
 
 
@@ -154,7 +155,7 @@ def test_frozen_encoder_that_catches_up():
         q[at : at + 40] = q[at]
         return q
 
-    assert faults(one(replace(recording(), qd=None), "q", freeze)) == [
+    assert faults(one(replace(plants.joints(), qd=None), "q", freeze)) == [
         ("stuck", "warning", "joint1")
     ]
 
@@ -164,13 +165,13 @@ def test_position_step():
         q[1500:] += 0.05
         return q
 
-    found = check(one(replace(recording(), qd=None), "q", jump))
+    found = check(one(replace(plants.joints(), qd=None), "q", jump))
     assert [(f.code, f.joint) for f in found] == [("step", "joint1")]
     assert "jumps once within a sample" in found[0].text and "+0.05 at 3 s" in found[0].text
 
 
 def test_clipped_effort():
-    r = one(recording(d=1), "tau", lambda x: np.clip(3 * x, -0.9, 0.9))
+    r = one(plants.joints(d=1), "tau", lambda x: np.clip(3 * x, -0.9, 0.9))
     assert {c for c, _, _ in faults(r)} == {"saturation"}
 
 
@@ -184,29 +185,29 @@ def test_clipped_effort():
     ],
 )
 def test_velocity_that_is_not_the_derivative(factor, code, text):
-    found = check(one(recording(), "qd", lambda x: factor * x))
+    found = check(one(plants.joints(), "qd", lambda x: factor * x))
     assert [(f.code, f.joint) for f in found] == [(code, "joint1")]
     assert text in found[0].text
 
 
 def test_degrees():
-    r = one(replace(recording(), qd=None), "q", lambda x: 57.3 * x)
+    r = one(replace(plants.joints(), qd=None), "q", lambda x: 57.3 * x)
     assert faults(r) == [("unit", "warning", "joint1")]
 
 
 def test_beyond_the_limits_of_the_urdf():
-    r = replace(one(recording(), "q", lambda x: x + 3.0), robot=RobotSource("", URDF), qd=None)
+    r = replace(one(plants.joints(), "q", lambda x: x + 3.0), robot=RobotSource("", URDF), qd=None)
     assert [f[0] for f in faults(replace(r, joints=("shoulder", "elbow")))] == ["limits"]
 
 
 def test_inverted_effort():
-    found = check(replace(recording(), tau=-recording().tau))
+    found = check(replace(plants.joints(), tau=-plants.joints().tau))
     assert [(f.code, f.severity) for f in found] == [("sign", "warning")] * 2
     assert "only takes energy out" in found[0].text
 
 
 def test_inverted_external_effort():
-    r = recording(d=1)
+    r = plants.joints(d=1)
     push = 2 * np.sin(5 * r.t[:, None]) ** 3
     right = replace(r, tau=r.tau - push, tau_ext=push)
     assert faults(right) == []
@@ -217,7 +218,7 @@ def test_inverted_external_effort():
 
 def test_units_come_from_the_urdf():
     urdf = URDF.replace('name="elbow" type="revolute"', 'name="elbow" type="prismatic"')
-    r = replace(recording(), robot=RobotSource("", urdf))
+    r = replace(plants.joints(), robot=RobotSource("", urdf))
     assert joint_units(r) == ("rad", "m")
     assert joint_units(replace(r, robot=RobotSource("", "nonsense"))) == ("rad", "rad")
     assert columns(r)["q1"].shape == (r.n,)
@@ -251,7 +252,7 @@ def test_a_check_never_raises(n, d, kinds, power, seed):
 
 def of_arm(change) -> list:
     """Faults of two joints of the URDF (limits 2 rad, 9 rad/s, 9 N m), changed."""
-    r = replace(recording(), joints=("shoulder", "elbow"), robot=RobotSource("", URDF), qd=None)
+    r = replace(plants.joints(), joints=("shoulder", "elbow"), robot=RobotSource("", URDF), qd=None)
     return check(replace(r, **change(r)))
 
 
@@ -288,7 +289,7 @@ def test_a_single_sample_beyond_a_limit_is_noise():
 @given(st.data())
 def test_what_is_passed_over_at_a_cheap_look_has_no_fault(data):
     rng = np.random.default_rng(data.draw(st.integers(0, 10_000)))
-    r = recording(2, 6.0, 500.0, int(rng.integers(1000)))
+    r = plants.joints(2, 6.0, 500.0, int(rng.integers(1000)))
     q, tau = np.array(r.q), np.array(r.tau)
     for name in data.draw(st.sets(st.sampled_from(["counts", "spike", "step", "stuck", "cut"]))):
         at, size = int(rng.integers(200, r.n - 200)), 10.0 ** rng.uniform(-5, 0)
@@ -311,7 +312,7 @@ def test_what_is_passed_over_at_a_cheap_look_has_no_fault(data):
 
 @pytest.mark.parametrize("joint", [0, 1])
 def test_a_speed_just_beyond_its_limit_is_seen(joint):
-    r = recording(2, 6.0, 500.0, 1)
+    r = plants.joints(2, 6.0, 500.0, 1)
     fastest = float(np.abs(np.gradient(smooth(r.q[:, joint], 5), r.t)).max())
     for share, beyond in ((0.9, True), (0.97, False), (1.1, False)):
         listed = UrdfJoint("j", "rad", velocity=share * fastest)

@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import plants
 import pytest
-from record_tables import recording
 
 from hil.bench import determinism
 from hil.cli import main
@@ -43,7 +43,7 @@ def test_the_first_number_that_differs_is_named_with_its_tick(sessions):
 
 
 def test_one_changed_number_is_found(tmp_path):
-    r = recording()
+    r = plants.joints()
     write_recordings(tmp_path / "a.mcap", [r])
     r.tau[1234, 1] = np.nextafter(r.tau[1234, 1], np.inf)
     write_recordings(tmp_path / "b.mcap", [r])

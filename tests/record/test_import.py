@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import plants
 import pytest
-from record_tables import URDF, columns, recording, write_csv
+from record_tables import URDF, columns, write_csv
 from scipy.io import savemat
 
 from hil.cli import main
@@ -19,7 +20,7 @@ from hil.record.recording import RobotSource
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
 def test_csv_comes_back_exactly(tmp_path, delimiter):
-    r = recording(d=3)
+    r = plants.joints(d=3)
     table = write_csv(tmp_path / "run.csv", columns(r), delimiter)
     assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 0
     back = load(tmp_path / "s.mcap")
@@ -42,7 +43,7 @@ def test_comma_as_decimal_mark(tmp_path):
 @pytest.mark.parametrize("kind", ["npz", "mat"])
 @pytest.mark.parametrize("stacked", [True, False])
 def test_arrays_by_name(tmp_path, kind, stacked):
-    r = recording(d=2)
+    r = plants.joints(d=2)
     data = {"t": r.t, "q": r.q, "tau": r.tau} if stacked else columns(r)
     data = {**data, "gain": np.array(3.0)}
     path = tmp_path / f"run.{kind}"
@@ -55,7 +56,7 @@ def test_arrays_by_name(tmp_path, kind, stacked):
 
 
 def test_force_temperature_current(tmp_path):
-    r = recording(d=1)
+    r = plants.joints(d=1)
     extra = {n: np.full(r.n, k + 1.0) for k, n in enumerate(("fx", "fy", "fz", "i1", "temp1"))}
     table = write_csv(tmp_path / "run.csv", {**columns(r), **extra})
     assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 0
@@ -67,7 +68,7 @@ def test_force_temperature_current(tmp_path):
 
 def test_urdf_names_the_joints_and_travels_along(tmp_path):
     (tmp_path / "two.urdf").write_text(URDF)
-    table = write_csv(tmp_path / "run.csv", columns(recording()))
+    table = write_csv(tmp_path / "run.csv", columns(plants.joints()))
     words = ["import", str(table), "-o", str(tmp_path / "s.mcap"), "--tip", "hand"]
     assert main([*words, "--robot", str(tmp_path / "two.urdf"), "--arm", "left"]) == 0
     back = load(tmp_path / "s.mcap")
@@ -76,7 +77,7 @@ def test_urdf_names_the_joints_and_travels_along(tmp_path):
 
 
 def test_base_model_is_made_once(tmp_path, capsys):
-    table = write_csv(tmp_path / "run.csv", columns(recording()))
+    table = write_csv(tmp_path / "run.csv", columns(plants.joints()))
     words = ["import", str(table), "-o", str(tmp_path / "s.mcap")]
     assert main(words) == 0
     model = tmp_path / "s.model.toml"
@@ -88,7 +89,7 @@ def test_base_model_is_made_once(tmp_path, capsys):
 
 
 def test_json_is_alone_on_stdout(tmp_path, capsys):
-    table = write_csv(tmp_path / "run.csv", {**columns(recording()), "note": np.arange(3000.0)})
+    table = write_csv(tmp_path / "run.csv", {**columns(plants.joints()), "note": np.arange(3000.0)})
     assert main(["import", str(table), "-o", str(tmp_path / "s.mcap"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["schema"] == "hil.import/1"
@@ -97,7 +98,7 @@ def test_json_is_alone_on_stdout(tmp_path, capsys):
 
 
 def test_two_arms_and_runs_from_one_file(tmp_path):
-    r = recording(d=1)
+    r = plants.joints(d=1)
     array = np.stack([r.t, r.q[:, 0], -r.q[:, 0], r.tau[:, 0]], axis=1)
     np.savez(tmp_path / "runs.npz", first=array, second=2 * array)
     (tmp_path / "m.toml").write_text("""
@@ -122,7 +123,7 @@ leader.q1 = 0.5
 
 
 def test_joined_table_without_time(tmp_path):
-    r = recording(d=1)
+    r = plants.joints(d=1)
     write_csv(tmp_path / "effort.csv", {"value": r.tau[:, 0]})
     table = write_csv(tmp_path / "pos.csv", {"value": r.q[:, 0]})
     (tmp_path / "m.toml").write_text("""
@@ -141,7 +142,7 @@ tau1 = { sum = { "drive.value" = 2.0, value = 1.0 } }
 
 
 def test_declared_unit_settles_the_doubt(tmp_path):
-    r = recording(d=1)
+    r = plants.joints(d=1)
     table = write_csv(tmp_path / "run.csv", {**columns(r), "q1": 60 * r.q[:, 0]})
     words = ["import", str(table), "-o", str(tmp_path / "s.mcap")]
     assert main(words) == 2
@@ -149,7 +150,7 @@ def test_declared_unit_settles_the_doubt(tmp_path):
 
 
 def test_gaps_and_repeats_on_request(tmp_path):
-    r = recording(d=1)
+    r = plants.joints(d=1)
     t = r.t.copy()
     t[1000:] += 1.0
     t[50] = t[49]
@@ -161,7 +162,7 @@ def test_gaps_and_repeats_on_request(tmp_path):
 
 
 def test_time_before_zero_is_shifted_and_told(tmp_path, capsys):
-    r = recording(d=1)
+    r = plants.joints(d=1)
     table = write_csv(tmp_path / "run.csv", {**columns(r), "t": r.t - 1.5})
     assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 0
     assert "shifted by 1.5 s" in capsys.readouterr().out
@@ -171,7 +172,7 @@ def test_time_before_zero_is_shifted_and_told(tmp_path, capsys):
 
 @pytest.mark.parametrize("kind", ["npz", "mat"])
 def test_structured_array(tmp_path, kind):
-    r = recording(d=1)
+    r = plants.joints(d=1)
     table = columns(r)
     if kind == "npz":
         np.savez(tmp_path / "run.npz", log=np.rec.fromarrays(table.values(), names=list(table)))
@@ -185,7 +186,7 @@ def test_structured_array(tmp_path, kind):
 
 @pytest.mark.parametrize("stacked", [True, False])
 def test_every_run_into_a_folder(tmp_path, capsys, stacked):
-    runs = {f"run_{k}": columns(recording(d=1, seed=k)) for k in range(3)}
+    runs = {f"run_{k}": columns(plants.joints(d=1, seed=k)) for k in range(3)}
     options = ["--all-runs", "-o", str(tmp_path / "out"), "--json"]
     if stacked:
         np.savez(tmp_path / "f.npz", **{n: np.stack(list(c.values()), 1) for n, c in runs.items()})
@@ -210,7 +211,7 @@ def test_every_run_into_a_folder(tmp_path, capsys, stacked):
 
 
 def test_one_bad_run_of_several_writes_nothing(tmp_path, capsys):
-    runs = {f"run_{k}": columns(recording(d=1, seed=k)) for k in range(3)}
+    runs = {f"run_{k}": columns(plants.joints(d=1, seed=k)) for k in range(3)}
     runs["run_2"]["q1"] = np.where(np.arange(3000) == 7, np.nan, runs["run_2"]["q1"])
     savemat(tmp_path / "f.mat", runs)
     assert main(["import", str(tmp_path / "f.mat"), "--all-runs", "-o", str(tmp_path / "o")]) == 2
@@ -219,7 +220,7 @@ def test_one_bad_run_of_several_writes_nothing(tmp_path, capsys):
 
 
 def test_extra_columns_come_along(tmp_path, capsys):
-    r = recording(d=1)
+    r = plants.joints(d=1)
     table = write_csv(tmp_path / "run.csv", {**columns(r), "reference": r.q[:, 0] * 1e3})
     entry = "{ from = 'reference', scale = 0.001, unit = 'rad' }"
     (tmp_path / "m.toml").write_text(f"[extras]\nqg = {entry}")

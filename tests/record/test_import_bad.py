@@ -11,8 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import plants
 import pytest
-from record_tables import URDF, columns, recording, write_csv
+from record_tables import URDF, columns, write_csv
 from scipy.io import savemat
 
 from hil.cli import main
@@ -45,7 +46,7 @@ def refuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., 
 
 
 def changed(tmp_path: Path, change: Callable[[Table], object], d: int = 2) -> Path:
-    table = columns(recording(d=d))
+    table = columns(plants.joints(d=d))
     change(table)
     return write_csv(tmp_path / "run.csv", table)
 
@@ -382,7 +383,7 @@ def test_an_archive_that_unpacks_to_a_thousand_times_its_size(tmp_path, refuse):
 
 
 def test_members_that_are_no_arrays_are_left_out(tmp_path, capsys):
-    table = columns(recording(d=1))
+    table = columns(plants.joints(d=1))
     np.savez(tmp_path / "run.npz", **table)
     with zipfile.ZipFile(tmp_path / "run.npz", "a") as box:
         box.writestr("README.txt", "recorded on a Monday")
@@ -391,7 +392,7 @@ def test_members_that_are_no_arrays_are_left_out(tmp_path, capsys):
 
 
 def test_columns_that_hold_no_real_numbers(tmp_path, refuse):
-    table = columns(recording(d=1))
+    table = columns(plants.joints(d=1))
     np.savez(tmp_path / "run.npz", **{**table, "tau1": table["tau1"] + 1j})
     refuse(tmp_path / "run.npz", "'tau1'", "complex128")
     np.savez(tmp_path / "run.npz", **{**table, "tau1": table["tau1"].astype("datetime64[s]")})
@@ -405,7 +406,7 @@ def test_columns_that_hold_no_real_numbers(tmp_path, refuse):
 
 
 def test_a_damaged_matlab_file(tmp_path, refuse, capsys):
-    savemat(tmp_path / "good.mat", columns(recording(d=1, seconds=1.0)), do_compression=False)
+    savemat(tmp_path / "good.mat", columns(plants.joints(d=1, seconds=1.0)), do_compression=False)
     good = (tmp_path / "good.mat").read_bytes()
     # a size of 2 GiB, a type that there is none of, an array of minus one row, a file cut off
     for at, new in ((132, b"\xff\xff\xff\x7f"), (128, b"\x63\0\0\0"), (160, b"\xff\xff\xff\xff")):

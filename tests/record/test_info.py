@@ -9,8 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import plants
 import pytest
-from record_tables import recording
 
 from hil.cli import main
 from hil.record.export import write_recordings
@@ -20,7 +20,9 @@ from hil.record.mcap_read import load
 @pytest.fixture
 def session(tmp_path):
     path = tmp_path / "s.mcap"
-    write_recordings(path, [replace(recording(), arm="leader"), replace(recording(1), arm="tail")])
+    write_recordings(
+        path, [replace(plants.joints(), arm="leader"), replace(plants.joints(1), arm="tail")]
+    )
     return path
 
 
@@ -46,7 +48,7 @@ def test_json(session, capsys):
 
 
 def test_faults_are_told_and_exit_is_zero(tmp_path, capsys):
-    r = recording()
+    r = plants.joints()
     tau = r.tau.copy()
     tau[5, 0] = np.nan
     write_recordings(tmp_path / "s.mcap", [replace(r, tau=tau)])

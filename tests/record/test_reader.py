@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import plants
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from record_tables import URDF, recording
+from record_tables import URDF
 
 from hil.cli import main
 from hil.errors import DataError, HilError
@@ -23,7 +24,7 @@ from hil.record.recording import RobotSource
 from hil.record.recovery import recover
 from hil.record.schema import Channel
 
-R = recording(seconds=3.0)
+R = plants.joints(seconds=3.0)
 FULL = replace(R, wrench=np.random.default_rng(1).normal(size=(R.n, 6)), tau_ext=2 * R.tau)
 
 
@@ -279,6 +280,6 @@ def test_a_device_is_no_session(tmp_path, capsys):
 
 
 def test_a_sample_rate_that_no_rig_has(tmp_path):
-    run = recording()
+    run = plants.joints()
     (fault,) = [f for f in check(replace(run, t=1e-15 * np.arange(run.n))) if f.severity == "error"]
     assert fault.code == "sample-rate" and "1e-15 s" in fault.sentence

@@ -8,11 +8,11 @@ import sys
 
 import mcap.writer
 import numpy as np
+import plants
 import pytest
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
-from record_tables import recording
 
 from hil.errors import ConfigError
 from hil.record.export import write_recordings
@@ -149,7 +149,7 @@ def test_wrong_topic_or_width(tmp_path):
 
 
 def test_a_recording_comes_back_whole(tmp_path):
-    r = recording(d=3)
+    r = plants.joints(d=3)
     rng = np.random.default_rng(0)
     from dataclasses import replace
 

@@ -1,7 +1,8 @@
 """What an answer says in words: nothing that it is not about, and everything that it is."""
 
+import plants
 import pytest
-from test_report import axes, model
+from test_report import model
 
 from hil.commands.diagnose import text
 from hil.diagnosis.engine import diagnose
@@ -12,7 +13,7 @@ from hil.report.json import diagnosis_json
 
 @pytest.fixture(scope="module")
 def plain():
-    run = axes()
+    run = plants.tanh_axes()
     return diagnose([run], model(run))
 
 

@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
+import plants
 import pytest
 
 from hil.diagnosis.engine import diagnose
@@ -26,36 +27,6 @@ SECTIONS = (
     "What these data cannot tell apart",
     "Provenance",
 )
-
-
-def axes(
-    effect: str = "", d: int = 1, joints: tuple[str, ...] = (), noise: float = 0.02
-) -> Recording:
-    """Independent axes with inertia, Coulomb and viscous friction, and one effect on the last."""
-    rate, n = 200.0, 3000
-    rng = np.random.default_rng(3)
-    t = np.arange(n) / rate
-    tones = np.array([0.23, 0.41, 0.77, 1.1])
-    q = np.empty((n, d))
-    v, a = np.empty((n, d)), np.empty((n, d))
-    for j in range(d):
-        w = 2 * np.pi * tones * (1 + 0.07 * j)
-        size, phase = 0.25 / tones**0.7, rng.uniform(0, 2 * np.pi, 4)
-        angle = w * t[:, None] + phase
-        q[:, j] = (size * np.sin(angle)).sum(axis=1)
-        v[:, j] = (size * w * np.cos(angle)).sum(axis=1)
-        a[:, j] = -(size * w**2 * np.sin(angle)).sum(axis=1)
-    tau = 0.3 * a + 0.8 * np.tanh(v / 0.02) + 0.5 * v
-    x, s = q[:, -1], v[:, -1]
-    tau[:, -1] += {
-        "": 0.0 * s,
-        "quadratic-drag": 0.9 * s * np.abs(s),
-        "cogging": 0.8 * np.sin(2 * np.pi * 3.0 * x),
-        "unknown": 1.5 * np.sin(2 * np.pi * 0.9 * t),
-    }[effect]
-    tau += 0.02 * rng.standard_normal((n, d))
-    names = joints or tuple(f"joint{k + 1}" for k in range(d))
-    return Recording("run", "arm", names, t, q + 1e-6 * rng.standard_normal((n, d)), tau)
 
 
 def model(recording: Recording) -> RobotModel:
@@ -117,13 +88,13 @@ def written(d: Diagnosis, folder: Path) -> Page:
 
 @pytest.fixture(scope="module")
 def drag() -> Diagnosis:
-    run = axes("quadratic-drag", d=2)
+    run = plants.tanh_axes("quadratic-drag", d=2)
     return diagnose([run], model(run))
 
 
 @pytest.fixture(scope="module")
 def clean() -> Comparison:
-    run = axes()
+    run = plants.tanh_axes()
     return compare([run], model(run))
 
 
@@ -162,7 +133,7 @@ def test_ambiguous(drag: Diagnosis, tmp_path: Path) -> None:
 
 
 def test_adequate(tmp_path: Path) -> None:
-    run = axes()
+    run = plants.tanh_axes()
     d = diagnose([run], model(run))
     assert d.verdict == "adequate"
     page = written(d, tmp_path)
@@ -178,13 +149,13 @@ def test_unexplained_with_partial(drag: Diagnosis, tmp_path: Path) -> None:
 
 
 def test_unexplained_by_anything(tmp_path: Path) -> None:
-    run = axes("unknown")
+    run = plants.tanh_axes("unknown")
     page = written(replace(diagnose([run], model(run)), verdict="unexplained"), tmp_path)
     assert "An effect is missing on joint1" in page.text
 
 
 def test_not_identifiable(tmp_path: Path) -> None:
-    run = axes()
+    run = plants.tanh_axes()
     still = replace(run, q=1e-5 * np.random.default_rng(0).standard_normal(run.q.shape))
     d = diagnose([still], model(run))
     assert d.verdict == "not-identifiable"
@@ -194,7 +165,7 @@ def test_not_identifiable(tmp_path: Path) -> None:
 
 
 def test_bad_data_has_no_figures(tmp_path: Path) -> None:
-    run = axes()
+    run = plants.tanh_axes()
     tau = run.tau.copy()
     tau[100:140] = np.nan
     d = diagnose([replace(run, tau=tau)], model(run))
@@ -216,14 +187,14 @@ def test_comparison(clean: Comparison, tmp_path: Path) -> None:
 
 
 def test_seven_joints(tmp_path: Path) -> None:
-    run = axes("cogging", d=7)
+    run = plants.tanh_axes("cogging", d=7)
     d = diagnose([run], model(run))
     page = written(d, tmp_path)
     assert all(f"joint{k}" in page.text for k in range(1, 8))
 
 
 def test_held_out_runs_are_named(tmp_path: Path) -> None:
-    run = axes("cogging")
+    run = plants.tanh_axes("cogging")
     other = replace(run, name="other day", tau=run.tau[::-1].copy(), q=run.q[::-1].copy())
     page = written(diagnose([run], model(run), [other]), tmp_path)
     assert "other day" in page.text
@@ -231,7 +202,7 @@ def test_held_out_runs_are_named(tmp_path: Path) -> None:
 
 
 def test_names_are_escaped(tmp_path: Path) -> None:
-    run = axes("cogging", joints=("</script><script>alert(1)</script>",))
+    run = plants.tanh_axes("cogging", joints=("</script><script>alert(1)</script>",))
     run = replace(run, name="<b>&run", metadata={"session.rig": "<img src=x>"})
     page = written(diagnose([run], model(run)), tmp_path)
     assert "alert(1)" in page.text
@@ -239,7 +210,7 @@ def test_names_are_escaped(tmp_path: Path) -> None:
 
 
 def test_contact_law(tmp_path: Path) -> None:
-    run = axes()
+    run = plants.tanh_axes()
     depth = np.maximum(run.q - 0.1, 0.0)
     rng = np.random.default_rng(1)
     v = np.gradient(run.q[:, 0], run.t)[:, None]

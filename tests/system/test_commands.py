@@ -6,34 +6,22 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import plants
 import pytest
 
 from hil.cli import COMMANDS, main
 from hil.record.export import write_recordings
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import Recording
 
 IDEAL = str(Path(__file__).parents[2] / "rigs" / "lawrence.toml")
-
-
-def axis(name, seed, drag=0.0, seconds=20.0):
-    """One axis with friction, driven by a known motion; independent of the library's models."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(int(seconds * 500)) / 500
-    w, a, p = 2 * np.pi * np.arange(1, 9) * 0.2, rng.uniform(0.1, 0.3, 8), rng.uniform(0, 6.3, 8)
-    q = (a * np.sin(np.outer(t, w) + p)).sum(1)
-    qd = (a * w * np.cos(np.outer(t, w) + p)).sum(1)
-    qdd = -(a * w**2 * np.sin(np.outer(t, w) + p)).sum(1)
-    tau = 0.01 * qdd + 0.03 * np.tanh(qd / 0.002) + 0.01 * qd + drag * qd * np.abs(qd)
-    tau = tau + 0.004 * rng.standard_normal(t.size)
-    return Recording(name, "arm", ("joint1",), t, q[:, None], tau[:, None], robot=RobotSource())
 
 
 @pytest.fixture
 def session(tmp_path):
     path = tmp_path / "s.mcap"
-    write_recordings(path, [axis("s", 1, drag=0.01)])
+    write_recordings(path, [plants.bench_axis("s", 1, drag=0.01)])
     other = tmp_path / "h.mcap"
-    write_recordings(other, [axis("h", 2, drag=0.01)])
+    write_recordings(other, [plants.bench_axis("h", 2, drag=0.01)])
     return path, other
 
 
@@ -130,14 +118,14 @@ def test_fit_refined_on_the_simulated_motion(session, tmp_path, capsys):
 
 def test_no_effect_no_finding(tmp_path, capsys):
     path = tmp_path / "n.mcap"
-    write_recordings(path, [axis("n", 3)])
+    write_recordings(path, [plants.bench_axis("n", 3)])
     _, out = run(capsys, "diagnose", path, "--json")
     assert out["verdict"] == "adequate" and out["findings"] == []
 
 
 def test_standstill_is_not_a_result(tmp_path, capsys):
     rng = np.random.default_rng(0)
-    still = axis("still", 1)
+    still = plants.bench_axis("still", 1)
     q = 1e-6 * rng.standard_normal(still.q.shape)
     path = tmp_path / "still.mcap"
     write_recordings(path, [Recording("still", "arm", ("joint1",), still.t, q, still.tau)])

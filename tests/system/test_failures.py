@@ -3,10 +3,11 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
-import numpy as np
+import plants
 import pytest
 
 from hil import consent
@@ -15,7 +16,6 @@ from hil.commands import plugins
 from hil.errors import unknown
 from hil.models import catalogue
 from hil.record.export import write_recordings
-from hil.record.recording import Recording
 
 EFFECT = """
 from dataclasses import dataclass
@@ -40,12 +40,8 @@ MODEL += "".join(f'[[effects]]\ntype = "{n}"\n' for n in ("rigid-body", "coulomb
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A session of one axis, and the working directory beside it."""
-    rng, t = np.random.default_rng(0), np.arange(3000) / 500
-    q = 0.3 * np.sin(3 * t) + 0.2 * np.sin(7.3 * t + 1)
-    qd, qdd = np.gradient(q, t), np.gradient(np.gradient(q, t), t)
-    tau = 0.05 * qdd + 0.1 * qd + 0.3 * np.tanh(qd / 0.01) + 0.01 * rng.normal(size=t.size)
-    path = tmp_path / "s.mcap"
-    write_recordings(path, [Recording("s", "arm", ("joint1",), t, q[:, None], tau[:, None])])
+    run = plants.two_tone_axis(6.0, (0.3, 0.2), (3.0, 7.3), 1.0, 0.3)
+    write_recordings(tmp_path / "s.mcap", [replace(run, name="s")])
     monkeypatch.setattr(catalogue, "_table", dict(catalogue.table()))
     monkeypatch.chdir(tmp_path)
     yield tmp_path

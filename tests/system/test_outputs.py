@@ -2,36 +2,31 @@
 
 import errno
 import os
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
+import plants
 import pytest
 
 from hil.cli import main
 from hil.record.export import write_recordings
 from hil.record.mcap_read import load, read_metadata, summary
 from hil.record.mcap_write import SessionWriter
-from hil.record.recording import Recording
 
 RIG = Path(__file__).parents[2] / "rigs" / "teleop.toml"
 BASE = 'schema = "hil.model/1"\n[robot]\npreset = "single-axis"\n[[effects]]\ntype = "viscous"\n'
 
 
-def motion(seconds=6.0):
-    rng, t = np.random.default_rng(0), np.arange(int(seconds * 500)) / 500
-    q = 0.3 * np.sin(3 * t) + 0.2 * np.sin(7.3 * t + 1)
-    qd, qdd = np.gradient(q, t), np.gradient(np.gradient(q, t), t)
-    tau = 0.05 * qdd + 0.1 * qd + 0.3 * np.tanh(qd / 0.01) + 0.01 * rng.normal(size=t.size)
-    return t, q, tau
+def two_tones(seconds=6.0):
+    return plants.two_tone_axis(seconds, (0.3, 0.2), (3.0, 7.3), 1.0, 0.3)
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A session, a table and a model, and the working directory there."""
-    t, q, tau = motion()
-    write_recordings(
-        tmp_path / "s.mcap", [Recording("s", "arm", ("joint1",), t, q[:, None], tau[:, None])]
-    )
+    run = two_tones()
+    t, q, tau = run.t, run.q[:, 0], run.tau[:, 0]
+    write_recordings(tmp_path / "s.mcap", [replace(run, name="s")])
     rows = [f"{a!r},{b!r},{c!r}" for a, b, c in zip(*(x.tolist() for x in (t, q, tau)))]  # noqa: B905
     (tmp_path / "run.csv").write_text("\n".join(["t,q1,tau1", *rows]) + "\n")
     (tmp_path / "m.toml").write_text(BASE)
@@ -86,10 +81,9 @@ def test_a_model_and_a_report_are_made_again(folder, capsys):
 
 
 def test_a_urdf_beside_the_model_stays(folder, capsys):
-    from record_urdf import URDF
-
-    t, q, tau = motion(3.0)
-    Path("arm.urdf").write_text(URDF)
+    run = two_tones(3.0)
+    t, q, tau = run.t, run.q[:, 0], run.tau[:, 0]
+    Path("arm.urdf").write_text(plants.ONE_JOINT)
     rows = [f"{a!r},{b!r},{c!r}" for a, b, c in zip(*(x.tolist() for x in (t, q, tau)))]  # noqa: B905
     Path("u.csv").write_text("\n".join(["t,q1,tau1", *rows]) + "\n")
     assert main(["import", "u.csv", "--robot", "arm.urdf", "-o", "u.mcap"]) == 0
@@ -160,10 +154,8 @@ def test_import_keeps_what_it_did_not_make(folder, capsys):
 
 
 def test_import_again_when_the_model_is_gone_but_its_urdf_is_left(folder, capsys):
-    from record_urdf import URDF
-
-    other = URDF.replace('effort="9"', 'effort="7"')
-    for name, text in (("arm.urdf", URDF), ("other.urdf", other)):
+    other = plants.ONE_JOINT.replace('effort="9"', 'effort="7"')
+    for name, text in (("arm.urdf", plants.ONE_JOINT), ("other.urdf", other)):
         (folder / name).write_text(text)
     words = ["import", "run.csv", "-o", "r.mcap", "--robot", "arm.urdf"]
     assert main(words) == 0
