@@ -145,7 +145,7 @@ def recorded(path: str, before: tuple[int, int] | None) -> str:
 def differences(path: str) -> list[str]:
     """Where the drivers asked something else than in the recording that answered for a box."""
     lines = []
-    for name, told in mcap_read.summary(path).metadata.items():
+    for name, told in mcap_read.read_metadata(path).items():
         if name.startswith("replay/") and told["other"] != "0":
             box = name.removeprefix("replay/")
             lines.append(

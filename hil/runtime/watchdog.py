@@ -55,12 +55,15 @@ def cut(words: Sequence[str]) -> tuple[bool, str]:
 
     Whatever it meets ends in the sentence: there is nobody left to raise it to.
     """
-    name, done = Path(words[0]).name, ""
+    name, done, none = Path(words[0]).name, "", subprocess.DEVNULL
     for attempt in range(ATTEMPTS):
         if attempt:
             time.sleep(PAUSE)
         try:
-            code = subprocess.run(words, stdin=subprocess.DEVNULL, timeout=LIMIT).returncode
+            # the terminal or pipe of the loop may be gone, and to print there would end it
+            code = subprocess.run(
+                words, stdin=none, stdout=none, stderr=none, timeout=LIMIT
+            ).returncode
         except (OSError, subprocess.SubprocessError) as error:
             done = f"{name} failed: {error}"
             continue

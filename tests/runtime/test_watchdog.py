@@ -1,9 +1,12 @@
 """A watchdog that is watched: isolated, proven before power, latched after a cut."""
 
 import json
+import mmap
 import os
 import signal
 import stat
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -13,6 +16,7 @@ from hil import consent
 from hil.cli import main
 from hil.errors import ConfigError, DeviceError
 from hil.record.container import read
+from hil.record.decode import decode_numbers
 from hil.rig import cut
 from hil.rig.config import SafetyConfig, load_rig
 from hil.rig.safety import BITS, FAULTING
@@ -22,6 +26,7 @@ from hil.runtime.clock import VirtualClock
 from hil.runtime.guard import guarded
 from hil.runtime.selftest import selftest
 from hil.runtime.watchdog import beside, tripped
+from hil.signals.frame import WORDS
 
 
 def until(what, seconds=20.0):
@@ -108,11 +113,17 @@ class Late(VirtualClock):
 def test_a_cut_is_a_fault_in_record_and_info_and_latched(tmp_path, rig_file, safe, capsys):
     path = tmp_path / "s.mcap"
     mark, Late.held = tmp_path / "mark", beside(path).exists
-    config = load_rig(rig_file)
+    config, said = load_rig(rig_file), []
+    # what an operator might try then
+    tries = runner.Operator([(0.05, "resume"), (0.05, "start"), (0.05, "home")], said.append)
     with pytest.raises(DeviceError, match=r"tick 50: FAULT, because the watchdog cut the power \("):
-        runner.run(config, 1.0, 1, "lockstep", path, timer=Late)
+        runner.run(config, 1.0, 1, "lockstep", path, timer=Late, operator=tries)
     assert mark.exists()
     box = read(path)
+    sent = decode_numbers(box.topics["/rig/raw"]).reshape(-1, 2, WORDS)[:, :, 3:6]
+    assert len(sent) == 70 and sent[:49].any() and not sent[49:].any()
+    assert any("resume: FAULT, as before" in s for s in said)
+    assert any(s.startswith("start: ") and "is FAULT and cannot ENABLE" in s for s in said)
     events = [json.loads(d) for d in box.topics["/events"].data]
     assert [e["name"] for e in events][-2:] == ["power-cut", "fault"]
     found = json.loads(box.metadata["watchdog"]["report"])
@@ -173,6 +184,22 @@ def test_a_cut_that_fails_is_tried_again_and_said(tmp_path):
     worked, said = watchdog.cut([str(script)])
     assert not worked and "cut.sh failed: [Errno 2]" in said
     assert "THE POWER MAY STILL BE ON" in watchdog.in_words({"cut": said, "why": "x"})
+
+
+def test_a_program_that_prints_into_a_closed_pipe_cuts_all_the_same(tmp_path):
+    script = tmp_path / "cut.sh"
+    executable(script, f"#!/bin/sh\necho off && echo off >&2 && touch {tmp_path}/mark\n".encode())
+    told = {"parent": -1, "timeout": 1.0, "cut": [str(script)]}
+    told |= {"latch": str(tmp_path / "l"), "report": str(tmp_path / "r")}
+    ours, theirs = os.pipe()
+    os.close(ours)
+    with (tmp_path / "page").open("w+b") as page:
+        page.truncate(mmap.PAGESIZE)
+        words = [sys.executable, *guard.ISOLATED, watchdog.__file__]
+        words += [str(page.fileno()), json.dumps(told)]
+        subprocess.run(words, stdout=theirs, stderr=theirs, pass_fds=[page.fileno()])
+    os.close(theirs)
+    assert (tmp_path / "mark").exists() and tripped(tmp_path / "r")["worked"] is True
 
 
 def test_a_full_disk_does_not_stop_the_cut(tmp_path, capsys):

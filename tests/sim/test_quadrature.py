@@ -91,6 +91,9 @@ def test_a_rig_file_gives_an_arm_bad_encoders(backend, tmp_path):
     def counts(name, **encoders):
         over = {"simulation": {"quadrature": encoders}} if encoders else {}
         force = {"leader-force": {"backend": "sim"}, "follower-force": {"backend": "sim"}}
+        # nothing is fed back: a count more or less must not make another motion
+        off = {"stiffness": [0.0] * 3, "damping": [0.0] * 3}
+        over["controller"] = {"parameters": off}
         config = load_rig(RIG, {"backend": backend, "devices": force, **over})
         runner.run(config, 0.4, seed=2, output=tmp_path / name)
         _, words = read_fields(tmp_path / name, "/rig/raw")
