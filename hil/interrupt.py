@@ -68,6 +68,11 @@ class Interrupts:
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if not self._running:
             self.leave(self.line())
+        while frame is not None:
+            if frame.f_code is Interrupts._unraisable.__code__:  # it would be lost once more
+                self._give_again()
+                return
+            frame = frame.f_back
         now = time.monotonic()
         if now - self._since > UNWINDING_S:
             self._since, self.seen = now, True
@@ -99,6 +104,9 @@ class Interrupts:
             sys.__unraisablehook__(told)
             return
         self._since = -float("inf")
+        self._give_again()
+
+    def _give_again(self) -> None:
         again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), signal.SIGINT))
         again.daemon = True
         again.start()

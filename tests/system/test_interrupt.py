@@ -7,6 +7,7 @@ import sys
 import threading
 from multiprocessing import resource_tracker
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -90,13 +91,29 @@ def test_one_that_a_callback_swallows_is_given_again():
         "class Swallows:\n    def __del__(self):\n"
         "        import signal\n        signal.raise_signal(signal.SIGINT)\n"
         "with interrupts.unwinding('fit'):\n"
-        "    try:\n        Swallows()\n        time.sleep(20)\n"
+        "    try:\n        Swallows()\n        time.sleep(90)\n"
         "    except KeyboardInterrupt:\n        print('unwound')\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=15
     )
     assert done.stdout == "unwound\n" and done.stderr == ""
+
+
+def test_one_that_comes_while_it_is_given_again_is_not_lost(monkeypatch):
+    interrupts, given = Interrupts(), []
+
+    def again() -> None:
+        given.append(len(given))
+        if len(given) == 1:  # one arrives within the hook
+            interrupts._handle(signal.SIGINT, sys._getframe())
+
+    monkeypatch.setattr(interrupts, "_give_again", again)
+    with interrupts.unwinding("fit"):
+        interrupts._unraisable(SimpleNamespace(exc_type=KeyboardInterrupt))
+        assert given == [0, 1]
+        with pytest.raises(KeyboardInterrupt):  # and the next one unwinds
+            interrupts._handle(signal.SIGINT, None)
 
 
 def test_processes_of_a_pool_do_not_see_it():
