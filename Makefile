@@ -18,8 +18,10 @@ $(VENV)/.installed: pyproject.toml
 demo: install
 	$(BIN)/hil demo -o out/demo --seed $(SEED)
 
+# a file stays in one process, which makes what its tests share once; the longest files come first
+test: export OMP_NUM_THREADS = 1
 test: install
-	$(BIN)/python -m pytest -n 2 -m "not real_time"
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not real_time"
 	$(BIN)/python -m pytest -m real_time
 
 check: install

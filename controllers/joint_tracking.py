@@ -59,7 +59,7 @@ def coefficients(
         s *= amplitude[joint] / np.abs(s).max()
         spectrum = np.fft.rfft(s)[1 : HARMONICS + 1] / (t.size / 2)
         rate = np.abs(np.gradient(s, t * period)).max()
-        scale = min(1.0, speed[joint] / rate)
+        scale = min(1.0, speed[joint] / rate) if rate > 0 else 1.0
         out[joint] = scale * np.stack([-spectrum.imag, spectrum.real], -1)
     return out
 
@@ -116,6 +116,15 @@ class JointTrackingConfig:
     friction: tuple[float, ...] = (0.012, 0.011, 0.010)
     blend: float = 1.0
     trajectory: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("center", "amplitude", "speed", "stiffness", "damping", "inertia", "friction"):
+            if len(getattr(self, name)) != 3:
+                raise ConfigError(f"{name} needs three entries, one per joint.")
+        if len(self.gravity) != 2:
+            raise ConfigError("gravity needs two entries.")
+        if self.period <= 0 or self.blend <= 0 or self.velocity_filter <= 0 or self.seed < 0:
+            raise ConfigError("period, blend and velocity_filter are above 0, seed is from 0 on.")
 
     def settable(self) -> dict[str, SettableRange]:
         """What an operator may set: nothing of the motion, which would jump."""

@@ -18,8 +18,7 @@ def program() -> NoReturn:
     sys.stdout, sys.stderr = Quoting(sys.stdout), Quoting(sys.stderr)
     code = main()
     if code == CODE:
-        # threads of a stopped calculation, and what libraries do at exit, must not go on
-        interrupts.leave("")
+        interrupts.end()
     sys.exit(code)
 
 

@@ -7,6 +7,7 @@ ignored, so that impatience costs neither.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import signal
@@ -67,6 +68,11 @@ class Interrupts:
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if not self._running:
             self.leave(self.line())
+        while frame is not None:
+            if frame.f_code is Interrupts._unraisable.__code__:  # it would be lost once more
+                self._give_again()
+                return
+            frame = frame.f_back
         now = time.monotonic()
         if now - self._since > UNWINDING_S:
             self._since, self.seen = now, True
@@ -82,12 +88,25 @@ class Interrupts:
             os.write(2, line.encode("utf-8", "replace"))
         os._exit(CODE)
 
+    def end(self) -> None:
+        """End the process of an interrupted command, whatever its threads still do.
+
+        What libraries do at exit is done, but for waiting for threads: they calculate for nobody.
+        """
+        run: Callable[[], None] | None = getattr(atexit, "_run_exitfuncs", None)
+        if run is not None:
+            run()
+        self.leave("")
+
     def _unraisable(self, told: Any) -> None:
         """An interruption that hit a callback or a destructor is given again outside of it."""
         if not issubclass(told.exc_type, KeyboardInterrupt):
             sys.__unraisablehook__(told)
             return
         self._since = -float("inf")
+        self._give_again()
+
+    def _give_again(self) -> None:
         again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), signal.SIGINT))
         again.daemon = True
         again.start()
@@ -106,6 +125,10 @@ def held_back() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    from multiprocessing import resource_tracker
+
+    # where it starts within, it lets the signal through again
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -17,7 +17,33 @@ settings.load_profile("any machine")
 TRIES = 5
 
 
+#: Files that take 20 s of CPU and more come first, so that two processes end together.
+LONGEST = (
+    "system/test_recordings.py",
+    "diagnosis/test_payload_body.py",
+    "system/test_hidden_named.py",
+    "docs/test_blocks.py",
+    "diagnosis/test_sensors_named.py",
+    "diagnosis/test_named_again.py",
+    "identify/test_simulated_fit.py",
+    "experiments/test_cable_arm.py",
+    "diagnosis/test_unknown_robot.py",
+    "system/test_bench_identify.py",
+    "frozen/test_frozen.py",
+    "excite/test_resolved.py",
+    "teleop/test_hybrid_from_data.py",
+    "system/test_commands.py",
+    "diagnosis/test_amplifier_named.py",
+    "diagnosis/test_payload_change.py",
+    "diagnosis/test_sessions_differ.py",
+    "sim/test_mujoco_plants.py",
+    "report/test_report.py",
+)
+
+
 def pytest_collection_modifyitems(items):
+    place = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
     for item in items:
         if item.get_closest_marker("real_time"):
             item.add_marker(pytest.mark.flaky(reruns=TRIES - 1))

@@ -992,13 +992,18 @@ def _four_tones(rng: np.random.Generator, t: np.ndarray, d: int) -> Path3:
 
 
 def serial_arm(
-    d: int, seed: int, link: int = 0, wrong: int = 0, axes: tuple[str, ...] = AXES
+    d: int,
+    seed: int,
+    link: int = 0,
+    wrong: int = 0,
+    axes: tuple[str, ...] = AXES,
+    seconds: float = 20.0,
 ) -> Recording:
     """An arm whose effort is Pinocchio's, with friction and noise; a body on `link`, if asked.
 
     wrong: seed of errors of 5 % in the masses, centres and inertias that it is described with.
     """
-    text, rng, t = serial_urdf(d, axes), np.random.default_rng(seed), np.arange(0.0, 20.0, 0.004)
+    text, rng, t = serial_urdf(d, axes), np.random.default_rng(seed), np.arange(0.0, seconds, 0.004)
     q, v, a = _four_tones(rng, t, d)
     model = pin.buildModelFromXML(text)
     if wrong:

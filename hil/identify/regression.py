@@ -122,20 +122,20 @@ def decomposed(a: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     FitError
         If the matrix is not finite.
     """
+    _refuse_not_finite(a)  # LAPACK would print a line of its own
     try:
         u, s, vt = np.linalg.svd(a, full_matrices=False)
     except np.linalg.LinAlgError:
-        _refuse_not_finite(a)
         u, s, vt = scipy.linalg.svd(a, full_matrices=False, lapack_driver="gesvd")
     return u, s, vt
 
 
 def least_squares(a: FloatArray, y: FloatArray, rcond: float | None = None) -> FloatArray:
     """Solution of least norm of A x = y, (p,) or (p, k); algorithms as in `decomposed`."""
+    _refuse_not_finite(a, y)
     try:
         x = np.linalg.lstsq(a, y, rcond=rcond)[0]
     except np.linalg.LinAlgError:
-        _refuse_not_finite(a, y)
         x = scipy.linalg.lstsq(a, y, cond=rcond, lapack_driver="gelss")[0]
     return np.asarray(x, dtype=np.float64)
 

@@ -33,6 +33,10 @@ class RecordConfig:
     replay: str = ""
 
 
+#: Rows of the ring [1]: an hour and more at 1 kHz.
+MOST_ROWS = 2**22
+
+
 @dataclass(frozen=True)
 class LoopConfig:
     """Table ``[loop]``: rates [Hz], clock, length of a session [s], rows of the ring.
@@ -53,8 +57,10 @@ class LoopConfig:
             raise ConfigError(f"[loop]: {unknown('clock', self.clock, ('lockstep', 'real'))}")
         if not 0.0 < self.slow_hz <= self.rate_hz <= 10_000.0:
             raise ConfigError("[loop]: 0 < slow_hz <= rate_hz <= 10000 is needed.")
-        if self.seconds <= 0.0 or self.ring_rows < 1:
-            raise ConfigError("[loop]: seconds and ring_rows must be positive.")
+        if self.seconds <= 0.0 or not 1 <= self.ring_rows <= MOST_ROWS:
+            raise ConfigError(
+                f"[loop]: seconds and ring_rows must be positive, ring_rows at most {MOST_ROWS}."
+            )
 
     @property
     def period_ns(self) -> int:

@@ -32,6 +32,8 @@ OPERATOR_KEYS: dict[str, Any] = {
     "onset": 1.0,
 }
 GEL_KEYS: dict[str, Any] = {"arm": "", "below_home": 0.02, "stiffness": None}
+#: Of a number, in SI units.
+LARGEST = 1e12
 KINDS = {"none": 0, "hand": 1, "mechanical": 2}
 
 
@@ -46,11 +48,28 @@ class Plan:
 
 
 def with_defaults(where: str, given: dict[str, Any], known: dict[str, Any]) -> dict[str, Any]:
-    """Table with its defaults; an unknown key is an error that names the nearest."""
-    for key in given:
+    """Table with its defaults; an unknown key is an error that names the nearest.
+
+    A value is of the type of its default; numbers are finite.
+    """
+    for key, value in given.items():
         if key not in known:
             raise ConfigError(f"[{where}]: {unknown('key', key, known)}")
+        if not _alike(value, known[key]):
+            raise ConfigError(
+                f"[{where}] {key} = {value!r}: something like {known[key]!r} is needed"
+            )
     return known | given
+
+
+def _alike(value: Any, default: Any) -> bool:
+    if default is None or isinstance(default, int | float):
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        return (number and abs(value) <= LARGEST) or (default is None and value is None)
+    if isinstance(default, list) and default:
+        alike = isinstance(value, list) and len(value) == len(default)
+        return alike and all(_alike(x, default[0]) for x in value)
+    return isinstance(value, type(default))
 
 
 def plan(arms: dict[str, str], section: dict[str, Any], seed: int) -> Plan:

@@ -1,5 +1,7 @@
 """Sessions that differ: which one holds what, and which effect would explain it."""
 
+from functools import cache
+
 import plants
 import pytest
 
@@ -13,7 +15,9 @@ from hil.report.html import diagnosis_report
 from hil.report.json import diagnosis_json
 
 
+@cache
 def answer(ours: str, theirs: str):
+    """Several tests look at the same answer."""
     fit, held = plants.two_axes(ours, 1, "monday"), plants.two_axes(theirs, 2, "friday")
     return diagnose([fit], base_model(fit.robot), [held])
 

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import plants
 import pytest
 
 import hil
 from hil.commands.diagnose import text
+from hil.diagnosis.types import Diagnosis
 from hil.models.model import base_model
 from hil.record.recording import Recording, RobotSource
 from hil.report.data import from_diagnosis
 from hil.report.text import Files, command, details
 
 
+@cache
+def diagnosed(stribeck: float = 0.0) -> Diagnosis:
+    """Of the double pendulum; several tests look at the same answer."""
+    run = plants.double_pendulum(stribeck)
+    return hil.diagnose([run], base_model(run.robot))
+
+
 def test_geometry_is_learnt_and_not_named() -> None:
     """Gravity and couplings get no name, and leave next to nothing."""
-    run = plants.double_pendulum()
-    d = hil.diagnose([run], base_model(run.robot))
+    d = diagnosed()
     assert d.verdict == "unexplained"
     assert not d.findings
     assert {c.effect.split("-")[0] for c in d.corrections} == {"generic"}
@@ -28,8 +37,7 @@ def test_geometry_is_learnt_and_not_named() -> None:
 
 def test_friction_beside_an_unknown_geometry_is_named() -> None:
     """What gravity cannot be keeps its name."""
-    run = plants.double_pendulum(stribeck=0.8)
-    d = hil.diagnose([run], base_model(run.robot))
+    d = diagnosed(0.8)
     assert [(f.effect, f.joint) for f in d.findings] == [("stribeck", "joint2")]
     assert d.findings[0].parameters["j2.stribeck.fs"].value == pytest.approx(0.8, rel=0.15)
 
@@ -78,8 +86,7 @@ def test_a_name_beside_an_unknown_geometry_stands_alone(
 
 def test_what_stands_for_the_geometry_is_said_first_and_written() -> None:
     """The terminal and the report begin with it; the command writes the whole model."""
-    run = plants.double_pendulum(stribeck=0.8)
-    d = hil.diagnose([run], base_model(run.robot))
+    d = diagnosed(0.8)
     lines = text(d, hil.ladder(d)).splitlines()
     assert "without a robot description" in lines[1] and "--robot" in lines[1]
     assert sum("without a robot description" in line for line in lines) == 1
@@ -92,6 +99,5 @@ def test_what_stands_for_the_geometry_is_said_first_and_written() -> None:
 
 def test_a_lateness_that_is_none_is_not_told() -> None:
     """What was shifted to and fro while the geometry was missing is no news."""
-    run = plants.double_pendulum()
-    d = hil.diagnose([run], base_model(run.robot))
+    d = diagnosed()
     assert not any(code == "late-effort" for code, _ in d.warnings)

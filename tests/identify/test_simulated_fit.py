@@ -49,7 +49,7 @@ def test_what_is_kept_is_never_worse_on_held_out_windows() -> None:
 def test_three_joints_in_windows() -> None:
     model = wide()
     result = fit(Problem([plants.pushed_axes(4, 2e-3, 3, 12.0)], AXIS, band=model.band), model)
-    found = refine(result, window=1.0)
+    found = refine(result, window=0.5)
     before, after = found.heldout
     assert found.better and after.simulated.shape == (3,)
     assert np.all(after.simulated < before.simulated)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hil.cli import main
+from hil.controllers.joint_tracking import JointTrackingConfig
 from hil.errors import ConfigError
 from hil.rig.config import BACKENDS, load_rig
 from hil.rig.open import build_controller
@@ -86,3 +87,37 @@ def test_a_rig_file_names_the_back_ends_beside_its_own(path):
     line = next(x for x in path.read_text().splitlines() if x.startswith("backend ="))
     named = re.findall(r'"([a-z-]+)"', line)
     assert {"sim", "sim-wire", "hardware"} == set(named) <= set(BACKENDS)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("seconds = 20.0", "seconds = inf", "beyond"),
+        ("seconds = 20.0", "seconds = 20.0\nring_rows = 1_000_000_000_000", "ring_rows"),
+        ("options.home = [0.0, 0.4, 0.3]", "options.home = [0.0, 0.4, -1e300]", "beyond"),
+        ("below_home = 0.015", "below_home = []", "below_home"),
+        ("below_home = 0.015", 'below_home = "x"', "below_home"),
+        ("below_home = 0.015", "below_home = nan", "below_home"),
+        ("\nhome = [0.0, 0.4, 0.3]", '\nhome = [0.0, 0.4, "x"]', "home"),
+        ("\nhome = [0.0, 0.4, 0.3]", "\nhome = [0.0, [], 0.3]", "home"),
+        ("\nhome = [0.0, 0.4, 0.3]", "\nhome = [0.0, 0.4]", "home"),
+    ],
+)
+def test_values_that_no_rig_has(tmp_path, capsys, old, new, word):
+    text = (RIGS / "teleop.toml").read_text()
+    assert old in text
+    (tmp_path / "r.toml").write_text(text.replace(old, new, 1))
+    words = [str(tmp_path / "r.toml"), "--seconds", "0.01", "-o", str(tmp_path / "s.mcap")]
+    assert main(["run", *words]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and word in said
+
+
+@pytest.mark.parametrize(
+    "change", ["period = 0.0", "blend = 0", "seed = -1", "amplitude = [1.0]", "gravity = [1.0]"]
+)
+def test_parameters_of_the_tracking_that_no_motion_has(change):
+    with pytest.raises(ConfigError, match=change.split()[0]):
+        JointTrackingConfig(
+            **{k: tuple(v) if isinstance(v, list) else v for k, v in tomllib.loads(change).items()}
+        )

@@ -2,6 +2,7 @@
 
 import ast
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -77,14 +78,19 @@ def test_descriptions_load(name):
     assert np.all((off > 0.01) & (off <= session.WRONG + 1e-9))
 
 
+@cache
+def plain(force):
+    """The session that nothing is hidden in: the same for all effects."""
+    return session.simulate("elbow3", ("shuttle", 3), [], "white", 1, force)
+
+
 @pytest.mark.parametrize("effect", NAMES)
 def test_every_effect_shows(effect):
     needs = session.kinds()[effect][0]
     force = needs == "force"
     hidden = [{"effect": effect, "joint": 1, "amplitude": 4.0}]
-    without, there = (
-        session.simulate("elbow3", ("shuttle", 3), h, "white", 1, force) for h in ([], hidden)
-    )
+    without = plain(force)
+    there = session.simulate("elbow3", ("shuttle", 3), hidden, "white", 1, force)
     assert np.isfinite(there["q"]).all()
     assert any(not np.array_equal(without[key], there[key]) for key in there)
 

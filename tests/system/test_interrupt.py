@@ -4,8 +4,9 @@ import os
 import signal
 import subprocess
 import sys
-import threading
+from multiprocessing import resource_tracker
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -89,7 +90,7 @@ def test_one_that_a_callback_swallows_is_given_again():
         "class Swallows:\n    def __del__(self):\n"
         "        import signal\n        signal.raise_signal(signal.SIGINT)\n"
         "with interrupts.unwinding('fit'):\n"
-        "    try:\n        Swallows()\n        time.sleep(20)\n"
+        "    try:\n        Swallows()\n        time.sleep(90)\n"
         "    except KeyboardInterrupt:\n        print('unwound')\n"
     )
     done = subprocess.run(
@@ -98,7 +99,25 @@ def test_one_that_a_callback_swallows_is_given_again():
     assert done.stdout == "unwound\n" and done.stderr == ""
 
 
+def test_one_that_comes_while_it_is_given_again_is_not_lost(monkeypatch):
+    interrupts, given = Interrupts(), []
+
+    def again() -> None:
+        given.append(len(given))
+        if len(given) == 1:  # one arrives within the hook
+            interrupts._handle(signal.SIGINT, sys._getframe())
+
+    monkeypatch.setattr(interrupts, "_give_again", again)
+    with interrupts.unwinding("fit"):
+        interrupts._unraisable(SimpleNamespace(exc_type=KeyboardInterrupt))
+        assert given == [0, 1]
+        with pytest.raises(KeyboardInterrupt):  # and the next one unwinds
+            interrupts._handle(signal.SIGINT, None)
+
+
 def test_processes_of_a_pool_do_not_see_it():
+    with held_back():
+        resource_tracker.ensure_running()  # as a pool does first; it unblocks SIGINT
     with held_back():
         child = subprocess.Popen(
             [sys.executable, "-c", "input(); print('alive')"],
@@ -109,9 +128,7 @@ def test_processes_of_a_pool_do_not_see_it():
     os.kill(child.pid, signal.SIGINT)
     assert child.communicate("\n", timeout=20)[0] == "alive\n"
     # and the caller sees it again
-    with pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(signal.SIGINT)
-        threading.Event().wait(1.0)
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
 def test_where_the_record_is_is_asked_for_after_closing():
@@ -121,3 +138,32 @@ def test_where_the_record_is_is_asked_for_after_closing():
             raise KeyboardInterrupt
         finally:
             closed.append("it is here")
+
+
+#: A bench that works in a pool of processes and draws a bar, interrupted by the whole terminal.
+POOL = """
+import os, signal, sys, threading, time
+from hil.interrupt import interrupts
+interrupts.arm()
+from tqdm import tqdm
+from hil.bench.diagnosis.runner import spread
+if __name__ == "__main__":
+    os.setpgrp()
+    bar = tqdm(total=1, file=open(os.devnull, "w"))
+    threading.Timer(3.0, os.killpg, (os.getpgrp(), signal.SIGINT)).start()
+    try:
+        with interrupts.unwinding("bench"):
+            for _ in spread(time.sleep, [100.0] * 4, 2, "session"):
+                pass
+    except KeyboardInterrupt:
+        sys.stderr.write(interrupts.line())
+        interrupts.end()
+"""
+
+
+def test_a_pool_of_processes_ends_with_one_line(tmp_path):
+    (tmp_path / "pool.py").write_text(POOL)
+    words = [sys.executable, str(tmp_path / "pool.py")]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=90)
+    assert done.returncode == 130
+    assert done.stderr == "hil bench: interrupted\n"
