@@ -28,7 +28,7 @@ from hil.models.effect import (
     Waves,
     brakes,
 )
-from hil.models.friction import harmonics, position_orders
+from hil.models.friction import HARMONICS, harmonics, position_orders
 from hil.models.motion import FloatArray, Motion
 from hil.models.param import JOINT
 
@@ -49,6 +49,7 @@ class TorqueOffset(Effect):
     variation = PER_RUN
     relations = Relations(causes=("constant",))
     traits = Trait.MOTION
+    formulas = ("1",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """1."""
@@ -116,6 +117,7 @@ class Cogging(Effect):
     params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
     shape = (Param("p", "1/{x}", "periods per unit of position", 0.0, size=True),)
     search = Waves(_cogging_grid, carrier=_cogging_carrier)
+    formulas = HARMONICS
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Two harmonics over position."""

@@ -33,6 +33,17 @@ from hil.models.param import JOINT
 _OLSSON = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Eur. J. Control 4, 1998"
 
 
+#: What `harmonics` makes, as text.
+HARMONICS = (
+    "sin(2 * pi * p * q)",
+    "cos(2 * pi * p * q)",
+    "sin(4 * pi * p * q)",
+    "cos(4 * pi * p * q)",
+)
+#: Speed of two joints against each other, by mode.
+_RELATIVE = "(abs(mode) * v + (mode + 1 - abs(mode)) * vk)"
+
+
 def _column(values: FloatArray) -> FloatArray:
     return values[:, None]
 
@@ -59,6 +70,7 @@ class Coulomb(Effect):
     shape = (Param("v0", "{x}/s", "speed over which the sign is resolved", 0.0),)
     search = Grid(_coulomb_grid, sharpest=True, at_resolution=True)
     traits = Trait.GIVEN | Trait.DRY
+    formulas = ("sign",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """tanh(v / v0)."""
@@ -79,6 +91,7 @@ class Viscous(Effect):
     )
     params = (Param("fv", "{F} s/{x}", "viscous friction", 0.0),)
     traits = Trait.GIVEN | Trait.MOTION | Trait.VISCOUS
+    formulas = ("v",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Speed v."""
@@ -118,6 +131,7 @@ class Stribeck(Effect):
         ),
     )
     search = Grid(_stribeck_grid)
+    formulas = ("exp(-(abs(v / vs) ** n)) * sign",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """exp(-|v / vs|^n) tanh(v / v0)."""
@@ -138,6 +152,7 @@ class AsymmetricCoulomb(Effect):
     )
     params = (Param("da", "{F}", "half the difference of the two directions"),)
     relations = Relations(causes=("constant",))
+    formulas = ("abs(sign)",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """|tanh(v / v0)|."""
@@ -157,6 +172,7 @@ class AsymmetricViscous(Effect):
         over=Over.SPEED,
     )
     params = (Param("dv", "{F} s/{x}", "half the difference of the two directions"),)
+    formulas = ("abs(v)",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """|v|."""
@@ -184,6 +200,7 @@ class QuadraticDrag(Effect):
         over=Over.SPEED,
     )
     params = (Param("fd", "{F} s^2/{x}^2", "quadratic drag"),)
+    formulas = ("v * abs(v)",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Signed square v |v|."""
@@ -237,6 +254,7 @@ class PositionFriction(Effect):
     )
     relations = Relations(foils=_position_friction_foils)
     search = Waves(_position_friction_grid, carrier=_position_friction_carrier, at_resolution=True)
+    formulas = tuple(f"sign * {wave}" for wave in HARMONICS)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """sgn(v) times two harmonics over position."""
@@ -351,6 +369,7 @@ class CoupledFriction(Effect):
     scope = Scope(lacks=_alone)
     search = Grid(_coupled_friction_grid, refine=False)
     limits = (Limit("drives", _coupled_friction_brakes),)
+    formulas = (f"tanh({_RELATIVE} / max(v0, v0k))", _RELATIVE)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[tanh(w / v0), w]."""

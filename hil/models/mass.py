@@ -75,6 +75,7 @@ class Armature(Effect):
     params = (Param("ia", "{F} s^2/{x}", "reflected rotor inertia", 0.0),)
     scope = Scope(lacks=_armature_lacks)
     traits = Trait.GIVEN | Trait.MOTION | Trait.ROTOR
+    formulas = ("a",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """The joint's acceleration qdd."""
@@ -104,6 +105,7 @@ class Spring(Effect):
         Param("t0", "{F}", "effort at mid-range"),
     )
     limits = (Limit("constant", _spring_varies), BOUNDS)
+    formulas = ("q - (low + high) / 2", "1")
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[q - mid-range, 1]."""
@@ -127,6 +129,19 @@ def _position_torque_foils(motion: Motion, j: int, shape: Sequence[float]) -> Se
     return [first[:, None], np.stack([first, second], axis=1)]
 
 
+_X = "max(-1, min(1, (2 * q - low - high) / (high - low)))"
+#: Chebyshev polynomials T0..T6 of the position scaled to [-1, 1].
+_CHEBYSHEV = (
+    "1",
+    _X,
+    f"2 * {_X} ** 2 - 1",
+    f"4 * {_X} ** 3 - 3 * {_X}",
+    f"8 * {_X} ** 4 - 8 * {_X} ** 2 + 1",
+    f"16 * {_X} ** 5 - 20 * {_X} ** 3 + 5 * {_X}",
+    f"32 * {_X} ** 6 - 48 * {_X} ** 4 + 18 * {_X} ** 2 - 1",
+)
+
+
 class PositionTorque(Effect):
     """Smooth effort over position: an umbilical, a cable bundle, a bent hose."""
 
@@ -146,6 +161,7 @@ class PositionTorque(Effect):
     )
     relations = Relations(foils=_position_torque_foils)
     limits = (Limit("constant", _position_torque_varies), BOUNDS)
+    formulas = _CHEBYSHEV
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Chebyshev polynomials T0..T6."""
@@ -183,6 +199,10 @@ def _end_stop_grid(motion: Motion, j: int) -> Shapes:
     return upper + [(float(low + f * (high - low)), -1.0) for f in fractions]
 
 
+#: Penetration; the side is 1 or -1.
+_DEPTH = "side * max(0, side * (q - q0))"
+
+
 class EndStop(Effect):
     """A stop that pushes back beyond a position."""
 
@@ -217,6 +237,8 @@ class EndStop(Effect):
     )
     search = Grid(_end_stop_grid)
     limits = (Limit("pulls", _end_stop_pushes),)
+    traits = Trait.STOP
+    formulas = (_DEPTH, f"{_DEPTH} * abs({_DEPTH})", f"abs({_DEPTH}) * v")
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[d, d |d|, |d| v]."""

@@ -75,6 +75,8 @@ class Trait(Flag):
     GAIN = auto()
     #: Explains jumps of the recorded position.
     JUMPS = auto()
+    #: A stop of the joint's range; its shape is (position, side).
+    STOP = auto()
 
 
 class Sight(Flag):
