@@ -39,6 +39,12 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "kalman": "hil.signals.velocity:Kalman",
     },
     "hil.kinematics": {"phantom-premium-1.5": "hil.controllers.geometry:premium"},
+    "hil.exports": {
+        "urdf": "hil.export.urdf:TARGET",
+        "mjcf": "hil.export.mjcf:TARGET",
+        "sdf": "hil.export.sdf:TARGET",
+        "isaac": "hil.export.isaac:TARGET",
+    },
     "hil.sim_devices": {},
     "hil.sim_sessions": {},
 }

@@ -58,17 +58,18 @@ def parsed(text: str) -> ast.expr:
         If it is no expression, or holds what is not listed at the head of this file.
     """
     try:
-        tree = ast.parse(text, mode="eval").body
+        tree = ast.parse(text, mode="eval")
     except SyntaxError as error:
         raise ConfigError(f"formula {text!r} is no expression: {error.msg}") from error
-    tree = _Signs().visit(tree)
-    for node in ast.walk(tree):
+    _Signs().visit(tree)
+    for node in ast.walk(tree.body):
         if not _known(node):
+            held = ast.unparse(node) if isinstance(node, ast.expr) else type(node).__name__
             raise ConfigError(
-                f"formula {text!r} holds {ast.unparse(node) if isinstance(node, ast.expr) else node!r}; "
-                f"a formula has names, numbers, + - * / ** and {', '.join(FUNCTIONS)}"
+                f"formula {text!r} holds {held}; a formula has names, numbers, + - * / ** and "
+                f"{', '.join(FUNCTIONS)}"
             )
-    return tree
+    return tree.body
 
 
 class _Signs(ast.NodeTransformer):

@@ -88,6 +88,10 @@ def _spring_varies(f: Fitted) -> bool:
     return (abs(f.beta[0]) + sure[0]) * half >= VARIES * abs(f.beta[1])
 
 
+#: Column of a spring as text.
+SPRING = "q - (low + high) / 2"
+
+
 class Spring(Effect):
     """A linear spring on the joint."""
 
@@ -105,7 +109,7 @@ class Spring(Effect):
         Param("t0", "{F}", "effort at mid-range"),
     )
     limits = (Limit("constant", _spring_varies), BOUNDS)
-    formulas = ("q - (low + high) / 2", "1")
+    formulas = (SPRING, "1")
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[q - mid-range, 1]."""

@@ -1,0 +1,67 @@
+"""One fitted arm for all targets, with effects that only some of them can express."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from plants import spatial
+
+from hil.export.target import Job, get
+from hil.models.model import Use, base_model
+
+
+def session(seed):
+    """The arm with a spring on its second joint and a Stribeck rise on its first."""
+    run = spatial(seed, 12.0, offset=0.1)
+    speed = np.gradient(run.q[:, 0], run.t)
+    tau = run.tau.copy()
+    tau[:, 0] += 0.8 * np.exp(-((speed / 0.3) ** 2)) * np.sign(speed)
+    tau[:, 1] += 1.5 * run.q[:, 1]
+    return replace(run, tau=tau)
+
+
+@pytest.fixture(scope="session")
+def arm():
+    """Two runs and a model of them."""
+    one, two = session(1), session(2)
+    model = base_model(one.robot) + Use("spring", ("upper",)) + Use("stribeck", ("base",))
+    return SimpleNamespace(run=one, other=two, model=model)
+
+
+@pytest.fixture(scope="session")
+def made(arm):
+    """What each target makes of it, once."""
+    known = {}
+
+    def make(name):
+        if name not in known:
+            job = Job(arm.model, Path("arm.toml"), "arm", [arm.run], [arm.other], True)
+            known[name] = get(name).make(job)
+        return known[name]
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def states():
+    """States (n, 3) at which dry friction is past its reversal in any program's law."""
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-1.0, 1.0, (40, 3))
+    v = rng.uniform(0.5, 2.0, (40, 3)) * rng.choice([-1.0, 1.0], (40, 3))
+    return q, v, rng.uniform(-4.0, 4.0, (40, 3))
+
+
+def evaluated(step, q, v, a):
+    """Motor effort of a fit at states, by the columns of its effects and by nothing else."""
+    result = step.result
+    motion = result.problem.motions[0].at_states(q, v, a, 0 * q, 0 * q)
+    out = np.zeros(q.shape)
+    for term, where in zip(result.terms, result.slices, strict=True):
+        part = term.effect.columns(motion, term.joint, term.shape) @ result.theta[where]
+        if term.effect.scope.whole:
+            out += part
+        else:
+            out[:, term.joint] += part
+    return out
