@@ -51,8 +51,8 @@ class Vocabulary:
         if self.columns is None:
             return ""
         words = {_same(text) for text in self.columns}
-        missing = [text for text in effect.formulas if _same(text) not in words]
-        return f"the target has no word for {missing[0]}" if missing else ""
+        known = all(_same(text) in words for text in effect.formulas)
+        return "" if known else f"the target has no term for  {effect.doc.equation}"
 
 
 def _same(text: str) -> str:

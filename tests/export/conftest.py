@@ -13,12 +13,13 @@ from hil.models.model import Use, base_model
 
 
 def session(seed):
-    """The arm with a spring on its second joint and a Stribeck rise on its first."""
+    """The arm with a Stribeck rise on its first joint, a spring, and a ripple on its last."""
     run = spatial(seed, 12.0, offset=0.1)
     speed = np.gradient(run.q[:, 0], run.t)
     tau = run.tau.copy()
     tau[:, 0] += 0.8 * np.exp(-((speed / 0.3) ** 2)) * np.sign(speed)
     tau[:, 1] += 1.5 * run.q[:, 1]
+    tau[:, 2] += 0.2 * np.sin(2 * np.pi * 2.0 * run.q[:, 2])
     return replace(run, tau=tau)
 
 
@@ -27,6 +28,7 @@ def arm():
     """Two runs and a model of them."""
     one, two = session(1), session(2)
     model = base_model(one.robot) + Use("spring", ("upper",)) + Use("stribeck", ("base",))
+    model = model + Use("cogging", ("fore",))
     return SimpleNamespace(run=one, other=two, model=model)
 
 
