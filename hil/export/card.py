@@ -33,8 +33,8 @@ class Card:
     def make(self, job: Job) -> Made:
         """Write the card; with runs, with the errors there."""
         found = compare(job.runs, job.model, job.holdout) if job.runs else None
-        parts = (_title(job), _source(job), _errors(job, found), _ranges(job), _values(job))
-        parts = (*parts, _misses(job, found), _versions())
+        head = [_title(job), _source(job), _errors(job, found), _ranges(job)]
+        parts = [*head, _values(job), _misses(job, found), _versions()]
         return Made({self.ending: "\n\n".join("\n".join(part) for part in parts) + "\n"})
 
 

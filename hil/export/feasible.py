@@ -7,7 +7,9 @@ A body of positive density has a positive definite pseudo-inertia
 with mass m, first moments h and inertia I about the frame's origin.  A recording determines only
 combinations of the parameters, so the nearest feasible ones are those whose efforts differ least:
 
-    min |R (pi - pi_0)|^2 + small |pi - prior|^2,    J_i = U_i U_i'  for every body.
+    min |R (pi - pi_0)|^2 + small |pi - prior|^2,    J_i = S_i (V_i V_i' + e 1) S_i',
+
+S_i S_i' being the pseudo-inertia of the description: every body stays by e within what is feasible.
 
 Source: Wensing, Kim, Slotine, IEEE Robotics and Automation Letters 3(1), 2018; Rucker, Wensing,
 the same 7(2), 2022 (parameters without constraints).
@@ -28,6 +30,8 @@ LEAST = 1e-9
 SAME = 1e-6
 #: Weight of the description where the efforts say nothing, and of its floor in each parameter.
 PULL, FLOOR = 1e-4, 1e-3
+#: Least pseudo-inertia in shares of the description's, and most evaluations of a search.
+MARGIN, MOST = 1e-4, 400
 _ROWS, _COLUMNS = np.tril_indices(4)
 
 
@@ -96,7 +100,7 @@ def nearest(bodies: FloatArray, prior: FloatArray, rows: FloatArray) -> Nearest:
     r = np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
     start = np.array([_possible(p, b) for p, b in zip(prior, bodies, strict=True)])
     search = _Search(r, wanted, start)
-    u = np.concatenate([_root(b) for b in start])
+    u = np.tile(np.eye(4)[_ROWS, _COLUMNS], len(start))
     # the description gives way step by step, so that the efforts decide wherever they say anything
     for pull in (1.0, 1e-2, 1e-4):
         u = search.optimum(u, pull)
@@ -112,16 +116,19 @@ class _Search:
         self.r, self.wanted, self.near, self.count = r, wanted, start.reshape(-1), len(start)
         self.size = float(np.linalg.norm(r @ wanted)) or 1.0
         most = np.abs(start).max(axis=1, keepdims=True)
+        roots = [np.linalg.cholesky(pseudo_inertia(b)) for b in start]
+        self.roots: list[FloatArray] = [np.asarray(x, dtype=np.float64) for x in roots]
         self.ease: FloatArray = PULL / (np.abs(start) + FLOOR * most).reshape(-1)
 
     def bodies(self, u: FloatArray) -> FloatArray:
         """Bodies (b, 10) of parameters (10 b,)."""
-        return np.array([_made(x)[0] for x in u.reshape(self.count, 10)])
+        each = zip(u.reshape(self.count, 10), self.roots, strict=True)
+        return np.array([_made(x, root)[0] for x, root in each])
 
     def optimum(self, u: FloatArray, pull: float) -> FloatArray:
         """Best parameters with so much of the description's pull."""
         found = scipy.optimize.least_squares(
-            self._residual, u, self._slope, method="trf", x_scale="jac", args=(pull,)
+            self._residual, u, self._slope, method="lm", max_nfev=MOST, args=(pull,)
         )
         return np.asarray(found.x, dtype=np.float64)
 
@@ -135,7 +142,7 @@ class _Search:
         n = len(self.r)
         out = np.zeros((n + u.size, u.size))
         for k, x in enumerate(u.reshape(self.count, 10)):
-            own, at = _made(x)[1], slice(10 * k, 10 * k + 10)
+            own, at = _made(x, self.roots[k])[1], slice(10 * k, 10 * k + 10)
             out[:n, at] = self.r[:, at] @ own / self.size
             out[n + 10 * k : n + 10 * k + 10, at] = pull * self.ease[at][:, None] * own
         return out
@@ -158,19 +165,14 @@ def _possible(prior: FloatArray, body: FloatArray) -> FloatArray:
     return np.array([m, 0, 0, 0, i, 0, i, 0, 0, i])
 
 
-def _root(body: FloatArray) -> FloatArray:
-    """Parameters (10,) of the factor U: the logarithms of its diagonal, the rest as it is."""
-    u = np.linalg.cholesky(pseudo_inertia(body))[_ROWS, _COLUMNS]
-    return np.where(_ROWS == _COLUMNS, np.log(np.abs(u) + 1e-300), u)
-
-
-def _made(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Body of the parameters of a factor, and how it changes with them (10, 10)."""
-    u = np.zeros((4, 4))
-    u[_ROWS, _COLUMNS] = np.where(_ROWS == _COLUMNS, np.exp(np.clip(x, -300.0, 50.0)), x)
+def _made(x: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Body of the parameters of a factor V, and how it changes with them (10, 10)."""
+    v = np.zeros((4, 4))
+    v[_ROWS, _COLUMNS] = x
+    body = _parameters(root @ (v @ v.T + MARGIN * np.eye(4)) @ root.T)
     slope = np.zeros((10, 10))
     for k, (a, b) in enumerate(zip(_ROWS, _COLUMNS, strict=True)):
         d = np.zeros((4, 4))
-        d[a, b] = u[a, b] if a == b else 1.0
-        slope[:, k] = _parameters(d @ u.T + u @ d.T)
-    return _parameters(u @ u.T), slope
+        d[a] = v[:, b]  # of V V': e_a v_b' + v_b e_a'
+        slope[:, k] = _parameters(root @ (d + d.T) @ root.T)
+    return body, slope

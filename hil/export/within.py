@@ -132,6 +132,8 @@ def _refitted(
     if found is None:
         return Within(content, after.result.model, steps, tuple(notes))
     notes.append(_said(found))
+    if not holdout and not found.same:
+        notes.append("the bodies were found on all the data, the held-out blocks included")
     if found.same:
         return Within(replace(content, bodies=found.bodies), after.result.model, steps, (*notes,))
     result = complete(fit(problem, _holding(after.result, found.bodies), scale=after.result.sigma))
@@ -200,8 +202,7 @@ def _said(found: feasible.Nearest) -> str:
         )
     return (
         "masses and inertias are the nearest feasible ones; they change the efforts of the bodies "
-        f"by {100 * found.change:.2g} %. They were found on all fitted data, held-out blocks of "
-        "the same sessions included"
+        f"by {100 * found.change:.2g} %"
     )
 
 

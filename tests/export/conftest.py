@@ -14,7 +14,7 @@ from hil.models.model import Use, base_model
 
 def session(seed):
     """The arm with a Stribeck rise on its first joint, a spring, and a ripple on its last."""
-    run = spatial(seed, 12.0, offset=0.1)
+    run = spatial(seed, 8.0, offset=0.1)
     speed = np.gradient(run.q[:, 0], run.t)
     tau = run.tau.copy()
     tau[:, 0] += 0.8 * np.exp(-((speed / 0.3) ** 2)) * np.sign(speed)
