@@ -277,8 +277,10 @@ def _one_process(target: Target, seconds: float, seed: int) -> Explored:
         state, why = Explored(target.name), ""
         try:
             while child.is_alive() or receive.poll():
-                if not receive.poll(3 * SLOW_S):
-                    why = f"does not end within {2 * SLOW_S:.0f} s"
+                # the first input waits for imports and compilers
+                patience = 3 * SLOW_S if state.runs else 15 * SLOW_S
+                if not receive.poll(patience):
+                    why = f"does not end within {patience:.0f} s"
                     break
                 try:
                     state = receive.recv()
