@@ -15,7 +15,17 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from hil.bench import determinism, fuzz, hidden, loop, real, real_table, record_speed, recordings
+from hil.bench import (
+    determinism,
+    fuzz,
+    hidden,
+    loop,
+    real,
+    real_table,
+    record_speed,
+    recordings,
+    soak,
+)
 from hil.bench.diagnosis import ablation, cases, runner, session, tables
 from hil.bench.diagnosis.runner import revision
 from hil.bench.faults import cases as fault_cases
@@ -178,6 +188,20 @@ def _record(args: argparse.Namespace) -> Found:
     """What recording costs, and whether it loses a row."""
     found = record_speed.measure(args.seconds)
     return record_speed.table(found), asdict(found)
+
+
+def _soak(args: argparse.Namespace) -> Found:
+    """Hours in real time with recording, then starts and stops: memory, latency, lost rows."""
+    common.check_page(args.report)
+    if not (args.hours > 0.0 and args.starts > 0):
+        raise ConfigError(f"--hours {args.hours:g} --starts {args.starts}: both must be above zero")
+    total = soak.steps(args.hours, args.starts)
+    with tqdm(total=total, unit="part", disable=not sys.stderr.isatty()) as bar:
+        found = soak.soak(args.hours, args.starts, bar.update)
+    command = f"hil bench soak --hours {args.hours:g} --starts {args.starts}"
+    common.write_page(args.report, soak.page(found, command))
+    text = common.table(list(soak.HEAD), soak.rows(found))
+    return f"{text}\n\n{soak.verdict(found)}", soak.as_dict(found)
 
 
 def _determinism(args: argparse.Namespace) -> Found:
@@ -361,6 +385,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--minutes", type=float, default=1.0, help="for every parser (fuzz); default 1"
     )
+    parser.add_argument("--hours", type=float, default=2.0, help="length of the session (soak)")
+    parser.add_argument("--starts", type=int, default=1000, help="starts and stops (soak)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (diagnosis, real)")
     parser.add_argument(
         "--resume",
@@ -419,6 +445,7 @@ BENCHES: dict[str, Callable[[argparse.Namespace], Found]] = {
     "loop": _loop,
     "real": _real,
     "record": _record,
+    "soak": _soak,
     "wrist": _wrist,
     **bench_speed.BENCHES,
 }

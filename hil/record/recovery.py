@@ -6,12 +6,15 @@ File of a session: written whole or not at all, in small chunks.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
-from io import RawIOBase
+import zlib
+from collections.abc import Callable, Iterator
+from io import BytesIO, RawIOBase
 from pathlib import Path
 from typing import IO, Any, cast
 
 import numpy as np
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, IndexType, Writer
 
 from hil.errors import ConfigError, DataError
@@ -40,8 +43,40 @@ def mcap_writer(file: SessionFile, largest: int) -> Writer:
         index_types=IndexType.ALL,
         enable_data_crcs=True,
     )
+    # a list of objects would grow by more than a megabyte a minute
+    if getattr(writer, "_Writer__chunk_indices", None) == []:
+        vars(writer)["_Writer__chunk_indices"] = ChunkIndices()
     writer.start(profile="ros2", library=LIBRARY)
     return writer
+
+
+class ChunkIndices:
+    """Chunk indices of a session that is being written, as compressed bytes until its end."""
+
+    #: Bytes of records that are compressed together.
+    BLOCK = 1 << 16
+
+    def __init__(self) -> None:
+        self._full: list[bytes] = []
+        self._open = bytearray()
+
+    def append(self, index: ChunkIndex) -> None:
+        """Keep one index."""
+        builder = RecordBuilder()
+        index.write(builder)
+        self._open += builder.end()  # type: ignore[no-untyped-call]
+        if len(self._open) >= self.BLOCK:
+            self._full.append(zlib.compress(bytes(self._open), 1))
+            self._open.clear()
+
+    def __iter__(self) -> Iterator[ChunkIndex]:
+        """All of them in order."""
+        for block in (*map(zlib.decompress, self._full), bytes(self._open)):
+            stream = ReadDataStream(BytesIO(block))
+            while stream.count < len(block):
+                stream.read1()  # opcode
+                stream.read8()  # length
+                yield ChunkIndex.read(stream)
 
 
 def chunk_closer(writer: Writer) -> Callable[[], None]:

@@ -59,12 +59,9 @@ def test_a_body_in_one_of_two_runs_is_named_with_its_link(d: int, link: int) -> 
 @pytest.mark.parametrize("held", [(0,), (3,), (0, 3)], ids=["bare", "loaded", "both"])
 def test_held_out_runs_with_and_without_the_body(held: tuple[int, ...], tmp_path) -> None:
     """A relative payload with one held-out run: it has no other run to differ from."""
-    runs = [plants.serial_arm(3, 1), plants.serial_arm(3, 2, 3)]
-    answer = hil.diagnose(
-        runs,
-        base_model(runs[0].robot),
-        [plants.serial_arm(3, 5 + k, link) for k, link in enumerate(held)],
-    )
+    runs = [plants.serial_arm(3, k, link, seconds=12.0) for k, link in ((1, 0), (2, 3))]
+    others = [plants.serial_arm(3, 5 + k, link, seconds=12.0) for k, link in enumerate(held)]
+    answer = hil.diagnose(runs, base_model(runs[0].robot), others)
     assert values(answer)["m"] == pytest.approx(plants.BODY, rel=0.05)
     (said,) = [text for code, text in answer.warnings if code == "held-out-values"]
     assert "payload (10 values a run)" in said and f"{10 * len(held)} values were fitted" in said
@@ -90,7 +87,7 @@ def test_an_offset_of_a_held_out_run_s_own_is_said() -> None:
 
 
 def test_the_first_run_may_be_the_loaded_one() -> None:
-    runs = [plants.serial_arm(3, 2, 3), plants.serial_arm(3, 1)]
+    runs = [plants.serial_arm(3, k, link, seconds=12.0) for k, link in ((2, 3), (1, 0))]
     assert values(hil.diagnose(runs, base_model(runs[0].robot)))["m"] == pytest.approx(
         -plants.BODY, 0.05
     )

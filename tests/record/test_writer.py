@@ -11,6 +11,7 @@ import numpy as np
 import plants
 import pytest
 from mcap.reader import make_reader
+from mcap.records import ChunkIndex
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
@@ -18,6 +19,7 @@ from hil.errors import ConfigError
 from hil.record.export import write_recordings
 from hil.record.mcap_read import load, read_attachments, read_metadata
 from hil.record.mcap_write import CHUNK_BYTES, CHUNK_NS, SessionWriter
+from hil.record.recovery import ChunkIndices
 from hil.record.schema import Channel
 
 STATE = Channel("/arm/measured_js", "joint_state", ("a", "b"), ("position",))
@@ -166,3 +168,16 @@ def test_a_recording_comes_back_whole(tmp_path):
         np.testing.assert_array_equal(getattr(back, key), getattr(full, key))
     np.testing.assert_allclose(back.t, full.t, atol=1e-9)
     assert (back.joints, back.arm, back.robot) == (full.joints, full.arm, full.robot)
+
+
+def test_indices_of_chunks_come_back_in_order_across_blocks(monkeypatch):
+    monkeypatch.setattr(ChunkIndices, "BLOCK", 500)
+    given = [
+        ChunkIndex(100 + k, 7 * k, "zstd", 90, k + 1, 64, {1: k, 3: 2 * k}, k, 4000 + k)
+        for k in range(40)
+    ]
+    kept = ChunkIndices()
+    for index in given:
+        kept.append(index)
+    assert list(kept) == given
+    assert list(kept) == given  # a summary may be written again
