@@ -9,7 +9,6 @@ What the kernels of the Lawrence law take: its constants, friction tables and sc
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,8 @@ from hil.estimate import compensation, compensation_tables
 from hil.models import catalogue
 from hil.signals.device import FloatArray
 from hil.teleop import lawrence_filters
+from hil.teleop.gate import refuse
 from hil.teleop.law_parameters import loops_of
-from hil.teleop.sampled_loop import refuse
 
 _F = np.float64
 #: Scratch of one tick.
@@ -86,16 +85,8 @@ def friction_of(config: LawrenceConfig) -> tuple[tuple[Any, Any, Any], ...]:
         (config.leader_effects, config.leader_span),
         (config.follower_effects, config.follower_span),
     )
-    found = (_tables(tuple(effects.items()), tuple(span)) for effects, span in both)
+    found = (compensation_tables.kept(tuple(e.items()), tuple(span)) for e, span in both)
     return tuple((t.terms, t.slips, t.values) for t in found)
-
-
-@lru_cache(maxsize=8)
-def _tables(
-    values: tuple[tuple[str, float], ...], span: tuple[float, ...]
-) -> compensation_tables.Tables:
-    """Tables, made once: an operator who sets a parameter makes a new law while the loop runs."""
-    return compensation_tables.tables(dict(values), span)
 
 
 class Lawrence:

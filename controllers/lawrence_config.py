@@ -13,13 +13,16 @@ newest packet that it has.  The schedule is drawn once from a seed and repeats.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
+from hil.estimate import compensation_tables
+from hil.models import catalogue
 from hil.signals.device import FloatArray
 from hil.signals.settable import SettableRange
 from hil.teleop import lawrence_filters
@@ -47,7 +50,7 @@ class ChannelConfig:
     loss: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.delay < 0.0 or self.jitter < 0.0 or not 0.0 <= self.loss < 1.0:
+        if not (self.delay >= 0.0 and self.jitter >= 0.0 and 0.0 <= self.loss < 1.0):
             raise ConfigError("channel: delay and jitter must not be negative, 0 <= loss < 1.")
         if self.delay + self.jitter > 2.0:
             raise ConfigError("channel: at most 2 s of delay and jitter.")
@@ -102,6 +105,7 @@ PREMIUM = (
 AXES = ("x", "y", "z")
 #: Gains on measured forces.
 FORCES = ("c2", "c3", "c5", "c6")
+_GAINS = ("c1", "c4", "c7", "c8", *FORCES)
 
 
 @dataclass(frozen=True)
@@ -152,11 +156,19 @@ class LawrenceConfig:
         m [kg], b [N s/m], k [N/m] for which stability is demanded before a motor moves; `free`
         is the operator that holds the leader loosely.
     pose : tuple of 3 floats
-        Joint angles [rad] at which stability is judged; the tip's mass depends on them.
+        Joint angles [rad] for which the design is made, and about which stability is judged; the
+        tip's mass depends on them.
+    workspace : tuple of 3 floats, or empty
+        Half of the sides of a box about the tip at `pose` over which stability is demanded [m];
+        empty = at `pose` alone.
     cable : tuple of 3 floats, or empty
         Elastic transmission seen at the tip, for the check before the start: stiffness [N/m],
         damping [N s/m], mass of the motor side [kg].  Data sheet: 3.5 N/mm; rotor of 10.3 g cm^2
         behind gears of 11 to 13 at 0.2 m.
+    friction_damping : tuple of 2 floats
+        What the own friction of leader and follower damps at the tip for certain [N s/m], for the
+        check before the start: Coulomb friction over the speed up to which it shall hold, and
+        viscous friction.  Friction of `leader_effects`, `follower_effects` counts beside it.
     motion_scale, force_scale : float
         Scales for which the gains were made; for reports.
     """
@@ -196,7 +208,9 @@ class LawrenceConfig:
     free: tuple[float, float, float] = (0.0, 1.0, 0.0)
     environment: tuple[float, float, float] = (0.0, 1.5, 300.0)
     pose: tuple[float, float, float] = (0.0, 0.4, 0.3)
+    workspace: tuple[float, ...] = (0.05, 0.06, 0.05)
     cable: tuple[float, ...] = (3500.0, 0.5, 0.0035)
+    friction_damping: tuple[float, float] = (0.0, 0.0)
     motion_scale: float = 1.0
     force_scale: float = 1.0
 
@@ -222,8 +236,36 @@ class LawrenceConfig:
             raise ConfigError("lawrence: friction_speeds must rise, two knots at least.")
         if not 0.0 <= self.friction_share <= 1.0:
             raise ConfigError("lawrence: friction_share must lie within 0 and 1.")
-        if min(self.leader_mass + self.follower_mass) <= 0.0:
-            raise ConfigError("lawrence: leader_mass and follower_mass must be positive.")
+        self._physical()
+
+    def _physical(self) -> None:
+        """Refuse numbers that no arm, cable, hand or channel has."""
+        for f in fields(self):
+            values = getattr(self, f.name)
+            numbers = values if isinstance(values, tuple) else (values,)
+            # of the gains 'hil.teleop.sampled_loop' names the axis
+            if f.name not in _GAINS and not all(
+                math.isfinite(x) for x in numbers if isinstance(x, float)
+            ):
+                raise ConfigError(f"lawrence: {f.name} has a number that is not finite.")
+        for name in ("leader_mass", "follower_mass", "lengths", "motion_scale", "force_scale"):
+            if np.min(getattr(self, name)) <= 0.0:
+                raise ConfigError(f"lawrence: {name} must be positive.")
+        for name in ("velocity_hz", "acceleration_hz", "force_hz", "observer_hz"):
+            if getattr(self, name) < 0.0:
+                raise ConfigError(f"lawrence: {name} must not be negative; 0 is no filter.")
+        for name in ("operator", "environment", "free", "friction_damping"):
+            if min(getattr(self, name)) < 0.0:
+                raise ConfigError(
+                    f"lawrence: {name} must not be negative: mass, damping, stiffness."
+                )
+        if self.seed < 0:
+            raise ConfigError(f"lawrence: seed = {self.seed}; a number from 0 on is needed.")
+        if self.cable and (min(self.cable[::2]) <= 0.0 or self.cable[1] < 0.0):
+            raise ConfigError(
+                f"lawrence: cable = {list(self.cable)}; stiffness and mass of the motor side must "
+                "be positive and damping not negative; [] is a rigid transmission."
+            )
 
     def settable(self) -> dict[str, SettableRange]:
         """What an operator may set: force gains, filters, share; the rest is 'hil design's."""
@@ -246,6 +288,27 @@ class LawrenceConfig:
             g[:, 12 + at] = np.resize(getattr(self, name), 3)
         return g
 
+    def friction(self, arm: int, speed: float) -> FloatArray:
+        """Declared friction of the joints, each moving alone at `speed` [rad/s], (3,) [N m].
+
+        Half of the difference of both directions: what is odd in the speed.
+        """
+        named = (self.leader_effects, self.leader_span), (self.follower_effects, self.follower_span)
+        effects, span = named[arm]
+        table = np.reshape((self.leader_friction, self.follower_friction)[arm], (3, -1))
+        catalogue.load_files(self.plugins)
+        out = np.zeros(3)
+        for j in range(3):
+            for sign in (0.5, -0.5):
+                v = 2.0 * sign * speed
+                if self.friction_speeds:
+                    out[j] += sign * np.interp(v, self.friction_speeds, table[j])
+                if effects:
+                    q, qd = np.asarray(self.pose), v * np.eye(3)[j]
+                    torque = compensation_tables.steady(tuple(effects.items()), tuple(span), q, qd)
+                    out[j] += sign * torque[j]
+        return out
+
     def masses(self) -> FloatArray:
         """Masses of leader and follower, shape (2, 3) [kg]."""
         return np.stack([np.resize(self.leader_mass, 3), np.resize(self.follower_mass, 3)])
@@ -261,6 +324,7 @@ _SIZES = {
     **dict.fromkeys(("c2", "c3", "c5", "c6", "leader_mass", "follower_mass"), (1, 3)),
     **dict.fromkeys(("leader_model", "follower_model"), (8,)),
     "cable": (0, 3),
+    "workspace": (0, 3),
     **dict.fromkeys(("leader_span", "follower_span"), (0, 6)),
 }
 

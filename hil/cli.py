@@ -280,6 +280,9 @@ def _main(words: list[str]) -> int:
     if first is not None and first not in COMMANDS:
         sys.stderr.write(f"hil: {_one_line(unknown('command', first, COMMANDS))}\n")
         return 2
+    if held := [w for w in words if "\0" in w]:
+        sys.stderr.write(f"hil: {held[0]!r} holds a zero byte; no name of a file or option does\n")
+        return 2
     parser = build_parser(first)
     command = parser.commands[first] if first else parser
     refuse_unknown(command, words)

@@ -69,7 +69,7 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Finding:
+class FuzzFinding:
     """An input that was not refused as it should be.
 
     Parameters
@@ -105,10 +105,10 @@ class Explored:
     runs: int = 0
     lines: int = 0
     kept: int = 0
-    findings: list[Finding] = field(default_factory=list)
+    findings: list[FuzzFinding] = field(default_factory=list)
 
 
-class Lines:
+class LineCoverage:
     """Pairs of successive lines of the counted files that run within `watch`."""
 
     def __init__(self) -> None:
@@ -216,7 +216,7 @@ def explore(
     target: Target, seconds: float, seed: int = 0, report: Callable[[Any], None] = lambda _: None
 ) -> Explored:
     """Mutate and run in this process; `report` gets every input before it runs, then the state."""
-    rng, lines, out = random.Random(seed), Lines(), Explored(target.name)
+    rng, lines, out = random.Random(seed), LineCoverage(), Explored(target.name)
     began = time.monotonic()
     kinds: set[str] = set()
     kept: list[bytes] = []
@@ -232,7 +232,7 @@ def explore(
             wrong = wrong or (f"takes {took:.0f} s" if took > SLOW_S else "")
             if wrong and wrong.split(" s")[0] not in kinds:
                 kinds.add(wrong.split(" s")[0])
-                out.findings.append(Finding(wrong, data))
+                out.findings.append(FuzzFinding(wrong, data))
             elif len(lines.seen) > before or not out.runs:
                 kept = [*kept, data][-MOST_KEPT:]
             out.runs += 1
@@ -277,8 +277,10 @@ def _one_process(target: Target, seconds: float, seed: int) -> Explored:
         state, why = Explored(target.name), ""
         try:
             while child.is_alive() or receive.poll():
-                if not receive.poll(3 * SLOW_S):
-                    why = f"does not end within {2 * SLOW_S:.0f} s"
+                # the first input waits for imports and compilers
+                patience = 3 * SLOW_S if state.runs else 15 * SLOW_S
+                if not receive.poll(patience):
+                    why = f"does not end within {patience:.0f} s"
                     break
                 try:
                     state = receive.recv()
@@ -294,7 +296,7 @@ def _one_process(target: Target, seconds: float, seed: int) -> Explored:
         if why:
             data = Path(file.name).read_bytes()
             size = int.from_bytes(data[:8], "little")
-            state.findings.append(Finding(why, data[8 : 8 + size]))
+            state.findings.append(FuzzFinding(why, data[8 : 8 + size]))
     return state
 
 

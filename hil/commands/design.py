@@ -21,9 +21,9 @@ from hil.runtime import session
 from hil.teleop import (
     architecture,
     force_sensor_free,
+    gate,
     law_parameters,
     rig_designs,
-    sampled_loop,
     summary,
 )
 from hil.teleop.architecture import FORCE, MOTION, Design
@@ -185,6 +185,8 @@ EXAMPLE = (
     "  hil run own.toml -o s.mcap"
 )
 REPORT = "design"
+#: Designs that are made by name, and those that are searched for.
+CHOICES = (*architecture.DESIGNS, "transparent", "optimised")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -192,8 +194,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rig", metavar="RIG.toml", help="rig file")
     parser.add_argument(
         "--design",
-        choices=(*architecture.DESIGNS, "optimised"),
-        help="named design; default: the controller of the rig file",
+        choices=CHOICES,
+        help="named design; transparent and optimised are searched for; default: the controller of "
+        "the rig file",
     )
     parser.add_argument(
         "--set",
@@ -202,7 +205,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help=f"what the design is made from (repeatable): {', '.join(rig_designs.WISHES)}; "
         f"of the law: {', '.join(rig_designs.REAL)}; of the optimised design: "
-        f"{', '.join(rig_designs.TASK)}",
+        f"{', '.join(rig_designs.TASK)}; of the transparent design: accelerations=0 or 1",
     )
     parser.add_argument("--fsf", action="store_true", help="transform it to need no force sensor")
     parser.add_argument(
@@ -234,7 +237,7 @@ def run(args: argparse.Namespace) -> int:
     law = parse(law_type, parameters, "controller.parameters")
     period = config.loop.period_ns * 1e-9
     loops = law_parameters.loops_of(law)
-    found = [summarise(loop, period) for loop in loops]
+    found = [summarise(loop, period, settings.get("weight", 0.0)) for loop in loops]
     trouble = _trouble(loops, period) or _with_estimators(config, parameters)
     if args.report:
         with outputs.writing(args.report):
@@ -266,7 +269,7 @@ def _parameters(
         if args.design is None:
             raise ConfigError(
                 f"{args.rig} runs {config.controller.name!r}, which has no c1..c8; choose one with "
-                f"--design: {', '.join((*architecture.DESIGNS, 'optimised'))}"
+                f"--design: {', '.join(CHOICES)}"
             )
     given |= rig_designs.models(_models(args.model), config)
     given |= {k: v for k, v in settings.items() if k in rig_designs.REAL}
@@ -275,30 +278,60 @@ def _parameters(
     base = parse(law_type, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "controller.parameters")
     arms = ArmImpedances.of(base)
     task = {k: v for k, v in settings.items() if k in rig_designs.TASK}
-    _fits(args.design, wishes, task)
+    search = {k: v for k, v in settings.items() if k in rig_designs.SEARCH}
+    _fits(args.design, wishes, task, search)
+    period = config.loop.period_ns * 1e-9
     notes: list[str] = []
     if args.design is None:
         designs = law_parameters.designs_of(base)
     elif args.design == "optimised":
         found = rig_designs.optimised(task, arms, base)
         designs, notes = [f.design for f in found], reasons(found)
+    elif args.design == "transparent":
+        best = rig_designs.transparent(base, arms, period, search, settings)
+        designs, given = best.designs, given | best.filters
+        notes = [
+            f"{designs[0].name}: {best.error:.3g} from the transparent hybrid matrix (rms, 0.2-5 "
+            f"Hz, in 1 and 10 N s/m); {best.refused} of {best.tried} would be nearer but do not run"
+        ]
     else:
         designs = rig_designs.designs(args.design, wishes, arms)
     if args.fsf:
-        designs = [force_sensor_free.transform(d) for d in designs]
+        designs = _without_sensors(base, designs, period)
     return given | law_parameters.table(designs), notes
 
 
-def _fits(name: str | None, wishes: Mapping[str, Any], task: Mapping[str, Any]) -> None:
+def _without_sensors(base: Any, designs: Sequence[Design], period: float) -> list[Design]:
+    """The designs without force sensors; one that is proposed instead runs on all axes."""
+    loops = law_parameters.loops_of(dataclasses.replace(base, forces="measured"))
+
+    def runs(near: Design) -> bool:
+        gains = {c: getattr(near, c) for c in FORCE}
+        made = [force_sensor_free.transform(dataclasses.replace(d, **gains)) for d in designs]
+        return all(
+            gate.passes(dataclasses.replace(loop, design=d), period)
+            for loop, d in zip(loops, made, strict=True)
+        )
+
+    return [force_sensor_free.transform(d, runs=runs) for d in designs]
+
+
+def _fits(
+    name: str | None,
+    wishes: Mapping[str, Any],
+    task: Mapping[str, Any],
+    search: Mapping[str, Any],
+) -> None:
     """Refuse settings that the chosen design does not read."""
     wrong = [] if name == "optimised" else list(task)
-    wrong += list(wishes) if name in (None, "optimised") else []
+    wrong += list(wishes) if name in (None, "optimised", "transparent") else []
+    wrong += [] if name == "transparent" else list(search)
     if wrong:
         raise ConfigError(
             f"--set {wrong[0]} means nothing for "
             f"{f'--design {name}' if name else 'the controller of the rig file'}; "
             f"named designs read {', '.join(rig_designs.WISHES)}, --design optimised "
-            f"{', '.join(rig_designs.TASK)}"
+            f"{', '.join(rig_designs.TASK)}, --design transparent {', '.join(rig_designs.SEARCH)}"
         )
 
 
@@ -312,9 +345,9 @@ def _models(words: list[str]) -> dict[str, str]:
     return out
 
 
-def _trouble(loops: list[sampled_loop.SampledLoop], period: float) -> str:
+def _trouble(loops: list[SampledLoop], period: float) -> str:
     try:
-        sampled_loop.refuse(loops, period)
+        gate.refuse(loops, period)
     except ConfigError as error:
         return str(error)
     return ""

@@ -80,9 +80,9 @@ def _transparency(seed: int) -> tuple[str, dict[str, object]]:
             f"{r.hz:g}",
             f"{r.predicted:.4g}",
             f"{r.measured:.4g}",
-            f"{r.scale:.3g}",
-            f"{100 * r.error:.1f}",
-            f"{100 * r.bound:.1f}",
+            f"{r.difference:.3g}",
+            f"{100 * r.own:.1f}",
+            f"{100 * r.bound * r.scale / r.predicted:.1f}",
             "yes" if r.inside else "no",
         ]
         for r in rows
@@ -92,22 +92,23 @@ def _transparency(seed: int) -> tuple[str, dict[str, object]]:
         "Hz",
         "|predicted|",
         "|measured|",
-        "scale",
-        "difference %",
+        "difference",
+        "of |predicted| %",
         "scatter 95 % %",
         "inside",
     ]
     text = "Hybrid matrix of sessions against the prediction (vertical axis, encoder side)\n"
     text += common.table(head, cells)
     worst = {e: transparency.worst(rows, e) for e in transparency.NAMES}
+    told = ", ".join(f"{e} {100 * x:.1f} %" for e, x in worst.items())
     inside = sum(r.inside for r in rows)
     text += (
-        "\n  difference: |measured - predicted| of the complex numbers, in % of 'scale', the larger"
-        "\n  of |predicted| and 10 N s/m (h11), 1 (h12, h21), 0.1 m/(N s) (h22)"
+        "\n  difference: |measured - predicted| of the complex numbers, in N s/m (h11), 1 (h12,"
+        "\n  h21), m/(N s) (h22), and in % of the entry's own size"
         "\n  scatter: 95 % bound of what the scatter of the sessions' periods allows, same scale"
         f"\n  inside: {inside} of {len(rows)} differ by no more than the scatter; what is beyond"
         "\n  it is the model's error (friction that is left, fitted parameters), not the data's"
-        "\n  worst difference: " + ", ".join(f"{e} {100 * x:.1f} %" for e, x in worst.items())
+        f"\n  worst difference, of the entry's own size: {told}"
     )
     return text, {
         "rows": [dataclasses.asdict(r) | {"inside": r.inside} for r in rows],
@@ -122,18 +123,18 @@ def _fsf(seed: int) -> tuple[str, dict[str, object]]:
     cells = [
         [
             f"{r.hz:g}",
-            f"{100 * r.theory:.1f}",
-            f"{100 * r.measured:.1f}",
+            *(f"{100 * a:.1f}, {100 * b:.1f}" for a, b in zip(r.theory, r.measured, strict=True)),
             f"{r.master_error:.3f} of {r.master_size:.3f}",
             f"{r.slave_error:.3f} of {r.slave_size:.3f}",
         ]
         for r in s.rows
     ]
-    head = ["Hz", "H differs by %, theory", "sessions", "f_m error [N]", "f_s error [N]"]
+    head = ["Hz", *(f"{h} %" for h in transparency.NAMES), "f_m error [N]", "f_s error [N]"]
     text = (
         f"With force sensors, and transformed to need none: condition of Q {s.kappa:.3g}, D "
         f"{s.D:.3g}\n  sampled-data condition: {s.smallest:.3g} > {s.bound:.3g}\n\n"
-        f"{common.table(head, cells)}\n\n  closer to the singularity: {s.refused}"
+        f"{common.table(head, cells)}\n  h11..h22: difference of both laws over the entry's own "
+        f"size: theory, sessions\n\n  closer to the singularity: {s.refused}"
     )
     return text, dataclasses.asdict(s)
 

@@ -35,7 +35,7 @@ from hil.record.recording import Recording, RobotSource
 from hil.record.recovery import recover
 from hil.record.tables import import_table
 from hil.record.urdf_joints import urdf_joints
-from hil.rig.config import load_rig
+from hil.rig.config import RigConfig, load_rig
 from hil.rig.operator import Shop
 from hil.rigs import rig_path
 from hil.runtime import commands, replay
@@ -281,9 +281,14 @@ def _answers() -> list[bytes]:
     return [b"%d" % k + b"\x3f\x80\0\0\0\0\0\0" for k in range(8)] + [image, b"9\x40\0"]
 
 
+@cache
+def _teleop() -> RigConfig:
+    return load_rig("teleop")
+
+
 def _command(data: bytes, folder: Path) -> object:
     text = data.decode("utf-8", "replace")
-    shop = Shop(None, load_rig("teleop"))
+    shop = Shop(None, _teleop())
     return [commands.parse(line, shop) for _, line in commands.scheduled([text])]
 
 

@@ -48,6 +48,8 @@ def opener(path: str) -> Callable[[RigConfig, int], Rig]:
 
 
 EXAMPLE = "hil run rigs/teleop.toml --clock lockstep --seconds 10 -o s.mcap"
+#: Exit code of a session at whose end the motors were without torque.
+ENDED_PAUSED = 4
 #: A short trajectory is repeated to fill about this time [s].
 MEASURED = 30.0
 _SHARES = (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999"), ("most", "most"))
@@ -109,7 +111,7 @@ def add_rearm(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the session and print what it turned out to be."""
+    """Run the session and print what it turned out to be; 4 where it ended PAUSED."""
     config = load_rig(args.rig, _played(args))
     if args.seed < 0:
         raise ConfigError(f"--seed {args.seed}: a number from 0 on is needed.")
@@ -125,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
         sys.stdout.write(json.dumps(summary.as_dict()) + "\n")
     else:
         sys.stdout.write(table(summary) + "\n")
-    return 0
+    return ENDED_PAUSED if summary.paused else 0
 
 
 def _stamp(path: str) -> tuple[int, int] | None:

@@ -100,7 +100,7 @@ def speed(m: Motion, j: int, rms: FloatArray) -> FloatArray:
 def position_and_speed(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     """Any smooth function of position and speed together."""
     out = _bumps(m, j, rms)[:, :, None] * _place(m, j, 4)[:, None, :]
-    return np.asarray(out.reshape(m.n, -1))
+    return np.asarray(out.reshape(m.n, out.shape[1] * out.shape[2]))
 
 
 def load(m: Motion, j: int, rms: FloatArray) -> FloatArray:

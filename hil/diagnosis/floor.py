@@ -59,7 +59,7 @@ def _smooth(problem: Problem, j: int) -> FloatArray:
         own = v[:, j]
         bumps = np.exp(-0.5 * ((own[:, None] - np.linspace(-2.1, 2.1, 7)) / 0.5) ** 2)
         place = np.polynomial.chebyshev.chebvander(x, 3)
-        columns = [(bumps[:, :, None] * place[:, None, :3]).reshape(len(x), -1), place[:, 1:]]
+        columns = [(bumps[:, :, None] * place[:, None, :3]).reshape(len(x), 21), place[:, 1:]]
         others = [k for k in range(problem.d) if k != j][:5]
         for k in others:
             columns.append(

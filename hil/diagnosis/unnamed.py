@@ -280,7 +280,7 @@ def _rubs(m: Motion, j: int, k: int) -> FloatArray:
 def _poses(m: Motion, j: int, k: int) -> FloatArray:
     """Functions of the positions of joints j and k together."""
     a, b = (_bumps(m.q[:, i], m.span[i], POSES) for i in (j, k))
-    return np.asarray(a[:, :, None] * b[:, None, :]).reshape(len(m.q), -1)
+    return np.asarray(a[:, :, None] * b[:, None, :]).reshape(len(m.q), POSES**2)
 
 
 def _trend(m: Motion, j: int) -> FloatArray:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -19,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
-from hil.estimate.compensation import BEND, SLIP, TERM, VARIABLES
+from hil.estimate import compensation
+from hil.estimate.compensation import BEND, MEMORY, SLIP, TERM, VARIABLES
 from hil.models import catalogue
 from hil.models.effect import Effect, Trait, terms_of
 from hil.models.model import RobotModel, Value
@@ -156,6 +158,36 @@ def tables(values: Mapping[str, float], span: Sequence[float] = ()) -> Tables:
             flat.append(sheet[0].reshape(-1))
     out = np.concatenate(flat) if flat else np.zeros(1)
     return Tables(np.array(terms, TERM), np.array(slips, SLIP), out)
+
+
+@lru_cache(maxsize=8)
+def kept(values: tuple[tuple[str, float], ...], span: tuple[float, ...]) -> Tables:
+    """`tables`, made once: an operator who sets a parameter makes a new law while the loop runs."""
+    return tables(dict(values), span)
+
+
+def steady(
+    values: tuple[tuple[str, float], ...], span: tuple[float, ...], q: FloatArray, qd: FloatArray
+) -> FloatArray:
+    """Torques of the tables in steady motion, without load or gravity, (3,) [N m].
+
+    Presliding counts as slid through: all of its elements at their limits.
+
+    Parameters
+    ----------
+    values, span : tuple
+        As of `tables`.
+    q, qd : ndarray (3,)
+        Positions [rad], speeds [rad/s].
+    """
+    found, out = kept(values, span), np.zeros(3)
+    known, past = np.zeros(len(VARIABLES)), np.zeros(MEMORY)
+    known[:3], known[3:6] = q, qd
+    past[:3] = q - 1e3 * qd
+    compensation.friction(
+        True, known, found.terms, found.slips, found.values, past, np.zeros(MEMORY), out
+    )
+    return out
 
 
 def _groups(values: Mapping[str, float]) -> list[tuple[int, Effect, dict[str, float]]]:

@@ -148,13 +148,13 @@ def session(
     first, path = folder / "identify.mcap", folder / "s.mcap"
     simulation: dict[str, Any] = {"hidden": list(hidden)}
     identify = load_rig(rig_path("identify"), {"simulation": simulation})
-    runner.run(identify, _IDENTIFY, seed, "lockstep", first)
+    runner.run(identify, _IDENTIFY, seed, "lockstep", first).enabled()
     run = load(first, ARM)
     model = fit([run], base_model(run.robot, ARM) - "torque-offset").model
     hand = {"kind": "hand", "frequency": 0.5, "size": [0.05, 0.05, 0.05]}
     simulation |= {"operator": hand, "gel": {"below_home": 0.01}}
     over = {"simulation": simulation, "estimators": _estimators(model, learn)}
-    runner.run(load_rig(rig_path("lawrence"), over), seconds, seed + 1, "lockstep", path)
+    runner.run(load_rig(rig_path("lawrence"), over), seconds, seed + 1, "lockstep", path).enabled()
     return path
 
 

@@ -111,7 +111,7 @@ def on_the_rig(seed: int = 1, seconds: float = 40.0) -> dict[str, Identified]:
             simulation = {"hidden": hidden, "operator": hand, "gel": {"below_home": 0.01}}
             path = Path(folder) / "s.mcap"
             config = load_rig(rig_path("lawrence"), {"simulation": simulation})
-            runner.run(config, seconds, seed, "lockstep", path)
+            runner.run(config, seconds, seed, "lockstep", path).enabled()
             out[name] = _identified(path)
     return out
 

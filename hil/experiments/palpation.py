@@ -25,7 +25,7 @@ from hil import registry
 from hil.experiments import transparency as rig
 from hil.experiments import without_force_sensors
 from hil.runtime import runner
-from hil.teleop import force_sensor_free, hybrid, law_parameters, rig_designs
+from hil.teleop import force_sensor_free, hybrid, law_parameters, rig_designs, summary
 from hil.teleop.architecture import Design
 from hil.teleop.rig_designs import ArmImpedances
 from hil.toml import parse
@@ -136,11 +136,10 @@ def palpate(
         )
     config = parse(registry.load("hil.controllers", "lawrence").Config, law, "experiment")
     design, environment = designs[rig.AXIS], hybrid.Impedance(*config.environment)
-    s = hybrid.jw(2 * np.pi * np.geomspace(0.2, 5.0, 60))
+    s = hybrid.jw(summary.band())
     near = hybrid.sensitivity(hybrid.hybrid(design, s), environment(s))
-    weight = np.abs(s)
-    designed = np.sqrt(np.trapezoid(np.abs(near) ** 2, weight) / np.ptp(weight))
-    return PalpationRow(controller, float(designed), float(np.mean(expected)), tuple(found))
+    designed = summary.weighted(near, summary.band())
+    return PalpationRow(controller, designed, float(np.mean(expected)), tuple(found))
 
 
 def _impedances(
@@ -149,7 +148,7 @@ def _impedances(
     """Transmitted and environment's impedance of one run [N s/m]."""
     path = folder / "palpation.mcap"
     seconds = rig.SETTLE + rig.PERIODS / HZ
-    runner.run(rig.config_of(law, HZ, stiffness), seconds, seed, "lockstep", path)
+    runner.run(rig.config_of(law, HZ, stiffness), seconds, seed, "lockstep", path).enabled()
     y, u = (x.mean(0) for x in rig.cut(path, HZ).spectra(1))
     # y = (f_m, -v_s), u = (v_m, f_s)
     return complex(y[0] / u[0]), complex(-u[1] / y[1])

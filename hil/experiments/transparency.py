@@ -60,8 +60,10 @@ class TransparencyRow:
     scale : float
         What `error` and `bound` are relative to: |predicted|, or the entry's natural unit where
         that is larger (see `_scales`).
+    difference : float
+        |measured - predicted| of the complex numbers, in the unit of the entry.
     error : float
-        |measured - predicted| of the complex numbers, over `scale`.
+        The same over `scale`.
     bound : float
         What the data's scatter allows `error` to be, 95 %, over `scale`; see `_CONFIDENCE`.
     """
@@ -73,8 +75,14 @@ class TransparencyRow:
     measured: float
     std: float
     scale: float
+    difference: float
     error: float
     bound: float
+
+    @property
+    def own(self) -> float:
+        """Difference over the entry's own size, |predicted|."""
+        return self.difference / self.predicted if self.predicted else float("inf")
 
     @property
     def inside(self) -> bool:
@@ -85,7 +93,7 @@ class TransparencyRow:
 def identified(folder: Path, seed: int) -> dict[str, str]:
     """Model files of both arms from one identifying session of the simulated rig."""
     session = folder / "identify.mcap"
-    runner.run(load_rig(rig_path("identify")), 15.0, seed, "lockstep", session)
+    runner.run(load_rig(rig_path("identify")), 15.0, seed, "lockstep", session).enabled()
     out = {}
     for arm in ("leader", "follower"):
         run = load(session, arm)
@@ -111,7 +119,7 @@ def sessions(law: Mapping[str, Any], hz: float, folder: Path, seed: int) -> list
     for k, gel in enumerate(_GELS):
         config = config_of(law, hz, gel)
         path = folder / f"{hz:g}-{k}.mcap"
-        runner.run(config, SETTLE + PERIODS / hz, seed + k, "lockstep", path)
+        runner.run(config, SETTLE + PERIODS / hz, seed + k, "lockstep", path).enabled()
         out.append(cut(path, hz))
     return out
 
@@ -153,8 +161,8 @@ def predicted(law: Mapping[str, Any], hz: FloatArray) -> ComplexArray:
 
 
 def relative(h: ComplexArray, goal: ComplexArray) -> FloatArray:
-    """Entrywise |h - goal| over `_scales`, (n, 2, 2)."""
-    return np.asarray(np.abs(h - goal) / _scales(goal), np.float64)
+    """Entrywise |h - goal| over |goal|, each entry's own size, (n, 2, 2)."""
+    return np.asarray(np.abs(h - goal) / np.abs(goal), np.float64)
 
 
 def _scales(goal: ComplexArray) -> FloatArray:
@@ -212,6 +220,7 @@ def compare(
                     float(abs(h)),
                     std,
                     float(unit),
+                    float(off[i]),
                     float(off[i] / unit),
                     _CONFIDENCE * std / float(unit),
                 )
@@ -220,5 +229,5 @@ def compare(
 
 
 def worst(rows: list[TransparencyRow], entry: str) -> float:
-    """Largest relative error of an entry."""
-    return max(r.error for r in rows if r.entry == entry)
+    """Largest error of an entry over its own size."""
+    return max(r.own for r in rows if r.entry == entry)

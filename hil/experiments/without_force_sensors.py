@@ -35,17 +35,17 @@ class WithoutForceSensorsRow:
     ----------
     hz : float
         [Hz].
-    theory, measured : float
-        Largest relative difference of the two hybrid matrices: predicted with filters, and
-        between the two sets of sessions.
+    theory, measured : tuple of 4 floats
+        Difference of the two hybrid matrices, h11, h12, h21, h22, each over its own size:
+        predicted with filters, and between the two sets of sessions.
     master_error, master_size, slave_error, slave_size : float
         Amplitude at this frequency of the error of the estimated force in the stiffer gel, and
         of the force itself [N].
     """
 
     hz: float
-    theory: float
-    measured: float
+    theory: tuple[float, ...]
+    measured: tuple[float, ...]
     master_error: float
     master_size: float
     slave_error: float
@@ -131,8 +131,8 @@ def _row(
     errors = _estimates(folder / f"{hz:g}-2.mcap", hz)
     return WithoutForceSensorsRow(
         hz,
-        float(rig.relative(goal[1], goal[0]).max()),
-        float(rig.relative(found[1], found[0]).max()),
+        tuple(rig.relative(goal[1], goal[0]).ravel().tolist()),
+        tuple(rig.relative(found[1], found[0]).ravel().tolist()),
         *errors,
     )
 

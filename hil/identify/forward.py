@@ -155,6 +155,8 @@ class _Forward:
             if not mass and (t.effect.scope.whole or "qd" not in seen):
                 continue
             theta = theta if rows is None else theta[rows]
+            if not theta.shape[1]:  # of other runs alone
+                continue
             m = every if "qdd" in seen else few
             columns = t.effect.columns(m, t.joint, t.shape)
             if t.effect.scope.whole:

@@ -459,7 +459,7 @@ class Problem(Rows):
         if key in self._rest:
             return self._rest[key]
         made, _ = watched(effect, [m.at_rest() for m in self.motions], j, shape)
-        some = [np.flatnonzero(np.any(x.reshape(-1, x.shape[-1]), axis=0)) for x in made]
+        some = [np.flatnonzero(np.any(x, axis=tuple(range(x.ndim - 1)))) for x in made]
         out = [(k, np.ascontiguousarray(x[..., k])) for k, x in zip(some, made, strict=True)]
         once = Trait.MOTION in effect.traits and not effect.shape
         if once and sum(x.nbytes for _, x in out) <= KEPT:

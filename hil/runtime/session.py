@@ -11,6 +11,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
+import re
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -31,6 +33,7 @@ from hil.runtime.statistics import Statistics
 from hil.runtime.watchdog import beside
 from hil.signals.device import Controller
 from hil.signals.frame import TIMING, TIMING_UNITS, FrameLayout
+from hil.signals.state import OperatingState
 
 #: Words of an arm on ``/rig/raw`` and their units.
 WORDS = (
@@ -230,16 +233,34 @@ def plain(value: Any) -> Any:
 
 
 def to_toml(table: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
-    """TOML text of nested tables of numbers, strings and lists of those."""
+    """TOML text of nested tables; a table within a list is written inline."""
     lines, below = [], []
     for key, value in table.items():
         if isinstance(value, Mapping):
             below.append(to_toml(value, (*path, key)))
         else:
-            # JSON scalars and lists of them are TOML too
-            lines.append(f"{json.dumps(key) if '.' in key else key} = {json.dumps(value)}")
-    head = [f"[{'.'.join(path)}]"] if path and lines else []
-    return "\n".join([*head, *lines, *([""] if lines else [])]) + "".join(below)
+            lines.append(f"{_toml_key(key)} = {_toml_value(value)}")
+    # an empty table stays one: a reader may ask for it
+    head = [f"[{'.'.join(map(_toml_key, path))}]"] if path and (lines or not table) else []
+    return "\n".join([*head, *lines, *([""] if head or lines else [])]) + "".join(below)
+
+
+def _toml_key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml_value(key)
+
+
+def _toml_value(value: Any) -> str:
+    """One TOML value; JSON has no infinity, and its escapes of rare characters are none of TOML."""
+    if isinstance(value, Mapping):
+        inner = ", ".join(f"{_toml_key(k)} = {_toml_value(v)}" for k, v in value.items())
+        return f"{{ {inner} }}" if inner else "{}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_toml_value, value))}]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return "nan" if math.isnan(value) else "-inf" if value < 0.0 else "inf"
+    if isinstance(value, (bool, int, float, str)):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return str(value.isoformat())  # dates and times are the rest of TOML
 
 
 @dataclass
@@ -311,6 +332,28 @@ class Summary:
     figures: dict[str, float] = field(default_factory=dict)
     granted: list[str] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
+
+    @property
+    def paused(self) -> bool:
+        """Whether the motors were without torque when the session ended."""
+        return self.state == OperatingState.PAUSED.name
+
+    def enabled(self) -> Summary:
+        """Return this, or refuse a session at whose end the law did not run.
+
+        Raises
+        ------
+        DataError
+            Naming the session, its state and the condition that led to it.
+        """
+        if self.state == OperatingState.ENABLED.name:
+            return self
+        raise DataError(
+            f"{self.path}: the session ended {self.state}"
+            + (f", because {self.reason}" if self.reason else "")
+            + "; no number is taken from it. Run a design that 'hil design' passes, or a calmer "
+            "motion"
+        )
 
     def as_dict(self) -> dict[str, object]:
         """Plain dictionary for JSON."""

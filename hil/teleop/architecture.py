@@ -71,7 +71,7 @@ class RobotImpedance:
     b: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.m > 0.0 or self.b < 0.0:
+        if not 0.0 < self.m < np.inf or not 0.0 <= self.b < np.inf:
             raise ConfigError(f"robot: m = {self.m} kg must be positive, b = {self.b} not negative")
 
     @property
@@ -100,8 +100,10 @@ class Realisation:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            if getattr(self, f.name) < 0.0:
-                raise ConfigError(f"{f.name} must not be negative")
+            if not 0.0 <= getattr(self, f.name) < np.inf:
+                raise ConfigError(
+                    f"{f.name} = {getattr(self, f.name)} must be finite, not negative"
+                )
 
 
 IDEAL = Realisation()
@@ -233,6 +235,10 @@ class Wish:
     slave: RobotImpedance = field(default_factory=RobotImpedance)
 
     def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if isinstance(value, float) and not np.isfinite(value):
+                raise ConfigError(f"{f.name} = {value} must be a finite number")
         for name in ("stiffness", "damping", "master_stiffness", "master_damping"):
             if getattr(self, name) < 0.0:
                 raise ConfigError(f"{name} = {getattr(self, name)} must not be negative")

@@ -7,12 +7,14 @@ has D = 0: perfect transparency and force estimation exclude each other (thesis 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from hil.errors import ConfigError
-from hil.teleop.architecture import Design
+from hil.teleop.architecture import FORCE, Design
 from hil.teleop.hybrid import ComplexArray, FloatArray
 
 #: Condition number of Q from which the transformed loop is refused (comfortable up to 3):
@@ -43,27 +45,47 @@ def loop_gains(design: Design) -> ComplexArray:
     return np.linalg.eigvals(a).astype(complex)
 
 
-def _require(design: Design, limit: float = REFUSED) -> float:
-    """Return kappa(Q), or refuse a design too close to the singularity.
+def _require(design: Design, limit: float, runs: Callable[[Design], bool]) -> None:
+    """Refuse a design too close to the singularity.
 
     Raises
     ------
     ConfigError
-        Naming D, kappa, the limit, and the nearest design that is not too close.
+        Naming D, kappa, the limit, and the nearest design that works.
     """
     kappa = conditioning(design)
     if kappa <= limit and design.D > 0.0:
-        return kappa
-    near = nearest(design, limit)
+        return
     raise ConfigError(
         f"design {design.name!r} is too close to the force estimation singularity: D = "
         f"(1 + c5)(1 + c6) - c2 c3 = {design.D:.3g}, condition of Q {kappa:.3g}, at most "
         f"{limit:.3g} is possible"
         + (" and D must be positive" if design.D <= 0.0 else "")
-        + f"; the nearest design that works has c2 = {near.c2:.4g}, c3 = {near.c3:.4g}, "
-        f"c5 = {near.c5:.4g}, c6 = {near.c6:.4g} (condition {conditioning(near):.3g}); with force "
-        "sensors (fsf = false) there is no such limit"
+        + f"; {_way_out(design, limit, runs)}; with force sensors (without --fsf) there is no "
+        "such limit"
     )
+
+
+def _way_out(design: Design, limit: float, runs: Callable[[Design], bool]) -> str:
+    """The nearest design that works, in the digits that are said."""
+    for target in limit / _STEPS:
+        found = nearest(design, float(target))
+        said: dict[str, Any] = {c: float(f"{getattr(found, c):.4g}") for c in FORCE}
+        near = replace(found, **said)
+        good = conditioning(near) <= limit and near.D > 0.0 and min(near.c5, near.c6) >= -1.0
+        if good and runs(near):
+            return (
+                f"the nearest design that works has c2 = {near.c2:.4g}, c3 = {near.c3:.4g}, "
+                f"c5 = {near.c5:.4g}, c6 = {near.c6:.4g} (condition {conditioning(near):.3g})"
+            )
+    return (
+        "no other c2, c3, c5, c6 near these work with its motion gains and filters; lower the "
+        "stiffness, the damping and acceleration_hz"
+    )
+
+
+#: How far below the limit a design that works is looked for, the nearest first.
+_STEPS: FloatArray = np.geomspace(1.0005, 8.9, 12)
 
 
 def nearest(design: Design, limit: float = REFUSED) -> Design:
@@ -88,7 +110,9 @@ def nearest(design: Design, limit: float = REFUSED) -> Design:
     )
 
 
-def transform(design: Design, limit: float = REFUSED) -> Design:
+def transform(
+    design: Design, limit: float = REFUSED, runs: Callable[[Design], bool] = lambda _: True
+) -> Design:
     """Equivalent controller that measures no force: same H, same closed-loop poles.
 
     Two controllers are equivalent if [Q' R'] = T [Q R] with T invertible.  Q' = diag(1, -1) gives
@@ -99,12 +123,19 @@ def transform(design: Design, limit: float = REFUSED) -> Design:
 
     whose parts a s are the acceleration gains (thesis 3.2.3; derived in this form).
 
+    Parameters
+    ----------
+    limit : float
+        Largest condition of Q.
+    runs : callable
+        Whether a design that is proposed in place of a refused one would run, transformed.
+
     Raises
     ------
     ConfigError
         If it is too close to the singularity (`_require`).
     """
-    _require(design, limit)
+    _require(design, limit, runs)
     zm, zs = design.master.term, design.slave.term
     a, b, c, d = 1 + design.c6, design.c2, design.c3, 1 + design.c5
     over = 1.0 / design.D
@@ -158,7 +189,7 @@ def estimate(q: FloatArray, r: FloatArray) -> FloatArray:
     Parameters
     ----------
     q : ndarray (2, 2)
-        Force gains; `_require` them first.
+        Force gains, away from the singularity.
     r : ndarray (..., 2)
         R(v): (f_cm0 - d_m, f_cs0 - d_s) with f_c0 the law without its force terms and d the full
         non-linear robot terms including M q'' [N].  f_s is ON the environment.

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any, Protocol
 
 import numpy as np
 
+from hil.errors import ConfigError
 from hil.models.phantom import Premium
-from hil.teleop import force_sensor_free
+from hil.teleop import force_sensor_free, gate
 from hil.teleop.architecture import FORCE, MOTION, Design, MotionTerm, Realisation, RobotImpedance
-from hil.teleop.hybrid import FREE, FloatArray, Impedance
+from hil.teleop.hybrid import FloatArray, Impedance
 from hil.teleop.sampled_loop import Cable, SampledLoop
 
 _AXES = ("x", "y", "z")
+#: Condition of the Jacobian from which a pose counts as singular; 2 in the middle of the workspace.
+_SINGULAR = 30.0
 
 
 class Way(Protocol):
@@ -61,6 +65,12 @@ class LawParameters(Protocol):
     @property
     def environment(self) -> tuple[float, ...]: ...  # noqa: D102
     @property
+    def workspace(self) -> tuple[float, ...]: ...  # noqa: D102
+    @property
+    def friction_damping(self) -> tuple[float, ...]: ...  # noqa: D102
+    @property
+    def friction_share(self) -> float: ...  # noqa: D102
+    @property
     def motion_scale(self) -> float: ...  # noqa: D102
     @property
     def force_scale(self) -> float: ...  # noqa: D102
@@ -70,6 +80,9 @@ class LawParameters(Protocol):
 
     def masses(self) -> FloatArray:
         """Design masses, (2, 3) [kg]."""
+
+    def friction(self, arm: int, speed: float) -> FloatArray:
+        """Friction of the arm's joints as declared, moving alone at a speed [rad/s], (3,) [N m]."""
 
 
 def table(designs: Sequence[Design]) -> dict[str, Any]:
@@ -95,13 +108,29 @@ def tip_mass(pi: Any, pose: Any) -> FloatArray:
         Rigid-body parameters of a Premium 1.5.
     pose : sequence of 3 floats
         Joint angles [rad].
+
+    Raises
+    ------
+    ConfigError
+        At a singular pose, and for a model whose inertia is not positive there.
     """
     arm, q = Premium(()), np.asarray(pose, float)[None]
     zero = np.zeros((1, 3))
     y = np.concatenate([arm.regressor(q, zero, np.eye(3)[i : i + 1]) for i in range(3)])
     rest = arm.regressor(q, zero, zero)
     m = np.einsum("ijk,k->ij", y - rest, np.asarray(pi, float))
-    inverse = np.linalg.inv(arm.jacobian(q)[0])
+    jacobian, said = arm.jacobian(q)[0], ", ".join(f"{x:g}" for x in np.asarray(pose, float))
+    if not np.linalg.cond(jacobian) < _SINGULAR:
+        raise ConfigError(
+            f"pose = ({said}) rad is singular: the tip cannot move along every axis there; choose "
+            "one inside the workspace, (0, 0.4, 0.3) say"
+        )
+    if not np.linalg.eigvalsh(m)[0] > 0.0:
+        raise ConfigError(
+            f"a model of the arms has no positive inertia at the pose ({said}) rad; write the "
+            "parameters of 'hil fit' into leader_model and follower_model, or leave them out"
+        )
+    inverse = np.linalg.inv(jacobian)
     out: FloatArray = np.diag(inverse.T @ m @ inverse).copy()
     return out
 
@@ -143,7 +172,10 @@ def designs_of(law: LawParameters) -> list[Design]:
 
 
 def loops_of(law: LawParameters) -> list[SampledLoop]:
-    """Loops of the three axes at the law's pose, for the checks.
+    """Loops of the three axes with the set for which they must be stable.
+
+    The set: operators up to a firm one, environments up to the declared one, poses over the
+    workspace, and every delay up to the longest; see `hil.teleop.gate`.
 
     Forces that are estimated from the motion make of a design its force-sensor-free equivalent
     for the arms as they are at this pose.
@@ -154,8 +186,14 @@ def loops_of(law: LawParameters) -> list[SampledLoop]:
         If it is too close to the singularity where they cannot be.
     """
     real = realisation(law)
-    tips = [tip_mass(pi, law.pose) for pi in (law.leader_model, law.follower_model)]
-    operators = Impedance(*law.operator), Impedance(*law.free)
+    models = (law.leader_model, law.follower_model)
+    tips = [tip_mass(pi, law.pose) for pi in models]
+    # a law that estimates its forces has other gains at every pose
+    where = [] if law.forces == "estimated" else poses(law.pose, law.workspace)
+    over = np.array([tips, *([tip_mass(pi, q) for pi in models] for q in where)])
+    operators = tuple(gate.bounded(Impedance(*law.operator), Impedance(*law.free)))
+    environments = tuple(gate.surroundings(Impedance(*law.environment)))
+    own, compensated = _friction(law)
     cable = Cable(*law.cable) if law.cable else None
     designs = designs_of(law)
     if law.forces == "estimated":
@@ -175,10 +213,70 @@ def loops_of(law: LawParameters) -> list[SampledLoop]:
             cable,
             _AXES[i],
             operators,
-            (FREE, Impedance(*law.environment)),
+            environments,
+            tuple(dict.fromkeys((round(m, 5), round(s, 5)) for m, s in over[:, :, i].tolist())),
+            (float(own[0, i]), float(own[1, i])),
+            (float(compensated[0, i]), float(compensated[1, i])),
         )
         for i, design in enumerate(designs)
     ]
+
+
+#: Speed [rad/s] at which friction counts as damping: 5 cm/s at the tip, a calm hand.
+_SPEED = 0.25
+#: Part of identified friction that is there for certain.
+_CERTAIN = 0.9
+
+
+def _friction(law: LawParameters) -> tuple[FloatArray, FloatArray]:
+    """Damping at the tip: the arms' own for certain, and the compensation's, (2, 3) [N s/m].
+
+    Both are secants of the declared friction.  What is compensated must be declared, so that a
+    share up to `_CERTAIN` adds no energy; a larger one may, as negative damping.
+    """
+    inverse = np.linalg.inv(Premium(()).jacobian(np.asarray([law.pose], float))[0])
+    slopes = [np.maximum(law.friction(arm, _SPEED), 0.0) / _SPEED for arm in range(2)]
+    tip = np.array([np.diag(inverse.T @ np.diag(s) @ inverse) for s in slopes])
+    own = np.maximum(_CERTAIN * tip, np.reshape(law.friction_damping, (2, 1)))
+    return own, law.friction_share * tip
+
+
+def poses(pose: Sequence[float], extent: Sequence[float]) -> list[FloatArray]:
+    """Joint angles at the corners of a box about the tip of a pose.
+
+    Parameters
+    ----------
+    pose : sequence of 3 floats
+        Joint angles [rad].
+    extent : sequence of 3 floats, or empty
+        Half of the box's sides [m]; empty = no further pose.
+
+    Raises
+    ------
+    ConfigError
+        If a corner is out of reach.
+    """
+    if not extent:
+        return []
+    centre = Premium(()).tip(np.asarray([pose], float))[0]
+    corners = [centre + np.asarray(extent) * signs for signs in product((-1, 1), repeat=3)]
+    return [_joints(p) for p in corners]
+
+
+def _joints(p: FloatArray) -> FloatArray:
+    """Joint angles (3,) at which the tip is at p (3,), elbow up."""
+    l1, l2 = Premium.l1, Premium.l2
+    radial = float(np.hypot(p[0], p[1]))
+    length = float(np.hypot(radial, p[2]))
+    lift = (l1**2 + length**2 - l2**2) / (2.0 * l1 * length)
+    bend = (l1**2 + l2**2 - length**2) / (2.0 * l1 * l2)
+    if max(abs(lift), abs(bend)) >= 1.0:
+        raise ConfigError(
+            f"workspace: its corner ({', '.join(f'{x:.3g}' for x in p)}) m is out of the arms' "
+            f"reach of {l1 + l2:.3g} m; make workspace smaller, or choose another pose"
+        )
+    upper = np.arctan2(p[2], radial) + np.arccos(lift)
+    return np.array([np.arctan2(p[1], p[0]), upper, upper + np.arccos(bend) - np.pi / 2])
 
 
 def payload(pi: Any, mass: float) -> FloatArray:

@@ -53,6 +53,8 @@ class DesignProblem:
         Largest condition number of Q; infinite = no force-sensor-free form is asked for.
     real : Realisation
         Filters and delays.
+    weight : float
+        Exponent of the sensitivity's weight w^n; see `hil.teleop.summary.weighted`.
     """
 
     master: RobotImpedance = field(default_factory=lambda: RobotImpedance(0.3))
@@ -67,12 +69,22 @@ class DesignProblem:
     contact: float = 0.6
     kappa: float = 1.5
     real: Realisation = IDEAL
+    weight: float = 0.0
 
     def __post_init__(self) -> None:
-        if min(self.stiffness, self.force, self.corner, self.free, self.contact) <= 0.0:
-            raise ConfigError("optimised design: bounds and tolerances must be positive")
+        for name in ("stiffness", "force", "corner", "free", "contact"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise ConfigError(
+                    f"optimised design: {name} = {getattr(self, name)}; bounds and tolerances must "
+                    "be positive and finite"
+                )
         if self.kappa <= 1.0:
             raise ConfigError(f"optimised design: kappa = {self.kappa:.3g} must exceed 1")
+        if not abs(self.weight) <= 4.0:
+            raise ConfigError(
+                f"optimised design: weight = {self.weight:g}; the exponent n of the weight w^n "
+                "lies within -4 and 4"
+            )
 
     def bounds(self) -> FloatArray:
         """Upper bounds of theta, (8,): [N s/m] or 1."""
@@ -81,6 +93,8 @@ class DesignProblem:
 
 #: Re z_t kept [N s/m], for what lies between the frequencies of the search.
 _STABILITY_MARGIN = 0.03
+#: Points of the search from end to end of the band of the sensitivity.
+_POINTS = 21
 #: Frequencies of the last look [rad/s].
 _FINE: FloatArray = np.geomspace(0.1, 1000.0, 600)
 
@@ -90,7 +104,7 @@ class DesignSearch:
 
     def __init__(self, p: DesignProblem) -> None:
         self.p, self.top = p, p.bounds()
-        self.w, self.slow = band()[::3], 2 * np.pi * np.geomspace(0.05, 1.0, 8)
+        self.w, self.slow = band(_POINTS), 2 * np.pi * np.geomspace(0.05, 1.0, 8)
         self.watch(np.geomspace(0.1, 1000.0, 60))
 
     def watch(self, wide: FloatArray) -> None:
@@ -134,7 +148,7 @@ class DesignSearch:
         """sigma_c."""
         h = hybrid.hybrid(self.design(x), hybrid.jw(self.w), self.p.real)
         ze = self.p.environment(hybrid.jw(self.w))
-        return weighted(hybrid.sensitivity(h, ze), self.w)
+        return weighted(hybrid.sensitivity(h, ze), self.w, self.p.weight)
 
     def constraints(self, x: FloatArray) -> dict[str, FloatArray]:
         """Slacks, positive = met, each scaled to about 1."""
@@ -304,7 +318,7 @@ def optimise(
         [np.clip(np.array(start) / search.top, 0.0, 1.0)]
         if start is not None
         else [
-            np.array([0.7, 0.4, 0.1, 0.6, 0.1, 0.0, 0.8, 0.8]),
+            np.array([1.0, 0.4, 0.1, 0.6, 0.1, 0.0, 1.0, 1.0]),
             *rng.uniform(0.0, 1.0, (max(starts - 1, 0), 8)),
         ]
     )

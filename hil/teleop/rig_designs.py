@@ -10,10 +10,11 @@ from hil.errors import ConfigError, unknown
 from hil.estimate import compensation_tables
 from hil.models.files import read_model
 from hil.models.phantom import Premium
-from hil.teleop import architecture, law_parameters, optimise
+from hil.teleop import architecture, law_parameters, optimise, transparent_search
 from hil.teleop.architecture import Design, RobotImpedance, Wish
 from hil.teleop.hybrid import Impedance
 from hil.teleop.optimise import DesignProblem
+from hil.teleop.transparent_search import TransparentDesign
 
 #: What a design is made from, and what of the law can be set beside it.
 WISHES = tuple(f.name for f in fields(Wish) if f.name not in ("master", "slave"))
@@ -27,9 +28,13 @@ REAL = (
     "force_hz",
     "forward",
     "backward",
+    "friction_share",
+    "friction_damping",
 )
 #: Bounds and tolerances of an optimised design, as in `hil.teleop.optimise.DesignProblem`.
-TASK = ("max_stiffness", "max_force", "corner", "free", "contact", "kappa")
+TASK = ("max_stiffness", "max_force", "corner", "free", "contact", "kappa", "weight")
+#: What the search for a transparent design reads.
+SEARCH = ("accelerations",)
 #: Masses of the sensors on the tip [kg] (data sheets), reflected inertia of the rotors [kg m^2].
 _SENSORS = {"nano17": 0.009, "nano25": 0.063}
 _ROTORS = (1.8e-4, 1.3e-4, 1.3e-4)
@@ -83,8 +88,8 @@ def settings(words: Sequence[str]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for word in words:
         key, _, text = word.partition("=")
-        if key not in (*WISHES, *REAL, *TASK):
-            raise ConfigError("--set: " + unknown("key", key, (*WISHES, *REAL, *TASK)))
+        if key not in (known := (*WISHES, *REAL, *TASK, *SEARCH)):
+            raise ConfigError("--set: " + unknown("key", key, known))
         out[key] = text if key in ("shape", "forces") else _value(key, text)
     return out
 
@@ -98,7 +103,7 @@ def _value(key: str, text: str) -> Any:
         if len(numbers) > 3:
             raise ConfigError(f"--set {key}={text}: DELAY[,JITTER[,LOSS]] is needed")
         return dict(zip(("delay", "jitter", "loss"), numbers, strict=False))
-    if key.endswith("_mass"):
+    if key.endswith("_mass") or key == "friction_damping":
         return numbers
     if len(numbers) != 1:
         raise ConfigError(f"--set {key}={text}: one number is needed")
@@ -133,6 +138,48 @@ def optimised(
         start = found[0].theta if found else None
         found.append(optimise.optimise(replace(problem, **chosen), start))
     return found
+
+
+def transparent(
+    law: Any,
+    arms: ArmImpedances,
+    period: float,
+    search: Mapping[str, float],
+    fixed: Mapping[str, Any],
+) -> TransparentDesign:
+    """Most transparent design that runs: with acceleration terms, without, or the better of both.
+
+    Parameters
+    ----------
+    law : LawrenceConfig
+        Filters, delays, operator, environment and arms.
+    arms : ArmImpedances
+        Masses.
+    period : float
+        Of the loop [s].
+    search : mapping
+        Keys of `SEARCH`.
+    fixed : mapping
+        Filters that the user set.
+
+    Raises
+    ------
+    ConfigError
+        If none runs.
+    """
+    masses = {"leader_mass": arms.master, "follower_mass": arms.slave}
+    loops = law_parameters.loops_of(replace(law, forces="measured", **masses))
+    if search:
+        return transparent_search.search(loops, period, search["accelerations"] != 0.0, fixed)
+    found = []
+    for kind in (True, False):
+        try:
+            found.append(transparent_search.search(loops, period, kind, fixed))
+        except ConfigError as error:
+            failed = error
+    if not found:
+        raise failed
+    return min(found, key=lambda f: f.error)
 
 
 #: Bounds that suit the arms' cables: k up to 150 N/m with b up to 1.5 N s/m.

@@ -1,25 +1,22 @@
-"""One axis in sampled time: stability, the delay it bears, and what must not run.
+"""One axis in sampled time: its map from tick to tick, eigenvalues, and hybrid matrix.
 
 The law's own kernels (`hil.teleop.lawrence_filters`) and delay lines around an exactly
 sampled plant: two masses with operator and environment, moved by held forces.  One period is a
 linear map: its eigenvalues decide on stability, and driven by a force it predicts the hybrid matrix
-that a session shows.  `refuse` stops improper gains, an unstable loop and a delay beyond the margin
-before a motor moves; a refusal names the condition, its margin and the way out.
+that a session shows.  What must not run is decided in `hil.teleop.gate`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
 
 from hil.errors import ConfigError
-from hil.teleop import hybrid, lawrence_filters
-from hil.teleop.architecture import IDEAL, MOTION, Design, Realisation
+from hil.teleop import lawrence_filters
+from hil.teleop.architecture import IDEAL, Design, Realisation
 from hil.teleop.hybrid import FREE, GEL, HAND, ComplexArray, FloatArray, Impedance
 
 #: Longest delay line that is checked exactly [ticks].
@@ -88,6 +85,11 @@ class SampledLoop:
         For messages.
     operators, environments : tuple of Impedance
         For every pair of which the loop must be stable.
+    tips : tuple of pairs of floats
+        Natural masses at every pose at which it must be [kg]; empty = `tip` alone.
+    friction, compensated : tuple of 2 floats
+        Damping of the arms' own friction on the motor side, and what the law adds to the motors'
+        force against it [N s/m].
     """
 
     design: Design
@@ -98,6 +100,9 @@ class SampledLoop:
     axis: str = ""
     operators: tuple[Impedance, ...] = (HAND, Impedance(0.0, 1.0, 0.0))
     environments: tuple[Impedance, ...] = (FREE, GEL)
+    tips: tuple[tuple[float, float], ...] = ()
+    friction: tuple[float, float] = (0.0, 0.0)
+    compensated: tuple[float, float] = (0.0, 0.0)
 
     def masses(self) -> tuple[float, float]:
         """Natural masses of master and slave [kg]."""
@@ -138,8 +143,10 @@ class Axis:
             raise ConfigError(f"delays above {_LONGEST} ticks are not checked in sampled time")
         robots = (loop.design.master, loop.design.slave)
         both = [
-            _mechanics(m, robot.b, loop.cable, z)
-            for m, robot, z in zip(loop.masses(), robots, self.outside, strict=True)
+            _mechanics(m, robot.b + own, loop.cable, z)
+            for m, robot, own, z in zip(
+                loop.masses(), robots, loop.friction, self.outside, strict=True
+            )
         ]
         n = len(both[0][0])
         self.plant, self._tip = 2 * n, n - 2
@@ -173,19 +180,59 @@ class Axis:
     def advance(self, z: FloatArray, push: float = 0.0) -> FloatArray:
         """State after one period; f_h* = `push` [N] is held."""
         out, n = np.empty_like(z), self.plant
+        sent, speeds = self._measured(z, push, out)
+        forth, back, lines = self._lines(z, sent)
+        out[n + 12 :] = lines
+        asked = (
+            lawrence_filters.master(self._g, sent[0], back),
+            lawrence_filters.slave(self._g, forth, sent[1]),
+        )
+        for r, f in enumerate(asked):
+            out[n + r] = self._shaped(r, f, sent[r]) + self.loop.compensated[r] * speeds[r]
+        out[:n] = self._step @ np.array([*z[:n], out[n], out[n + 1], push])
+        return out
+
+    def _measured(self, z: FloatArray, push: float, out: FloatArray) -> tuple[FloatArray, Any]:
+        """Signals of both robots and their raw speeds; the filters' memory goes into `out`."""
+        n, speeds = self.plant, [0.0, 0.0]
         now, sent = np.zeros((2, lawrence_filters.MEMORY)), np.zeros((2, lawrence_filters.SIGNALS))
         for r, f in enumerate(self.ports(z, push)):
             at, own = n + 2 + 4 * r, r * n // 2
             past = np.append(z[at : at + 4], 1.0)
             # encoders: the speed is a difference of positions
-            v = (z[own] - z[n + 10 + r]) / self.period
+            v = speeds[r] = (z[own] - z[n + 10 + r]) / self.period
             lawrence_filters.sense(z[own], v, f, self._shares, self.period, past, now[r], sent[r])
             out[at : at + 4], out[n + 10 + r] = now[r, :4], z[own]
-        forth, back, lines = self._lines(z, sent)
-        out[n + 12 :] = lines
-        out[n] = self._shaped(0, lawrence_filters.master(self._g, sent[0], back), sent[0])
-        out[n + 1] = self._shaped(1, lawrence_filters.slave(self._g, forth, sent[1]), sent[1])
-        out[:n] = self._step @ np.array([*z[:n], out[n], out[n + 1], push])
+        return sent, speeds
+
+    def apart(self) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Master and slave alone, without delay: a, b, c of z' = a z + b heard, asked = c z.
+
+        `heard` is the force that the other arm asks for [N], `asked` what this one asks of it.
+        """
+        n, g = self.plant, self._g
+        nothing = np.zeros(lawrence_filters.SIGNALS)
+        a = np.zeros((n + 12, n + 12))
+        asked = np.zeros((2, n + 12))
+        for k, e in enumerate(np.eye(n + 12)):
+            sent, speeds = self._measured(e, 0.0, a[:, k])
+            own = (
+                lawrence_filters.master(g, sent[0], nothing),
+                lawrence_filters.slave(g, nothing, sent[1]),
+            )
+            for r, f in enumerate(own):
+                a[n + r, k] = self._shaped(r, f, sent[r]) + self.loop.compensated[r] * speeds[r]
+            a[:n, k] = self._step @ np.array([*e[:n], a[n, k], a[n + 1, k], 0.0])
+            asked[0, k] = lawrence_filters.slave(g, sent[0], nothing)
+            asked[1, k] = lawrence_filters.master(g, nothing, sent[1])
+        out = []
+        for r in range(2):
+            at = [*range(r * n // 2, (r + 1) * n // 2), n + r, *range(n + 2 + 4 * r, n + 6 + 4 * r)]
+            at.append(n + 10 + r)
+            push = np.zeros(n + 12)
+            push[n + r] = self._shaped(r, 1.0, nothing)
+            push[:n] = self._step[:, n + r] * push[n + r]
+            out.append((a[np.ix_(at, at)], push[at], asked[r, at]))
         return out
 
     def speeds(self, z: Any, encoders: bool = False) -> tuple[Any, Any]:
@@ -221,44 +268,13 @@ class Axis:
         return np.stack([self.advance(e) for e in np.eye(self.size)], axis=1)
 
 
-def _spectral_radius(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> float:
-    """Largest magnitude of the eigenvalues of one period; stable below 1."""
-    return _dominant_mode(loop, zh, ze, period)[0]
-
-
-def _dominant_mode(
+def dominant_mode(
     loop: SampledLoop, zh: Impedance, ze: Impedance, period: float
 ) -> tuple[float, float]:
     """Magnitude of the largest eigenvalue of one period, and its frequency [Hz]."""
     values = np.linalg.eigvals(Axis(loop, zh, ze, period).matrix())
     top = values[np.abs(values).argmax()]
     return float(abs(top)), float(abs(np.angle(top)) / (2 * np.pi * period))
-
-
-def _sampled_delay_margin(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> float:
-    """Additional round-trip delay that the sampled loop bears [s], to half a millisecond or so.
-
-    Half of it is added to each channel; the search doubles, then halves, and ends at 0.2 s.
-    """
-
-    def stable(extra: float) -> bool:
-        real = replace(
-            loop.real,
-            forward_s=loop.real.forward_s + extra / 2,
-            backward_s=loop.real.backward_s + extra / 2,
-        )
-        return _spectral_radius(replace(loop, real=real), zh, ze, period) < 1.0 + 1e-9
-
-    if not stable(0.0):
-        return 0.0
-    step, low = 2 * period, 0.0
-    while low < 0.2 and stable(low + step):
-        low, step = low + step, 2 * step
-    high = low + step
-    while high - low > 2.5 * period and low < 0.2:
-        mid = 2 * period * round((low + high) / 2 / (2 * period))
-        low, high = (mid, high) if stable(mid) else (low, mid)
-    return low
 
 
 def hybrid_at(
@@ -284,156 +300,3 @@ def hybrid_at(
         u.append(np.stack([vm, f[:, 1]], -1))
     out: Any = np.stack(y, -1) @ np.linalg.inv(np.stack(u, -1))
     return np.asarray(out, np.complex128)
-
-
-#: Beyond this per period a mode grows; a free position is a mode of exactly 1.
-_GROWTH = 1e-7
-#: From here on a growing mode is put down to the cable [Hz].
-_CABLE_HZ = 80.0
-
-
-@dataclass(frozen=True)
-class Margins:
-    """Margins of one axis over all pairs of operator and environment.
-
-    Parameters
-    ----------
-    axis : str
-        Which.
-    pole : float
-        Largest real part of the continuous closed-loop poles [rad/s].
-    radius : float
-        Largest magnitude of the sampled closed-loop eigenvalues.
-    delay_s : float
-        Additional round-trip delay that the continuous loop bears [s].
-    pair : str
-        Operator and environment with the largest `radius`.
-    """
-
-    axis: str
-    pole: float
-    radius: float
-    delay_s: float
-    pair: str
-
-
-def _proper(loop: SampledLoop) -> None:
-    """Refuse gains that cannot be realised or cannot hold a slave.
-
-    Raises
-    ------
-    ConfigError
-        Naming the gain.
-    """
-    d, where = loop.design, f"axis {loop.axis or '-'}"
-    for name in MOTION:
-        term = getattr(d, name)
-        if not np.isfinite([term.k, term.b, term.a]).all():
-            raise ConfigError(f"{where}: {name} has a gain that is not a finite number")
-        if term.a and loop.real.acceleration_hz == 0.0:
-            raise ConfigError(
-                f"{where}: {name} has an acceleration term ({term.a:.3g} kg) without a filter, an "
-                "improper gain; set acceleration_hz (30, say)"
-            )
-    for name in ("c2", "c3", "c5", "c6"):
-        value = getattr(d, name)
-        if not np.isfinite(value) or (name in ("c5", "c6") and value < -1.0):
-            raise ConfigError(f"{where}: {name} = {value:.4g} is improper; c5, c6 >= -1 is needed")
-    if d.c7.k < 0.0 or d.c7.b < 0.0:
-        raise ConfigError(
-            f"{where}: c7 = ({d.c7.k:.4g}, {d.c7.b:.4g}) pushes the slave away from its place; "
-            "its stiffness and damping must not be negative"
-        )
-
-
-def margins(loop: SampledLoop, period: float) -> Margins:
-    """Margins of one axis."""
-    rows = []
-    for zh, ze in _pairs(loop):
-        found = hybrid.poles(loop.design, zh, ze, loop.real)
-        rows.append(
-            (
-                float(found.real.max(initial=-np.inf)),
-                _spectral_radius(loop, zh, ze, period),
-                hybrid.delay_margin(loop.design, zh, ze, loop.real),
-                _pair_text(zh, ze),
-            )
-        )
-    worst = max(rows, key=lambda r: r[1])
-    return Margins(loop.axis, max(r[0] for r in rows), worst[1], min(r[2] for r in rows), worst[3])
-
-
-def refuse(loops: Iterable[SampledLoop], period: float) -> None:
-    """Refuse a controller that must not run.
-
-    Parameters
-    ----------
-    loops : iterable of Loop
-        Its axes; axes that are equal but for their name are checked once.
-    period : float
-        Of the loop [s].
-
-    Raises
-    ------
-    ConfigError
-        Naming axis, condition and margin.
-    """
-    seen = set()
-    for loop in loops:
-        same = replace(loop, axis="")
-        if same in seen:
-            continue
-        seen.add(same)
-        _proper(loop)
-        for zh, ze in _pairs(loop):
-            _stable(loop, zh, ze, period)
-
-
-def _stable(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> None:
-    size, hz = _dominant_mode(loop, zh, ze, period)
-    if size <= 1.0 + _GROWTH:
-        return
-    growth, pair = np.log(size) / period, _pair_text(zh, ze)
-    where = f"axis {loop.axis or '-'}, {pair}"
-    now = replace(loop.real, forward_s=0.0, backward_s=0.0)
-    without = replace(loop, real=now)
-    total = loop.real.forward_s + loop.real.backward_s
-    if total > 0.0 and _spectral_radius(without, zh, ze, period) <= 1.0 + _GROWTH:
-        bears = _sampled_delay_margin(without, zh, ze, period)
-        raise ConfigError(
-            f"{where}: the round-trip delay of {1e3 * total:.3g} ms is beyond the margin of "
-            f"{1e3 * bears:.3g} ms; shorten the delay, or lower c2, c4 and the stiffness"
-        )
-    pole = hybrid.poles(loop.design, zh, ze, now).real.max(initial=-np.inf)
-    if pole > 1e-6:
-        raise ConfigError(
-            f"{where}: the loop is unstable, a pole at +{pole:.3g} rad/s (it must be negative); "
-            "run 'hil design RIG.toml' for the margins"
-        )
-    raise ConfigError(
-        f"{where}: this pair is stable on paper, with its rightmost pole at {pole:.3g} rad/s, "
-        f"but not when sampled every {1e3 * period:.3g} ms with these "
-        f"filters: a mode of {hz:.3g} Hz grows by {growth:.3g} /s (eigenvalue {size:.5f}, at most "
-        f"1); {_advice(loop, hz)}"
-    )
-
-
-def _advice(loop: SampledLoop, hz: float) -> str:
-    if any(getattr(loop.design, c).a for c in MOTION):
-        return (
-            "lower acceleration_hz, or go further from the estimation singularity (smaller c2 c3)"
-        )
-    if loop.cable and hz > _CABLE_HZ:
-        return "it is the cable between motor and tip: lower the damping of c7 and c8"
-    return "lower the gains, or raise velocity_hz and force_hz"
-
-
-def _pairs(loop: SampledLoop) -> Iterable[tuple[Impedance, Impedance]]:
-    return product(loop.operators, loop.environments)
-
-
-def _pair_text(zh: Impedance, ze: Impedance) -> str:
-    def one(z: Impedance) -> str:
-        return f"{z.m:g} kg, {z.b:g} N s/m, {z.k:g} N/m"
-
-    return f"operator ({one(zh)}), environment ({one(ze)})"

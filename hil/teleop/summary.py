@@ -14,8 +14,9 @@ from plotly.subplots import make_subplots
 
 from hil.teleop import force_sensor_free, hybrid, passivity, transparency
 from hil.teleop.architecture import IDEAL
+from hil.teleop.gate import Margins, margins
 from hil.teleop.hybrid import FREE, GRID, FloatArray, Impedance
-from hil.teleop.sampled_loop import Margins, SampledLoop, margins
+from hil.teleop.sampled_loop import SampledLoop
 
 #: Band over which the sensitivity is averaged, and up to which tracking counts [Hz].
 _BAND, _TRACKING = (0.2, 5.0), 1.0
@@ -70,15 +71,22 @@ class DesignSummary:
     margins: Margins
 
 
-def weighted(values: Any, w: FloatArray) -> float:
-    """Root of the mean square of `values` (n,) over w [rad/s], trapezoidal."""
-    square = np.abs(np.asarray(values)) ** 2
-    return float(np.sqrt(np.trapezoid(square, w) / (w[-1] - w[0])))
+def weighted(values: Any, w: FloatArray, weight: float = 0.0) -> float:
+    """Root of the weighted mean square of `values` (n,) over w [rad/s], trapezoidal.
+
+    Parameters
+    ----------
+    weight : float
+        Exponent n of the weight w^n: 0 counts every hertz alike, -1 every octave.
+    """
+    size = w**weight
+    square = np.abs(np.asarray(values)) ** 2 * size
+    return float(np.sqrt(np.trapezoid(square, w) / np.trapezoid(size, w)))
 
 
-def band() -> FloatArray:
-    """Frequencies of the sensitivity [rad/s]."""
-    return 2 * np.pi * np.geomspace(*_BAND, 60)
+def band(points: int = 60) -> FloatArray:
+    """Frequencies of the sensitivity [rad/s], both ends of the band included."""
+    return 2 * np.pi * np.geomspace(*_BAND, points)
 
 
 def tracking(h: Any, ze: Any, scale: float) -> FloatArray:
@@ -88,7 +96,7 @@ def tracking(h: Any, ze: Any, scale: float) -> FloatArray:
     return out
 
 
-def summarise(loop: SampledLoop, period: float) -> DesignSummary:
+def summarise(loop: SampledLoop, period: float, weight: float = 0.0) -> DesignSummary:
     """Figures of merit of one axis.
 
     Parameters
@@ -97,6 +105,8 @@ def summarise(loop: SampledLoop, period: float) -> DesignSummary:
         The axis.
     period : float
         Of the loop [s].
+    weight : float
+        Of the sensitivity, see `weighted`.
     """
     d, ze = loop.design, next((z for z in loop.environments if z != FREE), hybrid.GEL)
     w, slow = band(), 2 * np.pi * np.geomspace(0.02, _TRACKING, 40)
@@ -108,7 +118,7 @@ def summarise(loop: SampledLoop, period: float) -> DesignSummary:
         loop.axis,
         d.name,
         tuple(c.text for c in transparency.check(d) if not c.holds),
-        weighted(hybrid.sensitivity(near, ze(hybrid.jw(w))), w),
+        weighted(hybrid.sensitivity(near, ze(hybrid.jw(w))), w, weight),
         float(abs(hybrid.sensitivity(still, ze(np.array([1e-4j])))[0])),
         float(tracking(far, 0.0, d.motion_scale).max()),
         float(gap.max()),
@@ -230,7 +240,7 @@ def impedance_plot(loops: list[SampledLoop]) -> Any:
         h = hybrid.hybrid(loop.design, hybrid.jw(), loop.real)
         for ze, dash, said in (
             (hybrid.FREE, "dot", "free"),
-            (loop.environments[-1], "solid", "gel"),
+            (next(z for z in loop.environments if z != FREE), "solid", "gel"),
             (_LARGEST, "dash", "stiffest"),
         ):
             size = np.abs(hybrid.transmitted(h, ze(hybrid.jw())))

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from hil.bench import fuzz
@@ -124,6 +124,7 @@ def test_any_text_is_refused_in_its_own_words(name, tmp_path):
     check()
 
 
+@example(["\x00"])
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     st.lists(st.text(max_size=12) | st.sampled_from(["run", "info", "--json", "-o"]), max_size=5)

@@ -19,7 +19,15 @@ from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
-from hil.teleop import architecture, law_parameters, lawrence_filters, sampled_loop, transparency
+from hil.runtime.session import plain, to_toml
+from hil.teleop import (
+    architecture,
+    gate,
+    law_parameters,
+    lawrence_filters,
+    sampled_loop,
+    transparency,
+)
 from hil.teleop.architecture import Design, MotionTerm, RobotImpedance
 from hil.toml import parse
 
@@ -205,6 +213,40 @@ def test_a_bad_design_is_refused_before_anything_moves(changes, says):
         Lawrence(config(**changes), ARMS, T)
 
 
+WRONG = [
+    ({"cable": (0.0, 0.0, 0.0)}, "cable = .* must be positive"),
+    ({"seed": -1}, "seed = -1; a number from 0 on"),
+    ({"pose": (0.0, 0.4, 0.4 + np.pi / 2)}, "rad is singular"),
+    ({"follower_model": (0.0,) * 8}, "no positive inertia"),
+    ({"motion_scale": 0.0}, "motion_scale must be positive"),
+    ({"velocity_hz": -1.0}, "velocity_hz must not be negative"),
+]
+
+
+@pytest.mark.parametrize(("changes", "says"), WRONG)
+def test_numbers_that_no_arm_has_are_refused_by_name(changes, says, tmp_path, capsys):
+    with pytest.raises(ConfigError, match=says):
+        Lawrence(config(**changes), ARMS, T)
+    rig = tmp_path / "rig.toml"
+    given = load_rig(RIGS / "lawrence.toml")
+    law = {k: list(v) if isinstance(v, tuple) else v for k, v in changes.items()}
+    own = replace(given.controller, parameters={**given.controller.parameters, **law})
+    rig.write_text(to_toml(plain(replace(given, controller=own))))
+    for words in (["design", str(rig)], ["run", str(rig), "-o", str(tmp_path / "s.mcap")]):
+        assert main(words) == 2
+        assert re.search(says, capsys.readouterr().err)
+
+
+def test_an_infinite_wish_is_named(capsys):
+    with pytest.raises(ConfigError, match="environment has a number that is not finite"):
+        Lawrence(config(environment=(0.0, float("inf"), 1.0)), ARMS, T)
+    rig = str(RIGS / "lawrence.toml")
+    assert main(["design", rig, "--design", "position-error", "--set", "stiffness=inf"]) == 2
+    assert "stiffness = inf must be a finite number" in capsys.readouterr().err
+    assert main(["design", rig, "--design", "optimised", "--set", "max_stiffness=inf"]) == 2
+    assert "stiffness = inf" in capsys.readouterr().err
+
+
 def test_the_command_prints_and_writes_what_run_takes(tmp_path, capsys):
     rig, own = str(RIGS / "lawrence.toml"), str(tmp_path / "own.toml")
     words = [
@@ -343,7 +385,7 @@ def test_the_rig_does_what_the_check_with_the_cable_says(
     if grows:
         with pytest.raises(ConfigError, match="not when sampled"):
             Lawrence(built, ARMS, T)
-        sampled_loop.refuse(law_parameters.loops_of(replace(built, cable=())), T)  # rigid: accepted
+        gate.refuse(law_parameters.loops_of(replace(built, cable=())), T)  # rigid: accepted
         monkeypatch.setattr(lawrence, "refuse", lambda *_: None)
     try:
         leader, _ = session(tmp_path, over, 1.5)

@@ -16,9 +16,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import plants
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+import plants
 from mcap.reader import make_reader
 
 import hil

@@ -1,5 +1,6 @@
 """Rig files: mistakes are one sentence that names the nearest right thing."""
 
+import datetime
 import re
 import tomllib
 from pathlib import Path
@@ -8,13 +9,15 @@ import pytest
 
 from hil.cli import main
 from hil.controllers.joint_tracking import JointTrackingConfig
-from hil.errors import ConfigError
+from hil.errors import ConfigError, DataError
 from hil.rig.config import BACKENDS, load_rig
 from hil.rig.open import build_controller
-from hil.runtime.session import rig_text, to_toml
+from hil.runtime.runner import run
+from hil.runtime.session import Operator, rig_text, to_toml
 from hil.toml import merge
 
 RIGS = Path(__file__).parents[2] / "rigs"
+PAUSING = Operator(schedule=[(0.05, "pause")])
 
 
 @pytest.mark.parametrize(
@@ -87,6 +90,41 @@ def test_a_rig_file_names_the_back_ends_beside_its_own(path):
     line = next(x for x in path.read_text().splitlines() if x.startswith("backend ="))
     named = re.findall(r'"([a-z-]+)"', line)
     assert {"sim", "sim-wire", "hardware"} == set(named) <= set(BACKENDS)
+
+
+RARE = {
+    "hidden": [{"effect": "stribeck", "joint": "joint2", "size": [1.0, 2.0]}, {}],
+    "a b": {"c.d": 'ü \x7f \t " \U0001f600', "e": float("inf"), "f": [-float("inf")]},
+    "empty": {},
+    "nested": {"x": {"y": {}}, "z": [[1, 2], [3]], "day": datetime.date(2026, 1, 2)},
+}
+
+
+def test_what_is_written_is_what_is_read():
+    assert tomllib.loads(to_toml(RARE)) == RARE
+
+
+@pytest.mark.parametrize("name", ["lawrence", "teleop"])
+def test_a_rig_with_hidden_effects_survives_hil_design(name, tmp_path, capsys):
+    over = "\n[[simulation.hidden]]\neffect = 'stribeck'\njoint = 'joint2'\narm = 'follower'\n"
+    rig, own = tmp_path / "rig.toml", tmp_path / "own.toml"
+    rig.write_text((RIGS / f"{name}.toml").read_text() + over)
+    words = ["--design", "position-error", "--set", "stiffness=150", "--set", "damping=1.2"]
+    words += ["--set", "master_stiffness=150", "--set", "master_damping=1.2"]
+    assert main(["design", str(rig), *words, "-o", str(own)]) == 0
+    capsys.readouterr()
+    assert load_rig(own).simulation == load_rig(rig).simulation
+    assert main(["run", str(own), "-o", str(tmp_path / "s.mcap"), "--seconds", "0.05"]) == 0
+
+
+def test_a_session_that_ends_paused_says_so_by_its_exit_code(tmp_path, capsys):
+    words = ["run", "lawrence", "-o", str(tmp_path / "s.mcap"), "--seconds", "0.1"]
+    assert main([*words, "--at", "0.05 pause"]) == 4
+    assert "PAUSED" in capsys.readouterr().out
+    assert main([*words, "--at", "0.05 pause", "--at", "0.07 resume"]) == 0
+    done = run(load_rig("lawrence"), 0.1, 1, "lockstep", tmp_path / "p.mcap", operator=PAUSING)
+    with pytest.raises(DataError, match=r"p\.mcap: the session ended PAUSED.*no number"):
+        done.enabled()
 
 
 @pytest.mark.parametrize(

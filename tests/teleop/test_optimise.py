@@ -10,7 +10,7 @@ from hil.teleop import force_sensor_free, hybrid, optimise, passivity
 from hil.teleop.architecture import Realisation
 from hil.teleop.hybrid import Impedance
 from hil.teleop.optimise import ORDER, DesignProblem, DesignSearch
-from hil.teleop.summary import tracking
+from hil.teleop.summary import tracking, weighted
 
 REAL = Realisation(velocity_hz=32, acceleration_hz=30, force_hz=32)
 PROBLEM = DesignProblem(real=REAL)
@@ -97,3 +97,23 @@ def test_what_cannot_be_met_is_said():
         optimise.optimise(replace(PROBLEM, contact=0.02, stiffness=60.0), starts=2)
     with pytest.raises(ConfigError, match="kappa"):
         DesignProblem(kappa=1.0)
+
+
+def test_the_sensitivity_is_that_of_the_whole_band(found):
+    """What the search reports is what a dense grid over 0.2 to 5 Hz gives, for any weight."""
+    w = 2 * np.pi * np.linspace(0.2, 5.0, 4000)
+    search, x = DesignSearch(PROBLEM), np.array(found.theta) / PROBLEM.bounds()
+    size = hybrid.sensitivity(
+        hybrid.hybrid(found.design, hybrid.jw(w), REAL), PROBLEM.environment(hybrid.jw(w))
+    )
+    assert search.w[[0, -1]] == pytest.approx(2 * np.pi * np.array([0.2, 5.0]))
+    for weight in (0.0, -1.0, 1.0):
+        there = np.sqrt((np.abs(size) ** 2 * w**weight).sum() / (w**weight).sum())
+        got = DesignSearch(replace(PROBLEM, weight=weight)).sensitivity(x)
+        assert got == pytest.approx(there, rel=0.02)
+        assert weighted(size, w, weight) == pytest.approx(there, rel=1e-3)
+
+
+def test_a_weight_that_is_no_number_is_refused():
+    with pytest.raises(ConfigError, match="weight = nan"):
+        replace(PROBLEM, weight=float("nan"))

@@ -1,0 +1,351 @@
+"""What must not run: one axis judged over a set of operators, environments, poses and delays.
+
+Master with operator and slave with environment meet in two scalars, the forces that each commands
+of the other.  With the transfer functions G_m, G_s between them, in sampled time,
+
+    1 - G_m(z) G_s(z) z^-d = 0
+
+for d ticks of delay to and fro together.  Without delay the eigenvalues of both decide exactly.
+A longer delay makes a loop unstable where a root reaches the unit circle: |G_m G_s| = 1 there, at
+d = arg(G_m G_s) / angle(z).  The smallest such d over the set is the delay margin, so that every
+delay up to the longest is covered; stability is not monotonic in the delay, because of the cable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from hil.errors import ConfigError
+from hil.teleop import hybrid
+from hil.teleop.architecture import MOTION
+from hil.teleop.hybrid import ComplexArray, FloatArray, Impedance
+from hil.teleop.sampled_loop import Axis, SampledLoop, dominant_mode
+
+#: Beyond this per period a mode grows; a free position is a mode of exactly 1.
+_GROWTH = 1e-7
+#: From here on a growing mode is put down to the cable [Hz].
+_CABLE_HZ = 80.0
+#: Angles of the unit circle at which the loop is evaluated [rad a period].
+_ANGLES: FloatArray = np.geomspace(1e-4, np.pi, 1600)
+#: Delays above are not looked for [s].
+_LONGEST = 4.0
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of one axis over its set of operators, environments and poses.
+
+    Parameters
+    ----------
+    axis : str
+        Which.
+    pole : float
+        Largest real part of the continuous closed-loop poles without delay and cable [rad/s].
+    radius : float
+        Largest magnitude of the sampled closed-loop eigenvalues without delay.
+    delay_s : float
+        Round-trip delay up to which all of the set is stable [s]; infinite where none matters,
+        0 where it is unstable without delay already.
+    pair : str
+        The member of the set that bears the least.
+    """
+
+    axis: str
+    pole: float
+    radius: float
+    delay_s: float
+    pair: str
+
+
+@dataclass(frozen=True)
+class _Member:
+    """One operator, environment and pose: eigenvalue without delay, and the delay it bears."""
+
+    zh: Impedance
+    ze: Impedance
+    tip: tuple[float, float]
+    radius: float
+    delay_s: float
+
+    @property
+    def unstable(self) -> bool:
+        return self.radius > 1.0 + _GROWTH
+
+    @property
+    def text(self) -> str:
+        return f"{_pair_text(self.zh, self.ze)}, tips of {self.tip[0]:.3g} and {self.tip[1]:.3g} kg"
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One arm with what it touches, from the force it hears of to the force it asks for.
+
+    Parameters
+    ----------
+    a, b, c : ndarray (n, n), (n,), (n,)
+        State z' = a z + b heard, asked = c z.
+    """
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+
+    def response(self, z: ComplexArray) -> ComplexArray:
+        """Transfer function at z: det(z - a + b c) / det(z - a) - 1, with the sign of b c."""
+        ahead = np.linalg.eigvals(self.a - np.outer(self.b, self.c))
+        own = np.linalg.eigvals(self.a)
+        ratio = np.ones_like(z)
+        for p, q in zip(ahead, own, strict=True):
+            ratio *= (z - p) / (z - q)
+        out: ComplexArray = ratio - 1.0
+        return out
+
+
+def _sides(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> tuple[_Side, _Side]:
+    """Both arms of an axis apart, from the kernels of the law."""
+    real = replace(loop.real, forward_s=0.0, backward_s=0.0)
+    axis = Axis(replace(loop, real=real), zh, ze, period)
+    found = axis.apart()
+    return _Side(*found[0]), _Side(*found[1])
+
+
+def _members(loop: SampledLoop, period: float) -> list[_Member]:
+    """The whole set, judged: slow modes with the arms' friction, fast ones with little of it.
+
+    While an arm slides, Coulomb friction damps no small oscillation about the sliding.
+    """
+    if max(*loop.friction, *loop.compensated) == 0.0:
+        return _judged(loop, period, 0.0)
+    sliding = replace(
+        loop,
+        friction=(_SLIDING * loop.friction[0], _SLIDING * loop.friction[1]),
+        compensated=(_SLIDING * loop.compensated[0], _SLIDING * loop.compensated[1]),
+    )
+    fast = _judged(sliding, period, 2 * np.pi * _FAST_HZ * period)
+    return [
+        a if (a.delay_s, -a.radius) <= (b.delay_s, -b.radius) else b
+        for a, b in zip(_judged(loop, period, 0.0), fast, strict=True)
+    ]
+
+
+#: Part of the friction that damps while the arm slides, and from where modes count as fast [Hz].
+_SLIDING, _FAST_HZ = 0.2, 50.0
+
+
+def _judged(loop: SampledLoop, period: float, slowest: float) -> list[_Member]:
+    """The whole set, modes slower than `slowest` [rad a period] left out."""
+    out = []
+    z = np.exp(1j * _ANGLES)
+    for tip in loop.tips or (loop.masses(),):
+        masters, slaves = _each(replace(loop, tip=tip), period)
+        ahead = np.stack([m.response(z) for m in masters])
+        behind = np.stack([s.response(z) for s in slaves])
+        for i, zh in enumerate(loop.operators):
+            for k, ze in enumerate(loop.environments):
+                radius = _radius(masters[i], slaves[k], slowest)
+                bears = _first_crossing(ahead[i] * behind[k], slowest) * period
+                stable = radius <= 1.0 + _GROWTH
+                out.append(_Member(zh, ze, tip, radius, bears if stable else 0.0))
+    return out
+
+
+def _each(loop: SampledLoop, period: float) -> tuple[list[_Side], list[_Side]]:
+    """Master with every operator, slave with every environment."""
+    n, m = len(loop.operators), len(loop.environments)
+    both = [
+        _sides(loop, loop.operators[min(k, n - 1)], loop.environments[min(k, m - 1)], period)
+        for k in range(max(n, m))
+    ]
+    return [x[0] for x in both[:n]], [x[1] for x in both[:m]]
+
+
+def _radius(master: _Side, slave: _Side, slowest: float) -> float:
+    """Largest eigenvalue of both arms together without delay, of modes from `slowest` on."""
+    there, back = np.outer(slave.b, master.c), np.outer(master.b, slave.c)
+    whole = np.block([[master.a, back], [there, slave.a]])
+    values = np.linalg.eigvals(whole)
+    return float(np.abs(values[np.abs(np.angle(values)) >= slowest]).max(initial=0.0))
+
+
+def _first_crossing(around: ComplexArray, slowest: float) -> float:
+    """Delay [periods] at which the first root of 1 = L z^-d reaches the unit circle."""
+    size = np.log(np.maximum(np.abs(around), 1e-300))
+    at = np.flatnonzero((size[:-1] * size[1:] < 0.0) & (_ANGLES[:-1] >= slowest))
+    if not at.size:
+        return float("inf")
+    share = size[at] / (size[at] - size[at + 1])
+    turn = np.angle(around[at + 1] / around[at])
+    angle = _ANGLES[at] * (_ANGLES[at + 1] / _ANGLES[at]) ** share
+    phase = np.angle(around[at]) + share * turn
+    return float(np.min(np.mod(phase, 2 * np.pi) / angle))
+
+
+@lru_cache(maxsize=64)
+def margins(loop: SampledLoop, period: float) -> Margins:
+    """Margins of one axis.
+
+    Parameters
+    ----------
+    loop : SampledLoop
+        The axis with its set.
+    period : float
+        Of the loop [s].
+    """
+    found = _members(loop, period)
+    least = min(found, key=lambda m: (m.delay_s, -m.radius))
+    now = replace(loop.real, forward_s=0.0, backward_s=0.0)
+    pole = max(
+        float(hybrid.poles(loop.design, zh, ze, now).real.max(initial=-np.inf))
+        for zh in loop.operators
+        for ze in loop.environments
+    )
+    radius = max(m.radius for m in found)
+    return Margins(loop.axis, pole, radius, least.delay_s, least.text)
+
+
+def refuse(loops: Iterable[SampledLoop], period: float) -> None:
+    """Refuse a controller that must not run.
+
+    Parameters
+    ----------
+    loops : iterable of SampledLoop
+        Its axes; axes that are equal but for their name are checked once.
+    period : float
+        Of the loop [s].
+
+    Raises
+    ------
+    ConfigError
+        Naming axis, condition and margin.
+    """
+    seen = set()
+    for loop in loops:
+        same = replace(loop, axis="")
+        if same not in seen:
+            seen.add(same)
+            _proper(loop)
+            said = _refusal(same, period)
+            if said:
+                raise ConfigError(f"axis {loop.axis or '-'}, {said}")
+
+
+def passes(loop: SampledLoop, period: float) -> bool:
+    """Whether one axis may run."""
+    try:
+        refuse([loop], period)
+    except ConfigError:
+        return False
+    return True
+
+
+@lru_cache(maxsize=64)
+def _refusal(loop: SampledLoop, period: float) -> str:
+    """Why the loop must not run; empty where it may."""
+    found = _members(loop, period)
+    for member in found:
+        if member.unstable:
+            return f"{member.text}: {_why(loop, member, period)}"
+    total = loop.real.forward_s + loop.real.backward_s
+    least = min(found, key=lambda m: m.delay_s)
+    if total <= min(least.delay_s, _LONGEST):
+        return ""
+    return (
+        f"{least.text}: the round-trip delay of {1e3 * total:.3g} ms is beyond the margin of "
+        f"{1e3 * least.delay_s:.3g} ms; shorten the delay, or lower c2, c4 and the stiffness"
+    )
+
+
+def _why(loop: SampledLoop, member: _Member, period: float) -> str:
+    now = replace(loop.real, forward_s=0.0, backward_s=0.0)
+    pole = hybrid.poles(loop.design, member.zh, member.ze, now).real.max(initial=-np.inf)
+    if pole > 1e-6:
+        return (
+            f"the loop is unstable, a pole at +{pole:.3g} rad/s (it must be negative); "
+            "run 'hil design RIG.toml' for the margins"
+        )
+    here = replace(loop, real=now, tip=member.tip)
+    size, hz = dominant_mode(here, member.zh, member.ze, period)
+    return (
+        f"this pair is stable on paper, with its rightmost pole at {pole:.3g} rad/s, "
+        f"but not when sampled every {1e3 * period:.3g} ms with these "
+        f"filters: a mode of {hz:.3g} Hz grows by {np.log(size) / period:.3g} /s (eigenvalue "
+        f"{size:.5f}, at most 1); {_advice(loop, hz)}"
+    )
+
+
+def _advice(loop: SampledLoop, hz: float) -> str:
+    if any(getattr(loop.design, c).a for c in MOTION):
+        return (
+            "lower acceleration_hz, or go further from the estimation singularity (smaller c2 c3)"
+        )
+    if loop.cable and hz > _CABLE_HZ:
+        return "it is the cable between motor and tip: lower the damping of c7 and c8"
+    if max(loop.compensated) > 0.0:
+        return "lower friction_share, the gains, or raise velocity_hz and force_hz"
+    return "lower the gains, or raise velocity_hz and force_hz"
+
+
+def _proper(loop: SampledLoop) -> None:
+    """Refuse gains that cannot be realised or cannot hold a slave.
+
+    Raises
+    ------
+    ConfigError
+        Naming the gain.
+    """
+    d, where = loop.design, f"axis {loop.axis or '-'}"
+    for name in MOTION:
+        term = getattr(d, name)
+        if not np.isfinite([term.k, term.b, term.a]).all():
+            raise ConfigError(f"{where}: {name} has a gain that is not a finite number")
+        if term.a and loop.real.acceleration_hz == 0.0:
+            raise ConfigError(
+                f"{where}: {name} has an acceleration term ({term.a:.3g} kg) without a filter, an "
+                "improper gain; set acceleration_hz (30, say)"
+            )
+    for name in ("c2", "c3", "c5", "c6"):
+        value = getattr(d, name)
+        if not np.isfinite(value) or (name in ("c5", "c6") and value < -1.0):
+            raise ConfigError(f"{where}: {name} = {value:.4g} is improper; c5, c6 >= -1 is needed")
+    if d.c7.k < 0.0 or d.c7.b < 0.0:
+        raise ConfigError(
+            f"{where}: c7 = ({d.c7.k:.4g}, {d.c7.b:.4g}) pushes the slave away from its place; "
+            "its stiffness and damping must not be negative"
+        )
+
+
+def bounded(operator: Impedance, free: Impedance) -> Iterator[Impedance]:
+    """Operators up to a firm one: as declared, held loosely, and what lies between and beyond."""
+    yield operator
+    yield free
+    for mass, firm in product((0.0, operator.m), _FIRMNESS):
+        if mass == 0.0 or firm != 1.0:
+            yield Impedance(mass, max(operator.b * firm, free.b), operator.k * firm)
+
+
+#: Operators relative to the declared one: a light grip, a machine, a firm grip.
+_FIRMNESS = (0.3, 1.0, 2.7)
+
+
+def surroundings(environment: Impedance) -> Iterator[Impedance]:
+    """Environments up to the declared one: free, as declared, softer, and a fifth less damped."""
+    yield hybrid.FREE
+    yield environment
+    for share in _SOFTNESS:
+        yield Impedance(share * environment.m, 0.8 * share * environment.b, share * environment.k)
+
+
+#: Environments relative to the declared one.
+_SOFTNESS = (0.25, 0.6, 1.0)
+
+
+def _pair_text(zh: Impedance, ze: Impedance) -> str:
+    def one(z: Impedance) -> str:
+        return f"{z.m:g} kg, {z.b:g} N s/m, {z.k:g} N/m"
+
+    return f"operator ({one(zh)}), environment ({one(ze)})"

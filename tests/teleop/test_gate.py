@@ -1,0 +1,211 @@
+"""The gate: exact where the kernels are, over its whole set, and what the simulated rig does."""
+
+import dataclasses
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.cli import main
+from hil.controllers import lawrence
+from hil.controllers.lawrence_config import LawrenceConfig
+from hil.errors import ConfigError, DeviceError
+from hil.models.phantom import Premium
+from hil.rig.config import load_rig
+from hil.runtime import runner
+from hil.runtime.session import plain, to_toml
+from hil.teleop import (
+    force_sensor_free,
+    gate,
+    law_parameters,
+    rig_designs,
+    sampled_loop,
+    transparent_search,
+)
+from hil.teleop.architecture import FORCE, RobotImpedance
+from hil.toml import parse
+
+T = 1e-3
+RIG = load_rig("lawrence")
+
+
+def law_of(name, wish, **changes):
+    """Parameters of a named design for the rig's arms."""
+    given = dict(RIG.controller.parameters) | changes
+    base = parse(LawrenceConfig, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "test")
+    arms = rig_designs.ArmImpedances.of(base)
+    return given | law_parameters.table(rig_designs.designs(name, wish, arms))
+
+
+def loops_of(law):
+    return law_parameters.loops_of(parse(LawrenceConfig, law, "test"))
+
+
+def pull(stiffness, damping, **more):
+    both = {"master_stiffness": stiffness, "master_damping": damping}
+    return {"stiffness": stiffness, "damping": damping} | both | more
+
+
+@pytest.mark.parametrize(
+    ("name", "wish"),
+    [
+        ("position-error", pull(150.0, 0.6)),
+        ("position-force", pull(250.0, 1.0, share=0.8)),
+        ("four-channel", pull(250.0, 1.0, share=0.5)),
+    ],
+)
+def test_margins_are_those_of_the_kernels_eigenvalues(name, wish):
+    """A delay line a tick below the margin is stable for the whole map, one above it is not."""
+    law = law_of(name, wish, friction_damping=[0.0, 0.0], acceleration_hz=0.01)
+    loop = replace(loops_of(law)[2], tips=())
+    for zh in loop.operators[:3]:
+        for ze in loop.environments[:2]:
+            one = replace(loop, operators=(zh,), environments=(ze,))
+            m = gate.margins(one, T)
+            whole = sampled_loop.dominant_mode(one, zh, ze, T)[0]
+            assert m.radius == pytest.approx(whole, abs=1e-8)
+            if not 0.0 < m.delay_s < 0.04:
+                continue
+            last = int(m.delay_s / T)
+            sizes = []
+            for d in (last, last + 1):
+                late = replace(loop.real, forward_s=d * T)
+                sizes.append(sampled_loop.dominant_mode(replace(one, real=late), zh, ze, T)[0])
+            assert sizes[0] <= 1 + 1e-6 < sizes[1] + 1e-6
+            assert sizes[1] > 1 + 1e-9
+
+
+def test_a_delay_is_refused_for_the_shorter_ones_that_do_not_hold():
+    """With the cable a longer delay can be stable where a shorter one is not."""
+    loop = replace(loops_of(law_of("position-error", pull(250.0, 1.4), friction_damping=[0, 0]))[2])
+    zh, ze = loop.operators[1], loop.environments[0]
+    one = replace(loop, tips=(), operators=(zh,), environments=(ze,))
+    sizes = [
+        sampled_loop.dominant_mode(
+            replace(one, real=replace(loop.real, forward_s=d * T)), zh, ze, T
+        )[0]
+        for d in range(12)
+    ]
+    stable = np.array(sizes) <= 1 + 1e-7
+    again = np.flatnonzero(stable[1:] & ~stable[:-1])
+    assert stable[0] and again.size  # not monotonic
+    assert gate.margins(one, T).delay_s < np.argmin(stable) * T
+    late = replace(one, real=replace(loop.real, forward_s=(again[0] + 1) * T))
+    with pytest.raises(ConfigError, match="beyond the margin"):
+        gate.refuse([late], T)
+
+
+def test_the_set_is_what_the_declared_pair_and_pose_do_not_show():
+    """A pair at the pose may hold where a firmer operator or another pose does not."""
+    real = {"acceleration_hz": 1.0, "force_hz": 30.0, "friction_damping": [0.5, 0.5]}
+    found = 0
+    for damping in (0.3, 0.6):
+        loop = loops_of(law_of("four-channel", pull(250.0, damping), **real))[0]
+        few = replace(
+            loop, tips=(), operators=loop.operators[:2], environments=loop.environments[:2]
+        )
+        found += gate.passes(few, T) and not gate.passes(loop, T)
+    assert found
+
+
+def test_poses_are_the_corners_of_the_workspace():
+    pose, extent = (0.0, 0.4, 0.3), (0.05, 0.06, 0.05)
+    tips = Premium(()).tip(np.array(law_parameters.poses(pose, extent)))
+    centre = Premium(()).tip(np.array([pose]))[0]
+    np.testing.assert_allclose(np.abs(tips - centre), np.tile(extent, (8, 1)), atol=1e-12)
+    with pytest.raises(ConfigError, match=r"workspace: its corner .* is out of the arms' reach"):
+        law_parameters.poses(pose, (0.3, 0.3, 0.3))
+
+
+def test_friction_counts_and_its_compensation_takes_it_away():
+    """What the arms' friction allows, a compensation of more than is certain forbids."""
+    fitted = {f"j{j}.coulomb.{n}": v for j in (1, 2, 3) for n, v in (("fc", 0.02), ("v0", 0.01))}
+    effects = {"leader_effects": fitted, "follower_effects": fitted}
+    wish, none = pull(150.0, 0.3, share=0.8), {"friction_damping": [0.0, 0.0]}
+    bare = gate.margins(loops_of(law_of("position-force", wish, **none))[0], T)
+    found = []
+    for share in (0.0, 0.5, 1.0):
+        law = law_of("position-force", wish, **none, **effects, friction_share=share)
+        loop = loops_of(law)[0]
+        assert loop.friction[0] > 0.0
+        assert loop.compensated[0] == pytest.approx(share / 0.9 * loop.friction[0])
+        found.append(gate.margins(loop, T))
+    assert found[0].delay_s > found[1].delay_s > bare.delay_s >= found[2].delay_s
+    assert found[2].radius > 1.0 + 1e-6 >= found[0].radius
+
+
+RUNS = [
+    ("position-error", pull(250.0, 0.6), {}, True),
+    ("position-force", pull(150.0, 0.3, share=0.3), {"forward": {"delay": 0.02}}, True),
+    ("four-channel", pull(100.0, 1.0, share=0.3), {"acceleration_hz": 0.01}, True),
+    ("position-error", pull(100.0, 1.8), {"forward": {"delay": 0.002}}, False),
+    ("four-channel", pull(50.0, 2.2), {"acceleration_hz": 5.0}, False),
+    ("four-channel", pull(400.0, 1.4, share=0.8), {"forward": {"delay": 0.01}}, False),
+]
+
+
+@pytest.mark.parametrize(("name", "wish", "changes", "calm"), RUNS)
+def test_what_passes_stays_calm_on_the_rig_and_what_diverges_is_refused(
+    name, wish, changes, calm, tmp_path, monkeypatch
+):
+    """A machine moves the leader while the follower presses into a gel."""
+    law = law_of(name, wish, **{"acceleration_hz": 0.01, **changes})
+    assert all(gate.passes(x, T) for x in loops_of(law)) == calm
+    monkeypatch.setattr(lawrence, "refuse", lambda *_: None)
+    machine = {"kind": "mechanical", "frequency": 1.0, "size": [0.01, 0.01, 0.02]}
+    simulation = {"operator": machine, "gel": {"below_home": -0.01, "stiffness": 500.0}}
+    config = load_rig("lawrence", {"simulation": simulation})
+    controller = dataclasses.replace(config.controller, parameters=law)
+    try:
+        done = runner.run(
+            dataclasses.replace(config, controller=controller), 2.0, 1, output=tmp_path / "s.mcap"
+        )
+        state = done.state
+    except DeviceError:
+        state = "FAULT"
+    assert (state == "ENABLED") == calm
+
+
+def test_the_proposed_design_works(tmp_path, capsys):
+    """The numbers that a refusal of --fsf names run when they are written into the rig file."""
+    gains = {"c1": [60.0, 0.4, 0.0], "c4": [-60.0, -0.4, 0.0], "c7": [60.0, 0.4, 0.0]}
+    gains |= {"c8": [60.0, 0.4, 0.0], "c2": [1.2], "c3": [0.95], "c5": [0.1], "c6": [0.1]}
+    path = tmp_path / "rig.toml"
+
+    def written(more):
+        law = dict(RIG.controller.parameters) | gains | {"acceleration_hz": 5.0} | more
+        own = dataclasses.replace(RIG.controller, parameters=law)
+        path.write_text(to_toml(plain(dataclasses.replace(RIG, controller=own))))
+        return main(["design", str(path), "--fsf"])
+
+    assert written({}) == 2
+    said = capsys.readouterr().err
+    found = {c: [float(re.search(rf"\b{c} = (-?[\d.e-]+)", said[said.index("nearest") :])[1])]
+             for c in FORCE}  # fmt: skip
+    assert written(found) == 0
+    assert "may run" in capsys.readouterr().out
+
+
+def test_where_no_force_gains_help_it_says_so():
+    d = replace(loops_of(law_of("four-channel", pull(100.0, 1.0)))[0].design, name="x")
+    with pytest.raises(ConfigError, match=r"no other c2, c3, c5, c6 near these work"):
+        force_sensor_free.transform(d, runs=lambda _: False)
+
+
+@pytest.mark.parametrize("accelerations", [False, True])
+def test_a_transparent_design_is_found_that_runs(accelerations, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(transparent_search, "_STIFFNESS", (250.0,))
+    monkeypatch.setattr(transparent_search, "_DAMPING", (0.6,))
+    monkeypatch.setattr(transparent_search, "_LOCAL_FORCES", (0.0, -0.3))
+    own = tmp_path / "own.toml"
+    words = ["--design", "transparent", "--set", f"accelerations={int(accelerations)}"]
+    assert main(["design", "lawrence", *words, "-o", str(own)]) == 0
+    assert "from the transparent hybrid matrix" in capsys.readouterr().out
+    law = parse(LawrenceConfig, load_rig(own).controller.parameters, "test")
+    for d, m in zip(law_parameters.designs_of(law), law.masses().T, strict=True):
+        assert d.c2 == pytest.approx(1 + d.c6) and d.c3 == pytest.approx(1 + d.c5)
+        assert (d.c1.a != 0.0) == accelerations
+        if accelerations:
+            assert d.c1.a == pytest.approx(RobotImpedance(m[1]).m + d.c7.a)
+    assert main(["run", str(own), "-o", str(tmp_path / "s.mcap"), "--seconds", "1.5"]) == 0
