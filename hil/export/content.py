@@ -46,12 +46,12 @@ class Vocabulary:
         """Why an effect cannot be said; empty if it can."""
         if Trait.BODY in effect.traits:
             return "" if self.bodies else "the target has no bodies"
-        if not effect.formulas:
+        if not effect.doc.formulas:
             return "it depends on more than the joint's present state"
         if self.columns is None:
             return ""
         words = {_same(text) for text in self.columns}
-        known = all(_same(text) in words for text in effect.formulas)
+        known = all(_same(text) in words for text in effect.doc.formulas)
         return "" if known else f"the target has no term for  {effect.doc.equation}"
 
 
@@ -287,7 +287,7 @@ class _Translation:
     def _gap(self, use: Use, effect: Effect, j: int) -> str:
         """What number is missing on one joint; empty where none is, or the effect does not act."""
         known = self._known(use, effect, j)
-        for text in effect.formulas if self._values(use, effect, j) else ():
+        for text in effect.doc.formulas if self._values(use, effect, j) else ():
             lacking = formula.names(text) - set(known) - set(formula.STATE)
             if lacking & {"low", "high"}:
                 return "its law is about the recorded span; give the recording with --data"
@@ -313,7 +313,7 @@ class _Translation:
     def _columns(self, use: Use, effect: Effect, j: int) -> Iterator[Column]:
         known = self._known(use, effect, j)
         other = int(known.get(JOINT, 0)) - 1
-        for text, value in zip(effect.formulas, self._values(use, effect, j), strict=False):
+        for text, value in zip(effect.doc.formulas, self._values(use, effect, j), strict=False):
             if value:
                 needed = {k: known[k] for k in sorted(formula.names(text) & set(known))}
                 yield Column(use.type, j, text, value, needed, other)

@@ -62,7 +62,7 @@ class Made:
     notes: tuple[str, ...] = ()
 
 
-class Target(Protocol):
+class Exporter(Protocol):
     """A program, or a reader, that takes models."""
 
     #: What it is, for help, and the ending of its file, e.g. ``".urdf"``.
@@ -80,7 +80,7 @@ class Program:
     Parameters
     ----------
     what, ending : str
-        As of `Target`.
+        As of `Exporter`.
     words : Vocabulary
         What it can express.
     write : callable (Content, name, head) -> dict of str to str
@@ -122,7 +122,7 @@ def names() -> list[str]:
     return sorted(registry.names("hil.exports"))
 
 
-def get(name: str) -> Target:
+def get(name: str) -> Exporter:
     """Target by name.
 
     Raises
@@ -130,5 +130,5 @@ def get(name: str) -> Target:
     ConfigError
         If there is none.
     """
-    found: Target = registry.load("hil.exports", name)
+    found: Exporter = registry.load("hil.exports", name)
     return found

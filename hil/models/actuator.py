@@ -43,13 +43,13 @@ class TorqueOffset(Effect):
         confused_with=("asymmetric-coulomb", "rigid-body"),
         shown_by="rests in several postures",
         source="Janot, Gautier, Brunot, 2019 (offset of the EMPS)",
+        formulas=("1",),
     )
     params = (Param("t0", "{F}", "offset"),)
     scope = Scope(explains=("motor", "external"))
     variation = PER_RUN
     relations = Relations(causes=("constant",))
     traits = Trait.MOTION
-    formulas = ("1",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """1."""
@@ -113,11 +113,11 @@ class Cogging(Effect):
         source="Holtz, Springob, IEEE Trans. Industrial Electronics 43(6), 1996",
         shown=Sight.RANGE,
         over=Over.POSITION,
+        formulas=HARMONICS,
     )
     params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
     shape = (Param("p", "1/{x}", "periods per unit of position", 0.0, size=True),)
     search = Waves(_cogging_grid, carrier=_cogging_carrier)
-    formulas = HARMONICS
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Two harmonics over position."""

@@ -117,9 +117,6 @@ class Effect(ABC):
         What values that fit must meet to be physics.
     traits : Trait
         What shared code has to know of it, whatever its name.
-    formulas : tuple of str
-        Its columns as text (`hil.models.formula`), so that other programs can take them over;
-        empty where a joint's state does not say them.
     """
 
     name: ClassVar[str]
@@ -133,7 +130,6 @@ class Effect(ABC):
     search: ClassVar[ShapeSearch] = FIXED
     limits: ClassVar[tuple[Limit, ...]] = (BOUNDS,)
     traits: ClassVar[Trait] = Trait.NONE
-    formulas: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

@@ -65,12 +65,12 @@ class Coulomb(Effect):
         shown_by="slow motion in both directions",
         source=_OLSSON,
         over=Over.SPEED,
+        formulas=("sign",),
     )
     params = (Param("fc", "{F}", "Coulomb friction", 0.0),)
     shape = (Param("v0", "{x}/s", "speed over which the sign is resolved", 0.0),)
     search = Grid(_coulomb_grid, sharpest=True, at_resolution=True)
     traits = Trait.GIVEN | Trait.DRY
-    formulas = ("sign",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """tanh(v / v0)."""
@@ -88,10 +88,10 @@ class Viscous(Effect):
         shown_by="the same path at several speeds",
         source=_OLSSON,
         over=Over.SPEED,
+        formulas=("v",),
     )
     params = (Param("fv", "{F} s/{x}", "viscous friction", 0.0),)
     traits = Trait.GIVEN | Trait.MOTION | Trait.VISCOUS
-    formulas = ("v",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Speed v."""
@@ -117,6 +117,7 @@ class Stribeck(Effect):
         source="Stribeck 1902; " + _OLSSON,
         shown=Sight.SLOW,
         over=Over.SPEED,
+        formulas=("exp(-(abs(v / vs) ** n)) * sign",),
     )
     params = (Param("fs", "{F}", "excess of static over Coulomb friction", 0.0),)
     shape = (
@@ -131,7 +132,6 @@ class Stribeck(Effect):
         ),
     )
     search = Grid(_stribeck_grid)
-    formulas = ("exp(-(abs(v / vs) ** n)) * sign",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """exp(-|v / vs|^n) tanh(v / v0)."""
@@ -149,10 +149,10 @@ class AsymmetricCoulomb(Effect):
         shown_by="motion with rests: an offset stays at rest, this does not",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
         over=Over.SPEED,
+        formulas=("abs(sign)",),
     )
     params = (Param("da", "{F}", "half the difference of the two directions"),)
     relations = Relations(causes=("constant",))
-    formulas = ("abs(sign)",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """|tanh(v / v0)|."""
@@ -170,9 +170,9 @@ class AsymmetricViscous(Effect):
         shown_by="the same path at several speeds, both directions",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
         over=Over.SPEED,
+        formulas=("abs(v)",),
     )
     params = (Param("dv", "{F} s/{x}", "half the difference of the two directions"),)
-    formulas = ("abs(v)",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """|v|."""
@@ -198,9 +198,9 @@ class QuadraticDrag(Effect):
         source="Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5), 2007",
         remark=_quadratic_drag_remark,
         over=Over.SPEED,
+        formulas=("v * abs(v)",),
     )
     params = (Param("fd", "{F} s^2/{x}^2", "quadratic drag"),)
-    formulas = ("v * abs(v)",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Signed square v |v|."""
@@ -247,6 +247,7 @@ class PositionFriction(Effect):
         shown_by="full slow strokes in both directions",
         source="Popovic, Goldenberg, IEEE Trans. Robotics and Automation 14(1), 1998",
         over=Over.POSITION,
+        formulas=tuple(f"sign * {wave}" for wave in HARMONICS),
     )
     params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
     shape = (
@@ -254,7 +255,6 @@ class PositionFriction(Effect):
     )
     relations = Relations(foils=_position_friction_foils)
     search = Waves(_position_friction_grid, carrier=_position_friction_carrier, at_resolution=True)
-    formulas = tuple(f"sign * {wave}" for wave in HARMONICS)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """sgn(v) times two harmonics over position."""
@@ -345,6 +345,7 @@ class CoupledFriction(Effect):
         shown_by="one joint at a time, then pairs with all combinations of signs",
         source="Naerum thesis 3.1.2; Miyasaka, Haghighipanah, Li, Hannaford, ICRA 2016",
         over=Over.OTHER_SPEED,
+        formulas=(f"tanh({_RELATIVE} / max(v0, v0k))", _RELATIVE),
     )
     params = (
         Param("fk", "{F}", "Coulomb part"),
@@ -369,7 +370,6 @@ class CoupledFriction(Effect):
     scope = Scope(lacks=_alone)
     search = Grid(_coupled_friction_grid, refine=False)
     limits = (Limit("drives", _coupled_friction_brakes),)
-    formulas = (f"tanh({_RELATIVE} / max(v0, v0k))", _RELATIVE)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[tanh(w / v0), w]."""

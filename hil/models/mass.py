@@ -71,11 +71,11 @@ class Armature(Effect):
         confused_with=("rigid-body",),
         shown_by="fast motion of the joint in different postures",
         source="Featherstone, Rigid Body Dynamics Algorithms, 2008, 9.6",
+        formulas=("a",),
     )
     params = (Param("ia", "{F} s^2/{x}", "reflected rotor inertia", 0.0),)
     scope = Scope(lacks=_armature_lacks)
     traits = Trait.GIVEN | Trait.MOTION | Trait.ROTOR
-    formulas = ("a",)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """The joint's acceleration qdd."""
@@ -103,13 +103,13 @@ class Spring(Effect):
         shown_by="static poses over a wide range",
         source="Cavusoglu, Feygin, Tendick, Presence 11(6), 2002 (balance of haptic arms)",
         over=Over.POSITION,
+        formulas=(SPRING, "1"),
     )
     params = (
         Param("k", "{F}/{x}", "stiffness"),
         Param("t0", "{F}", "effort at mid-range"),
     )
     limits = (Limit("constant", _spring_varies), BOUNDS)
-    formulas = (SPRING, "1")
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[q - mid-range, 1]."""
@@ -158,6 +158,7 @@ class PositionTorque(Effect):
         source="WPI dVRK identification (joint cable torque), RA-L 2019",
         shown=Sight.RANGE,
         over=Over.POSITION,
+        formulas=_CHEBYSHEV,
     )
     params = (
         Param("t0", "{F}", "effort at mid-range"),
@@ -165,7 +166,6 @@ class PositionTorque(Effect):
     )
     relations = Relations(foils=_position_torque_foils)
     limits = (Limit("constant", _position_torque_varies), BOUNDS)
-    formulas = _CHEBYSHEV
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Chebyshev polynomials T0..T6."""
@@ -221,6 +221,7 @@ class EndStop(Effect):
         source="Hunt, Crossley, J. Applied Mechanics 42, 1975",
         shown=Sight.RANGE,
         over=Over.POSITION,
+        formulas=(_DEPTH, f"{_DEPTH} * abs({_DEPTH})", f"abs({_DEPTH}) * v"),
     )
     params = (
         Param("k", "{F}/{x}", "stiffness at first touch", 0.0),
@@ -242,7 +243,6 @@ class EndStop(Effect):
     search = Grid(_end_stop_grid)
     limits = (Limit("pulls", _end_stop_pushes),)
     traits = Trait.STOP
-    formulas = (_DEPTH, f"{_DEPTH} * abs({_DEPTH})", f"abs({_DEPTH}) * v")
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[d, d |d|, |d| v]."""

@@ -140,6 +140,9 @@ class Doc:
         What a recording must have to show it.
     over : Over or None
         What a figure draws it over; None: the variable that orders it best.
+    formulas : tuple of str
+        The equation's columns as text (`hil.models.formula`), so that other programs can take
+        them over; empty where a joint's state does not say them.
     """
 
     equation: str
@@ -152,6 +155,7 @@ class Doc:
     remark: Callable[[Mapping[str, float], Mapping[str, float]], str] = _silent
     shown: Sight = Sight.ANYTHING
     over: Over | None = None
+    formulas: tuple[str, ...] = ()
 
 
 # ------------------------------------------------------------ scope

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import evaluated
+from export_reference import evaluated
 from plants import serial_urdf
 
 from hil.errors import ConfigError

@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pinocchio as pin
 import pytest
-from conftest import evaluated
+from export_reference import evaluated
 
 
 def rnea(model, q, v, a):

@@ -8,7 +8,7 @@ from hil.models import catalogue, formula
 from hil.models.param import JOINT
 from hil.testing.effects import sample_motions
 
-DECLARED = sorted(name for name, e in catalogue.table().items() if e.formulas)
+DECLARED = sorted(name for name, e in catalogue.table().items() if e.doc.formulas)
 
 
 def states(motion):
@@ -36,7 +36,7 @@ def test_a_formula_gives_the_columns(name):
                 values |= {"low": low, "high": high, "v0": motion.v0[j], "v0k": motion.v0[k]}
                 values |= {"vk": motion.qd[:, k]} | by_name
                 columns = effect.columns(motion, j, shape)
-                for text, column in zip(effect.formulas, columns.T, strict=True):
+                for text, column in zip(effect.doc.formulas, columns.T, strict=True):
                     if "v0" in by_name and not by_name["v0"]:
                         continue
                     if high - low < 1e-9 and "high - low" in text:
