@@ -26,12 +26,14 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 #: Least eigenvalue of a pseudo-inertia, in shares of its trace.
 LEAST = 1e-9
-#: Relative change of the efforts up to which they are the same.
+#: Relative change of the efforts up to which it is the data that leave the bodies open.
 SAME = 1e-6
 #: Weight of the description where the efforts say nothing, and of its floor in each parameter.
 PULL, FLOOR = 1e-4, 1e-3
 #: Least pseudo-inertia in shares of the description's, and most evaluations of a search.
 MARGIN, MOST = 1e-4, 400
+#: Largest factor of the description's pseudo-inertia's root.
+FARTHEST = 1e4
 _ROWS, _COLUMNS = np.tril_indices(4)
 
 
@@ -80,7 +82,7 @@ class Nearest:
 
     @property
     def same(self) -> bool:
-        """Whether the efforts stay: what the data do not determine made them feasible."""
+        """Whether what the data leave open made them feasible, so that no effort had to change."""
         return self.change < SAME
 
 
@@ -168,7 +170,8 @@ def _possible(prior: FloatArray, body: FloatArray) -> FloatArray:
 def _made(x: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Body of the parameters of a factor V, and how it changes with them (10, 10)."""
     v = np.zeros((4, 4))
-    v[_ROWS, _COLUMNS] = x
+    # a trial step along what no effort sees may go anywhere; it is refused, but must be a number
+    v[_ROWS, _COLUMNS] = np.clip(x, -FARTHEST, FARTHEST)
     body = _parameters(root @ (v @ v.T + MARGIN * np.eye(4)) @ root.T)
     slope = np.zeros((10, 10))
     for k, (a, b) in enumerate(zip(_ROWS, _COLUMNS, strict=True)):

@@ -124,7 +124,7 @@ def _refitted(
         after = Step("within the target", result, examine(result))
     content = translate(after.result.model, problem.robot, words, problem.span)
     content = replace(content, lost=(*lost, *content.lost))
-    steps: tuple[Step, ...] = (before, after)
+    steps: tuple[Step, ...] = (before,) if after is before else (before, after)
     notes = [text for _, text in after.result.warnings]
     if content.bodies is None or not words.bodies:
         return Within(content, after.result.model, steps, tuple(notes))
@@ -132,12 +132,11 @@ def _refitted(
     if found is None:
         return Within(content, after.result.model, steps, tuple(notes))
     notes.append(_said(found))
-    if not holdout and not found.same:
+    if not holdout:
         notes.append("the bodies were found on all the data, the held-out blocks included")
-    if found.same:
-        return Within(replace(content, bodies=found.bodies), after.result.model, steps, (*notes,))
+    # the errors that are shown are those of the very bodies that are written
     result = complete(fit(problem, _holding(after.result, found.bodies), scale=after.result.sigma))
-    steps = (*steps, Step("nearest feasible bodies", result, examine(result)))
+    steps = (*steps, Step("feasible bodies", result, examine(result)))
     content = translate(result.model, problem.robot, words, problem.span)
     content = replace(content, bodies=found.bodies, lost=(*lost, *content.lost))
     return Within(content, result.model, steps, (*notes,))
@@ -195,15 +194,13 @@ def _feasible(content: Content, rows: FloatArray, mended: bool) -> feasible.Near
 
 
 def _said(found: feasible.Nearest) -> str:
+    change = f"the efforts of the bodies change by {100 * found.change:.2g} %"
     if found.same:
         return (
             "masses and inertias that the data do not determine were chosen so that every body is "
-            "feasible; the efforts stay"
+            f"feasible; {change}"
         )
-    return (
-        "masses and inertias are the nearest feasible ones; they change the efforts of the bodies "
-        f"by {100 * found.change:.2g} %"
-    )
+    return f"masses and inertias are the nearest feasible ones; {change}"
 
 
 def _measured(result: FitResult) -> FloatArray:

@@ -30,6 +30,10 @@ def test_a_refit_prints_both_errors_and_what_is_lost(folder, capsys):
     assert "<mujoco" in (folder / "a.xml").read_text()
 
 
+def test_what_loses_nothing_has_one_error(made):
+    assert [s.label for s in made("c").steps] == ["whole model"] and not made("c").lost
+
+
 def test_json(folder, capsys):
     words = ["export", folder / "arm.toml", "--to", "python", "-o", folder / "a.py", "--json"]
     assert main([str(w) for w in words]) == 0

@@ -73,7 +73,7 @@ def test_an_infeasible_model_is_refused_with_the_nearest_one_offered():
         within(model(bodies), Vocabulary(), [], [])
     found = within(model(bodies), Vocabulary(), [], [], mended=True)
     assert not infeasible(found.content.bodies)
-    assert any("nearest feasible" in x for x in found.notes)
+    assert any("are the nearest feasible ones" in x for x in found.notes)
 
 
 def test_a_preset_with_lumped_parameters_has_no_urdf():

@@ -23,7 +23,7 @@ def test_the_base_model_but_for_its_bodies_has_formulas():
 @pytest.mark.parametrize("name", DECLARED)
 def test_a_formula_gives_the_columns(name):
     effect, tried = catalogue.get(name), 0
-    for _, given in sample_motions(300):
+    for _, given in sample_motions(60):
         motion = states(given)
         for j in range(motion.d):
             if effect.scope.lacks(motion, j):
