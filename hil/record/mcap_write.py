@@ -27,7 +27,16 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
 from hil.record.frames import SCHEMA, SCHEMA_NAME, TOPIC, BoundedFrameLog, encode
-from hil.record.recovery import CHUNK_BYTES, FRAME, chunk_closer, create, mcap_writer
+from hil.record.recovery import (
+    CHUNK_BYTES,
+    FRAME,
+    chunk_closer,
+    create,
+    define_channel,
+    define_schema,
+    describe,
+    mcap_writer,
+)
 from hil.record.schema import EVENT_SCHEMA, Channel, encoder, places
 
 #: Of a message record: opcode, length, channel, sequence, log and publish time.
@@ -315,7 +324,7 @@ class SessionWriter:
         self._file = create(path, overwrite)
         self._writer = mcap_writer(self._file, largest)
         self._end_chunk = chunk_closer(self._writer)
-        self._describe(metadata, attachments or {})
+        describe(self._writer, metadata, attachments or {})
         self._encode: dict[str, tuple[int, int, Callable[[int, Sequence[float]], bytes]]] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         for channel in channels:
@@ -331,20 +340,11 @@ class SessionWriter:
         self.messages = 0
         self.flush()
 
-    def _describe(
-        self, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
-    ) -> None:
-        """What the session is, before its first message."""
-        for name, record in metadata.items():
-            self._writer.add_metadata(name, dict(record))
-        for name, data in attachments.items():
-            self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
-
     def _register(self, channel: Channel, encode: Callable[[int, Sequence[float]], bytes]) -> None:
         name, text = channel.schema()
         if (name, text) not in self._schemas:
-            self._schemas[name, text] = self._writer.register_schema(name, "ros2msg", text.encode())
-        number = self._writer.register_channel(channel.topic, "cdr", self._schemas[name, text])
+            self._schemas[name, text] = define_schema(self._writer, name, "ros2msg", text.encode())
+        number = define_channel(self._writer, channel.topic, "cdr", self._schemas[name, text])
         self._encode[channel.topic] = (number, channel.width, encode)
 
     def write(self, topic: str, tick: int, t_ns: int, values: Sequence[float]) -> None:
@@ -428,8 +428,8 @@ class SessionWriter:
     def event(self, tick: int, t_ns: int, name: str, data: Mapping[str, object]) -> None:
         """Write a rare event as JSON on `/events`."""
         if not self._events:
-            schema = self._writer.register_schema("hil_event", "jsonschema", EVENT_SCHEMA.encode())
-            self._events = self._writer.register_channel("/events", "json", schema)
+            schema = define_schema(self._writer, "hil_event", "jsonschema", EVENT_SCHEMA.encode())
+            self._events = define_channel(self._writer, "/events", "json", schema)
         text = json.dumps({"tick": tick, "name": name, "data": dict(data)}, sort_keys=True)
         self._writer.add_message(self._events, t_ns, text.encode(), t_ns, tick)
         self._keep_up(t_ns)
@@ -447,8 +447,8 @@ class SessionWriter:
         """
         schema = 0
         for box, log in logs.items():
-            schema = schema or self._writer.register_schema(SCHEMA_NAME, "ros2msg", SCHEMA.encode())
-            number = self._writer.register_channel(TOPIC + box, "cdr", schema)
+            schema = schema or define_schema(self._writer, SCHEMA_NAME, "ros2msg", SCHEMA.encode())
+            number = define_channel(self._writer, TOPIC + box, "cdr", schema)
             self._logs.append((number, log))
         self._origin_ns, self._period_ns = origin_ns, period_ns
 

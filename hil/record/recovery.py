@@ -6,19 +6,20 @@ File of a session: written whole or not at all, in small chunks.
 from __future__ import annotations
 
 import contextlib
+import json
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from io import BytesIO, RawIOBase
 from pathlib import Path
 from typing import IO, Any, cast
 
 import numpy as np
 from mcap.data_stream import ReadDataStream, RecordBuilder
-from mcap.records import ChunkIndex
+from mcap.records import Channel, ChunkIndex, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 from hil.errors import ConfigError, DataError
-from hil.record.container import Container, read
+from hil.record.container import METADATA_COPY, Container, read
 
 LIBRARY = "hil"
 CHUNK_BYTES = 64 * 1024
@@ -77,6 +78,46 @@ class ChunkIndices:
                 stream.read1()  # opcode
                 stream.read8()  # length
                 yield ChunkIndex.read(stream)
+
+
+def describe(
+    writer: Writer, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
+) -> None:
+    """What a session is, before its first message: metadata, attached files, and a copy.
+
+    A metadata record has no checksum; its copy is an attachment, which has one.
+    """
+    for name, record in metadata.items():
+        writer.add_metadata(name, dict(record))
+    for name, data in attachments.items():
+        writer.add_attachment(0, 0, name, "application/octet-stream", data)
+    copy = json.dumps({name: dict(record) for name, record in metadata.items()}, sort_keys=True)
+    writer.add_attachment(0, 0, METADATA_COPY, "application/json", copy.encode())
+
+
+def define_schema(writer: Writer, name: str, encoding: str, text: bytes) -> int:
+    """Register a schema, and write it outside of the chunks too; its number.
+
+    The library writes definitions into the open chunk alone, and a session whose first chunk is
+    damaged would lose them all.
+    """
+    number = writer.register_schema(name, encoding, text)
+    _outside(writer, Schema(number, text, encoding, name))
+    return number
+
+
+def define_channel(writer: Writer, topic: str, encoding: str, schema: int) -> int:
+    """Register a channel, and write it outside of the chunks too; its number."""
+    number = writer.register_channel(topic, encoding, schema)
+    _outside(writer, Channel(number, topic, encoding, {}, schema))
+    return number
+
+
+def _outside(writer: Writer, record: Schema | Channel) -> None:
+    """Let a record stand before the next chunk, as far as this release of mcap can."""
+    builder = getattr(writer, "_Writer__record_builder", None)
+    if builder is not None:
+        record.write(builder)
 
 
 def chunk_closer(writer: Writer) -> Callable[[], None]:
@@ -205,17 +246,14 @@ def recover(source: str | Path, target: str | Path) -> int:
 
 def _head(writer: Writer, box: Container) -> dict[str, int]:
     """Write all but the messages; the number of each channel."""
-    for name, record in box.metadata.items():
-        writer.add_metadata(name, record)
-    for name, data in box.attachments.items():
-        writer.add_attachment(0, 0, name, "application/octet-stream", data)
+    describe(writer, box.metadata, box.attachments)
     schemas: dict[tuple[str, str, bytes], int] = {}
     numbers: dict[str, int] = {}
     for t in box.topics.values():
         key = (t.schema, t.schema_encoding, t.schema_text)
         if key not in schemas:
-            schemas[key] = writer.register_schema(*key)
-        numbers[t.name] = writer.register_channel(t.name, t.encoding, schemas[key])
+            schemas[key] = define_schema(writer, *key)
+        numbers[t.name] = define_channel(writer, t.name, t.encoding, schemas[key])
     return numbers
 
 
