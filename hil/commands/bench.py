@@ -185,9 +185,9 @@ def _loop(args: argparse.Namespace) -> Found:
 
 
 def _record(args: argparse.Namespace) -> Found:
-    """What recording costs, and whether it loses a row."""
-    found = record_speed.measure(args.seconds)
-    return record_speed.table(found), asdict(found)
+    """What recording costs, and what a flipped bit or a cut file loses."""
+    found, damage = record_speed.measure(args.seconds), record_speed.damage()
+    return record_speed.table(found, damage), {**asdict(found), "damage": asdict(damage)}
 
 
 def _soak(args: argparse.Namespace) -> Found:

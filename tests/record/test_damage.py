@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import pytest
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
 
-from hil.record.container import MAGIC, METADATA_COPY, read
+from hil.bench import record_speed
+from hil.cli import main
+from hil.record.container import METADATA_COPY, read
 from hil.record.mcap_write import SessionWriter
 from hil.record.schema import Channel
 
@@ -100,17 +107,17 @@ def test_cut_off_anywhere_in_the_last_second(whole, tmp_path):
     marks = [i for i in range(len(raw)) if raw.startswith(b"\x04\0\0\0zstd", i)]
     starts = [i - 37 for i in marks if raw[i - 37] == 6]
     ends = [s + 9 + int.from_bytes(raw[s + 1 : s + 9], "little") for s in starts]
-    path.write_bytes(raw[: ends[-14]])
+    path.write_bytes(raw[: ends[-15]])
     before = len(read(path).topics[EFFORT.topic])
     assert TICKS - before >= 1000
-    cuts = sorted({*range(ends[-14], ends[-1], 61), *ends, *(e - 1 for e in ends)})
-    for stop in cuts[cuts.index(ends[-14]) :]:
+    cuts = sorted({*range(ends[-15], ends[-1], 61), *ends, *(e - 1 for e in ends)})
+    for stop in cuts[cuts.index(ends[-15]) :]:
         path.write_bytes(raw[:stop])
         box = read(path)
         kept = len(box.topics[EFFORT.topic])
         assert (box.metadata, box.truncated, len(box.attachments)) == (RECORDS, True, 2)
         # a chunk counts from its last byte on, and none holds more than 100 ms
-        assert (kept > before) == (stop in ends[-13:])
+        assert (kept > before) == (stop in ends[-14:])
         assert 0 <= kept - before <= 100
         before = kept
 
@@ -123,3 +130,41 @@ def test_garbage_between_records_is_stepped_over(whole, tmp_path):
     lost, box = lost_rows(tmp_path / "x.mcap", raw[:chunk] + rubbish + raw[chunk:])
     assert lost == 0
     assert box.damaged == 1
+
+
+def readers(path):
+    """Messages that a streaming and an indexed reader of the format find, checksums verified."""
+    with path.open("rb") as file:
+        streamed = sum(
+            type(r).__name__ == "Message" for r in StreamReader(file, validate_crcs=True).records
+        )
+    with path.open("rb") as file:
+        indexed = len(list(make_reader(file, validate_crcs=True).iter_messages()))
+    return streamed, indexed
+
+
+@pytest.mark.parametrize("harm", ["killed", "bit"])
+def test_what_is_recovered_opens_in_every_reader(whole, tmp_path, capsys, harm):
+    raw = whole.read_bytes()
+    bad, good = tmp_path / "bad.mcap", tmp_path / "good.mcap"
+    middle = raw.index(b"\x04\0\0\0zstd", len(raw) // 2)
+    bad.write_bytes(raw[: middle + 500] if harm == "killed" else changed(whole, middle + 500, 3))
+    with pytest.raises((McapError, ValueError, struct.error)):
+        readers(bad)
+    assert main(["info", str(bad)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert ("refuses the file" if harm == "killed" else "shows wrong numbers") in said
+    assert main(["info", str(bad), "--recover", str(good)]) == 0
+    box = read(good)
+    assert (box.damaged, box.truncated, box.metadata) == (0, False, RECORDS)
+    kept = sum(len(t) for t in box.topics.values())
+    assert readers(good) == (kept, kept)
+    assert kept >= (2 * TICKS - 200 if harm == "bit" else TICKS - 200)
+
+
+def test_the_bench_counts_what_damage_costs():
+    found = record_speed.damage(flips=40, stride=5000)
+    assert (found.flips, found.unreadable) == (40, 0)
+    assert found.cuts >= 10
+    assert 0 <= found.flip_lost <= 100
+    assert 0 < found.cut_lost <= 100
