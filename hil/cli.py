@@ -209,6 +209,10 @@ COMMANDS: dict[str, Command] = {
         "hil.commands.improve",
         "diagnose and add effects until nothing more is justified; the error ladder",
     ),
+    "export": Command(
+        "hil.commands.export",
+        "a model for another program: URDF, MJCF, SDF, Isaac Lab, C, C++, Python, ROS 2, a card",
+    ),
     "effects": Command("hil.commands.effects", "the catalogue of physical effects"),
     "excite": Command(
         "hil.commands.excite",

@@ -39,6 +39,17 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "kalman": "hil.signals.velocity:Kalman",
     },
     "hil.kinematics": {"phantom-premium-1.5": "hil.controllers.geometry:premium"},
+    "hil.exports": {
+        "urdf": "hil.export.urdf:TARGET",
+        "mjcf": "hil.export.mjcf:TARGET",
+        "sdf": "hil.export.sdf:TARGET",
+        "isaac": "hil.export.isaac:TARGET",
+        "c": "hil.export.code:C",
+        "cpp": "hil.export.code:CPP",
+        "python": "hil.export.code:PYTHON",
+        "ros2": "hil.export.code:ROS2",
+        "card": "hil.export.card:TARGET",
+    },
     "hil.sim_devices": {},
     "hil.sim_sessions": {},
 }

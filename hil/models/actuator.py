@@ -28,7 +28,7 @@ from hil.models.effect import (
     Waves,
     brakes,
 )
-from hil.models.friction import harmonics, position_orders
+from hil.models.friction import HARMONICS, harmonics, position_orders
 from hil.models.motion import FloatArray, Motion
 from hil.models.param import JOINT
 
@@ -43,6 +43,7 @@ class TorqueOffset(Effect):
         confused_with=("asymmetric-coulomb", "rigid-body"),
         shown_by="rests in several postures",
         source="Janot, Gautier, Brunot, 2019 (offset of the EMPS)",
+        formulas=("1",),
     )
     params = (Param("t0", "{F}", "offset"),)
     scope = Scope(explains=("motor", "external"))
@@ -112,6 +113,7 @@ class Cogging(Effect):
         source="Holtz, Springob, IEEE Trans. Industrial Electronics 43(6), 1996",
         shown=Sight.RANGE,
         over=Over.POSITION,
+        formulas=HARMONICS,
     )
     params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
     shape = (Param("p", "1/{x}", "periods per unit of position", 0.0, size=True),)

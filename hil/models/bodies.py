@@ -13,12 +13,55 @@ Int. J. Robotics Research 5(3), 1986 (linearity in the ten parameters).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Bodies behind joints, as `regressor` takes them, and what of them is free.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Names of all moving joints (b,), those that follow another one included.
+    parent, turn, place, axis, gravity
+        As of `regressor`, for b bodies.
+    follow, shift : ndarray (b, d), (b,)
+        All joints' positions of the d own ones: A q + b.
+    spread : ndarray (10 b, p)
+        The bodies' parameters of the robot's own ones.
+    """
+
+    joints: tuple[str, ...]
+    parent: IntArray
+    turn: FloatArray
+    place: FloatArray
+    axis: FloatArray
+    gravity: FloatArray
+    follow: FloatArray
+    shift: FloatArray
+    spread: FloatArray
+
+    @property
+    def alone(self) -> bool:
+        """Whether no joint follows another one."""
+        return len(self.follow) == len(self.follow.T)
+
+    def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Efforts (n, d, 10 b) of unit parameters of the bodies."""
+        a = self.follow
+        states = (q @ a.T + self.shift, qd @ a.T, qdd @ a.T)
+        known = (self.parent, self.turn, self.place, self.axis, self.gravity)
+        every: FloatArray = regressor(*known, *states)
+        out: FloatArray = a.T @ every
+        return out
 
 
 @numba.njit(cache=True, nogil=True)

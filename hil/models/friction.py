@@ -33,6 +33,17 @@ from hil.models.param import JOINT
 _OLSSON = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Eur. J. Control 4, 1998"
 
 
+#: What `harmonics` makes, as text.
+HARMONICS = (
+    "sin(2 * pi * p * q)",
+    "cos(2 * pi * p * q)",
+    "sin(4 * pi * p * q)",
+    "cos(4 * pi * p * q)",
+)
+#: Speed of two joints against each other, by mode.
+_RELATIVE = "(abs(mode) * v + (mode + 1 - abs(mode)) * vk)"
+
+
 def _column(values: FloatArray) -> FloatArray:
     return values[:, None]
 
@@ -54,6 +65,7 @@ class Coulomb(Effect):
         shown_by="slow motion in both directions",
         source=_OLSSON,
         over=Over.SPEED,
+        formulas=("sign",),
     )
     params = (Param("fc", "{F}", "Coulomb friction", 0.0),)
     shape = (Param("v0", "{x}/s", "speed over which the sign is resolved", 0.0),)
@@ -76,6 +88,7 @@ class Viscous(Effect):
         shown_by="the same path at several speeds",
         source=_OLSSON,
         over=Over.SPEED,
+        formulas=("v",),
     )
     params = (Param("fv", "{F} s/{x}", "viscous friction", 0.0),)
     traits = Trait.GIVEN | Trait.MOTION | Trait.VISCOUS
@@ -104,6 +117,7 @@ class Stribeck(Effect):
         source="Stribeck 1902; " + _OLSSON,
         shown=Sight.SLOW,
         over=Over.SPEED,
+        formulas=("exp(-(abs(v / vs) ** n)) * sign",),
     )
     params = (Param("fs", "{F}", "excess of static over Coulomb friction", 0.0),)
     shape = (
@@ -135,6 +149,7 @@ class AsymmetricCoulomb(Effect):
         shown_by="motion with rests: an offset stays at rest, this does not",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
         over=Over.SPEED,
+        formulas=("abs(sign)",),
     )
     params = (Param("da", "{F}", "half the difference of the two directions"),)
     relations = Relations(causes=("constant",))
@@ -155,6 +170,7 @@ class AsymmetricViscous(Effect):
         shown_by="the same path at several speeds, both directions",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
         over=Over.SPEED,
+        formulas=("abs(v)",),
     )
     params = (Param("dv", "{F} s/{x}", "half the difference of the two directions"),)
 
@@ -182,6 +198,7 @@ class QuadraticDrag(Effect):
         source="Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5), 2007",
         remark=_quadratic_drag_remark,
         over=Over.SPEED,
+        formulas=("v * abs(v)",),
     )
     params = (Param("fd", "{F} s^2/{x}^2", "quadratic drag"),)
 
@@ -230,6 +247,7 @@ class PositionFriction(Effect):
         shown_by="full slow strokes in both directions",
         source="Popovic, Goldenberg, IEEE Trans. Robotics and Automation 14(1), 1998",
         over=Over.POSITION,
+        formulas=tuple(f"sign * {wave}" for wave in HARMONICS),
     )
     params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
     shape = (
@@ -327,6 +345,7 @@ class CoupledFriction(Effect):
         shown_by="one joint at a time, then pairs with all combinations of signs",
         source="Naerum thesis 3.1.2; Miyasaka, Haghighipanah, Li, Hannaford, ICRA 2016",
         over=Over.OTHER_SPEED,
+        formulas=(f"tanh({_RELATIVE} / max(v0, v0k))", _RELATIVE),
     )
     params = (
         Param("fk", "{F}", "Coulomb part"),

@@ -71,6 +71,7 @@ class Armature(Effect):
         confused_with=("rigid-body",),
         shown_by="fast motion of the joint in different postures",
         source="Featherstone, Rigid Body Dynamics Algorithms, 2008, 9.6",
+        formulas=("a",),
     )
     params = (Param("ia", "{F} s^2/{x}", "reflected rotor inertia", 0.0),)
     scope = Scope(lacks=_armature_lacks)
@@ -87,6 +88,10 @@ def _spring_varies(f: Fitted) -> bool:
     return (abs(f.beta[0]) + sure[0]) * half >= VARIES * abs(f.beta[1])
 
 
+#: Column of a spring as text.
+SPRING = "q - (low + high) / 2"
+
+
 class Spring(Effect):
     """A linear spring on the joint."""
 
@@ -98,6 +103,7 @@ class Spring(Effect):
         shown_by="static poses over a wide range",
         source="Cavusoglu, Feygin, Tendick, Presence 11(6), 2002 (balance of haptic arms)",
         over=Over.POSITION,
+        formulas=(SPRING, "1"),
     )
     params = (
         Param("k", "{F}/{x}", "stiffness"),
@@ -127,6 +133,19 @@ def _position_torque_foils(motion: Motion, j: int, shape: Sequence[float]) -> Se
     return [first[:, None], np.stack([first, second], axis=1)]
 
 
+_X = "max(-1, min(1, (2 * q - low - high) / (high - low)))"
+#: Chebyshev polynomials T0..T6 of the position scaled to [-1, 1].
+_CHEBYSHEV = (
+    "1",
+    _X,
+    f"2 * {_X} ** 2 - 1",
+    f"4 * {_X} ** 3 - 3 * {_X}",
+    f"8 * {_X} ** 4 - 8 * {_X} ** 2 + 1",
+    f"16 * {_X} ** 5 - 20 * {_X} ** 3 + 5 * {_X}",
+    f"32 * {_X} ** 6 - 48 * {_X} ** 4 + 18 * {_X} ** 2 - 1",
+)
+
+
 class PositionTorque(Effect):
     """Smooth effort over position: an umbilical, a cable bundle, a bent hose."""
 
@@ -139,6 +158,7 @@ class PositionTorque(Effect):
         source="WPI dVRK identification (joint cable torque), RA-L 2019",
         shown=Sight.RANGE,
         over=Over.POSITION,
+        formulas=_CHEBYSHEV,
     )
     params = (
         Param("t0", "{F}", "effort at mid-range"),
@@ -183,6 +203,10 @@ def _end_stop_grid(motion: Motion, j: int) -> Shapes:
     return upper + [(float(low + f * (high - low)), -1.0) for f in fractions]
 
 
+#: Penetration; the side is 1 or -1.
+_DEPTH = "side * max(0, side * (q - q0))"
+
+
 class EndStop(Effect):
     """A stop that pushes back beyond a position."""
 
@@ -197,6 +221,7 @@ class EndStop(Effect):
         source="Hunt, Crossley, J. Applied Mechanics 42, 1975",
         shown=Sight.RANGE,
         over=Over.POSITION,
+        formulas=(_DEPTH, f"{_DEPTH} * abs({_DEPTH})", f"abs({_DEPTH}) * v"),
     )
     params = (
         Param("k", "{F}/{x}", "stiffness at first touch", 0.0),
@@ -217,6 +242,7 @@ class EndStop(Effect):
     )
     search = Grid(_end_stop_grid)
     limits = (Limit("pulls", _end_stop_pushes),)
+    traits = Trait.STOP
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[d, d |d|, |d| v]."""

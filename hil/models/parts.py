@@ -75,6 +75,8 @@ class Trait(Flag):
     GAIN = auto()
     #: Explains jumps of the recorded position.
     JUMPS = auto()
+    #: A stop of the joint's range; its shape is (position, side).
+    STOP = auto()
 
 
 class Sight(Flag):
@@ -138,6 +140,9 @@ class Doc:
         What a recording must have to show it.
     over : Over or None
         What a figure draws it over; None: the variable that orders it best.
+    formulas : tuple of str
+        The equation's columns as text (`hil.models.formula`), so that other programs can take
+        them over; empty where a joint's state does not say them.
     """
 
     equation: str
@@ -150,6 +155,7 @@ class Doc:
     remark: Callable[[Mapping[str, float], Mapping[str, float]], str] = _silent
     shown: Sight = Sight.ANYTHING
     over: Over | None = None
+    formulas: tuple[str, ...] = ()
 
 
 # ------------------------------------------------------------ scope

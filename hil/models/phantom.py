@@ -40,6 +40,8 @@ class _Phantom:
     #: Whether the equations are the Omni's.
     omni = False
     links: tuple[int, ...] = (3, 1, 2)
+    #: The parameters are sums over several bodies.
+    tree = None
 
     def __init__(self, joints: tuple[str, ...]) -> None:
         self.joints: tuple[str, ...] = (

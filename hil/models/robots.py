@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
+from hil.models.bodies import Tree
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +29,10 @@ class Robot(Protocol):
     prior: FloatArray
     #: Whether a separate rotor inertia is a parameter of its own.
     has_armature: bool
+
+    @property
+    def tree(self) -> Tree | None:
+        """Its bodies one by one; None where its parameters are lumped."""
 
     @property
     def links(self) -> tuple[int, ...]:
@@ -80,6 +85,26 @@ class IndependentAxes:
         self.names = ("m",) if single else tuple(f"m{j + 1}" for j in range(len(joints)))
         self.param_units = tuple("kg m^2" if unit == "rad" else "kg" for _ in joints)
         self.prior = np.zeros(len(joints))
+
+    @property
+    def tree(self) -> Tree:
+        """Bodies beside each other: on upright hinges, or on level slides."""
+        d, turning = len(self.joints), self.units[:1] == ("rad",)
+        one = np.array([1.0, 0, 0, 0, 1, 0, 1, 0, 0, 1])
+        own = one if turning else np.where(np.arange(10), 1e-3 * one, one)
+        axis = np.zeros((d, 6))
+        axis[:, 5 if turning else 0] = 1.0
+        return Tree(
+            self.joints,
+            np.full(d, -1, dtype=np.int64),
+            np.tile(np.eye(3), (d, 1, 1)),
+            np.outer(np.arange(d), [0.0, 1.0, 0.0]),
+            axis,
+            np.array([0.0, 0.0, -9.81]),
+            np.eye(d),
+            np.zeros(d),
+            np.kron(np.eye(d), own[:, None]),
+        )
 
     def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
         """Y = diag(qdd), shape (n, d, d)."""

@@ -112,6 +112,14 @@ class UrdfRobot:
         place = np.array([model.jointPlacements[k].translation for k in count])
         return parent, turn, place, axis, np.array(model.gravity.linear)
 
+    @property
+    def tree(self) -> bodies.Tree:
+        """Its bodies, one behind each moving joint."""
+        moving = tuple(list(self._model.names)[1:])
+        parent, turn, place, axis, gravity = self._tree
+        own = np.eye(10 * len(moving))
+        return bodies.Tree(moving, parent, turn, place, axis, gravity, self._all, self._shift, own)
+
     def _frame(self, tip: str) -> int:
         frames = [f.name for f in self._model.frames]
         if tip and tip not in frames:

@@ -1,0 +1,122 @@
+"""`hil export`: a model for another program, refitted within what that can express."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from hil.commands import common, outputs, plugins
+from hil.errors import ConfigError
+from hil.export import target
+from hil.export.target import Job, Made
+from hil.record.mcap_read import load_all
+
+EXAMPLE = "hil export arm.toml --to mjcf -o arm.xml --data run1.mcap --holdout run2.mcap"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare options."""
+    parser.add_argument("model", metavar="M.toml", help="model file")
+    parser.add_argument(
+        "--to", required=True, metavar="TARGET", choices=target.names(), help=_told()
+    )
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="write it here")
+    parser.add_argument(
+        "--data",
+        action="append",
+        nargs="+",
+        default=[],
+        metavar="S.mcap",
+        help="sessions to refit to; without, the values are only translated",
+    )
+    common.add_holdout(parser)
+    parser.add_argument("--arm", help="arm of the session, e.g. follower")
+    parser.add_argument(
+        "--feasible",
+        action="store_true",
+        help="where masses or inertias are those of no body, take the nearest feasible ones",
+    )
+    parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
+
+
+def _told() -> str:
+    rows = "; ".join(f"{name}: {target.get(name).what}" for name in target.names())
+    return rows.replace("%", "%%")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Refit, write, and print errors before and after and what is lost."""
+    paths = [s for group in args.data for s in group]
+    if args.holdout and not paths:
+        raise ConfigError("--holdout judges a refit, which needs --data; give the sessions to fit")
+    kind, place = target.get(args.to), Path(args.output)
+    outputs.check(
+        place, kind.ending, [args.model, *paths, *args.holdout], _ours, "an export of hil"
+    )
+    plugins.load_installed()
+    model = common.model_file(args.model)
+    arm = args.arm or model.arm or None
+    runs = load_all(paths, arm)
+    held = load_all(args.holdout, arm)
+    if runs and not (model.robot.preset or model.robot.urdf):
+        model = replace(model, robot=runs[0].robot)
+    job = Job(model, Path(args.model), place.stem, runs, held, args.feasible)
+    made = kind.make(job)
+    written = [place.with_suffix(ending) for ending in made.texts]
+    for path in written[1:]:
+        outputs.check(
+            path, path.suffix, [args.model, *paths, *args.holdout], _ours, "an export of hil"
+        )
+    for path, text in zip(written, made.texts.values(), strict=True):
+        with outputs.writing(path):
+            path.write_text(text, encoding="utf-8")
+    if args.json:
+        common.emit(as_dict(made, written))
+    else:
+        common.out(text_of(made, written))
+    return 0
+
+
+#: What stands in the first lines of every export.
+_SIGNS = ("written by hil export", "# Model card: ")
+_HEAD = 2000
+
+
+def _ours(path: Path) -> bool:
+    """Whether a file is an export of hil, or empty."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD).decode("utf-8", "replace")
+    return not head.strip() or any(sign in head for sign in _SIGNS)
+
+
+def text_of(made: Made, written: list[Path]) -> str:
+    """The answer for a terminal."""
+    lines = []
+    if made.steps:
+        joints = made.steps[0].result.problem.joints
+        rows = [[s.label, *(f"{x:.2f}" for x in s.heldout.relative)] for s in made.steps]
+        lines += [common.table(["held-out error", *(f"{j} %" for j in joints)], rows), ""]
+    lines += [f"  lost: {x}" for x in made.lost]
+    lines += [f"  {x}" for x in made.notes]
+    if lines:
+        lines.append("")
+    return "\n".join([*lines, *(f"written: {path}" for path in written)])
+
+
+def as_dict(made: Made, written: list[Path]) -> dict[str, object]:
+    """The same as JSON."""
+    joints = made.steps[0].result.problem.joints if made.steps else ()
+    return {
+        "schema": "hil.export/1",
+        "files": [str(path) for path in written],
+        "held_out": [
+            {
+                "model": s.label,
+                "relative": dict(zip(joints, map(float, s.heldout.relative), strict=True)),
+            }
+            for s in made.steps
+        ],
+        "lost": list(made.lost),
+        "notes": list(made.notes),
+    }

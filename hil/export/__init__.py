@@ -1,0 +1,1 @@
+"""Models for other programs: refitted within what these can express."""

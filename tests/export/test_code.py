@@ -1,0 +1,191 @@
+"""Written feed-forwards, compiled and run: the efforts of our evaluation to 1e-9."""
+
+import math
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from export_reference import evaluated
+from plants import serial_urdf
+
+from hil.errors import ConfigError
+from hil.export import code, running
+from hil.export.content import Content, Vocabulary, translate
+from hil.export.target import Job, get
+from hil.models import bodies
+from hil.models.files import read_model
+from hil.models.robots import bare_robot
+from hil.record.recording import RobotSource
+
+RUNNERS = {
+    "c": (running.c, ".h", ("cc", "gcc", "clang")),
+    "cpp": (running.cpp, ".hpp", ("c++", "g++", "clang++")),
+    "python": (running.python, ".py", ()),
+}
+
+
+def compiled(name):
+    """Runner of a target, where this machine has what it takes."""
+    run, ending, compilers = RUNNERS[name]
+    if compilers and not any(shutil.which(x) for x in compilers):
+        pytest.skip(f"no compiler here: {', '.join(compilers)}")
+    return run, ending
+
+
+def slowly(states):
+    """The states, half of them as slow as a reversal."""
+    q, v, a = states
+    return q, np.where(np.arange(len(q))[:, None] % 2, v, 1e-3 * v), a
+
+
+@pytest.mark.parametrize("name", RUNNERS)
+def test_a_feed_forward_gives_our_efforts(name, made, states):
+    run, ending = compiled(name)
+    found, at = made(name), slowly(states)
+    assert not found.lost
+    ran = run(found.texts[ending], np.stack(at, axis=1))
+    np.testing.assert_allclose(ran.efforts, evaluated(found.steps[-1], *at), rtol=0, atol=1e-9)
+    still = np.zeros_like(at[0])
+    body = found.steps[-1].result
+    own = body.slices[[t.effect.name for t in body.terms].index("rigid-body")]
+    weight = body.problem.robot.regressor(at[0], still, still) @ body.theta[own]
+    np.testing.assert_allclose(ran.gravity, weight, rtol=0, atol=1e-9)
+    assert np.max(np.abs(weight)) > 1.0
+    # measured in both: by the target itself, and here
+    assert all("cost of a call: " in x and "unknown" not in x for x in (found.notes[-1], ran.cost))
+
+
+def _yaml(text):
+    """Nested tables of the few forms that are written."""
+    out, levels = {}, [(-1, None)]
+    levels[0] = (-1, out)
+    for line in text.splitlines():
+        if line.startswith("#"):
+            continue
+        depth = len(line) - len(line.lstrip())
+        key, _, value = line.strip().partition(":" if line.endswith(":") else ": ")
+        while levels[-1][0] >= depth:
+            levels.pop()
+        key = key.strip('"')
+        if value:
+            levels[-1][1][key] = eval(value, {"__builtins__": {}})
+        else:
+            levels[-1][1][key] = {}
+            levels.append((depth, levels[-1][1][key]))
+    return out
+
+
+def test_ros_2_parameters_say_the_same_model(made, states):
+    found, (q, v, a) = made("ros2"), slowly(states)
+    told = _yaml(found.texts[".yaml"])["/**"]["ros__parameters"]
+    table = {k: np.array(x) for k, x in told["bodies"].items()}
+    d = len(told["joints"])
+    y = bodies.regressor(
+        table["parent"],
+        table["turn"].reshape(-1, 3, 3),
+        table["place"].reshape(-1, 3),
+        table["axis"].reshape(-1, 6),
+        table["gravity_vector"],
+        q,
+        v,
+        a,
+    )
+    tau = y @ table["body"]
+    functions = {n: getattr(math, n) for n in ("sin", "cos", "exp", "tanh")}
+    functions |= {"abs": abs, "max": max, "min": min}
+    for j in range(d):
+        own = told["columns"][told["joints"][j]]
+        for value, text in zip(own["values"], own["formulas"], strict=True):
+            for k in range(len(q)):
+                at = {"q": q[k, j], "v": v[k, j], "a": a[k, j]}
+                tau[k, j] += value * eval(text, {"__builtins__": {}}, functions | at)
+    np.testing.assert_allclose(tau, evaluated(found.steps[-1], q, v, a), rtol=0, atol=1e-9)
+    # a list of ROS 2 holds one type, and is not empty
+    flat = [*told["bodies"].values(), *(x["values"] for x in told["columns"].values())]
+    assert all(x and len({type(n) for n in x}) == 1 for x in flat)
+
+
+def _content(urdf, joints=(), columns=()):
+    robot = bare_robot(RobotSource("" if urdf else "single-axis", urdf), joints)
+    own = robot.prior if urdf else np.arange(1.0, 1.0 + len(joints))
+    return Content(robot, urdf, (robot.tree.spread @ own).reshape(-1, 10), columns, {}, ())
+
+
+@pytest.mark.parametrize("name", ["c", "python"])
+def test_a_joint_that_follows_another_one(name):
+    run, ending = compiled(name)
+    urdf = serial_urdf(3).replace(
+        '<axis xyz="0 1 0"/><limit',
+        '<axis xyz="0 1 0"/><mimic joint="joint1" multiplier="-0.5" offset="0.2"/><limit',
+        1,
+    )
+    content = _content(urdf)
+    d = len(content.robot.joints)
+    assert d == 2 and len(content.tree.joints) == 3
+    at = np.random.default_rng(0).normal(size=(20, 3, d))
+    text = get(name).write(content, "two", ())[ending]
+    wanted = content.robot.regressor(*at.transpose(1, 0, 2)) @ content.robot.prior
+    np.testing.assert_allclose(run(text, at).efforts, wanted, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", RUNNERS)
+def test_axes_that_do_not_feel_each_other(name):
+    run, ending = compiled(name)
+    content, at = _content("", ("x", "y")), np.random.default_rng(0).normal(size=(5, 3, 2))
+    text = get(name).write(content, "class", ())[ending]
+    np.testing.assert_allclose(run(text, at).efforts, at[:, 2] * [1.0, 2.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", RUNNERS)
+def test_a_name_of_a_users_file_never_becomes_code(name):
+    run, ending = compiled(name)
+    evil = '*/ int x = 1/0; /* \\\n"""\n#error @NAME@ ??/'
+    content = _content("", (evil, "y"))
+    content = replace(content, columns=())
+    text = get(name).write(content, "arm", (evil,))[ending]
+    at = np.ones((1, 3, 2))
+    np.testing.assert_allclose(run(text, at).efforts, [[1.0, 2.0]])
+    if ending != ".py":
+        body = re.sub(r"/\*.*?\*/", "", text, flags=re.S)
+        assert "int x" not in body and "#error" not in text
+
+
+def test_a_missing_compiler_is_said(monkeypatch):
+    monkeypatch.setattr(running.shutil, "which", lambda name: None)
+    text = get("c").write(_content("", ("x",)), "arm", ())[".h"]
+    assert "unknown, no compiler here (cc, gcc, clang)" in running.c(text, np.zeros((1, 3, 1))).cost
+
+
+def test_a_program_that_does_not_compile_is_an_error():
+    compiled("c")
+    text = (
+        get("c").write(_content("", ("x",)), "arm", ())[".h"].replace("tau[j] = 0.0;", "tau[j] =;")
+    )
+    with pytest.raises(ConfigError, match="written program fails"):
+        running.c(text, np.zeros((1, 3, 1)))
+
+
+def test_names_of_files_become_names_of_programs():
+    assert code.identifier("my arm-2") == "my_arm_2"
+    assert code.identifier("2arm") == "model_2arm" and code.identifier("std") == "model_std"
+
+
+def test_without_a_recording_it_is_only_translated(made, tmp_path):
+    from hil.models.files import write_model
+
+    place = tmp_path / "arm.toml"
+    write_model(made("c").steps[-1].result.model, place)
+    found = get("python").make(Job(read_model(place), Path("arm.toml"), "arm"))
+    assert any("only, not refitted" in x for x in found.notes)
+    assert "translated without a recording" in found.texts[".py"]
+    assert [x.partition(":")[0] for x in found.lost] == ["spring on upper"]
+    assert "--data" in found.lost[0] and not found.steps
+
+
+def test_a_model_of_contact_has_no_feed_forward(arm):
+    with pytest.raises(ConfigError, match="law of contact"):
+        robot = bare_robot(arm.model.robot)
+        translate(replace(arm.model, explains="external"), robot, Vocabulary())

@@ -1,0 +1,143 @@
+"""Files for simulators, read back by their own programs: the same efforts as our evaluation."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from export_reference import evaluated
+
+
+def rnea(model, q, v, a):
+    data = model.createData()
+    return np.array([pin.rnea(model, data, *x).copy() for x in zip(q, v, a, strict=True)])
+
+
+def test_urdf_by_pinocchio(made, states):
+    found = made("urdf")
+    model = pin.buildModelFromXML(found.texts[".urdf"])
+    q, v, a = states
+    joints = {j.get("name"): j for j in ET.fromstring(found.texts[".urdf"]).iter("joint")}
+    said = [joints[n].find("dynamics").attrib for n in list(model.names)[1:]]
+    damping, friction = (np.array([float(x[k]) for x in said]) for k in ("damping", "friction"))
+    efforts = rnea(model, q, v, a) + damping * v + friction * np.sign(v)
+    np.testing.assert_allclose(efforts, evaluated(found.steps[-1], q, v, a), atol=1e-6)
+
+
+def test_mjcf_by_mujoco(made, states):
+    mujoco = pytest.importorskip("mujoco")
+    found = made("mjcf")
+    model = mujoco.MjModel.from_xml_string(found.texts[".xml"])
+    # friction of any size is fully there at these speeds if its constraint is stiff
+    model.dof_solref[:, 0] = 1e-4
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_REFSAFE)
+    data, efforts = mujoco.MjData(model), []
+    for q, v, a in zip(*states, strict=True):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
+        mujoco.mj_inverse(model, data)
+        # u - t0 is what the joint gets
+        efforts.append(data.qfrc_inverse - model.actuator_biasprm[:, 0])
+    wanted = evaluated(found.steps[-1], *states)
+    np.testing.assert_allclose(np.array(efforts), wanted, atol=1e-6)
+
+
+def _sdf_model(text):
+    """Pinocchio's model of an SDF, by the rules of SDF 1.9: link poses relative to the parent."""
+    model, ids = pin.Model(), {"world": 0}
+    sdf = ET.fromstring(text).find("model")
+    links = {x.get("name"): x for x in sdf.findall("link")}
+    for joint in sdf.findall("joint"):
+        child, parent = joint.find("child").text, joint.find("parent").text
+        x = np.array(links[child].find("pose").text.split(), dtype=float)
+        assert links[child].find("pose").get("relative_to", "world") == parent
+        place = pin.SE3(pin.rpy.rpyToMatrix(*x[3:]), x[:3])
+        axis = np.array(joint.find("axis/xyz").text.split(), dtype=float)
+        kind = pin.JointModelRevoluteUnaligned(axis)
+        ids[child] = model.addJoint(ids[parent], kind, place, joint.get("name"))
+        own = links[child].find("inertial")
+        i = {e.tag: float(e.text) for e in own.find("inertia")}
+        rows = [[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]]]
+        rows.append([i["ixz"], i["iyz"], i["izz"]])
+        at = np.array(own.find("pose").text.split(), dtype=float)
+        body = pin.Inertia(float(own.find("mass").text), at[:3], np.array(rows))
+        model.appendBodyToJoint(ids[child], body, pin.SE3.Identity())
+    dynamics = [j.find("axis/dynamics") for j in sdf.findall("joint")]
+    both = [[float(x.find(k).text) for x in dynamics] for k in ("damping", "friction")]
+    return model, *np.array(both)
+
+
+def test_sdf_by_its_own_rules(made, states):
+    found = made("sdf")
+    model, damping, friction = _sdf_model(found.texts[".sdf"])
+    q, v, a = states
+    efforts = rnea(model, q, v, a) + damping * v + friction * np.sign(v)
+    np.testing.assert_allclose(efforts, evaluated(found.steps[-1], q, v, a), atol=1e-6)
+
+
+def test_isaac_settings_beside_their_urdf(made, states):
+    found = made("isaac")
+    model = pin.buildModelFromXML(found.texts[".urdf"])
+    assert "<dynamics" not in found.texts[".urdf"]
+    settings, joint = {}, ""
+    for line in found.texts[".yaml"].splitlines():
+        if line.startswith("  ") and line.endswith(":") and not line.startswith("   "):
+            joint = line.strip(' ":')
+            settings[joint] = {}
+        elif line.startswith("    "):
+            key, _, value = line.strip().partition(": ")
+            settings[joint][key] = value
+    names = list(model.names)[1:]
+    assert list(settings) == names and settings["base"]["effort_limit_sim"] == "99.0"
+    rotor, dry, viscous = (
+        np.array([float(settings[n][k]) for n in names])
+        for k in ("armature", "dynamic_friction", "viscous_friction")
+    )
+    q, v, a = states
+    efforts = rnea(model, q, v, a) + rotor * a + dry * np.sign(v) + viscous * v
+    np.testing.assert_allclose(efforts, evaluated(found.steps[-1], q, v, a), atol=1e-6)
+
+
+def test_what_is_lost_is_said_and_costs(made):
+    urdf, mjcf = made("urdf"), made("mjcf")
+    assert {x.partition(" ")[0].strip(":") for x in urdf.lost} == {
+        "armature",
+        "torque-offset",
+        "spring",
+        "stribeck",
+        "cogging",
+    }
+    assert {x.partition(" ")[0].strip(":") for x in mjcf.lost} == {"stribeck", "cogging"}
+    whole, left = urdf.steps[0].heldout.relative, urdf.steps[1].heldout.relative
+    # a spring of 1.5 N m/rad on the second joint is much of its effort
+    assert left[1] > 1.5 * whole[1]
+    # where there is a spring, that is not lost
+    assert mjcf.steps[-1].heldout.relative[1] < 0.25 * left[1]
+
+
+def test_the_error_is_that_of_the_bodies_that_are_written(made):
+    """Here the fitted bodies are infeasible, whether or not other ones give the same efforts."""
+    for name in ("urdf", "mjcf"):
+        found = made(name)
+        assert found.steps[-1].label == "feasible bodies"
+        assert any("the efforts of the bodies change by" in x for x in found.notes)
+
+
+def test_a_refit_is_better_than_leaving_out(made, arm):
+    """What is left carries what it can of what was lost: the rule of the export."""
+    found = made("mjcf")
+    q, v, a = (x[100:-100:20] for x in _motion(arm.other))
+    tau = arm.other.tau[100:-100:20, 0]
+    whole, refitted = found.steps[0], found.steps[1]
+    result = whole.result
+    motion = result.problem.motions[0].at_states(q, v, a, 0 * q, 0 * q)
+    peak = next(t for t in result.terms if t.effect.name == "stribeck")
+    where = result.slices[result.terms.index(peak)]
+    dropped = evaluated(whole, q, v, a)[:, 0]
+    dropped -= peak.effect.columns(motion, peak.joint, peak.shape) @ result.theta[where]
+    kept = evaluated(refitted, q, v, a)[:, 0]
+    assert np.std(tau - kept) < 0.9 * np.std(tau - dropped)
+
+
+def _motion(run):
+    qd = np.gradient(run.q, run.t, axis=0)
+    return run.q, qd, np.gradient(qd, run.t, axis=0)

@@ -1,0 +1,67 @@
+"""Formulas of effects: the same numbers as their columns, and nothing but what is allowed."""
+
+import numpy as np
+import pytest
+
+from hil.errors import ConfigError
+from hil.models import catalogue, formula
+from hil.models.param import JOINT
+from hil.testing.effects import sample_motions
+
+DECLARED = sorted(name for name, e in catalogue.table().items() if e.doc.formulas)
+
+
+def states(motion):
+    """The same states without averaging of signs, which belongs to a recording."""
+    return motion.at_states(motion.q, motion.qd, motion.qdd, motion.load, motion.static)
+
+
+def test_the_base_model_but_for_its_bodies_has_formulas():
+    assert {"coulomb", "viscous", "armature", "torque-offset"} <= set(DECLARED)
+
+
+@pytest.mark.parametrize("name", DECLARED)
+def test_a_formula_gives_the_columns(name):
+    effect, tried = catalogue.get(name), 0
+    for _, given in sample_motions(60):
+        motion = states(given)
+        for j in range(motion.d):
+            if effect.scope.lacks(motion, j):
+                continue
+            low, high = motion.span[j]
+            for shape in effect.search.grid(motion, j):
+                by_name = dict(zip([p.name for p in effect.shape], shape, strict=True))
+                k = int(by_name.get(JOINT, j + 1)) - 1
+                values = {"q": motion.q[:, j], "v": motion.qd[:, j], "a": motion.qdd[:, j]}
+                values |= {"low": low, "high": high, "v0": motion.v0[j], "v0k": motion.v0[k]}
+                values |= {"vk": motion.qd[:, k]} | by_name
+                columns = effect.columns(motion, j, shape)
+                for text, column in zip(effect.doc.formulas, columns.T, strict=True):
+                    if "v0" in by_name and not by_name["v0"]:
+                        continue
+                    if high - low < 1e-9 and "high - low" in text:
+                        continue  # a joint that never moved has no span to scale by
+                    found = formula.evaluate(text, values)
+                    np.testing.assert_allclose(found + 0 * column, column, rtol=1e-10, atol=1e-11)
+                    tried += 1
+    assert tried
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["__import__('os')", "q.real", "q[0]", "lambda: q", "open(q)", "sin(x=q)", "q if v else a"],
+)
+def test_what_is_no_formula_is_refused(text):
+    with pytest.raises(ConfigError, match="formula"):
+        formula.parsed(text)
+
+
+def test_a_name_without_a_value_is_named():
+    with pytest.raises(ConfigError, match="no value of vs"):
+        formula.written("exp(v / vs)", {}, {"v": "v[0]"})
+
+
+def test_numbers_keep_all_their_digits():
+    k = -1.0 / 3.0
+    text = formula.written("k * q", {"k": k}, {"q": "q"})
+    assert text == f"(({k!r}) * q)" and float(text[2:].partition(")")[0]) == k
