@@ -11,13 +11,14 @@ import json
 import mmap
 import os
 import re
+import resource
 import shutil
 import signal
 import subprocess
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from hil.record.ring import Ring
 from hil.rig.config import load_rig
 from hil.rigs import rig_path
 from hil.runtime import runner, session
+from hil.runtime.clock import SPIN_NS, MonotonicClock
 from hil.runtime.realtime import arranged
 from hil.runtime.statistics import Histogram
 
@@ -141,6 +143,8 @@ _PERIOD_NS = 1_000_000
 #: As in cyclictest's histogram: up to 100 ms, a microsecond a bin.
 _BINS = 100_000
 _NONE = float("nan")
+_CYCLICTEST, _SPINS = "cyclictest -m -p 80 -a", "hil run, full recording"
+_SLEEPS = _SPINS + ", sleeps to the tick"
 
 
 @dataclass(frozen=True)
@@ -157,6 +161,8 @@ class LoopRun:
         [us].
     note : str
         What the operating system granted, or why there is no figure.
+    share : float
+        Processor time over time, of all threads and processes of the run [%].
     """
 
     name: str
@@ -167,19 +173,36 @@ class LoopRun:
     p999: float
     most: float
     note: str = ""
+    share: float = _NONE
+
+
+def _processor_seconds() -> float:
+    """Processor time of this process and of its children that have ended [s]."""
+    who = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
+    return sum(u.ru_utime + u.ru_stime for u in map(resource.getrusage, who))
 
 
 def hil_loop(
-    seconds: float, what: str = "", kind: type[runner.Session] | None = None, **loop: Any
+    seconds: float,
+    what: str = "",
+    kind: type[runner.Session] | None = None,
+    spin_ns: int = SPIN_NS,
+    **loop: Any,
 ) -> LoopRun:
     """The teleoperation rig in real time, with full recording; `loop` over its rig file."""
     config = load_rig(rig_path("teleop"), {"loop": loop})
+
+    def timer(period_ns: int) -> MonotonicClock:
+        return MonotonicClock(period_ns, spin_ns=spin_ns)
+
     with tempfile.TemporaryDirectory() as folder:
-        done = runner.run(config, seconds, 1, "real", Path(folder) / "loop.mcap", kind=kind)
+        path, used = Path(folder) / "loop.mcap", _processor_seconds()
+        done = runner.run(config, seconds, 1, "real", path, kind=kind, timer=timer)
+        used = _processor_seconds() - used
     f = done.figures
     lost = f"; {done.dropped} rows dropped" if done.dropped else ""
     return LoopRun(
-        "hil run, full recording" + (f", {what}" if what else ""),
+        _SPINS + (f", {what}" if what else ""),
         done.ticks,
         done.missed,
         f["late_p50"],
@@ -187,7 +210,53 @@ def hil_loop(
         f["late_p999"],
         f["late_most"],
         (", ".join(done.granted) or "nothing granted") + lost,
+        100.0 * used / done.wall_seconds,
     )
+
+
+def sleeping_loop(seconds: float) -> LoopRun:
+    """The loop without spinning, as cyclictest waits: it sleeps to the tick."""
+    return hil_loop(seconds, "sleeps to the tick", spin_ns=0)
+
+
+class _Load:
+    """Work on all cores but the loop's, by stress-ng."""
+
+    def __init__(self) -> None:
+        self._program = shutil.which("stress-ng")
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> str:
+        """Start it; why not, where it cannot be."""
+        others = sorted(os.sched_getaffinity(0))[:-1]
+        if self._program is None:
+            return "stress-ng is not installed"
+        if not others:
+            return "there is one core"
+        cores = ",".join(map(str, others))
+        words = ["--cpu", str(len(others)), "--vm", "1", "--vm-bytes", "128M", "--taskset", cores]
+        self._process = subprocess.Popen(
+            [self._program, *words, "--quiet"], start_new_session=True, stdout=subprocess.DEVNULL
+        )
+        return ""
+
+    def __exit__(self, *error: object) -> None:
+        if self._process is not None:
+            os.killpg(self._process.pid, signal.SIGTERM)
+            self._process.wait()
+
+
+def under_load(run: Callable[[float], LoopRun]) -> Callable[[float], LoopRun]:
+    """The same run while stress-ng works on the other cores."""
+
+    def loaded(seconds: float) -> LoopRun:
+        with _Load() as why:
+            if why:
+                return LoopRun(f"{run.__name__}, under load", 0, 0, *(_NONE,) * 4, note=why)
+            found = run(seconds)
+        return replace(found, name=f"{found.name}, under load")
+
+    return loaded
 
 
 def separate_process(seconds: float) -> LoopRun:
@@ -222,13 +291,15 @@ def _run(name: str, late_ns: NDArray[np.float64], missed: int, note: str = "") -
 
 def cyclictest(seconds: float) -> LoopRun:
     """`cyclictest -m -p 80 -a`: what the machine allows any program."""
-    name = "cyclictest -m -p 80 -a"
+    name = _CYCLICTEST
     program = shutil.which("cyclictest")
     if program is None:
         return LoopRun(name, 0, 0, _NONE, _NONE, _NONE, _NONE, "not installed (package rt-tests)")
     words = [program, "-m", "-p", "80", "-a", "-t", "1", "-i", "1000", "-q",
              "-D", f"{max(1, round(seconds))}", "-h", str(_BINS)]  # fmt: skip
+    used = _processor_seconds()
     done = subprocess.run(words, capture_output=True, text=True, check=False)
+    share = 100.0 * (_processor_seconds() - used) / max(1, round(seconds))
     if done.returncode != 0:
         why = (done.stderr or done.stdout).strip().splitlines()
         return LoopRun(name, 0, 0, _NONE, _NONE, _NONE, _NONE, why[-1] if why else "failed")
@@ -241,29 +312,57 @@ def cyclictest(seconds: float) -> LoopRun:
         float(us[int(np.searchsorted(total, q * total[-1]))]) for q in (0.5, 0.99, 0.999)
     )
     missed = int(counts[us >= _PERIOD_NS // 1000].sum()) + overflow
-    return LoopRun(name, int(total[-1]) + overflow, missed, p50, p99, p999, float(most))
+    return LoopRun(
+        name, int(total[-1]) + overflow, missed, p50, p99, p999, float(most), share=share
+    )
 
 
 #: In turns, so that a busy minute of the machine falls on all.
 RUNS: tuple[Callable[[float], LoopRun], ...] = (
     cyclictest,
+    sleeping_loop,
     hil_loop,
+    under_load(cyclictest),
+    under_load(sleeping_loop),
+    under_load(hil_loop),
     separate_process,
     lambda seconds: hil_loop(seconds, "no real-time class", realtime=False),
     plain_sleep,
     lambda seconds: hil_loop(seconds, "2 kHz", rate_hz=2000.0),
     lambda seconds: hil_loop(seconds, "4 kHz", rate_hz=4000.0),
-    cyclictest,
 )
 
 
-def compare(seconds: float) -> list[LoopRun]:
-    """All runs, one after the other, each for so long [s], eight in all."""
+def compare(seconds: float, turns: int) -> list[LoopRun]:
+    """All runs, each for so long [s], in turns; of every figure the median of the turns."""
     hil_loop(0.3)  # compiled code into the cache
-    return [run(seconds) for run in RUNS]
+    found = [[run(seconds) for run in RUNS] for _ in range(turns)]
+    return [median(list(same)) for same in zip(*found, strict=True)]
 
 
-HEAD = ("run", "ticks", "missed", "p50 [us]", "p99 [us]", "p99.9 [us]", "most [us]", "")
+_FIGURES = ("ticks", "missed", "p50", "p99", "p999", "most", "share")
+
+
+def median(turns: list[LoopRun]) -> LoopRun:
+    """The same run of several turns: the median of every figure."""
+    middle: dict[str, Any] = {
+        name: float(np.median([getattr(r, name) for r in turns])) for name in _FIGURES
+    }
+    middle |= {name: round(middle[name]) for name in ("ticks", "missed")}
+    return replace(turns[-1], **middle)
+
+
+HEAD = (
+    "run",
+    "ticks",
+    "missed",
+    "p50 [us]",
+    "p99 [us]",
+    "p99.9 [us]",
+    "most [us]",
+    "processor [%]",
+    "",
+)
 
 
 def rows(found: list[LoopRun]) -> list[list[str]]:
@@ -274,6 +373,7 @@ def rows(found: list[LoopRun]) -> list[list[str]]:
             str(r.ticks),
             str(r.missed),
             *(f"{v:.1f}" for v in (r.p50, r.p99, r.p999, r.most)),
+            f"{r.share:.0f}" if r.share == r.share else "-",
             r.note,
         ]
         for r in found
@@ -281,19 +381,25 @@ def rows(found: list[LoopRun]) -> list[list[str]]:
 
 
 def verdict(found: list[LoopRun]) -> str:
-    """The loop against the machine's own limit."""
-    tests = [r for r in found if r.name.startswith("cyclictest") and r.ticks]
-    ours = next(r for r in found if r.name.startswith("hil run"))
-    if not tests:
-        return "cyclictest did not run: there is nothing to compare the loop with."
-    p99, missed = (
-        " and ".join(text)
-        for text in ([f"{r.p99:.0f}" for r in tests], [str(r.missed) for r in tests])
-    )
-    return (
-        f"p99 {ours.p99:.1f} us against {p99} us of cyclictest before and after (aim: within 1.5 "
-        f"times); {ours.missed} missed deadlines against its {missed} wake-ups later than a period."
-    )
+    """The loop against the machine's own limit, like for like."""
+    lines = []
+    for load in ("", ", under load"):
+        at = {r.name: r for r in found if r.ticks and r.name.endswith(load)}
+        test = at.get(_CYCLICTEST + load)
+        sleeps, spins = (at.get(name + load) for name in (_SLEEPS, _SPINS))
+        if test is None:
+            lines.append(
+                f"cyclictest{load} did not run: there is nothing to compare the loop with."
+            )
+        elif sleeps is not None and spins is not None:
+            lines.append(
+                f"p99{load}: cyclictest {test.p99:.0f} us; the loop {sleeps.p99:.0f} us where it "
+                f"sleeps to the tick as cyclictest does ({sleeps.share:.0f} % of a core), "
+                f"{spins.p99:.0f} us where it spins for the last {SPIN_NS // 1000} us "
+                f"({spins.share:.0f} %). Wake-ups later than a period: {test.missed}, "
+                f"{sleeps.missed}, {spins.missed}."
+            )
+    return "\n".join(lines)
 
 
 def table(found: list[LoopRun]) -> str:
@@ -312,11 +418,15 @@ def page(found: list[LoopRun], command: str) -> str:
         [
             "# The loop beside cyclictest",
             "",
-            f"Printed by `{command}`; runs in turns, at 1",
-            "kHz where nothing else is said. `missed`: periods that were skipped; of cyclictest "
-            "and",
-            "plain code, wake-ups later than a period. Latencies are those of the wake-up; the",
-            "loop spins for the last 150 us before it, which cyclictest does not.",
+            f"Printed by `{command}`; the median of the turns,",
+            "at 1 kHz where nothing else is said. `missed`: periods that were skipped; of "
+            "cyclictest and",
+            "plain code, wake-ups later than a period. Latencies are those of the wake-up. The "
+            "loop spins for",
+            f"the last {SPIN_NS // 1000} us before it, which cyclictest does not; *sleeps to the "
+            "tick* is the loop without that.",
+            "*Under load*: stress-ng works on all other cores. *processor*: of all threads, 100 "
+            "is one core.",
             "",
             "| " + " | ".join(HEAD) + " |",
             "|" + "---|" * len(HEAD),

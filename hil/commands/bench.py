@@ -178,16 +178,19 @@ def _faults(args: argparse.Namespace) -> Found:
 def _loop(args: argparse.Namespace) -> Found:
     """The loop under load: how late its ticks are, beside cyclictest."""
     common.check_page(args.report)
-    found = loop.compare(args.seconds)
+    if args.turns < 1:
+        raise ConfigError(f"--turns {args.turns}: one or more is needed")
+    found = loop.compare(args.seconds, args.turns)
     text = loop.table(found)
-    common.write_page(args.report, loop.page(found, f"hil bench loop --seconds {args.seconds:g}"))
+    command = f"hil bench loop --seconds {args.seconds:g} --turns {args.turns}"
+    common.write_page(args.report, loop.page(found, command))
     return text, {"runs": [asdict(r) for r in found]}
 
 
 def _record(args: argparse.Namespace) -> Found:
-    """What recording costs, and whether it loses a row."""
-    found = record_speed.measure(args.seconds)
-    return record_speed.table(found), asdict(found)
+    """What recording costs, and what a flipped bit or a cut file loses."""
+    found, damage = record_speed.measure(args.seconds), record_speed.damage()
+    return record_speed.table(found, damage), {**asdict(found), "damage": asdict(damage)}
 
 
 def _soak(args: argparse.Namespace) -> Found:
@@ -385,6 +388,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--minutes", type=float, default=1.0, help="for every parser (fuzz); default 1"
     )
+    parser.add_argument("--turns", type=int, default=5, help="of all runs (loop); default 5")
     parser.add_argument("--hours", type=float, default=2.0, help="length of the session (soak)")
     parser.add_argument("--starts", type=int, default=1000, help="starts and stops (soak)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (diagnosis, real)")

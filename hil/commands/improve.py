@@ -7,7 +7,7 @@ import argparse
 from hil.commands import common
 from hil.commands.diagnose import add_verbose, code, show
 from hil.diagnosis import engine
-from hil.diagnosis.equivalence import CONFIDENT
+from hil.diagnosis.constants import CONFIDENT
 
 EXAMPLE = "hil improve run.mcap --model arm.toml -o better.toml --report ladder.html"
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import struct
 import sys
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -14,6 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 
 from hil.commands import outputs, trust
 from hil.errors import ConfigError, DataError, plural
@@ -130,7 +133,7 @@ def _recover(sessions: list[str], target: Path, as_json: bool) -> int:
         sys.stdout.write(
             f"{target}: {plural(kept, 'message')} recovered from {sessions[0]}; "
             f"{plural(found.unread, 'byte')} at its end and "
-            f"{plural(found.damaged, 'damaged chunk')} could not be read\n"
+            f"{plural(found.damaged, 'damaged record')} could not be read\n"
         )
     return 0
 
@@ -254,11 +257,19 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
     cut = ", cut off" if found.truncated else ""
     lines = [f"{found.path}: {found.bytes / 1e6:.3g} MB{cut}, {when(found)}", ""]
     if found.truncated or found.damaged:
-        chunks = plural(found.damaged, "damaged chunk")
+        chunks = plural(found.damaged, "damaged record")
         lost = f"{plural(found.unread, 'byte')} at the end and {chunks}"
         lines += [
             f"  {_why(found)}; what follows is what is left ({lost} cannot be read).",
+            f"  {_other_tools(found)}",
             f"  hil info {found.path} --recover NEW.mcap writes it as a proper session.",
+            "",
+        ]
+    part = found.metadata.get("part", {})
+    if "first" in part:
+        lines += [
+            f"  part {part['number']} of the session that begins in {part['first']}, after "
+            f"{part['before']} ({part['why']})",
             "",
         ]
     rows: list[tuple[str, ...]] = [
@@ -287,6 +298,24 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
         made += [f"  {arm.lateness.text}"] if arm.lateness else []
         lines += [*_arm_text(arm.recording), *made, *_faults_text(arm.faults), ""]
     return "\n".join(lines)
+
+
+def _other_tools(found: SessionSummary) -> str:
+    """What readers of the format make of the file as it is: asked of the format's own library."""
+    try:
+        with Path(found.path).open("rb") as file:
+            whole = make_reader(file).get_summary() is not None
+    except (McapError, struct.error, ValueError):
+        whole = False
+    if not whole:
+        return (
+            "Other tools: one that needs the index (Foxglove, mcap info) refuses the file; a "
+            "streaming one (mcap cat, mcap recover) reads up to the first byte that is not right."
+        )
+    return (
+        "Other tools: one that uses the index opens the file, and shows wrong numbers in the "
+        "damaged part unless it verifies checksums; a streaming one stops there."
+    )
 
 
 def _why(found: SessionSummary) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from hil.errors import ConfigError, HilError
 from hil.record.mcap_read import read_metadata
+from hil.record.recovery import in_use
 from hil.runtime.watchdog import beside
 from hil.userfile import parse_toml, read_text
 
@@ -130,6 +131,11 @@ def keep_old(path: Path) -> None:
     """Move a session that stands at the output's place aside: no recording is written over."""
     if not path.exists():
         return
+    if in_use(path):
+        raise ConfigError(
+            f"cannot write {path}: another process is writing this session; nothing was touched, "
+            "end that one or choose another name"
+        )
     number = next(n for n in count(1) if not path.with_suffix(f".{n}{path.suffix}").exists())
     aside = path.with_suffix(f".{number}{path.suffix}")
     path.rename(aside)

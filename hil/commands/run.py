@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import re
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -26,6 +27,7 @@ from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import Rig, open_rig
 from hil.runtime import runner
 from hil.runtime.commands import COMMANDS, scheduled
+from hil.toml import merge
 
 
 @contextmanager
@@ -97,6 +99,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--wait", action="store_true", help="begin without torque and wait for the command start"
     )
     parser.add_argument("--model", metavar="M.toml", help="model file to attach to the session")
+    parser.add_argument(
+        "--split",
+        metavar="SIZE",
+        help="go on in a new file after so much: '10 min', '90 s', '500 MB', '2 GB'",
+    )
+    parser.add_argument(
+        "--sync",
+        type=float,
+        metavar="S",
+        help="write to the disk at least every S seconds, for a loss of power; default: when the "
+        "operating system does",
+    )
     add_rearm(parser)
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
 
@@ -112,7 +126,7 @@ def add_rearm(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the session and print what it turned out to be; 4 where it ended PAUSED."""
-    config = load_rig(args.rig, _played(args))
+    config = load_rig(args.rig, merge(_played(args), {"record": _recorded(args)}))
     if args.seed < 0:
         raise ConfigError(f"--seed {args.seed}: a number from 0 on is needed.")
     if args.seconds is not None and not 0.0 < args.seconds < math.inf:
@@ -169,6 +183,31 @@ def _played(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+#: Units of --split: field of ``[record]``, and how much of its unit.
+_SPLITS = {
+    "s": ("split_seconds", 1.0),
+    "min": ("split_seconds", 60.0),
+    "h": ("split_seconds", 3600.0),
+    "MB": ("split_megabytes", 1.0),
+    "GB": ("split_megabytes", 1000.0),
+}
+
+
+def _recorded(args: argparse.Namespace) -> dict[str, float]:
+    """Table ``[record]`` of --split and --sync."""
+    table = {} if args.sync is None else {"sync": args.sync}
+    if args.split is None:
+        return table
+    found = re.fullmatch(r"\s*([0-9]+\.?[0-9]*)\s*([A-Za-z]+)\s*", args.split)
+    if found is None or found[2] not in _SPLITS:
+        raise ConfigError(
+            f"--split {args.split!r}: a number and a unit are needed, of {', '.join(_SPLITS)}; "
+            "e.g. --split '10 min'"
+        )
+    name, unit = _SPLITS[found[2]]
+    return {**table, name: float(found[1]) * unit}
+
+
 def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
     seconds = config.loop.seconds if args.seconds is None else args.seconds
     total = round(seconds * config.loop.rate_hz)
@@ -220,6 +259,7 @@ def table(summary: runner.Summary) -> str:
     speed = summary.seconds / max(summary.wall_seconds, 1e-9)
     rows = [
         ("session", summary.path),
+        *(("", path) for path in summary.parts),
         ("clock", f"{summary.clock}, seed {summary.seed}"),
         ("ticks", f"{summary.ticks} in {summary.seconds:.3f} s"),
         ("wall time", f"{summary.wall_seconds:.2f} s ({speed:.1f} x real time)"),

@@ -36,7 +36,15 @@ import scipy
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from hil.diagnosis.constants import ADEQUATE, LEVEL
+from hil.diagnosis.constants import (
+    ADEQUATE,
+    BESIDE_BLUR,
+    BESIDE_SMOOTHER,
+    BLUR_SAID,
+    COARSE_COUNTS,
+    FRICTION_LEADS,
+    LEVEL,
+)
 from hil.diagnosis.types import Candidate, Evidence
 from hil.identify import bands, standstill
 from hil.identify.design import Term
@@ -51,15 +59,6 @@ FloatArray = NDArray[np.float64]
 BLURRED = "blurred"
 #: Wider cut-offs of the positions, in units of the present one, and in units of the sample rate.
 WIDER, WIDEST = (2.0, 4.0), 0.35
-#: Times by which friction of a rigid-body engine turns early [s]: a third of the time constants
-#: that engines have by default (0.02 s and less), to half of them.  Found with the test plants in
-#: sight.  Half: joints that such an engine moves are unexplained; double: more laws are excused.
-EARLY = (0.002, 0.005, 0.01)
-#: Share of a law's gain that must be left beside it: false names of clean axes with exact dry
-#: friction left 0.01 to 0.09 of theirs, true ones 0.98 and more.
-BESIDE_BLUR = 0.3
-#: Share of the squared error that is worth a word.
-MUCH = 0.17
 
 
 # ------------------------------------------------------------ reversals that a filter blurs
@@ -122,7 +121,7 @@ def _signs(problem: Problem, j: int) -> Iterator[tuple[float, list[FloatArray]]]
     """
     for wider in WIDER:
         yield 0.0, _sharp(problem, j, wider)
-    for early in EARLY:
+    for early in FRICTION_LEADS:
         signs = [
             m.sign_of(m.qd[:, j] + early * m.qdd[:, j], m.qdd[:, j], float(m.resolution[j]))
             for m in problem.motions
@@ -227,18 +226,13 @@ def blur_notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
             f"{result.problem.rates.position:.3g} under [signal] in the model file)",
         )
         for j, joint in enumerate(result.problem.joints)
-        if share[j] > MUCH
+        if share[j] > BLUR_SAID
     ]
 
 
 POSITION_NOISE = "position-noise"
-#: Steps of an encoder from row to row below which it is coarse.
-COUNTS = 3.0
 #: Cut-offs of smoothers [Hz].
 CUTS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
-#: Share of a law's gain that smoothing must leave to it: clean arms and axes behind encoders of
-#: 14 to 16 bits leave below 0.07, springs and modes of half a floor above 0.14.
-BESIDE_SMOOTHER = 0.10
 
 
 # ------------------------------------------------------------ noise of the positions
@@ -316,7 +310,7 @@ def coarse(problem: Problem) -> NDArray[np.bool_]:
         out = np.zeros(problem.d, dtype=bool)
         for m, r in zip(problem.motions, problem.recordings, strict=True):
             moved = np.median(np.abs(m.qd), axis=0) * m.dt
-            out |= moved < COUNTS * standstill.quanta(r.q)
+            out |= moved < COARSE_COUNTS * standstill.quanta(r.q)
         problem.memo["coarse",] = out
     found: NDArray[np.bool_] = problem.memo["coarse",]
     return found
@@ -351,5 +345,5 @@ def shaken(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
             "narrower band ([signal] in the model file) lowers it",
         )
         for j, joint in enumerate(result.problem.joints)
-        if share[j] > MUCH
+        if share[j] > BLUR_SAID
     ]

@@ -19,7 +19,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc
 
-from hil.diagnosis.constants import LEVEL
+from hil.diagnosis.constants import (
+    ECHO,
+    FEWEST_BLOCKS,
+    HIDDEN_DIRECTION,
+    HIGHEST_MULTIPLE,
+    LEVEL,
+    LIKELY,
+    LINE_MAJOR,
+    LINE_MET,
+    LINE_SHARE,
+    MATERIAL,
+    MIRROR,
+    SAME_COSINE,
+    SIMILAR,
+    TEMPER,
+    WHOLE_ORDER,
+)
 from hil.diagnosis.types import Candidate, Evidence
 from hil.identify.design import Term, coefficients, head
 from hil.identify.problem import Problem
@@ -31,22 +47,8 @@ from hil.models.model import Use, Value
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
-#: Share of chi2 by which functional forms are allowed to miss the truth (tempers confidence).
-TEMPER = 0.01
 #: ... where the rival has more coefficients.
 RICHER = TEMPER / 8
-#: Cosine between projected columns from which two effects look the same.
-COINCIDE = 0.98
-#: Logarithm of a weight below which nobody asks what contains the candidate.
-LIKELY = -3.0
-#: Share of a direction below which the base model hides it.
-HIDDEN_DIRECTION = 0.01
-#: Only effects that the base absorbs by this share can be imitated from another joint.
-MIRROR = 0.9
-#: ... and only if on both joints they explain about as much.
-SIMILAR = 0.5
-#: Noise that comes back late through a controller, in units of what 1.1 floors leave.
-ECHO = 2.0
 
 
 # ------------------------------------------------------------ rivals
@@ -83,7 +85,7 @@ def twins(a: Candidate, b: Candidate, projector: Projector) -> bool:
     same = are_twins(a.term.effect, b.term.effect, motion)
     if a.term.effect.scope.tip != b.term.effect.scope.tip:
         # a sensor has a coefficient for every channel; one of them may be a joint's effect
-        same |= overlap(a, b, projector) > COINCIDE
+        same |= overlap(a, b, projector) > SAME_COSINE
     several = a.term.effect.scope.whole and not b.term.effect.scope.whole
     return same and (several or min(a.chi2, b.chi2) > 0.99 * max(a.chi2, b.chi2))
 
@@ -119,7 +121,7 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
         elif late(best, r):
             share = TEMPER / 4  # their forms are those of real drives
         elif r.name == best.term.effect.relations.limit or (
-            dof == copies and overlap(best, r, projector) > COINCIDE
+            dof == copies and overlap(best, r, projector) > SAME_COSINE
         ):
             share = 10 * TEMPER
         if mirrored(best, r):
@@ -157,7 +159,7 @@ def begins(poorer: Candidate, richer: Candidate, projector: Projector) -> bool:
     tempered = more / (1.0 + RICHER * poorer.chi2)
     if not unseen and chdtrc(dof, tempered) > LEVEL:
         return False
-    return overlap(poorer, richer, projector) > COINCIDE
+    return overlap(poorer, richer, projector) > SAME_COSINE
 
 
 def seen(c: Candidate, projector: Projector) -> int:
@@ -184,15 +186,6 @@ def mirrored(a: Candidate, b: Candidate) -> bool:
     same = a.name == b.name and a.term.joint != b.term.joint
     alike = min(a.chi2, b.chi2) > SIMILAR * max(a.chi2, b.chi2)
     return same and alike and min(a.absorbed, b.absorbed) > MIRROR
-
-
-#: An effect must account for at least this share of the noise variance to matter.
-MATERIAL = 0.10
-#: Share of the excess that a line over time must account for by itself.
-LINE_SHARE = 0.8
-#: ... or this share, if without the line the joint is within so much of its floor: a floor that is
-#: a twentieth too low is a third of an excess of half a floor.
-MAJOR, MET = 0.6, 1.06
 
 
 # ------------------------------------------------------------ choice
@@ -230,7 +223,7 @@ def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
     removed = c.parts[j] * result.sigma[j] ** 2 / result.problem.count[j]
     # of a small excess the floor's own error is a good part
     rest = float(result.rms[j] ** 2) - removed
-    at_floor = rest < (MET * evidence.floor.rms[j]) ** 2 and removed > MAJOR * excess
+    at_floor = rest < (LINE_MET * evidence.floor.rms[j]) ** 2 and removed > LINE_MAJOR * excess
     return bool(removed > LINE_SHARE * excess or at_floor)
 
 
@@ -288,11 +281,6 @@ def choose(
     p = weights(best, same[:12], projector)
     rivals = [c for k, c in enumerate(same[:12], start=1) if p[k] >= 0.05]
     return best, p[0], rivals
-
-
-#: Blocks, beside one for each coefficient, from which their scatter says anything: of three blocks
-#: not even coefficients of ten standard errors are more than chance.
-FEWEST_BLOCKS = 10
 
 
 # ------------------------------------------------------------ coefficients beyond chance
@@ -400,8 +388,6 @@ def as_use(c: Candidate, problem: Problem) -> Use:
 
 # ---------------------------------------------------------------------- overtones
 
-#: Relative error of an order that is a multiple of another one, and the highest multiple.
-WHOLE_ORDER, HIGHEST_ORDER = 0.01, 9
 #: Multiples of a named wave's order of which its law, two harmonics each, is tried beside it.
 FURTHER = (2, 3, 5)
 
@@ -430,7 +416,7 @@ def harmonic(c: Candidate, found: Sequence[Candidate], motion: Motion, projector
             continue
         ratio = c.term.shape[0] / wave.term.shape[0]
         times = round(ratio)
-        if 2 <= times <= HIGHEST_ORDER and abs(ratio - times) < WHOLE_ORDER * times:
+        if 2 <= times <= HIGHEST_MULTIPLE and abs(ratio - times) < WHOLE_ORDER * times:
             return f"the remainder repeats {times} times in a period of its {wave.name}: a harmonic"
         if _more(wave, projector) >= c.parts[c.joint]:
             return f"further harmonics of its {wave.name} explain the remainder as well: a part"

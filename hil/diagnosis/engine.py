@@ -25,6 +25,8 @@ from hil.diagnosis.constants import (
     CHANCE,
     CONFIDENT,
     FAR,
+    GAIN_FALL,
+    GAIN_NEAR,
     HALF,
     MATTERS,
     WHOLE,
@@ -328,11 +330,6 @@ def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
     return float(share + CHANCE * se)
 
 
-#: Fall of the held-out mean square error from which the gain is determined, and how near a gain
-#: must be to -1 to be a sign, or to 1 to be a gain error.  Half: signs are taken for ratios.
-FALL, NEAR = 0.25, 0.35
-
-
 def gains(result: FitResult, split: Split) -> dict[int, float]:
     """Gain g of the external effort on the joints whose held-out error falls with it.
 
@@ -363,7 +360,7 @@ def gains(result: FitResult, split: Split) -> dict[int, float]:
         j = int(g.joint or 0)
         after = table.errors([*keys, g.key])
         fall = before.squared[:, j] - after.squared[:, j]
-        if after.power[j] < (1 - FALL) * before.power[j] and paired(fall) > BEYOND:
+        if after.power[j] < (1 - GAIN_FALL) * before.power[j] and paired(fall) > BEYOND:
             out[j] = 1.0 - float(table.coefficients([*keys, g.key])[g.key][0])
     return out
 
@@ -373,7 +370,7 @@ def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list
     faults, warnings = [], []
     for j, g in gains(result, split).items():
         joint, column = result.problem.joints[j], f"tauext{j + 1}"
-        if abs(g + 1) < NEAR:
+        if abs(g + 1) < GAIN_NEAR:
             faults.append(
                 (
                     "external-sign",
@@ -381,7 +378,7 @@ def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list
                     f"the model fits. Set scale = -1 for {column} (or fx, fy, fz) in a map file",
                 )
             )
-        elif abs(g - 1) > NEAR:
+        elif abs(g - 1) > GAIN_NEAR:
             warnings.append(
                 (
                     "external-ratio",

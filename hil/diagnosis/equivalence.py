@@ -26,6 +26,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.attribution import overlap, physical
+from hil.diagnosis.constants import (
+    ABSORBED,
+    CONFIDENT,
+    COULOMB_MISSED,
+    LOAD,
+    LOW_SPEED,
+    MOTION_ODDS,
+    RANGE,
+    SAME_COSINE,
+    TURNS,
+    WARMING,
+)
 from hil.diagnosis.types import (
     EXCITATION,
     STRUCTURAL,
@@ -51,8 +63,6 @@ from hil.models.effect import Effect, Sight, Trait
 FloatArray = NDArray[np.float64]
 #: Unit of a shape value that is a speed.
 SPEED = "{x}/s"
-#: Share of an effect's columns from which the base model is said to absorb it.
-ABSORBED = 0.9999
 #: Size in units of the noise that an effect gets which the base model absorbs.
 PROBE = 10.0
 #: Motions that decide whether what the whole robot does to the base can be seen at all.
@@ -174,12 +184,6 @@ def _rival(c: Candidate, projector: Projector, noise: FloatArray) -> Rival:
     return Rival(term, (vector[:, keep] @ (right / value[keep])) / np.maximum(size, 1e-300))
 
 
-#: Cosine between projected columns from which two effects count as one.
-SAME_COSINE = 0.98
-#: Confidence from which a name is one.
-CONFIDENT = 0.75
-#: Log odds below which a motion is as good as none.
-MOTION_ODDS = 1.0
 #: A name, its rivals, and the number of its joint; -1 of the whole robot.
 Undecided = tuple[str, list[str], int]
 
@@ -392,16 +396,6 @@ def at_issue_of(d: Diagnosis) -> tuple[list[Indistinguishable], list[Indistingui
     return at_issue(sets_of(d), concerned(named, d.first, d.last))
 
 
-#: Share of the top speed that is low, and of Coulomb friction that would be missed there.
-LOW, MISSED = 0.02, 0.10
-#: Reversals.
-TURNS = 10
-#: Share of a joint's range, and of the effort's rms by which a static load must change.
-RANGE, LOAD = 0.5, 0.1
-#: Shortest recording in which something can warm up [s].
-MINUTE = 60.0
-
-
 # ------------------------------------------------------------ what the motion could not show
 
 
@@ -452,14 +446,14 @@ def _low_speed(result: FitResult, evidence: Evidence) -> list[Unseen]:
         fc = _dry(result, j)
         unseen = [e for e in laws if (e.name, j) not in present] if fc > 0 else []
         share = max((_missed(result, evidence, e, j) / fc for e in unseen), default=0.0)
-        if share > MISSED:
+        if share > COULOMB_MISSED:
             missed[problem.joints[j]] = share
     if not missed:
         return []
     names = tuple(e.name for e in _showing(Sight.SLOW))
     why = (
-        f"too little of the motion is slower than {100 * LOW:g} % of the top speed; friction that "
-        f"rises only there is not seen{_up_to(max(missed.values()))}"
+        f"too little of the motion is slower than {100 * LOW_SPEED:g} % of the top speed; friction "
+        f"that rises only there is not seen{_up_to(max(missed.values()))}"
     )
     return [Unseen(names, tuple(missed), why, _command(laws[0].name, problem, list(missed)))]
 
@@ -495,7 +489,7 @@ def _missed(result: FitResult, evidence: Evidence, effect: Effect, j: int) -> fl
     speed = np.abs(problem.qd[j][problem.live[j]])
     if projector is None or not speed.size:
         return 0.0
-    vs = LOW * float(np.quantile(speed, 0.995))
+    vs = LOW_SPEED * float(np.quantile(speed, 0.995))
     form = effect.search.grid(problem.motions[0], j)[0][1:]
     _, _, inverse, _ = projector.score(Term(effect, j, (vs, *form)))
     noise = (floor.scale[j] / result.sigma[j]) ** 2 * floor.inflation[j]
@@ -536,7 +530,7 @@ def _of_all(problem: Problem) -> list[Unseen]:
     """What concerns the whole robot."""
     out = []
     length = max(float(r.t[-1] - r.t[0]) for r in problem.recordings)
-    if length < MINUTE:
+    if length < WARMING:
         why = f"the longest recording lasts {length:.3g} s; warming takes minutes"
         out.append(Unseen(_richest(Sight.MINUTES), (), why))
     if not any(np.any(m.tau_ext) or np.any(m.wrench) for m in problem.motions):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts
+from hil.diagnosis.constants import LINE_LEAST, LITTLE, MANY_SHAPES
 from hil.diagnosis.floor import measure
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import FLIPS, Candidate, Evidence, Floor, ranking
@@ -245,12 +246,6 @@ def block_sums(x: FloatArray, labels: NDArray[np.int_], count: int) -> FloatArra
     return out
 
 
-#: Shapes from which on the best of them is a pick, and the share of the residual it then needs.
-MANY, LITTLE = 24, 0.02
-#: The same for a line over time: what is less leaves an error within 1.1 of the floor.
-LINE = 1 - 1 / 1.1**2
-
-
 # ------------------------------------------------------------ all evidence
 
 
@@ -339,8 +334,8 @@ def _picked(c: Candidate, projector: Projector) -> bool:
     nothing.
     """
     own = projector.rows(c.term)
-    many = len(projector.problem.grid(c.term.effect, c.term.joint)) > MANY
-    least = LINE if isinstance(c.term.effect.search, Lines) else LITTLE
+    many = len(projector.problem.grid(c.term.effect, c.term.joint)) > MANY_SHAPES
+    least = LINE_LEAST if isinstance(c.term.effect.search, Lines) else LITTLE
     return many and c.gain < least * float(np.sum(projector.residual[own] ** 2))
 
 

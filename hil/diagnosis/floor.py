@@ -17,6 +17,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from hil.diagnosis.constants import EFFORT_ACCURACY, SENSOR_ACCURACY
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Floor
 from hil.identify.line_spectrum import period
@@ -25,12 +26,6 @@ from hil.identify.regression import inflation
 from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
-#: Non-linearity and cross-talk of strain-gauge force sensors, where nothing is known of the one
-#: at hand: below that, a law of the environment cannot be told from the sensor's own error.
-SENSOR_ACCURACY = 0.01
-#: Linearity of amplifiers and DACs, and the jitter of a command within its period: no motor
-#: effort is known better than to about a third of a percent.
-EFFORT_ACCURACY = 0.003
 #: Columns of which less than this is new do not count.
 RANK = 1e-6
 #: Times that normal equations are solved, from the second on for what is left.

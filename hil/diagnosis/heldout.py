@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.candidates import held_out
+from hil.diagnosis.constants import LEAST_FALL
 from hil.diagnosis.evidence import floor_of
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Evidence, HeldOut, Step
@@ -169,9 +170,6 @@ def of_blocks(residual: FloatArray, problem: Problem, folds: Split) -> HeldOut:
     return HeldOut(residual, effort, folds.block, "folds", problem.run, names)
 
 
-#: Share by which the held-out error must fall.  One place where a joint lingers may hold all of it,
-#: so that its spread over blocks says nothing; the fitted runs must bear it as well.
-LEAST_FALL = 0.04
 #: Ratio of held-out to fitted residual from which so much is there to be gained.
 ROOM_TO_GAIN = 1 + LEAST_FALL
 #: Ratio of one resolution to the next that is tried.

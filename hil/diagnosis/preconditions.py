@@ -25,6 +25,17 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.diagnosis.constants import (
+    COLUMNS_RIGHT,
+    DISAGREEMENT,
+    DOUBTFUL,
+    HOPED,
+    HOPELESS,
+    OTHER_JOINT,
+    SHORTEST_RECORDING,
+    SLOWEST,
+    TOUCHING,
+)
 from hil.identify.design import head
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -37,14 +48,6 @@ from hil.models.model import BASE_EFFECTS, RobotModel
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
-#: Relative error from which on a fit is none, and from which on columns are tried in another way;
-#: a joint's that may be the other one of two [%].
-HOPELESS, DOUBTFUL, OTHER = 50.0, 12.0, 10.0
-#: Share of the error that is left when the columns are put right, at most.
-RIGHT = 1 / 3
-#: Least error that a fit can reach, in units of what would do, from which it is not tried: what a
-#: shape between those of the grid may do beyond them is far less.
-HOPED = 1.2
 
 
 # ------------------------------------------------------------ columns
@@ -72,10 +75,10 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         problem = Problem(
             changed, result.problem.source, result.model.explains, rates=result.problem.rates
         )
-        if reach.least(problem) > HOPED * RIGHT * before:
+        if reach.least(problem) > HOPED * COLUMNS_RIGHT * before:
             continue
         after = fit(problem, result.model, sweeps=1)
-        better = _size(after) < RIGHT * before and float(np.max(after.relative)) < HOPELESS
+        better = _size(after) < COLUMNS_RIGHT * before and float(np.max(after.relative)) < HOPELESS
         if better:
             found.append((_size(after), code, text))
     return [(code, text) for _, code, text in sorted(found)[:1]]
@@ -102,7 +105,7 @@ def _changes(
 
     A joint whose effort is another one's fits badly, and so does the other one's.
     """
-    d, bad, poor = len(joints), error > DOUBTFUL, error > OTHER
+    d, bad, poor = len(joints), error > DOUBTFUL, error > OTHER_JOINT
     order, fits = list(range(d)), "turned round, the model fits; change its sign in a map"
     for k, joint in ((k, x) for k, x in enumerate(joints) if bad[k]):
         signs = np.where(np.arange(d) == k, -1.0, 1.0)
@@ -119,16 +122,6 @@ def _changes(
             "model fits; name the columns in a map"
         )
         yield "swapped", text, swapped, np.ones(d)
-
-
-#: A contact law is undetermined when forward and reverse regression differ by this factor.
-DISAGREEMENT = 1.5
-#: Rows with at least this share of the deepest penetration count as contact.
-TOUCHING = 0.02
-#: Least rms speed, in units of its noise, that is motion.
-SLOWEST = 4.0
-#: Shortest recording from which effects are named, all runs without the filter's edges [s].
-SHORTEST_RECORDING = 4.0
 
 
 # ------------------------------------------------------------ motion

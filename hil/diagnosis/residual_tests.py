@@ -31,7 +31,23 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from hil.diagnosis.artefacts import blur, coarse
-from hil.diagnosis.constants import ADEQUATE, LEVEL
+from hil.diagnosis.constants import (
+    ADEQUATE,
+    BURST_LENGTH,
+    BURST_SHARE,
+    BURSTS,
+    BURSTS_ALONE,
+    BURSTS_SURE,
+    CHANGE_MORE,
+    FEWEST_SAMPLES,
+    GROWS,
+    LEVEL,
+    NEAR_FLOOR,
+    SWINGS,
+    SWINGS_SURE,
+    SWITCH,
+    UNEVEN,
+)
 from hil.diagnosis.types import Change, Cut
 from hil.identify.fit import in_units
 from hil.identify.problem import Problem
@@ -43,8 +59,6 @@ FloatArray = NDArray[np.float64]
 CHANGED = "changed"
 #: Instants of a run that are tried, and those around the best of them.
 INSTANTS, AROUND = 15, 16
-#: Factor by which a change must explain more than the same throughout.
-MORE = 1.1
 #: Share of a column below which it is the model's own.
 OWN_SHARE = 1e-4
 ADVICE = (
@@ -94,7 +108,7 @@ def _change_of(projector: Projector, result: FitResult, j: int) -> Change | None
     problem, columns = result.problem, _columns(result, j)
     cuts = _coarse(result)
     gain, value, what, cut = _best(projector, j, columns, range(len(VALUES)), cuts)
-    if gain < MORE * _throughout(projector, j, columns[:, what]):
+    if gain < CHANGE_MORE * _throughout(projector, j, columns[:, what]):
         return None
     if cut[1]:
         # the instant itself, between its neighbours
@@ -184,24 +198,10 @@ def _best(
 
 
 UNLIKE = "unlike-noise"
-#: Kurtosis, and its standard errors, below which a residual keeps to two sides: less than one of a
-#: thousand joints with Gaussian noise of any colour.
-SWINGS, SURE = -0.6, -2.5
-#: Kurtosis that no wave has.
-SWITCH = -1.6
-#: The same above which it comes in bursts: a tenth of the time then holds more than half of its
-#: square.  Noise of turning encoders reaches 0.9, starts and exact dry friction 3.
-BURSTS, CLEAR = 3.0, 5.0
-#: Kurtosis above which bursts are all that there is.
-ONLY = 10.0
-#: Errors up to so many floors may be called adequate.
-NEAR_FLOOR = 1.25
-#: Parts of a run that have an rms of their own; its growth that is worth a word, and kurtosis.
-PARTS, GROWS, UNEVEN = 6, 2.0, 1.0
-#: Fewer instants tell nothing.
-FEWEST_SAMPLES = 200
-#: Autocorrelations counted; share of the time that is called bursts; their length [s].
-LAGS, TENTH, LENGTH = 400, 0.1, 0.25
+#: Parts of a run that have an rms of their own.
+PARTS = 6
+#: Autocorrelations counted.
+LAGS = 400
 #: Instants that are named, and the Fourier transform's padding.
 NAMED, PADDED = 3, 4
 
@@ -260,18 +260,18 @@ def _unlike_of(result: FitResult, j: int, projector: Projector | None) -> Unlike
     if not raw:
         return None
     (k, se), (whole, _) = _even(raw), kurtosis(np.concatenate(raw))
-    if k > BURSTS and k > CLEAR * se and projector is not None:
+    if k > BURSTS and k > BURSTS_SURE * se and projector is not None:
         left = left - blur(result, projector, j).effort
         raw = _runs(problem, j, left)
         k, se = _even(raw)
     joint, rate = problem.joints[j], problem.rate
-    if k < SWINGS and k < SURE * se:
+    if k < SWINGS and k < SWINGS_SURE * se:
         return Unlike(joint, k, True, f"{joint}: {_swings(k, [r / _around(r) for r in raw], rate)}")
-    if k > BURSTS and k > CLEAR * se:
+    if k > BURSTS and k > BURSTS_SURE * se:
         # where the speed passes a count a row, a coarse encoder bursts
         if coarse(problem)[j]:
             return None
-        return Unlike(joint, k, k > ONLY, f"{joint}: {_bursts(problem, j, left, k)}")
+        return Unlike(joint, k, k > BURSTS_ALONE, f"{joint}: {_bursts(problem, j, left, k)}")
     longest = max(raw, key=len)
     size = _around(longest)
     if whole > UNEVEN and size.max() > GROWS * size.min():
@@ -345,7 +345,7 @@ def _bursts(problem: Problem, j: int, left: FloatArray, k: float) -> str:
     run = int(np.argmax(np.bincount(problem.run)))
     own = problem.run == run
     squares = np.sort(left[problem.live[j]] ** 2)[::-1]
-    share = float(squares[: round(TENTH * squares.size)].sum() / squares.sum())
+    share = float(squares[: round(BURST_SHARE * squares.size)].sum() / squares.sum())
     when = problem.t[own & problem.live[j]] - float(problem.t[own].min())
     where = ", ".join(
         f"{x:.2f}" for x in _largest(_residual(problem, j, left, run), when, problem.rate)
@@ -370,7 +370,7 @@ def _uneven(r: FloatArray) -> str:
 
 def _largest(r: FloatArray, t: FloatArray, rate: float) -> list[float]:
     """Times of the largest bursts in order, no two within a second."""
-    width = max(round(LENGTH * rate), 1)
+    width = max(round(BURST_LENGTH * rate), 1)
     power, found = np.convolve(r**2, np.ones(width), "same"), list[float]()
     for i in np.argsort(-power).tolist():
         if all(abs(t[i] - x) > 1.0 for x in found):

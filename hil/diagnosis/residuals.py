@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import LEVEL
+from hil.diagnosis.constants import LEVEL, NEAR_FLOOR, PLAIN
 from hil.diagnosis.types import Floor
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -434,8 +434,6 @@ def _region(view: View, k: int, strength: float, share: float) -> Region:
 
 
 SEEMING = "seeming"
-#: Error over the floor that seems to be right, and strength of a place that says it is not.
-NEAR, PLAIN = 1.25, 4.0
 
 
 # ------------------------------------------------------------ at the floor, and wrong in places
@@ -463,5 +461,5 @@ def seeming(
             "again after each effect that it adds",
         )
         for joint, x in ratio.items()
-        if x <= NEAR and most[joint] > PLAIN
+        if x <= NEAR_FLOOR and most[joint] > PLAIN
     ]

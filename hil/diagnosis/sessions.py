@@ -21,7 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.attribution import choose, plausible
-from hil.diagnosis.constants import ADEQUATE
+from hil.diagnosis.constants import (
+    ACCOUNTED,
+    ADEQUATE,
+    CERTAIN,
+    FALL_DEVIATIONS,
+    LACKS,
+    LOUDER,
+    SESSIONS_DIFFER,
+)
 from hil.diagnosis.evidence import gather, in_time, terms_to_try
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut
@@ -33,8 +41,6 @@ from hil.identify.result import FitResult
 from hil.identify.validity import identified, leaves
 
 FloatArray = NDArray[np.float64]
-#: Share of the difference that one effect must account for to be named.
-ACCOUNTED = 0.7
 
 
 # ------------------------------------------------------------ what turns one session into the other
@@ -55,7 +61,7 @@ def explanation(fitted: FitResult, alone: FitResult, residual: FloatArray, j: in
     All parameters stay as they were fitted; one term at a time is added to them, of the model's
     own (another value) or of the catalogue's (an effect), and the best is told with its share of
     what the parameters miss; longer laws pay the price of their coefficients.  Empty where none
-    accounts for `SAID_SHARE` of it.
+    accounts for `ACCOUNTED` of it.
 
     Parameters
     ----------
@@ -172,19 +178,7 @@ def _covariance(f: FitResult) -> FloatArray:
     return cluster_covariance((f.residual / f.sigma[:, None]).reshape(-1), f.basis, blocks)
 
 
-#: Factor between errors from which two sessions differ, beside any chance.
-SESSIONS_DIFFER = 1.2
-#: Paired standard errors over blocks by which the error must fall when fitted alone.
-FALL_DEVIATIONS = 3.0
-#: Standard errors from which two fits' predictions differ for certain: theirs count noise alone.
-CERTAIN = 5.0
-#: Factor between two sessions' own errors from which the larger one is looked at for itself.
-LOUDER = 1.5
-#: Share of an effect's power in the other session below which that session lacks it.
-LACKS = 0.25
 DIFFER, SAID = "sessions-differ", "the sessions differ"
-#: Share of what stands above the noise that an effect must explain to be said.
-SAID_SHARE = 0.7
 BOTH = "Give both to the fit and hold out a third one"
 ADVICE = (
     f"{BOTH}, set what belongs to a day under [offsets] in "
@@ -333,7 +327,7 @@ def _only(
     name, here, there = told
     excess = max(float(where.rms[c.joint]) ** 2 - floor**2, 1e-300)
     share = min(_here(c, where) / excess, 1.0)
-    if share < SAID_SHARE:
+    if share < ACCOUNTED:
         return ""
     joint = where.problem.joints[c.joint]
     text = f"{name} would explain {100 * share:.0f} % of the error above the noise in {here}"

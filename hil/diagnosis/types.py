@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import ADEQUATE
+from hil.diagnosis.constants import ADEQUATE, APART
 from hil.errors import DataError
 from hil.identify.design import Term
 from hil.identify.multistep import MultiStep
@@ -22,8 +22,6 @@ from hil.models.model import Range, RobotModel, Value
 from hil.shown import Plotted
 
 FloatArray = NDArray[np.float64]
-#: An error above this many times the largest model's residual is never adequate.
-APART = 1.2
 
 
 # ------------------------------------------------------------ evidence

@@ -19,6 +19,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.diagnosis.constants import ADEQUATE, SAID_FROM
 from hil.diagnosis.types import Explainable, Floor
 from hil.identify.parallel import in_parallel
 from hil.identify.problem import Problem
@@ -98,10 +99,6 @@ def _free(result: FitResult) -> FloatArray:
 
 #: Makes columns (n, m).
 Make = Callable[[], FloatArray]
-#: Errors within this factor of the floor leave nothing to explain.
-REST = 1.10
-#: Share that is worth a word.
-SAID_FROM = 0.005
 #: Rows up to which a network is fitted where nothing is left above the floor.
 MAX_ROWS = 10_000
 #: Bumps over a joint's own range and over another one's, and joints up to which those are asked.
@@ -109,7 +106,7 @@ FINE, COARSE, NEAR = 40, 12, 4
 #: Bumps over each of two joints' ranges.
 POSES = 7
 #: Fall of an error from which it is no noise.
-HIDDEN_SHARE = 1 - 1 / REST
+HIDDEN_SHARE = 1 - 1 / ADEQUATE
 #: Cosines over time; the same blocks as elsewhere are left out in turn, so it interpolates.
 TREND = 6
 
@@ -130,7 +127,7 @@ def explainable(result: FitResult, floor: Floor) -> list[Explainable]:
     """Shares for every joint that moves and is still above its floor; empty where none is."""
     out = []
     for j in np.flatnonzero(~result.problem.holds).tolist():
-        if result.rms[j] > REST * floor.rms[j]:
+        if result.rms[j] > ADEQUATE * floor.rms[j]:
             out += _of_joint(result, float(floor.rms[j]), j)
     return out
 

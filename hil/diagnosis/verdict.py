@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts
 from hil.diagnosis.artefacts import returned, shaken, smoothed
-from hil.diagnosis.constants import FAR, MATTERS
+from hil.diagnosis.constants import FAR, MATTERS, ONE_TIME, STILL, WHOLE
 from hil.diagnosis.equivalence import unseen
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.preconditions import other_robot
@@ -37,8 +37,6 @@ from hil.record.jumps import described
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
-#: Below this share of the excess explained, no name is given.
-EXPLAINED = 0.70
 
 
 # ------------------------------------------------------------ excuses
@@ -51,7 +49,7 @@ def of_noise(step: Step, evidence: Evidence, floor: FloatArray) -> NDArray[np.bo
     controller; or reversals that their filter blurs.
     """
     end, result = step.result.rms, step.result
-    most = EXPLAINED * (end**2 - floor**2)
+    most = WHOLE * (end**2 - floor**2)
     late = (end <= FAR * floor) & (returned(evidence, result) >= most)
     excused = (
         (smoothed(evidence, result) >= most)
@@ -82,10 +80,6 @@ def only_there(step: Step, last: Evidence, floor: FloatArray) -> bool:
 def rival_name(r: Candidate, c: Candidate, problem: Problem) -> str:
     """Name of a rival, with its joint where that is what is in doubt."""
     return describe(r, problem) if r.name == c.name else r.name
-
-
-#: Share of time at standstill that is worth a note.
-STILL = 0.05
 
 
 # ------------------------------------------------------------ notes
@@ -152,8 +146,6 @@ def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
 
 
 COMMON, NO_GEOMETRY = "common-cause", "no-geometry"
-#: Spread of times, relative to their mean, within which they are one: late forms differ by as much.
-ONE_TIME = 0.2
 
 
 # ------------------------------------------------------------ what findings have in common

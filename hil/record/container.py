@@ -1,7 +1,10 @@
-"""Reads the records of an MCAP file in one pass, whole or cut off anywhere.
+"""Reads the records of an MCAP file in one pass, whole, cut off anywhere, or damaged within.
 
 The file is walked record by record and chunk by chunk; what a killed writer left is read up
-to the last complete chunk.  Payloads stay bytes: decoding is done a channel at a time.
+to the last complete chunk.  Where a record cannot be one, the walk goes on at the next place
+where three records follow each other: a damaged length costs its record and no other.
+Definitions are believed where a checksum covers them (summary, chunks), and taken as they
+stand where none does.  Payloads stay bytes: decoding is done a channel at a time.
 
 One channel's messages: columns of numbers, and payloads that stay where they were read.
 
@@ -12,6 +15,7 @@ Where the messages of a chunk lie: a compiled walk, for files that are worth its
 
 from __future__ import annotations
 
+import json
 import struct
 import sys
 import zlib
@@ -190,8 +194,17 @@ __all__ = ["Container", "Topic", "read"]
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_SCHEMA, _CHANNEL, _MSG, _CHUNK, _ATTACHMENT, _METADATA, _DATA_END = 3, 4, 5, 6, 9, 12, 15
-_UNREADABLE = (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError)
+_FOOTER, _SCHEMA, _CHANNEL, _MSG, _CHUNK, _ATTACHMENT = 2, 3, 4, 5, 6, 9
+_ATTACHMENT_INDEX, _METADATA, _DATA_END = 10, 12, 15
+#: Opcodes from here on are a writer's own, and are passed over.
+_PRIVATE = 0x80
+_UNREADABLE = (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError, ValueError)
+_ZSTD = b"\x28\xb5\x2f\xfd"
+#: Attachment with a copy of the metadata: a metadata record has no checksum, an attachment has.
+METADATA_COPY = "hil.metadata.json"
+#: Records that must follow each other where the walk goes on after a damaged one, and bytes that
+#: are searched at once.
+_CHAIN, _SEARCHED = 3, 2**20
 #: From this size on [byte] the compiled walk is worth the import of the compiler, where nothing
 #: else has needed that.
 _LARGE = 2**24
@@ -218,7 +231,7 @@ class Container:
     size, unread : int
         Bytes there are, and bytes at the end that no complete record holds.
     damaged : int
-        Chunks within that could not be read, or whose checksum is wrong; they are left out.
+        Records within that could not be read, or whose checksum is wrong; they are left out.
     """
 
     path: Path
@@ -264,16 +277,19 @@ def read(path: str | Path, messages: bool = True) -> Container:
         raw = read_bytes(path, 2**48)
     except OSError as error:
         raise DataError(f"session {path}: {error.strerror}") from error
-    if not raw.startswith(MAGIC):
+    if not _is_mcap(raw):
         what = "is empty" if not raw else "is not an MCAP file"
         raise DataError(f"session {path} {what}; import a CSV, NPZ or MAT table with 'hil import'")
     out = Container(path, size=len(raw))
     reader = _Reader(out, messages, len(raw) >= _LARGE or "numba" in sys.modules)
-    stop, ended = reader.records(raw, len(MAGIC))
-    reader.found.hand_out(reader.channels)
-    out.truncated = not (ended and raw.endswith(MAGIC))
-    out.unread = 0 if ended else len(raw) - stop
+    reader.read(raw)
     return out
+
+
+def _is_mcap(raw: bytes) -> bool:
+    """Whether a file begins as one does, but for a damaged bit."""
+    bits = int.from_bytes(raw[: len(MAGIC)]) ^ int.from_bytes(MAGIC)
+    return len(raw) >= len(MAGIC) and bits.bit_count() <= 1
 
 
 def _text(data: bytes, at: int) -> tuple[str, int]:
@@ -290,56 +306,169 @@ def _pairs(data: bytes, at: int) -> dict[str, str]:
     return out
 
 
+def _chunk_fits(raw: bytes, at: int, length: int) -> bool:
+    """Whether the fields of a chunk whose content begins at `at` fill its length exactly."""
+    if length < 40:
+        return False
+    (name,) = struct.unpack_from("<I", raw, at + 28)
+    if name > 16 or 40 + name > length:
+        return False
+    (n,) = struct.unpack_from("<Q", raw, at + 32 + name)
+    return bool(40 + name + n == length)
+
+
+def _end(raw: bytes, at: int, limit: int) -> int:
+    """Where the record at `at` ends; -1 where no record can be."""
+    if at + HEAD > limit:
+        return -1
+    code, length = _RECORD.unpack_from(raw, at)
+    end = int(at + HEAD + length)
+    if end > limit or not (1 <= code <= _DATA_END or code >= _PRIVATE):
+        return -1
+    if code == _CHUNK and not _chunk_fits(raw, at + HEAD, length):
+        return -1
+    return -1 if code == _DATA_END and length != 4 else end
+
+
+def _goes_on(raw: bytes, at: int, limit: int) -> bool:
+    """Whether records follow each other from `at` on: a whole chunk, or several of any kind."""
+    for _ in range(_CHAIN):
+        code, end = raw[at], _end(raw, at, limit)
+        if end < 0 or code >= _PRIVATE:
+            return False
+        if code == _CHUNK or end == limit:
+            return True
+        at = end
+        if at >= limit:
+            return False
+    return True
+
+
+def _next_record(raw: bytes, start: int, limit: int) -> int:
+    """First place from `start` on where records follow each other again; -1 where none is."""
+    for first in range(start, limit - HEAD + 1, _SEARCHED):
+        stop = min(first + _SEARCHED, limit - HEAD + 1)
+        block = np.frombuffer(raw, np.uint8, stop - first + HEAD - 1, first)
+        n = stop - first
+        # a known opcode, and a length below 4 GiB
+        likely = (block[:n] >= 1) & (block[:n] <= _DATA_END)
+        for k in range(5, HEAD):
+            likely &= block[k : k + n] == 0
+        for at in (first + np.flatnonzero(likely)).tolist():
+            if _goes_on(raw, at, limit):
+                return int(at)
+    return -1
+
+
+def _summary(raw: bytes) -> bytes:
+    """Records of the summary where its checksum is right; empty where there is none."""
+    at = len(raw) - len(MAGIC) - HEAD - 20
+    if at < len(MAGIC) or not raw.endswith(MAGIC):
+        return b""
+    code, length = _RECORD.unpack_from(raw, at)
+    start, _, checksum = struct.unpack_from("<QQI", raw, at + HEAD)
+    if code != _FOOTER or length != 20 or not len(MAGIC) <= start < at:
+        return b""
+    return raw[start:at] if zlib.crc32(raw[start : at + HEAD + 16]) == checksum else b""
+
+
 class _Reader:
     def __init__(self, out: Container, messages: bool, large: bool) -> None:
         self.out, self.messages = out, messages
         self.schemas: dict[int, tuple[str, str, bytes]] = {}
         self.channels: dict[int, Topic] = {}
+        #: Schemas and channels that a checksum covers.
+        self.proven: set[tuple[int, int]] = set()
         self.found = Messages(large)
+        #: Where attached files have been read.
+        self.walked: set[int] = set()
         #: Bytes that the chunks say they unpack to.
         self.claimed = 0
 
-    def records(self, raw: bytes, at: int) -> tuple[int, bool]:
+    def read(self, raw: bytes) -> None:
+        """The whole file."""
+        summary = _summary(raw)
+        limit = len(raw) - len(MAGIC) - HEAD - 20 - len(summary) if summary else len(raw)
+        attachments = self.definitions(summary)
+        stop, ended = self.records(raw, limit)
+        ended = ended or bool(summary)
+        later = self.out.metadata
+        for offset, length in attachments:
+            if offset not in self.walked and offset + length <= limit:
+                self.whole(_ATTACHMENT, raw[offset + HEAD : offset + length])
+        self.out.metadata = {**later, **self.out.metadata}
+        self.found.hand_out(self.channels)
+        self.out.truncated = not (ended and raw.endswith(MAGIC))
+        self.out.unread = 0 if ended else len(raw) - stop
+
+    def definitions(self, summary: bytes) -> list[tuple[int, int]]:
+        """Schemas and channels of the summary; place and length of every attachment."""
+        at, attachments = 0, []
+        while at < len(summary):
+            code, length = _RECORD.unpack_from(summary, at)
+            data = summary[at + HEAD : at + HEAD + length]
+            if code in (_SCHEMA, _CHANNEL):
+                self.record(code, data, proven=True)
+            elif code == _ATTACHMENT_INDEX:
+                attachments.append(struct.unpack_from("<QQ", data))
+            at += HEAD + length
+        return attachments
+
+    def records(self, raw: bytes, limit: int) -> tuple[int, bool]:
         """Walk records; where the last complete one ends, and if the data section ended."""
-        size = len(raw)
-        while at + 9 <= size:
-            code, length = _RECORD.unpack_from(raw, at)
-            if at + 9 + length > size:
-                break
+        at = doubt = len(MAGIC)
+        while at < limit:
+            end = _end(raw, at, limit)
+            if end < 0:
+                found = _next_record(raw, doubt, limit)
+                if found < 0:
+                    break
+                self.out.damaged += 1
+                at = doubt = found
+                continue
+            code = raw[at]
             if code == _DATA_END:
                 return at, True
-            if code != _CHUNK or self.messages:
-                self.whole(code, raw[at + 9 : at + 9 + length])
-            at += 9 + length
+            # its fields say so, whatever became of its opcode
+            chunk = code == _CHUNK or (
+                raw[at + HEAD + 28 : at + HEAD + 36] == b"\x04\0\0\0zstd"
+                and _chunk_fits(raw, at + HEAD, end - at - HEAD)
+            )
+            if code == _ATTACHMENT:
+                self.walked.add(at)
+            if not chunk or self.messages:
+                self.whole(_CHUNK if chunk else code, raw[at + HEAD : end])
+            doubt = end if chunk else at + 1
+            at = end
         return at, False
 
     def whole(self, code: int, data: bytes) -> None:
         """One record; a damaged one is left out and counted."""
         try:
             if code == _CHUNK:
-                self.inner(self.unpacked(data))
+                self.inner(*self.unpacked(data))
             else:
                 self.record(code, data)
         except (*_UNREADABLE, MemoryError, OverflowError):
             self.out.damaged += 1
 
-    def unpacked(self, chunk: bytes) -> bytes:
-        """Records of a chunk, its checksum verified."""
+    def unpacked(self, chunk: bytes) -> tuple[bytes, bool]:
+        """Records of a chunk, and whether it has a checksum, which is verified."""
         uncompressed, checksum = struct.unpack_from("<QI", chunk, 16)
         compression, start = _text(chunk, 28)
         (n,) = struct.unpack_from("<Q", chunk, start)
         data = chunk[start + 8 : start + 8 + n]
-        if compression == "zstd":
+        if compression == "zstd" or data.startswith(_ZSTD):
             self.refuse_claim(max(uncompressed, zstandard.frame_content_size(data)))
             data = zstandard.ZstdDecompressor().decompress(data, max_output_size=uncompressed)
-        elif compression:
+        elif compression.isalnum():
             raise DataError(
                 f"session {self.out.path}: chunks are compressed with {compression!r}; "
                 "expected zstd or none: convert the file"
             )
         if checksum and zlib.crc32(data) != checksum:
             raise struct.error("checksum of the chunk")
-        return data
+        return data, bool(checksum)
 
     def refuse_claim(self, size: int) -> None:
         """Refuse a chunk, or the chunks until here, of more than a file of this size may hold."""
@@ -347,7 +476,8 @@ class _Reader:
             raise struct.error("claims of the chunks")
         self.claimed += size
 
-    def inner(self, data: bytes) -> None:
+    def inner(self, data: bytes, proven: bool) -> None:
+        """Records of a chunk."""
         at, size, base = 0, len(data), self.found.add(data)
         while at + 9 <= size:
             at = self.found.walk(data, at, base)
@@ -358,7 +488,7 @@ class _Reader:
             if code == _MSG:
                 self.message(data, at, length, base)
             else:
-                self.record(code, data[at : at + length])
+                self.record(code, data[at : at + length], proven)
             at += length
 
     def message(self, data: bytes, at: int, length: int, base: int) -> None:
@@ -368,31 +498,62 @@ class _Reader:
         start = base + at + _MESSAGE.size
         self.found.note(number, sequence, log_time, start, length - _MESSAGE.size)
 
-    def record(self, code: int, data: bytes) -> None:
-        if code == _SCHEMA:
+    def record(self, code: int, data: bytes, proven: bool = False) -> None:
+        """Any record but a chunk; `proven`: a checksum covers it."""
+        if code in (_SCHEMA, _CHANNEL):
             (number,) = struct.unpack_from("<H", data)
-            name, at = _text(data, 2)
-            encoding, at = _text(data, at)
-            self.schemas[number] = (name, encoding, data[at + 4 :])
-        elif code == _CHANNEL:
-            number, schema = struct.unpack_from("<HH", data)
-            name, at = _text(data, 4)
-            if number not in self.channels:
-                kind, language, text = self.schemas.get(schema, ("", "", b""))
-                topic = Topic(name, kind, _text(data, at)[0])
-                topic.schema_encoding, topic.schema_text = language, text
-                self.channels[number] = self.out.topics.setdefault(name, topic)
-                self.found.known[number] = True
+            if proven or (code, number) not in self.proven:
+                (self.schema if code == _SCHEMA else self.channel)(number, data)
+            if proven:
+                self.proven.add((code, number))
         elif code == _MSG:
             self.message(data, 0, len(data), self.found.add(data))
         elif code == _METADATA:
             name, at = _text(data, 0)
             self.out.metadata[name] = _pairs(data, at)
         elif code == _ATTACHMENT:
-            name, at = _text(data, 16)
-            _, at = _text(data, at)
-            (n,) = struct.unpack_from("<Q", data, at)
-            self.out.attachments[name] = data[at + 8 : at + 8 + n]
+            self.attachment(data)
+
+    def schema(self, number: int, data: bytes) -> None:
+        """Keep a schema."""
+        name, at = _text(data, 2)
+        encoding, at = _text(data, at)
+        self.schemas[number] = (name, encoding, data[at + 4 :])
+
+    def channel(self, number: int, data: bytes) -> None:
+        """Make the topic of a channel, or put it in the place of one that was damaged."""
+        (schema,) = struct.unpack_from("<H", data, 2)
+        name, at = _text(data, 4)
+        kind, language, text = self.schemas.get(schema, ("", "", b""))
+        topic = Topic(name, kind, _text(data, at)[0], language, text)
+        before = self.channels.get(number)
+        if before is not None and _same(before, topic):
+            return
+        if before is not None and sum(t is before for t in self.channels.values()) == 1:
+            del self.out.topics[before.name]
+        self.channels[number] = self.out.topics.setdefault(name, topic)
+        self.found.known[number] = True
+
+    def attachment(self, data: bytes) -> None:
+        """Keep an attached file, if its checksum is right."""
+        name, at = _text(data, 16)
+        _, at = _text(data, at)
+        (n,) = struct.unpack_from("<Q", data, at)
+        (checksum,) = struct.unpack_from("<I", data, at + 8 + n)
+        if checksum and zlib.crc32(data[: at + 8 + n]) != checksum:
+            raise struct.error("checksum of the attachment")
+        content = data[at + 8 : at + 8 + n]
+        if name == METADATA_COPY:
+            # all until here, of which one may be damaged
+            self.out.metadata = json.loads(content)
+        else:
+            self.out.attachments[name] = content
+
+
+def _same(one: Topic, other: Topic) -> bool:
+    """Whether two definitions of a channel agree."""
+    names = ("name", "schema", "encoding", "schema_encoding", "schema_text")
+    return all(getattr(one, n) == getattr(other, n) for n in names)
 
 
 #: Bytes of a record's opcode and length; of what a message has before its payload.

@@ -292,4 +292,4 @@ def _notes(box: Container, found: Recording, names: tuple[str, ...]) -> Iterator
             f"{found.t[-1]:.6g} s are left"
         )
     if box.damaged:
-        yield f"session {box.path.name} has {box.damaged} damaged chunks; they are left out"
+        yield f"session {box.path.name} has {box.damaged} damaged records; they are left out"

@@ -27,7 +27,16 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
 from hil.record.frames import SCHEMA, SCHEMA_NAME, TOPIC, BoundedFrameLog, encode
-from hil.record.recovery import CHUNK_BYTES, FRAME, chunk_closer, create, mcap_writer
+from hil.record.recovery import (
+    CHUNK_BYTES,
+    FRAME,
+    chunk_closer,
+    create,
+    define_channel,
+    define_schema,
+    describe,
+    mcap_writer,
+)
 from hil.record.schema import EVENT_SCHEMA, Channel, encoder, places
 
 #: Of a message record: opcode, length, channel, sequence, log and publish time.
@@ -275,6 +284,9 @@ class _Chunk:
 
 #: With the ring's 10 ms, what a killed process loses stays below 100 ms.
 CHUNK_NS = 80_000_000
+#: For so long [ns] every drain of the ring, a hundred a second, is handed to the system at once:
+#: what goes wrong at the start of a session is on record.
+START_NS, START_CHUNK_NS = 200_000_000, 10_000_000
 
 
 class SessionWriter:
@@ -292,12 +304,16 @@ class SessionWriter:
         Attached files.
     overwrite : bool
         False refuses a file that exists.
+    sync : float
+        At most so much of the record [s] is not on the disk when the power fails; 0 leaves it to
+        the operating system when it writes, usually within half a minute.
 
     Raises
     ------
     ConfigError
-        If the file cannot be created, or two channels have one topic; the file is not touched
-        before everything else is known to be right.
+        If the file cannot be created, another process writes it, or two channels have one topic;
+        the file is not touched before everything else is known to be right.  If not even the
+        head fits on the disk; then no file is left.
     """
 
     def __init__(
@@ -307,6 +323,7 @@ class SessionWriter:
         metadata: Mapping[str, Mapping[str, str]],
         attachments: Mapping[str, bytes] | None = None,
         overwrite: bool = True,
+        sync: float = 0.0,
     ) -> None:
         encoders = {c.topic: encoder(c) for c in channels}
         if len(encoders) < len(channels):
@@ -315,7 +332,7 @@ class SessionWriter:
         self._file = create(path, overwrite)
         self._writer = mcap_writer(self._file, largest)
         self._end_chunk = chunk_closer(self._writer)
-        self._describe(metadata, attachments or {})
+        describe(self._writer, metadata, attachments or {})
         self._encode: dict[str, tuple[int, int, Callable[[int, Sequence[float]], bytes]]] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         for channel in channels:
@@ -327,24 +344,23 @@ class SessionWriter:
         self._logs: list[tuple[int, BoundedFrameLog]] = []
         self._at_the_end: Callable[[], Mapping[str, Mapping[str, str]]] = dict
         self._origin_ns, self._period_ns, self._epoch_ns = 0, 0, -1
-        self._chunk_start = 0
+        self._first_ns, self._until_ns = -1, 0
+        self._sync_ns, self._synced_ns = int(sync * 1e9), 0
         self.messages = 0
-        self.flush()
-
-    def _describe(
-        self, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
-    ) -> None:
-        """What the session is, before its first message."""
-        for name, record in metadata.items():
-            self._writer.add_metadata(name, dict(record))
-        for name, data in attachments.items():
-            self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
+        try:
+            self.flush()
+        except OSError as error:
+            self._file.discard()
+            raise ConfigError(
+                f"cannot write session {path}: {error.strerror}; no file is left"
+            ) from error
+        self._head = self._file.tell()
 
     def _register(self, channel: Channel, encode: Callable[[int, Sequence[float]], bytes]) -> None:
         name, text = channel.schema()
         if (name, text) not in self._schemas:
-            self._schemas[name, text] = self._writer.register_schema(name, "ros2msg", text.encode())
-        number = self._writer.register_channel(channel.topic, "cdr", self._schemas[name, text])
+            self._schemas[name, text] = define_schema(self._writer, name, "ros2msg", text.encode())
+        number = define_channel(self._writer, channel.topic, "cdr", self._schemas[name, text])
         self._encode[channel.topic] = (number, channel.width, encode)
 
     def write(self, topic: str, tick: int, t_ns: int, values: Sequence[float]) -> None:
@@ -407,7 +423,7 @@ class SessionWriter:
         raw, times = block.encode(stamps, data), stamps[:, 1]
         self.messages += len(raw) * block.topics
         while done < len(raw) * block.topics:
-            done, due = self._append(block, raw, times, done, self._chunk_start + CHUNK_NS)
+            done, due = self._append(block, raw, times, done, self._until_ns)
             if due:
                 self._keep_up(int(times[(done - 1) // block.topics]))
 
@@ -421,15 +437,22 @@ class SessionWriter:
         return number, self._channels[topic]
 
     def _keep_up(self, t_ns: int) -> None:
-        if t_ns - self._chunk_start >= CHUNK_NS:
-            self.flush()
-            self._chunk_start = t_ns
+        if t_ns < self._until_ns:
+            return
+        self.flush()
+        if self._first_ns < 0:
+            self._first_ns = t_ns
+        begins = t_ns - self._first_ns < START_NS
+        self._until_ns = t_ns + (START_CHUNK_NS if begins else CHUNK_NS)
+        if self._sync_ns and t_ns - self._synced_ns >= self._sync_ns:
+            self._file.sync()
+            self._synced_ns = t_ns
 
     def event(self, tick: int, t_ns: int, name: str, data: Mapping[str, object]) -> None:
         """Write a rare event as JSON on `/events`."""
         if not self._events:
-            schema = self._writer.register_schema("hil_event", "jsonschema", EVENT_SCHEMA.encode())
-            self._events = self._writer.register_channel("/events", "json", schema)
+            schema = define_schema(self._writer, "hil_event", "jsonschema", EVENT_SCHEMA.encode())
+            self._events = define_channel(self._writer, "/events", "json", schema)
         text = json.dumps({"tick": tick, "name": name, "data": dict(data)}, sort_keys=True)
         self._writer.add_message(self._events, t_ns, text.encode(), t_ns, tick)
         self._keep_up(t_ns)
@@ -447,8 +470,8 @@ class SessionWriter:
         """
         schema = 0
         for box, log in logs.items():
-            schema = schema or self._writer.register_schema(SCHEMA_NAME, "ros2msg", SCHEMA.encode())
-            number = self._writer.register_channel(TOPIC + box, "cdr", schema)
+            schema = schema or define_schema(self._writer, SCHEMA_NAME, "ros2msg", SCHEMA.encode())
+            number = define_channel(self._writer, TOPIC + box, "cdr", schema)
             self._logs.append((number, log))
         self._origin_ns, self._period_ns = origin_ns, period_ns
 
@@ -477,9 +500,25 @@ class SessionWriter:
         self._file.flush()
 
     def abandon(self) -> None:
-        """Give up after an error: cut the file off behind its last whole chunk, and close it."""
+        """Give up after an error: cut the file off behind its last whole chunk, and close it.
+
+        A file without a message is removed.
+        """
+        if self._file.kept <= self._head:
+            self._file.discard()
+            return
         self._file.cut()
         self._file.close()
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file, those that wait included."""
+        return self._file.tell()
+
+    @property
+    def gone(self) -> bool:
+        """Whether the file was removed or renamed while it is written."""
+        return self._file.gone
 
     def release(self) -> None:
         """Let go of the file without a byte more: another process writes it."""
@@ -494,6 +533,8 @@ class SessionWriter:
                     self.metadata(name, record)
                 self._writer.finish()  # type: ignore[no-untyped-call]
                 self._file.flush()
+                if self._sync_ns:
+                    self._file.sync()
             finally:
                 self._file.close()
 

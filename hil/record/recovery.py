@@ -6,19 +6,23 @@ File of a session: written whole or not at all, in small chunks.
 from __future__ import annotations
 
 import contextlib
+import fcntl
+import json
+import os
+import stat
 import zlib
-from collections.abc import Callable, Iterator
-from io import BytesIO, RawIOBase
+from collections.abc import Callable, Iterator, Mapping
+from io import BytesIO, FileIO, RawIOBase
 from pathlib import Path
 from typing import IO, Any, cast
 
 import numpy as np
 from mcap.data_stream import ReadDataStream, RecordBuilder
-from mcap.records import ChunkIndex
+from mcap.records import Channel, ChunkIndex, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 from hil.errors import ConfigError, DataError
-from hil.record.container import Container, read
+from hil.record.container import METADATA_COPY, Container, read
 
 LIBRARY = "hil"
 CHUNK_BYTES = 64 * 1024
@@ -79,6 +83,46 @@ class ChunkIndices:
                 yield ChunkIndex.read(stream)
 
 
+def describe(
+    writer: Writer, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
+) -> None:
+    """What a session is, before its first message: metadata, attached files, and a copy.
+
+    A metadata record has no checksum; its copy is an attachment, which has one.
+    """
+    for name, record in metadata.items():
+        writer.add_metadata(name, dict(record))
+    for name, data in attachments.items():
+        writer.add_attachment(0, 0, name, "application/octet-stream", data)
+    copy = json.dumps({name: dict(record) for name, record in metadata.items()}, sort_keys=True)
+    writer.add_attachment(0, 0, METADATA_COPY, "application/json", copy.encode())
+
+
+def define_schema(writer: Writer, name: str, encoding: str, text: bytes) -> int:
+    """Register a schema, and write it outside of the chunks too; its number.
+
+    The library writes definitions into the open chunk alone, and a session whose first chunk is
+    damaged would lose them all.
+    """
+    number: int = writer.register_schema(name, encoding, text)
+    _outside(writer, Schema(number, text, encoding, name))
+    return number
+
+
+def define_channel(writer: Writer, topic: str, encoding: str, schema: int) -> int:
+    """Register a channel, and write it outside of the chunks too; its number."""
+    number: int = writer.register_channel(topic, encoding, schema)
+    _outside(writer, Channel(number, topic, encoding, {}, schema))
+    return number
+
+
+def _outside(writer: Writer, record: Schema | Channel) -> None:
+    """Let a record stand before the next chunk, as far as this release of mcap can."""
+    builder = getattr(writer, "_Writer__record_builder", None)
+    if builder is not None:
+        record.write(builder)
+
+
 def chunk_closer(writer: Writer) -> Callable[[], None]:
     """Function that closes the open chunk.
 
@@ -99,10 +143,13 @@ class SessionFile:
     ----------
     raw : RawIOBase
         Open for writing.
+    path : Path
+        Its name.
     """
 
-    def __init__(self, raw: RawIOBase) -> None:
-        self._raw, self._waiting, self._kept = raw, bytearray(), 0
+    def __init__(self, raw: RawIOBase, path: Path) -> None:
+        self._raw, self._path = raw, path
+        self._waiting, self.kept = bytearray(), 0
 
     def write(self, data: bytes) -> int:
         """Keep `data` for the next `flush`."""
@@ -111,7 +158,7 @@ class SessionFile:
 
     def tell(self) -> int:
         """Bytes so far, waiting ones included."""
-        return self._kept + len(self._waiting)
+        return self.kept + len(self._waiting)
 
     def flush(self) -> None:
         """Hand what waits to the operating system."""
@@ -121,13 +168,39 @@ class SessionFile:
         view = memoryview(data)
         while view:
             view = view[self._raw.write(view) or 0 :]
-        self._kept += len(data)
+        self.kept += len(data)
 
     def cut(self) -> None:
         """Take back what an interrupted `flush` left behind, as far as the disk allows."""
         self._waiting = bytearray()
         with contextlib.suppress(OSError):  # then the reader leaves the torn chunk out
-            self._raw.truncate(self._kept)
+            self._raw.truncate(self.kept)
+
+    def sync(self) -> None:
+        """Have the disk take what the operating system holds."""
+        os.fdatasync(self._raw.fileno())
+
+    def discard(self) -> None:
+        """Close, and remove the file if it is one and still there."""
+        ours = self._is_regular and not self.gone
+        self._waiting = bytearray()
+        self._raw.close()
+        if ours:
+            self._path.resolve().unlink(missing_ok=True)
+
+    @property
+    def _is_regular(self) -> bool:
+        return stat.S_ISREG(os.fstat(self._raw.fileno()).st_mode)
+
+    @property
+    def gone(self) -> bool:
+        """Whether another file, or none, stands at the name of this one."""
+        if not self._is_regular:
+            return False
+        try:
+            return not os.path.samestat(self._path.stat(), os.fstat(self._raw.fileno()))
+        except OSError:
+            return True
 
     @property
     def closed(self) -> bool:
@@ -153,14 +226,46 @@ def create(path: str | Path, overwrite: bool) -> SessionFile:
     Raises
     ------
     ConfigError
-        If it cannot be created, or exists and must not be overwritten.
+        If it cannot be created, exists and must not be overwritten, or another process is
+        writing it.
     """
+    flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | (0 if overwrite else os.O_EXCL)
     try:
-        return SessionFile(Path(path).open("wb" if overwrite else "xb", buffering=0))
+        raw = FileIO(os.open(path, flags, 0o666), "r+b")
+        _lock(raw, path)
+        if stat.S_ISREG(os.fstat(raw.fileno()).st_mode):
+            raw.truncate(0)
+        return SessionFile(raw, Path(path))
     except FileExistsError as error:
         raise ConfigError(f"session {path} exists; name a new file") from error
     except OSError as error:
         raise ConfigError(f"cannot write session {path}: {error.strerror}") from error
+
+
+def _lock(raw: FileIO, path: str | Path) -> None:
+    """Claim a file; the claim ends with the file, however the process ends."""
+    try:
+        fcntl.flock(raw.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raw.close()
+        raise ConfigError(
+            f"cannot write session {path}: another process is writing it; end that one, or choose "
+            "another name"
+        ) from None
+    except OSError:  # a file system without locks
+        return
+
+
+def in_use(path: str | Path) -> bool:
+    """Whether a process is writing a session."""
+    try:
+        with FileIO(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "r") as raw:
+            fcntl.flock(raw.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # no file, or a file system without locks
+        return False
+    return False
 
 
 def recover(source: str | Path, target: str | Path) -> int:
@@ -205,17 +310,14 @@ def recover(source: str | Path, target: str | Path) -> int:
 
 def _head(writer: Writer, box: Container) -> dict[str, int]:
     """Write all but the messages; the number of each channel."""
-    for name, record in box.metadata.items():
-        writer.add_metadata(name, record)
-    for name, data in box.attachments.items():
-        writer.add_attachment(0, 0, name, "application/octet-stream", data)
+    describe(writer, box.metadata, box.attachments)
     schemas: dict[tuple[str, str, bytes], int] = {}
     numbers: dict[str, int] = {}
     for t in box.topics.values():
         key = (t.schema, t.schema_encoding, t.schema_text)
         if key not in schemas:
-            schemas[key] = writer.register_schema(*key)
-        numbers[t.name] = writer.register_channel(t.name, t.encoding, schemas[key])
+            schemas[key] = define_schema(writer, *key)
+        numbers[t.name] = define_channel(writer, t.name, t.encoding, schemas[key])
     return numbers
 
 

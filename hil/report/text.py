@@ -12,14 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.artefacts import BLURRED, blurred_above
-from hil.diagnosis.constants import ADEQUATE
-from hil.diagnosis.equivalence import CONFIDENT
-from hil.diagnosis.floor import EFFORT_ACCURACY, SENSOR_ACCURACY
+from hil.diagnosis.constants import ADEQUATE, CONFIDENT, EFFORT_ACCURACY, SENSOR_ACCURACY, WHOLE
 from hil.diagnosis.residual_tests import CHANGED, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import Finding, UnnamedCorrection
 from hil.diagnosis.unnamed import told
-from hil.diagnosis.verdict import COMMON, EXPLAINED, NO_GEOMETRY, only_there
+from hil.diagnosis.verdict import COMMON, NO_GEOMETRY, only_there
 from hil.errors import ConfigError
 from hil.models import catalogue
 from hil.models.effect import Trait
@@ -200,7 +198,7 @@ def details(m: Material) -> list[str]:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it explains "
             f"{100 * f.excess_explained:.0f} % of the squared error above the noise floor; less "
-            f"than {100 * EXPLAINED:.0f} % is explained in all, so it is not named as the cause)."
+            f"than {100 * WHOLE:.0f} % is explained in all, so it is not named as the cause)."
         )
     if m.findings and (left := remains(m.ratio(m.explained), m.joints)):
         out.append(left)

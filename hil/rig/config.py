@@ -5,6 +5,7 @@ Tables of a rig file, one class each; the whole is `hil.rig.config.RigConfig`.
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -19,18 +20,34 @@ from hil.userfile import parse_toml, read_text
 
 @dataclass(frozen=True)
 class RecordConfig:
-    """Table ``[record]``: raw wire frames into the session, or a session's frames to the drivers.
+    """Table ``[record]``: files of a session, and the raw wire frames in it.
 
     Parameters
     ----------
+    split_seconds, split_megabytes : float
+        Length [s] and size [10^6 byte] after which a session goes on in a new file; 0: never.
+    sync : float
+        At most so much of the record [s] is lost when the power fails; 0 leaves it to the
+        operating system when it writes to the disk.
     frames : bool
         Write every frame of the boxes into the session.
     replay : str
         Session whose frames answer for the boxes on back end ``"replay"``.
     """
 
+    split_seconds: float = 0.0
+    split_megabytes: float = 0.0
+    sync: float = 0.0
     frames: bool = False
     replay: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("split_seconds", "split_megabytes", "sync"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ConfigError(f"[record]: {name} = {value:g}; 0 or more is needed.")
+        if 0.0 < self.split_seconds < 1.0 or 0.0 < self.split_megabytes < 1.0:
+            raise ConfigError("[record]: a file holds 1 s and 1 MB at least; 0 splits never.")
 
 
 #: Rows of the ring [1]: an hour and more at 1 kHz.

@@ -72,7 +72,7 @@ class Session:
         self.statistics = Statistics(loop.period_ns)
         self.arrangement = Arrangement()
         self.ticks = round(loop.seconds * loop.rate_hz)
-        self.writer = session.open_writer(output, config, rig, seed, model, aside)
+        self.writer = session.open_writer(output, config, rig, seed, model, aside, operator.say)
         self.slow = SlowSide(
             self.loop,
             ring,
@@ -265,6 +265,7 @@ class Session:
             figures=self.figures(),
             granted=self.arrangement.granted,
             refused=self.arrangement.refused,
+            parts=[str(path) for path in self.writer.paths[1:]],
         )
 
 

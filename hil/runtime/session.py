@@ -24,6 +24,7 @@ from hil import registry
 from hil.errors import ConfigError, DataError
 from hil.record import mcap_read
 from hil.record.mcap_write import SessionWriter
+from hil.record.parts import SessionParts
 from hil.record.schema import Channel
 from hil.rig import estimators
 from hil.rig.config import RigConfig
@@ -150,7 +151,8 @@ def open_writer(
     seed: int,
     model: str | Path | None = None,
     aside: Callable[[Path], None] = lambda path: None,
-) -> SessionWriter:
+    say: Callable[[str], None] = lambda text: None,
+) -> SessionParts:
     """Session file, open, with its metadata and the rig file already in it.
 
     `aside` is called with its path when all else is known to be right, before it is written.
@@ -165,11 +167,17 @@ def open_writer(
     aside(output)
     # of a session that is not there any more
     beside(output).unlink(missing_ok=True)
-    writer = SessionWriter(output, plan, records, attachments)
-    if rig.taps is not None:
-        writer.frames(rig.taps.logs, rig.origin_ns, config.loop.period_ns)
-        writer.at_the_end(rig.taps.told)
-    return writer
+    record = config.record
+
+    def opened(path: Path, part: Mapping[str, str]) -> SessionWriter:
+        own = {**records, "part": part} if part else records
+        writer = SessionWriter(path, plan, own, attachments, sync=record.sync)
+        if rig.taps is not None:
+            writer.frames(rig.taps.logs, rig.origin_ns, config.loop.period_ns)
+            writer.at_the_end(rig.taps.told)
+        return writer
+
+    return SessionParts(output, opened, record.split_seconds, record.split_megabytes, say)
 
 
 def _attached(path: Path) -> bytes:
@@ -179,7 +187,7 @@ def _attached(path: Path) -> bytes:
         raise ConfigError(f"cannot attach {path}: {error.strerror}") from error
 
 
-def conclude(writer: SessionWriter, statistics: Statistics, arrangement: Arrangement) -> None:
+def conclude(writer: SessionParts, statistics: Statistics, arrangement: Arrangement) -> None:
     """Metadata that only the end knows: figures of the loop, histograms, arrangement."""
     writer.metadata(
         "loop",
@@ -314,6 +322,8 @@ class Summary:
         `hil.runtime.statistics.Figures`.
     granted, refused : list of str
         What the operating system did for the loop, and sentences about what it did not.
+    parts : list of str
+        Files of the session after the first.
     """
 
     path: str
@@ -332,6 +342,7 @@ class Summary:
     figures: dict[str, float] = field(default_factory=dict)
     granted: list[str] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
+    parts: list[str] = field(default_factory=list)
 
     @property
     def paused(self) -> bool:

@@ -59,7 +59,8 @@ def test_a_process_that_dies_is_an_error_and_not_a_figure(tmp_path, monkeypatch)
 @pytest.mark.real_time
 def test_the_rows_are_those_that_are_promised():
     names = [run.__name__ for run in loop.RUNS]
-    assert names[0] == names[-1] == "cyclictest" and len(names) == 8
+    assert names[:3] == ["cyclictest", "sleeping_loop", "hil_loop"] and len(names) == 11
+    assert names[3:6] == ["loaded"] * 3
     found = loop.hil_loop(0.05, "2 kHz", rate_hz=2000.0, realtime=False)
     assert found.name.endswith("2 kHz") and found.ticks + found.missed >= 100
 
@@ -75,3 +76,37 @@ def test_faster_loops_record_every_tick_and_are_reproduced(rate, rig, tmp_path):
     assert set(np.diff(times).tolist()) == {10**9 // rate}
     found = replay(path)
     assert (found.compared, found.differ) == (rate // 2, 0)
+
+
+def test_the_median_of_the_turns_is_published():
+    turns = [loop.LoopRun("a", 100, m, 1.0 * m, 2.0, 3.0, 4.0, share=m) for m in (3, 1, 2)]
+    found = loop.median(turns)
+    assert (found.ticks, found.missed, found.p50, found.p99, found.share) == (100, 2, 2.0, 2.0, 2.0)
+
+
+def test_like_for_like_is_said():
+    names = ("cyclictest -m -p 80 -a", "hil run, full recording, sleeps to the tick")
+    found = [
+        loop.LoopRun(name + load, 1000, k, 1.0, 10.0 * k, 2.0, 3.0, share=5.0 * k)
+        for load in ("", ", under load")
+        for k, name in enumerate((*names, "hil run, full recording"), 1)
+    ]
+    said = loop.verdict(found).splitlines()
+    assert len(said) == 2
+    assert said[1].startswith("p99, under load: cyclictest 10 us; the loop 20 us where it sleeps")
+    assert "(10 % of a core), 30 us where it spins" in said[1]
+
+
+@pytest.mark.real_time
+def test_a_loop_that_sleeps_to_the_tick_takes_less_of_the_processor():
+    spins, sleeps = (
+        loop.hil_loop(1.0, realtime=False),
+        loop.hil_loop(1.0, spin_ns=0, realtime=False),
+    )
+    assert 0.0 < sleeps.share < spins.share < 300.0
+
+
+def test_what_lacks_for_the_load_is_said(monkeypatch):
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    found = loop.under_load(loop.hil_loop)(1.0)
+    assert (found.ticks, found.note) == (0, "stress-ng is not installed")

@@ -99,7 +99,7 @@ def test_a_damaged_chunk_is_told_and_left_out(whole, tmp_path, capsys):
         raw[size_of_preamble(whole) + 9000] ^= 0xFF
         path.write_bytes(raw)
     assert summary(path).damaged == 1
-    assert "1 damaged chunks" in load(path, "arm").metadata["note"]
+    assert "1 damaged records" in load(path, "arm").metadata["note"]
     assert main(["info", str(path)]) == 0
     assert "the file is damaged" in capsys.readouterr().out
 
