@@ -286,16 +286,16 @@ def _cell(value: Any) -> float:
         return math.nan
 
 
-#: Ending -> reader, what a file of it is called, module that the reader needs beside the library.
-_READERS: dict[str, tuple[Callable[[str, int], Iterator[tuple[str, Array]]], str, str]] = {
-    ".npz": (_npz, "an NPZ", ""),
-    ".npy": (_npy, "an NPY", ""),
-    ".mat": (_mat, "a MAT", "scipy.io"),
-    ".parquet": (_parquet, "a Parquet", "pyarrow.parquet"),
-    ".pq": (_parquet, "a Parquet", "pyarrow.parquet"),
-    ".feather": (_feather, "a Feather", "pyarrow.feather"),
-    ".arrow": (_feather, "an Arrow", "pyarrow.feather"),
-    ".xlsx": (_xlsx, "an XLSX", "openpyxl"),
+#: Ending -> name of the reader here, what a file of it is called, module that the reader needs.
+_READERS: dict[str, tuple[str, str, str]] = {
+    ".npz": ("_npz", "an NPZ", ""),
+    ".npy": ("_npy", "an NPY", ""),
+    ".mat": ("_mat", "a MAT", "scipy.io"),
+    ".parquet": ("_parquet", "a Parquet", "pyarrow.parquet"),
+    ".pq": ("_parquet", "a Parquet", "pyarrow.parquet"),
+    ".feather": ("_feather", "a Feather", "pyarrow.feather"),
+    ".arrow": ("_feather", "an Arrow", "pyarrow.feather"),
+    ".xlsx": ("_xlsx", "an XLSX", "openpyxl"),
 }
 #: Endings of binary tables.
 BINARY = tuple(_READERS)
@@ -315,7 +315,8 @@ def _parts(name: str, value: Array) -> Iterator[tuple[str, str | None, Array]]:
 
 def _answer(path: str) -> dict[str, Any]:
     """Read a file and write its arrays; what could not be read becomes a sentence."""
-    reader, kind, needed = _READERS[Path(path).suffix.lower()]
+    name, kind, needed = _READERS[Path(path).suffix.lower()]
+    reader: Callable[[str, int], Iterator[tuple[str, Array]]] = globals()[name]
     try:
         if needed:
             importlib.import_module(needed)  # before memory is limited
