@@ -1,11 +1,11 @@
 """Haptic teleoperation rigs in Python, and the physics that their models miss.
 
 >>> import hil                                               # doctest: +SKIP
->>> runs = [hil.load("run1.mcap")]                           # doctest: +SKIP
->>> model = hil.base_model(runs[0].robot)                    # doctest: +SKIP
->>> hil.diagnose(runs, model).verdict                        # doctest: +SKIP
+>>> run = hil.load("run1.mcap")                              # doctest: +SKIP
+>>> model = hil.base_model(run.robot)                        # doctest: +SKIP
+>>> hil.diagnose(run, model).verdict                         # doctest: +SKIP
 'missing-effect'
->>> hil.fit(runs, model + "stribeck").relative               # doctest: +SKIP
+>>> hil.fit(run, model + "stribeck").relative                # doctest: +SKIP
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from hil.identify.simulated import refine
     from hil.models.files import read_model, write_model
     from hil.models.model import RobotModel, Use, base_model
+    from hil.record.arrays import from_arrays
     from hil.record.mcap_read import load
     from hil.record.recording import Recording
 
 _WHERE = {
     "load": "hil.record.mcap_read",
+    "from_arrays": "hil.record.arrays",
     "Recording": "hil.record.recording",
     "RobotModel": "hil.models.model",
     "Use": "hil.models.model",
@@ -47,6 +49,7 @@ __all__ = [
     "compare",
     "diagnose",
     "fit",
+    "from_arrays",
     "ladder",
     "load",
     "read_model",
@@ -65,3 +68,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'hil' has no attribute {name!r}")
     module = importlib.import_module(_WHERE[name])
     return getattr(module, name)
+
+
+def __dir__() -> list[str]:
+    """The public names; what happens to be imported is not listed."""
+    return sorted([*__all__, "__doc__", "__version__"])

@@ -10,13 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hil.commands import outputs, plugins
+from hil.commands import outputs, plugins, terminal
 from hil.errors import ConfigError
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Value, base_model
 from hil.models.param_text import in_words, without_error
 from hil.record.mcap_read import load_all
 from hil.record.recording import Recording
+from hil.report import columns
 from hil.userfile import parse_toml, read_text
 
 
@@ -215,19 +216,8 @@ def value_line(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> str:
-    """Aligned text table; the columns in `left` hold words, the others numbers."""
-    cells = [[c.replace("\n", "\\n") for c in r] for r in (head, *rows)]
-    widths = [max(len(r[k]) for r in cells) for k in range(len(head))]
-    lines = [
-        "  ".join(
-            c.ljust(w) if k in left else c.rjust(w)
-            for k, (c, w) in enumerate(zip(r, widths, strict=True))
-        )
-        for r in cells
-    ]
-    return "\n".join(
-        ["  " + x.rstrip() for x in [lines[0], "  ".join("-" * w for w in widths), *lines[1:]]]
-    )
+    """Aligned text table, no wider than the terminal; words stand in the columns `left`."""
+    return columns.table(head, rows, left, terminal.width())
 
 
 #: Text for the terminal, and data for JSON.

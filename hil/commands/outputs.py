@@ -18,10 +18,6 @@ from hil.record.recovery import in_use
 from hil.runtime.watchdog import beside
 from hil.userfile import parse_toml, read_text
 
-#: The beginning of every report holds its title.
-_REPORT = " of a robot model with measurements</title>"
-_HEAD = 4096
-
 
 def check(
     path: str | Path | None,
@@ -118,12 +114,9 @@ def is_model(path: Path) -> bool:
 
 def is_report(path: Path) -> bool:
     """Whether a file is a report of `hil`, or empty."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD).decode("utf-8", "replace")
-    except OSError:
-        return False
-    return not head.strip() or _REPORT in head
+    from hil.report import html  # plotly's, so only where a file is there
+
+    return html.is_report(path)
 
 
 def same_text(path: Path, text: str) -> bool:

@@ -8,6 +8,7 @@ of a message or show another one.
 from __future__ import annotations
 
 import contextlib
+import shutil
 import sys
 from collections.abc import Iterable, Iterator
 from typing import Any, TextIO
@@ -61,3 +62,11 @@ def quoted() -> Iterator[None]:
         yield
     finally:
         sys.stdout, sys.stderr = before
+
+
+def width() -> int | None:
+    """Characters in a line of the terminal; None where the output goes into a file or a pipe."""
+    try:
+        return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    except (AttributeError, ValueError):  # no stream, or a closed one
+        return None

@@ -64,9 +64,9 @@ from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models.effect import Trait
-from hil.models.model import BASE_EFFECTS, RobotModel
+from hil.models.model import BASE_EFFECTS, RobotModel, as_model
+from hil.record.arrays import Runs, as_runs, held_out
 from hil.record.checks import check
-from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
 #: What a name's free functions say: share that it takes, and their variables.
@@ -75,20 +75,20 @@ Shares = dict[tuple[str, int], tuple[float, str]]
 
 @single_threaded
 def diagnose(
-    recordings: list[Recording],
+    recordings: Runs,
     model: RobotModel,
-    holdout: list[Recording] | None = None,
+    holdout: Runs | None = None,
     seed: int = 0,
 ) -> Diagnosis:
     """Find the physical effects that a model lacks.
 
     Parameters
     ----------
-    recordings : list of Recording
+    recordings : Recording or list of Recording
         Runs to fit.
     model : RobotModel
         The model under suspicion.
-    holdout : list of Recording, optional
+    holdout : Recording or list of Recording, optional
         Runs that confirm a name and that no rung may raise; blocks of the same runs otherwise.
     seed : int
         Of the folds and of the sign flips.
@@ -103,7 +103,11 @@ def diagnose(
     DataError
         If no run is given, runs are of different robots, or a held-out run has a fault, is of
         another robot, or is one of the fitted ones.
+    ConfigError
+        If an argument is of another kind.
     """
+    recordings, model = as_runs(recordings, "hil.diagnose"), as_model(model, "hil.diagnose")
+    held = held_out(holdout, "hil.diagnose")
     faults = [f for r in recordings for f in check(r)]
     errors = [(f.code, f.sentence) for f in faults if f.severity == "error"]
     if errors:
@@ -115,7 +119,7 @@ def diagnose(
     wrong += mistaken(result, recordings)
     if wrong:
         return Diagnosis("bad-data", warnings=wrong)
-    examine = Examiner(problem, holdout or [])
+    examine = Examiner(problem, held)
     search = Search(problem, folds, examine, seed)
     given = {u.type for u in model.effects} - set(BASE_EFFECTS)
     first = settled(result, examine, "given model" if given else "base model")

@@ -19,6 +19,7 @@ from hil.identify.projector import Projector
 from hil.identify.result import FitResult, relative
 from hil.models.effect import Trait
 from hil.models.model import Range, RobotModel, Value
+from hil.shown import Plotted
 
 FloatArray = NDArray[np.float64]
 
@@ -472,7 +473,7 @@ class CheckResult:
 
 
 @dataclass(repr=False)
-class Diagnosis:
+class Diagnosis(Plotted):
     """Verdict, findings and everything they rest on.
 
     Printed, it is its verdict and its names: ``Diagnosis(missing-effect: delay on j2, 0.98)``.

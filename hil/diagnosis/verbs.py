@@ -28,10 +28,12 @@ from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.identify.validity import outside
 from hil.models import catalogue
-from hil.models.model import Range, RobotModel, Use
+from hil.models.model import Range, RobotModel, Use, as_model
+from hil.record.arrays import Runs, as_runs, held_out
 from hil.record.checks import check
 from hil.record.consistency import DataFault
 from hil.record.recording import Recording
+from hil.shown import Plotted
 
 FloatArray = NDArray[np.float64]
 __all__ = ["add", "compare", "diagnose", "fit", "ladder"]
@@ -41,7 +43,7 @@ __all__ = ["add", "compare", "diagnose", "fit", "ladder"]
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison:
+class Comparison(Plotted):
     """A model against measurements.
 
     Parameters
@@ -108,17 +110,24 @@ def make_problem(recordings: list[Recording], model: RobotModel) -> Problem:
 
 
 @single_threaded
-def fit(recordings: list[Recording], model: RobotModel) -> FitResult:
-    """Fit all parameters of a model jointly to some runs."""
+def fit(recordings: Runs, model: RobotModel) -> FitResult:
+    """Fit all parameters of a model jointly to one run or several.
+
+    Raises
+    ------
+    ConfigError
+        If an argument is of another kind.
+    DataError
+        If a run has a fault that makes every result worthless.
+    """
+    recordings, model = as_runs(recordings, "hil.fit"), as_model(model, "hil.fit")
     result = complete(fit_problem(make_problem(recordings, model), model))
     beyond = [("outside-range", text) for text in outside(model.valid, result.problem)]
     return replace(result, warnings=other_robot(model, recordings) + beyond)
 
 
 @single_threaded
-def compare(
-    recordings: list[Recording], model: RobotModel, holdout: list[Recording] | None = None
-) -> Comparison:
+def compare(recordings: Runs, model: RobotModel, holdout: Runs | None = None) -> Comparison:
     """Model against measurement: error, noise floor, where it fails, one-step and multi-step.
 
     Raises
@@ -126,9 +135,12 @@ def compare(
     DataError
         If a run has a fault that makes every result worthless, or a held-out run has one, is of
         another robot, or is one of the fitted ones.
+    ConfigError
+        If an argument is of another kind.
     """
+    recordings, model = as_runs(recordings, "hil.compare"), as_model(model, "hil.compare")
     problem = make_problem(recordings, model)
-    examine = Examiner(problem, holdout or [])
+    examine = Examiner(problem, held_out(holdout, "hil.compare"))
     step = settled(fit_aligned(problem, model), examine, "model")
     result, heldout = complete(step.result), step.heldout
     evidence = gather(result)
@@ -182,11 +194,11 @@ def ladder(diagnosis: Diagnosis) -> list[Rung]:
 
 @single_threaded
 def add(
-    recordings: list[Recording],
+    recordings: Runs,
     model: RobotModel,
     effect: str,
-    joints: tuple[str, ...] = ("*",),
-    holdout: list[Recording] | None = None,
+    joints: str | tuple[str, ...] = ("*",),
+    holdout: Runs | None = None,
 ) -> tuple[Rung, Rung]:
     """Add one effect, refit everything, and return the model before and after.
 
@@ -201,8 +213,10 @@ def add(
             "expected its name, e.g. hil.add([run], model, 'stribeck')"
         )
     kind = catalogue.get(effect)
+    recordings, model = as_runs(recordings, "hil.add"), as_model(model, "hil.add")
+    joints = (joints,) if isinstance(joints, str) else joints
     problem = make_problem(recordings, model)
-    examine = Examiner(problem, holdout or [])
+    examine = Examiner(problem, held_out(holdout, "hil.add"))
     before = settled(fit_aligned(problem, model), examine, "before")
     where = "" if joints == ("*",) else f" on {', '.join(joints)}"
     joints = _usable(effect, joints, problem)

@@ -12,12 +12,13 @@ from hil.identify.problem import Problem
 from hil.identify.regression import Basis
 from hil.models.model import RobotModel, Value
 from hil.models.param_text import in_words
+from hil.shown import Shown
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)
-class FitResult:
+class FitResult(Shown):
     """A fitted model.
 
     Parameters

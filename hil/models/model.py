@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
 from hil.models.effect import Trait
-from hil.record.recording import RobotSource
+from hil.record.recording import Recording, RobotSource
+from hil.shown import Shown
 
 ALL = ("*",)
 
@@ -106,8 +108,8 @@ class Range:
     load: tuple[float, float]
 
 
-@dataclass(frozen=True)
-class RobotModel:
+@dataclass(frozen=True, repr=False)
+class RobotModel(Shown):
     """Robot plus effects; immutable, `model + "stribeck"` makes a new one.
 
     Parameters
@@ -136,6 +138,14 @@ class RobotModel:
     plugins: tuple[str, ...] = ()
     urdf_path: str = ""
     valid: tuple[Range, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.robot, RobotSource):
+            raise ConfigError(_no_robot(self.robot))
+
+    def __repr__(self) -> str:
+        robot = self.robot.preset or ("URDF" if self.robot.urdf else "robot of the session")
+        return f"RobotModel({robot}: {' + '.join(self.names())}; {len(self.values())} values)"
 
     def as_it_is(self) -> RobotModel:
         """The model with all its values kept: a fit of it fits nothing.
@@ -212,6 +222,45 @@ def _overlap(a: tuple[str, ...], b: tuple[str, ...]) -> bool:
 
 def _text(joints: tuple[str, ...]) -> str:
     return "all joints" if joints == ALL else ", ".join(joints)
+
+
+def _no_robot(given: object) -> str:
+    """Sentence for what stands in place of a robot."""
+    if isinstance(given, Recording):
+        how = "give its robot, hil.base_model(run.robot)"
+    elif isinstance(given, str | Path):
+        how = (
+            "a URDF is read with the recording, hil.from_arrays(t, q, tau, robot='arm.urdf'), and "
+            "hil.base_model(run.robot) follows; hil.read_model('m.toml') reads a model file"
+        )
+    else:
+        how = "run.robot of a recording is one"
+    return f"a model takes a RobotSource, not {type(given).__name__}: {how}"
+
+
+def as_model(given: object, verb: str) -> RobotModel:
+    """The model that a verb was given.
+
+    Parameters
+    ----------
+    given : object
+        A model.
+    verb : str
+        Name of the verb, for messages.
+
+    Raises
+    ------
+    ConfigError
+        If it is something else; the sentence says what makes a model of it.
+    """
+    if isinstance(given, RobotModel):
+        return given
+    how = "hil.base_model(run.robot) makes one"
+    if isinstance(given, str | Path):
+        how = f"hil.read_model({str(given)!r}) reads a model file"
+    elif isinstance(getattr(given, "model", None), RobotModel):
+        how = "the model of an answer or a fit is its .model"
+    raise ConfigError(f"{verb} takes a RobotModel as the model, not {type(given).__name__}; {how}")
 
 
 #: The offset is one for all runs; every run its own is an option that a model declares.

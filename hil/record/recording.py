@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.record.jumps import Jumps, jumps
+from hil.shown import Shown
 
 FloatArray = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ COLUMNS = ("q", "tau", "qd", "wrench", "tau_ext", "current", "temperature")
 
 
 @dataclass(frozen=True, repr=False)
-class Recording:
+class Recording(Shown):
     """One run of one arm, n samples of d joints, SI units throughout.
 
     Parameters

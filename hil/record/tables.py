@@ -299,7 +299,6 @@ class Imported:
     extras: tuple[tuple[Channel, FloatArray, FloatArray], ...] = ()
 
 
-@np.errstate(all="ignore")  # what overflows is infinite then, and refused
 def import_table(
     path: str | Path,
     mapping: TableMap | None = None,
@@ -336,17 +335,48 @@ def import_table(
     given = mapping or TableMap()
     given = replace(given, tip=tip or given.tip, unit=unit or given.unit)
     table = open_table(path, given.array, given.columns, run)
+    return read_columns(table, given, urdf, arm)
+
+
+def read_columns(
+    table: ForeignTable, given: TableMap, robot: str | Path | RobotSource = "", arm: str = ""
+) -> Imported:
+    """Read the columns of an open table through a map, as `import_table` does.
+
+    Parameters
+    ----------
+    table : ForeignTable
+        Columns by name, from a file or from memory.
+    given : TableMap
+        The map.
+    robot : str, Path or RobotSource
+        URDF file, or the robot itself; empty for that of the map.
+    arm : str
+        Name of the only arm, or which of several arms to keep.
+
+    Raises
+    ------
+    DataError, ConfigError
+        As `import_table`.
+    """
+    with np.errstate(all="ignore"):  # what overflows is infinite then, and refused
+        return _read_columns(table, given, robot, arm)
+
+
+def _read_columns(
+    table: ForeignTable, given: TableMap, robot: str | Path | RobotSource, arm: str
+) -> Imported:
     tables = {"": table, **_joined(table, given)}
     arms = _select(given, arm)
     for name in arms:
         refuse_arm(name)
-    robot, joints = _robot(given, Path(path), urdf)
+    source, joints = _robot(given, table.path, robot)
     recordings: list[Recording] = []
     used: set[str] = set()
     extra: dict[str, FloatArray] = {}
     for name, rules in arms.items():
         filled = _with_defaults(rules, table)
-        recording, sources, extra = _arm(name or "arm", filled, tables, given, robot, joints)
+        recording, sources, extra = _arm(name or "arm", filled, tables, given, source, joints)
         recordings.append(recording)
         used |= sources
     recordings = from_zero(table, recordings)
@@ -409,12 +439,15 @@ def _with_defaults(rules: Mapping[str, Rule], table: ForeignTable) -> dict[str, 
 
 
 def _robot(
-    given: TableMap, table: Path, urdf: str | Path
+    given: TableMap, table: Path, robot: str | Path | RobotSource
 ) -> tuple[RobotSource, tuple[UrdfJoint, ...]]:
-    name = str(urdf or given.urdf)
+    if isinstance(robot, RobotSource):
+        source = replace(robot, tip=given.tip or robot.tip)
+        return source, _moving(source, "the URDF") if source.urdf else ()
+    name = str(robot or given.urdf)
     if not name:
         return RobotSource(given.preset, "", given.tip), ()
-    folders = [Path()] if urdf else [f for f in (given.folder, table.parent) if f is not None]
+    folders = [Path()] if robot else [f for f in (given.folder, table.parent) if f is not None]
     file = next((f / name for f in folders if (f / name).is_file()), folders[0] / name)
     try:
         text = read_text(file)
@@ -423,11 +456,17 @@ def _robot(
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not text"
         raise DataError(f"URDF {file} cannot be read: {why}") from error
-    joints = urdf_joints(text, f"URDF {file}")
-    links = set(re.findall(r"<(?:link|joint)\s[^>]*?name\s*=\s*[\"']([^\"']+)", text))
-    if given.tip and given.tip not in links:
-        raise DataError(f"URDF {file}: " + unknown("frame", given.tip, links))
-    return RobotSource("", text, given.tip), joints
+    source = RobotSource("", text, given.tip)
+    return source, _moving(source, f"URDF {file}")
+
+
+def _moving(source: RobotSource, what: str) -> tuple[UrdfJoint, ...]:
+    """Moving joints of a description, after checking that it has the frame of the tip."""
+    joints = urdf_joints(source.urdf, what)
+    links = set(re.findall(r"<(?:link|joint)\s[^>]*?name\s*=\s*[\"']([^\"']+)", source.urdf))
+    if source.tip and source.tip not in links:
+        raise DataError(f"{what}: " + unknown("frame", source.tip, links))
+    return joints
 
 
 def _arm(

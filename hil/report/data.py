@@ -137,14 +137,14 @@ class Material:
         return named[:most] if named else worst[:most]
 
 
-def from_diagnosis(d: Diagnosis) -> Material:
-    """Material of a diagnosis; both errors of every rung."""
+def from_diagnosis(d: Diagnosis, simulated: bool = True) -> Material:
+    """Material of a diagnosis; both errors of every rung, the simulated one where it is wanted."""
     if not d.ladder:
         return Material(d.verdict, [], d.noise, d.first, d.last, warnings=d.warnings)
     motor = d.ladder[0].result.model.explains == "motor"
     rungs = (
         [_honest(r) for r in ladder(d)]
-        if motor
+        if motor and simulated
         else [Rung(s, _none(len(d.noise))) for s in d.ladder]
     )
     return Material(

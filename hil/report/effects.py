@@ -15,7 +15,7 @@ from hil.identify.result import FitResult
 from hil.models.contact import penetration
 from hil.models.effect import Over, Waves
 from hil.report.data import Material
-from hil.report.elements import AFTER, BEFORE, CLOUD, MEASURED, dots, embed, grid, line
+from hil.report.elements import AFTER, BEFORE, CLOUD, MEASURED, Figure, dots, grid, line
 from hil.report.figures import window
 
 FloatArray = NDArray[np.float64]
@@ -294,7 +294,7 @@ READING = (
 # ------------------------------------------------------------ figure
 
 
-def effect_figure(m: Material, finding: Finding, name: str) -> str:
+def effect_figure(m: Material, finding: Finding, name: str) -> Figure | None:
     """Partial residual against the variable that suits the effect, the fitted effect on top.
 
     Parameters
@@ -309,7 +309,7 @@ def effect_figure(m: Material, finding: Finding, name: str) -> str:
     result = m.after.result
     fit = learnt(result, finding.effect, finding.joint)
     if fit is None:
-        return ""
+        return None
     v, second = variable_of(result, fit), phase(result, fit)
     loop = fit.term.effect.doc.over is Over.DISPLACEMENT
     right = "folded on one period" if second else "loop over position" if loop else "over time"
@@ -323,7 +323,7 @@ def effect_figure(m: Material, finding: Finding, name: str) -> str:
     along = "effort along the motion" if v.sign is not None else "effort"
     fig.update_yaxes(title_text=f"{along} [{m.effort_unit(fit.joint)}]", col=1)
     fig.update_yaxes(title_text=f"effort [{m.effort_unit(fit.joint)}]", col=2)
-    return embed(fig, name, READING)
+    return Figure(fig, name, READING)
 
 
 def _over(fig: Any, v: Variable, fit: Learnt, column: int, legend: bool) -> None:

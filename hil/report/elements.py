@@ -14,6 +14,7 @@ import html
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -471,26 +472,40 @@ def dots(x: FloatArray, y: FloatArray, name: str, color: str, **more: Any) -> Tr
     )
 
 
-def embed(fig: Panels, name: str, caption: str) -> str:
-    """HTML of a figure with its caption; the page holds plotly's script.
+@dataclass(frozen=True)
+class Figure:
+    """A drawing with its name and what it says.
 
     Parameters
     ----------
-    fig : Panels
-        What to draw.
+    panels : Panels
+        What is drawn.
     name : str
         Unique identifier in the page.
     caption : str
         What it shows and how to read it.
     """
-    config = {
-        "displaylogo": False,
-        "responsive": False,
-        "displayModeBar": "hover",
-        "modeBarButtonsToRemove": ["lasso2d", "select2d"],
-    }
-    inner = fig.html(name, config)
-    return f"<figure><figcaption>{escape(caption)}</figcaption>{inner}</figure>"
+
+    panels: Panels
+    name: str
+    caption: str
+
+    def html(self) -> str:
+        """The figure with its caption; the page holds plotly's script."""
+        config = {
+            "displaylogo": False,
+            "responsive": False,
+            "displayModeBar": "hover",
+            "modeBarButtonsToRemove": ["lasso2d", "select2d"],
+        }
+        inner = self.panels.html(self.name, config)
+        return f"<figure><figcaption>{escape(self.caption)}</figcaption>{inner}</figure>"
+
+    def plotly(self) -> Any:
+        """The same as a figure of the plotly library, to show, change or save."""
+        from plotly.graph_objects import Figure as PlotlyFigure
+
+        return PlotlyFigure({"data": self.panels.data, "layout": self.panels.layout})
 
 
 def rung_colors(count: int) -> list[str]:

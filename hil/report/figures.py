@@ -19,8 +19,8 @@ from hil.report.elements import (
     FLOOR,
     MEASURED,
     TOP,
+    Figure,
     bar,
-    embed,
     escape,
     grid,
     line,
@@ -58,7 +58,7 @@ UNEVEN_AXES = ("speed", "since-reversal", "distance-since-reversal", "load")
 # ------------------------------------------------------------ ladder and views
 
 
-def ladder_figure(m: Material) -> str:
+def ladder_figure(m: Material) -> Figure:
     """Held-out error over the noise floor, and the simulated position error beside it."""
     multi = np.array([r.multi_step.relative for r in m.rungs])
     both = not m.external and bool(np.isfinite(multi).any())
@@ -81,7 +81,7 @@ def ladder_figure(m: Material) -> str:
     if len("".join(m.joints)) > 40:
         fig.update_xaxes(tickangle=-35, automargin=True)
         fig.update_layout(height=fig.layout["height"] + 60)
-    return embed(fig, "ladder", ONE_STEP + (MULTI_STEP if both else ""))
+    return Figure(fig, "ladder", ONE_STEP + (MULTI_STEP if both else ""))
 
 
 def _floor_line(fig: Any, m: Material) -> None:
@@ -118,7 +118,7 @@ def _bars(
         )
 
 
-def view_figures(m: Material) -> list[str]:
+def view_figures(m: Material) -> list[Figure]:
     """Mean residual over speed, reversal, position, ... with its noise band, joint by joint."""
     before = views(m.before.result, m.last.floor)
     after = views(m.after.result, m.last.floor) if len(m.rungs) > 1 else None
@@ -138,7 +138,7 @@ def _strength(view: View) -> float:
     return float(np.max(np.abs(view.mean[used]) / np.maximum(view.band[used], 1e-300), initial=0))
 
 
-def _views(m: Material, j: int, pairs: list[tuple[View, View | None]]) -> str:
+def _views(m: Material, j: int, pairs: list[tuple[View, View | None]]) -> Figure:
     rows = -(-len(pairs) // 3)
     columns = min(3, len(pairs))
     fig = grid(rows, columns, [_title(v) for v, _ in pairs], 180, sideways=0.055)
@@ -158,7 +158,7 @@ def _views(m: Material, j: int, pairs: list[tuple[View, View | None]]) -> str:
         "load are drawn equally wide, whatever they span."
         + (" Orange: outside the range that the given model was identified on." if m.valid else "")
     )
-    return embed(fig, f"views-{j + 1}", text)
+    return Figure(fig, f"views-{j + 1}", text)
 
 
 def _beyond(fig: Any, m: Material, view: View, row: int, column: int) -> None:
@@ -244,7 +244,7 @@ TITLES = {
 # ------------------------------------------------------------ spectra
 
 
-def spectra_figures(m: Material) -> list[str]:
+def spectra_figures(m: Material) -> list[Figure]:
     """Spectra of the residual before and after, with their bands, joint by joint."""
     out = []
     for j in m.concerned():
@@ -258,7 +258,7 @@ def spectra_figures(m: Material) -> list[str]:
     return out
 
 
-def _figure(m: Material, j: int, found: list[list[Spectrum]]) -> str:
+def _figure(m: Material, j: int, found: list[list[Spectrum]]) -> Figure:
     titles = [TITLES[s.feature] for s in found[0]]
     fig = grid(-(-len(titles) // 2), 2, titles, 190)
     names = ("before", "after") if len(found) > 1 else ("model",)
@@ -291,7 +291,7 @@ def _figure(m: Material, j: int, found: list[list[Spectrum]]) -> str:
         "noise alone. A peak over position points to a wheel, a screw or the poles of a motor. A "
         "line over time points to a vibration that does not depend on the arm's motion."
     )
-    return embed(fig, f"spectra-{j + 1}", text)
+    return Figure(fig, f"spectra-{j + 1}", text)
 
 
 def _ticks(low: float, high: float) -> list[float]:
@@ -329,11 +329,11 @@ def explained(m: Material, c: Candidate) -> float:
     return float(np.clip(power / max(float(result.rms[j]) ** 2, 1e-300), 0.0, 1.0))
 
 
-def candidates_figure(m: Material) -> str:
+def candidates_figure(m: Material) -> Figure | None:
     """Share of the squared residual that each candidate explains, and what there is to explain."""
     chosen = top_candidates(m)
     if not chosen:
-        return ""
+        return None
     labels = [escape(f"{c.name} on {place(m, c)}" if place(m, c) else c.name) for c in chosen]
     fig = grid(1, 1, [""], 25.0 * len(chosen) + 20)
     _share_bars(fig, m, chosen, labels)
@@ -352,7 +352,7 @@ def candidates_figure(m: Material) -> str:
         "floor. A full refit, which also adapts the nonlinear parameters of the first model, may "
         "explain more. Best first, by evidence less a penalty for the number of parameters."
     )
-    return embed(fig, "candidates", text)
+    return Figure(fig, "candidates", text)
 
 
 def _share_bars(fig: Any, m: Material, chosen: list[Candidate], labels: list[str]) -> None:
@@ -426,7 +426,7 @@ def window(weight: FloatArray, run: NDArray[np.int_], length: int) -> slice:
     return slice(start, start + length)
 
 
-def trace_figure(m: Material) -> str:
+def trace_figure(m: Material) -> Figure:
     """Measured against predicted effort of every joint, before and after, on held-out data."""
     old, new = m.before.heldout, m.after.heldout
     run = old.run if old.run.size else np.zeros(old.effort.shape[1], dtype=int)
@@ -451,7 +451,7 @@ def trace_figure(m: Material) -> str:
         f"The part of the held-out data where {most}. Per joint: measured and predicted "
         "effort, and below it the residual (grey: plus and minus the rms of the noise floor)."
     )
-    return embed(fig, "traces", text)
+    return Figure(fig, "traces", text)
 
 
 def _joint(fig: Any, m: Material, j: int, part: slice, time: FloatArray) -> None:

@@ -40,6 +40,9 @@ from hil.report.figures import (
 )
 from hil.report.text import LEADING, Files, command
 
+#: What the title of every report ends in, and where it stands at the latest [byte].
+TITLE, HEAD = "of a robot model with measurements", 4096
+
 # ------------------------------------------------------------ report
 
 
@@ -71,9 +74,19 @@ def diagnosis_report(diagnosis: Diagnosis, path: str | Path, files: Files | None
     _write(from_diagnosis(diagnosis), path, files)
 
 
+def is_report(path: Path) -> bool:
+    """Whether a file is a report of `hil`, or empty."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD).decode("utf-8", "replace")
+    except OSError:
+        return False
+    return not head.strip() or f" {TITLE}</title>" in head
+
+
 def _write(m: Material, path: str | Path, files: Files | None = None) -> None:
     kind = "Comparison" if m.verdict == COMPARED else "Diagnosis"
-    title = f"{kind} of a robot model with measurements"
+    title = f"{kind} {TITLE}"
     body = f"<h1>{escape(title)}</h1>" + top(m, files)
     if m.rungs:
         body += "".join(
@@ -110,7 +123,7 @@ def ladder(m: Material) -> str:
     )
     return section(
         "Error ladder",
-        ladder_figure(m),
+        ladder_figure(m).html(),
         _numbers(m),
         paragraph(note, "note"),
         paragraph(text.origin(m), "note"),
@@ -170,7 +183,7 @@ def fails(m: Material) -> str:
         nothing = "With the added effects nothing stands above the noise band."
         parts.append(paragraph("Left over with all added effects:" if left else nothing))
         parts.append(items(left))
-    figures = (*view_figures(m), *spectra_figures(m))
+    figures = [f.html() for f in (*view_figures(m), *spectra_figures(m))]
     return section("Where the model fails", *parts, _network(m), *figures)
 
 
@@ -209,7 +222,8 @@ def candidates(m: Material) -> str:
     )
     never = [f"{name}: {why}" for name, why in m.first.impossible]
     tail = paragraph("Not testable with these data:") + items(never) if never else ""
-    body = candidates_figure(m) + listed + paragraph(note, "note")
+    figure = candidates_figure(m)
+    body = (figure.html() if figure else "") + listed + paragraph(note, "note")
     return section("Candidates", body if listed else paragraph("None was tried."), tail)
 
 
@@ -225,7 +239,7 @@ def effects(m: Material) -> str:
         parts.append(paragraph(f"{text.meaning(f.effect)}. Equation: {effect.doc.equation}"))
         values = [text.value(n, v, m.joints) for n, v in f.parameters.items()]
         said = param_text.remark(f.effect, f.parameters)
-        parts += [items([*values, *([said] if said else [])]), figure]
+        parts += [items([*values, *([said] if said else [])]), figure.html()]
         parts += (
             [paragraph(f"Read with care: {effect.doc.caveat}.", "note")]
             if effect.doc.caveat
@@ -237,7 +251,7 @@ def effects(m: Material) -> str:
 
 def traces(m: Material) -> str:
     """Measured against predicted."""
-    return section("Measured and predicted effort", trace_figure(m))
+    return section("Measured and predicted effort", trace_figure(m).html())
 
 
 def _percent(x: float) -> str:

@@ -1,0 +1,258 @@
+"""From what a program holds to a recording, and from what a caller gave to a list of recordings.
+
+Arrays, data frames and dictionaries of columns pass the checks that a table of a file passes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hil.errors import ConfigError, DataError, plural
+from hil.record.mapfile import TableMap, read_map
+from hil.record.recording import Recording, RobotSource
+from hil.record.table_files import ForeignTable
+from hil.record.tables import GROUPS, WRENCH, read_columns
+
+FloatArray = NDArray[np.float64]
+#: One run, or several.
+Runs = Recording | Sequence[Recording]
+#: Argument of `from_arrays` -> stem of its columns.
+_STEMS = {key: stem for stem, key in GROUPS.items()}
+
+
+def from_arrays(
+    t: Any,
+    q: ArrayLike | None = None,
+    tau: ArrayLike | None = None,
+    *,
+    robot: str | Path | RobotSource = "",
+    qd: ArrayLike | None = None,
+    wrench: ArrayLike | None = None,
+    tau_ext: ArrayLike | None = None,
+    current: ArrayLike | None = None,
+    temperature: ArrayLike | None = None,
+    joints: Sequence[str] = (),
+    map: str | Path | TableMap | None = None,
+    tip: str = "",
+    unit: str = "",
+    arm: str = "",
+    name: str = "arrays",
+) -> Recording:
+    """Make a recording of arrays, or of a data frame; nothing is written.
+
+    Parameters
+    ----------
+    t : array_like (n,), or a frame
+        Time [s], increasing.  In its place, with neither `q` nor `tau`, a pandas or polars frame
+        or a mapping of columns, with the names that `hil import` knows: t, q1.., tau1.., qd1..,
+        tauext1.., i1.., temp1.., fx, fy, fz, tx, ty, tz.
+    q, tau : array_like (n, d), or (n,) for one joint
+        Joint positions [rad or m] and motor efforts at the joint [N m or N].
+    robot : str, Path or RobotSource
+        URDF file or text, the name of a preset, or ``run.robot`` of another recording; by default
+        independent axes.
+    qd, tau_ext, current, temperature : array_like (n, d), optional
+        Velocities, external efforts ON the robot, motor currents [A] and temperatures [degC].
+    wrench : array_like (n, 3 or 6), optional
+        Force and torque ON the robot at the tip, base frame [N, N m].
+    joints : sequence of str
+        Names of the joints, where no URDF names them.
+    map : str, Path or TableMap, optional
+        Map file, or the name of a built-in one, for columns of other names and units.
+    tip, unit, arm, name : str
+        Frame of the wrench, unit of the axes without a URDF (``"rad"`` or ``"m"``), names of the
+        arm and of the run.
+
+    Returns
+    -------
+    Recording
+        Checked as a table is that `hil import` reads.
+
+    Raises
+    ------
+    DataError
+        If shapes do not fit, values are missing or infinite, or the time does not increase.
+    ConfigError
+        If an argument is of another kind, or the map names what is not there.
+    """
+    more = {"qd": qd, "tau_ext": tau_ext, "current": current, "temperature": temperature}
+    if (q is None) != (tau is None):
+        lacking = "q" if q is None else "tau"
+        raise ConfigError(f"hil.from_arrays(t, q, tau) lacks {lacking}; give positions and efforts")
+    if q is None:
+        if extra := [k for k, v in {**more, "wrench": wrench}.items() if v is not None]:
+            raise ConfigError(
+                f"hil.from_arrays takes all columns from the frame; put {extra[0]} into it"
+            )
+        found = _frame_columns(t)
+    else:
+        found = _array_columns(t, {"q": q, "tau": tau, **more}, wrench)
+    given = map if isinstance(map, TableMap) else read_map(map) if map else TableMap()
+    given = replace(given, tip=tip or given.tip, unit=unit or given.unit)
+    table = ForeignTable(Path(name), tuple(found), lambda w: {k: found[k] for k in w}, 0, name)
+    imported = read_columns(table, given, _robot(robot), arm)
+    if len(imported.recordings) > 1:
+        arms = ", ".join(r.arm for r in imported.recordings)
+        raise ConfigError(f"the map makes the arms {arms}; choose one with arm=...")
+    return _named(imported.recordings[0], tuple(joints))
+
+
+def _array_columns(
+    t: Any, groups: Mapping[str, Any], wrench: ArrayLike | None
+) -> dict[str, FloatArray]:
+    """Columns by name of arrays, after checking that their shapes belong together."""
+    out = {"t": _numbers("t", t)}
+    n = out["t"].size
+    if out["t"].ndim != 1:
+        raise DataError(f"t has shape {out['t'].shape}; expected (n,), the time of each sample [s]")
+    d = 0
+    for key, value in groups.items():
+        if value is None:
+            continue
+        x = _numbers(key, value)
+        x = x[:, None] if x.ndim == 1 else x
+        d = d or (x.shape[1] if x.ndim == 2 else 0)
+        if x.shape != (n, d):
+            turned = "; give its transpose" if x.ndim == 2 and x.shape[1] == n != x.shape[0] else ""
+            wide = f"{n}, {d}" if d and not turned else f"{n}, d"
+            raise DataError(
+                f"{key} has shape {x.shape}; expected ({wide}), a row a time and a column a joint"
+                f"{turned}"
+            )
+        out |= {f"{_STEMS[key]}{k + 1}": x[:, k] for k in range(d)}
+    if wrench is not None:
+        w = _numbers("wrench", wrench)
+        if w.shape not in ((n, 3), (n, 6)):
+            raise DataError(f"wrench has shape {w.shape}; expected ({n}, 3) or ({n}, 6)")
+        out |= {WRENCH[k]: w[:, k] for k in range(w.shape[1])}
+    return out
+
+
+def _numbers(what: str, value: Any) -> FloatArray:
+    """An array of real numbers; `DataError` names what is none."""
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind in "biuf":
+            return array.astype(np.float64)
+        if array.dtype.kind == "O":  # a column of a frame that holds numbers and None
+            return np.array([np.nan if x is None else x for x in array.ravel()], float).reshape(
+                array.shape
+            )
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{what} is no array of numbers: {error}") from error
+    raise DataError(f"{what} is of type {array.dtype}; expected real numbers")
+
+
+def _frame_columns(frame: Any) -> dict[str, FloatArray]:
+    """Columns of a pandas or polars frame, or of a mapping, that hold numbers."""
+    names = _column_names(frame)
+    if not names:
+        raise ConfigError(
+            "hil.from_arrays takes (t, q, tau) or one frame with columns t, q1.., tau1..; "
+            f"it got {_kind(frame)} alone"
+        )
+    out: dict[str, FloatArray] = {}
+    for name in names:
+        try:
+            out[str(name)] = _numbers(f"column {str(name)!r}", frame[name])
+        except DataError:
+            if re.fullmatch(r"t|[a-z]+[0-9]+|[ft][xyz]", str(name)):
+                raise
+    return out
+
+
+def _column_names(frame: Any) -> list[Any]:
+    """Names of the columns of a frame, a mapping, a structured array or an Arrow table."""
+    if isinstance(frame, Mapping):
+        return list(frame)
+    if isinstance(frame, np.ndarray):
+        return list(frame.dtype.names or ())
+    return list(getattr(frame, "column_names", getattr(frame, "columns", ())))
+
+
+def _robot(given: str | Path | RobotSource) -> str | Path | RobotSource:
+    """A URDF file by its path; a robot, the text of a URDF, or a preset as a source."""
+    if isinstance(given, RobotSource):
+        return given
+    if not isinstance(given, str | Path):
+        raise ConfigError(
+            f"robot is {_kind(given)}; expected a URDF file, the text of one, the name of a "
+            "preset, or run.robot of a recording"
+        )
+    text = str(given)
+    if text.lstrip().startswith("<"):
+        return RobotSource("", text)
+    is_file = isinstance(given, Path) or re.search(r"[/\\.](urdf|xml)$|[/\\]", text.lower())
+    return text if not text or is_file or Path(text).is_file() else RobotSource(text)
+
+
+def _named(run: Recording, joints: tuple[str, ...]) -> Recording:
+    if not joints or joints == run.joints:
+        return run
+    if run.robot.urdf:
+        raise ConfigError(
+            f"joints = {', '.join(joints)}, but the URDF has {', '.join(run.joints)}; leave joints "
+            "out, and give the columns in the order of the URDF"
+        )
+    if len(joints) != run.d:
+        raise ConfigError(f"{plural(len(joints), 'name')} in joints, but {run.d} columns of q")
+    return replace(run, joints=joints)
+
+
+# ------------------------------------------------------------ what a verb is given
+
+
+def _kind(x: object) -> str:
+    return "None" if x is None else type(x).__name__
+
+
+def as_runs(given: object, verb: str) -> list[Recording]:
+    """Recordings that a verb was given: one run stands for a list of one.
+
+    Parameters
+    ----------
+    given : object
+        A recording, or several.
+    verb : str
+        Name of the verb, for messages, e.g. ``"hil.fit"``.
+
+    Raises
+    ------
+    ConfigError
+        If it is something else; the sentence says what makes a recording of it.
+    """
+    several = isinstance(given, Iterable) and _instead(given) is None
+    each = list(given) if several and isinstance(given, Iterable) else [given]
+    runs = [run for run in each if isinstance(run, Recording)]
+    if each and len(runs) == len(each):
+        return runs
+    wrong = [run for run in each if not isinstance(run, Recording)]
+    found = _kind(wrong[0]) if wrong else "an empty list"
+    how = (_instead(wrong[0]) if wrong else None) or "hil.load('run1.mcap') reads one"
+    raise ConfigError(f"{verb} takes a recording or a list of them, not {found}; {how}")
+
+
+def held_out(given: object, verb: str) -> list[Recording]:
+    """Held-out recordings that a verb was given, as `as_runs`; none at all is an empty list."""
+    none = given is None or (isinstance(given, list | tuple) and not given)
+    return [] if none else as_runs(given, f"holdout of {verb}")
+
+
+def _instead(given: object) -> str | None:
+    """What makes a recording of something that is none; None where nobody knows."""
+    if isinstance(given, str | Path):
+        if Path(given).suffix in (".mcap", ""):
+            return f"hil.load({str(given)!r}) reads a session"
+        return f"'hil import {given} -o S.mcap' makes a session, and hil.load reads that"
+    if hasattr(given, "columns") or isinstance(given, Mapping):
+        return "hil.from_arrays(frame, robot=...) makes one of a frame"
+    if isinstance(given, np.ndarray):
+        return "hil.from_arrays(t, q, tau, robot=...) makes one of arrays"
+    return None

@@ -1,0 +1,135 @@
+"""Arrays and frames of a program become recordings, checked as tables are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import plants
+import polars as pl
+import pyarrow as pa
+import pytest
+
+import hil
+from hil.errors import ConfigError, DataError
+from hil.record.arrays import as_runs
+from hil.record.recording import RobotSource
+
+ARM = """<robot name="arm"><link name="base"/><link name="upper"><inertial><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/>
+<axis xyz="0 1 0"/></joint></robot>"""
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return plants.smooth_axis(seconds=2.0)
+
+
+def two(run):
+    return np.hstack([run.q, 2 * run.q]), np.hstack([run.tau, 3 * run.tau])
+
+
+def test_arrays_are_the_recording(plain):
+    q, tau = two(plain)
+    run = hil.from_arrays(plain.t, q, tau, qd=q, wrench=np.ones((plain.n, 3)), joints=("a", "b"))
+    assert run.joints == ("a", "b") and run.robot == RobotSource("single-axis")
+    assert np.array_equal(run.q, q) and np.array_equal(run.tau, tau) and np.array_equal(run.qd, q)
+    assert run.wrench.shape == (plain.n, 6) and not run.wrench[:, 3:].any()
+
+
+def test_one_joint_may_be_a_vector_and_a_list(plain):
+    run = hil.from_arrays(list(plain.t), list(plain.q[:, 0]), plain.tau[:, 0])
+    assert np.array_equal(run.q, plain.q)
+
+
+@pytest.mark.parametrize("made", [pd.DataFrame, pl.DataFrame, dict, pa.table])
+def test_a_frame_is_the_recording(plain, made):
+    q, tau = two(plain)
+    columns = {"t": plain.t, "q1": q[:, 0], "q2": q[:, 1], "tau1": tau[:, 0], "tau2": tau[:, 1]}
+    words = ["a note"] * plain.n
+    run = hil.from_arrays(made({**columns, "label": words}), name="lab")
+    assert np.array_equal(run.q, q) and np.array_equal(run.tau, tau) and run.name == "lab"
+
+
+def test_a_frame_of_other_names_takes_a_map(plain, tmp_path):
+    place = tmp_path / "m.toml"
+    place.write_text(
+        '[columns]\nt = "time"\nq1 = { from = "angle", scale = 0.5 }\ntau1 = "torque"\n'
+    )
+    frame = pd.DataFrame({"time": plain.t, "angle": plain.q[:, 0], "torque": plain.tau[:, 0]})
+    assert np.allclose(hil.from_arrays(frame, map=place).q, plain.q / 2)
+
+
+def test_the_robot_is_a_file_a_text_or_that_of_another_run(plain, tmp_path):
+    place = tmp_path / "arm.urdf"
+    place.write_text(ARM)
+    runs = [hil.from_arrays(plain.t, plain.q, plain.tau, robot=r) for r in (place, str(place), ARM)]
+    runs.append(hil.from_arrays(plain.t, plain.q, plain.tau, robot=runs[0].robot))
+    assert {r.joints for r in runs} == {("shoulder",)} and {r.robot.urdf for r in runs} == {ARM}
+
+
+def test_a_recording_gives_its_samples_back(plain):
+    frame = plain.to_frame()
+    assert list(frame.columns) == ["t", "q1", "tau1"]
+    again = hil.from_arrays(frame)
+    assert np.array_equal(again.t, plain.t) and np.array_equal(again.tau, plain.tau)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda t, q, tau: (t, q.T, tau), "q has shape .*give its transpose"),
+        (lambda t, q, tau: (t, q, np.hstack([tau, tau])), r"tau has shape .*expected \(1000, 1\)"),
+        (lambda t, q, tau: (t[:-1], q, tau), r"q has shape \(1000, 1\); expected \(999, 1\)"),
+        (lambda t, q, tau: (t, np.where(q > 0, np.nan, q), tau), "column 'q1' has .* missing"),
+        (lambda t, q, tau: (t[::-1], q, tau), "time runs backward"),
+        (lambda t, q, tau: (t, ["x"] * 1000, tau), "q is of type .*; expected real numbers"),
+        (lambda t, q, tau: (t, q, tau + 1j), "tau is of type complex128"),
+        (lambda t, q, tau: (t, q, None), "lacks tau"),
+        (lambda t, q, tau: (t, None, None), "one frame with columns .*it got ndarray alone"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_a_sentence(plain, change, sentence):
+    with pytest.raises((DataError, ConfigError), match=sentence) as caught:
+        hil.from_arrays(*change(plain.t, plain.q, plain.tau))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ("run1.mcap", r"not str; hil.load\('run1.mcap'\) reads a session"),
+        (["run1.csv"], "'hil import run1.csv -o S.mcap' makes a session"),
+        (pd.DataFrame(), r"not DataFrame; hil.from_arrays\(frame"),
+        (np.zeros(3), r"hil.from_arrays\(t, q, tau"),
+        ([], "not an empty list"),
+        (None, "not None"),
+        (5, "not int"),
+    ],
+)
+def test_a_verb_refuses_what_is_no_recording(given, sentence):
+    with pytest.raises(ConfigError, match=sentence):
+        as_runs(given, "hil.fit")
+
+
+def test_one_run_stands_for_a_list_of_one(plain):
+    assert as_runs(plain, "v") == [plain] == as_runs((plain,), "v") == as_runs(iter([plain]), "v")
+
+
+def test_models_refuse_what_is_none(plain):
+    model = hil.base_model(plain.robot)
+    for given, sentence in (
+        ("arm.urdf", "not str: a URDF is read with the recording"),
+        (plain, r"hil.base_model\(run.robot\)"),
+    ):
+        with pytest.raises(ConfigError, match=sentence):
+            hil.base_model(given)
+    with pytest.raises(ConfigError, match=r"hil.read_model\('m.toml'\)"):
+        hil.fit(plain, "m.toml")
+    with pytest.raises(ConfigError, match=r"holdout of hil\.compare takes"):
+        hil.compare(plain, model, holdout="other.mcap")
+
+
+def test_the_verbs_are_listed():
+    assert {"from_arrays", "diagnose", "fit", "load", "add"} <= set(dir(hil))
+    assert "annotations" not in dir(hil) and "importlib" not in dir(hil)
