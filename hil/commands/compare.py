@@ -7,6 +7,7 @@ import argparse
 from hil.commands import common
 from hil.diagnosis import verbs
 from hil.diagnosis.verbs import Comparison
+from hil.diagnosis.verdict import NO_GEOMETRY
 from hil.report.json import comparison_json
 
 EXAMPLE = "hil compare run.mcap --model arm.toml --report out.html"
@@ -56,8 +57,10 @@ def _horizon(c: Comparison) -> str:
 
 def text(c: Comparison) -> str:
     """The comparison for a terminal."""
-    lines = [_errors(c), f"\n{_judged(c)}", "\nWhere it fails", *_places(c)]
-    return "\n".join([*lines, *(f"  warning: {f.sentence}" for f in c.faults)])
+    first = [f"{f.sentence}.\n" for f in c.faults if f.code == NO_GEOMETRY]
+    lines = [*first, _errors(c), f"\n{_judged(c)}", "\nWhere it fails", *_places(c)]
+    rest = (f for f in c.faults if f.code != NO_GEOMETRY)
+    return "\n".join([*lines, *(f"  warning: {f.sentence}" for f in rest)])
 
 
 def _errors(c: Comparison) -> str:

@@ -21,7 +21,7 @@ from hil.commands import common, outputs, plugins
 from hil.errors import ConfigError, plural
 from hil.models.files import write_model
 from hil.models.model import base_model
-from hil.models.robots import make_robot
+from hil.models.robots import make_robot, undescribed
 from hil.record import datasets
 from hil.record.checks import check
 from hil.record.consistency import DataFault
@@ -63,7 +63,9 @@ def text(output: Path, found: Imported, model: Path, written: bool) -> str:
         )
     if shift := found.recordings[0].metadata.get("time_shift_s"):
         lines.append(f"time begins before 0: shifted by {float(shift):.6g} s")
-    lines += [f"{note}" for note in found.notes]
+    lines += found.notes
+    if lacking := undescribed(found.recordings[0].robot, found.recordings[0].d):
+        lines.append(f"note: {lacking}")
     if found.unused:
         lines.append(f"not used: {', '.join(found.unused)}")
     lines.append(f"{model}: {'base model written' if written else _kept(model, found)}")

@@ -65,6 +65,7 @@ from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models.effect import Trait
 from hil.models.model import BASE_EFFECTS, RobotModel, as_model
+from hil.models.robots import undescribed
 from hil.record.arrays import Runs, as_runs, held_out
 from hil.record.checks import check
 
@@ -176,16 +177,17 @@ def corrections_of(rung: Visited, before: HeldOut, problem: Problem) -> list[Unn
     return out
 
 
+#: What names mean where the geometry is unknown.
+MEANS = (
+    "Sums of sines and cosines without a name stand for what these do; a name says what is left "
+    "beside them, and what gravity could be gets none."
+)
+
+
 def without_robot(problem: Problem) -> list[tuple[str, str]]:
     """Warning where several joints have no geometry: nothing couples them in the model."""
-    if problem.d == 1 or problem.source.urdf or problem.source.preset not in ("", "single-axis"):
-        return []
-    text = (
-        f"{problem.d} joints without a robot description: the model has no gravity, no inertia "
-        "coupling and no kinematics, and a named effect may stand for one of them. Give "
-        "--robot ARM.urdf (from the maker, or with masses and lengths of your own)"
-    )
-    return [(NO_GEOMETRY, text)]
+    text = undescribed(problem.source, problem.d, MEANS)
+    return [(NO_GEOMETRY, text)] if text else []
 
 
 def _last(search: Search) -> Evidence:

@@ -17,7 +17,7 @@ from hil.diagnosis.residual_tests import unlike, unlike_notes
 from hil.diagnosis.residuals import Region, regions, seeming
 from hil.diagnosis.sessions import differences
 from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step
-from hil.diagnosis.verdict import noticed
+from hil.diagnosis.verdict import NO_GEOMETRY, noticed
 from hil.errors import ConfigError, DataError
 from hil.identify.errors import complete
 from hil.identify.fit import fit as fit_problem
@@ -29,6 +29,7 @@ from hil.identify.timing import fit_aligned
 from hil.identify.validity import outside
 from hil.models import catalogue
 from hil.models.model import Range, RobotModel, Use, as_model
+from hil.models.robots import undescribed
 from hil.record.arrays import Runs, as_runs, held_out
 from hil.record.checks import check
 from hil.record.consistency import DataFault
@@ -123,7 +124,14 @@ def fit(recordings: Runs, model: RobotModel) -> FitResult:
     recordings, model = as_runs(recordings, "hil.fit"), as_model(model, "hil.fit")
     result = complete(fit_problem(make_problem(recordings, model), model))
     beyond = [("outside-range", text) for text in outside(model.valid, result.problem)]
-    return replace(result, warnings=other_robot(model, recordings) + beyond)
+    notes = _undescribed(result.problem) + other_robot(model, recordings)
+    return replace(result, warnings=notes + beyond)
+
+
+def _undescribed(problem: Problem) -> list[tuple[str, str]]:
+    """Warning where several joints have no geometry."""
+    text = undescribed(problem.source, problem.d)
+    return [(NO_GEOMETRY, text)] if text else []
 
 
 @single_threaded
@@ -154,7 +162,8 @@ def compare(recordings: Runs, model: RobotModel, holdout: Runs | None = None) ->
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
     level = evidence.floor.rms if floor is None else floor
-    notes = other_robot(model, recordings) + differences(alike, examine) + noticed(evidence, result)
+    notes = _undescribed(problem) + other_robot(model, recordings) + differences(alike, examine)
+    notes += noticed(evidence, result)
     notes += examine.own(result)
     notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))
     faults += [DataFault(code, "warning", "", x) for code, x in notes]

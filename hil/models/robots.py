@@ -207,6 +207,29 @@ def make_robot(source: RobotSource, recording: Recording) -> Robot:
     return robot
 
 
+def undescribed(source: RobotSource, d: int, means: str = "") -> str:
+    """What d joints without a geometry lack and what to do; nothing where they have one.
+
+    Parameters
+    ----------
+    source : RobotSource
+        The robot.
+    d : int
+        Number of joints; one alone lacks nothing.
+    means : str
+        What follows from it for an answer, a sentence.
+    """
+    if d == 1 or source.urdf or source.preset not in ("", "single-axis"):
+        return ""
+    means = means or "Its values and errors hold what these do."
+    return (
+        f"{d} joints without a robot description: the model has no gravity, no inertia "
+        f"coupling and no kinematics. {means} Give --robot ARM.urdf to 'hil import' (of the maker, "
+        "or what the topic or parameter robot_description holds; or with masses and lengths of "
+        "your own)"
+    )
+
+
 def bare_robot(source: RobotSource, joints: tuple[str, ...] = ()) -> Robot:
     """Build a robot without a recording; `joints` name those of a preset.
 

@@ -9,9 +9,11 @@ import plants
 import pytest
 
 import hil
+from hil.commands.compare import text as compare_text
 from hil.commands.diagnose import text
 from hil.diagnosis.types import Diagnosis
 from hil.models.model import base_model
+from hil.models.robots import undescribed
 from hil.record.recording import Recording, RobotSource
 from hil.report.data import from_diagnosis
 from hil.report.text import Files, command, details
@@ -95,6 +97,21 @@ def test_what_stands_for_the_geometry_is_said_first_and_written() -> None:
     assert "without a robot description" in details(m)[0]
     assert command(m, Files(("s.mcap",), model="")) == "hil improve s.mcap -o s.plus1.toml"
     assert any(u.type.startswith("generic") for u in d.model.effects)
+
+
+def test_every_answer_says_what_is_absent_and_what_to_do() -> None:
+    """Import, fit and compare say it too; of one joint and of a known robot there is nothing."""
+    run = plants.double_pendulum()
+    model = base_model(run.robot)
+    compared, fitted = hil.compare(run, model), hil.fit(run, model)
+    first = compare_text(compared).splitlines()[0]
+    assert first.startswith("2 joints without a robot description: the model has no gravity")
+    assert "Its values and errors hold what these do." in first and "--robot ARM.urdf" in first
+    assert fitted.warnings[0][0] == "no-geometry" and fitted.warnings[0][1] in first
+    assert "what gravity could be gets none" in diagnosed().warnings[0][1]
+    assert not undescribed(RobotSource("single-axis"), 1)
+    assert not undescribed(RobotSource("", "<robot/>"), 7)
+    assert not undescribed(RobotSource("phantom-premium-1.5"), 3)
 
 
 def test_a_lateness_that_is_none_is_not_told() -> None:
