@@ -189,7 +189,8 @@ COMMANDS: dict[str, Command] = {
         "re-run the controller of a session on its recorded inputs and compare its commands",
     ),
     "import": Command(
-        "hil.commands.import_", "bring a CSV, NPZ or MAT recording of any rig into a session"
+        "hil.commands.import_",
+        "bring a table of any rig (CSV, NPZ, MAT, Parquet, XLSX, LeRobot, ...) into a session",
     ),
     "trust": Command(
         "hil.commands.trust",

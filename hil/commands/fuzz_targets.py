@@ -103,6 +103,30 @@ def _mat() -> list[bytes]:
     return out
 
 
+def _parquet() -> list[bytes]:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    out = []
+    for packed in ("none", "zstd"):
+        file = io.BytesIO()
+        lists = pa.array([[1.0, 2.0]] * _SAMPLES)
+        table = pa.table({**_columns(), "state": lists, "word": ["x"] * _SAMPLES})
+        parquet.write_table(table, file, compression=packed)
+        out.append(file.getvalue())
+    return out
+
+
+def _xlsx() -> list[bytes]:
+    from openpyxl import Workbook
+
+    book, file = Workbook(), io.BytesIO()
+    for row in [list(_columns()), *zip(*(v.tolist() for v in _columns().values()), strict=True)]:
+        book.active.append(row)
+    book.save(file)
+    return [file.getvalue()]
+
+
 def _map(data: bytes, folder: Path) -> object:
     path, table = _put(data, folder, "map.toml"), _put(_csv()[0], folder, "run.csv")
     return import_table(table, read_map(path))
@@ -301,6 +325,8 @@ TARGETS: Sequence[Target] = (
     Target("csv", partial(_imported, "run.csv"), _csv),
     Target("npz", partial(_imported, "run.npz"), _npz),
     Target("mat", partial(_imported, "run.mat"), _mat),
+    Target("parquet", partial(_imported, "run.parquet"), _parquet),
+    Target("xlsx", partial(_imported, "run.xlsx"), _xlsx),
     Target("map", _map, _maps),
     Target("urdf", _urdf, _urdfs),
     Target("model", _model, _models),

@@ -14,9 +14,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 from tqdm import tqdm
 
-from hil.commands import outputs, plugins
+from hil.commands import common, outputs, plugins
 from hil.errors import ConfigError, plural
 from hil.models.files import write_model
 from hil.models.model import base_model
@@ -25,9 +26,9 @@ from hil.record import datasets
 from hil.record.checks import check
 from hil.record.consistency import DataFault
 from hil.record.export import write_recordings
-from hil.record.mapfile import TableMap, builtin_maps, read_map
+from hil.record.mapfile import Rule, TableMap, builtin_maps, read_map
 from hil.record.recording import Recording
-from hil.record.table_files import run_names
+from hil.record.table_files import is_dataset, run_names
 from hil.record.tables import Imported, import_table
 
 
@@ -43,6 +44,7 @@ def as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[str
             for r in found.recordings
         ],
         "unused": list(found.unused),
+        "notes": list(found.notes),
         "warnings": [
             {"code": f.code, "severity": f.severity, "text": f.text}
             for r in found.recordings
@@ -61,6 +63,7 @@ def text(output: Path, found: Imported, model: Path, written: bool) -> str:
         )
     if shift := found.recordings[0].metadata.get("time_shift_s"):
         lines.append(f"time begins before 0: shifted by {float(shift):.6g} s")
+    lines += [f"{note}" for note in found.notes]
     if found.unused:
         lines.append(f"not used: {', '.join(found.unused)}")
     lines.append(f"{model}: {'base model written' if written else _kept(model, found)}")
@@ -124,13 +127,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "table",
         metavar="TABLE",
-        help="CSV, NPZ or MAT file with columns t, q1.., tau1.. (SI); or a public recording, "
-        f"e.g. emps/DATA_EMPS.mat, found through {datasets.VARIABLE}",
+        help="text, NPY, NPZ, MAT, Parquet, Feather or XLSX file with columns t, q1.., tau1.. "
+        "(SI), or the folder of a LeRobot data set; or a public recording, e.g. "
+        f"emps/DATA_EMPS.mat, found through {datasets.VARIABLE}",
     )
     parser.add_argument(
         "-o",
         "--output",
-        required=True,
         metavar="S.mcap",
         help="session to write; one that was imported from the same table is replaced, any other "
         "session there is kept under another name",
@@ -153,16 +156,40 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="every run of a file with several, each as a session in the folder -o names",
     )
     parser.add_argument(
-        "--unit", default="", choices=("rad", "m"), help="unit of the axes, without a URDF"
+        "--unit",
+        default="",
+        choices=("rad", "m", "deg"),
+        help="unit of the axes, without a URDF; deg: positions in degrees, speeds in degrees/s",
+    )
+    parser.add_argument(
+        "--torque-constant",
+        default="",
+        metavar="K[,K..]",
+        help="efforts are motor currents [A]: effort at the joint by ampere, one or one a joint",
+    )
+    parser.add_argument(
+        "--missing",
+        default="",
+        choices=("refuse", "drop", "interpolate"),
+        help="missing values: refuse them (default), leave their rows out, or fill up to 10 rows",
+    )
+    parser.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="show what would be read, from which columns and in which units; write nothing",
     )
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Import, write the session and, where there is none, the base model."""
-    output = Path(args.output)
     plugins.load_installed()
     table, mapping = _source(args.table, args.map)
+    if args.dry_run:
+        return _show(args, table, mapping)
+    if not args.output:
+        raise ConfigError("-o S.mcap is missing; --dry-run shows what would be read without it")
+    output = Path(args.output)
     if args.all_runs:
         return _every_run(args, table, mapping, output)
     outputs.check(output, ".mcap", _inputs(args, table))
@@ -223,12 +250,90 @@ def _bar(what: str, items: list[_Item]) -> Iterable[_Item]:
 
 def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which: str) -> Imported:
     found = import_table(
-        table, mapping, urdf=args.robot, tip=args.tip, arm=args.arm, run=which, unit=args.unit
+        table,
+        mapping,
+        urdf=args.robot,
+        tip=args.tip,
+        arm=args.arm,
+        run=which,
+        unit=args.unit,
+        torque_constant=_constants(args.torque_constant),
+        missing=args.missing,
     )
     for recording in found.recordings:
         if not recording.robot.urdf:
             make_robot(recording.robot, recording)  # refuses an unknown preset, or another robot
     return found
+
+
+def _constants(text: str) -> tuple[float, ...]:
+    """Torque constants of the command line."""
+    try:
+        return tuple(float(x) for x in text.split(",")) if text else ()
+    except ValueError:
+        raise ConfigError(
+            f"--torque-constant {text}: expected numbers with commas between them, e.g. 12.1,12.1,9"
+        ) from None
+
+
+#: Rows that `--dry-run` shows.
+FIRST_ROWS = 5
+
+
+def _show(args: argparse.Namespace, table: Path, mapping: TableMap | None) -> int:
+    """What an import would read; nothing is written."""
+    found = _read(args, table, mapping, args.which)
+    if args.json:
+        nothing = as_dict(Path(), found, (Path(), False)) | {"session": None, "model": None}
+        rules = [{t: dict(r.terms) for t, r in some.items()} for some in found.rules]
+        first = [first_rows(r)[1] for r in found.recordings]
+        sys.stdout.write(json.dumps(nothing | {"columns": rules, "first_rows": first}) + "\n")
+        return 0
+    sys.stdout.write(preview(table, found))
+    return 0
+
+
+def preview(table: Path, found: Imported) -> str:
+    """Columns as they would be read, the first rows, what was guessed, and the faults."""
+    parts = []
+    for r, rules in zip(found.recordings, found.rules, strict=True):
+        parts.append(
+            f"{table}: arm {r.arm}, {plural(r.n, 'sample')} at {r.rate:.5g} Hz, "
+            f"{plural(r.d, 'joint')} ({', '.join(r.joints)})"
+        )
+        rows = [[target, _formula(rule)] for target, rule in sorted(rules.items(), key=_place)]
+        parts.append(common.table(["column", "is read as"], rows, (0, 1)))
+        parts.append(common.table(*first_rows(r), ()))
+        parts += [_fault(f) for f in check(r)]
+    parts += found.notes
+    parts += [f"not used: {', '.join(found.unused)}"] if found.unused else []
+    return (
+        "\n".join([*parts, "nothing was written; with -o S.mcap in place of --dry-run it is"])
+        + "\n"
+    )
+
+
+def _place(item: tuple[str, Rule]) -> tuple[int, int]:
+    """Order of columns: time, positions, efforts, the others, each by joint."""
+    stem, number = item[0].rstrip("0123456789"), item[0][len(item[0].rstrip("0123456789")) :]
+    order = ("t", "q", "qd", "tau", "tauext", "i", "temp")
+    return order.index(stem) if stem in order else len(order), int(number or 0)
+
+
+def _formula(rule: Rule) -> str:
+    """E.g. ``0.01745 * pos_deg + 0.1``."""
+    terms = [n if w == 1 else f"{w:.6g} * {n}" for n, w in rule.terms.items()]
+    return " + ".join([*terms, *([f"{rule.shift:.6g}"] if rule.shift or not terms else [])])
+
+
+def first_rows(r: Recording) -> tuple[list[str], list[list[str]]]:
+    """Names of the columns of a recording, with units, and its first rows."""
+    length = r.metadata.get("unit", "rad")
+    effort = "N" if length == "m" else "N m"
+    head = ["t [s]", *(f"q{k + 1} [{length}]" for k in range(r.d))]
+    head += [f"tau{k + 1} [{effort}]" for k in range(r.d)]
+    values = np.column_stack([r.t, r.q, r.tau])[:FIRST_ROWS]
+    return head, [[f"{x:.6g}" for x in row] for row in values]
 
 
 def _source(table: str, mapping: str | None) -> tuple[Path, TableMap | None]:
@@ -238,6 +343,8 @@ def _source(table: str, mapping: str | None) -> tuple[Path, TableMap | None]:
         resolved = datasets.resolve(table)
         if resolved:
             path, known = resolved
+    if is_dataset(path):
+        known = "lerobot"
     name = mapping or known
     return path, read_map(name) if name else None
 

@@ -67,7 +67,8 @@ def from_arrays(
     map : str, Path or TableMap, optional
         Map file, or the name of a built-in one, for columns of other names and units.
     tip, unit, arm, name : str
-        Frame of the wrench, unit of the axes without a URDF (``"rad"`` or ``"m"``), names of the
+        Frame of the wrench, unit of the axes without a URDF (``"rad"``, ``"m"``, or
+        ``"deg"`` for positions in degrees), names of the
         arm and of the run.
 
     Returns
@@ -95,7 +96,7 @@ def from_arrays(
     else:
         found = _array_columns(t, {"q": q, "tau": tau, **more}, wrench)
     given = map if isinstance(map, TableMap) else read_map(map) if map else TableMap()
-    given = replace(given, tip=tip or given.tip, unit=unit or given.unit)
+    given = replace(given, tip=tip or given.tip).within(unit, ())
     table = ForeignTable(Path(name), tuple(found), lambda w: {k: found[k] for k in w}, 0, name)
     imported = read_columns(table, given, _robot(robot), arm)
     if len(imported.recordings) > 1:

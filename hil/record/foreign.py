@@ -1,4 +1,4 @@
-"""Arrays of a binary table (NPZ, MAT), read in a process of its own with limits.
+"""Arrays of a binary table (NPY, NPZ, MAT, Parquet, Feather, XLSX), read in a process with limits.
 
 The readers of these formats trust what a file says of itself: of a damaged one they claim any
 amount of memory, and the reader of MAT files crashes.  Here they run in a process that may take
@@ -9,13 +9,15 @@ This file is both ends: `read_arrays` starts ``python -m hil.record.foreign`` on
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
 
@@ -49,7 +51,7 @@ def allowed(size: int) -> int:
 
 
 def read_arrays(path: Path) -> Arrays:
-    """Arrays of a NPZ or MAT file by name; what holds no real numbers has its type, and zeros.
+    """Arrays of a binary table by name; what holds no real numbers has its type, and zeros.
 
     Raises
     ------
@@ -182,6 +184,10 @@ def _npz(path: str, most: int) -> Iterator[tuple[str, Array]]:
                 yield name, np.lib.format.read_array(file, allow_pickle=False)
 
 
+def _npy(path: str, most: int) -> Iterator[tuple[str, Array]]:
+    yield Path(path).stem, np.load(path, mmap_mode="r", allow_pickle=False)
+
+
 def _mat(path: str, most: int) -> Iterator[tuple[str, Array]]:
     import warnings
 
@@ -191,6 +197,108 @@ def _mat(path: str, most: int) -> Iterator[tuple[str, Array]]:
     for name, value in loadmat(path).items():
         if not name.startswith("__"):
             yield name, np.asarray(value)
+
+
+def _parquet(path: str, most: int) -> Iterator[tuple[str, Array]]:
+    from pyarrow import parquet
+
+    file = parquet.ParquetFile(path, memory_map=True)
+    head = file.metadata
+    sizes = (head.row_group(k).total_byte_size for k in range(head.num_row_groups))
+    if (total := sum(sizes)) > most:
+        raise DataError(
+            f"claims {total / 2**20:.4g} MiB; a file of its size may hold {most / 2**20:.4g} MiB"
+        )
+    yield from _arrow(file.read(use_threads=False))
+
+
+def _feather(path: str, most: int) -> Iterator[tuple[str, Array]]:
+    from pyarrow import feather
+
+    yield from _arrow(feather.read_table(path, use_threads=False))
+
+
+def _arrow(table: Any) -> Iterator[tuple[str, Array]]:
+    """Columns of an Arrow table; lists of one length become (n, k), times seconds since 1970."""
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        yield name, _arrow_column(column.combine_chunks(), table.num_rows)
+
+
+def _arrow_column(column: Any, n: int) -> Array:
+    import pyarrow as pa
+
+    kind = column.type
+    if pa.types.is_timestamp(kind):
+        whole = column.cast(pa.timestamp("ns", kind.tz), safe=False).cast(pa.int64())
+        return np.asarray(whole.to_numpy(zero_copy_only=False)) / 1e9
+    listed = pa.types.is_list(kind) or pa.types.is_large_list(kind)
+    if (listed or pa.types.is_fixed_size_list(kind)) and n and not column.null_count:
+        flat = _arrow_column(column.flatten(), len(column.flatten()))
+        if flat.ndim == 1 and flat.size % n == 0 and flat.dtype.kind in _NUMBERS:
+            lengths = np.asarray(column.value_lengths()) if not _fixed(kind) else np.zeros(1)
+            if np.ptp(lengths) == 0:
+                return flat.reshape(n, -1)
+    number = pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)
+    if not number:
+        return np.broadcast_to(np.zeros((), object), (n,))
+    if column.null_count or pa.types.is_boolean(kind):
+        column = column.cast(pa.float64(), safe=False)
+    return np.asarray(column.to_numpy(zero_copy_only=False))
+
+
+def _fixed(kind: Any) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_fixed_size_list(kind))
+
+
+def _xlsx(path: str, most: int) -> Iterator[tuple[str, Array]]:
+    """Sheets whose first row names their columns; one alone is the table, several are runs."""
+    from openpyxl import load_workbook
+
+    sheets = {}
+    for sheet in load_workbook(path, read_only=True, data_only=True).worksheets:
+        rows = sheet.iter_rows(values_only=True)
+        names = [str(x).strip() if x is not None else "" for x in next(rows, ())]
+        columns: list[list[float]] = [[] for _ in names]
+        for row in rows:
+            if any(x is not None for x in row):
+                for k in range(len(names)):
+                    columns[k].append(_cell(row[k] if k < len(row) else None))
+        if any(names) and any(columns):
+            sheets[sheet.title] = {n: np.array(c) for n, c in zip(names, columns, strict=True) if n}
+    for title, found in sheets.items():
+        kind = np.dtype([(n, object) for n in found])
+        record = np.empty(1, kind)
+        record[0] = tuple(found.values())
+        yield title, record
+
+
+def _cell(value: Any) -> float:
+    """Number of a cell; a date as seconds since 1970, NaN where there is none."""
+    if isinstance(value, datetime):
+        return (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
+    if isinstance(value, bool | int | float):
+        return float(value)
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return math.nan
+
+
+#: Ending -> name of the reader here, what a file of it is called, module that the reader needs.
+_READERS: dict[str, tuple[str, str, str]] = {
+    ".npz": ("_npz", "an NPZ", ""),
+    ".npy": ("_npy", "an NPY", ""),
+    ".mat": ("_mat", "a MAT", "scipy.io"),
+    ".parquet": ("_parquet", "a Parquet", "pyarrow.parquet"),
+    ".pq": ("_parquet", "a Parquet", "pyarrow.parquet"),
+    ".feather": ("_feather", "a Feather", "pyarrow.feather"),
+    ".arrow": ("_feather", "an Arrow", "pyarrow.feather"),
+    ".xlsx": ("_xlsx", "an XLSX", "openpyxl"),
+}
+#: Endings of binary tables.
+BINARY = tuple(_READERS)
 
 
 def _parts(name: str, value: Array) -> Iterator[tuple[str, str | None, Array]]:
@@ -207,12 +315,23 @@ def _parts(name: str, value: Array) -> Iterator[tuple[str, str | None, Array]]:
 
 def _answer(path: str) -> dict[str, Any]:
     """Read a file and write its arrays; what could not be read becomes a sentence."""
-    reader = _npz if path.lower().endswith(".npz") else _mat
-    if reader is _mat:
-        import scipy.io  # noqa: F401 - before memory is limited
+    name, kind, needed = _READERS[Path(path).suffix.lower()]
+    reader: Callable[[str, int], Iterator[tuple[str, Array]]] = globals()[name]
+    try:
+        if needed:
+            importlib.import_module(needed)  # before memory is limited
+    except ImportError:
+        return {
+            "error": f"is {kind} file, which needs {needed.partition('.')[0]}: "
+            "pip install 'hil-teleop[tables]'"
+        }
+    if needed.startswith("pyarrow"):
+        import pyarrow
+
+        pyarrow.set_memory_pool(pyarrow.system_memory_pool())
+        pyarrow.set_cpu_count(1)
     most = allowed(os.path.getsize(path))
     _limit(most)
-    kind = "an NPZ" if reader is _npz else "a MAT"
     try:
         parts = [p for name, value in reader(path, most) for p in _parts(name, value)]
     except DataError as error:

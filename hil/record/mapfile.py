@@ -3,7 +3,9 @@
     value = scale * sign * source + shift (+ the offset of the run)
 
 or, for a combination of columns, ``sum = { a = 0.5, b = -0.5 }`` in place of `from`; a bare
-number is a constant column.  ``[extras]`` takes further columns along, each with its unit.
+number is a constant column.  A `unit` multiplies the scale.  ``"q*" = "state.q[*]"`` is a rule for
+all joints; of a list of such names the first counts that the table has.  ``[extras]`` takes further
+columns along, each with its unit.
 
 What a map file says: rules from the columns of a table to those of a recording.
 """
@@ -13,7 +15,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
@@ -23,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
+from hil.record.units import Unit, stem_of
 from hil.userfile import parse_toml, read_text
 
 FloatArray = NDArray[np.float64]
@@ -65,6 +68,12 @@ class TableMap:
         Further tables beside the first by the prefix of their columns.
     gaps, repeated : str
         ``"keep"`` what was recorded, or ``"refuse"`` it; ``"drop"`` the repeated rows.
+    missing : str
+        ``"refuse"`` missing values, ``"drop"`` their rows, or ``"interpolate"`` short stretches.
+    units_of : mapping of str to Unit
+        Unit of the columns with this stem that have no rule, or a rule for all joints.
+    patterns : mapping of str to tuple of mapping
+        Rules for all joints by stem, see `expand`.
     signal : mapping of str to float
         What is said of the analysis, as in a model's [signal].
     offsets : mapping
@@ -86,11 +95,55 @@ class TableMap:
     join: Mapping[str, str] = field(default_factory=dict)
     gaps: str = "keep"
     repeated: str = "keep"
+    missing: str = "refuse"
+    units_of: Mapping[str, Unit] = field(default_factory=dict)
+    patterns: Mapping[str, tuple[Mapping[str, Any], ...]] = field(default_factory=dict)
     signal: Mapping[str, float] = field(default_factory=dict)
     offsets: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     extras: Mapping[str, Rule] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     folder: Path | None = None
+
+    def rule(self, target: str, entry: Mapping[str, Any] | str) -> Rule:
+        """Rule of a column as it would stand in [columns], in the unit that [units] says."""
+        return _rule(target, entry, self.units_of)
+
+    def expand(self, names: Sequence[str]) -> dict[str, Rule]:
+        """Rules of the patterns for the columns that a table has.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Columns of the table.
+        """
+        out: dict[str, Rule] = {}
+        for stem, choices in self.patterns.items():
+            for entry in choices:
+                found = _matching(str(entry["from"]), names)
+                for k, name in enumerate(found, 1):
+                    out[f"{stem}{k}"] = self.rule(f"{stem}{k}", {**entry, "from": name})
+                if found:
+                    break
+        return out
+
+    def within(self, unit: str, torque_constant: Sequence[float]) -> TableMap:
+        """The map with units from the command line; ``"deg"`` is of positions and speeds."""
+        units = dict(self.units_of)
+        if unit == "deg":
+            units |= {"q": Unit("deg"), "qd": Unit("deg/s")}
+        if torque_constant:
+            old = units.get("tau", Unit("A")).name or "A"
+            units["tau"] = Unit(old, tuple(torque_constant))
+        axes = "rad" if unit == "deg" else unit
+        return replace(self, unit=axes or self.unit, units_of=units)
+
+
+def _matching(pattern: str, names: Sequence[str]) -> list[str]:
+    """Columns that a pattern with one ``*`` for a number matches, by that number."""
+    head, _, tail = pattern.partition("*")
+    numbered = re.compile(re.escape(head) + r"([0-9]{1,2})" + re.escape(tail))
+    found = [(int(m[1]), n) for n in names if (m := numbered.fullmatch(n))]
+    return [name for _, name in sorted(found)]
 
 
 SCHEMA = "hil.map/1"
@@ -110,11 +163,18 @@ TARGETS = (
     "tz",
 )
 _TARGET = re.compile(r"t|[ft][xyz]|(q|qd|tau|tauext|i|temp)[1-9][0-9]?")
-_TOP = ("schema", "robot", "table", "columns", "arms", "offsets", "extras", "signal")
+_TOP = ("schema", "robot", "table", "columns", "units", "arms", "offsets", "extras", "signal")
 _ROBOT = ("preset", "urdf", "tip", "unit", "arm")
-_TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated")
+_TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated", "missing")
 _SIGNAL = ("position_hz", "effort_hz", "rate_hz", "gap_s", "shift_s")
-_RULE = ("from", "sum", "scale", "sign", "shift")
+_RULE = ("from", "sum", "scale", "sign", "shift", "unit", "torque_constant")
+#: Values of a key of [table]; the first is the default.
+_POLICIES = {
+    "gaps": ("keep", "refuse"),
+    "repeated": ("keep", "drop", "refuse"),
+    "missing": ("refuse", "drop", "interpolate"),
+}
+_STEMS = ("t", "q", "qd", "tau", "tauext", "i", "temp")
 
 
 def is_target(name: str) -> bool:
@@ -170,10 +230,11 @@ def parse_map(data: Mapping[str, Any]) -> TableMap:
         raise ConfigError(unknown("unit", str(robot["unit"]), ("rad", "m")))
     if "urdf" in robot and "preset" in robot:
         raise ConfigError("[robot] has both urdf and preset; keep one")
-    for key, values in (("gaps", ("keep", "refuse")), ("repeated", ("keep", "drop", "refuse"))):
-        if table.get(key, "keep") not in values:
+    for key, values in _POLICIES.items():
+        if table.get(key, values[0]) not in values:
             raise ConfigError(unknown(f"value of table.{key}", str(table[key]), values))
-    arms = _arms(data, str(robot.get("arm", "")))
+    units = _units_of(_table(data, "units", _STEMS))
+    arms = _arms(data, str(robot.get("arm", "")), units)
     return TableMap(
         arms=arms,
         preset=str(robot.get("preset", "single-axis")),
@@ -186,26 +247,74 @@ def parse_map(data: Mapping[str, Any]) -> TableMap:
         join={str(k): str(v) for k, v in _table(table, "join").items()},
         gaps=str(table.get("gaps", "keep")),
         repeated=str(table.get("repeated", "keep")),
+        missing=str(table.get("missing", "refuse")),
+        units_of=units,
+        patterns=_patterns(_table(data, "columns")),
         offsets=_offsets(data, arms),
         signal={k: _number(v, f"signal.{k}") for k, v in _table(data, "signal", _SIGNAL).items()},
         **_extras(data),
     )
 
 
-def _arms(data: Mapping[str, Any], single: str) -> dict[str, dict[str, Rule]]:
-    shared = _rules(_table(data, "columns"))
+def _units_of(table: Mapping[str, Any]) -> dict[str, Unit]:
+    """Units by stem."""
+    out: dict[str, Unit] = {}
+    for stem, entry in table.items():
+        given = {"unit": entry} if isinstance(entry, str) else entry
+        if not isinstance(given, dict):
+            raise ConfigError(f"units.{stem} is {entry!r}; expected a unit, e.g. {stem} = 'deg'")
+        _keys(given, ("unit", "torque_constant"), f"units.{stem}")
+        out[stem] = _unit(given, f"units.{stem}")
+        if not given.get("torque_constant") and out[stem].name in ("A", "mA"):
+            continue  # it may come from the command line
+        out[stem].to_si(f"{stem}1" if stem != "t" else "t")
+    return out
+
+
+def _unit(entry: Mapping[str, Any], what: str) -> Unit:
+    constant = entry.get("torque_constant", 0.0)
+    where = f"{what}.torque_constant"
+    several = isinstance(constant, list)
+    values = tuple(_number(x, where) for x in constant) if several else _number(constant, where)
+    return Unit(str(entry.get("unit", "")), values)
+
+
+def _arms(
+    data: Mapping[str, Any], single: str, units: Mapping[str, Unit]
+) -> dict[str, dict[str, Rule]]:
+    shared = _rules(_table(data, "columns"), units)
     arms = _table(data, "arms")
     if not arms:
         return {single: shared}
     out: dict[str, dict[str, Rule]] = {}
     for arm in arms:
         entry = _table(arms, arm, ("columns",))
-        out[arm] = {**shared, **_rules(_table(entry, "columns"))}
+        out[arm] = {**shared, **_rules(_table(entry, "columns"), units)}
     return out
 
 
-def _rules(table: Mapping[str, Any]) -> dict[str, Rule]:
-    return {target: _rule(_target(target), entry) for target, entry in table.items()}
+def _rules(table: Mapping[str, Any], units: Mapping[str, Unit]) -> dict[str, Rule]:
+    plain = {t: entry for t, entry in table.items() if not t.endswith("*")}
+    return {target: _rule(_target(target), entry, units) for target, entry in plain.items()}
+
+
+def _patterns(table: Mapping[str, Any]) -> dict[str, tuple[Mapping[str, Any], ...]]:
+    """Rules for all joints, by stem."""
+    out: dict[str, tuple[Mapping[str, Any], ...]] = {}
+    for target in (t for t in table if t.endswith("*")):
+        if target[:-1] not in _STEMS[1:]:
+            known = [f"{stem}*" for stem in _STEMS[1:]]
+            raise ConfigError(unknown("column of a recording", target, known))
+        given = table[target] if isinstance(table[target], list) else [table[target]]
+        entries = [{"from": x} if isinstance(x, str) else x for x in given]
+        for entry in entries:
+            if not isinstance(entry, dict) or str(entry.get("from", "")).count("*") != 1:
+                raise ConfigError(
+                    f"column {target!r}: expected names with one * for the number of the joint"
+                )
+            _keys(entry, _RULE, f"column {target!r}")
+        out[target[:-1]] = tuple(entries)
+    return out
 
 
 def _extras(data: Mapping[str, Any]) -> dict[str, Any]:
@@ -217,7 +326,7 @@ def _extras(data: Mapping[str, Any]) -> dict[str, Any]:
         plain = (
             {k: v for k, v in entry.items() if k != "unit"} if isinstance(entry, dict) else entry
         )
-        rules[name] = _rule(name, plain)
+        rules[name] = _rule(name, plain, {})
         units[name] = str(entry.get("unit", "")) if isinstance(entry, dict) else ""
     return {"extras": rules, "units": units}
 
@@ -228,11 +337,11 @@ def _target(name: str) -> str:
     return name
 
 
-def _rule(target: str, entry: Any) -> Rule:
-    if isinstance(entry, str):
-        return Rule({entry: 1.0})
+def _rule(target: str, entry: Any, units: Mapping[str, Unit]) -> Rule:
+    """Rule of a column; a unit of its own stands before that of its stem."""
     if isinstance(entry, int | float) and not isinstance(entry, bool):
         return Rule({}, float(entry))
+    entry = {"from": entry} if isinstance(entry, str) else entry
     if not isinstance(entry, dict):
         raise ConfigError(f"column {target!r}: expected a name, a number or {{ from = ... }}")
     _keys(entry, _RULE, f"column {target!r}")
@@ -242,9 +351,24 @@ def _rule(target: str, entry: Any) -> Rule:
     sign = _number(entry.get("sign", 1.0), f"{target}.sign")
     if abs(sign) != 1:
         raise ConfigError(f"column {target!r}: sign is {sign:g}, expected 1 or -1")
-    factor = sign * _number(entry.get("scale", 1.0), f"{target}.scale")
+    factor, zero = _to_si(target, entry, units)
+    factor *= sign * _number(entry.get("scale", 1.0), f"{target}.scale")
     weights = {str(k): factor * _number(v, f"{target}.sum.{k}") for k, v in terms.items()}
-    return Rule(weights, _number(entry.get("shift", 0.0), f"{target}.shift"))
+    return Rule(weights, zero + _number(entry.get("shift", 0.0), f"{target}.shift"))
+
+
+def _to_si(target: str, entry: Mapping[str, Any], units: Mapping[str, Unit]) -> tuple[float, float]:
+    """Factor and shift of the unit of a column; a scale of its own says that [units] is not."""
+    if not is_target(target):
+        if "unit" in entry:
+            raise ConfigError(f"column {target!r}: a unit of this kind is said beside it")
+        return 1.0, 0.0
+    given = units.get(stem_of(target), Unit())
+    if "unit" in entry:
+        own = _unit(entry, f"column {target!r}")
+        named = own.torque_constant or given.torque_constant
+        return Unit(own.name, named).to_si(target)
+    return (1.0, 0.0) if "scale" in entry else given.to_si(target)
 
 
 def _offsets(

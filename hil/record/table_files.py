@@ -1,4 +1,4 @@
-"""Columns of a CSV, NPZ or MAT file by name, whatever they mean.
+"""Columns of a table by name, whatever they mean: text, arrays, Parquet, sheets, data sets.
 
 Text tables: columns by name, the first bad cell named.
 """
@@ -10,21 +10,24 @@ import functools
 import io
 import itertools
 import math
+import re
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError, unknown
-from hil.record.foreign import Array, Arrays, read_arrays
+from hil.record.foreign import BINARY, Array, Arrays, read_arrays
 from hil.userfile import open_regular
 
 FloatArray = NDArray[np.float64]
-FORMATS = (".csv", ".tsv", ".txt", ".npz", ".mat")
+FORMATS = (".csv", ".tsv", ".txt", *BINARY)
 #: Largest text table [byte], its longest row and column name [characters].
 LARGEST_TEXT, LONGEST_ROW, LONGEST_NAME = 2**33, 2**20, 256
 #: A recording has some ten columns a joint; what has more is no table of samples.
@@ -81,8 +84,10 @@ def text_table(path: Path) -> ForeignTable:
     head, header = _header_line(path)
     header = header.lstrip("#% ")
     delimiter = max(";\t,", key=header.count)
+    spaced = delimiter not in header and _spaced(path, head, header)
+    header, delimiter = (",".join(header.split()), ",") if spaced else (header, delimiter)
     names = _header_names(path, head, header, delimiter)
-    body = _Body(path, head)
+    body = _Body(path, head, spaced)
     first = list(itertools.islice(body, 100))
     if not first:
         raise DataError(f"table {path} has a header row but no samples")
@@ -121,17 +126,25 @@ def _refuse_columns(path: Path, names: Sequence[str]) -> None:
         )
 
 
+def _spaced(path: Path, head: int, header: str) -> bool:
+    """Whether spaces stand between the cells: as many words in the first row as in the header."""
+    first = next(iter(_Body(path, head)), (0, ""))[1]
+    return 1 < len(header.split()) == len(first.split())
+
+
 @dataclass(frozen=True)
 class _Body:
     """Rows of a text table that are not blank, each with its number, from after a row on."""
 
     path: Path
     head: int
+    #: Whether spaces stand between the cells; commas stand for them then.
+    spaced: bool = False
 
     def __iter__(self) -> Iterator[tuple[int, str]]:
         with (
             open_regular(self.path, LARGEST_TEXT) as raw,
-            io.TextIOWrapper(raw, encoding="utf-8-sig") as file,
+            io.TextIOWrapper(raw, encoding=_encoding(raw)) as file,
         ):
             number = 0
             try:
@@ -143,9 +156,17 @@ class _Body:
                             "expected one sample a row"
                         )
                     if number > self.head and line.strip():
-                        yield number, line.rstrip("\n")
-            except UnicodeDecodeError as error:
+                        line = line.rstrip("\n")
+                        yield number, ",".join(line.split()) if self.spaced else line
+            except UnicodeError as error:
                 raise DataError(f"table {self.path} is not a text file: {error}") from error
+
+
+def _encoding(file: BinaryIO) -> str:
+    """UTF-16 where a file begins like that, as some spreadsheets write it; else UTF-8."""
+    start = file.read(2)
+    file.seek(0)
+    return "utf-16" if start in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
 
 
 def _header_line(path: Path) -> tuple[int, str]:
@@ -223,10 +244,26 @@ class _TextColumns:
             try:
                 yield float(text) if text else math.nan
             except ValueError:
+                if _DATE.match(text):
+                    yield self._date(text, where, name)
+                    continue
                 shown = text if len(text) <= LONGEST_NAME else f"{text[:LONGEST_NAME]}..."
                 raise DataError(
                     f"{where}: column {name!r} holds {shown!r}; expected a number"
                 ) from None
+
+    @staticmethod
+    def _date(text: str, where: str, name: str) -> float:
+        """Seconds since 1970 of a date and time as ISO 8601 writes it; UTC where it says none."""
+        try:
+            when = datetime.fromisoformat(text)
+        except ValueError as error:
+            raise DataError(f"{where}: column {name!r} holds {text!r}: {error}") from None
+        return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
+
+
+#: Begin of a cell that holds a date and a time of day.
+_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:")
 
 
 def open_table(
@@ -240,10 +277,10 @@ def open_table(
     Parameters
     ----------
     path : str or Path
-        CSV (comma, semicolon or tab; header row), NPZ or MAT file.
+        Text (comma, semicolon, tab or space; header row), NPY, NPZ, MAT, Parquet, Feather or XLSX
+        file, or the folder of a LeRobot data set.
     array : str
-        The 2-D array (n, k), structured array or struct of an NPZ or MAT file that holds the
-        columns.
+        The 2-D array (n, k), structured array or struct of a binary file that holds the columns.
     columns : sequence of str
         Names of the columns of a 2-D array; with no `array`, every array of so many columns
         is a run.  Without `columns`, every structured array is one.
@@ -256,12 +293,14 @@ def open_table(
         If the file is missing, empty, of another format, or the run is not there.
     """
     path = Path(path)
+    if is_dataset(path):
+        return _episode(path, run)
     if path.suffix.lower() not in FORMATS:
         raise DataError(f"table {path}: format {path.suffix!r}; expected {', '.join(FORMATS)}")
     try:
         if path.stat().st_size == 0:
             raise DataError(f"table {path} is empty (0 bytes); a header row and samples are needed")
-        if path.suffix.lower() in (".npz", ".mat"):
+        if path.suffix.lower() in BINARY:
             return _arrays(path, array, columns, run)
         if run:
             raise DataError(f"table {path}: a text table holds one run; leave --run {run!r} out")
@@ -271,7 +310,7 @@ def open_table(
 
 
 def run_names(path: str | Path, columns: Sequence[str] = ()) -> list[str]:
-    """Names of the runs of an NPZ or MAT file.
+    """Names of the runs of a binary table, or of the episodes of a LeRobot data set.
 
     They are its 2-D arrays of so many columns; without `columns`, its structured arrays.
 
@@ -280,7 +319,9 @@ def run_names(path: str | Path, columns: Sequence[str] = ()) -> list[str]:
     DataError
         If the file cannot be read.
     """
-    if Path(path).suffix.lower() not in (".npz", ".mat"):
+    if is_dataset(Path(path)):
+        return list(_episodes(Path(path)))
+    if Path(path).suffix.lower() not in BINARY:
         return []
     data = _load(Path(path))
     return _runs(data, columns) if columns else [k for k, v in data.items() if isinstance(v, dict)]
@@ -398,3 +439,48 @@ def _picker(
         return out
 
     return pick
+
+
+# ------------------------------------------------------------ data sets of LeRobot
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a folder holds a LeRobot data set (format 2 or 3)."""
+    return path.is_dir() and (path / "meta" / "info.json").is_file()
+
+
+def _episodes(folder: Path) -> dict[str, tuple[Path, int]]:
+    """File and number of every episode, by name."""
+    out: dict[str, tuple[Path, int]] = {}
+    for file in sorted((folder / "data").glob("*/*.parquet")):
+        alone = re.fullmatch(r"episode_([0-9]+)", file.stem)
+        if alone:
+            out[file.stem] = (file, int(alone[1]))
+            continue
+        number = _load(file).get("episode_index")
+        if isinstance(number, np.ndarray):
+            out |= {f"episode_{k:06d}": (file, int(k)) for k in np.unique(number).tolist()}
+    if not out:
+        raise DataError(f"LeRobot data set {folder} has no episodes: no data/*/*.parquet in it")
+    return out
+
+
+def _episode(folder: Path, run: str) -> ForeignTable:
+    """One episode as a table; lists such as ``observation.state`` are columns with numbers."""
+    episodes = _episodes(folder)
+    if not run and len(episodes) > 1:
+        some = ", ".join(list(episodes)[:5])
+        raise DataError(
+            f"LeRobot data set {folder} holds {len(episodes)} episodes ({some}, ...); choose one "
+            "with --run, or all with --all-runs"
+        )
+    name = run or next(iter(episodes))
+    if name not in episodes:
+        raise DataError(f"LeRobot data set {folder}: " + unknown("episode", name, episodes))
+    file, number = episodes[name]
+    data = _plain(_load(file))
+    index = data.get("episode_index")
+    if index is not None:
+        mine = np.asarray(index) == number
+        data = {key: value[mine] for key, value in data.items() if value.shape[:1] == mine.shape}
+    return _named(folder / file.name, data, name)

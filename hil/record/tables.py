@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
 from hil.record.recording import Recording, RobotSource
 from hil.record.schema import LAST_S, Channel
 from hil.record.table_files import ForeignTable, open_table
+from hil.record.units import FACTORS, epoch_unit, time_unit
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
 from hil.userfile import read_text
 
@@ -297,6 +299,10 @@ class Imported:
     recordings: tuple[Recording, ...]
     unused: tuple[str, ...]
     extras: tuple[tuple[Channel, FloatArray, FloatArray], ...] = ()
+    #: What was guessed or left out, a sentence each.
+    notes: tuple[str, ...] = ()
+    #: Rules by target column, one mapping an arm.
+    rules: tuple[Mapping[str, Rule], ...] = ()
 
 
 def import_table(
@@ -308,13 +314,15 @@ def import_table(
     arm: str = "",
     run: str = "",
     unit: str = "",
+    torque_constant: Sequence[float] = (),
+    missing: str = "",
 ) -> Imported:
     """Read a table through a map; everything is validated, nothing is written.
 
     Parameters
     ----------
     path : str or Path
-        CSV, NPZ or MAT file.
+        Table in one of the formats of `open_table`, or folder of a LeRobot data set.
     mapping : TableMap, optional
         The map; without one the default column names.
     urdf, tip, unit : str
@@ -323,6 +331,10 @@ def import_table(
         Name of the only arm, or which of several arms to keep.
     run : str
         Which run of the file.
+    torque_constant : sequence of float
+        Effort at the joint by motor current [N m/A], where the efforts are currents.
+    missing : str
+        As in the map, which it overrules.
 
     Raises
     ------
@@ -333,7 +345,8 @@ def import_table(
         If the map names something that is not there.
     """
     given = mapping or TableMap()
-    given = replace(given, tip=tip or given.tip, unit=unit or given.unit)
+    given = replace(given, tip=tip or given.tip, missing=missing or given.missing)
+    given = given.within(unit, torque_constant)
     table = open_table(path, given.array, given.columns, run)
     return read_columns(table, given, urdf, arm)
 
@@ -374,14 +387,19 @@ def _read_columns(
     recordings: list[Recording] = []
     used: set[str] = set()
     extra: dict[str, FloatArray] = {}
+    notes: list[str] = []
+    every: list[Mapping[str, Rule]] = []
     for name, rules in arms.items():
-        filled = _with_defaults(rules, table)
-        recording, sources, extra = _arm(name or "arm", filled, tables, given, source, joints)
-        recordings.append(recording)
-        used |= sources
+        filled, guessed = _with_defaults(rules, table, given)
+        made = _arm(name or "arm", filled, tables, given, source, joints)
+        recordings.append(made.recording)
+        extra, every = made.extras, [*every, made.rules]
+        used |= {term for rule in made.rules.values() for term in rule.terms}
+        notes += [x for x in (*guessed, *made.notes) if x not in notes]
     recordings = from_zero(table, recordings)
     unused = tuple(n for prefix, t in tables.items() for n in _prefixed(prefix, t) if n not in used)
-    return Imported(tuple(recordings), unused, _extras(given, recordings, extra))
+    extras = _extras(given, recordings, extra)
+    return Imported(tuple(recordings), unused, extras, tuple(notes), tuple(every))
 
 
 def _extras(
@@ -429,13 +447,79 @@ def _prefixed(prefix: str, table: ForeignTable) -> tuple[str, ...]:
     return tuple(f"{prefix}.{n}" if prefix else n for n in table.names)
 
 
-def _with_defaults(rules: Mapping[str, Rule], table: ForeignTable) -> dict[str, Rule]:
-    """Rules of the map, and columns that bear a default name and that no rule uses."""
-    taken = {source for rule in rules.values() for source in rule.terms}
+def _with_defaults(
+    rules: Mapping[str, Rule], table: ForeignTable, given: TableMap
+) -> tuple[dict[str, Rule], list[str]]:
+    """Rules of the map, and columns that bear a default name and that no rule uses; what is said.
+
+    Where nothing is the time, a column that is named like one is taken.
+    """
+    own = {**given.expand(table.names), **rules}
+    taken = {source for rule in own.values() for source in rule.terms}
     default = {
-        n: Rule({n: 1.0}) for n in table.names if is_target(n) and n not in taken | set(rules)
+        n: given.rule(n, n) for n in table.names if is_target(n) and n not in taken | set(own)
     }
-    return {**rules, **default}
+    out, said = {**own, **default}, []
+    timed = [n for n in table.names if time_unit(n) is not None and n not in taken]
+    if "t" not in out and not given.rate_hz and len(timed) == 1:
+        out["t"] = given.rule("t", timed[0])
+        said.append(f"the column {timed[0]!r} is taken as the time")
+    return out, said
+
+
+def _timed(
+    rules: Mapping[str, Rule], columns: Mapping[str, FloatArray]
+) -> tuple[Mapping[str, Rule], list[str]]:
+    """Rules with the unit of the time that its name or its size says, where none was given."""
+    rule = rules.get("t", Rule({}))
+    if list(rule.terms.values()) != [1.0] or rule.shift:
+        return rules, []
+    name = next(iter(rule.terms))
+    values = columns[name][np.isfinite(columns[name])]
+    first = float(values[0]) if values.size else 0.0
+    step = float(np.median(np.abs(np.diff(values)))) if values.size > 1 else 0.0
+    epoch = epoch_unit(first)
+    if epoch and not FASTEST <= step * FACTORS["t"][epoch] <= LONG_PERIOD:
+        return rules, []  # it only looks like a date
+    unit = epoch or time_unit(name) or "s"
+    if unit == "s" and not epoch:
+        return rules, []
+    factor = FACTORS["t"][unit]
+    text = f"the time {name!r} is in {unit}"
+    if epoch:
+        begin = datetime.fromtimestamp(first * factor, UTC)
+        text += f" since 1970; it begins at {begin:%Y-%m-%d %H:%M:%S} UTC"
+    return {**rules, "t": Rule({name: factor})}, [text]
+
+
+#: A shorter period of a time since 1970 [s] says that it is none.
+FASTEST = 1e-5
+#: A longer stretch of missing values is no line [rows].
+_BRIDGED = 10
+
+
+def _mended(values: Mapping[str, FloatArray], how: str) -> tuple[dict[str, FloatArray], str]:
+    """Rows that are whole, short gaps filled where that is wanted, and what was done."""
+    out = {name: np.where(np.isfinite(v), v, np.nan) for name, v in values.items()}
+    t = out.get("t", np.arange(next(iter(out.values())).size, dtype=float))
+    filled = sum(_bridge(t, v) for v in out.values() if v is not t) if how == "interpolate" else 0
+    whole = np.logical_and.reduce([~np.isnan(v) for v in out.values()])
+    said = [f"{plural(filled, 'missing value')} interpolated"] if filled else []
+    lost = int(np.sum(~whole))
+    said += [f"{plural(lost, 'row')} with missing values left out"] if lost else []
+    return {name: v[whole] for name, v in out.items()}, "; ".join(said)
+
+
+def _bridge(t: FloatArray, v: FloatArray) -> int:
+    """Fill the short stretches of missing values of a column in place; how many."""
+    good = ~np.isnan(t) & ~np.isnan(v)
+    at, bad = np.flatnonzero(good), np.flatnonzero(~np.isnan(t) & ~good)
+    after = np.searchsorted(at, bad)
+    inside = (after > 0) & (after < at.size)
+    bad, after = bad[inside], after[inside]
+    bad = bad[at[after] - at[after - 1] <= _BRIDGED + 1]
+    v[bad] = np.interp(t[bad], t[at], v[at])
+    return int(bad.size)
 
 
 def _robot(
@@ -469,6 +553,16 @@ def _moving(source: RobotSource, what: str) -> tuple[UrdfJoint, ...]:
     return joints
 
 
+@dataclass(frozen=True)
+class _Arm:
+    """Recording of an arm, the rules it was read by, the extra columns, what is said."""
+
+    recording: Recording
+    rules: Mapping[str, Rule]
+    extras: dict[str, FloatArray]
+    notes: list[str]
+
+
 def _arm(
     arm: str,
     rules: Mapping[str, Rule],
@@ -476,13 +570,13 @@ def _arm(
     given: TableMap,
     robot: RobotSource,
     joints: tuple[UrdfJoint, ...],
-) -> tuple[Recording, set[str], dict[str, FloatArray]]:
-    """Recording of an arm, the columns that it took, and the extra ones."""
+) -> _Arm:
     table = tables[""]
     d = count_joints(rules, table, joints, given.rate_hz > 0)
     rules = {**rules, **given.extras}
     columns = _sources(rules, tables)
     n = next(iter(columns.values())).size
+    rules, notes = _timed(rules, columns)
     values = {target: rule.apply(columns, n) for target, rule in rules.items()}
     for name, offset in given.offsets.get(table.run, {}).items():
         owner, _, target = name.rpartition(".")
@@ -492,14 +586,18 @@ def _arm(
             values[target] += offset
     if given.rate_hz:
         values.setdefault("t", np.arange(n) / given.rate_hz)
-    refuse_not_finite(table, rules, values)
+    if given.missing == "refuse":
+        refuse_not_finite(table, rules, values)
+    else:
+        values, text = _mended(values, given.missing)
+        notes += [text] if text else []
     keep = clean_time(table, values["t"], given.gaps, given.repeated)
     values = {k: v[keep] for k, v in values.items()}
     said = {SIGNAL + k: repr(v) for k, v in given.signal.items()}
     recording = _recording(arm, table, values, d, robot, joints, given.unit, said)
     if not given.unit:
         refuse_units(table, recording, joints)
-    return recording, set(columns), {n: values[n] for n in given.extras}
+    return _Arm(recording, rules, {n: values[n] for n in given.extras}, notes)
 
 
 def _sources(

@@ -43,5 +43,7 @@ def test_built_in_maps_read(name):
     assert read_map(name).arms
 
 
-def test_built_in_maps_are_those_of_the_public_sets():
-    assert builtin_maps() == ("emps", "robot-beside", "tue-1dof", "tx40")
+def test_built_in_maps_are_those_of_the_public_sets_and_of_known_programs():
+    programs = ("dvrk", "lerobot", "libfranka", "ur-rtde")
+    public = ("emps", "robot-beside", "tue-1dof", "tx40")
+    assert builtin_maps() == tuple(sorted(public + programs))

@@ -1,0 +1,295 @@
+"""Tables as labs write them: formats, units, times, missing values, logs of known programs."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pandas as pd
+import plants
+import pyarrow as pa
+import pytest
+from pyarrow import feather, parquet
+from record_tables import columns
+from record_tables import write_csv as write_columns
+
+from hil.cli import main
+from hil.errors import ConfigError, DataError
+from hil.record.mapfile import parse_map, read_map
+from hil.record.tables import import_table
+
+
+def write_csv(path, table):
+    return write_columns(path, {name: np.asarray(table[name]) for name in table})
+
+
+@pytest.fixture(scope="module")
+def run():
+    return plants.joints(d=2)
+
+
+@pytest.fixture(scope="module")
+def frame(run):
+    return pd.DataFrame(columns(run)).iloc[:200]
+
+
+def npy(frame, path):
+    np.save(path, frame.to_numpy())
+    return parse_map({"table": {"columns": list(frame.columns)}})
+
+
+FORMATS = {
+    ".parquet": lambda f, p: f.to_parquet(p),
+    ".pq": lambda f, p: f.to_parquet(p),
+    ".feather": lambda f, p: feather.write_feather(pa.Table.from_pandas(f), p),
+    ".xlsx": lambda f, p: f.to_excel(p, index=False),
+    ".npy": npy,
+    ".csv": lambda f, p: f.to_csv(p, index=False, encoding="utf-16"),
+    ".txt": lambda f, p: f.to_csv(p, index=False, sep=" "),
+}
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_every_format_is_the_same_recording(tmp_path, frame, ending):
+    path = tmp_path / f"run{ending}"
+    found = import_table(path, FORMATS[ending](frame, path)).recordings[0]
+    np.testing.assert_allclose(found.t, frame["t"], atol=1e-12)
+    np.testing.assert_allclose(found.q, frame[["q1", "q2"]], rtol=1e-14)
+    np.testing.assert_allclose(found.tau, frame[["tau1", "tau2"]], rtol=1e-14)
+
+
+@pytest.mark.parametrize("ending", [".parquet", ".feather", ".xlsx", ".npy"])
+def test_a_damaged_file_is_a_sentence(tmp_path, ending):
+    path = tmp_path / f"run{ending}"
+    path.write_bytes(b"PAR1 nothing of this kind")
+    with pytest.raises(DataError, match=r"run\.\w+ (is not an? \w+ file|cannot be read)"):
+        import_table(path)
+
+
+def test_units_of_columns(frame):
+    given = parse_map(
+        {
+            "units": {"q": "deg", "tau": {"unit": "mA", "torque_constant": [2.0, 3.0]}},
+            "columns": {"qd1": {"from": "q1", "unit": "rpm"}, "qd2": {"from": "q2", "unit": "rpm"}},
+        }
+    )
+    assert given.rule("q1", "a").terms == {"a": pytest.approx(np.pi / 180)}
+    assert given.rule("tau2", "a").terms == {"a": pytest.approx(3e-3)}
+    assert given.rule("tau1", {"from": "a", "scale": 5}).terms == {"a": 5}
+    assert given.arms[""]["qd1"].terms == {"q1": pytest.approx(2 * np.pi / 60)}
+    rule = given.rule("temp1", {"from": "a", "unit": "K"})
+    assert rule.apply({"a": np.array([300.0])}, 1) == pytest.approx([26.85])
+
+
+@pytest.mark.parametrize(
+    ("table", "sentence"),
+    [
+        ({"units": {"q": "rpm"}}, "column 'q1': unknown unit 'rpm'.* Available: .*deg"),
+        ({"units": {"x": "deg"}}, "unknown key in .units. 'x'"),
+        ({"columns": {"tau1": {"from": "a", "unit": "mA"}}}, "a torque_constant .*--torque-consta"),
+        ({"columns": {"q*": "angle"}}, r"names with one \* for the number"),
+        ({"columns": {"fx*": "a*"}}, r"unknown column of a recording 'fx\*'"),
+        ({"table": {"missing": "zero"}}, "unknown value of table.missing 'zero'"),
+    ],
+)
+def test_a_unit_that_is_none_is_refused(table, sentence):
+    with pytest.raises(ConfigError, match=sentence):
+        parse_map(table)
+
+
+def test_degrees_and_currents_from_the_command_line(tmp_path, frame, capsys):
+    other = frame.assign(q1=np.degrees(frame["q1"]), q2=np.degrees(frame["q2"]))
+    table = write_csv(tmp_path / "run.csv", other)
+    words = ["import", str(table), "--dry-run", "--json", "--unit", "deg"]
+    assert main([*words, "--torque-constant", "2,4"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["columns"][0]["tau2"] == {"tau2": 4.0} and told["session"] is None
+    first = [float(x) for x in told["first_rows"][0][0]]
+    assert first[1] == pytest.approx(frame["q1"][0], rel=1e-4)
+    assert main([*words, "--torque-constant", "2;4"]) == 2
+    assert "expected numbers with commas" in capsys.readouterr().err
+
+
+def test_a_dry_run_shows_and_writes_nothing(tmp_path, frame, capsys):
+    table = write_csv(tmp_path / "run.csv", frame.rename(columns={"t": "time_s"}).assign(pump=1.0))
+    assert main(["import", str(table), "--dry-run"]) == 0
+    out = capsys.readouterr().out
+    assert "the column 'time_s' is taken as the time" in out and "not used: pump" in out
+    assert "q1 [rad]" in out and f"{frame['tau1'][0]:.6g}" in out and "nothing was written" in out
+    assert [p.name for p in tmp_path.iterdir()] == ["run.csv"]
+    assert main(["import", str(table)]) == 2
+    assert "--dry-run shows what would be read" in capsys.readouterr().err
+
+
+BEGIN = datetime(2024, 5, 1, 12, 0, 0, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    ("name", "time", "said"),
+    [
+        (
+            "t",
+            lambda t: 1e3 * (t + BEGIN.timestamp()),
+            "is in ms since 1970; it begins at 2024-05-01 12",
+        ),
+        ("t", lambda t: 1e6 * (t + BEGIN.timestamp()), "is in us since 1970"),
+        ("t", lambda t: (1e9 * (t + BEGIN.timestamp())).astype(np.int64), "is in ns since 1970"),
+        ("time_ms", lambda t: 1e3 * t, "'time_ms' is in ms"),
+        ("Time [us]", lambda t: 1e6 * t, "is in us"),
+        (
+            "timestamp",
+            lambda t: [(BEGIN + timedelta(seconds=x)).isoformat() for x in t],
+            "since 1970",
+        ),
+        (
+            "stamp",
+            lambda t: [f"{BEGIN + timedelta(seconds=x):%Y-%m-%d %H:%M:%S.%f}Z" for x in t],
+            "taken",
+        ),
+    ],
+)
+def test_times_are_recognised_and_said(tmp_path, frame, name, time, said):
+    t = frame["t"].to_numpy()
+    other = frame.drop(columns="t").assign(**{name: time(t)})
+    path = tmp_path / "run.csv"
+    other.to_csv(path, index=False)
+    found = import_table(path)
+    np.testing.assert_allclose(
+        found.recordings[0].t - found.recordings[0].t[0], t - t[0], atol=2e-6
+    )
+    assert any(said in note for note in found.notes)
+
+
+def test_times_of_arrow_are_dates(tmp_path, frame):
+    other = frame.assign(t=pd.to_datetime(frame["t"], unit="s", origin="2024-05-01"))
+    other.to_parquet(tmp_path / "run.parquet")
+    found = import_table(tmp_path / "run.parquet")
+    assert "begins at 2024-05-01" in found.notes[0]
+    assert found.recordings[0].period == pytest.approx(0.002, rel=1e-3)
+
+
+def test_missing_values(tmp_path, frame):
+    holed = frame.copy()
+    holed.loc[50:52, "q1"] = np.nan
+    holed.loc[100:140, "tau2"] = np.nan
+    path = tmp_path / "run.csv"
+    holed.to_csv(path, index=False)
+    with pytest.raises(DataError, match="column 'q1' has 3 missing"):
+        import_table(path)
+    dropped = import_table(path, missing="drop")
+    assert dropped.recordings[0].n == 200 - 3 - 41
+    assert dropped.notes == ("44 rows with missing values left out",)
+    filled = import_table(path, parse_map({"table": {"missing": "interpolate"}}))
+    assert filled.recordings[0].n == 200 - 41
+    assert filled.notes[0].startswith("3 missing values interpolated; 41 rows")
+    np.testing.assert_allclose(filled.recordings[0].q[50:53, 0], frame["q1"][50:53], atol=1e-3)
+
+
+def log(d, names, t, more=()):
+    """A table of a program: time, and groups of d columns."""
+    out = {names[0]: t, **dict(more)}
+    for k, name in enumerate(names[1:], 1):
+        wave = np.sin(np.outer(t, np.arange(1, d + 1))) * k
+        out |= {name.format(i): wave[:, i] for i in range(d)}
+    return out
+
+
+def test_a_log_of_libfranka(tmp_path):
+    t = np.arange(300) / 1000
+    data = log(7, ("time", "state.q[{}]", "state.q_d[{}]", "state.dq[{}]", "state.tau_J[{}]"), t)
+    data["time"] = np.arange(300)
+    rows = [
+        ", ".join(data),
+        *(",".join(f"{x:.9g}" for x in r) for r in zip(*data.values(), strict=True)),
+    ]
+    (tmp_path / "log.csv").write_text("\n".join(rows))
+    found = import_table(tmp_path / "log.csv", read_map("libfranka")).recordings[0]
+    assert found.d == 7 and found.rate == pytest.approx(1000)
+    np.testing.assert_allclose(found.q[:, 2], np.sin(3 * t), atol=1e-8)
+    np.testing.assert_allclose(found.tau[:, 6], 4 * np.sin(7 * t), atol=1e-8)
+    assert found.qd is not None and found.tau_ext is None
+
+
+def test_a_log_of_ur_rtde(tmp_path):
+    t = np.arange(300) / 500
+    data = log(
+        6, ("timestamp", "target_q_{}", "actual_q_{}", "actual_qd_{}", "actual_current_{}"), t
+    )
+    table = write_csv(tmp_path / "robot_data.csv", data)
+    with pytest.raises(ConfigError, match="column 'tau1' is a current in A"):
+        import_table(table, read_map("ur-rtde"))
+    constants = (10.0, 10.0, 8.0, 7.0, 7.0, 7.0)
+    found = import_table(table, read_map("ur-rtde"), torque_constant=constants).recordings[0]
+    np.testing.assert_allclose(found.tau, found.current * constants)
+    data |= {f"actual_current_as_torque_{k}": np.full(300, k + 0.5) for k in range(6)}
+    table = write_csv(tmp_path / "robot_data.csv", data)
+    found = import_table(table, read_map("ur-rtde")).recordings[0]
+    assert found.tau[3].tolist() == [0.5, 1.5, 2.5, 3.5, 4.5, 5.5]
+
+
+def test_a_capture_of_the_dvrk(tmp_path):
+    t = np.arange(300) / 1000
+    kinds = ("TORQUE_FEEDBACK", "TORQUE_COMMAND", "POSITION_FEEDBACK", "VELOCITY_FEEDBACK")
+    data = log(7, ("TIMESTAMP", *(f"{k}_{{}}" for k in kinds)), t)
+    data = {(n if n == "TIMESTAMP" else f"{n[:-1]}{int(n[-1]) + 1}"): v for n, v in data.items()}
+    found = import_table(write_csv(tmp_path / "c.csv", data), read_map("dvrk")).recordings[0]
+    np.testing.assert_allclose(found.q[:, 0], 3 * np.sin(t), atol=1e-12)
+    np.testing.assert_allclose(found.tau[:, 6], np.sin(7 * t), atol=1e-12)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_data_set_of_lerobot(tmp_path, version, capsys):
+    folder = tmp_path / "set"
+    (folder / "meta").mkdir(parents=True)
+    (folder / "meta" / "info.json").write_text(f'{{"codebase_version": "v{version}.0"}}')
+    (folder / "data" / "chunk-000").mkdir(parents=True)
+    tables, t = [], np.arange(100) / 50
+    for k in range(2):
+        state = np.sin(np.outer(t, [1.0, 2.0])) + k
+        columns = {
+            "observation.state": pa.array(state.tolist(), pa.list_(pa.float64(), 2)),
+            "observation.effort": pa.array((2 * state).tolist()),
+            "action": pa.array(state.tolist()),
+            "timestamp": t,
+            "episode_index": np.full(100, k),
+        }
+        tables.append(pa.table(columns))
+    if version == 2:
+        for k, table in enumerate(tables):
+            parquet.write_table(table, folder / "data" / "chunk-000" / f"episode_{k:06d}.parquet")
+    else:
+        parquet.write_table(
+            pa.concat_tables(tables), folder / "data" / "chunk-000" / "file-000.parquet"
+        )
+    with pytest.raises(DataError, match=r"holds 2 episodes .*--all-runs"):
+        import_table(folder, read_map("lerobot"))
+    found = import_table(folder, read_map("lerobot"), run="episode_000001").recordings[0]
+    np.testing.assert_allclose(found.q, np.sin(np.outer(t, [1.0, 2.0])) + 1, atol=1e-12)
+    np.testing.assert_allclose(found.tau, 2 * found.q)
+    assert main(["import", str(folder), "--all-runs", "-o", str(tmp_path / "out")]) == 0
+    assert {p.name for p in (tmp_path / "out").glob("*.mcap")} == {
+        f"episode_00000{k}.mcap" for k in (0, 1)
+    }
+
+
+def test_a_data_set_without_efforts_says_so(tmp_path):
+    folder = tmp_path / "set"
+    (folder / "meta").mkdir(parents=True)
+    (folder / "meta" / "info.json").write_text("{}")
+    (folder / "data" / "chunk-000").mkdir(parents=True)
+    t = np.arange(50) / 50
+    table = pa.table({"observation.state": pa.array(np.c_[t, t].tolist()), "timestamp": t})
+    parquet.write_table(table, folder / "data" / "chunk-000" / "episode_000000.parquet")
+    with pytest.raises(DataError, match="no column 'tau1', 'tau2'"):
+        import_table(folder, read_map("lerobot"))
+
+
+def test_sheets_of_a_workbook_are_runs(tmp_path, frame):
+    path = tmp_path / "lab.xlsx"
+    with pd.ExcelWriter(path) as book:
+        for name in ("first", "second"):
+            frame.to_excel(book, sheet_name=name, index=False)
+    with pytest.raises(DataError, match="holds 2 runs; choose one with --run: first, second"):
+        import_table(path)
+    assert import_table(path, run="second").recordings[0].name == "second"
