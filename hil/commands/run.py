@@ -26,6 +26,7 @@ from hil.record import mcap_read
 from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import Rig, open_rig
 from hil.runtime import runner
+from hil.runtime.board import BoardWriter
 from hil.runtime.commands import COMMANDS, scheduled
 from hil.toml import merge
 
@@ -111,6 +112,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="write to the disk at least every S seconds, for a loss of power; default: when the "
         "operating system does",
     )
+    # for 'hil ui': shows the session to its page, and pauses where the page is gone
+    parser.add_argument("--board", help=argparse.SUPPRESS)
     add_rearm(parser)
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
 
@@ -213,8 +216,10 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
     total = round(seconds * config.loop.rate_hz)
     with tqdm(total=total, unit="tick", disable=None, leave=False, file=sys.stderr) as bar:
         live = bar.set_postfix_str if not bar.disable else None
+        board = BoardWriter(args.board) if args.board else None
+        lines = (lambda take: _lines(take, "pause" if board else "")) if args.operator else None
         operator = runner.Operator(
-            scheduled(args.at), bar_writer(bar), live, _lines if args.operator else None, args.wait
+            scheduled(args.at), bar_writer(bar), live, lines, args.wait, board
         )
         return runner.run(
             config,
@@ -243,13 +248,18 @@ def bar_writer(bar: Any) -> Callable[[str], None]:
     return lambda text: bar.write(f"hil run: {text}", file=sys.stderr)
 
 
-def _lines(take: Callable[[str], None]) -> None:
-    """Give every line of the standard input to the slow side, from a thread of its own."""
+def _lines(take: Callable[[str], None], at_the_end: str = "") -> None:
+    """Give every line of the standard input to the slow side, from a thread of its own.
+
+    `at_the_end` is given where nobody writes any more.
+    """
 
     def read() -> None:
         for line in sys.stdin:
             if line.strip():
                 take(line)
+        if at_the_end:
+            take(at_the_end)
 
     threading.Thread(target=read, name="operator", daemon=True).start()
 

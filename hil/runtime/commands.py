@@ -134,6 +134,13 @@ def _stop(words: Sequence[str], _: Workshop) -> Callable[[Operated], None]:
     return lambda loop: loop.finish()
 
 
+def _note(words: Sequence[str], _: Workshop) -> Callable[[Operated], None]:
+    """Nothing but an event in the session, as every command is one."""
+    if not words:
+        raise ValueError("a text is needed")
+    return lambda loop: None
+
+
 def _home(words: Sequence[str], shop: Workshop) -> Callable[[Operated], None]:
     _bare(words)
     return _anew(shop.home())
@@ -156,6 +163,7 @@ COMMANDS: dict[str, tuple[str, Callable[[Sequence[str], Workshop], Callable[[Ope
     "resume": ("resume", _resume),
     "home": ("home", _home),
     "set": ("set PARAMETER NUMBER...", _set),
+    "note": ("note TEXT", _note),
 }
 
 

@@ -85,7 +85,8 @@ class Session:
             operator.schedule,
             operator.say,
         )
-        self.left, self.shown = 0.0, 0
+        self.left, self.shown, self.posted = 0.0, 0, 0.0
+        self.layout = layout
         self.watchdog: Watchdog | None = None
         self.trip: dict[str, object] = {}
 
@@ -191,6 +192,9 @@ class Session:
 
     def _live(self, seconds: float, progress: Callable[[int], None] | None = None) -> None:
         """Live figures a few times a second, from the slow side; `progress` since the last time."""
+        if self.operator.board is not None and seconds >= self.posted:
+            self.posted = seconds + 0.05
+            self.operator.board.publish(self.snapshot())
         if seconds < self.left:
             return
         self.left, loop = seconds + 0.25, self.loop
@@ -201,6 +205,39 @@ class Session:
         if self.operator.live is not None:
             why = f" {sentence(loop.conditions)}" if loop.conditions else ""
             self.operator.live(f"{loop.machine.state.name}{why}; {self.statistics.line()}")
+
+    def snapshot(self) -> dict[str, object]:
+        """The session now, as plain data: state, arms, forces, loop, record."""
+        loop, row, arms = self.loop, self.slow.row, {}
+        if row.size:
+            for i, name in enumerate(self.config.controller.arms):
+                q, qd, wrench, effort, _ = self.layout.arm(row, i)
+                arms[name] = {
+                    "position": q.tolist(),
+                    "velocity": qd.tolist(),
+                    "force": wrench[:3].tolist(),
+                    "effort": effort.tolist(),
+                }
+        figures = self.statistics.figures().as_dict()
+        return {
+            "state": loop.machine.state.name,
+            "why": sentence(loop.conditions) if loop.conditions else "",
+            "tick": loop.tick,
+            "seconds": loop.tick * self.config.loop.period_ns * 1e-9,
+            "arms": arms,
+            "late_p99_us": figures["late_p99"],
+            "missed": self.timer.missed,
+            "dropped": loop.dropped,
+            "ring": figures["ring_most"],
+            "winding": figures["winding_most"],
+            "record": str(self.writer.paths[-1]),
+            "unwritten": self.slow.unwritten,
+            "controller": self.config.controller.name,
+            "settable": {
+                name: {"low": r.low, "high": r.high, "unit": r.unit, "entries": r.entries}
+                for name, r in self.slow.shop.settable().items()
+            },
+        }
 
     def _finish(self, name: str, told: dict[str, object]) -> None:
         """Close the file with what the session was; it may be that it takes nothing more."""

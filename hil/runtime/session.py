@@ -29,6 +29,7 @@ from hil.record.schema import Channel
 from hil.rig import estimators
 from hil.rig.config import RigConfig
 from hil.rig.open import Rig
+from hil.runtime.board import BoardWriter
 from hil.runtime.realtime import Arrangement
 from hil.runtime.statistics import Statistics
 from hil.runtime.watchdog import beside
@@ -287,6 +288,8 @@ class Operator:
         Called with a function that takes the operator's lines, once the loop is ready.
     wait : bool
         The session begins DISABLED and waits for ``start``.
+    board : BoardWriter or None
+        Shows the session to other processes, twenty times a second.
     """
 
     schedule: Sequence[tuple[float, str]] = ()
@@ -294,6 +297,7 @@ class Operator:
     live: Callable[[str], None] | None = None
     lines: Callable[[Callable[[str], None]], None] | None = None
     wait: bool = False
+    board: BoardWriter | None = None
 
 
 @dataclass(frozen=True)

@@ -124,6 +124,8 @@ class SlowSide:
         self.trouble: OSError | None = None
         self._state, self._mask = 0, 0
         self._last = (0, 0)
+        #: Last row that came from the loop; empty before the first.
+        self.row: FloatArray = np.zeros(0)
         self._noted: deque[tuple[int, int, str]] = deque()
 
     def note(self, tick: int, t_ns: int, name: str) -> None:
@@ -134,6 +136,8 @@ class SlowSide:
         """Write all rows that wait, then pass on commands that are due at `seconds`."""
         stamps, data = self._ring.take()
         timing = data[:, self._timing]
+        if len(data):
+            self.row = data[-1].copy()
         self.statistics.add(stamps[:, 0], timing)
         try:
             while self._noted and self.trouble is None:

@@ -1,0 +1,96 @@
+"""What a running session shows to other processes: the last snapshot, in shared memory.
+
+One writer, the slow side; any number of readers.  A reader never holds the writer up: the writer
+counts up before and after it writes, and who reads an odd or a changed count reads again.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import os
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from hil.errors import ConfigError
+
+#: Bytes of a board: count and length, then text.
+SIZE = 1 << 16
+_HEAD = struct.Struct("<QI")
+
+
+class BoardWriter:
+    """Writes snapshots into a file that readers map.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; it is made, or taken over.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be made.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        try:
+            with open(path, "w+b") as file:
+                os.ftruncate(file.fileno(), SIZE)
+                self._map = mmap.mmap(file.fileno(), SIZE)
+        except OSError as error:
+            raise ConfigError(f"cannot write board {path}: {error.strerror}") from error
+        self._count = 0
+
+    def publish(self, snapshot: Mapping[str, Any]) -> None:
+        """Show a snapshot; one that is too long is cut to an error that says so."""
+        text = json.dumps(snapshot).encode()
+        if b"NaN" in text or b"Infinity" in text:  # no JSON: shown as missing
+            text = json.dumps(json.loads(text, parse_constant=lambda name: None)).encode()
+        if len(text) > SIZE - _HEAD.size:
+            text = b'{"error": "the snapshot is too long"}'
+        _HEAD.pack_into(self._map, 0, self._count + 1, 0)
+        self._map[_HEAD.size : _HEAD.size + len(text)] = text
+        self._count += 2
+        _HEAD.pack_into(self._map, 0, self._count, len(text))
+
+    def close(self) -> None:
+        """Let go of the memory; the file stays with the last snapshot."""
+        self._map.close()
+
+    def __enter__(self) -> BoardWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+#: Tries before a reader gives up for this time.
+_TRIES = 50
+
+
+def read_board(path: str | Path) -> tuple[int, dict[str, Any]]:
+    """Last snapshot of a board and its number, from 1 on; 0 and nothing where there is none."""
+    try:
+        with open(path, "rb") as file:
+            for _ in range(_TRIES):
+                file.seek(0)
+                raw = file.read(SIZE)
+                if len(raw) < _HEAD.size:
+                    return 0, {}
+                count, length = _HEAD.unpack_from(raw)
+                file.seek(0)
+                again, _ = _HEAD.unpack(file.read(_HEAD.size))
+                if count and count % 2 == 0 and count == again:
+                    return count // 2, json.loads(raw[_HEAD.size : _HEAD.size + length])
+    except OSError:
+        return 0, {}
+    return 0, {}
