@@ -206,6 +206,10 @@ COMMANDS: dict[str, Command] = {
         "hil.commands.add",
         "add one effect to a model, fit all anew, and print the held-out error before and after",
     ),
+    "studio": Command(
+        "hil.commands.studio",
+        "compare, see where a model fails and add what is missing, in the browser",
+    ),
     "improve": Command(
         "hil.commands.improve",
         "diagnose and add effects until nothing more is justified; the error ladder",

@@ -6,13 +6,17 @@ import argparse
 import dataclasses
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 from hil.commands import common
+from hil.commands.common import Found
 from hil.commands.design import finite
+from hil.errors import ConfigError
 from hil.experiments import (
     cable_arm,
     elastic_transmission,
     friction_network,
+    hidden_effect,
     manual_excitation,
     palpation,
     transparency,
@@ -27,12 +31,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", choices=sorted(EXPERIMENTS), metavar="NAME", help="which study")
     common.list_names(parser, EXPERIMENTS)
     parser.add_argument("--seed", type=int, default=1, help="seed of the motion (default 1)")
+    parser.add_argument("--quick", action="store_true", help="a part in minutes (hidden-effect)")
+    parser.add_argument(
+        "--workers", type=int, default=2, help="processes (hidden-effect); default 2"
+    )
+    parser.add_argument(
+        "--report", metavar="PAGE.md", help="write the page, its figure beside it (hidden-effect)"
+    )
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run one study and print its table."""
-    text, data = EXPERIMENTS[args.name](args.seed)
+    if args.workers < 1:
+        raise ConfigError(f"--workers {args.workers}: one or more is needed")
+    common.check_page(args.report)
+    text, data = EXPERIMENTS[args.name](args)
     if args.json:
         common.emit({"schema": f"hil.experiment.{args.name}/1", **finite(data)})
     else:
@@ -40,9 +54,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _elastic(seed: int) -> tuple[str, dict[str, object]]:
+def _elastic(args: argparse.Namespace) -> Found:
     """An elastic transmission seen from the motor alone, identified on line."""
-    s = elastic_transmission.study(seed)
+    s = elastic_transmission.study(args.seed)
     rows = [[k, f"{v:.3f}"] for k, v in s.parameters.items()]
     lines = [
         "Parameters after 25 s, from guesses 40 % low to 80 % high",
@@ -71,9 +85,9 @@ def _elastic(seed: int) -> tuple[str, dict[str, object]]:
     return "\n".join(lines), dataclasses.asdict(s)
 
 
-def _transparency(seed: int) -> tuple[str, dict[str, object]]:
+def _transparency(args: argparse.Namespace) -> Found:
     """The hybrid matrix that sessions show, against the prediction."""
-    rows = transparency.study(seed, common.log)
+    rows = transparency.study(args.seed, common.log)
     cells = [
         [
             f"{r.design} {r.entry}",
@@ -117,9 +131,9 @@ def _transparency(seed: int) -> tuple[str, dict[str, object]]:
     }
 
 
-def _fsf(seed: int) -> tuple[str, dict[str, object]]:
+def _fsf(args: argparse.Namespace) -> Found:
     """A law with force sensors against its transform that needs none."""
-    s = without_force_sensors.study(seed, common.log)
+    s = without_force_sensors.study(args.seed, common.log)
     cells = [
         [
             f"{r.hz:g}",
@@ -139,9 +153,9 @@ def _fsf(seed: int) -> tuple[str, dict[str, object]]:
     return text, dataclasses.asdict(s)
 
 
-def _cable_arm(seed: int) -> tuple[str, dict[str, object]]:
+def _cable_arm(args: argparse.Namespace) -> Found:
     """Force on the tip without a sensor: filters and networks together on the cable arm."""
-    s = cable_arm.study(seed, common.log)
+    s = cable_arm.study(args.seed, common.log)
     lines = [
         f"Force on the tip without a sensor, {cable_arm.ARM} of the simulated rig, after "
         f"{cable_arm.LEARN:g} s of learning in the loop"
@@ -163,9 +177,9 @@ def _cable_arm(seed: int) -> tuple[str, dict[str, object]]:
     return "\n".join(lines), dataclasses.asdict(s)
 
 
-def _palpation(seed: int) -> tuple[str, dict[str, object]]:
+def _palpation(args: argparse.Namespace) -> Found:
     """Share of a bolt in a gel that the operator feels, against the prediction."""
-    rows, p = palpation.study(seed, common.log)
+    rows, p = palpation.study(args.seed, common.log)
     cells = [
         [r.controller, f"{r.predicted:.3f}", f"{r.mean:.3f}", f"{r.std:.3f}", f"{r.designed:.3f}"]
         for r in rows
@@ -182,9 +196,9 @@ def _palpation(seed: int) -> tuple[str, dict[str, object]]:
     return text, {"rows": [dataclasses.asdict(r) for r in rows], "p": p}
 
 
-def _friction(seed: int) -> tuple[str, dict[str, object]]:
+def _friction(args: argparse.Namespace) -> Found:
     """Wavelet friction networks against Coulomb and viscous friction."""
-    rows = friction_network.study(seed)
+    rows = friction_network.study(args.seed)
     cells = [
         [r.model, *(f"{100 * x:.1f}" for x in (*r.train, *r.validation)), str(r.nodes)]
         for r in rows
@@ -199,9 +213,9 @@ def _friction(seed: int) -> tuple[str, dict[str, object]]:
     return text + common.table(head, cells), {"rows": [dataclasses.asdict(r) for r in rows]}
 
 
-def _excitation(seed: int) -> tuple[str, dict[str, object]]:
+def _excitation(args: argparse.Namespace) -> Found:
     """What a hand, the motors, or both determine of an arm."""
-    rows = manual_excitation.study(seed)
+    rows = manual_excitation.study(args.seed)
     cells = [
         [
             r.name,
@@ -214,7 +228,7 @@ def _excitation(seed: int) -> tuple[str, dict[str, object]]:
     head = ["excitation", "rank", "condition", "worst error of what is determined %"]
     text = common.table(head, cells)
     text += "".join(f"\n  {r.name}: {r.found.text}" for r in rows)
-    rig = manual_excitation.on_the_rig(seed)
+    rig = manual_excitation.on_the_rig(args.seed)
     kappa = [
         [
             name,
@@ -234,7 +248,28 @@ def _excitation(seed: int) -> tuple[str, dict[str, object]]:
     }
 
 
-EXPERIMENTS: dict[str, Callable[[int], tuple[str, dict[str, object]]]] = {
+def _hidden_effect(args: argparse.Namespace) -> Found:
+    """Effects hidden in both arms: found, added, compensated; what the operator feels falls."""
+    rows = hidden_effect.study(args.seed, args.quick, args.workers, common.log)
+    found = hidden_effect.summaries(rows)
+    if args.report:
+        picture = Path(args.report).with_suffix(".svg")
+        command = "hil experiment hidden-effect" + " --quick" * args.quick
+        common.write_page(args.report, hidden_effect.page(rows, command, picture.name))
+        picture.write_text(hidden_effect.figure(found), encoding="utf-8")
+    text = (
+        f"{common.table(list(hidden_effect.HEAD), hidden_effect.cells(found))}\n"
+        "  newtons with the rig file's model -> the fitted base model -> the diagnosed model, "
+        "+- 95 %"
+    )
+    return text, {
+        "rows": [dataclasses.asdict(r) for r in rows],
+        "summaries": [dataclasses.asdict(s) for s in found],
+    }
+
+
+EXPERIMENTS: dict[str, Callable[[argparse.Namespace], Found]] = {
+    "hidden-effect": _hidden_effect,
     "elastic-ukf": _elastic,
     "transparency": _transparency,
     "fsf": _fsf,

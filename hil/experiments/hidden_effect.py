@@ -1,0 +1,466 @@
+"""The circle: a session performs badly, the missing effect is named and added, and it falls.
+
+An effect is hidden in both simulated arms.  Each arm is identified from one session and judged on
+another; the diagnosis names what is missing and adds it; the law of the teleoperation compensates
+what the model holds.  A machine then moves the leader, in free space and with the follower in a
+gel:
+
+    free     rms of the force that the operator feels where nothing is touched [N]
+    contact  rms of what is felt less what the gel does, f_m - f_s [N]
+
+Both for a law with force sensors and for its transform without any, and for three models: none
+(the published parameters of the rig file, no friction), the fitted base model, the diagnosed one.
+Nothing of the simulator is read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import multiprocessing
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from hil import registry
+from hil.diagnosis.engine import diagnose
+from hil.diagnosis.types import Diagnosis
+from hil.errors import ConfigError, DataError, DeviceError
+from hil.estimate import compensation_tables
+from hil.experiments import transparency as rig
+from hil.experiments import without_force_sensors
+from hil.identify.parallel import alone
+from hil.models.files import write_model
+from hil.models.model import RobotModel, base_model
+from hil.record.mcap_read import load
+from hil.rig.config import ControllerConfig, RigConfig, load_rig
+from hil.rigs import rig_path
+from hil.runtime import runner
+from hil.teleop import force_sensor_free, law_parameters
+from hil.teleop.rig_designs import ArmImpedances
+from hil.toml import parse
+
+#: Hidden in both arms: five laws of friction, and the joint.
+EFFECTS = (
+    ("stribeck", "joint2"),
+    ("presliding", "joint2"),
+    ("coupled-friction", "joint2"),
+    ("position-friction", "joint1"),
+    ("asymmetric-viscous", "joint1"),
+)
+ARMS = ("leader", "follower")
+MODELS = ("as built", "fitted", "diagnosed")
+LAWS = ("with sensors", "without")
+#: Motion of the operator's machine [Hz], [m]; gel [N/m^1.3]; length of a session on it [periods].
+HZ, SIZE, GEL, PERIODS, SETTLE = 0.7, (0.01, 0.02, 0.01), 400.0, 4, 2.0
+IDENTIFIED_S = 20.0
+#: Shares of the modelled friction that are compensated; the largest with which all laws run.
+SHARES = (1.0, 0.8, 0.6)
+SEEDS, QUICK_SEEDS, QUICK_EFFECTS = 10, 2, 2
+
+
+@dataclass(frozen=True)
+class CircleRow:
+    """One effect with one seed.
+
+    Parameters
+    ----------
+    effect, joint : str
+        Hidden in both arms; empty: nothing is hidden.
+    seed : int
+        Of the noise and of the motions.
+    named : tuple of str
+        What the diagnosis added to the leader and to the follower.
+    right : bool
+        Whether that is the effect on its joint, in both arms, and nothing else.
+    error : tuple of 2 floats
+        Held-out error of the worst joint over its noise floor, base and diagnosed model; the worse
+        of both arms.
+    share : float
+        Of the modelled friction, compensated.
+    free, contact : dict
+        Model -> law -> [N].
+    """
+
+    effect: str
+    joint: str
+    seed: int
+    named: tuple[str, ...]
+    right: bool
+    error: tuple[float, float]
+    share: float
+    free: dict[str, dict[str, float]]
+    contact: dict[str, dict[str, float]]
+
+
+def hidden(effect: str, joint: str) -> dict[str, Any]:
+    """Table ``[simulation]`` of an effect in both arms."""
+    if not effect:
+        return {}
+    rows = [{"effect": effect, "arm": arm, "joint": joint, "amplitude": 1.0} for arm in ARMS]
+    return {"hidden": rows}
+
+
+def identifying(folder: Path, effect: str, joint: str, seed: int, motion: int) -> Path:
+    """A session that identifies both arms."""
+    config = load_rig(
+        rig_path("identify"),
+        {"simulation": hidden(effect, joint), "controller": {"parameters": {"seed": motion}}},
+    )
+    path = folder / f"identify-{motion}.mcap"
+    runner.run(config, IDENTIFIED_S, seed, "lockstep", path).enabled()
+    return path
+
+
+def law_of(models: Mapping[str, str], share: float, kind: str) -> dict[str, Any]:
+    """Parameters of the law for these models; without any, the rig file's own arms."""
+    settings = without_force_sensors.LAW | {"friction_share": share}
+    if models:
+        given, axes = rig.arms(models, settings)
+    else:
+        own = load_rig(rig_path("lawrence")).controller.parameters
+        gains = {f"c{k}" for k in range(1, 9)}
+        given = {k: v for k, v in own.items() if k not in gains} | settings
+        kind_of = registry.load("hil.controllers", "lawrence").Config
+        none = {"c1": [0.0] * 3, "c7": [0.0] * 3}
+        axes = ArmImpedances.of(parse(kind_of, none | given, "experiment"))
+    designs = without_force_sensors.designs(axes)
+    if kind == LAWS[1]:
+        designs = [force_sensor_free.transform(d) for d in designs]
+    return given | law_parameters.table(designs)
+
+
+def rig_of(law: Mapping[str, Any], effect: str, joint: str, gel: float | None) -> RigConfig:
+    """Rig with the effect, a machine on the leader, and a gel 20 mm above home or none."""
+    operator = {"kind": "mechanical", "frequency": HZ, "size": list(SIZE), "onset": 1.0}
+    below = 1.0 if gel is None else -0.02
+    simulation = {"operator": operator, "gel": {"below_home": below, "stiffness": gel}}
+    config = load_rig(rig_path("lawrence"), {"simulation": simulation | hidden(effect, joint)})
+    controller = ControllerConfig("lawrence", config.controller.arms, dict(law))
+    return dataclasses.replace(config, controller=controller)
+
+
+def felt(config: RigConfig, path: Path, seed: int) -> tuple[float, float]:
+    """Rms of the force felt, and of it less the force on the follower, over whole periods [N]."""
+    runner.run(config, SETTLE + PERIODS / HZ, seed, "lockstep", path).enabled()
+    n = round(PERIODS / HZ / rig.PERIOD)
+    forces = []
+    for arm, sign in zip(ARMS, (1.0, -1.0), strict=True):
+        wrench = load(path, arm).wrench
+        if wrench is None:
+            raise RuntimeError("a session of this rig has forces")
+        forces.append(sign * wrench[-n:, :3])
+    return _rms(forces[0]), _rms(forces[0] - forces[1])
+
+
+def _rms(force: Any) -> float:
+    return float(np.sqrt(np.mean(np.sum((force - force.mean(axis=0)) ** 2, axis=1))))
+
+
+def case(effect: str, joint: str, seed: int) -> CircleRow:
+    """The whole circle for one effect and seed."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        paths = [identifying(folder, effect, joint, 10 * seed + k, 3 * seed + k) for k in (0, 1)]
+        models: dict[str, dict[str, str]] = {m: {} for m in MODELS}
+        found: dict[str, Diagnosis] = {}
+        for arm in ARMS:
+            one, other = (load(path, arm) for path in paths)
+            d = found[arm] = diagnose([one], base_model(one.robot, arm), [other])
+            # corrections without a name stay out: the loop compensates laws
+            last = _compensable(d.ladder[-1 - d.corrected].result.model)
+            for kind, model in ((MODELS[1], d.ladder[0].result.model), (MODELS[2], last)):
+                models[kind][arm] = str(folder / f"{arm}-{kind}.toml")
+                write_model(model, models[kind][arm])
+        share, free, contact = _sessions(models, effect, joint, folder, seed)
+    named = tuple(
+        " + ".join(f"{f.effect}@{f.joint}" for f in d.findings) or "nothing" for d in found.values()
+    )
+    ends = [
+        [float(np.max(d.ladder[k].heldout.rms / d.noise)) for d in found.values()] for k in (0, -1)
+    ]
+    wanted = f"{effect}@{joint}" if effect else "nothing"
+    return CircleRow(
+        effect,
+        joint,
+        seed,
+        named,
+        all(text == wanted for text in named),
+        (max(ends[0]), max(ends[1])),
+        share,
+        free,
+        contact,
+    )
+
+
+def _compensable(model: RobotModel) -> RobotModel:
+    """The model without the effects for which the loop has no compensation, such as a delay."""
+    for name in dict.fromkeys(use.type for use in model.effects):
+        if f"effect {name!r} cannot be compensated" in _why(model):
+            model = replace(model, effects=tuple(u for u in model.effects if u.type != name))
+    return model
+
+
+def _why(model: RobotModel) -> str:
+    """What speaks against compensating a model; empty: nothing."""
+    try:
+        compensation_tables.effects(model)
+    except ConfigError as error:
+        return str(error)
+    return ""
+
+
+def _sessions(
+    models: Mapping[str, Mapping[str, str]], effect: str, joint: str, folder: Path, seed: int
+) -> tuple[float, dict[str, dict[str, float]], dict[str, dict[str, float]]]:
+    """Share, and newtons of all models and laws, at the largest share with which all run."""
+    why = ""
+    for share in SHARES:
+        free: dict[str, dict[str, float]] = {m: {} for m in models}
+        contact: dict[str, dict[str, float]] = {m: {} for m in models}
+        try:
+            for m, paths in models.items():
+                for kind in LAWS:
+                    law = law_of(paths, share, kind)
+                    path = folder / "teleop.mcap"
+                    free[m][kind] = felt(rig_of(law, effect, joint, None), path, seed)[0]
+                    contact[m][kind] = felt(rig_of(law, effect, joint, GEL), path, seed)[1]
+            return share, free, contact
+        except (ConfigError, DeviceError, DataError) as error:
+            why = str(error)
+    raise DataError(f"{effect} on {joint}, seed {seed}: no share of friction runs: {why}")
+
+
+def _case(words: tuple[str, str, int]) -> CircleRow:
+    with alone():
+        return case(*words)
+
+
+def study(
+    seed: int = 1,
+    quick: bool = False,
+    workers: int = 1,
+    report: Callable[[str], None] = lambda _: None,
+) -> list[CircleRow]:
+    """All effects, and none, with all seeds; the same numbers for any number of workers.
+
+    Parameters
+    ----------
+    seed : int
+        The first.
+    quick : bool
+        Two effects, two seeds.
+    workers : int
+        Processes.
+    report : callable
+        Takes a line for every case that is done.
+    """
+    effects = EFFECTS[:QUICK_EFFECTS] if quick else EFFECTS
+    seeds = range(seed, seed + (QUICK_SEEDS if quick else SEEDS))
+    todo = [(e, j, s) for e, j in (*effects, ("", "")) for s in seeds]
+    rows = []
+    with multiprocessing.get_context("spawn").Pool(min(workers, len(todo))) as pool:
+        for row in pool.imap(_case, todo):
+            rows.append(row)
+            report(f"{row.effect or 'nothing hidden'}, seed {row.seed}: {', '.join(row.named)}")
+    return rows
+
+
+@dataclass(frozen=True)
+class CircleSummary:
+    """An effect over its seeds; every figure with the half width of its 95 % interval.
+
+    Parameters
+    ----------
+    effect, joint : str
+        Which; empty: nothing hidden.
+    right, cases : int
+        How often the effect alone was named in both arms, of how many.
+    error : tuple of 2 floats
+        Mean held-out error over the noise floor, base and diagnosed.
+    free, contact : dict
+        Law -> model -> (mean, half width) [N].
+    """
+
+    effect: str
+    joint: str
+    right: int
+    cases: int
+    error: tuple[float, float]
+    free: dict[str, dict[str, tuple[float, float]]]
+    contact: dict[str, dict[str, tuple[float, float]]]
+
+
+def summaries(rows: Sequence[CircleRow]) -> list[CircleSummary]:
+    """Every effect over its seeds, in order."""
+    out = []
+    for effect, joint in dict.fromkeys((r.effect, r.joint) for r in rows):
+        own = [r for r in rows if r.effect == effect]
+        error = np.mean([r.error for r in own], axis=0)
+        free, contact = (
+            {
+                law: {m: _interval([getattr(r, part)[m][law] for r in own]) for m in MODELS}
+                for law in LAWS
+            }
+            for part in ("free", "contact")
+        )
+        out.append(
+            CircleSummary(
+                effect,
+                joint,
+                sum(r.right for r in own),
+                len(own),
+                (float(error[0]), float(error[1])),
+                free,
+                contact,
+            )
+        )
+    return out
+
+
+def _interval(values: Sequence[float]) -> tuple[float, float]:
+    """Mean, and half width of its 95 % interval by Student's t."""
+    n = len(values)
+    if n < 2:
+        return float(np.mean(values)), float("nan")
+    return float(np.mean(values)), float(
+        stats.t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n)
+    )
+
+
+HEAD = ("hidden in both arms", "named", "error / floor", "law", "free [N]", "contact [N]")
+
+
+def cells(found: Sequence[CircleSummary]) -> list[list[str]]:
+    """Rows of the table: as built -> fitted -> diagnosed."""
+    out = []
+    for s in found:
+        for k, law in enumerate(LAWS):
+            first = [
+                f"{s.effect} on {s.joint}" if s.effect else "nothing",
+                f"{s.right} of {s.cases}",
+                f"{s.error[0]:.2f} -> {s.error[1]:.2f}",
+            ]
+            out.append(
+                [
+                    *(first if k == 0 else ["", "", ""]),
+                    law,
+                    *(_falls(part[law]) for part in (s.free, s.contact)),
+                ]
+            )
+    return out
+
+
+def _falls(values: Mapping[str, tuple[float, float]]) -> str:
+    """Means of the three models, and the half width of the last."""
+    return " -> ".join(f"{values[m][0]:.3f}" for m in MODELS) + f" +- {values[MODELS[-1]][1]:.3f}"
+
+
+def figure(found: Sequence[CircleSummary]) -> str:
+    """Bars of the force felt in free space as SVG: three models an effect, law with sensors."""
+    colours, wide, high, left, top = ("#c2c8d0", "#6f9bd1", "#1f5fa8"), 900, 340, 60, 40
+    most = max(s.free[LAWS[0]][m][0] for s in found for m in MODELS) * 1.1
+    step = (wide - left - 20) / len(found)
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide} {high + 70}" '
+        'font-family="sans-serif" font-size="13">',
+        f'<path d="M0 0H{wide}V{high + 70}H0z" fill="#fff"/>',
+        f'<text x="{left}" y="20">Force felt in free space [N], mean over the seeds, law with '
+        "force sensors</text>",
+    ]
+    steps = [d * 10.0**k for k in (-3, -2, -1, 0, 1) for d in (1, 2, 5)]
+    ticks = next(x for x in steps if most / x <= 6)
+    for tick in np.arange(0.0, most, ticks):
+        y = top + (high - top) * (1 - tick / most)
+        parts.append(
+            f'<line x1="{left}" x2="{wide - 10}" y1="{y:.0f}" y2="{y:.0f}" stroke="#ddd"/>'
+        )
+        parts.append(f'<text x="{left - 8}" y="{y + 4:.0f}" text-anchor="end">{tick:.3g}</text>')
+    for i, s in enumerate(found):
+        for k, m in enumerate(MODELS):
+            mean, half = s.free[LAWS[0]][m]
+            x, w = left + step * i + 12 + k * (step - 24) / 3, (step - 24) / 3 - 4
+            h = (high - top) * mean / most
+            parts.append(
+                f'<rect x="{x:.1f}" y="{high - h:.1f}" width="{w:.1f}" height="{h:.1f}" '
+                f'fill="{colours[k]}"/>'
+            )
+            if half == half:
+                e, c = (high - top) * half / most, x + w / 2
+                parts.append(
+                    f'<line x1="{c:.1f}" x2="{c:.1f}" y1="{max(high - h - e, top):.1f}" '
+                    f'y2="{min(high - h + e, high):.1f}" stroke="#222"/>'
+                )
+        name = s.effect or "nothing hidden"
+        parts.append(
+            f'<text x="{left + step * (i + 0.5):.1f}" y="{high + 20}" text-anchor="middle">{name}'
+            "</text>"
+        )
+    for k, m in enumerate(MODELS):
+        x = left + 150 * k
+        parts.append(f'<rect x="{x}" y="{high + 38}" width="14" height="14" fill="{colours[k]}"/>')
+        parts.append(f'<text x="{x + 20}" y="{high + 50}">{m}</text>')
+    return "\n".join([*parts, "</svg>", ""])
+
+
+def page(rows: Sequence[CircleRow], command: str, picture: str) -> str:
+    """Page for the documentation."""
+    found = summaries(rows)
+    shares = sorted({r.share for r in rows})
+    lines = [
+        "# A hidden effect, found, added and felt no more",
+        "",
+        f"Printed by `{command}` on the simulated rig.",
+        "",
+        "An effect is hidden in both arms. Each arm is identified from one session of "
+        f"{IDENTIFIED_S:g} s and judged on another.",
+        "The diagnosis names what is missing and adds it, and the teleoperation law compensates "
+        "what the model holds.",
+        f"A machine then moves the leader at {HZ:g} Hz, in free space and with the follower in a "
+        "gel. *Free* is the force that",
+        "the operator feels where nothing is touched. *Contact* is the rms of what is felt less "
+        "what the gel does. Each cell",
+        "shows the law with the rig file's model, with the fitted base model, and with the "
+        "diagnosed model; the interval",
+        "(95 %) is that of the last one over the seeds.",
+        "",
+        f"![Force felt in free space]({picture})",
+        "",
+        "| " + " | ".join(HEAD) + " |",
+        "|" + "---|" * len(HEAD),
+        *("| " + " | ".join(line) + " |" for line in cells(found)),
+        "",
+        *_read(found),
+        "",
+        "Share of the modelled friction that is compensated: "
+        + ", ".join(f"{100 * s:.0f} %" for s in shares)
+        + " (the largest with which all laws of a case run).",
+        "",
+        "The thesis compensates friction with a model of its own choice and does not ask which "
+        "effect is missing; there is",
+        "no figure of it to compare with.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _read(found: Sequence[CircleSummary]) -> list[str]:
+    """What the table says, in sentences made from its numbers."""
+    named = [s for s in found if s.effect]
+    lines = []
+    for part, what in (("free", "force felt in free space"), ("contact", "error in contact")):
+        for law in LAWS:
+            first, last = (
+                float(np.mean([getattr(s, part)[law][m][0] for s in named]))
+                for m in (MODELS[1], MODELS[2])
+            )
+            lines.append(
+                f"- {law.capitalize()}{' force sensors' if law == LAWS[1] else ''}: the {what} is "
+                f"{first:.3f} N with the fitted base models and {last:.3f} N with the diagnosed "
+                f"ones, {100 * (1 - last / first):.0f} % less."
+            )
+    return lines

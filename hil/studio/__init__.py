@@ -1,0 +1,1 @@
+"""The studio: compare a model with measurements, see where it fails, add what is missing."""

@@ -1,0 +1,362 @@
+"""What the studio works on: sessions, a stack of models, and what each of them shows as plain data.
+
+No analysis is made here: every number comes from the public verbs, and the words from the report.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.diagnosis.constants import ADEQUATE
+from hil.diagnosis.types import Diagnosis, Step
+from hil.diagnosis.verbs import Comparison, compare, diagnose
+from hil.errors import ConfigError
+from hil.models import catalogue
+from hil.models.files import write_model
+from hil.models.model import RobotModel, Use, Value, base_model
+from hil.record.recording import Recording
+from hil.report import effects
+from hil.report import text as sentences
+from hil.report.data import from_diagnosis
+from hil.report.html import comparison_report, diagnosis_report
+from hil.report.json import candidate_json, diagnosis_json, number, region_json
+
+#: Points of a curve that the page draws.
+POINTS = 3000
+#: Candidates that are listed.
+LISTED = 12
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What the studio was opened with.
+
+    Parameters
+    ----------
+    runs, held : tuple of Recording
+        Sessions that are fitted, and held-out ones.
+    model : RobotModel
+        First model.
+    sessions, holdout : tuple of str
+        Their files.
+    model_file : str
+        File of the model; empty: the base model.
+    arm : str
+        Arm of the sessions; empty: the only one.
+    """
+
+    runs: tuple[Recording, ...]
+    held: tuple[Recording, ...]
+    model: RobotModel
+    sessions: tuple[str, ...]
+    holdout: tuple[str, ...] = ()
+    model_file: str = ""
+    arm: str = ""
+
+
+@dataclass
+class StudioRung:
+    """One model of the stack.
+
+    Parameters
+    ----------
+    label : str
+        What was done to get it.
+    model : RobotModel
+        As it was asked for; fitted in `found`.
+    command : str
+        The same on the command line; empty where there is none.
+    """
+
+    label: str
+    model: RobotModel
+    command: str = ""
+    found: Comparison | None = None
+
+
+@dataclass
+class Workbench:
+    """Sessions and a stack of models with undo and redo.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        What it begins with.
+    """
+
+    inputs: Inputs
+    stack: list[StudioRung] = field(default_factory=list)
+    at: int = 0
+    diagnosis: Diagnosis | None = None
+
+    def __post_init__(self) -> None:
+        if not self.stack:
+            self.stack = [StudioRung("base model" if not self.inputs.model_file else "given model",
+                               self.inputs.model)]  # fmt: skip
+
+    # ------------------------------------------------------------ what can be asked
+
+    def start(self) -> dict[str, Any]:
+        """Compare the current model, and show everything."""
+        return self.state()
+
+    def add(self, effect: str, joint: str) -> dict[str, Any]:
+        """Add an effect to the current model and refit it."""
+        joints = ("*",) if not joint or catalogue.get(effect).scope.of_robot else (joint,)
+        joints_of = self.inputs.runs[0].joints
+        if joint and joint not in joints_of:
+            raise ConfigError(f"no joint {joint!r}; this session has {', '.join(joints_of)}")
+        kind = catalogue.get(effect)
+        several = kind.variation.per_run and len(self.inputs.runs) > 1
+        options: dict[str, object] = {"per_run": True} if several else {}
+        model = self.now.model + Use(effect, joints, options)
+        where = "" if joints == ("*",) else f" on {joint}"
+        chosen = [] if joints == ("*",) else ["--joint", joint]
+        command = self._command("add", effect, *chosen, "-o", "better.toml")
+        return self._push(StudioRung(f"+ {effect}{where}", model, command))
+
+    def remove(self, effect: str) -> dict[str, Any]:
+        """Take an effect out of the current model and refit it."""
+        return self._push(StudioRung(f"- {effect}", self.now.model - effect))
+
+    def undo(self) -> dict[str, Any]:
+        """Back to the model before."""
+        self.at = max(self.at - 1, 0)
+        return self.state()
+
+    def redo(self) -> dict[str, Any]:
+        """Forward to the model after."""
+        self.at = min(self.at + 1, len(self.stack) - 1)
+        return self.state()
+
+    def diagnose(self) -> dict[str, Any]:
+        """Run the whole diagnosis on the current model; its rungs become the stack."""
+        self.diagnosis = diagnose(list(self.inputs.runs), self.now.model, list(self.inputs.held))
+        return self.state()
+
+    def take(self) -> dict[str, Any]:
+        """Take the model that the diagnosis recommends."""
+        if self.diagnosis is None or not self.diagnosis.ladder:
+            raise ConfigError("there is no diagnosis yet; press Diagnose first")
+        names = " + ".join(f.effect for f in self.diagnosis.findings) or "corrections"
+        return self._push(StudioRung(f"diagnosis: {names}", self.diagnosis.model,
+                               self._command("improve", "", "-o", "better.toml")))  # fmt: skip
+
+    def save(self, path: str) -> dict[str, Any]:
+        """Write the current fitted model; only over an older model file."""
+        place = Path(path)
+        if place.suffix != ".toml":
+            raise ConfigError(f"cannot write {path}: a model file ends in .toml")
+        if place.exists() and "hil.model/" not in place.read_text(encoding="utf-8")[:400]:
+            raise ConfigError(f"cannot write {path}: a file is there that is not a model file")
+        write_model(self.compared().result.model, place)
+        return {"saved": str(place.resolve())}
+
+    def report(self, path: str) -> dict[str, Any]:
+        """Write the report of the diagnosis, or of the comparison where there is none."""
+        place = Path(path)
+        if place.suffix != ".html":
+            raise ConfigError(f"cannot write {path}: a report ends in .html")
+        if place.exists():
+            raise ConfigError(f"cannot write {path}: a file is there; choose another name")
+        if self.diagnosis is not None:
+            diagnosis_report(self.diagnosis, place)
+        else:
+            comparison_report(self.compared(), place)
+        return {"saved": str(place.resolve())}
+
+    # ------------------------------------------------------------ inside
+
+    @property
+    def now(self) -> StudioRung:
+        """Current rung."""
+        return self.stack[self.at]
+
+    def compared(self) -> Comparison:
+        """Comparison of the current model, made once."""
+        rung = self.now
+        if rung.found is None:
+            rung.found = compare(list(self.inputs.runs), rung.model, list(self.inputs.held) or None)
+        return rung.found
+
+    def _push(self, rung: StudioRung) -> dict[str, Any]:
+        """Compare a new model first: one that cannot be fitted leaves the stack as it was."""
+        runs, held = list(self.inputs.runs), list(self.inputs.held) or None
+        rung.found = compare(runs, rung.model, held)
+        self.stack[self.at + 1 :] = [rung]
+        self.at += 1
+        return self.state()
+
+    def _command(self, verb: str, effect: str, *more: str) -> str:
+        """The same on the command line."""
+        i = self.inputs
+        words = ["hil", verb, *([effect] if effect else []), *i.sessions]
+        words += ["--model", i.model_file] if i.model_file else []
+        words += [w for h in i.holdout for w in ("--holdout", h)]
+        words += ["--arm", i.arm] if i.arm else []
+        return shlex.join([*words, *more])
+
+    # ------------------------------------------------------------ what the page shows
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the page shows of the current model."""
+        c = self.compared()
+        d = self.diagnosis
+        return {
+            "sessions": [Path(p).name for p in self.inputs.sessions],
+            "holdout": [Path(p).name for p in self.inputs.holdout],
+            "heldOut": c.heldout.kind,
+            "joints": list(c.result.problem.joints),
+            "units": ["N" if u == "m" else "N m" for u in c.result.problem.robot.units],
+            "motion": list(c.result.problem.robot.units),
+            "adequate": ADEQUATE,
+            "at": self.at,
+            "ladder": [self._rung(k) for k in range(len(self.stack))],
+            "warnings": [f.sentence for f in c.faults],
+            "where": {j: [region_json(r) for r in found] for j, found in c.where.items()},
+            "candidates": self._candidates(c),
+            "model": _model(c.result.model),
+            "learnt": _learnt(c),
+            "series": _series(c),
+            "diagnosis": None
+            if d is None
+            else diagnosis_json(d)
+            | {"text": sentences.headline(from_diagnosis(d, simulated=False))},
+            "commands": [r.command for r in self.stack[: self.at + 1] if r.command],
+        }
+
+    def _rung(self, k: int) -> dict[str, Any]:
+        """Label and errors of a model; null where it was not compared."""
+        found = self.stack[k].found
+        out: dict[str, Any] = {"label": self.stack[k].label, "joints": None}
+        if found is not None:
+            ratio = found.heldout.rms / np.maximum(found.noise, 1e-300)
+            out["joints"] = [
+                {"ratio": number(float(r)), "relative": number(float(x))}
+                for r, x in zip(ratio, found.heldout.relative, strict=True)
+            ]
+        return out
+
+    def _candidates(self, c: Comparison) -> list[dict[str, Any]]:
+        """Best candidates of the current model, each with what it does and a sentence."""
+        alone = Diagnosis("compared", [], [Step("model", c.result, c.heldout)],
+                          c.evidence, c.evidence)  # fmt: skip
+        held = {(u.type, j) for u in c.result.model.effects for j in u.joints}
+        rows = []
+        for x in c.evidence.candidates:
+            data = candidate_json(x, c.evidence, alone)
+            if (data["effect"], data["joint"] or "*") in held or (data["effect"], "*") in held:
+                continue
+            data["meaning"] = sentences.meaning(x.name)
+            rows.append(data)
+            if len(rows) == LISTED:
+                break
+        return rows
+
+
+def _model(model: RobotModel) -> list[dict[str, Any]]:
+    """Effects of a model with their values and 95 % intervals."""
+    return [
+        {
+            "effect": use.type,
+            "joints": list(use.joints),
+            "meaning": sentences.meaning(use.type),
+            "values": [_value(name, v) for name, v in use.values.items()],
+        }
+        for use in model.effects
+    ]
+
+
+def _value(name: str, v: Value) -> dict[str, Any]:
+    half = 1.96 * v.stderr
+    return {
+        "name": name,
+        "value": number(v.value, 5),
+        "half": number(half, 2),
+        "unit": "" if v.unit == "1" else v.unit,
+        "note": "on its bound" if v.at_bound else "" if v.identifiable else "undetermined",
+    }
+
+
+def _learnt(c: Comparison) -> list[dict[str, Any]]:
+    """Every effect beside the base over its own variable: the data and the law, in bins."""
+    out = []
+    plain = set(base_model(c.result.model.robot).names())
+    for use in c.result.model.effects:
+        if use.type in plain:
+            continue
+        for joint in c.result.problem.joints if use.joints == ("*",) else use.joints:
+            fit = effects.learnt(c.result, use.type, joint)
+            if fit is None:
+                continue
+            v = effects.variable_of(c.result, fit)
+            sign = 1.0 if v.sign is None else v.sign
+            out.append(
+                {
+                    "effect": use.type,
+                    "joint": joint,
+                    "label": v.label,
+                    **_binned(v.x, fit.partial * sign, fit.effort * sign, v.edges),
+                }
+            )
+    return out
+
+
+def _binned(x: Any, data: Any, law: Any, edges: Any) -> dict[str, list[float | None]]:
+    """Means over the bins that hold enough."""
+    k = np.digitize(x, edges)
+    count = np.bincount(k, minlength=edges.size + 1)[1:-1]
+    good = count > 5
+    mean = [
+        np.bincount(k, y, minlength=edges.size + 1)[1:-1][good] / count[good]
+        for y in (x, data, law)
+    ]
+    return {
+        name: [number(float(v), 4) for v in y]
+        for name, y in zip(("x", "data", "law"), mean, strict=True)
+    }
+
+
+def _series(c: Comparison) -> dict[str, Any]:
+    """Residual and motion of every joint on the fitted runs, thinned for drawing."""
+    p = c.result.problem
+    step = max(1, p.n // POINTS)
+    pick = np.arange(0, p.n, step)
+
+    def short(values: Any) -> list[float | None]:
+        return [number(float(v), 4) for v in values[pick]]
+
+    return {
+        "t": short(p.t),
+        "run": p.run[pick].tolist(),
+        "joints": [
+            {
+                "residual": short(c.result.residual[j]),
+                "effort": short(p.effort[j]),
+                "position": short(p.q[j]),
+                "speed": short(p.qd[j]),
+                "floor": number(float(c.evidence.floor.rms[j])),
+            }
+            for j in range(p.d)
+        ],
+    }
+
+
+#: What the page may ask for, and the names of its arguments.
+VERBS: dict[str, Sequence[str]] = {
+    "start": (),
+    "add": ("effect", "joint"),
+    "remove": ("effect",),
+    "undo": (),
+    "redo": (),
+    "diagnose": (),
+    "take": (),
+    "save": ("path",),
+    "report": ("path",),
+}

@@ -1,0 +1,181 @@
+"""The studio's bench: every request is a verb of the library, and the ladder falls."""
+
+import json
+import threading
+import time
+
+import plants
+import pytest
+
+from hil.errors import ConfigError, DataError
+from hil.models.files import read_model
+from hil.models.model import base_model
+from hil.studio import worker as worker_module
+from hil.studio.workbench import VERBS, Inputs, Workbench
+from hil.studio.worker import Worker, checked
+
+
+def inputs():
+    a, b = plants.stribeck_axis(1), plants.stribeck_axis(2)
+    return Inputs((a,), (b,), base_model(a.robot), ("a.mcap",), ("b.mcap",), "", "")
+
+
+@pytest.fixture(scope="module")
+def begun():
+    bench = Workbench(inputs())
+    return bench, bench.start()
+
+
+def test_the_first_answer_shows_everything_as_json(begun):
+    _, state = begun
+    text = json.dumps(state, allow_nan=False)
+    assert len(text) < 2_000_000
+    joint = state["joints"][0]
+    assert [r["label"] for r in state["ladder"]] == ["base model"]
+    assert state["ladder"][0]["joints"][0]["ratio"] > 1.5
+    assert state["candidates"][0]["effect"] == "stribeck"
+    assert state["candidates"][0]["joint"] == joint and state["candidates"][0]["meaning"]
+    assert state["where"][joint]
+    series = state["series"]
+    assert len(series["t"]) == len(series["joints"][0]["residual"]) <= 6000
+    assert (state["sessions"], state["holdout"]) == (["a.mcap"], ["b.mcap"])
+    assert not state["learnt"] and state["diagnosis"] is None and not state["commands"]
+
+
+def test_adding_an_effect_lets_the_ladder_fall_and_undo_raises_it(begun, tmp_path):
+    bench, first = begun
+    joint = first["joints"][0]
+    added = bench.add("stribeck", joint)
+    before, after = (r["joints"][0]["ratio"] for r in added["ladder"])
+    assert after < 1.15 < 1.5 < before
+    assert added["at"] == 1
+    assert "stribeck" not in [c["effect"] for c in added["candidates"]]
+    (learnt,) = added["learnt"]
+    assert (learnt["effect"], learnt["joint"]) == ("stribeck", joint)
+    assert len(learnt["x"]) == len(learnt["data"]) == len(learnt["law"]) > 5
+    assert added["commands"] == [
+        f"hil add stribeck a.mcap --holdout b.mcap --joint {joint} -o better.toml"
+    ]
+    path = tmp_path / "better.toml"
+    assert bench.save(str(path))["saved"] == str(path.resolve())
+    assert "stribeck" in read_model(path).names()
+    assert bench.undo()["at"] == 0
+    assert bench.redo()["at"] == 1
+    taken = bench.remove("stribeck")
+    assert [r["label"] for r in taken["ladder"]][-1] == "- stribeck"
+    assert taken["ladder"][-1]["joints"][0]["ratio"] == pytest.approx(before, rel=1e-6)
+
+
+def test_what_cannot_be_added_leaves_the_stack(begun):
+    bench, _ = begun
+    count = len(bench.stack)
+    with pytest.raises(ConfigError, match="no joint 'elbow'"):
+        bench.add("stribeck", "elbow")
+    with pytest.raises(ConfigError, match="Did you mean 'stribeck'"):
+        bench.add("stribek", "")
+    with pytest.raises((ConfigError, DataError)):
+        bench.add("coulomb", bench.inputs.runs[0].joints[0])
+    assert len(bench.stack) == count
+
+
+def test_nothing_of_the_users_is_written_over(begun, tmp_path):
+    bench, _ = begun
+    for name, write in (("notes.toml", bench.save), ("page.html", bench.report)):
+        path = tmp_path / name
+        path.write_text("mine")
+        with pytest.raises(ConfigError, match="a file is there"):
+            write(str(path))
+        assert path.read_text() == "mine"
+    with pytest.raises(ConfigError, match=r"ends in \.toml"):
+        bench.save("model.txt")
+    page = tmp_path / "r.html"
+    bench.report(str(page))
+    assert "Comparison" in page.read_text()[:2000]
+
+
+def test_requests_are_checked_before_they_reach_the_bench():
+    assert checked("add", {"effect": "stribeck", "joint": ""})["joint"] == ""
+    for verb, given in (("__init__", {}), ("add", {"effect": "x"}), ("undo", {"n": "1"})):
+        with pytest.raises(ConfigError):
+            checked(verb, given)
+    with pytest.raises(ConfigError, match="as text"):
+        checked("save", {"path": 3})
+    assert all(hasattr(Workbench, verb) for verb in VERBS)
+
+
+class Pipe:
+    """Two ends of a pipe without a process."""
+
+    def __init__(self):
+        self.sent, self.answer = [], threading.Event()
+        self.reply = None
+
+    def send(self, words):
+        self.sent.append(words)
+
+    def recv(self):
+        if not self.answer.wait(5.0) or self.reply is None:
+            raise EOFError
+        return self.reply
+
+
+class Process:
+    def __init__(self):
+        self.killed = False
+
+    def kill(self):
+        self.killed = True
+
+
+@pytest.fixture
+def quiet(monkeypatch):
+    made = []
+
+    def start(self):
+        self._process, self._pipe = Process(), Pipe()
+        made.append((self._process, self._pipe, self._kept))
+
+    monkeypatch.setattr(worker_module.Worker, "_start", start)
+    return Worker(inputs()), made
+
+
+def settled(worker):
+    for _ in range(500):
+        if not worker.status()["running"]:
+            return worker.status()
+        time.sleep(0.002)
+    raise AssertionError("still running")
+
+
+def test_one_request_at_a_time_and_its_answer_becomes_the_state(quiet):
+    worker, made = quiet
+    number = worker.ask("start", {})
+    with pytest.raises(ConfigError, match="start is running"):
+        worker.ask("undo", {})
+    _, pipe, kept = made[0]
+    pipe.reply = ({"at": 0}, "", kept)
+    pipe.answer.set()
+    assert settled(worker) | {"seconds": 0.0} == {
+        "running": "",
+        "seconds": 0.0,
+        "number": number,
+        "error": "",
+        "note": "",
+    }
+    assert worker.state == {"at": 0}
+
+
+def test_a_request_that_is_cancelled_ends_its_process_and_keeps_the_last_answer(quiet):
+    worker, made = quiet
+    worker.ask("start", {})
+    worker.cancel()
+    process, pipe, _ = made[0]
+    assert process.killed and worker.status()["error"] == "cancelled"
+    # an answer that comes late is not taken
+    pipe.reply = ({"at": 9}, "", made[0][2])
+    pipe.answer.set()
+    worker.ask("undo", {})
+    assert len(made) == 2
+    assert worker.state is None
+    made[1][1].answer.set()
+    assert settled(worker)["error"] == "the computation ended before its answer"
