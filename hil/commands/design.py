@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from plotly.io import to_html
-
 from hil import registry
 from hil.commands import common, outputs, plugins
 from hil.errors import ConfigError, unknown
 from hil.report import elements as html
+from hil.report.html import written_by
 from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import build_controller
 from hil.runtime import session
@@ -156,19 +156,42 @@ def page(loops: Sequence[SampledLoop], found: Sequence[DesignSummary], trouble: 
             f"Axis {axes[0].axis}: stability circles, reference 20 N s/m.",
         ),
     )
-    body = f"<h1>{TITLE}</h1>" + html.warnings([trouble] if trouble else [])
+    body = f"<h1>{TITLE}</h1>" + _verdict(found, trouble)
     body += html.section("Gains", html.table(head, gains(loops)))
     body += html.section("Figures of merit", html.table([*head, "goal"], merits(found)))
     body += html.section("Plots", *(embed(f, name, said) for f, name, said in figures))
+    body += html.section("Provenance", html.table(["", ""], written_by(), (0, 1)))
     return html.document(TITLE, body)
 
 
-def embed(figure: Any, name: str, caption: str) -> str:
-    """HTML of a figure with its caption; the page holds plotly's script."""
-    inner = to_html(
-        figure, config={"displaylogo": False}, include_plotlyjs=False, full_html=False, div_id=name
+def _verdict(found: Sequence[DesignSummary], trouble: str) -> str:
+    """What `hil design` says of a design: whether it may run, and whether it is transparent."""
+    told = missed(found)
+    lines = [f"Refused: {trouble}."] if trouble else []
+    lines.append(
+        f"It is not transparent: {'; '.join(told)}."
+        if told
+        else "It is transparent within the band."
     )
-    return f"<figure><figcaption>{html.escape(caption)}</figcaption>{inner}</figure>"
+    lines.append(f"Decisive pair of operator and environment: {found[0].margins.pair}.")
+    headline = f"The design {found[0].name} " + (
+        "is refused; 'hil run' would not start it."
+        if trouble
+        else "may run: both conditions are met."
+    )
+    return html.verdict_box(headline, lines, "#D55E00" if trouble else "#009E73")
+
+
+def embed(figure: Any, name: str, caption: str) -> str:
+    """HTML of a figure with its caption: data for the script that the page holds already."""
+    data = json.loads(figure.to_json())
+    drawn = [name, data["data"], data["layout"], {"displaylogo": False}]
+    told = json.dumps(drawn, separators=(",", ":")).replace("<", "\\u003c")
+    return (
+        f"<figure><figcaption>{html.escape(caption)}</figcaption>"
+        f'<div id="{name}" class="plotly-graph-div"></div>'
+        f'<script type="application/json" class="figure">{told}</script></figure>'
+    )
 
 
 def finite(value: Any) -> Any:

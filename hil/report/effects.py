@@ -37,7 +37,7 @@ class Learnt:
     effort : ndarray (n,)
         What it contributes.
     partial : ndarray (n,)
-        Residual of the final model plus that contribution.
+        Residual of the final model plus that contribution; NaN where an instant is left out.
     """
 
     term: Term
@@ -57,7 +57,8 @@ def learnt(result: FitResult, effect: str, joint: str | None) -> Learnt | None:
         j = term.joint
         if joint is None:
             j = int(np.argmax(np.sqrt(np.mean(effort**2, axis=1)) / result.sigma))
-        return Learnt(term, j, effort[j], result.residual[j] + effort[j])
+        left_out = np.where(problem.live[j], 0.0, np.nan)
+        return Learnt(term, j, effort[j], result.residual[j] + effort[j] + left_out)
     return None
 
 
@@ -330,7 +331,7 @@ def _over(fig: Any, v: Variable, fit: Learnt, column: int, legend: bool) -> None
     put = fig.add_trace
     sign = 1.0 if v.sign is None else v.sign
     y, curve = fit.partial * sign, fit.effort * sign
-    inside = np.flatnonzero((v.x >= v.edges[0]) & (v.x <= v.edges[-1]))
+    inside = np.flatnonzero((v.x >= v.edges[0]) & (v.x <= v.edges[-1]) & np.isfinite(y))
     pick = np.random.default_rng(0).permutation(inside)[:CLOUD_POINTS]
     put(dots(v.x[pick], y[pick], "data", CLOUD, opacity=0.3, showlegend=legend), row=1, col=column)
     everything = np.ones(v.x.size, dtype=bool)
@@ -368,7 +369,7 @@ def _binned(
     legend: bool,
 ) -> None:
     """Mean, quartiles and fitted curve in bins."""
-    where = np.digitize(v.x, v.edges) - 1
+    where = np.where(np.isfinite(y), np.digitize(v.x, v.edges) - 1, -1)
     rows = []
     for k in range(v.edges.size - 1):
         own = which & (where == k)
@@ -407,8 +408,9 @@ def _over_time(fig: Any, result: FitResult, fit: Learnt, loop: bool) -> None:
     time = np.arange(part.stop - part.start) / problem.rate
     x = problem.q[fit.joint, part] if loop else time
     put(line(x, fit.partial[part], "data over time", CLOUD, width=1.6), row=1, col=2)
+    drawn = np.where(np.isfinite(fit.partial[part]), fit.effort[part], np.nan)
     put(
-        line(x, fit.effort[part], "fitted effect over time", AFTER, width=2.4, showlegend=False),
+        line(x, drawn, "fitted effect over time", AFTER, width=2.4, showlegend=False),
         row=1,
         col=2,
     )

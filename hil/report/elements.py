@@ -13,6 +13,7 @@ import hashlib
 import html
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -36,6 +37,9 @@ p, ul { margin: 8px 0; max-width: 860px; }
 .verdict { border-left: 8px solid var(--tone); background: #f6f7f9; padding: 14px 20px; }
 .verdict .head { font-size: 23px; line-height: 1.35; font-weight: 600; margin: 0 0 6px;
   max-width: none; }
+.equation { font: italic 17px/1.6 "STIX Two Text", "Cambria Math", Georgia, serif;
+  margin-left: 24px; }
+.equation b { font-weight: normal; font-style: normal; }
 .next { margin: 14px 0; padding: 10px 20px; border: 1px solid #ccd3da; }
 .note { color: #555; font-size: 13.5px; }
 .warning { border-left: 5px solid #E69F00; background: #fff8e8; padding: 6px 14px; }
@@ -133,6 +137,87 @@ def paragraph(text: str, kind: str = "") -> str:
 def items(texts: Sequence[str]) -> str:
     """Bullet list of plain texts; empty if there are none."""
     return "<ul>" + "".join(f"<li>{_words(t)}</li>" for t in texts) + "</ul>" if texts else ""
+
+
+def verdict_box(headline: str, lines: Sequence[str], tone: str) -> str:
+    """What a page says first: a sentence, and what it rests on.
+
+    Parameters
+    ----------
+    headline : str
+        The verdict.
+    lines : sequence of str
+        Sentences below it.
+    tone : str
+        Colour of the bar at its side.
+    """
+    said = "".join(paragraph(t) for t in lines)
+    return (
+        f'<div class="verdict" style="--tone: {tone}">'
+        f'<p class="head">{escape(headline)}</p>{said}</div>'
+    )
+
+
+#: Names of one letter and an index, and products; other names of several letters are words.
+_INDEXED = frozenset("fc fv fs fd fk fl da dv dc vs vk ia ak xk ck es ec Lrms".split())
+_PRODUCTS = frozenset("kq kl dd dq dz dt".split())
+#: Names that are written with a sign of their own.
+_SIGNS = {
+    "sum": "\u2211",
+    "pi": "\u03c0",
+    "tau": "\u03c4",
+    "psi": "\u03c8",
+    "kappa": "\u03ba",
+    "theta": "\u03b8",
+    "omega": "\u03c9",
+    "alpha": "\u03b1",
+    "beta": "\u03b2",
+    "qd": "q\u0307",
+    "qdd": "q\u0308",
+    "mu": "\u03bc",
+    "zeta": "\u03b6",
+    "sqrt": "\u221a",
+}
+_TOKEN = re.compile(r"[A-Za-z]+[0-9]*|[0-9]+(?:\.[0-9]+)?|<-|>=|<=|\s+|.", re.DOTALL)
+#: What stands below or above the line: in braces, in parentheses (powers), or one word.
+_SCRIPT = re.compile(r"([_^])(?:\{([^}]*)\}|\(([^()]*)\)|([A-Za-z0-9]+))")
+
+
+def typeset(equation: str) -> str:
+    """An equation of the catalogue as HTML: variables slanted, indices below, powers above.
+
+    Parameters
+    ----------
+    equation : str
+        As `hil effects` prints it, e.g. ``tau = fs exp(-|v / vs|^n) tanh(v / v0)``.
+    """
+    out, at = [], 0
+    for found in _SCRIPT.finditer(equation):
+        tag = "sub" if found[1] == "_" else "sup"
+        out.append(_symbols(equation[at : found.start()]))
+        out.append(f"<{tag}>{_symbols(found[2] or found[3] or found[4])}</{tag}>")
+        at = found.end()
+    return "".join([*out, _symbols(equation[at:])])
+
+
+def _symbols(text: str) -> str:
+    return "".join(_symbol(token) for token in _TOKEN.findall(text))
+
+
+def _symbol(token: str) -> str:
+    """One name, number or sign of an equation."""
+    name = re.fullmatch(r"([A-Za-z]+)([0-9]*)", token)
+    if name is None:
+        plain = {"-": "\u2212", "*": "\u00b7", "<-": "\u2190", ">=": "\u2265", "<=": "\u2264"}
+        shown = escape(plain.get(token, token))
+        return f"<b>{shown}</b>" if token[:1].isdigit() else shown
+    word, index = name[1], name[2]
+    if word in _INDEXED:
+        return f"{word[0]}<sub>{word[1:]}{index}</sub>"
+    shown = _SIGNS.get(word, word)
+    if word not in _SIGNS and len(word) > 1 and word not in _PRODUCTS:
+        shown = f"<b>{escape(word)}</b>"
+    return f"{shown}<sub>{index}</sub>" if index else shown
 
 
 def warnings(texts: Sequence[str]) -> str:

@@ -224,7 +224,9 @@ def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, lege
     if uneven:
         count = 3 if old.feature == "load" else 5
         at = np.unique(np.round(np.linspace(0, edges.size - 1, count)).astype(int))
-        labels = [number(float(x), 2) if abs(x) < 999 else "" for x in old.edges[at]]
+        labels = [number(float(x), 2) for x in old.edges[at]]
+        if old.feature.endswith("since-reversal"):
+            labels[-1] = "more"  # the last bin has no end
         ticks |= {"tickmode": "array", "tickvals": at, "ticktext": labels}
     fig.update_xaxes(**ticks, row=row, col=column)
 
@@ -302,7 +304,8 @@ def _ticks(low: float, high: float) -> list[float]:
     return [x for x in every if 10**low <= x <= 10**high]
 
 
-CANDIDATES = 14
+#: Candidates listed, and where their numbers end on the axis [%].
+CANDIDATES, NUMBERS_END = 14, 114
 
 
 # ------------------------------------------------------------ candidates
@@ -337,6 +340,11 @@ def candidates_figure(m: Material) -> Figure | None:
     labels = [escape(f"{c.name} on {place(m, c)}" if place(m, c) else c.name) for c in chosen]
     fig = grid(1, 1, [""], 25.0 * len(chosen) + 20)
     _share_bars(fig, m, chosen, labels)
+    share = [100 * explained(m, c) for c in chosen]
+    numbers = [f"{x:.0f} %" if x >= 0.95 else f"{x:.1f} %" for x in share]
+    look = {"mode": "text", "textposition": "middle left", "showlegend": False, "hoverinfo": "skip"}
+    # beyond every bar and marker, so that none of them covers a number
+    fig.add_trace(scatter(x=[NUMBERS_END] * len(share), y=labels, text=numbers, **look))
     ratio = m.floor / np.maximum(m.before.result.rms, 1e-300)
     whole = [100 * max(0.0, 1 - float(ratio[c.joint]) ** 2) for c in chosen]
     mark = {"symbol": "diamond", "size": 9, "color": FLOOR}
@@ -344,7 +352,9 @@ def candidates_figure(m: Material) -> Figure | None:
     fig.add_trace(scatter(x=whole, y=labels, mode="markers", marker=mark, name=name))
     order: dict[str, Any] = {"categoryorder": "array", "categoryarray": labels[::-1]}
     fig.update_yaxes(**order, tickmode="array", tickvals=labels, showgrid=False)
-    fig.update_xaxes(title_text="share of the joint's squared residual [%]", range=[0, 112])
+    steps: dict[str, Any] = {"tickmode": "array", "tickvals": [0, 20, 40, 60, 80, 100]}
+    title = "share of the joint's squared residual [%]"
+    fig.update_xaxes(title_text=title, range=[0, NUMBERS_END], **steps)
     fig.update_layout(margin={"l": 270}, barmode="overlay", legend_traceorder="normal")
     text = (
         "Each candidate was tried alone beside the first model, its coefficients fitted jointly "
@@ -363,17 +373,12 @@ def _share_bars(fig: Any, m: Material, chosen: list[Candidate], labels: list[str
         (~seen, "not detected", "#bdbdbd"),
     )
     for which, name, color in kinds:
-        text = [f"{x:.0f} %" if x >= 0.95 else f"{x:.1f} %" for x in share[which]]
-        spot = ["inside" if x > 15 else "outside" for x in share[which]]
         bars = bar(
             x=share[which],
             y=np.array(labels)[which],
             orientation="h",
             name=name,
             marker_color=color,
-            text=text,
-            textposition=spot,
-            cliponaxis=False,
         )
         fig.add_trace(bars)
 
@@ -449,7 +454,8 @@ def trace_figure(m: Material) -> Figure:
     most = "the models differ most" if len(m.rungs) > 1 else "the model errs most"
     text = (
         f"The part of the held-out data where {most}. Per joint: measured and predicted "
-        "effort, and below it the residual (grey: plus and minus the rms of the noise floor)."
+        "effort, and below it the residual (grey: plus and minus the rms of the noise floor). "
+        "Gaps: the joint stands still, or the samples are left out of the fit."
     )
     return Figure(fig, "traces", text)
 
@@ -458,7 +464,9 @@ def _joint(fig: Any, m: Material, j: int, part: slice, time: FloatArray) -> None
     old, new = m.before.heldout, m.after.heldout
     top, below, first = 2 * j + 1, 2 * j + 2, j == 0
     put = fig.add_trace
-    y = old.effort[j, part]
+    # what the filter or a standstill leaves out is zero in the sums, and no curve
+    there = np.where(old.effort[j, part] != 0.0, 0.0, np.nan)
+    y = old.effort[j, part] + there
     put(line(time, y, "measured", MEASURED, width=2.4, showlegend=first), row=top, col=1)
     floor = float(m.floor[j])
     band = scatter(
@@ -479,7 +487,7 @@ def _joint(fig: Any, m: Material, j: int, part: slice, time: FloatArray) -> None
     if not single:
         cases.append((new, after_name(m), AFTER, "solid"))
     for held, name, color, dash in cases:
-        r = held.residual[j, part]
+        r = held.residual[j, part] + there
         put(line(time, y - r, name, color, dash=dash, showlegend=first), row=top, col=1)
         put(line(time, r, name, color, dash=dash, width=1.4, showlegend=False), row=below, col=1)
     unit, axes = m.effort_unit(j), fig.update_yaxes

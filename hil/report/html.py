@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -28,6 +29,8 @@ from hil.report.elements import (
     paragraph,
     section,
     table,
+    typeset,
+    verdict_box,
     warnings,
 )
 from hil.report.figures import (
@@ -39,6 +42,7 @@ from hil.report.figures import (
     view_figures,
 )
 from hil.report.text import LEADING, Files, command
+from hil.revision import source_revision
 
 #: What the title of every report ends in, and where it stands at the latest [byte].
 TITLE, HEAD = "of a robot model with measurements", 4096
@@ -99,11 +103,7 @@ def _write(m: Material, path: str | Path, files: Files | None = None) -> None:
 
 def top(m: Material, files: Files | None = None) -> str:
     """Headline, what it rests on, what to do next."""
-    lines = "".join(paragraph(t) for t in text.details(m))
-    box = (
-        f'<div class="verdict" style="--tone: {text.tone(m)}">'
-        f'<p class="head">{escape(text.headline(m))}</p>{lines}</div>'
-    )
+    box = verdict_box(text.headline(m), text.details(m), text.tone(m))
     lines_to_type = command(m, files)
     pre = f"<pre>{escape(lines_to_type)}</pre>" if lines_to_type else ""
     after = f'<div class="next"><b>What to do next</b>{items(text.next_steps(m))}{pre}</div>'
@@ -121,11 +121,13 @@ def ladder(m: Material) -> str:
         f"Errors are rms residual over rms measured effort on {judged}; in brackets the multiple "
         "of the noise floor."
     )
+    simulated = "" if m.external else paragraph(text.BOTH_ERRORS, "note")
     return section(
         "Error ladder",
         ladder_figure(m).html(),
         _numbers(m),
         paragraph(note, "note"),
+        simulated,
         paragraph(text.origin(m), "note"),
         warnings(_alarms(m)),
     )
@@ -236,7 +238,8 @@ def effects(m: Material) -> str:
             continue
         effect = catalogue.get(f.effect)
         parts.append(f"<h3>{escape(text.where(f))}</h3>")
-        parts.append(paragraph(f"{text.meaning(f.effect)}. Equation: {effect.doc.equation}"))
+        parts.append(paragraph(f"{text.meaning(f.effect)}."))
+        parts.append(f'<p class="equation">{typeset(effect.doc.equation)}</p>')
         values = [text.value(n, v, m.joints) for n, v in f.parameters.items()]
         said = param_text.remark(f.effect, f.parameters)
         parts += [items([*values, *([said] if said else [])]), figure.html()]
@@ -354,7 +357,7 @@ def _row(name: str, v: Value, joints: tuple[str, ...]) -> list[str]:
 
 def provenance(m: Material) -> str:
     """Sessions, band, versions."""
-    rows = [["package", f"hil-teleop {_version()}"]]
+    rows = written_by()
     if m.rungs:
         problem, held = m.problem, m.before.heldout
         rows.append(["arm", ", ".join(dict.fromkeys(r.arm for r in problem.recordings))])
@@ -380,6 +383,15 @@ def _run(r: Recording) -> str:
     text = f"{r.n} samples, {r.t[-1] - r.t[0]:.4g} s at {r.rate:.4g} Hz"
     known = {k: r.metadata.get(f"session.{k}", r.metadata.get(k, "")) for k in KEYS}
     return "; ".join([text, *(f"{k.replace('_', ' ')} {v}" for k, v in known.items() if v)])
+
+
+def written_by() -> list[list[str]]:
+    """Rows on the program that writes a page: day, version, revision of its source."""
+    revision, dirty = source_revision()
+    changed = ", with changes" if dirty == "true" else ""
+    day = f"{datetime.now(UTC):%Y-%m-%d}"
+    source = [] if revision == "unknown" else [["revision", revision[:12] + changed]]
+    return [["written", day], ["package", f"hil-teleop {_version()}"], *source]
 
 
 def _version() -> str:

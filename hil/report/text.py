@@ -44,6 +44,14 @@ ORIGIN = {
     "largest model (every effect of the catalogue, and smooth functions of all positions and "
     "speeds) on blocks of time left out of its fit.",
 }
+#: Why a model has two errors.
+BOTH_ERRORS = (
+    "One-step and simulated errors differ. One-step: the motion is the measured one, and the "
+    "effort at each instant is predicted; an error stays where it is. Simulated: the effort is the "
+    "measured one, and the motion follows from it; an error of the effort is integrated twice, so "
+    "that slow and constant errors count most and fast ones hardly. An effect can therefore lower "
+    "one and not the other."
+)
 #: Codes of warnings that stand beside the verdict.
 LEADING = (NO_GEOMETRY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
 

@@ -26,11 +26,12 @@ from hil import registry
 from hil.errors import DataError
 from hil.record.container import Container, read
 from hil.record.decode import decode_joint_state, decode_numbers
+from hil.revision import source_revision
 from hil.rig import estimators, safety
 from hil.rig.config import RigConfig
 from hil.rig.operator import Shop
 from hil.runtime import commands
-from hil.runtime.session import WORDS, source_revision
+from hil.runtime.session import WORDS
 from hil.signals.device import Controller, FloatArray, IntArray, ServoJf, Status
 from hil.signals.frame import TIMING
 from hil.signals.state import OperatingState

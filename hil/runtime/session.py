@@ -13,7 +13,6 @@ import hashlib
 import json
 import math
 import re
-import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
@@ -26,6 +25,7 @@ from hil.record import mcap_read
 from hil.record.mcap_write import SessionWriter
 from hil.record.parts import SessionParts
 from hil.record.schema import Channel
+from hil.revision import source_revision
 from hil.rig import estimators
 from hil.rig.config import RigConfig
 from hil.rig.open import Rig
@@ -200,27 +200,6 @@ def conclude(writer: SessionParts, statistics: Statistics, arrangement: Arrangem
             "refused": "; ".join(arrangement.refused),
         },
     )
-
-
-def source_revision() -> tuple[str, str]:
-    """Revision and dirty flag of the source tree; ``unknown`` outside of one."""
-    here = Path(__file__).resolve().parent
-    words = [
-        "git",
-        "-C",
-        str(here),
-        "describe",
-        "--always",
-        "--abbrev=40",
-        "--dirty",
-        "--exclude=*",
-    ]
-    try:
-        text = subprocess.run(words, capture_output=True, text=True, timeout=5, check=True).stdout
-    except (OSError, subprocess.SubprocessError):
-        return "unknown", "unknown"
-    revision, _, dirty = text.strip().partition("-")
-    return revision, "true" if dirty else "false"
 
 
 def rig_text(config: RigConfig) -> str:

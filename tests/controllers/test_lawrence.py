@@ -271,7 +271,11 @@ def test_the_command_prints_and_writes_what_run_takes(tmp_path, capsys):
     assert main([*words, "-o", own, "--report", str(page)]) == 0
     said = capsys.readouterr().out
     assert "may run" in said and "dz_t/dz_e" in said
-    assert page.read_text().count("<figure>") == 4
+    told = page.read_text()
+    assert told.count("<figure>") == 4 and "may run: both conditions are met" in told
+    # the policy of the page lets no other script draw
+    assert told.count('<script type="application/json" class="figure">') == 4
+    assert "Plotly.newPlot(" not in told.rpartition("</style>")[2].partition("<body>")[2]
     law = load_rig(own).controller
     assert law.name == "lawrence"
     assert law.parameters["c1"][:2] == (150.0, 1.2) or law.parameters["c1"][:2] == [150.0, 1.2]

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import plants
 import plotly.graph_objects as go
 import pytest
 
 import hil
 from hil.errors import ConfigError
+from hil.report.data import from_comparison
+from hil.report.effects import learnt
 from hil.report.html import is_report
+from hil.revision import source_revision
 
 
 @pytest.fixture(scope="module")
@@ -96,3 +101,36 @@ def test_bad_data_says_that_there_is_nothing_to_draw(run):
     assert "joint1 holds NaN" in str(bad)
     with pytest.raises(ConfigError, match="nothing was fitted"):
         bad.plot()
+
+
+def test_what_was_left_out_of_the_fit_is_a_gap_and_not_zero(run):
+    """A joint that rests on the way has no residual there, neither as a curve nor as dots."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    q, tau = run.q.copy(), run.tau.copy()
+    q[2000:2600], tau[2000:2600] = q[2000], 0.02
+    answer = hil.compare(replace(run, q=q, tau=tau), hil.base_model(run.robot))
+    left_out = answer.heldout.effort[0] == 0.0
+    assert 0.02 < left_out.mean() < 0.5
+    measured = answer.plot()["traces"].data[0]
+    y = np.asarray(measured.y, dtype=float)
+    assert not np.any(y == 0.0)
+    m = from_comparison(answer)
+    fit = learnt(m.after.result, "coulomb", "joint1")
+    live = m.problem.live[0]
+    assert np.array_equal(np.isnan(fit.partial), ~live) and not live.all()
+
+
+def test_a_page_says_when_and_by_what_it_was_written(answer, tmp_path):
+    page = answer.report(tmp_path / "r.html").read_text(encoding="utf-8")
+    revision, _ = source_revision()
+    assert f"{datetime.now(UTC):%Y-%m}" in page and revision[:12] in page
+    assert "integrated twice" in page and "f<sub>d</sub> v |v|" in page
+
+
+def test_the_last_bin_after_a_reversal_has_no_end(answer):
+    ticks = [a.ticktext for a in answer.plot()["views-1"].select_xaxes() if a.ticktext]
+    assert sum("more" in t for t in ticks) == 2
+    assert not any(x.startswith("1000") for t in ticks for x in t)

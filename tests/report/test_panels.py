@@ -1,16 +1,19 @@
 """Figures as plain data: the layout that plotly's own classes would make."""
 
 import base64
+import html
 import json
 import re
 
 import numpy as np
+import pytest
 
-from hil.report.elements import Panels, nested
+from hil.models import catalogue
+from hil.report.elements import Panels, nested, typeset
 
 
-def drawn(html: str) -> list:
-    return json.loads(re.search(r'class="figure">(.*)</script>', html).group(1))
+def drawn(page: str) -> list:
+    return json.loads(re.search(r'class="figure">(.*)</script>', page).group(1))
 
 
 def figure() -> Panels:
@@ -49,9 +52,9 @@ def test_written_as_plotly_reads_it():
     x = np.array([1.0, np.nan], dtype=np.float32)
     fig.add_trace({"type": "scatter", "x": x, "y": [1, None], "name": "</script>"}, row=2, col=1)
     fig.add_hline(y=1, line={"dash": "dash"}, row=1, col=1)
-    html = fig.html("name", {"displaylogo": False})
-    assert html.count("</script>") == 1
-    name, (trace,), layout, _ = drawn(html)
+    text = fig.html("name", {"displaylogo": False})
+    assert text.count("</script>") == 1
+    name, (trace,), layout, _ = drawn(text)
     assert (name, trace["xaxis"], trace["yaxis"], trace["name"]) == (
         "name",
         "x3",
@@ -62,3 +65,20 @@ def test_written_as_plotly_reads_it():
     read = np.frombuffer(base64.b64decode(trace["x"]["bdata"]), dtype=np.float32)
     np.testing.assert_array_equal(read, x)
     assert layout["shapes"][0]["xref"] == "x domain"
+
+
+def test_an_equation_is_set_with_indices_powers_and_signs():
+    shown = typeset("tau = fs exp(-|v / vs|^n) + (1 + k)^(1/p) sum_{k=1..6} ck kq")
+    assert "τ = f<sub>s</sub> <b>exp</b>(−|v / v<sub>s</sub>|<sup>n</sup>)" in shown
+    assert "<sup><b>1</b>/p</sup>" in shown and "∑<sub>k=<b>1</b>" in shown
+    assert "c<sub>k</sub> kq" in shown and "<b>&lt;</b>" not in shown
+    assert "<script>" not in typeset("tau = <script>x")
+
+
+@pytest.mark.parametrize("effect", list(catalogue.table().values()), ids=lambda e: e.name)
+def test_every_equation_of_the_catalogue_keeps_its_letters(effect):
+    """Tags away, no mark of an index or a power is left, and every number is there."""
+    plain = html.unescape(re.sub("<[^>]+>", "", typeset(effect.doc.equation)))
+    assert not re.search(r"[_^][\w{(]", plain)
+    digits = [c for c in effect.doc.equation if c.isdigit()]
+    assert [c for c in plain if c.isdigit()] == digits
