@@ -175,6 +175,9 @@ COMMANDS: dict[str, Command] = {
         "the whole story on simulated devices: a hidden effect, found from the recording alone",
     ),
     "run": Command("hil.commands.run", "run a session of a rig and record it"),
+    "ui": Command(
+        "hil.commands.ui", "the operator's page of a rig: commands, forces, health of the loop"
+    ),
     "init": Command("hil.commands.init", "copy a rig file of the package, to edit"),
     "devices": Command(
         "hil.commands.devices",

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import secrets
-import socket
 import webbrowser
 
 from hil.commands import common
-from hil.errors import ConfigError
 from hil.studio.server import application
 from hil.studio.workbench import Inputs
 from hil.studio.worker import Worker
+from hil.web.site import serve
 
 EXAMPLE = "hil studio run1.mcap --holdout run2.mcap --model arm.toml"
 
@@ -34,8 +33,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    if not 0 <= args.port <= 65_535:
-        raise ConfigError(f"--port {args.port}: a number from 0 to 65535 is needed")
     runs, held, model = common.load(args)
     inputs = Inputs(
         tuple(runs),
@@ -48,22 +45,16 @@ def run(args: argparse.Namespace) -> int:
     )
     worker, token = Worker(inputs), secrets.token_urlsafe(24)
     app = application(worker, token, ["127.0.0.1", "localhost"])
-    import uvicorn
 
-    try:
-        listening = socket.create_server(("127.0.0.1", args.port))
-    except OSError as error:
-        raise ConfigError(
-            f"--port {args.port}: {error.strerror}; choose another one, or none"
-        ) from error
-    address = f"http://127.0.0.1:{listening.getsockname()[1]}/?token={token}"
-    common.out(f"The studio is open at {address}\nCtrl-C ends it; models are saved on request only")
+    def told(address: str) -> None:
+        common.out(f"The studio is open at {address}")
+        common.out("Ctrl-C ends it; models are saved on request only")
+        if not args.no_browser:
+            webbrowser.open(address)
+
     worker.ask("start", {})
-    if not args.no_browser:
-        webbrowser.open(address)
-    config = uvicorn.Config(app, log_level="warning", lifespan="off")
     try:
-        uvicorn.Server(config).run(sockets=[listening])
+        serve(app, args.port, told, token)
     finally:
         worker.close()
     return 0

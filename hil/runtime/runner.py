@@ -217,6 +217,10 @@ class Session:
                     "velocity": qd.tolist(),
                     "force": wrench[:3].tolist(),
                     "effort": effort.tolist(),
+                    "lamps": [
+                        self.config.arms[name].force_yellow,
+                        self.config.arms[name].force_red,
+                    ],
                 }
         figures = self.statistics.figures().as_dict()
         return {

@@ -12,7 +12,8 @@ import pytest
 
 from hil.errors import ConfigError
 from hil.record.export import write_recordings
-from hil.studio.server import LARGEST, POLICY, application
+from hil.studio.server import application
+from hil.web.site import LARGEST, POLICY
 
 TestClient = pytest.importorskip("starlette.testclient").TestClient
 TOKEN = "secret"
@@ -56,7 +57,7 @@ def test_the_page_is_for_who_has_the_address(page):
 
 def test_nothing_is_loaded_from_outside(page):
     client, _ = page
-    for name in ("studio.js", "plot.js", "studio.css", "icon.svg"):
+    for name in ("studio.js", "plot.js", "base.css", "icon.svg"):
         found = client.get(f"/static/{name}")
         assert found.status_code == 200
         outside = re.findall(r"https?://[^\s\"')]+", found.text)
@@ -68,8 +69,8 @@ def test_nothing_is_loaded_from_outside(page):
 
 def test_requests_of_others_are_refused(page):
     client, worker = page
-    head = {"X-Studio-Token": TOKEN}
-    for given in ({}, {"X-Studio-Token": "guess"}, {"X-Studio-Token": ""}):
+    head = {"X-Hil-Token": TOKEN}
+    for given in ({}, {"X-Hil-Token": "guess"}, {"X-Hil-Token": ""}):
         assert client.post("/api/ask", json={"verb": "undo"}, headers=given).status_code == 403
         assert client.get("/api/state", headers=given).status_code == 403
     assert client.get("/api/state", headers=head | {"Host": "evil.example"}).status_code == 400
@@ -87,7 +88,7 @@ def test_requests_of_others_are_refused(page):
 )  # fmt: skip
 def test_what_is_no_request_is_said(page, body, status):
     client, worker = page
-    found = client.post("/api/ask", content=body, headers={"X-Studio-Token": TOKEN})
+    found = client.post("/api/ask", content=body, headers={"X-Hil-Token": TOKEN})
     assert found.status_code == status and found.json()["error"]
     assert not worker.asked
 

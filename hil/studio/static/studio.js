@@ -13,7 +13,7 @@ function el(name, content = "", kind = "") {
 }
 
 async function call(path, body) {
-  const options = { headers: { "X-Studio-Token": token } };
+  const options = { headers: { "X-Hil-Token": token } };
   if (body !== undefined) { options.method = "POST"; options.body = JSON.stringify(body); }
   const answer = await fetch(path, options);
   return answer.json();

@@ -1,0 +1,110 @@
+"""`hil ui`: the operator's page of a rig: commands, forces, tracking, health of the loop."""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+import threading
+import time
+import webbrowser
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hil.commands import common
+from hil.commands.run import add_rearm
+from hil.errors import ConfigError
+from hil.rig.config import load_rig
+from hil.ui.desk import Desk
+from hil.web.site import serve, site
+
+EXAMPLE = "hil ui teleop -o sessions --clock real"
+#: How often the page that commands is looked after [s].
+_WATCHED = 0.2
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("rig", metavar="RIG.toml", help="rig file")
+    parser.add_argument(
+        "-o", "--output", default=".", metavar="FOLDER", help="where sessions are written"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=3600.0, help="longest session [s] (default 3600)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the simulation (default 0)")
+    parser.add_argument("--port", type=int, default=0, help="port; default: a free one")
+    parser.add_argument(
+        "--no-browser", action="store_true", help="print the address, and open no browser"
+    )
+    add_rearm(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until Ctrl-C; a session that runs is ended properly."""
+    config, folder = load_rig(args.rig), Path(args.output)
+    if not folder.is_dir():
+        raise ConfigError(f"--output {folder}: no such folder; make it first")
+    # a page is for people: time is real
+    words = [args.rig, "--clock", "real", "--seconds", f"{args.seconds:g}"]
+    words += ["--seed", str(args.seed), *(["--rearm"] if args.rearm else [])]
+    desk = Desk(words, lambda: _next(folder, config.name))
+    token = secrets.token_urlsafe(24)
+    done = threading.Event()
+    threading.Thread(target=_watch, args=(desk, done), daemon=True).start()
+
+    def told(address: str) -> None:
+        common.out(f"The operator's page is open at {address}")
+        common.out("Ctrl-C ends the page and the session")
+        if not args.no_browser:
+            webbrowser.open(address)
+
+    try:
+        serve(application(desk, token, config.name), args.port, told, token)
+    finally:
+        done.set()
+        desk.close()
+    return 0
+
+
+def application(desk: Desk, token: str, rig: str) -> Any:
+    """ASGI application of the operator's page."""
+
+    def page(given: Mapping[str, Any]) -> str:
+        name = given.get("page")
+        if not isinstance(name, str) or not 8 <= len(name) <= 64:
+            raise ConfigError("a page has a name of 8 to 64 characters")
+        return name
+
+    def view(given: Mapping[str, Any]) -> dict[str, Any]:
+        return desk.view(page(given), time.monotonic()) | {"rig": rig}
+
+    def take(given: Mapping[str, Any]) -> dict[str, Any]:
+        desk.take(page(given), time.monotonic())
+        return {}
+
+    def begin(given: Mapping[str, Any]) -> dict[str, Any]:
+        desk.begin(page(given), time.monotonic())
+        return {}
+
+    def command(given: Mapping[str, Any]) -> dict[str, Any]:
+        return desk.command(page(given), given, time.monotonic())
+
+    requests = {"take": take, "begin": begin, "command": command}
+    return site("hil.ui", ("ui.js", "ui.css"), {"view": view}, requests, token,
+                ["127.0.0.1", "localhost", "testserver"])  # fmt: skip
+
+
+def _watch(desk: Desk, done: threading.Event) -> None:
+    while not done.wait(_WATCHED):
+        desk.watch(time.monotonic())
+
+
+def _next(folder: Path, name: str) -> Path:
+    """File of the next session: the rig's name and the time of day, free."""
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    path, k = folder / f"{name}-{stamp}.mcap", 1
+    while path.exists():
+        k += 1
+        path = folder / f"{name}-{stamp}-{k}.mcap"
+    return path

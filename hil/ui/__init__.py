@@ -1,0 +1,1 @@
+"""The operator's page: commands, live figures and the state of a session in the browser."""

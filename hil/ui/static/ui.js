@@ -1,0 +1,116 @@
+// The operator's page: asks ten times a second, draws, and passes commands on.  Data is set as text.
+import { plot, range } from "./plot.js";
+
+const token = new URLSearchParams(location.search).get("token") || "";
+const page = crypto.randomUUID();
+const $ = (id) => document.getElementById(id);
+const KEPT = 400;
+let number = 0, last = null, told = "", seen = 0;
+const track = { t: [], arms: {} };
+
+async function call(path, body) {
+  const options = { headers: { "X-Hil-Token": token } };
+  if (body !== undefined) { options.method = "POST"; options.body = JSON.stringify({ page, ...body }); }
+  return (await fetch(path, options)).json();
+}
+
+async function ask(path, body = {}) {
+  const found = await call(`/api/${path}`, body);
+  told = found.error || "";
+}
+
+// a number of its own makes a command that is sent twice done once
+const say = (text) => ask("command", { text, number: ++number });
+
+const NEXT = {
+  DISABLED: "Press Start when everybody is clear of the arms.", ENABLED: "The law runs. Pause takes the torque away.",
+  PAUSED: "Without torque. Resume begins where the arms are now.", FAULT: "Look at the reason, then begin a new session.",
+};
+
+function show(v) {
+  last = v;
+  const s = v.session, state = v.running ? s.state || "starting" : v.code === null ? "no session" : `ended (${v.code})`;
+  $("rig").textContent = `Rig ${v.rig}`;
+  $("record").textContent = v.record ? `record: ${s.record || v.record}` : "no record yet";
+  $("state").textContent = state;
+  $("state").dataset.level = state === "ENABLED" ? "good" : state === "FAULT" || v.code > 0 ? "bad" : "warn";
+  $("next").textContent = told || (v.running ? (s.why && s.state !== "ENABLED" ? `${s.why}. ` : "") + (NEXT[s.state] || "") :
+    v.commands ? "Press New session." : v.free ? "Press Take command." : "Another page commands; this one watches.");
+  $("status").classList.toggle("error", Boolean(told));
+  $("take").disabled = v.commands || !v.free;
+  $("begin").disabled = !v.commands || v.running;
+  for (const b of document.querySelectorAll("[data-say], #set button, #note button"))
+    b.disabled = !v.running || (!v.commands && b.dataset.say !== "stop");
+  $("said").replaceChildren(...[...v.log.slice(-3), ...v.said.slice(-4)].map((x) => { const e = document.createElement("li"); e.textContent = x; return e; }));
+  settable(s.settable || {});
+  if (s.arms && v.number !== seen) { seen = v.number; keep(s); draw(); }
+  health(s);
+}
+
+function settable(all) {
+  const box = $("name"), names = Object.keys(all);
+  if (box.options.length !== names.length) box.replaceChildren(...names.map((n) => { const o = document.createElement("option"); o.value = o.textContent = n; return o; }));
+  const r = all[box.value];
+  $("range").textContent = r ? `${r.entries > 1 ? `${r.entries} numbers, ` : ""}${r.low} to ${r.high} ${r.unit}` : "";
+}
+
+function keep(s) {
+  if (track.t.length && s.seconds < track.t[track.t.length - 1]) { track.t = []; track.arms = {}; }
+  track.t.push(s.seconds);
+  for (const [name, a] of Object.entries(s.arms)) (track.arms[name] ||= []).push(a);
+  while (track.t.length > KEPT) { track.t.shift(); for (const a of Object.values(track.arms)) a.shift(); }
+}
+
+const size = (f) => Math.hypot(...f.map((x) => x || 0));
+const COLORS = ["--before", "--after"];
+
+function lines(id, values, ylabel) {
+  const t = track.t;
+  plot($(id), { xs: range(t, 0), ys: range(values.flat()), xlabel: "time [s]", ylabel, layers: values.map((y, k) => ({ x: t, y, color: COLORS[k], width: 1.6 })),
+    title: values.length > 1 ? "leader (orange), follower (blue)" : "" });
+}
+
+function draw() {
+  const arms = Object.entries(track.arms), j = Number($("joint").value);
+  if (!arms.length) return;
+  lines("force", arms.map(([, a]) => a.map((x) => size(x.force))), "force [N]");
+  lines("position", arms.map(([, a]) => a.map((x) => x.position[j])), "position [rad]");
+  lines("effort", arms.map(([, a]) => a.map((x) => x.effort[j])), "effort [N m]");
+  if (arms.length === 2) lines("error", [arms[0][1].map((x, k) => x.position[j] - arms[1][1][k].position[j])], "leader - follower [rad]");
+  $("forces").replaceChildren(...arms.map(([name, a]) => {
+    const f = size(a[a.length - 1].force), e = document.createElement("span");
+    e.className = "lamp"; e.textContent = `${name}: ${f.toFixed(2)} N`;
+    // thresholds of the rig file; 0 is none
+    const [yellow, red] = a[a.length - 1].lamps;
+    if (yellow || red) e.dataset.level = red && f >= red ? "bad" : yellow && f >= yellow ? "warn" : "good";
+    return e;
+  }));
+}
+
+function health(s) {
+  if (s.tick === undefined) return;
+  const rows = { "time": `${s.seconds.toFixed(1)} s, tick ${s.tick}`, "wake-up late, p99": `${s.late_p99_us.toFixed(1)} us`, "missed deadlines": s.missed,
+    "rows dropped": s.dropped, "most rows waiting": s.ring, "rows not written": s.unwritten, "hottest winding": `${s.winding.toFixed(0)} degC`, "controller": s.controller };
+  $("health").replaceChildren(...Object.entries(rows).map(([k, v]) => {
+    const d = document.createElement("div"), a = document.createElement("dt"), b = document.createElement("dd");
+    a.textContent = k; b.textContent = v; d.append(a, b); return d;
+  }));
+}
+
+$("take").onclick = () => ask("take");
+$("begin").onclick = () => ask("begin");
+$("emergency").onclick = () => say("stop");
+for (const b of document.querySelectorAll("[data-say]")) b.onclick = () => say(b.dataset.say);
+$("set").onsubmit = (e) => { e.preventDefault(); say(`set ${$("name").value} ${$("value").value}`); };
+$("note").onsubmit = (e) => { e.preventDefault(); say(`note ${$("text").value}`); $("text").value = ""; };
+$("joint").onchange = draw;
+window.addEventListener("keydown", (e) => { if (e.key === "Escape") { e.preventDefault(); say("stop"); } });
+window.addEventListener("resize", draw);
+
+(async () => {
+  for (;;) {
+    try { show(await call(`/api/view?page=${page}`)); }
+    catch { $("next").textContent = "The program does not answer. The session pauses by itself."; $("status").classList.add("error"); }
+    await new Promise((done) => setTimeout(done, 100));
+  }
+})();

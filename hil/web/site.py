@@ -1,0 +1,160 @@
+"""A small site for one user: a page, its files, and JSON requests that need a secret.
+
+The page is given to who knows the token of the printed address; every request must carry it in a
+header, which no other site can send.  Nothing is loaded from outside.
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+import socket
+from collections.abc import Awaitable, Callable, Mapping
+from importlib.resources import files
+from typing import Any
+
+from hil.errors import ConfigError
+
+#: Bytes of a request: a verb and a few names.
+LARGEST = 16_384
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
+#: Files of all pages.
+_SHARED = ("base.css", "plot.js", "icon.svg")
+#: Answers a request: what was asked, as an object (empty for a question without a body).
+Answer = Callable[[Mapping[str, Any]], Any]
+
+
+def site(
+    package: str,
+    own: tuple[str, ...],
+    questions: Mapping[str, Answer],
+    requests: Mapping[str, Answer],
+    token: str,
+    hosts: list[str],
+) -> Any:
+    """ASGI application of a page.
+
+    Parameters
+    ----------
+    package : str
+        Package whose folder ``static`` holds ``index.html`` and the page's files.
+    own : tuple of str
+        Names of those files.
+    questions, requests : mapping of str to callable
+        Answers of ``GET /api/NAME`` (its query as the object) and ``POST /api/NAME``.
+    token : str
+        Secret of the printed address.
+    hosts : list of str
+        Names by which the server may be asked.
+
+    Raises
+    ------
+    ConfigError
+        If Starlette is not installed.
+    """
+    try:
+        from starlette.applications import Starlette
+        from starlette.middleware import Middleware
+        from starlette.middleware.trustedhost import TrustedHostMiddleware
+        from starlette.requests import Request
+        from starlette.responses import JSONResponse, Response
+        from starlette.routing import Route
+    except ImportError as error:
+        raise ConfigError(
+            "the pages need Starlette and uvicorn; install them: pip install 'hil-teleop[ui]'"
+        ) from error
+
+    def same(given: str) -> bool:
+        return hmac.compare_digest(given.encode(), token.encode())
+
+    def answer(content: bytes, kind: str, status: int = 200) -> Response:
+        headers = {
+            "Content-Security-Policy": POLICY,
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+            "Cache-Control": "no-store",
+        }
+        return Response(content, status, headers, f"{kind}; charset=utf-8")
+
+    async def page(request: Request) -> Response:
+        if not same(request.query_params.get("token", "")):
+            return answer(b"This page opens with the address that was printed.", "text/plain", 403)
+        return answer(_file(package, "index.html"), "text/html")
+
+    async def static(request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in (*own, *_SHARED):
+            return answer(b"no such file", "text/plain", 404)
+        content = _file("hil.web" if name in _SHARED else package, name)
+        return answer(content, _TYPES[name.rpartition(".")[2]])
+
+    def handler(found: Answer) -> Callable[[Request], Awaitable[Any]]:
+        async def wrapped(request: Request) -> Any:
+            if not same(request.headers.get("x-hil-token", "")):
+                return JSONResponse({"error": "another token; reload the printed address"}, 403)
+            try:
+                if request.method == "GET":
+                    return JSONResponse(found(dict(request.query_params)))
+                body = await request.body()
+                if len(body) > LARGEST:
+                    return JSONResponse({"error": "the request is too large"}, 413)
+                given = json.loads(body)
+                if not isinstance(given, dict):
+                    raise ConfigError("a request is an object")
+                return JSONResponse(found(given))
+            except (ValueError, ConfigError) as error:
+                return JSONResponse({"error": str(error)}, 400)
+
+        return wrapped
+
+    return Starlette(
+        routes=[
+            Route("/", page),
+            Route("/static/{name}", static),
+            *(Route(f"/api/{name}", handler(f)) for name, f in questions.items()),
+            *(Route(f"/api/{name}", handler(f), methods=["POST"]) for name, f in requests.items()),
+        ],
+        middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts)],
+    )
+
+
+def serve(app: Any, port: int, told: Callable[[str], None], token: str) -> None:
+    """Serve an application on this machine alone until Ctrl-C.
+
+    Parameters
+    ----------
+    app : ASGI application
+        From `site`.
+    port : int
+        0 takes a free one.
+    told : callable
+        Takes the address with the token.
+    token : str
+        Secret.
+
+    Raises
+    ------
+    ConfigError
+        If the port cannot be taken.
+    """
+    import uvicorn
+
+    if not 0 <= port <= 65_535:
+        raise ConfigError(f"--port {port}: a number from 0 to 65535 is needed")
+    try:
+        listening = socket.create_server(("127.0.0.1", port))
+    except OSError as error:
+        raise ConfigError(
+            f"--port {port}: {error.strerror}; choose another one, or none"
+        ) from error
+    told(f"http://127.0.0.1:{listening.getsockname()[1]}/?token={token}")
+    config = uvicorn.Config(app, log_level="warning", lifespan="off")
+    uvicorn.Server(config).run(sockets=[listening])
+
+
+def _file(package: str, name: str) -> bytes:
+    return (files(package) / "static" / name).read_bytes()

@@ -1,0 +1,259 @@
+"""The operator's desk: one page commands, commands are done once, silence pauses, anybody stops."""
+
+import json
+import re
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.cli import main
+from hil.commands.ui import application
+from hil.errors import ConfigError
+from hil.record.mcap_read import load, read_metadata
+from hil.rig.config import load_rig
+from hil.runtime import runner
+from hil.runtime.board import SIZE, BoardWriter, read_board
+from hil.ui.desk import RATE, SILENCE, Desk
+
+TestClient = pytest.importorskip("starlette.testclient").TestClient
+ONE, OTHER = "page-one-1", "page-two-2"
+
+
+class Program:
+    """A session that only remembers what it was told."""
+
+    def __init__(self, words):
+        self.words, self.lines, self.code, self.said = words, [], None, ["hello"]
+
+    def write(self, line):
+        self.lines.append(line)
+
+    def snapshot(self):
+        return 3, {"state": "ENABLED"}
+
+    def end(self):
+        self.code = 0
+
+    def wait(self, seconds):
+        pass
+
+
+@pytest.fixture
+def desk():
+    made = []
+
+    def make(words):
+        made.append(Program(words))
+        return made[-1]
+
+    return Desk(["teleop"], lambda: Path("s.mcap"), make), made
+
+
+def begun(desk, now=0.0):
+    desk.take(ONE, now)
+    desk.begin(ONE, now)
+    return desk
+
+
+def test_one_page_commands_and_the_others_watch(desk):
+    desk, made = desk
+    begun(desk)
+    assert made[0].words == ["teleop", "--wait", "-o", "s.mcap"]
+    with pytest.raises(ConfigError, match="another page commands"):
+        desk.take(OTHER, 1.0)
+    with pytest.raises(ConfigError, match="does not command"):
+        desk.command(OTHER, {"number": 1, "text": "pause"}, 1.0)
+    assert desk.command(ONE, {"number": 1, "text": "start"}, 1.0) == {"done": 1}
+    assert made[0].lines == ["start"]
+    seen = desk.view(OTHER, 1.0)
+    assert (seen["commands"], seen["free"], seen["running"]) == (False, False, True)
+    assert seen["session"] == {"state": "ENABLED"} and seen["said"] == ["hello"]
+
+
+def test_a_command_that_arrives_twice_is_done_once(desk):
+    desk, made = desk
+    begun(desk)
+    for _ in range(3):
+        assert desk.command(ONE, {"number": 4, "text": "pause"}, 0.1) == {"done": 4}
+    desk.command(ONE, {"number": 2, "text": "resume"}, 0.2)
+    assert made[0].lines == ["pause"]
+
+
+def test_anybody_may_stop(desk):
+    desk, made = desk
+    begun(desk)
+    desk.command(OTHER, {"number": 1, "text": "stop"}, 0.1)
+    assert made[0].lines == ["stop"]
+
+
+def test_a_page_that_is_silent_pauses_the_rig_and_frees_the_place(desk):
+    desk, made = desk
+    begun(desk)
+    for k in range(10):
+        desk.view(ONE, 0.5 * k)
+        desk.watch(0.5 * k)
+    assert made[0].lines == []
+    desk.watch(4.5 + SILENCE + 0.1)
+    desk.watch(4.5 + SILENCE + 0.5)
+    assert made[0].lines == ["pause"]
+    with pytest.raises(ConfigError, match="does not command"):
+        desk.command(ONE, {"number": 9, "text": "resume"}, 7.2)
+    desk.take(OTHER, 7.3)
+    assert desk.view(OTHER, 7.3)["commands"]
+    assert any("not heard" in line for line in desk.view(OTHER, 7.3)["log"])
+
+
+def test_too_many_commands_are_refused(desk):
+    desk, made = desk
+    begun(desk)
+    for k in range(RATE):
+        desk.command(ONE, {"number": k + 1, "text": "pause"}, 0.01 * k)
+    with pytest.raises(ConfigError, match="within a second"):
+        desk.command(ONE, {"number": RATE + 1, "text": "pause"}, 0.5)
+    desk.view(ONE, 1.5)
+    desk.command(ONE, {"number": RATE + 1, "text": "pause"}, 1.6)
+    assert len(made[0].lines) == RATE + 1
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"number": 1, "text": "rm -rf"}, "command 'rm'"),
+        ({"number": 1, "text": ""}, "command ''"),
+        ({"number": 1, "text": "note a\nstart"}, "printable"),
+        ({"number": 1, "text": "note " + "x" * 300}, "at most"),
+        ({"number": "1", "text": "pause"}, "a number and a text"),
+        ({"number": True, "text": "pause"}, "a number and a text"),
+        ({"text": "pause"}, "a number and a text"),
+    ],
+)
+def test_what_is_no_command_is_refused(desk, given, said):
+    desk, made = desk
+    begun(desk)
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        desk.command(ONE, given, 0.1)
+    assert made[0].lines == []
+
+
+def test_a_session_begins_when_none_runs(desk):
+    desk, made = desk
+    with pytest.raises(ConfigError, match="does not command"):
+        desk.begin(ONE, 0.0)
+    begun(desk)
+    with pytest.raises(ConfigError, match="a session is running"):
+        desk.begin(ONE, 0.1)
+    made[0].code = 0
+    with pytest.raises(ConfigError, match="no session is running"):
+        desk.command(ONE, {"number": 1, "text": "start"}, 0.2)
+    desk.begin(ONE, 0.3)
+    assert len(made) == 2
+    desk.close()
+    assert made[1].code == 0
+
+
+def test_the_page_answers_requests_with_its_secret(desk):
+    desk, made = desk
+    client, head = TestClient(application(desk, "secret", "teleop")), {"X-Hil-Token": "secret"}
+    found = client.get("/?token=secret")
+    assert found.status_code == 200 and "Emergency stop" in found.text
+    for name in ("ui.js", "ui.css", "base.css", "plot.js"):
+        assert "http" not in client.get(f"/static/{name}").text.replace("http://www.w3.org", "")
+    assert client.post("/api/take", json={"page": ONE}).status_code == 403
+    assert client.get("/api/view?page=x", headers=head).status_code == 400
+    assert client.post("/api/take", json={"page": ONE}, headers=head).json() == {}
+    assert client.post("/api/begin", json={"page": ONE}, headers=head).json() == {}
+    more = {"page": ONE, "number": 1, "text": "start"}
+    assert client.post("/api/command", json=more, headers=head).json() == {"done": 1}
+    seen = client.get(f"/api/view?page={ONE}", headers=head).json()
+    assert seen["rig"] == "teleop" and seen["commands"] and made[0].lines == ["start"]
+    again = client.post("/api/take", json={"page": OTHER}, headers=head)
+    assert again.status_code == 400 and "another page" in again.json()["error"]
+
+
+def test_a_board_shows_the_last_whole_snapshot(tmp_path):
+    path = tmp_path / "board"
+    assert read_board(path) == (0, {})
+    done, wrong = threading.Event(), []
+
+    def read():
+        while not done.is_set():
+            number, found = read_board(path)
+            if number and found["a"] != [found["a"][0]] * 500:
+                wrong.append(found)
+
+    with BoardWriter(path) as board:
+        reader = threading.Thread(target=read)
+        reader.start()
+        for k in range(300):
+            board.publish({"a": [k] * 500})
+        done.set()
+        reader.join()
+        assert not wrong
+        assert read_board(path) == (300, {"a": [299] * 500})
+        board.publish({"x": float("nan"), "y": [float("inf"), 1.0]})
+        assert read_board(path)[1] == {"x": None, "y": [None, 1.0]}
+        board.publish({"long": "x" * SIZE})
+        assert "too long" in read_board(path)[1]["error"]
+
+
+def test_a_session_shows_itself_and_keeps_notes(tmp_path):
+    path = tmp_path / "board"
+    with BoardWriter(path) as board:
+        operator = runner.Operator([(0.3, "note first touch")], board=board)
+        config = load_rig("teleop")
+        runner.run(config, 0.6, 1, "lockstep", tmp_path / "s.mcap", operator=operator)
+    number, seen = read_board(path)
+    assert (
+        number >= 8 and seen["state"] == "ENABLED" and set(seen["arms"]) == {"leader", "follower"}
+    )
+    last = load(tmp_path / "s.mcap", "leader")
+    k = seen["tick"] - 1
+    assert np.any(
+        np.all(np.isclose(last.q[k - 15 : k + 15], seen["arms"]["leader"]["position"]), 1)
+    )
+    assert "force_scale" in seen["settable"] and seen["record"].endswith("s.mcap")
+    assert b"note first touch" in _events(tmp_path / "s.mcap")
+    assert "session" in read_metadata(tmp_path / "s.mcap")
+
+
+def _events(path):
+    from hil.record.container import read
+
+    return b"".join(read(path).topics["/events"].data)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["--output", "none"], "no such folder"), (["--port", "70000"], "from 0 to 65535")],
+)
+def test_what_cannot_be_served_is_said(tmp_path, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    assert main(["ui", "teleop", "--no-browser", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.real_time
+def test_a_session_of_the_page_runs_and_pauses_when_nobody_writes_any_more(tmp_path):
+    desk = Desk(["teleop", "--clock", "real", "--seconds", "60"], lambda: tmp_path / "s.mcap")
+    desk.take(ONE, 0.0)
+    desk.begin(ONE, 0.0)
+
+    def until(state):
+        for _ in range(600):
+            seen = desk.view(ONE, 0.1)
+            if seen["session"].get("state") == state or (state == "ended" and not seen["running"]):
+                return seen
+            time.sleep(0.05)
+        raise AssertionError(json.dumps(seen))
+
+    until("DISABLED")
+    desk.command(ONE, {"number": 1, "text": "start"}, 0.1)
+    until("ENABLED")
+    program = desk._program
+    program._process.stdin.close()  # as if the page's program had been killed
+    until("PAUSED")
+    desk.close()
+    assert load(tmp_path / "s.mcap", "leader").n > 100
