@@ -1,4 +1,4 @@
-"""Arrays of a binary table (NPZ, MAT), read in a process of its own with limits.
+"""Arrays of a binary table (NPZ, MAT) or a ROS bag, read in a process of its own with limits.
 
 The readers of these formats trust what a file says of itself: of a damaged one they claim any
 amount of memory, and the reader of MAT files crashes.  Here they run in a process that may take
@@ -15,7 +15,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError
+from hil.record import bag_messages
 from hil.userfile import open_regular
 
 Array = NDArray[np.generic]
@@ -39,6 +40,8 @@ WORKING = 3
 PATIENCE_S, SPEED = 20.0, 2e6
 #: The reader; a file of its name in the working directory is not run.
 _WORDS = (sys.executable, "-P", "-m", "hil.record.foreign")
+#: Endings of ROS bags; a folder is one, too.
+_BAGS = (".bag", ".db3", ".mcap")
 #: Kinds of numbers that are handed over.
 _NUMBERS = "biuf"
 
@@ -49,7 +52,7 @@ def allowed(size: int) -> int:
 
 
 def read_arrays(path: Path) -> Arrays:
-    """Arrays of a NPZ or MAT file by name; what holds no real numbers has its type, and zeros.
+    """Arrays of a NPZ or MAT file or a bag by name; what holds no real numbers has zeros.
 
     Raises
     ------
@@ -58,8 +61,8 @@ def read_arrays(path: Path) -> Arrays:
     OSError
         If it is not there, no regular file, or too large.
     """
-    with open_regular(path, LARGEST) as file:
-        size = os.fstat(file.fileno()).st_size
+    size = _size(path)
+    what = "bag" if path.is_dir() or path.suffix.lower() in _BAGS else "table"
     with tempfile.TemporaryFile() as answer:
         words = [*_WORDS, str(path.resolve())]
         seconds = PATIENCE_S + size / SPEED
@@ -76,20 +79,31 @@ def read_arrays(path: Path) -> Arrays:
             )
         except subprocess.TimeoutExpired:
             raise DataError(
-                f"table {path} was not read within {seconds:.0f} s; it is damaged, or export it "
+                f"{what} {path} was not read within {seconds:.0f} s; it is damaged, or export it "
                 "as CSV"
             ) from None
         answer.seek(0)
         try:
             return _received(answer, allowed(size))
         except DataError as error:
-            raise DataError(f"table {path} {error}") from None
+            raise DataError(f"{what} {path} {error}") from None
         except ValueError as error:
             how = f"signal {-done.returncode}" if done.returncode < 0 else str(error)
             raise DataError(
-                f"table {path} cannot be read: the reader of {path.suffix} files failed on it "
+                f"{what} {path} cannot be read: the reader of {path.suffix} files failed on it "
                 f"({how}); it is damaged: export it again, or as CSV"
             ) from None
+
+
+def _size(path: Path) -> int:
+    """Bytes of a file, or of the files of a bag's folder, each a regular one."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    total = 0
+    for one in files:
+        if one is path or one.suffix.lower() in (".yaml", *_BAGS):
+            with open_regular(one, LARGEST) as file:
+                total += os.fstat(file.fileno()).st_size
+    return total
 
 
 def _received(answer: IO[bytes], most: int) -> Arrays:
@@ -205,16 +219,47 @@ def _parts(name: str, value: Array) -> Iterator[tuple[str, str | None, Array]]:
         yield name, field, np.asarray(fields[field].ravel()[0] if one else fields[field])
 
 
+_Parts = Iterator[tuple[str, str | None, Array]]
+
+
+def _npz_parts(path: str, most: int) -> _Parts:
+    return (p for name, value in _npz(path, most) for p in _parts(name, value))
+
+
+def _mat_parts(path: str, most: int) -> _Parts:
+    return (p for name, value in _mat(path, most) for p in _parts(name, value))
+
+
+def _nothing() -> None:
+    """Nothing is to be loaded."""
+
+
+def _load_mat() -> None:
+    import scipy.io  # noqa: F401
+
+
+#: By ending: what a file should be, what is loaded before memory is limited, and the reader.
+_READERS: dict[str, tuple[str, Callable[[], None], Callable[[str, int], _Parts]]] = {
+    ".npz": ("an NPZ file of plain arrays", _nothing, _npz_parts),
+    ".mat": ("a MAT file of plain arrays", _load_mat, _mat_parts),
+    **dict.fromkeys(
+        _BAGS, ("a ROS bag that rosbags reads", bag_messages.prepare, bag_messages.messages)
+    ),
+}
+
+
 def _answer(path: str) -> dict[str, Any]:
     """Read a file and write its arrays; what could not be read becomes a sentence."""
-    reader = _npz if path.lower().endswith(".npz") else _mat
-    if reader is _mat:
-        import scipy.io  # noqa: F401 - before memory is limited
-    most = allowed(os.path.getsize(path))
-    _limit(most)
-    kind = "an NPZ" if reader is _npz else "a MAT"
+    ending = ".bag" if os.path.isdir(path) else os.path.splitext(path)[1].lower()
+    kind, load, reader = _READERS[ending]
     try:
-        parts = [p for name, value in reader(path, most) for p in _parts(name, value)]
+        load()
+    except DataError as error:
+        return {"error": str(error)}
+    most = allowed(_size(Path(path)))
+    _limit(most)
+    try:
+        parts = list(reader(path, most))
     except DataError as error:
         return {"error": str(error)}
     except MemoryError:
@@ -222,7 +267,7 @@ def _answer(path: str) -> dict[str, Any]:
     except NotImplementedError:
         return {"error": "is a MAT file of version 7.3; save it with save(..., '-v7')"}
     except Exception as error:  # the readers raise many kinds on a damaged file
-        return {"error": f"is not {kind} file of plain arrays: {error}"[:1000]}
+        return {"error": f"is not {kind}: {error}"[:1000]}
     if len(parts) > MOST_ARRAYS:
         return {"error": f"holds {len(parts)} arrays; at most {MOST_ARRAYS} are read"}
     return {"parts": parts}
