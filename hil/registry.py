@@ -22,6 +22,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
     },
     "hil.controllers": {
         "joint-tracking": "hil.controllers.joint_tracking",
+        "delayed": "hil.controllers.delayed",
         "lawrence": "hil.controllers.lawrence",
         "position-force": "hil.controllers.position_force",
     },

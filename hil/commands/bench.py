@@ -25,6 +25,7 @@ from hil.bench import (
     record_speed,
     recordings,
     soak,
+    teleop,
 )
 from hil.bench.diagnosis import ablation, cases, runner, session, tables
 from hil.bench.diagnosis.runner import revision
@@ -205,6 +206,19 @@ def _soak(args: argparse.Namespace) -> Found:
     common.write_page(args.report, soak.page(found, command))
     text = common.table(list(soak.HEAD), soak.rows(found))
     return f"{text}\n\n{soak.verdict(found)}", soak.as_dict(found)
+
+
+def _teleop(args: argparse.Namespace) -> Found:
+    """Teleoperation over delay: drag, stiffness that is felt, and the stiffest walls."""
+    common.check_page(args.report)
+    total = teleop.steps(args.quick)
+    with tqdm(total=total, unit="row", disable=not sys.stderr.isatty()) as bar:
+        rows, walls = teleop.study(quick=args.quick, report=bar.update)
+    command = "hil bench teleop" + " --quick" * args.quick
+    common.write_page(args.report, teleop.page(rows, walls, command))
+    text = common.table(list(teleop.HEAD), teleop.cells(rows))
+    text += "\n\n" + common.table(list(teleop.WALL_HEAD), teleop.wall_cells(walls))
+    return text, {"laws": [asdict(r) for r in rows], "walls": [asdict(r) for r in walls]}
 
 
 def _determinism(args: argparse.Namespace) -> Found:
@@ -450,6 +464,7 @@ BENCHES: dict[str, Callable[[argparse.Namespace], Found]] = {
     "real": _real,
     "record": _record,
     "soak": _soak,
+    "teleop": _teleop,
     "wrist": _wrist,
     **bench_speed.BENCHES,
 }

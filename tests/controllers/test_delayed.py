@@ -1,0 +1,227 @@
+"""The law over a channel with delay: energy is never made, places agree in the end, walls push."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hil.bench import teleop
+from hil.controllers import delayed_kernels as k
+from hil.controllers import geometry
+from hil.controllers.delayed import SCHEMES, Delayed, DelayedConfig, WallConfig
+from hil.controllers.lawrence_config import ChannelConfig
+from hil.errors import ConfigError
+from hil.rig.config import ControllerConfig, load_rig
+from hil.runtime import runner
+from hil.runtime.replay import replay
+
+T, HOME = 1e-3, np.array([0.0, 0.4, 0.3])
+
+
+class Arms:
+    """Two arms that are led along paths, or follow the law as point masses in their joints."""
+
+    def __init__(self, law, inertia=2e-3, rub=0.02):
+        self.law, self.inertia, self.rub = law, inertia, rub
+        self.u, self.tick = np.zeros((2, 12)), 0
+        self.u[:, :3] = HOME
+        self.x, self.y = np.zeros(len(law.state_names)), np.zeros((2, 3))
+
+    def step(self, leader, push=None):
+        self.tick += 1
+        self.u[0, 3:6] = (HOME + leader - self.u[0, :3]) / T
+        self.u[0, :3] = HOME + leader
+        x_next = np.zeros_like(self.x)
+        self.law.update(self.tick * T, self.x, self.u, x_next, self.y)
+        self.x = x_next
+        torque = self.y[1] - self.law._w["gravity"][1] - self.rub * self.u[1, 3:6]
+        if push is not None:
+            torque = torque + push(self.u[1])
+        self.u[1, 3:6] += T * torque / self.inertia
+        self.u[1, :3] += T * self.u[1, 3:6]
+        return self.x[k.HEAD :].reshape(2, 3, k.FIELDS)
+
+
+links = st.builds(
+    ChannelConfig,
+    delay=st.sampled_from([0.0, 0.01, 0.1]),
+    jitter=st.sampled_from([0.0, 0.02]),
+    loss=st.sampled_from([0.0, 0.3]),
+)
+
+
+def paths(seed, n):
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) * T
+    waves = rng.uniform(0.5, 3.0, (3, 3)), rng.uniform(0, 6, (3, 3)), rng.uniform(0, 0.06, (3, 3))
+    ramp = np.minimum(t / 0.3, 1.0)
+    return np.column_stack(
+        [
+            ramp * sum(a * np.sin(2 * np.pi * f * t + p) for f, p, a in zip(*w, strict=True))
+            for w in zip(*waves, strict=True)
+        ]
+    )
+
+
+@settings(max_examples=15, deadline=None)
+@given(link=links, seed=st.integers(0, 1000))
+def test_waves_give_out_no_more_energy_than_was_put_in(link, seed):
+    arms = Arms(Delayed(DelayedConfig("waves", forward=link, backward=link, seed=seed), "lf", T))
+    for leader in paths(seed, 600):
+        f = arms.step(leader)
+        for a in range(2):
+            used, sent = f[a, :, k.USED_POWER], f[1 - a, :, k.SENT_POWER]
+            assert np.all(used <= sent * (1 + 1e-9) + 1e-12)
+
+
+@settings(max_examples=15, deadline=None)
+@given(link=links, seed=st.integers(0, 1000))
+def test_the_observer_lets_out_no_more_than_came_in_and_its_reserve(link, seed):
+    config = DelayedConfig("passivity", forward=link, backward=link, seed=seed)
+    arms = Arms(Delayed(config, "lf", T))
+    for leader in paths(seed, 600):
+        f = arms.step(leader)
+        # of the follower's side, whose port is the law's own
+        assert np.all(f[1, :, k.OUT] <= f[0, :, k.INTO] + 1.02 * config.reserve)
+
+
+@settings(max_examples=15, deadline=None)
+@given(link=links, seed=st.integers(0, 1000))
+def test_tanks_hold_no_more_than_they_should_and_share_what_they_send(link, seed):
+    config = DelayedConfig("tanks", forward=link, backward=link, seed=seed)
+    arms = Arms(Delayed(config, "lf", T))
+    for leader in paths(seed, 600):
+        f = arms.step(leader)
+        assert np.all(f[:, :, k.TANK] <= config.level * (1 + 1e-12))
+        for a in range(2):
+            assert np.all(f[a, :, k.USED] <= f[1 - a, :, k.SENT] + 1e-15)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_the_follower_comes_to_the_leaders_place_whatever_was_lost(scheme):
+    link = ChannelConfig(0.05, 0.02, 0.3)
+    arms = Arms(Delayed(DelayedConfig(scheme, forward=link, backward=link), "lf", T))
+    end = np.array([0.1, 0.05, -0.08])
+    for n in range(4000):
+        arms.step(end * min(n / 500, 1.0))
+    tip = np.zeros((2, 3))
+    for a in range(2):
+        geometry.forward(arms.u[a], np.array(geometry.LENGTHS), tip[a])
+    assert np.linalg.norm(tip[1] - tip[0]) < 2e-3
+
+
+def test_the_model_learns_what_the_follower_presses_into():
+    config = DelayedConfig("model", forward=ChannelConfig(0.1), backward=ChannelConfig(0.1))
+    arms = Arms(Delayed(config, "lf", T))
+    lengths, start = np.array(geometry.LENGTHS), np.zeros(3)
+    geometry.forward(HOME, lengths, start)
+
+    def gel(u):
+        tip, jacobian = np.zeros(3), np.zeros((3, 3))
+        geometry.forward(u, lengths, tip)
+        geometry.jacobian(u, lengths, jacobian)
+        u[6:9] = 0.0
+        u[8] = 300.0 * max(start[2] - 0.004 - tip[2], 0.0)
+        return jacobian.T @ u[6:9]
+
+    for n in range(4000):
+        # down and up at 1 Hz
+        f = arms.step(np.array([0.0, -0.04 * (1 - np.cos(2 * np.pi * n * T)), 0.0]), gel)
+    assert f[1, 2, k.STIFFNESS] == pytest.approx(300.0, rel=0.02)
+    assert f[0, 2, k.STIFFNESS] == pytest.approx(300.0, rel=0.05)
+    assert f[0, 2, k.PUSH] == pytest.approx(-0.004, abs=3e-4)
+    # nothing else was touched
+    assert np.all(f[:, :2, k.STIFFNESS] == 0.0)
+
+
+def test_after_a_pause_nothing_of_before_is_heard():
+    link = ChannelConfig(0.05)
+    arms = Arms(Delayed(DelayedConfig("waves", forward=link, backward=link), "lf", T))
+    for leader in paths(1, 300):
+        arms.step(leader)
+    arms.x[:] = 0.0  # the loop sets the state back
+    arms.u[1, 3:6] = 0.0
+    leader = arms.u[0, :3] - HOME
+    for _ in range(200):
+        f = arms.step(leader)
+        assert np.abs(f[:, :, k.FORCE]).max() < 0.05
+
+
+def test_a_wall_pushes_along_its_normal_and_never_pulls():
+    wall = WallConfig((0.0, 0.0, 2.0), 0.002, 500.0, 5.0 / 10)
+    law = Delayed(DelayedConfig("model", wall=wall, leader_gravity=(0.0, 0.0)), "lf", T)
+    arms = Arms(law)
+    arms.step(np.zeros(3))
+    heights = []
+    for n in range(200):
+        arms.step(np.array([0.0, -8e-4 * n if n < 100 else -8e-4 * (200 - n), 0.0]))
+        tip, jacobian = np.zeros(3), np.zeros((3, 3))
+        geometry.forward(arms.u[0], np.array(geometry.LENGTHS), tip)
+        geometry.jacobian(arms.u[0], np.array(geometry.LENGTHS), jacobian)
+        torque = arms.y[0] + law.config.leader_damping * arms.u[0, 3:6]
+        heights.append((tip[2], np.linalg.solve(jacobian.T, torque)[2]))
+    z, force = np.array(heights).T
+    depth = z[0] - 0.002 - z
+    assert np.all(force[depth < -1e-4] == pytest.approx(0.0, abs=1e-9))
+    assert np.all(force >= -1e-9)
+    deep = force[depth > 0.008]
+    assert deep.size and np.all(deep > 0.8 * 500.0 * 0.008)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"scheme": "wave"}, "Did you mean 'waves'"),
+        ({"stiffness": 0.0}, "stiffness = 0; above 0"),
+        ({"reserve": float("nan")}, "reserve = nan"),
+        ({"forget": 1.5}, "within 0.9 and 1"),
+        ({"wall": WallConfig((0.0, 0.0, 0.0))}, "a direction"),
+    ],
+)
+def test_what_cannot_be_is_refused(change, said):
+    with pytest.raises(ConfigError, match=said):
+        DelayedConfig(**change)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"damping": 4.0}, "stiffness and damping ask for"),
+        ({"scheme": "waves", "wave": 5.0}, "wave, the leader's damper"),
+        ({"wall": WallConfig(stiffness=8000.0)}, "wall.stiffness"),
+        ({"level": 1.0}, "fill level"),
+    ],
+)
+def test_what_no_period_of_a_millisecond_can_render_is_refused(change, said):
+    with pytest.raises(ConfigError, match=said):
+        Delayed(DelayedConfig(**change), ("leader", "follower"), T)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_hand_presses_into_a_gel_over_a_tenth_of_a_second(scheme, tmp_path):
+    way = {"delay": 0.1, "jitter": 0.02, "loss": 0.1}
+    law = {"scheme": scheme, "forward": way, "backward": way}
+    config = teleop.config_of("delayed", law, {"kind": "hand", "arm": "leader"}, 400.0)
+    path = tmp_path / "s.mcap"
+    done = runner.run(config, 2.0, 1, "lockstep", path)
+    assert done.state == "ENABLED"
+    found = replay(path)
+    assert (found.compared, found.differ) == (done.ticks, 0)
+
+
+def test_model_mediated_feels_the_gel_that_is_there(tmp_path):
+    found = teleop.row(*teleop.LAWS[4], teleop.Link(0.1), tmp_path, 1)
+    assert found.share == pytest.approx(1.0, abs=0.1)
+    refused = teleop.row(*teleop.LAWS[0], teleop.Link(0.1), tmp_path, 1)
+    assert refused.why == "refused: not stable"
+
+
+def test_a_law_for_two_arms():
+    with pytest.raises(ConfigError, match="not 1 arms"):
+        Delayed(DelayedConfig(), ("leader",), T)
+    config = load_rig("lawrence")
+    law = ControllerConfig("delayed", config.controller.arms, {"scheme": "tank"})
+    with pytest.raises(ConfigError, match="Did you mean 'tanks'"):
+        runner.run(dataclasses.replace(config, controller=law), 0.1, 0, "lockstep", "never.mcap")
