@@ -49,7 +49,9 @@ def choice(args: argparse.Namespace) -> BagChoice:
         If an option makes no sense, or the URDF cannot be read.
     """
     return BagChoice(
-        *(getattr(args, name, "") for name in _TOPICS),
+        topic=args.topic,
+        effort_topic=args.effort_topic,
+        force_topic=args.force_topic,
         robot=_urdf(args.robot),
         joints=tuple(n.strip() for n in args.joints.split(",") if n.strip()),
         lock=dict(_locked(text) for text in args.lock),

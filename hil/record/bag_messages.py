@@ -1,9 +1,10 @@
-"""Messages of a ROS bag as arrays, by the library rosbags; runs in the process of `hil.record.foreign`.
+"""Messages of a ROS bag as arrays, by the library rosbags.
 
-What comes out, as of any file of arrays: ``about``, the bytes of a JSON text with the groups of
-messages, the robot descriptions and the topics that nothing reads; and for each group a struct of
-its arrays.  A group is what one topic says of one set of joints: two publishers on one topic, as
-of an arm and its gripper, are two groups.
+It runs in the process of `hil.record.foreign`, which limits memory and time.  What comes out, as of
+any file of arrays: ``about``, the bytes of a JSON text with the groups of messages, the robot
+descriptions and the topics that nothing reads; and for each group a struct of its arrays.  A group
+is what one topic says of one set of joints: two publishers on one topic, as of an arm and its
+gripper, are two groups.
 """
 
 from __future__ import annotations
@@ -229,7 +230,7 @@ class _Bag:
             store.register(get_types_from_msg(text, kind))
             try:
                 self._message(store, kind, raw)
-            except Exception:  # noqa: S112 - of another version; the last one raises below
+            except Exception:  # of another version; where none fits, that is said below
                 continue
             return store
         raise DataError(f"holds {kind} of an unknown version; record it as MCAP, with definitions")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.foreign import read_arrays
-from hil.record.locked import free_joints, locked_urdf
-from hil.record.recording import Recording, RobotSource
+from hil.record.locked import frame_axes, free_joints, locked_urdf
+from hil.record.recording import LOCKED, Recording, RobotSource
 from hil.record.recovery import LIBRARY
 
 FloatArray = NDArray[np.float64]
@@ -97,7 +97,7 @@ class _Bag:
 
 
 def is_bag(path: str | Path) -> bool:
-    """Whether a path is a ROS bag: by its ending, its folder, or an MCAP file that is no session."""
+    """Whether a path is a ROS bag: by ending or folder, or an MCAP file that is no session."""
     path = Path(path)
     if path.is_dir():
         return (path / "metadata.yaml").is_file()
@@ -145,11 +145,8 @@ def read_bag(path: str | Path, choice: BagChoice | None = None) -> list[Recordin
     chosen = choice or BagChoice()
     bag = _open(Path(path))
     states = _states(bag, chosen)
-    out = [_recording(bag, arm, state, chosen) for arm, state in states.items()]
-    zero = min(float(r.t[0]) for r in out)
-    for r in out:
-        np.subtract(r.t, zero, out=r.t)
-    return out
+    zero = {clock: min(int(g.on(clock)[0][0]) for g in states.values()) for clock in _CLOCKS}
+    return [_recording(bag, arm, state, chosen, zero) for arm, state in states.items()]
 
 
 def _open(path: Path) -> _Bag:
@@ -164,9 +161,10 @@ def _open(path: Path) -> _Bag:
         if not isinstance(values, dict):
             raise DataError(f"bag {path}: group {k} was not read; it is damaged")
         parts = {n: np.asarray(v, float) for n, v in values.items() if n not in _CLOCKS}
-        clocks = [np.asarray(values[n], np.int64) for n in _CLOCKS]
+        received, written = (np.asarray(values[n], np.int64) for n in _CLOCKS)
         names = tuple(str(n) for n in told["names"])
-        groups.append(_Group(told["topic"], told["type"], names, told["frame"], *clocks, parts))
+        topic, kind, frame = (str(told[key]) for key in ("topic", "type", "frame"))
+        groups.append(_Group(topic, kind, names, frame, received, written, parts))
     return _Bag(path, tuple(groups), about["texts"], about["others"])
 
 
@@ -182,13 +180,14 @@ def _states(bag: _Bag, chosen: BagChoice) -> dict[str, _Group]:
     if chosen.topic:
         topics = {g.topic for g in found}
         if chosen.topic not in topics:
-            raise ConfigError(f"bag {bag.path}: " + unknown("joint state topic", chosen.topic, topics))
+            raise ConfigError(
+                f"bag {bag.path}: " + unknown("joint state topic", chosen.topic, topics)
+            )
         found = [g for g in found if g.topic == chosen.topic]
     if not found:
         raise DataError(f"bag {bag.path} has no joint positions. It has: {_topics(bag)}")
     if chosen.joints:
-        wanted = set(chosen.joints)
-        whole = [g for g in found if wanted <= set(g.names)]
+        whole = [g for g in found if set(chosen.joints) <= set(g.names)]
         if not whole:
             known = sorted({n for g in found for n in g.names})
             lost = next((n for n in chosen.joints if n not in known), "")
@@ -213,12 +212,20 @@ def _only(bag: _Bag, found: list[_Group], chosen: BagChoice) -> _Group:
     """The one group that can be meant: of the robot, with motion, a state before a controller's."""
     urdf = chosen.robot or _description(bag, "")
     known = {j.name for j in free_joints(urdf)} if urdf else set()
-    for better in (
-        lambda g: not known or bool(known & set(g.names)),
-        lambda g: any(_moves(g, n) for n in g.names),
-        lambda g: g.has("effort") or bool(chosen.effort_topic),
-        lambda g: g.type == _STATES[0],
-    ):
+
+    def robots(g: _Group) -> bool:
+        return not known or bool(known & set(g.names))
+
+    def moving(g: _Group) -> bool:
+        return any(_moves(g, n) for n in g.names)
+
+    def driven(g: _Group) -> bool:
+        return bool(chosen.effort_topic) or g.has("effort")
+
+    def plain(g: _Group) -> bool:
+        return g.type == _STATES[0]
+
+    for better in (robots, moving, driven, plain):
         found = [g for g in found if better(g)] or found
     if len(found) > 1:
         raise DataError(
@@ -303,9 +310,7 @@ def _named_as(bag: _Bag, group: _Group, state: _Group, chosen: BagChoice) -> _Gr
             f"without names, for {plural(len(names), 'joint')} ({', '.join(names)}); name its "
             "joints in its order with --joints"
         )
-    return _Group(
-        group.topic, group.type, tuple(names), "", group.stamp, group.header, group.parts
-    )
+    return _Group(group.topic, group.type, tuple(names), "", group.stamp, group.header, group.parts)
 
 
 # ---------------------------------------------------------------- one recording
@@ -334,7 +339,8 @@ def _joints(bag: _Bag, arm: str, state: _Group, effort: _Group, chosen: BagChoic
     for name in chosen.joints:
         if name not in order:
             raise ConfigError("the URDF: " + unknown("moving joint", name, order))
-    names = tuple(n for n in order if n in (chosen.joints or _useful(state, effort, chosen)))
+    wanted = chosen.joints or tuple(_useful(state, effort, chosen))
+    names = tuple(n for n in order if n in wanted)
     if not names:
         raise DataError(
             f"bag {bag.path}: no joint of {state.topic} moves and has an effort "
@@ -361,7 +367,10 @@ def _held(state: _Group, name: str) -> float:
     return float(np.nanmedian(q)) if np.isfinite(q).any() else 0.0
 
 
-def _recording(bag: _Bag, arm: str, state: _Group, chosen: BagChoice) -> Recording:
+def _recording(
+    bag: _Bag, arm: str, state: _Group, chosen: BagChoice, zero: Mapping[str, int]
+) -> Recording:
+    """Recording of an arm; its time counts from the first joint state of the bag."""
     effort, source = _effort(bag, state, chosen)
     what = _joints(bag, arm, state, effort, chosen)
     force = _force(bag, chosen)
@@ -375,6 +384,7 @@ def _recording(bag: _Bag, arm: str, state: _Group, chosen: BagChoice) -> Recordi
     if force is not None:
         wrench, present = _aligned(force, "wrench", clock, stamps, force.names)
         good &= present
+        wrench, what = _in_base(force, wrench, what, q)
     good &= np.isfinite(q).all(axis=1)
     keep = np.flatnonzero(good)
     _refuse_short(bag, state, stamps[keep])
@@ -387,14 +397,41 @@ def _recording(bag: _Bag, arm: str, state: _Group, chosen: BagChoice) -> Recordi
         name=bag.path.stem,
         arm=arm,
         joints=what.names,
-        t=stamps[keep] * 1e-9,
+        t=(stamps[keep] - zero[clock]).astype(np.float64) * 1e-9,
         q=q[keep],
         tau=tau[keep],
         qd=qd[keep] if has_speed else None,
         wrench=None if wrench is None else wrench[keep],
         robot=what.robot,
-        metadata={"unit": "m" if set(what.units) == {"m"} else "rad", "note": taken},
+        metadata={
+            "unit": "m" if set(what.units) == {"m"} else "rad",
+            "note": taken,
+            **_locked_note(what),
+        },
     )
+
+
+def _locked_note(what: _Chosen) -> dict[str, str]:
+    """What a session keeps of the joints that are locked."""
+    return {LOCKED: json.dumps(what.locked)} if what.locked else {}
+
+
+def _in_base(
+    force: _Group, wrench: FloatArray, what: _Chosen, q: FloatArray
+) -> tuple[FloatArray, _Chosen]:
+    """A wrench in axes of the base, and the robot with the sensor's frame as its tip."""
+    urdf = what.robot.urdf
+    axes = frame_axes(urdf, force.frame, what.names, q) if urdf and force.frame else None
+    if axes is None:
+        return wrench, what
+    if what.robot.tip not in ("", force.frame):
+        raise DataError(
+            f"topic {force.topic} measures in frame {force.frame!r}, and the tip is to be "
+            f"{what.robot.tip!r}; leave --tip out"
+        )
+    turned = [np.einsum("nij,nj->ni", axes, wrench[:, k : k + 3]) for k in (0, 3)]
+    robot = RobotSource("", urdf, force.frame)
+    return np.concatenate(turned, axis=1), replace(what, robot=robot)
 
 
 def _force(bag: _Bag, chosen: BagChoice) -> _Group | None:
@@ -455,8 +492,9 @@ def _told(
     """What was taken of a bag, as one sentence."""
     said = f"positions of {state.topic}, efforts of {source}"
     if force is not None:
-        said += f", force of {force.topic} (frame {force.frame or 'not said'}), taken as the force"
-        said += " on the robot in axes of its base"
+        known = bool(force.frame) and what.robot.tip == force.frame
+        axes = f"the axes of {force.frame}" if known else "the axes of the base"
+        said += f", force on the robot of {force.topic} in {axes}"
     said += f", joints {', '.join(what.names)}"
     if what.locked:
         places = ", ".join(f"{n} at {v:.4g}" for n, v in what.locked.items())

@@ -146,7 +146,8 @@ def _about(axis: FloatArray, angle: float) -> FloatArray:
     """Rotation about a unit axis (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
+    out: FloatArray = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    return out
 
 
 def _rotation(rpy: FloatArray) -> FloatArray:
@@ -161,6 +162,62 @@ def _angles(turn: FloatArray) -> FloatArray:
     pitch = math.atan2(-turn[2, 0], level)
     if level < 1e-9:
         return np.array([0.0, pitch, math.atan2(-turn[0, 1], turn[1, 1])])
-    return np.array(
-        [math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])]
-    )
+    return np.array([math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])])
+
+
+def frame_axes(
+    urdf: str, frame: str, names: Sequence[str], q: FloatArray, where: str = "the URDF"
+) -> FloatArray | None:
+    """Axes of a link as columns in axes of the base, (n, 3, 3); None if there is no such link.
+
+    Parameters
+    ----------
+    urdf : str
+        URDF text.
+    frame : str
+        Name of the link.
+    names : sequence of str
+        Joints of the columns of `q`; the others stand at 0.
+    q : ndarray (n, d)
+        Positions [rad or m].
+    where : str
+        What to call the URDF in messages.
+
+    Raises
+    ------
+    DataError
+        If it is no URDF.
+    """
+    root = checked_urdf(urdf, where)
+    if frame not in {link.get("name") for link in root.findall("link")}:
+        return None
+    above = {_end(j, "child"): j for j in root.findall("joint")}
+    out = np.tile(np.eye(3), (len(q), 1, 1))
+    while frame in above:
+        joint = above[frame]
+        turn = _turned(joint, names, q)
+        origin = joint.find("origin")
+        fixed = np.eye(3) if origin is None else _rotation(_three(origin, "rpy"))
+        out = fixed @ turn @ out
+        frame = _end(joint, "parent")
+    return out
+
+
+def _end(joint: ET.Element, tag: str) -> str:
+    element = joint.find(tag)
+    return "" if element is None else element.get("link", "")
+
+
+def _turned(joint: ET.Element, names: Sequence[str], q: FloatArray) -> FloatArray:
+    """Rotations (n, 3, 3) of a joint about its axis."""
+    name = joint.get("name", "")
+    if joint.get("type") not in ("revolute", "continuous") or name not in names:
+        return np.eye(3)
+    element = joint.find("axis")
+    axis = np.array([1.0, 0, 0]) if element is None else _three(element, "xyz")
+    axis = axis / (float(np.linalg.norm(axis)) or 1.0)
+    angle = q[:, list(names).index(name), None, None]
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    out: FloatArray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    return out
