@@ -10,13 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hil.commands import outputs, plugins, terminal
+from hil.commands import bag_options, outputs, plugins, terminal
 from hil.errors import ConfigError
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Value, base_model
 from hil.models.param_text import in_words, without_error
-from hil.record.mcap_read import load_all
 from hil.record.recording import Recording
+from hil.record.sources import find, load_sources, stand_elsewhere
 from hil.report import columns
 from hil.userfile import parse_toml, read_text
 
@@ -27,6 +27,10 @@ def add_sessions(parser: argparse.ArgumentParser, model: bool = True) -> None:
     add_model(parser)
     if model:
         add_holdout(parser)
+    parser.add_argument(
+        "--robot", default="", metavar="URDF", help="robot of a ROS bag; default: the one in it"
+    )
+    bag_options.add(parser)
 
 
 def add_holdout(parser: argparse.ArgumentParser) -> None:
@@ -86,16 +90,18 @@ def load(
     A model without a robot takes the session's; a session without a model gets the base model.
     Outputs that must not be written are refused first.
     """
-    paths = list(sessions if sessions is not None else args.sessions)
-    others = list(getattr(args, "holdout", []))
+    paths = find(sessions if sessions is not None else args.sessions)
+    others = find(getattr(args, "holdout", []))
     check_outputs(args, [*paths, *others, *([args.model] if args.model else [])])
     plugins.load_installed()
     model = model_file(args.model) if args.model else None
     arm = args.arm or (model.arm if model else "") or None
-    runs = load_all(paths, arm)
-    held = load_all(others, arm or runs[0].arm)
+    every = load_sources([*paths, *others], arm, bag_options.choice(args))
+    runs, held = every[: len(paths)], every[len(paths) :]
     if note := runs[0].metadata.get("note"):
         log(note)
+    for text in stand_elsewhere(every):
+        log(text)
     robot = runs[0].robot
     if model is None:
         model = base_model(robot, runs[0].arm)
@@ -139,7 +145,7 @@ def model_file(path: str) -> RobotModel:
     return read_model(path)
 
 
-def _same_joints(path: str, run: Recording, first: Recording) -> None:
+def _same_joints(path: str | Path, run: Recording, first: Recording) -> None:
     if run.joints != first.joints:
         raise ConfigError(
             f"session {path} has the joints {', '.join(run.joints)}, the first session has "

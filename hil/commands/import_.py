@@ -1,4 +1,4 @@
-"""`hil import`: a table of any rig into a session.
+"""`hil import`: a table or a ROS bag of any rig into a session.
 
 What `hil import` prints: JSON, the session and its faults, and what to do next.
 """
@@ -17,12 +17,13 @@ from typing import TypeVar
 import numpy as np
 from tqdm import tqdm
 
-from hil.commands import common, outputs, plugins
+from hil.commands import bag_options, common, outputs, plugins
 from hil.errors import ConfigError, plural
 from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.robots import make_robot, undescribed
 from hil.record import datasets
+from hil.record.bags import is_bag, read_bag
 from hil.record.checks import check
 from hil.record.consistency import DataFault
 from hil.record.export import write_recordings
@@ -40,7 +41,13 @@ def as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[str
         "model": str(model[0]),
         "model_written": model[1],
         "arms": [
-            {"name": r.arm, "joints": list(r.joints), "samples": r.n, "rate_hz": r.rate}
+            {
+                "name": r.arm,
+                "joints": list(r.joints),
+                "samples": r.n,
+                "rate_hz": r.rate,
+                **({"taken": note} if (note := r.metadata.get("note")) else {}),
+            }
             for r in found.recordings
         ],
         "unused": list(found.unused),
@@ -61,6 +68,7 @@ def text(output: Path, found: Imported, model: Path, written: bool) -> str:
             f"{output}: arm {r.arm}, {plural(r.n, 'sample')} at {r.rate:.5g} Hz, "
             f"{plural(r.d, 'joint')} ({', '.join(r.joints)})"
         )
+    lines += [f"took of {note}" for r in found.recordings if (note := r.metadata.get("note"))]
     if shift := found.recordings[0].metadata.get("time_shift_s"):
         lines.append(f"time begins before 0: shifted by {float(shift):.6g} s")
     lines += found.notes
@@ -130,8 +138,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "table",
         metavar="TABLE",
         help="text, NPY, NPZ, MAT, Parquet, Feather or XLSX file with columns t, q1.., tau1.. "
-        "(SI), or the folder of a LeRobot data set; or a public recording, e.g. "
-        f"emps/DATA_EMPS.mat, found through {datasets.VARIABLE}",
+        "(SI); a ROS bag (.bag, .mcap, .db3 or a folder with metadata.yaml); the folder of a "
+        "LeRobot data set; or a public recording, e.g. emps/DATA_EMPS.mat, found through "
+        f"{datasets.VARIABLE}",
     )
     parser.add_argument(
         "-o",
@@ -180,12 +189,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="show what would be read, from which columns and in which units; write nothing",
     )
+    bag_options.add(parser)
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Import, write the session and, where there is none, the base model."""
     plugins.load_installed()
+    if is_bag(args.table):
+        return _bag(args)
+    bag_options.refuse(args)
     table, mapping = _source(args.table, args.map)
     if args.dry_run:
         return _show(args, table, mapping)
@@ -195,7 +208,34 @@ def run(args: argparse.Namespace) -> int:
     if args.all_runs:
         return _every_run(args, table, mapping, output)
     outputs.check(output, ".mcap", _inputs(args, table))
-    found = _read(args, table, mapping, args.which)
+    return _one(args, output, table, _read(args, table, mapping, args.which))
+
+
+def _bag(args: argparse.Namespace) -> int:
+    """Import a ROS bag."""
+    bag = Path(args.table)
+    of_tables = (
+        ("--map", args.map),
+        ("--run", args.which),
+        ("--unit", args.unit),
+        ("--torque-constant", args.torque_constant),
+        ("--missing", args.missing),
+        ("--dry-run", args.dry_run),
+    )
+    for option, value in of_tables:
+        if value:
+            raise ConfigError(f"{bag} is a ROS bag, in SI units and of one run; leave {option} out")
+    if args.all_runs:
+        raise ConfigError(f"{bag} is a ROS bag, of one run; leave --all-runs out")
+    if not args.output:
+        raise ConfigError("-o S.mcap is missing")
+    output = Path(args.output)
+    outputs.check(output, ".mcap", _inputs(args, bag))
+    return _one(args, output, bag, Imported(tuple(read_bag(bag, bag_options.choice(args))), ()))
+
+
+def _one(args: argparse.Namespace, output: Path, table: Path, found: Imported) -> int:
+    """Write what was imported as one session, and the model."""
     place = output.with_name(f"{output.stem}.model.toml")
     _refuse_urdf(place, found.recordings)
     _write(output, found, table)

@@ -11,7 +11,7 @@ import numpy as np
 from hil.errors import DataError
 from hil.record.mapfile import SIGNAL
 from hil.record.mcap_write import SessionWriter
-from hil.record.recording import Recording
+from hil.record.recording import LOCKED, Recording
 from hil.record.schema import LAST_S, Channel
 
 
@@ -23,7 +23,7 @@ def robot_record(recording: Recording) -> dict[str, str]:
         "joints": json.dumps(list(recording.joints)),
         "unit": recording.metadata.get("unit", "rad"),
         "name": recording.name,
-        **{k: v for k, v in recording.metadata.items() if k.startswith(SIGNAL)},
+        **{k: v for k, v in recording.metadata.items() if k.startswith(SIGNAL) or k == LOCKED},
     }
 
 

@@ -1,4 +1,4 @@
-"""Arrays of a binary table (NPY, NPZ, MAT, Parquet, Feather, XLSX), read in a process with limits.
+"""Arrays of a binary table (NPY to XLSX) or a ROS bag, read in a process with limits.
 
 The readers of these formats trust what a file says of itself: of a damaged one they claim any
 amount of memory, and the reader of MAT files crashes.  Here they run in a process that may take
@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError
+from hil.record import bag_messages
 from hil.userfile import open_regular
 
 Array = NDArray[np.generic]
@@ -41,6 +42,8 @@ WORKING = 3
 PATIENCE_S, SPEED = 20.0, 2e6
 #: The reader; a file of its name in the working directory is not run.
 _WORDS = (sys.executable, "-P", "-m", "hil.record.foreign")
+#: Endings of ROS bags; a folder is one, too.
+_BAGS = (".bag", ".db3", ".mcap")
 #: Kinds of numbers that are handed over.
 _NUMBERS = "biuf"
 
@@ -51,7 +54,7 @@ def allowed(size: int) -> int:
 
 
 def read_arrays(path: Path) -> Arrays:
-    """Arrays of a binary table by name; what holds no real numbers has its type, and zeros.
+    """Arrays of a table or a bag by name; what holds no real numbers has its type, and zeros.
 
     Raises
     ------
@@ -60,8 +63,8 @@ def read_arrays(path: Path) -> Arrays:
     OSError
         If it is not there, no regular file, or too large.
     """
-    with open_regular(path, LARGEST) as file:
-        size = os.fstat(file.fileno()).st_size
+    size = _size(path)
+    what = "bag" if path.is_dir() or path.suffix.lower() in _BAGS else "table"
     with tempfile.TemporaryFile() as answer:
         words = [*_WORDS, str(path.resolve())]
         seconds = PATIENCE_S + size / SPEED
@@ -78,20 +81,31 @@ def read_arrays(path: Path) -> Arrays:
             )
         except subprocess.TimeoutExpired:
             raise DataError(
-                f"table {path} was not read within {seconds:.0f} s; it is damaged, or export it "
+                f"{what} {path} was not read within {seconds:.0f} s; it is damaged, or export it "
                 "as CSV"
             ) from None
         answer.seek(0)
         try:
             return _received(answer, allowed(size))
         except DataError as error:
-            raise DataError(f"table {path} {error}") from None
+            raise DataError(f"{what} {path} {error}") from None
         except ValueError as error:
             how = f"signal {-done.returncode}" if done.returncode < 0 else str(error)
             raise DataError(
-                f"table {path} cannot be read: the reader of {path.suffix} files failed on it "
+                f"{what} {path} cannot be read: the reader of {path.suffix} files failed on it "
                 f"({how}); it is damaged: export it again, or as CSV"
             ) from None
+
+
+def _size(path: Path) -> int:
+    """Bytes of a file, or of the files of a bag's folder, each a regular one."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    total = 0
+    for one in files:
+        if one is path or one.suffix.lower() in (".yaml", *_BAGS):
+            with open_regular(one, LARGEST) as file:
+                total += os.fstat(file.fileno()).st_size
+    return total
 
 
 def _received(answer: IO[bytes], most: int) -> Arrays:
@@ -313,13 +327,30 @@ def _parts(name: str, value: Array) -> Iterator[tuple[str, str | None, Array]]:
         yield name, field, np.asarray(fields[field].ravel()[0] if one else fields[field])
 
 
+def _bag(path: str, most: int) -> Iterator[tuple[str, str | None, Array]]:
+    """Messages of a ROS bag."""
+    return bag_messages.messages(path, most)
+
+
+def _reader(path: str) -> tuple[str, str, str]:
+    """Name of the reader, what the file is called, and what it needs; a folder is a bag."""
+    ending = os.path.splitext(path)[1].lower()
+    bag = os.path.isdir(path) or ending in _BAGS
+    return ("_bag", "a ROS bag", "rosbags") if bag else _READERS[ending]
+
+
 def _answer(path: str) -> dict[str, Any]:
     """Read a file and write its arrays; what could not be read becomes a sentence."""
-    name, kind, needed = _READERS[Path(path).suffix.lower()]
-    reader: Callable[[str, int], Iterator[tuple[str, Array]]] = globals()[name]
+    name, kind, needed = _reader(path)
+    reader: Callable[[str, int], Iterator[Any]] = globals()[name]
+    bag = name == "_bag"
     try:
-        if needed:
+        if bag:
+            bag_messages.prepare()
+        elif needed:
             importlib.import_module(needed)  # before memory is limited
+    except DataError as error:
+        return {"error": str(error)}
     except ImportError:
         return {
             "error": f"is {kind} file, which needs {needed.partition('.')[0]}: "
@@ -330,10 +361,11 @@ def _answer(path: str) -> dict[str, Any]:
 
         pyarrow.set_memory_pool(pyarrow.system_memory_pool())
         pyarrow.set_cpu_count(1)
-    most = allowed(os.path.getsize(path))
+    most = allowed(_size(Path(path)))
     _limit(most)
     try:
-        parts = [p for name, value in reader(path, most) for p in _parts(name, value)]
+        found = reader(path, most)
+        parts = list(found) if bag else [p for n, value in found for p in _parts(n, value)]
     except DataError as error:
         return {"error": str(error)}
     except MemoryError:
@@ -341,7 +373,10 @@ def _answer(path: str) -> dict[str, Any]:
     except NotImplementedError:
         return {"error": "is a MAT file of version 7.3; save it with save(..., '-v7')"}
     except Exception as error:  # the readers raise many kinds on a damaged file
-        return {"error": f"is not {kind} file of plain arrays: {error}"[:1000]}
+        what = (
+            "is not a ROS bag that rosbags reads" if bag else f"is not {kind} file of plain arrays"
+        )
+        return {"error": f"{what}: {error}"[:1000]}
     if len(parts) > MOST_ARRAYS:
         return {"error": f"holds {len(parts)} arrays; at most {MOST_ARRAYS} are read"}
     return {"parts": parts}

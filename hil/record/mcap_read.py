@@ -19,7 +19,7 @@ from hil.errors import DataError, unknown
 from hil.record.container import Container, Topic, read
 from hil.record.decode import decode, decode_joint_state
 from hil.record.mapfile import SIGNAL
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import LOCKED, Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
 #: Topics of an arm beside its state that become columns of a recording.
@@ -58,7 +58,7 @@ def recording(box: Container, arm: str) -> Recording:
         )
     urdf = box.attachments.get(f"robot/{arm}.urdf", b"").decode(errors="replace")
     preset = "" if urdf else info.get("preset", "single-axis")
-    metadata = {k: v for k, v in info.items() if k == "unit" or k.startswith(SIGNAL)}
+    metadata = {k: v for k, v in info.items() if k in ("unit", LOCKED) or k.startswith(SIGNAL)}
     metadata |= {f"session.{k}": v for k, v in box.metadata.get("session", {}).items()}
     t = box.seconds(topics["measured_js"])
     return Recording(

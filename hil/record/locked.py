@@ -1,0 +1,223 @@
+"""Joints of a robot that a recording does not hold: the URDF with them locked in place.
+
+A stock URDF has more joints than a recording of its arm: grippers, fingers, wheels, a lift.  Here
+they become fixed joints at a position; everything behind this file sees a robot that has the
+joints of the recording and no others, and the bodies of the rest where they are.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError, DataError, unknown
+from hil.record.urdf_joints import UrdfJoint, checked_urdf, urdf_joints
+
+FloatArray = NDArray[np.float64]
+#: What a fixed joint has not.
+_MOVING_TAGS = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration")
+_FREE = ("floating", "planar")
+
+
+def free_joints(urdf: str, where: str = "the URDF") -> tuple[UrdfJoint, ...]:
+    """Moving joints of a URDF as `urdf_joints`, without those of a mobile base that floats.
+
+    Raises
+    ------
+    DataError
+        If it is no URDF, or has no moving joint.
+    """
+    return urdf_joints(_text(_grounded(checked_urdf(urdf, where))), where)
+
+
+def locked_urdf(
+    urdf: str, keep: Sequence[str], at: Mapping[str, float], where: str = "the URDF"
+) -> tuple[str, dict[str, float]]:
+    """URDF in which all joints but some are fixed, and the position of each that was locked.
+
+    Parameters
+    ----------
+    urdf : str
+        URDF text.
+    keep : sequence of str
+        Joints that stay free.  Joints that mimic one of them follow it as before.
+    at : mapping of str to float
+        Positions [rad or m] of others; one that is not named stands at 0, or at the limit next to
+        it where 0 is out of reach.
+    where : str
+        What to call the URDF in messages.
+
+    Raises
+    ------
+    DataError
+        If it is no URDF, or has no moving joint.
+    ConfigError
+        If a joint to keep or lock is none of its moving joints.
+    """
+    root = _grounded(checked_urdf(urdf, where))
+    joints = {j.name: j for j in urdf_joints(_text(root), where)}
+    for name in (*keep, *at):
+        if name not in joints:
+            raise ConfigError(f"{where}: " + unknown("moving joint", name, joints))
+    if both := [name for name in keep if name in at]:
+        raise ConfigError(f"joint {both[0]!r} is to be kept and locked; choose one")
+    elements = {j.get("name", ""): j for j in root.findall("joint")}
+    locked = {
+        name: at.get(name, min(max(0.0, joint.lower), joint.upper))
+        for name, joint in joints.items()
+        if name not in keep
+    }
+    followers = _followers(elements, locked, where)
+    if not locked and not any(j.get("type") in _FREE for j in ET.fromstring(urdf).findall("joint")):
+        return urdf, {}
+    for name, value in {**locked, **followers}.items():
+        _fix(elements[name], value)
+    return _text(root), locked
+
+
+def _grounded(root: ET.Element) -> ET.Element:
+    """The robot with a floating or planar base, as of mobile robots, standing at its origin."""
+    for joint in root.findall("joint"):
+        if joint.get("type") in _FREE:
+            _strip(joint)
+    return root
+
+
+def _followers(
+    elements: Mapping[str, ET.Element], locked: Mapping[str, float], where: str
+) -> dict[str, float]:
+    """Positions of the joints that mimic locked ones, also over several steps."""
+    out: dict[str, float] = {}
+    mimics = {n: m for n, e in elements.items() if (m := e.find("mimic")) is not None}
+    for name in mimics:
+        factor, offset, leader = 1.0, 0.0, name
+        for _ in mimics:
+            if leader not in mimics:
+                break
+            mimic = mimics[leader]
+            offset += factor * float(mimic.get("offset", "0"))
+            factor *= float(mimic.get("multiplier", "1"))
+            leader = mimic.get("joint", "")
+        if leader not in elements or leader in mimics:
+            raise DataError(f"{where}: joint {name!r} mimics {leader!r}, which is no joint of it")
+        if leader in locked:
+            out[name] = factor * locked[leader] + offset
+    return out
+
+
+def _fix(joint: ET.Element, value: float) -> None:
+    """Make a joint a fixed one, at a position."""
+    origin = joint.find("origin")
+    if origin is None:
+        origin = ET.SubElement(joint, "origin")
+    place, turn = _three(origin, "xyz"), _rotation(_three(origin, "rpy"))
+    element = joint.find("axis")
+    axis = np.array([1.0, 0, 0]) if element is None else _three(element, "xyz")
+    axis = axis / (float(np.linalg.norm(axis)) or 1.0)
+    if joint.get("type") == "prismatic":
+        place = place + turn @ (value * axis)
+    else:
+        turn = turn @ _about(axis, value)
+    origin.set("xyz", " ".join(f"{x:.17g}" for x in place))
+    origin.set("rpy", " ".join(f"{x:.17g}" for x in _angles(turn)))
+    _strip(joint)
+
+
+def _strip(joint: ET.Element) -> None:
+    joint.set("type", "fixed")
+    for tag in _MOVING_TAGS:
+        for element in joint.findall(tag):
+            joint.remove(element)
+
+
+def _text(root: ET.Element) -> str:
+    return ET.tostring(root, encoding="unicode")
+
+
+def _three(element: ET.Element, key: str) -> FloatArray:
+    return np.array([float(x) for x in element.get(key, "0 0 0").split()])
+
+
+def _about(axis: FloatArray, angle: float) -> FloatArray:
+    """Rotation about a unit axis (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    out: FloatArray = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    return out
+
+
+def _rotation(rpy: FloatArray) -> FloatArray:
+    """Rotation of fixed-axis roll, pitch and yaw, as a URDF means them."""
+    x, y, z = np.eye(3)
+    return _about(z, rpy[2]) @ _about(y, rpy[1]) @ _about(x, rpy[0])
+
+
+def _angles(turn: FloatArray) -> FloatArray:
+    """Roll, pitch and yaw of a rotation; at a pitch of 90 degrees the roll is 0."""
+    level = math.hypot(turn[0, 0], turn[1, 0])
+    pitch = math.atan2(-turn[2, 0], level)
+    if level < 1e-9:
+        return np.array([0.0, pitch, math.atan2(-turn[0, 1], turn[1, 1])])
+    return np.array([math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])])
+
+
+def frame_axes(
+    urdf: str, frame: str, names: Sequence[str], q: FloatArray, where: str = "the URDF"
+) -> FloatArray | None:
+    """Axes of a link as columns in axes of the base, (n, 3, 3); None if there is no such link.
+
+    Parameters
+    ----------
+    urdf : str
+        URDF text.
+    frame : str
+        Name of the link.
+    names : sequence of str
+        Joints of the columns of `q`; the others stand at 0.
+    q : ndarray (n, d)
+        Positions [rad or m].
+    where : str
+        What to call the URDF in messages.
+
+    Raises
+    ------
+    DataError
+        If it is no URDF.
+    """
+    root = checked_urdf(urdf, where)
+    if frame not in {link.get("name") for link in root.findall("link")}:
+        return None
+    above = {_end(j, "child"): j for j in root.findall("joint")}
+    out = np.tile(np.eye(3), (len(q), 1, 1))
+    while frame in above:
+        joint = above[frame]
+        turn = _turned(joint, names, q)
+        origin = joint.find("origin")
+        fixed = np.eye(3) if origin is None else _rotation(_three(origin, "rpy"))
+        out = fixed @ turn @ out
+        frame = _end(joint, "parent")
+    return out
+
+
+def _end(joint: ET.Element, tag: str) -> str:
+    element = joint.find(tag)
+    return "" if element is None else element.get("link", "")
+
+
+def _turned(joint: ET.Element, names: Sequence[str], q: FloatArray) -> FloatArray:
+    """Rotations (n, 3, 3) of a joint about its axis."""
+    name = joint.get("name", "")
+    if joint.get("type") not in ("revolute", "continuous") or name not in names:
+        return np.eye(3)
+    element = joint.find("axis")
+    axis = np.array([1.0, 0, 0]) if element is None else _three(element, "xyz")
+    axis = axis / (float(np.linalg.norm(axis)) or 1.0)
+    angle = q[:, list(names).index(name), None, None]
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    out: FloatArray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    return out

@@ -1,0 +1,274 @@
+"""ROS bags: what is taken of them, and what is asked."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_files import KINDS, BagFile
+from record_tables import URDF, needs_data
+
+from hil.cli import main
+from hil.record import bags
+from hil.record.bags import BagChoice, is_bag, read_bag
+from hil.record.mcap_read import load
+from hil.record.recording import LOCKED
+from hil.record.sources import load_source
+
+NAMES = ("elbow", "shoulder")  # as a driver may order them; the robot's order is the other
+T = np.arange(300) * 0.004
+
+
+@pytest.fixture(autouse=True, scope="module")
+def read_once():
+    """A bag that a test reads several times is read by one process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bags, "read_arrays", functools.cache(bags.read_arrays))
+        yield
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """The simple bag, for tests that leave it as it is."""
+    return simple(tmp_path_factory.mktemp("plain"), "mcap")
+
+
+def motion(t=T):
+    q = np.stack([np.sin(3 * t), 0.5 * np.cos(5 * t)], axis=1)
+    qd = np.stack([3 * np.cos(3 * t), -2.5 * np.sin(5 * t)], axis=1)
+    return q, qd, 2 * q + 0.3 * qd
+
+
+def simple(folder, kind="db3", name="run", **more):
+    """Bag of one joint state topic and the robot's description."""
+    with BagFile(folder, kind, name) as bag:
+        bag.joints("/joint_states", T, NAMES, *motion(), **more)
+        bag.description(URDF)
+    return bag.path
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_generation_comes_back_exactly_in_the_order_of_the_robot(tmp_path, kind):
+    (r,) = read_bag(simple(tmp_path, kind))
+    q, qd, tau = motion()
+    assert r.joints == ("shoulder", "elbow")
+    np.testing.assert_array_equal(r.q, q[:, ::-1])
+    np.testing.assert_array_equal(r.qd, qd[:, ::-1])
+    np.testing.assert_array_equal(r.tau, tau[:, ::-1])
+    np.testing.assert_allclose(r.t, T, atol=1e-9)
+    assert r.robot.urdf == URDF
+    assert "/joint_states" in r.metadata["note"]
+
+
+@pytest.mark.parametrize("kind", ["mcap", "db3"])
+def test_a_file_of_a_folder_is_a_bag_without_its_metadata(tmp_path, kind):
+    file = next(simple(tmp_path, kind).glob(f"*.{kind}"))
+    alone = file.rename(tmp_path / f"alone.{kind}")
+    (r,) = read_bag(alone)
+    np.testing.assert_array_equal(r.q, motion()[0][:, ::-1])
+
+
+def test_the_stamp_of_the_message_counts_not_its_reception(tmp_path):
+    late = np.random.default_rng(1).integers(0, 3_000_000)
+    with BagFile(tmp_path, "db3") as bag:
+        bag.joints("/joint_states", T[::2], NAMES, *(x[::2] for x in motion()), late=int(late))
+        bag.joints("/joint_states", T[1::2], NAMES, *(x[1::2] for x in motion()))
+    (r,) = read_bag(bag.path, BagChoice(robot=URDF))
+    np.testing.assert_allclose(r.t, T, atol=1e-9)
+    np.testing.assert_array_equal(r.q, motion()[0][:, ::-1])
+
+
+def test_without_stamps_the_reception_counts_and_that_is_said(tmp_path):
+    (r,) = read_bag(simple(tmp_path, stamped=False))
+    np.testing.assert_allclose(r.t, T, atol=1e-9)
+    assert "times of reception" in r.metadata["note"]
+
+
+def test_two_publishers_on_one_topic_are_told_apart(tmp_path):
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/joint_states", T, NAMES, *motion())
+        bag.joints("/joint_states", T + 0.001, ["finger"], 0.02 + 0 * T[:, None])
+    (r,) = read_bag(bag.path)
+    assert r.joints == NAMES
+    np.testing.assert_array_equal(r.q, motion()[0])
+
+
+def test_efforts_of_another_topic_at_another_rate_and_gaps(tmp_path):
+    slow = np.arange(0.1, 1.0, 0.01)
+    slow = slow[(slow < 0.4) | (slow > 0.6)]
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/joint_states", T, NAMES, motion()[0])
+        bag.numbers("/commands", slow, np.stack([slow, 2 * slow], axis=1))
+    with pytest.raises(ValueError, match=r"--effort-topic \(/commands\)"):
+        read_bag(bag.path)
+    (r,) = read_bag(bag.path, BagChoice(effort_topic="/commands", joints=NAMES))
+    np.testing.assert_allclose(r.tau, np.stack([r.t, 2 * r.t], axis=1), atol=1e-9)
+    assert r.t[0] >= 0.1 - 1e-9
+    assert r.t[-1] <= slow[-1] + 1e-9
+    assert not np.any((r.t > 0.4) & (r.t < 0.6))
+    assert r.qd is None
+    assert "left out" in r.metadata["note"]
+
+
+@pytest.mark.parametrize("kind", ["mcap", "bag"])
+def test_the_state_of_a_trajectory_controller(tmp_path, kind):
+    with BagFile(tmp_path, kind) as bag:
+        bag.controller("/arm_controller/state", T, NAMES, *motion())
+    (r,) = read_bag(bag.path)
+    np.testing.assert_array_equal(r.tau, motion()[2])
+
+
+def test_a_controller_whose_type_the_bag_does_not_define(tmp_path):
+    with BagFile(tmp_path, "db3") as bag:
+        bag.controller("/arm_controller/state", T, NAMES, *motion())
+    file = next(bag.path.glob("*.db3"))
+    with sqlite3.connect(file) as data:  # as before Iron
+        data.execute("delete from message_definitions")
+    (r,) = read_bag(file.rename(tmp_path / "old.db3"))
+    assert r.joints == NAMES
+    np.testing.assert_array_equal(r.q, motion()[0])
+
+
+def test_a_controllers_state_beside_the_joint_states_is_not_in_doubt(tmp_path):
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/joint_states", T, NAMES, *motion())
+        bag.controller("/arm_controller/state", T, NAMES, *motion())
+    (r,) = read_bag(bag.path)
+    assert "not used: /arm_controller/state" in r.metadata["note"]
+
+
+def test_two_arms_by_the_names_of_crtk(tmp_path):
+    q, qd, tau = motion()
+    with BagFile(tmp_path, "bag") as bag:
+        for sign, arm in ((1, "PSM1"), (-1, "PSM2")):
+            bag.joints(f"/{arm}/measured_js", T, ["yaw", "pitch"], sign * q, qd, 0 * tau)
+            bag.joints(f"/{arm}/setpoint_jf", T, ["yaw", "pitch"], None, None, sign * tau)
+    found = {r.arm: r for r in read_bag(bag.path)}
+    assert set(found) == {"PSM1", "PSM2"}
+    np.testing.assert_array_equal(found["PSM2"].q, -q)
+    np.testing.assert_array_equal(found["PSM2"].tau, -tau)
+    (one,) = read_bag(bag.path, BagChoice(arm="PSM2"))
+    assert one.arm == "PSM2"
+
+
+def test_several_joint_states_are_asked_about(tmp_path):
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/left/joint_states", T, NAMES, *motion())
+        bag.joints("/right/joint_states", T, NAMES, *motion())
+    with pytest.raises(ValueError, match=r"--topic.*/left/joint_states.*/right/joint_states"):
+        read_bag(bag.path)
+    (r,) = read_bag(bag.path, BagChoice(topic="/right/joint_states"))
+    assert r.n == T.size
+
+
+def test_a_force_is_turned_into_the_base(tmp_path):
+    wrench = np.tile([1.0, 2.0, 3.0, 0.1, 0.2, 0.3], (T.size, 1))
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/joint_states", T, NAMES, *motion())
+        bag.force("/ft", T, wrench, "hand")
+        bag.description(URDF)
+    (plain,) = read_bag(bag.path)
+    assert plain.wrench is None
+    (r,) = read_bag(bag.path, BagChoice(force_topic="/ft"))
+    angle = r.q.sum(axis=1)  # both joints turn about y
+    c, s = np.cos(angle), np.sin(angle)
+    np.testing.assert_allclose(r.wrench[:, 0], c * 1 + s * 3, atol=1e-12)
+    np.testing.assert_allclose(r.wrench[:, 2], -s * 1 + c * 3, atol=1e-12)
+    np.testing.assert_allclose(r.wrench[:, 5], -s * 0.1 + c * 0.3, atol=1e-12)
+    assert r.robot.tip == "hand"
+
+
+def test_what_stands_still_or_has_no_effort_is_locked_where_it_stood(tmp_path):
+    q, qd, tau = motion()
+    still = np.column_stack([q[:, 0], np.full(T.size, 0.7)])
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/joint_states", T, NAMES, still, qd, tau)
+        bag.description(URDF)
+    (r,) = read_bag(bag.path)
+    assert r.joints == ("elbow",)
+    assert json.loads(r.metadata[LOCKED]) == {"shoulder": 0.7}
+    assert "locked: shoulder at 0.7" in r.metadata["note"]
+    (both,) = read_bag(bag.path, BagChoice(joints=("shoulder", "elbow")))
+    assert both.joints == ("shoulder", "elbow")
+
+
+@pytest.mark.parametrize(
+    ("choice", "said"),
+    [
+        (BagChoice(topic="/joint_state"), "joint_states"),
+        (BagChoice(effort_topic="/tau"), "/joint_states"),
+        (BagChoice(force_topic="/ft"), "force topic"),
+        (BagChoice(joints=("elbw",)), "elbow"),
+        (BagChoice(lock={"finger": 0.0}), "moving joint"),
+        (BagChoice(joints=("elbow",), lock={"elbow": 0.0}), "choose one"),
+    ],
+)
+def test_what_is_not_there_is_said(plain, choice, said):
+    with pytest.raises(ValueError, match=said):
+        read_bag(plain, choice)
+
+
+def test_a_robot_of_other_joints_is_refused(plain):
+    other = URDF.replace('"shoulder"', '"a"').replace('"elbow"', '"b"')
+    with pytest.raises(ValueError, match=r"another robot.*a, b.*elbow, shoulder"):
+        read_bag(plain, BagChoice(robot=other))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_damaged_bag_is_refused_with_one_line(tmp_path, kind, capsys):
+    path = simple(tmp_path, kind)
+    file = path if path.is_file() else next(path.glob(f"*.{kind}"))
+    data = bytearray(file.read_bytes())
+    data[40 : len(data) // 2] = bytes(len(data) // 2 - 40)
+    file.write_bytes(data)
+    assert main(["import", str(path), "-o", str(tmp_path / "s.mcap")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "bag" in error
+    assert not (tmp_path / "s.mcap").exists()
+
+
+def test_import_then_load_is_the_bag(tmp_path, plain, capsys):
+    path = plain
+    words = ["import", str(path), "-o", str(tmp_path / "s.mcap"), "--joints", "elbow"]
+    assert main([*words, "--lock", "shoulder=0.25"]) == 0
+    said = capsys.readouterr().out
+    assert "positions of /joint_states" in said
+    assert "locked: shoulder at 0.25" in said
+    back, direct = load(tmp_path / "s.mcap"), read_bag(path, BagChoice(joints=("elbow",)))[0]
+    np.testing.assert_array_equal(back.q, direct.q)
+    assert back.joints == ("elbow",)
+    assert json.loads(back.metadata[LOCKED]) == {"shoulder": 0.25}
+    assert not is_bag(tmp_path / "s.mcap")
+    assert load_source(tmp_path / "s.mcap").joints == ("elbow",)
+    assert main([*words[:4], "--all-runs"]) == 2
+    assert "--all-runs" in capsys.readouterr().err
+
+
+def test_options_of_bags_are_refused_for_tables(tmp_path, capsys):
+    table = tmp_path / "t.csv"
+    table.write_text("t,q1,tau1\n0,0,0\n")
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap"), "--topic", "/x"]) == 2
+    assert "--topic" in capsys.readouterr().err
+
+
+def test_an_analysis_takes_a_bag(plain, capsys):
+    assert main(["compare", str(plain), "--json"]) == 0
+    done = capsys.readouterr()
+    assert "positions of /joint_states" in done.err
+    assert [j["name"] for j in json.loads(done.out)["joints"]] == ["shoulder", "elbow"]
+
+
+@needs_data
+def test_published_bags():
+    folder = Path(os.environ["HIL_DATA"]) / "ros2_bags"
+    if not folder.is_dir():
+        pytest.skip(f"{folder} is not there")
+    (r,) = read_bag(folder / "ur10_exciting_trajectory.db3")
+    assert r.joints[:2] == ("shoulder_pan_joint", "shoulder_lift_joint")
+    assert (r.n, round(r.rate)) == (3441, 125)
