@@ -387,6 +387,7 @@ class SessionWriter:
         number, width, encode = self._encode[topic]
         if len(values) != width:
             raise ConfigError(f"topic {topic} takes {width} values, got {len(values)}")
+        self._begin(t_ns)
         self._writer.add_message(number, t_ns, encode(t_ns, values), t_ns, tick)
         self.messages += 1
         self._keep_up(t_ns)
@@ -419,6 +420,8 @@ class SessionWriter:
         if key not in self._blocks:
             rows = [(self._channel(t, s.stop - s.start), s.start) for t, s in topics]
             self._blocks[key] = Block(rows)
+        if len(stamps):
+            self._begin(int(stamps[0, 1]))
         block, done = self._blocks[key], 0
         raw, times = block.encode(stamps, data), stamps[:, 1]
         self.messages += len(raw) * block.topics
@@ -436,12 +439,15 @@ class SessionWriter:
             raise ConfigError(f"topic {topic} takes {needed} values, got {width}")
         return number, self._channels[topic]
 
+    def _begin(self, t_ns: int) -> None:
+        """The first message's time: the first chunk holds whole rows from there on."""
+        if self._first_ns < 0:
+            self._first_ns, self._until_ns = t_ns, t_ns + START_CHUNK_NS
+
     def _keep_up(self, t_ns: int) -> None:
         if t_ns < self._until_ns:
             return
         self.flush()
-        if self._first_ns < 0:
-            self._first_ns = t_ns
         begins = t_ns - self._first_ns < START_NS
         self._until_ns = t_ns + (START_CHUNK_NS if begins else CHUNK_NS)
         if self._sync_ns and t_ns - self._synced_ns >= self._sync_ns:
@@ -453,6 +459,7 @@ class SessionWriter:
         if not self._events:
             schema = define_schema(self._writer, "hil_event", "jsonschema", EVENT_SCHEMA.encode())
             self._events = define_channel(self._writer, "/events", "json", schema)
+        self._begin(t_ns)
         text = json.dumps({"tick": tick, "name": name, "data": dict(data)}, sort_keys=True)
         self._writer.add_message(self._events, t_ns, text.encode(), t_ns, tick)
         self._keep_up(t_ns)

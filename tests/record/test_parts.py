@@ -169,8 +169,9 @@ def test_a_full_disk_leaves_no_stub(tmp_path, monkeypatch):
     monkeypatch.setattr(SessionFile, "flush", flush)
     writer = opened(path, {})
     monkeypatch.setattr(SessionFile, "flush", full)
+    writer.write(STATE.topic, 1, 0, [0.0, 0.0])
     with pytest.raises(OSError, match="No space"):
-        writer.write(STATE.topic, 1, 0, [0.0, 0.0])
+        writer.write(STATE.topic, 2, 10**7, [0.0, 0.0])
     writer.abandon()
     assert not path.exists()
 
