@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from hil.models.files import read_model, write_model
     from hil.models.model import RobotModel, Use, base_model
     from hil.record.arrays import from_arrays
-    from hil.record.mcap_read import load
     from hil.record.recording import Recording
+    from hil.record.sources import load
 
 _WHERE = {
-    "load": "hil.record.mcap_read",
+    "load": "hil.record.sources",
     "from_arrays": "hil.record.arrays",
     "Recording": "hil.record.recording",
     "RobotModel": "hil.models.model",

@@ -38,6 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="the same by name, where sessions do not stand behind the effect",
     )
     common.add_holdout(parser)
+    common.add_sources(parser)
     common.add_output(parser, "M2.toml", "the new model, whether or not the effect helps")
 
 

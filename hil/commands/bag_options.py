@@ -1,21 +1,22 @@
-"""Options that say what is taken of a ROS bag, and which joints of a robot move."""
+"""Options that say what is taken of a ROS bag, and which joints of a robot the columns are of."""
 
 from __future__ import annotations
 
 import argparse
 import math
-from pathlib import Path
 
 from hil.errors import ConfigError
 from hil.record.bags import BagChoice
-from hil.userfile import read_text
+from hil.record.sources import urdf_text
 
 _TOPICS = ("topic", "effort_topic", "force_topic")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     """--topic, --effort-topic, --force-topic, --joints, --lock."""
-    group = parser.add_argument_group("ROS bags", "chosen where only one choice is possible")
+    group = parser.add_argument_group(
+        "ROS bags and joints", "chosen where only one choice is possible"
+    )
     group.add_argument("--topic", default="", metavar="T", help="joint states, e.g. /joint_states")
     group.add_argument("--effort-topic", default="", metavar="T", help="motor efforts")
     group.add_argument(
@@ -28,8 +29,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--joints",
         default="",
         metavar="A,B",
-        help="joints that move; the others of the URDF are locked (default: those that the bag "
-        "shows moving, with efforts)",
+        help="joints that move, of a table in the order of its columns; the others of the URDF are "
+        "locked (default: those that a bag shows moving, with efforts; of a table all, or the arm "
+        "without what hangs beyond its last column)",
     )
     group.add_argument(
         "--lock",
@@ -52,35 +54,42 @@ def choice(args: argparse.Namespace) -> BagChoice:
         topic=args.topic,
         effort_topic=args.effort_topic,
         force_topic=args.force_topic,
-        robot=_urdf(args.robot),
-        joints=tuple(n.strip() for n in args.joints.split(",") if n.strip()),
-        lock=dict(_locked(text) for text in args.lock),
+        robot=urdf_text(args.robot),
+        joints=joints(args),
+        lock=locked(args),
         tip=getattr(args, "tip", ""),
         arm=args.arm or "",
     )
 
 
+def joints(args: argparse.Namespace) -> tuple[str, ...]:
+    """Joints of --joints."""
+    return tuple(n.strip() for n in args.joints.split(",") if n.strip())
+
+
+def locked(args: argparse.Namespace) -> dict[str, float]:
+    """Positions [rad or m] of --lock.
+
+    Raises
+    ------
+    ConfigError
+        If one makes no sense.
+    """
+    return dict(_locked(text) for text in args.lock)
+
+
 def refuse(args: argparse.Namespace) -> None:
-    """Refuse options of bags for something else.
+    """Refuse topics for something that is no bag.
 
     Raises
     ------
     ConfigError
         If one is given.
     """
-    for name in (*_TOPICS, "joints", "lock"):
+    for name in _TOPICS:
         if getattr(args, name):
             option = "--" + name.replace("_", "-")
             raise ConfigError(f"{option} is for ROS bags; {args.table} is none")
-
-
-def _urdf(name: str) -> str:
-    if not name:
-        return ""
-    try:
-        return read_text(Path(name))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"robot {name} cannot be read: {error}") from error
 
 
 def _locked(text: str) -> tuple[str, float]:

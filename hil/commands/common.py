@@ -27,8 +27,13 @@ def add_sessions(parser: argparse.ArgumentParser, model: bool = True) -> None:
     add_model(parser)
     if model:
         add_holdout(parser)
+    add_sources(parser)
+
+
+def add_sources(parser: argparse.ArgumentParser) -> None:
+    """--robot, and the options of bags and joints."""
     parser.add_argument(
-        "--robot", default="", metavar="URDF", help="robot of a ROS bag; default: the one in it"
+        "--robot", default="", metavar="URDF", help="robot; default: that of the session or bag"
     )
     bag_options.add(parser)
 
@@ -109,9 +114,8 @@ def load(
     elif not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=robot)
     outputs.refuse_urdf(getattr(args, "output", None), model.robot.urdf)
-    for path, run in zip(paths, runs, strict=True):
-        model.check_joints(run.joints)
-        _same_joints(path, run, runs[0])
+    _refuse_robots([*paths, *others], every)
+    model.check_joints(runs[0].joints)
     return _distinct(runs), _distinct(held), model
 
 
@@ -145,11 +149,16 @@ def model_file(path: str) -> RobotModel:
     return read_model(path)
 
 
-def _same_joints(path: str | Path, run: Recording, first: Recording) -> None:
-    if run.joints != first.joints:
+def _refuse_robots(paths: Sequence[Path], runs: Sequence[Recording]) -> None:
+    """Refuse sessions of several robots, each with its sessions."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for path, run in zip(paths, runs, strict=True):
+        groups.setdefault(run.joints, []).append(str(path))
+    if len(groups) > 1:
+        rows = [f"{', '.join(names)}: {', '.join(joints)}" for joints, names in groups.items()]
         raise ConfigError(
-            f"session {path} has the joints {', '.join(run.joints)}, the first session has "
-            f"{', '.join(first.joints)}; give sessions of one robot"
+            f"the sessions are of {len(groups)} robots, by their joints: {'; '.join(rows)}. Give "
+            "those of one robot, or the joints that all have with --joints"
         )
 
 

@@ -6,11 +6,11 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from hil.commands import common, outputs, plugins
+from hil.commands import bag_options, common, outputs, plugins
 from hil.errors import ConfigError
 from hil.export import target
 from hil.export.target import Job, Made
-from hil.record.mcap_read import load_all
+from hil.record.sources import find, load_sources
 
 EXAMPLE = "hil export arm.toml --to mjcf -o arm.xml --data run1.mcap --holdout run2.mcap"
 
@@ -31,6 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="sessions to refit to; without, the values are only translated",
     )
     common.add_holdout(parser)
+    common.add_sources(parser)
     parser.add_argument("--arm", help="arm of the session, e.g. follower")
     parser.add_argument(
         "--feasible",
@@ -47,27 +48,23 @@ def _told() -> str:
 
 def run(args: argparse.Namespace) -> int:
     """Refit, write, and print errors before and after and what is lost."""
-    paths = [s for group in args.data for s in group]
+    paths, others = find(s for group in args.data for s in group), find(args.holdout)
     if args.holdout and not paths:
         raise ConfigError("--holdout judges a refit, which needs --data; give the sessions to fit")
     kind, place = target.get(args.to), Path(args.output)
-    outputs.check(
-        place, kind.ending, [args.model, *paths, *args.holdout], _ours, "an export of hil"
-    )
+    outputs.check(place, kind.ending, [args.model, *paths, *others], _ours, "an export of hil")
     plugins.load_installed()
     model = common.model_file(args.model)
     arm = args.arm or model.arm or None
-    runs = load_all(paths, arm)
-    held = load_all(args.holdout, arm)
+    every = load_sources([*paths, *others], arm, bag_options.choice(args))
+    runs, held = every[: len(paths)], every[len(paths) :]
     if runs and not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=runs[0].robot)
     job = Job(model, Path(args.model), place.stem, runs, held, args.feasible)
     made = kind.make(job)
     written = [place.with_suffix(ending) for ending in made.texts]
     for path in written[1:]:
-        outputs.check(
-            path, path.suffix, [args.model, *paths, *args.holdout], _ours, "an export of hil"
-        )
+        outputs.check(path, path.suffix, [args.model, *paths, *others], _ours, "an export of hil")
     for path, text in zip(written, made.texts.values(), strict=True):
         with outputs.writing(path):
             path.write_text(text, encoding="utf-8")

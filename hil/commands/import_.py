@@ -301,6 +301,8 @@ def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which
         unit=args.unit,
         torque_constant=_constants(args.torque_constant),
         missing=args.missing,
+        joints=bag_options.joints(args),
+        lock=bag_options.locked(args),
     )
     for recording in found.recordings:
         if not recording.robot.urdf:

@@ -25,6 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--arm", help="arm of the session, e.g. follower")
     common.add_holdout(parser)
+    common.add_sources(parser)
     parser.add_argument("--port", type=int, default=0, help="port; default: a free one")
     parser.add_argument(
         "--no-browser", action="store_true", help="print the address, and open no browser"

@@ -39,6 +39,7 @@ def from_arrays(
     current: ArrayLike | None = None,
     temperature: ArrayLike | None = None,
     joints: Sequence[str] = (),
+    lock: Mapping[str, float] | None = None,
     map: str | Path | TableMap | None = None,
     tip: str = "",
     unit: str = "",
@@ -63,7 +64,10 @@ def from_arrays(
     wrench : array_like (n, 3 or 6), optional
         Force and torque ON the robot at the tip, base frame [N, N m].
     joints : sequence of str
-        Names of the joints, where no URDF names them.
+        Names of the joints of the columns, in their order.  The other moving joints of the URDF
+        are locked; without `joints` those beyond an arm that the columns fill, as of a gripper.
+    lock : mapping of str to float, optional
+        Where joints are locked [rad or m]; by default at 0, or the limit next to it.
     map : str, Path or TableMap, optional
         Map file, or the name of a built-in one, for columns of other names and units.
     tip, unit, arm, name : str
@@ -97,12 +101,20 @@ def from_arrays(
         found = _array_columns(t, {"q": q, "tau": tau, **more}, wrench)
     given = map if isinstance(map, TableMap) else read_map(map) if map else TableMap()
     given = replace(given, tip=tip or given.tip).within(unit, ())
+    source = _robot(robot)
+    described = bool(source.urdf if isinstance(source, RobotSource) else str(source) or given.urdf)
+    if described:
+        named = tuple(joints) or given.joints
+        given = replace(given, joints=named, lock={**given.lock, **(lock or {})})
+    elif lock:
+        raise ConfigError("lock is of the joints of a URDF; give it with robot=...")
     table = ForeignTable(Path(name), tuple(found), lambda w: {k: found[k] for k in w}, 0, name)
-    imported = read_columns(table, given, _robot(robot), arm)
+    imported = read_columns(table, given, source, arm)
     if len(imported.recordings) > 1:
         arms = ", ".join(r.arm for r in imported.recordings)
         raise ConfigError(f"the map makes the arms {arms}; choose one with arm=...")
-    return _named(imported.recordings[0], tuple(joints))
+    run = imported.recordings[0]
+    return run if described else _named(run, tuple(joints))
 
 
 def _array_columns(
@@ -197,11 +209,6 @@ def _robot(given: str | Path | RobotSource) -> str | Path | RobotSource:
 def _named(run: Recording, joints: tuple[str, ...]) -> Recording:
     if not joints or joints == run.joints:
         return run
-    if run.robot.urdf:
-        raise ConfigError(
-            f"joints = {', '.join(joints)}, but the URDF has {', '.join(run.joints)}; leave joints "
-            "out, and give the columns in the order of the URDF"
-        )
     if len(joints) != run.d:
         raise ConfigError(f"{plural(len(joints), 'name')} in joints, but {run.d} columns of q")
     return replace(run, joints=joints)

@@ -5,6 +5,7 @@ What a bag does not say is not guessed: where two answers are possible, the impo
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -354,6 +355,36 @@ def _joints(bag: _Bag, arm: str, state: _Group, effort: _Group, chosen: BagChoic
     return _Chosen(names, RobotSource("", text, chosen.tip), units, locked)
 
 
+def _names_of_robot(urdf: str, names: Sequence[str]) -> dict[str, str]:
+    """Names in the URDF by those in the bag, where they differ in a prefix or suffix alone."""
+    if not urdf:
+        return {}
+    known = [j.name for j in free_joints(urdf)]
+    if set(known) & set(names) or len(names) < 2:
+        return {}
+    bag, robot = _middles(names), {m: n for n, m in _middles(known).items()}
+    if not set(bag.values()) <= set(robot):
+        return {}
+    return {name: robot[middle] for name, middle in bag.items()}
+
+
+def _middles(names: Sequence[str]) -> dict[str, str]:
+    """Names without the prefix and the suffix that all share; digits belong to none."""
+    before = _shared(names).rstrip("0123456789")
+    after = _shared([n[::-1] for n in names])[::-1].lstrip("0123456789")
+    return {n: n[len(before) : len(n) - len(after)] for n in names}
+
+
+def _shared(names: Sequence[str]) -> str:
+    """What all names begin with."""
+    same = itertools.takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
+    return "".join(letters[0] for letters in same)
+
+
+def _renamed(group: _Group, called: Mapping[str, str]) -> _Group:
+    return replace(group, names=tuple(called.get(n, n) for n in group.names))
+
+
 def _useful(state: _Group, effort: _Group, chosen: BagChoice) -> list[str]:
     return [
         n
@@ -372,6 +403,9 @@ def _recording(
 ) -> Recording:
     """Recording of an arm; its time counts from the first joint state of the bag."""
     effort, source = _effort(bag, state, chosen)
+    called = _names_of_robot(chosen.robot or _description(bag, arm), state.names)
+    state, effort = _renamed(state, called), _renamed(effort, called)
+    chosen = replace(chosen, joints=tuple(called.get(n, n) for n in chosen.joints))
     what = _joints(bag, arm, state, effort, chosen)
     force = _force(bag, chosen)
     used = [g for g in (state, effort, force) if g is not None]
@@ -390,6 +424,9 @@ def _recording(
     _refuse_short(bag, state, stamps[keep])
     has_speed = bool(np.isfinite(qd[keep]).all())
     taken = f"{bag.path.name}: {_told(bag, state, source, force, what, clock)}"
+    if called:
+        taken += f"; the bag calls {what.names[0]} "
+        taken += f"{next(old for old, new in called.items() if new == what.names[0])}, and so on"
     if lost := len(state.stamp) - keep.size:
         taken += f"; {plural(lost, 'message')} of {len(state.stamp)} left out: repeated, without "
         taken += "a number, or where the other topics have none"

@@ -21,6 +21,7 @@ FloatArray = NDArray[np.float64]
 #: What a fixed joint has not.
 _MOVING_TAGS = ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration")
 _FREE = ("floating", "planar")
+_MOVING = ("revolute", "continuous", "prismatic")
 
 
 def free_joints(urdf: str, where: str = "the URDF") -> tuple[UrdfJoint, ...]:
@@ -31,7 +32,49 @@ def free_joints(urdf: str, where: str = "the URDF") -> tuple[UrdfJoint, ...]:
     DataError
         If it is no URDF, or has no moving joint.
     """
-    return urdf_joints(_text(_grounded(checked_urdf(urdf, where))), where)
+    grounded = _grounded(checked_urdf(urdf, where))
+    if all(j.get("type") not in _MOVING for j in grounded.findall("joint")):
+        return urdf_joints(urdf, where)  # which says why there is none
+    return urdf_joints(_text(grounded), where)
+
+
+def arm_joints(urdf: str, d: int) -> tuple[str, ...]:
+    """The first `d` moving joints, where every other one hangs beyond the last of them.
+
+    That is an arm with its gripper; where the others are elsewhere, or none are, nobody but the
+    user can say which joints are meant, and the answer is empty.
+
+    Parameters
+    ----------
+    urdf : str
+        URDF text.
+    d : int
+        How many.
+
+    Raises
+    ------
+    DataError
+        If it is no URDF, or has no moving joint.
+    """
+    root = _grounded(checked_urdf(urdf, "the URDF"))
+    names = [j.name for j in urdf_joints(_text(root), "the URDF")]
+    if not 0 < d < len(names):
+        return ()
+    above = {_end(j, "child"): j for j in root.findall("joint")}
+    elements = {j.get("name", ""): j for j in root.findall("joint")}
+
+    def before(name: str) -> list[str]:
+        """Joints between the root and one."""
+        out: list[str] = []
+        link = _end(elements[name], "parent")
+        while link in above:
+            out.append(above[link].get("name", ""))
+            link = _end(above[link], "parent")
+        return out
+
+    chain = all(names[k] in before(names[k + 1]) for k in range(d - 1))
+    beyond = all(names[d - 1] in before(n) for n in names[d:])
+    return tuple(names[:d]) if chain and beyond else ()
 
 
 def locked_urdf(

@@ -82,6 +82,10 @@ class TableMap:
         Further columns to take along by field name, and their units.
     folder : Path or None
         Folder of the map file.
+    joints : tuple of str
+        Joints of the URDF that the columns are of, in their order; the others are locked.
+    lock : mapping of str to float
+        Where joints are locked [rad or m]; the others at 0, or the limit next to it.
     """
 
     arms: Mapping[str, Mapping[str, Rule]] = field(default_factory=lambda: {"": {}})
@@ -103,6 +107,8 @@ class TableMap:
     extras: Mapping[str, Rule] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     folder: Path | None = None
+    joints: tuple[str, ...] = ()
+    lock: Mapping[str, float] = field(default_factory=dict)
 
     def rule(self, target: str, entry: Mapping[str, Any] | str) -> Rule:
         """Rule of a column as it would stand in [columns], in the unit that [units] says."""
@@ -164,7 +170,7 @@ TARGETS = (
 )
 _TARGET = re.compile(r"t|[ft][xyz]|(q|qd|tau|tauext|i|temp)[1-9][0-9]?")
 _TOP = ("schema", "robot", "table", "columns", "units", "arms", "offsets", "extras", "signal")
-_ROBOT = ("preset", "urdf", "tip", "unit", "arm")
+_ROBOT = ("preset", "urdf", "tip", "unit", "arm", "joints", "lock")
 _TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated", "missing")
 _SIGNAL = ("position_hz", "effort_hz", "rate_hz", "gap_s", "shift_s")
 _RULE = ("from", "sum", "scale", "sign", "shift", "unit", "torque_constant")
@@ -251,6 +257,8 @@ def parse_map(data: Mapping[str, Any]) -> TableMap:
         units_of=units,
         patterns=_patterns(_table(data, "columns")),
         offsets=_offsets(data, arms),
+        joints=_names(robot.get("joints", ())),
+        lock={k: _number(v, f"robot.lock.{k}") for k, v in _table(robot, "lock").items()},
         signal={k: _number(v, f"signal.{k}") for k, v in _table(data, "signal", _SIGNAL).items()},
         **_extras(data),
     )

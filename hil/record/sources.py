@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from hil.errors import DataError, plural
+import numpy as np
+
+from hil.errors import ConfigError, DataError, plural
+from hil.record import mcap_read
 from hil.record.bags import BagChoice, is_bag, read_bag
-from hil.record.locked import locked_urdf
-from hil.record.mcap_read import arms, load
-from hil.record.recording import LOCKED, Recording
+from hil.record.locked import arm_joints, free_joints, locked_urdf
+from hil.record.recording import LOCKED, Recording, RobotSource
+from hil.userfile import read_text
 
 #: A joint that stands elsewhere by more [rad or m] makes another robot of a run.
 ELSEWHERE = 0.05
@@ -68,14 +72,73 @@ def load_source(
     """
     chosen = choice or BagChoice()
     if not is_bag(path):
-        found = load(path, arm)
-        return subset(found, chosen) if chosen.joints else found
+        found = mcap_read.load(path, arm)
+        return subset(found, chosen) if chosen.joints or chosen.robot or chosen.lock else found
     bag = read_bag(path, replace(chosen, arm=arm or chosen.arm))
     if len(bag) > 1:
         bag[0].metadata["note"] += (
             f"; the arms are {', '.join(r.arm for r in bag)} (choose with --arm)"
         )
     return bag[0]
+
+
+def load(
+    path: str | Path,
+    arm: str | None = None,
+    *,
+    robot: str = "",
+    joints: Sequence[str] = (),
+    lock: Mapping[str, float] | None = None,
+    topic: str = "",
+    effort_topic: str = "",
+    force_topic: str = "",
+    tip: str = "",
+) -> Recording:
+    """Load one arm of a session or a ROS bag.
+
+    Parameters
+    ----------
+    path : str or Path
+        Session, or a bag: ROS 1, ROS 2 folder, or a file of one (MCAP, SQLite).
+    arm : str, optional
+        Arm; default the only one, else the first.
+    robot : str
+        URDF file or text; default that of the session or bag.
+    joints : sequence of str
+        Joints to keep; the others of the URDF are locked.
+    lock : mapping of str to float, optional
+        Where joints are locked [rad or m]; default where they stood.
+    topic, effort_topic, force_topic, tip : str
+        Topics of a bag, and frame of its force; chosen where only one choice is possible.
+
+    Raises
+    ------
+    DataError
+        If it cannot be read, or has not what is needed.
+    ConfigError
+        If what was named is not there.
+    """
+    text = robot if robot.lstrip().startswith("<") else urdf_text(robot)
+    chosen = BagChoice(
+        topic, effort_topic, force_topic, text, tuple(joints), dict(lock or {}), tip, arm or ""
+    )
+    return load_source(path, arm, chosen)
+
+
+def urdf_text(path: str) -> str:
+    """Text of a URDF file; empty without a path.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read.
+    """
+    if not path:
+        return ""
+    try:
+        return read_text(Path(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"robot {path} cannot be read: {error}") from error
 
 
 def load_sources(
@@ -107,11 +170,11 @@ def every_arm(path: str | Path, choice: BagChoice | None = None) -> list[Recordi
     """
     if is_bag(path):
         return read_bag(path, choice)
-    return [load_source(path, arm, choice) for arm in arms(path)]
+    return [load_source(path, arm, choice) for arm in mcap_read.arms(path)]
 
 
 def subset(recording: Recording, choice: BagChoice) -> Recording:
-    """Some joints of a recording; those of its URDF that are left out are locked.
+    """Some joints of a recording, or another robot; joints of the URDF that are left are locked.
 
     Raises
     ------
@@ -120,13 +183,22 @@ def subset(recording: Recording, choice: BagChoice) -> Recording:
     ConfigError
         If the URDF has not.
     """
-    lost = [n for n in choice.joints if n not in recording.joints]
+    recording = _of_robot(recording, choice)
+    wanted = choice.joints or tuple(n for n in recording.joints if n not in choice.lock)
+    lost = [n for n in wanted if n not in recording.joints]
     if lost:
         raise DataError(
             f"recording {recording.name!r} has no joint {', '.join(lost)}; it has "
             f"{', '.join(recording.joints)}"
         )
-    keep = [k for k, n in enumerate(recording.joints) if n in choice.joints]
+    if not wanted:
+        raise DataError(f"recording {recording.name!r}: --lock leaves no joint; leave one free")
+    keep = [k for k, n in enumerate(recording.joints) if n in wanted]
+    stood = {
+        n: float(np.median(recording.q[:, k]))
+        for k, n in enumerate(recording.joints)
+        if k not in keep
+    }
     arrays = {
         key: value[:, keep]
         for key in ("q", "tau", "qd", "tau_ext", "current", "temperature")
@@ -135,11 +207,6 @@ def subset(recording: Recording, choice: BagChoice) -> Recording:
     robot, locked = recording.robot, json.loads(recording.metadata.get(LOCKED, "{}"))
     if robot.urdf:
         names = [recording.joints[k] for k in keep]
-        stood = {
-            n: float(sorted(recording.q[:, k])[recording.n // 2])
-            for k, n in enumerate(recording.joints)
-            if k not in keep
-        }
         text, more = locked_urdf(robot.urdf, names, {**stood, **choice.lock})
         robot, locked = replace(robot, urdf=text), {**locked, **more}
     said = {LOCKED: json.dumps(locked)} if locked else {}
@@ -150,6 +217,43 @@ def subset(recording: Recording, choice: BagChoice) -> Recording:
         metadata={**recording.metadata, **said},
         **arrays,
     )
+
+
+def _of_robot(recording: Recording, choice: BagChoice) -> Recording:
+    """A recording with the robot of the choice; joints without names take those of its arm."""
+    if not choice.robot:
+        return recording
+    tip = choice.tip or recording.robot.tip
+    source = RobotSource("", choice.robot, tip)
+    known = [j.name for j in free_joints(choice.robot)]
+    if set(recording.joints) <= set(known):
+        text, locked = locked_urdf(choice.robot, recording.joints, _others(recording, choice))
+    else:
+        named = not all(re.fullmatch(r"joint\d+", n) for n in recording.joints)
+        arm = arm_joints(choice.robot, recording.d) or tuple(known)
+        if named or len(arm) != recording.d:
+            raise DataError(
+                f"recording {recording.name!r} is of another robot than the URDF: its joints are "
+                f"{', '.join(recording.joints)}, those of the URDF {', '.join(known)}"
+            )
+        recording = replace(recording, joints=arm)
+        text, locked = locked_urdf(choice.robot, arm, _others(recording, choice))
+    order = [j.name for j in free_joints(text) if j.name in recording.joints]
+    if order != list(recording.joints):
+        raise DataError(
+            f"recording {recording.name!r} has its joints in the order "
+            f"{', '.join(recording.joints)}, the URDF in the order {', '.join(order)}; import the "
+            "table again with --robot and --joints"
+        )
+    said = {LOCKED: json.dumps(locked)} if locked else {}
+    metadata = {k: v for k, v in recording.metadata.items() if k != LOCKED} | said
+    return replace(recording, robot=replace(source, urdf=text), metadata=metadata)
+
+
+def _others(recording: Recording, choice: BagChoice) -> dict[str, float]:
+    """Where joints stand that the recording does not hold."""
+    stood = json.loads(recording.metadata.get(LOCKED, "{}"))
+    return {n: v for n, v in {**stood, **choice.lock}.items() if n not in recording.joints}
 
 
 def stand_elsewhere(runs: Sequence[Recording]) -> list[str]:

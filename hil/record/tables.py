@@ -7,10 +7,11 @@ Columns of a recording, and whether a table has all that belong together.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -19,12 +20,13 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.consistency import unit_doubt, velocity_factor
+from hil.record.locked import arm_joints, free_joints, locked_urdf
 from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import LOCKED, Recording, RobotSource
 from hil.record.schema import LAST_S, Channel
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.units import FACTORS, epoch_unit, time_unit
-from hil.record.urdf_joints import UrdfJoint, urdf_joints
+from hil.record.urdf_joints import UrdfJoint
 from hil.userfile import read_text
 
 #: A step of so many median periods is a jump.
@@ -237,7 +239,8 @@ def count_joints(
         names = ", ".join(j.name for j in joints)
         raise DataError(
             f"the URDF does not match table {table.path}: {plural(len(joints), 'moving joint')} "
-            f"({names}), but {plural(d, 'position column')}"
+            f"({names}), but {plural(d, 'position column')}; name the joints of the columns with "
+            "--joints A,B,.. (or joints = [..] in a map), and the others are locked"
         )
     return d
 
@@ -316,6 +319,8 @@ def import_table(
     unit: str = "",
     torque_constant: Sequence[float] = (),
     missing: str = "",
+    joints: Sequence[str] = (),
+    lock: Mapping[str, float] | None = None,
 ) -> Imported:
     """Read a table through a map; everything is validated, nothing is written.
 
@@ -335,6 +340,8 @@ def import_table(
         Effort at the joint by motor current [N m/A], where the efforts are currents.
     missing : str
         As in the map, which it overrules.
+    joints, lock : sequence of str, mapping of str to float
+        As in the map, which they overrule.
 
     Raises
     ------
@@ -346,6 +353,9 @@ def import_table(
     """
     given = mapping or TableMap()
     given = replace(given, tip=tip or given.tip, missing=missing or given.missing)
+    given = replace(
+        given, joints=tuple(joints) or given.joints, lock={**given.lock, **(lock or {})}
+    )
     given = given.within(unit, torque_constant)
     table = open_table(path, given.array, given.columns, run)
     return read_columns(table, given, urdf, arm)
@@ -546,11 +556,45 @@ def _robot(
 
 def _moving(source: RobotSource, what: str) -> tuple[UrdfJoint, ...]:
     """Moving joints of a description, after checking that it has the frame of the tip."""
-    joints = urdf_joints(source.urdf, what)
+    joints = free_joints(source.urdf, what)
     links = set(re.findall(r"<(?:link|joint)\s[^>]*?name\s*=\s*[\"']([^\"']+)", source.urdf))
     if source.tip and source.tip not in links:
         raise DataError(f"{what}: " + unknown("frame", source.tip, links))
     return joints
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """A robot with the joints of the columns alone; which column each is; what is said."""
+
+    robot: RobotSource
+    joints: tuple[UrdfJoint, ...] = ()
+    order: tuple[int, ...] = ()
+    said: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def _fit_robot(
+    robot: RobotSource, joints: tuple[UrdfJoint, ...], given: TableMap, d: int
+) -> _Fitted:
+    """Lock the joints that no column is of: those not named, or a gripper beyond the arm."""
+    if not robot.urdf:
+        if given.joints or given.lock:
+            raise ConfigError("joints and lock are of a URDF; give it with --robot")
+        return _Fitted(robot)
+    names = given.joints or arm_joints(robot.urdf, d) or tuple(j.name for j in joints)
+    names = tuple(n for n in names if n not in given.lock) if not given.joints else names
+    if len(set(names)) < len(names):
+        raise ConfigError(f"joints = {', '.join(names)} names a joint twice")
+    text, locked = locked_urdf(robot.urdf, names, given.lock)
+    left = tuple(j for j in joints if j.name in names)
+    order = tuple(names.index(j.name) for j in left)
+    if not locked:
+        return _Fitted(replace(robot, urdf=text), left, order)
+    said = f"locked: {', '.join(f'{n} at {v:.4g}' for n, v in locked.items())}"
+    if not given.joints:
+        said = f"the columns are taken as those of {', '.join(names)}; {said} (--joints and --lock)"
+    return _Fitted(replace(robot, urdf=text), left, order, {LOCKED: json.dumps(locked)}, (said,))
 
 
 @dataclass(frozen=True)
@@ -572,11 +616,14 @@ def _arm(
     joints: tuple[UrdfJoint, ...],
 ) -> _Arm:
     table = tables[""]
+    fitted = _fit_robot(robot, joints, given, max(_grouped(rules).get("q", [0])))
+    robot, joints = fitted.robot, fitted.joints
     d = count_joints(rules, table, joints, given.rate_hz > 0)
     rules = {**rules, **given.extras}
     columns = _sources(rules, tables)
     n = next(iter(columns.values())).size
     rules, notes = _timed(rules, columns)
+    notes = [*fitted.notes, *notes]
     values = {target: rule.apply(columns, n) for target, rule in rules.items()}
     for name, offset in given.offsets.get(table.run, {}).items():
         owner, _, target = name.rpartition(".")
@@ -594,7 +641,9 @@ def _arm(
     keep = clean_time(table, values["t"], given.gaps, given.repeated)
     values = {k: v[keep] for k, v in values.items()}
     said = {SIGNAL + k: repr(v) for k, v in given.signal.items()}
-    recording = _recording(arm, table, values, d, robot, joints, given.unit, said)
+    recording = _recording(
+        arm, table, values, fitted.order or range(d), fitted, given.unit, {**said, **fitted.said}
+    )
     if not given.unit:
         refuse_units(table, recording, joints)
     return _Arm(recording, rules, {n: values[n] for n in given.extras}, notes)
@@ -628,14 +677,14 @@ def _recording(
     arm: str,
     table: ForeignTable,
     values: Mapping[str, FloatArray],
-    d: int,
-    robot: RobotSource,
-    joints: tuple[UrdfJoint, ...],
+    order: Sequence[int],
+    fitted: _Fitted,
     unit: str,
     said: Mapping[str, str],
 ) -> Recording:
+    joints = fitted.joints
     stacked = {
-        key: np.stack([values[f"{stem}{k + 1}"] for k in range(d)], axis=1)
+        key: np.stack([values[f"{stem}{k + 1}"] for k in order], axis=1)
         for stem, key in GROUPS.items()
         if f"{stem}1" in values
     }
@@ -644,7 +693,7 @@ def _recording(
         zero = np.zeros(values["t"].size)
         wrench = np.stack([values.get(name, zero) for name in WRENCH], axis=1)
     metres = joints and all(j.unit == "m" for j in joints)
-    names = tuple(j.name for j in joints) or tuple(f"joint{k + 1}" for k in range(d))
+    names = tuple(j.name for j in joints) or tuple(f"joint{k + 1}" for k in order)
     return Recording(
         name=table.run,
         arm=arm,
@@ -657,6 +706,6 @@ def _recording(
         tau_ext=stacked.get("tau_ext"),
         current=stacked.get("current"),
         temperature=stacked.get("temperature"),
-        robot=robot,
+        robot=fitted.robot,
         metadata={"unit": unit or ("m" if metres else "rad"), **said},
     )

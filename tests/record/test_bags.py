@@ -219,6 +219,18 @@ def test_a_robot_of_other_joints_is_refused(plain):
         read_bag(plain, BagChoice(robot=other))
 
 
+def test_names_that_differ_in_a_prefix_are_the_same_joints(tmp_path):
+    """One maker's arm is panda_joint1 in one URDF and fer_joint1 in another."""
+    urdf = URDF.replace('"shoulder"', '"panda_joint1"').replace('"elbow"', '"panda_joint2"')
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/joint_states", T, ("fer_joint2", "fer_joint1"), *motion())
+    for joints in ((), ("fer_joint1", "fer_joint2")):
+        (r,) = read_bag(bag.path, BagChoice(robot=urdf, joints=joints))
+        assert r.joints == ("panda_joint1", "panda_joint2")
+        np.testing.assert_array_equal(r.q, motion()[0][:, ::-1])
+        assert "calls panda_joint1 fer_joint1" in r.metadata["note"]
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_damaged_bag_is_refused_with_one_line(tmp_path, kind, capsys):
     path = simple(tmp_path, kind)

@@ -43,7 +43,7 @@ def stock():
     limits = '<limit lower="-3.1" upper="-0.1" effort="9" velocity="9"/>'
     finger = '<limit lower="0" upper="0.04" effort="9" velocity="9"/>'
     mimic = finger + '<mimic joint="finger1" multiplier="2" offset="0.005"/>'
-    leader = '<mimic joint="elbow" multiplier="-0.5" offset="0.1"/>'
+    leader = limits + '<mimic joint="elbow" multiplier="-0.5" offset="0.1"/>'
     return "".join(
         [
             '<robot name="stock" xmlns:xacro="http://ros.org/wiki/xacro">',
@@ -122,7 +122,10 @@ def test_axes_of_a_link_are_those_of_pinocchio():
     q = np.random.default_rng(2).uniform(-1, 1, (4, 3))
     axes = frame_axes(text, "camera", KEEP, q)
     for k in range(4):
-        pin.framesForwardKinematics(model, data, q[k])
+        full = pin.neutral(model)  # the joint that mimics is one of its own here
+        for name, value in zip(KEEP, q[k], strict=True):
+            full[model.idx_qs[model.getJointId(name)]] = value
+        pin.framesForwardKinematics(model, data, full)
         want = data.oMf[model.getFrameId("camera")].rotation
         np.testing.assert_allclose(axes[k], want, atol=1e-12)
     assert frame_axes(text, "nowhere", KEEP, q) is None

@@ -108,7 +108,9 @@ def test_a_urdf_beside_the_model_stays(folder, capsys):
 )
 def test_a_place_where_nothing_can_be_written(folder, capsys, monkeypatch, words, ending, place):
     Path(f"folder{ending}").mkdir()
-    monkeypatch.setattr("hil.commands.common.load_all", lambda *_: pytest.fail("worked in vain"))
+    monkeypatch.setattr(
+        "hil.commands.common.load_sources", lambda *_: pytest.fail("worked in vain")
+    )
     refused(capsys, f"{words} {place}{ending}", f"{place}{ending}")
 
 
