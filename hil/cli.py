@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import hil
-from hil.commands.terminal import quoted
+from hil.commands import terminal
 from hil.errors import HilError, unknown
 from hil.interrupt import CODE, interrupts
 
@@ -49,6 +49,10 @@ class Parser(argparse.ArgumentParser):
     def options(self) -> list[str]:
         """Names of all options."""
         return [o for action in self._actions for o in action.option_strings]
+
+    def actions(self) -> list[argparse.Action]:
+        """All that can stand on the command line."""
+        return list(self._actions)
 
 
 def refuse_unknown(parser: Parser, words: Sequence[str]) -> None:
@@ -166,6 +170,8 @@ class Command(NamedTuple):
     module: str
     #: Kept here, so that the list of commands loads none of them.
     help: str
+    #: Whether it shows how far it has come; others are short, or show that themselves.
+    long: bool = False
 
 
 #: In the order of a day's work.  A command stands here when it works, not before.
@@ -200,14 +206,17 @@ COMMANDS: dict[str, Command] = {
         "agree to what a model file (plugins) or a rig file (cut program) would run",
     ),
     "info": Command("hil.commands.info", "channels, rates, gaps and data faults of sessions"),
-    "fit": Command("hil.commands.fit", "identify all parameters of a model jointly"),
+    "fit": Command("hil.commands.fit", "identify all parameters of a model jointly", long=True),
     "compare": Command(
-        "hil.commands.compare", "model against measurement: error, noise floor, where it fails"
+        "hil.commands.compare",
+        "model against measurement: error, noise floor, where it fails",
+        long=True,
     ),
-    "diagnose": Command("hil.commands.diagnose", "which physical effect is missing"),
+    "diagnose": Command("hil.commands.diagnose", "which physical effect is missing", long=True),
     "add": Command(
         "hil.commands.add",
         "add one effect to a model, fit all anew, and print the held-out error before and after",
+        long=True,
     ),
     "studio": Command(
         "hil.commands.studio",
@@ -216,15 +225,18 @@ COMMANDS: dict[str, Command] = {
     "improve": Command(
         "hil.commands.improve",
         "diagnose and add effects until nothing more is justified; the error ladder",
+        long=True,
     ),
     "export": Command(
         "hil.commands.export",
         "a model for another program: URDF, MJCF, SDF, Isaac Lab, C, C++, Python, ROS 2, a card",
+        long=True,
     ),
     "effects": Command("hil.commands.effects", "the catalogue of physical effects"),
     "excite": Command(
         "hil.commands.excite",
         "the safe motion that identifies the model or separates rival effects",
+        long=True,
     ),
     "design": Command(
         "hil.commands.design",
@@ -232,6 +244,9 @@ COMMANDS: dict[str, Command] = {
     ),
     "experiment": Command(
         "hil.commands.experiment", "a study of the thesis end to end, with its table"
+    ),
+    "completion": Command(
+        "hil.commands.completion", "what bash, zsh or fish needs to complete commands and options"
     ),
     "bench": Command(
         "hil.commands.bench",
@@ -243,12 +258,14 @@ COMMANDS: dict[str, Command] = {
 def build_parser(only: str | None = None) -> Parser:
     """Build the argument parser; with `only`, load that command's module and no other."""
     debug = "show the traceback of any error"
+    quiet = "print results and errors alone: no notes, no progress"
     parser = Parser(
         prog="hil",
         description="Haptic teleoperation rigs: run, record, and find the missing physics.",
     )
     parser.add_argument("--version", action="store_true", help="print the version")
     parser.add_argument("--debug", action="store_true", help=debug)
+    parser.add_argument("--quiet", action="store_true", help=quiet)
     sub = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in COMMANDS:
         if name != only:
@@ -264,9 +281,18 @@ def build_parser(only: str | None = None) -> Parser:
         )
         module.configure(command)
         command.add_argument("--debug", action="store_true", default=argparse.SUPPRESS, help=debug)
-        command.set_defaults(run=module.run)
+        command.add_argument("--quiet", action="store_true", default=argparse.SUPPRESS, help=quiet)
+        command.set_defaults(run=module.run, every_command=_every_command)
         parser.commands[name] = command
     return parser
+
+
+def _every_command() -> dict[str, tuple[str, list[argparse.Action]]]:
+    """Help of every command, and all that can stand behind it."""
+    return {
+        name: (row.help, build_parser(name).commands[name].actions())
+        for name, row in COMMANDS.items()
+    }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -279,7 +305,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         130 interrupted.
     """
     words = list(sys.argv[1:] if argv is None else argv)
-    with quoted():
+    with terminal.quoted():
         return _main(words)
 
 
@@ -301,8 +327,9 @@ def _main(words: list[str]) -> int:
         return 0
     if first is None:
         parser.leave(f"name a command: {', '.join(COMMANDS)}.")
+    terminal.settings.quiet = args.quiet
     try:
-        with interrupts.unwinding(args.command):
+        with interrupts.unwinding(args.command), terminal.working(COMMANDS[args.command].long):
             code = int(args.run(args))
             sys.stdout.flush()
         return code

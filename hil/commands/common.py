@@ -172,7 +172,9 @@ def _distinct(runs: list[Recording]) -> list[Recording]:
 
 
 def log(text: str) -> None:
-    """One line to stderr."""
+    """One line to stderr, unless it is to be quiet."""
+    if terminal.settings.quiet:
+        return
     sys.stderr.write(text + "\n")
 
 

@@ -10,10 +10,34 @@ from __future__ import annotations
 import contextlib
 import shutil
 import sys
+import threading
 from collections.abc import Iterable, Iterator
 from typing import Any, TextIO
 
+from tqdm import tqdm
+
+from hil import progress
 from hil.errors import printable
+
+#: What is shorter shows no progress [s]; how often a bar is drawn anew [s].
+_SHORT, _EVERY = 1.0, 0.5
+_BAR = "{desc} {percentage:3.0f} %|{bar:20}| {elapsed}, about {remaining} left"
+
+
+class Settings:
+    """What the command line said of all output.
+
+    Parameters
+    ----------
+    quiet : bool
+        Whether only results and errors are printed: no notes, no progress.
+    """
+
+    def __init__(self, quiet: bool = False) -> None:
+        self.quiet = quiet
+
+
+settings = Settings()
 
 
 class Quoting:
@@ -70,3 +94,47 @@ def width() -> int | None:
         return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     except (AttributeError, ValueError):  # no stream, or a closed one
         return None
+
+
+@contextlib.contextmanager
+def working(shown: bool = True) -> Iterator[None]:
+    """Show on a terminal how far the work within has come, where it takes more than a second.
+
+    Parameters
+    ----------
+    shown : bool
+        Whether to show it at all.
+    """
+    if settings.quiet or not shown or not _is_terminal(sys.stderr):
+        yield
+        return
+    bar = tqdm(total=1.0, bar_format=_BAR, leave=False, delay=1e9, smoothing=0, file=sys.stderr)
+    over = threading.Event()
+
+    def told(what: str, done: float) -> None:
+        bar.desc = what
+        bar.n = max(bar.n, min(done, 0.99))
+
+    def drawn() -> None:
+        wait = _SHORT
+        while not over.wait(wait):
+            wait = _EVERY
+            if bar.desc:
+                bar.refresh()
+
+    thread = threading.Thread(target=drawn, name="progress", daemon=True)
+    thread.start()
+    try:
+        with progress.listening(told):
+            yield
+    finally:
+        over.set()
+        thread.join()
+        bar.close()
+
+
+def _is_terminal(stream: TextIO) -> bool:
+    try:
+        return stream.isatty()
+    except (AttributeError, ValueError):  # no stream, or a closed one
+        return False

@@ -17,6 +17,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hil import progress
 from hil.diagnosis.candidates import model_groups, paired
 from hil.diagnosis.constants import (
     ADEQUATE,
@@ -113,6 +114,7 @@ def diagnose(
     errors = [(f.code, f.sentence) for f in faults if f.severity == "error"]
     if errors:
         return Diagnosis("bad-data", warnings=errors)
+    progress.at("fit the given model", 0.0)
     problem = Problem(recordings, model.robot, model.explains, model.band)
     result = fit_aligned(problem, model)
     folds = split(problem, seed, not any(t.per_run for t in result.terms))
@@ -132,8 +134,10 @@ def diagnose(
     search.blind = bool(without_robot(problem))
     search.geometry()
     search.forward()
+    progress.at("compare with rivals", 0.2)
     named = exchange(search)
     renew(search.now.result)
+    progress.at("judge the names", 0.33)
     out = judged(search, named, _last(search))
     out.warnings = without_robot(problem) + doubtful + out.warnings
     out.stops, out.fired = search.stops, search.fired
@@ -152,6 +156,7 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
     open_joints = ~problem.holds & over & matters(step.result)
     if out.verdict == "adequate" or not np.any(open_joints):
         return out
+    progress.at("seek corrections for the rest", 0.45)
     joints = (None, *problem.joints)
     search.standing = [
         (f.effect, max(joints.index(f.joint) - 1, 0)) for f in out.findings if f.confidence >= ALONE

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hil import progress
 from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import as_use, choose, kindred, physical
 from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
@@ -64,9 +65,10 @@ def exchange(search: Search) -> list[Named]:
     named: dict[tuple[str, int], Named] = {}
     for _ in range(2):
         changed = False
-        for c in list(search.found):
+        for k, c in enumerate(list(search.found)):
             if c.term.key in named:
                 continue
+            progress.at(f"rivals of {c.name}", 0.2 + 0.13 * k / len(search.found))
             rated, projector = _beside(search, c)
             rated = _settled(rated, c, search.now)
             other = _better(search, c, rated)

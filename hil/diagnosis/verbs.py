@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hil import progress
 from hil.diagnosis.constants import BEYOND
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.evidence import gather
@@ -122,6 +123,7 @@ def fit(recordings: Runs, model: RobotModel) -> FitResult:
         If a run has a fault that makes every result worthless.
     """
     recordings, model = as_runs(recordings, "hil.fit"), as_model(model, "hil.fit")
+    progress.at("fit", 0.0)
     result = complete(fit_problem(make_problem(recordings, model), model))
     beyond = [("outside-range", text) for text in outside(model.valid, result.problem)]
     notes = _undescribed(result.problem) + other_robot(model, recordings)
@@ -147,10 +149,12 @@ def compare(recordings: Runs, model: RobotModel, holdout: Runs | None = None) ->
         If an argument is of another kind.
     """
     recordings, model = as_runs(recordings, "hil.compare"), as_model(model, "hil.compare")
+    progress.at("fit", 0.0)
     problem = make_problem(recordings, model)
     examine = Examiner(problem, held_out(holdout, "hil.compare"))
     step = settled(fit_aligned(problem, model), examine, "model")
     result, heldout = complete(step.result), step.heldout
+    progress.at("measure the noise floor", 0.15)
     evidence = gather(result)
     where = regions(result, evidence.floor)
     beyond = outside(model.valid, problem) + examine.outside(result)
@@ -158,6 +162,7 @@ def compare(recordings: Runs, model: RobotModel, holdout: Runs | None = None) ->
         *faults_of(recordings),
         *(DataFault("outside-range", "warning", "", x) for x in beyond),
     ]
+    progress.at("simulate the model", 0.4)
     floor = examine.floor(result, evidence)
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
@@ -196,6 +201,7 @@ def ladder(diagnosis: Diagnosis) -> list[Rung]:
     """Every accepted step with its multi-step error (motor efforts only)."""
     steps = diagnosis.ladder
     if diagnosis.multi_steps is None:
+        progress.at("simulate the models", 0.7)
         results = [s.result for s in steps]
         diagnosis.multi_steps = each(results, results[0].problem) if results else []
     return [Rung(s, m) for s, m in zip(steps, diagnosis.multi_steps, strict=True)]

@@ -1,0 +1,79 @@
+"""What a long command shows of its progress, and that it can be quiet."""
+
+from __future__ import annotations
+
+import io
+import time
+
+import plants
+
+from hil import progress
+from hil.cli import main
+from hil.commands import terminal
+from hil.commands.terminal import settings, working
+from hil.record.export import write_recordings
+
+
+class Terminal(io.StringIO):
+    """Stream that says that it is a terminal."""
+
+    def isatty(self):
+        return True
+
+
+def shown(monkeypatch, stream, work, **more):
+    monkeypatch.setattr("sys.stderr", stream)
+    monkeypatch.setattr(terminal, "_SHORT", 0.0)
+    monkeypatch.setattr(terminal, "_EVERY", 0.001)
+    with working(**more):
+        work()
+    return stream.getvalue()
+
+
+def stages():
+    """Work that takes until it has been drawn."""
+    progress.at("seek effects", 0.25)
+    stop = time.monotonic() + 10
+    while "25 %" not in stages.stream.getvalue() and time.monotonic() < stop:
+        pass
+
+
+def test_a_stage_its_share_and_the_time_left_are_shown(monkeypatch):
+    stages.stream = Terminal()
+    text = shown(monkeypatch, stages.stream, stages)
+    assert "seek effects  25 %" in text
+    assert "about" in text
+    assert text.endswith("\r")  # nothing of it stays
+
+
+def test_nothing_is_shown_in_a_pipe_when_quiet_or_where_a_command_is_short(monkeypatch):
+    def work():
+        progress.at("seek effects", 0.25)
+
+    assert shown(monkeypatch, io.StringIO(), work) == ""
+    assert shown(monkeypatch, Terminal(), work, shown=False) == ""
+    monkeypatch.setattr(settings, "quiet", True)
+    assert shown(monkeypatch, Terminal(), work) == ""
+
+
+def test_work_pays_nothing_where_nobody_listens_and_listeners_leave():
+    heard = []
+    progress.at("before", 0.0)
+    with progress.listening(lambda what, done: heard.append((what, done))):
+        progress.at("within", 0.5)
+    progress.at("after", 1.0)
+    assert heard == [("within", 0.5)]
+
+
+def test_quiet_prints_the_answer_alone(tmp_path, capsys):
+    path = tmp_path / "axes.mcap"
+    write_recordings(str(path), [plants.tanh_axes()])
+    assert main(["compare", str(path)]) == 0
+    loud = capsys.readouterr()
+    assert "base model" in loud.err
+    assert main(["compare", str(path), "--quiet"]) == 0
+    quiet = capsys.readouterr()
+    assert quiet.err == ""
+    assert quiet.out == loud.out
+    assert main(["--quiet", "compare", "nowhere.mcap"]) == 2
+    assert "nowhere.mcap" in capsys.readouterr().err
