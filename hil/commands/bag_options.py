@@ -78,6 +78,13 @@ def locked(args: argparse.Namespace) -> dict[str, float]:
     return dict(_locked(text) for text in args.lock)
 
 
+def typed(args: argparse.Namespace) -> tuple[str, ...]:
+    """The words of these options, for a command that comes next."""
+    single = {k: getattr(args, k) for k in ("robot", *_TOPICS, "joints")}
+    out = [w for k, v in single.items() if v for w in (f"--{k.replace('_', '-')}", v)]
+    return (*out, *(w for text in args.lock for w in ("--lock", text)))
+
+
 def refuse(args: argparse.Namespace) -> None:
     """Refuse topics for something that is no bag.
 

@@ -17,7 +17,7 @@ EXAMPLE = 'eval "$(hil completion bash)"'
 
 
 @dataclass(frozen=True)
-class Option:
+class ShellOption:
     """An option of a command.
 
     Parameters
@@ -43,7 +43,7 @@ class Words:
     """What can stand behind one command: its help, options and values of its arguments."""
 
     help: str
-    options: tuple[Option, ...]
+    options: tuple[ShellOption, ...]
     values: tuple[str, ...]
 
 
@@ -65,10 +65,10 @@ def _words(text: str, actions: Sequence[argparse.Action]) -> Words:
     return Words(_plain(text), options, tuple(values))
 
 
-def _option(action: argparse.Action) -> Option:
+def _option(action: argparse.Action) -> ShellOption:
     values = tuple(str(v) for v in action.choices or ())
     text = "" if action.help in (None, argparse.SUPPRESS) else str(action.help)
-    return Option(tuple(action.option_strings), _plain(text), values, action.nargs != 0)
+    return ShellOption(tuple(action.option_strings), _plain(text), values, action.nargs != 0)
 
 
 def _plain(text: str) -> str:
@@ -134,7 +134,7 @@ def _zsh(commands: dict[str, Words]) -> str:
     return "\n".join(lines)
 
 
-def _spec(option: Option, name: str) -> str:
+def _spec(option: ShellOption, name: str) -> str:
     """Specification of an option as `_arguments` reads it; each may be given again."""
     taken = ""
     if option.takes:
@@ -154,7 +154,7 @@ def _fish(commands: dict[str, Words]) -> str:
     return "\n".join(lines)
 
 
-def _fish_option(option: Option) -> str:
+def _fish_option(option: ShellOption) -> str:
     names = " ".join(f"-l {n[2:]}" if n.startswith("--") else f"-s {n[1:]}" for n in option.names)
     taken = (
         f" -x -a '{' '.join(option.values)}'" if option.values else " -r" if option.takes else ""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hil.bench import hidden
 from hil.commands import common, outputs, plugins
-from hil.commands.diagnose import text
+from hil.commands.diagnose import short
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.types import Diagnosis
 from hil.errors import ConfigError
@@ -63,11 +63,11 @@ def run(args: argparse.Namespace) -> int:
     model = base_model(runs[0].robot, "follower")
     say(f"\n2. Model: {' + '.join(model.names())}. Fit on two sessions, judged on the third.\n")
     d = engine.diagnose(runs[:2], model, runs[2:])
-    say(text(d, verbs.ladder(d)))
+    names = [str(p) for p in paths]
+    files = Files(tuple(names[:2]), tuple(names[2:]), "", "follower")
+    say(short(d, verbs.ladder(d), files))
     common.save_model(d.model, folder / MODEL)
     with outputs.writing(folder / REPORT):
-        names = [str(p) for p in paths]
-        files = Files(tuple(names[:2]), tuple(names[2:]), "", "follower")
         diagnosis_report(d, folder / REPORT, files)
     return _end(args, d, f"{effect} on {joint}", folder, time.perf_counter() - began)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.commands import common
+from hil.commands import bag_options, common
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import blurred_above
 from hil.diagnosis.equivalence import at_issue_of
@@ -19,11 +19,23 @@ from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.unnamed import told
 from hil.diagnosis.verbs import Rung, rising
 from hil.diagnosis.verdict import NO_GEOMETRY, only_there
+from hil.errors import plural
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
 from hil.models.param_text import remark
+from hil.report.data import from_diagnosis
 from hil.report.json import diagnosis_json, ladder_json
-from hil.report.text import LEADING, Files, corrections, explains, floor_says, remains
+from hil.report.text import (
+    LEADING,
+    Files,
+    command,
+    corrections,
+    explains,
+    floor_says,
+    next_steps,
+    remains,
+    where,
+)
 
 SENTENCES = {
     "missing-effect": "missing-effect: the model lacks what is named below.",
@@ -65,6 +77,93 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     notes = _notes(d)
     lines += ["", *(f"  note: {w}" for w in notes)] if notes else []
     return "\n".join(lines)
+
+
+def short(d: Diagnosis, rungs: list[Rung], files: Files) -> str:
+    """The answer on one screen: verdict, names, errors before and after, what to do next.
+
+    Parameters
+    ----------
+    d : Diagnosis
+        The diagnosis.
+    rungs : list of Rung
+        Its ladder with both errors.
+    files : Files
+        What it was made from, for the command that comes next.
+    """
+    if not d.ladder or d.verdict == "not-identifiable":
+        return text(d, rungs)
+    m = from_diagnosis(d)
+    lines = [f"Verdict: {verdict(d)}"]
+    if d.findings:
+        lines += ["", _names_table(d)]
+        with_rivals = [f for f in d.findings if f.rivals and d.verdict == "ambiguous"]
+        lines += [f"  rivals of {where(f)}: {', '.join(f.rivals)}" for f in with_rivals]
+    lines += ["", _joints_table(d, rungs)]
+    said = [w for code, w in d.warnings if code in LEADING]
+    said += _worse(rising(rungs))
+    if d.corrections:
+        count = plural(len(d.corrections), "correction")
+        said.append(f"The improved model also holds {count} without a name")
+    lines += ["", *(f"  {w.rstrip('.')}." for w in said)] if said else []
+    lines += ["", "Next", *(f"  - {step}" for step in next_steps(m)[:_STEPS])]
+    commands = command(m, files).splitlines()
+    if commands and d.verdict != "missing-effect":
+        lines.append("  - For a model that predicts motions like these, without a new name:")
+    lines += [f"    {line}" for line in commands]
+    lines.append("  - All parameters, every step, what stays unclear: --verbose, --report R.html")
+    return "\n".join(lines)
+
+
+#: Steps that a short answer proposes.
+_STEPS = 3
+
+
+def _names_table(d: Diagnosis) -> str:
+    """Effects that were found, a row each, with the first of their parameters."""
+    rows = []
+    for f in d.findings:
+        name, value = next(iter(f.parameters.items()), ("", None))
+        said = common.value_line(name.rpartition(".")[2], value) if value else ""
+        rows.append(
+            [
+                f"{f.effect} on {f.joint}" if f.joint else f.effect,
+                f"{f.confidence:.2f}",
+                f"{f.relative_before:.2f} -> {f.relative_after:.2f}",
+                f"{100 * f.excess_explained:.0f}",
+                said,
+            ]
+        )
+    head = ["missing effect", "confidence", "error %", "explains %", "value"]
+    return common.table(head, rows, (0, 4))
+
+
+def _joints_table(d: Diagnosis, rungs: list[Rung]) -> str:
+    """Held-out error of the given and of the improved model, a row a joint."""
+    first, last = d.ladder[0].heldout, d.ladder[-1].heldout
+    floor = 100 * d.noise / last.effort_rms
+    simulated = _cells(rungs[0].multi_step), _cells(rungs[-1].multi_step)
+    grew = len(d.ladder) > 1
+    rows = []
+    for j, name in enumerate(d.result.problem.joints):
+        errors = [f"{first.relative[j]:.2f}", *([f"{last.relative[j]:.2f}"] if grew else [])]
+        ratio = f"{last.rms[j] / d.noise[j]:.2f}"
+        row = [name, *errors, f"{floor[j]:.2f}", ratio]
+        if d.result.model.explains == "motor":
+            ends = simulated if grew else simulated[:1]
+            row.append(" -> ".join("diverged" if s[j] == "-" else s[j] for s in ends))
+        rows.append(row)
+    head = ["joint", "error %", *(["improved %"] if grew else []), "floor %", "error/floor"]
+    if d.result.model.explains == "motor":
+        head.append("simulated %")
+    return common.table(head, rows)
+
+
+def _worse(lines: list[str]) -> list[str]:
+    """Warnings of the simulated error, one for all where there are several."""
+    if len(lines) < 2:
+        return lines
+    return [f"{lines[0]}; and {plural(len(lines) - 1, 'warning')} of this kind (--verbose)"]
 
 
 def _left(d: Diagnosis) -> list[str]:
@@ -128,9 +227,8 @@ def _apart(d: Diagnosis, verbose: bool) -> list[str]:
 
 
 def _finding(f: Finding, joints: tuple[str, ...]) -> list[str]:
-    where = f" on {f.joint}" if f.joint else ""
     lines = [
-        f"  {f.effect}{where}  (confidence {f.confidence:.2f})",
+        f"  {where(f)}  (confidence {f.confidence:.2f})",
         f"    held-out error {f.relative_before:.2f} % -> {f.relative_after:.2f} % "
         f"(standard error {f.se:.2g}); explains {100 * f.excess_explained:.0f} % of the squared "
         "error above the noise floor",
@@ -205,7 +303,7 @@ def add_verbose(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--verbose",
         action="store_true",
-        help="also explain what no motion of the robot could ever tell apart",
+        help="the whole answer: parameters, every step, what the data cannot tell apart",
     )
 
 
@@ -225,8 +323,21 @@ def show(args: argparse.Namespace, result: Diagnosis) -> None:
         args,
         lambda path: _report(args, result, path),
         lambda: _json(result, rungs, worse),
-        lambda: "\n".join([text(result, rungs, args.verbose), *(f"  warning: {w}" for w in worse)]),
+        lambda: _words(args, result, rungs),
     )
+
+
+def _words(args: argparse.Namespace, result: Diagnosis, rungs: list[Rung]) -> str:
+    """The answer for a terminal: one screen, or everything."""
+    if not args.verbose:
+        return short(result, rungs, _files(args))
+    return "\n".join([text(result, rungs, True), *(f"  warning: {w}" for w in rising(rungs))])
+
+
+def _files(args: argparse.Namespace) -> Files:
+    """What was analysed, as it was typed."""
+    more = bag_options.typed(args)
+    return Files(tuple(args.sessions), tuple(args.holdout), args.model or "", args.arm or "", more)
 
 
 def code(result: Diagnosis) -> int:
@@ -248,5 +359,4 @@ def _json(result: Diagnosis, rungs: list[Rung], worse: list[str]) -> dict[str, A
 def _report(args: argparse.Namespace, result: Diagnosis, path: str) -> None:
     from hil.report.html import diagnosis_report
 
-    files = Files(tuple(args.sessions), tuple(args.holdout), args.model or "", args.arm or "")
-    diagnosis_report(result, path, files)
+    diagnosis_report(result, path, _files(args))

@@ -18,7 +18,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from hil.commands import outputs
+from hil.commands import outputs, screen
 from hil.errors import ConfigError
 from hil.excite import trajectory
 from hil.interrupt import saying
@@ -112,7 +112,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="write to the disk at least every S seconds, for a loss of power; default: when the "
         "operating system does",
     )
-    # for 'hil ui': shows the session to its page, and pauses where the page is gone
+    parser.add_argument(
+        "--plain", action="store_true", help="no live screen; a bar, and lines as they come"
+    )
+    # for 'hil ui' and the live screen: shows the session; it pauses where who shows it is gone
     parser.add_argument("--board", help=argparse.SUPPRESS)
     add_rearm(parser)
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
@@ -135,6 +138,9 @@ def run(args: argparse.Namespace) -> int:
     if args.seconds is not None and not 0.0 < args.seconds < math.inf:
         raise ConfigError(f"--seconds {args.seconds:g}: a length above 0 s is needed.")
     outputs.check(args.output, ".mcap", [args.rig, *([args.trajectory] if args.trajectory else [])])
+    real = (args.clock or config.clock) == "real"
+    if real and not (args.json or args.board or args.plain) and screen.is_terminal():
+        return screen.show(_typed(args))
     before = _stamp(args.output)
     with saying(lambda: recorded(args.output, before)):
         summary = _with_bar(config, args)
@@ -145,6 +151,16 @@ def run(args: argparse.Namespace) -> int:
     else:
         sys.stdout.write(table(summary) + "\n")
     return ENDED_PAUSED if summary.paused else 0
+
+
+def _typed(args: argparse.Namespace) -> list[str]:
+    """Words that say the same to a session behind the screen."""
+    out = [args.rig, "-o", args.output, "--clock", "real", "--seed", str(args.seed)]
+    for name in ("trajectory", "seconds", "model", "split", "sync"):
+        value = getattr(args, name)
+        out += [] if value is None else [f"--{name}", str(value)]
+    out += [w for text in args.at for w in ("--at", text)]
+    return out + [f"--{name}" for name in ("wait", "rearm") if getattr(args, name)]
 
 
 def _stamp(path: str) -> tuple[int, int] | None:

@@ -120,6 +120,7 @@ def working(shown: bool = True) -> Iterator[None]:
         while not over.wait(wait):
             wait = _EVERY
             if bar.desc:
+                bar.delay = 0.0  # drawn from now on, so that its end clears it
                 bar.refresh()
 
     thread = threading.Thread(target=drawn, name="progress", daemon=True)

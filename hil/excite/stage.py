@@ -24,7 +24,7 @@ from hil.identify.problem import Problem
 from hil.models.effect import Effect
 from hil.models.model import RobotModel
 from hil.models.robots import Robot
-from hil.record.recording import RobotSource
+from hil.record.recording import BAG, RobotSource
 
 #: Share of the way to a position limit that is used.
 LIMIT_USE = 0.95
@@ -220,6 +220,8 @@ def robot_word(problem: Problem) -> str:
     Of a preset it is the rig; of a robot that only the model describes, its URDF.
     """
     source, first = problem.source, problem.recordings[0]
+    if BAG in first.metadata:
+        return "ROBOT.urdf"
     if source.urdf:
         return f"{first.name}.mcap" if first.robot.urdf == source.urdf else "ROBOT.urdf"
     return f"{first.name}.mcap" if source.preset in ("", "single-axis") else "RIG.toml"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.foreign import read_arrays
 from hil.record.locked import frame_axes, free_joints, locked_urdf
-from hil.record.recording import LOCKED, Recording, RobotSource
+from hil.record.recording import BAG, LOCKED, Recording, RobotSource
 from hil.record.recovery import LIBRARY
 
 FloatArray = NDArray[np.float64]
@@ -443,6 +443,7 @@ def _recording(
         metadata={
             "unit": "m" if set(what.units) == {"m"} else "rad",
             "note": taken,
+            BAG: str(bag.path),
             **_locked_note(what),
         },
     )

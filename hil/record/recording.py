@@ -33,6 +33,8 @@ class RobotSource:
     tip: str = ""
 
 
+#: Key of a recording's metadata: the ROS bag that it was read from.
+BAG = "bag"
 #: Key of a recording's metadata: joints that are locked, and where, as JSON.
 LOCKED = "locked"
 #: Measured channels, a column a joint or component.

@@ -367,23 +367,28 @@ class Files:
         Model file; empty for the base model of the session's robot.
     arm : str
         Arm, if one was named.
+    more : tuple of str
+        Words that say which robot and joints, and what of a ROS bag.
     """
 
     sessions: tuple[str, ...] = ("SESSION.mcap",)
     holdout: tuple[str, ...] = ()
     model: str = "MODEL.toml"
     arm: str = ""
+    more: tuple[str, ...] = ()
 
     def options(self) -> list[str]:
         """Words of a command line behind the model."""
         held = [w for h in self.holdout for w in ("--holdout", h)]
-        return [*(["--arm", self.arm] if self.arm else []), "--session", *self.sessions, *held]
+        arm = ["--arm", self.arm] if self.arm else []
+        return [*arm, "--session", *self.sessions, *held, *self.more]
 
     def improved(self) -> list[str]:
         """Words of a command line that takes the sessions first, and the model."""
         named = ["--model", self.model] if self.model else []
         held = [w for h in self.holdout for w in ("--holdout", h)]
-        return [*self.sessions, *(["--arm", self.arm] if self.arm else []), *named, *held]
+        arm = ["--arm", self.arm] if self.arm else []
+        return [*self.sessions, *arm, *named, *held, *self.more]
 
     def better(self, k: int) -> str:
         """Name of the k-th improved model, beside the model or the first session."""

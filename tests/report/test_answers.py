@@ -1,14 +1,17 @@
 """What an answer says in words: nothing that it is not about, and everything that it is."""
 
+import re
+
 import plants
 import pytest
 from test_report import model
 
-from hil.commands.diagnose import text
+from hil.commands.diagnose import short, text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import at_issue_of
 from hil.diagnosis.verbs import ladder
 from hil.report.json import diagnosis_json
+from hil.report.text import Files
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +38,34 @@ def test_what_bears_on_the_answer_is_told_in_full(plain):
         assert [s.effects[0] for s in sets] == ["torque-gain"] and not standing
     finally:
         plain.partial = own
+
+
+def test_the_first_answer_is_one_screen_with_the_next_command():
+    run = plants.late_axes((4, 12))
+    d = diagnose([run], model(run))
+    files = Files(("a b.mcap",), more=("--robot", "arm.urdf"), model="")
+    lines = short(d, ladder(d), files).splitlines()
+    assert lines[0].startswith("Verdict: ")
+    assert len(lines) <= 24
+    rows = [
+        line for line in lines if re.match(r"  (delay|actuator-lag) on joint\d +[01]\.\d\d ", line)
+    ]
+    assert len(rows) == len(d.findings) == 2
+    joints = [line.split() for line in lines if line.startswith("  joint")][1:]
+    assert [row[0] for row in joints] == ["joint1", "joint2"]
+    for j, row in enumerate(joints):
+        assert float(row[1]) == pytest.approx(d.ladder[0].heldout.relative[j], abs=0.005)
+        assert float(row[2]) == pytest.approx(d.ladder[-1].heldout.relative[j], abs=0.005)
+    assert "Next" in lines
+    assert any("--verbose" in line for line in lines)
+    assert len(text(d, ladder(d)).splitlines()) > len(lines)
+
+
+def test_an_adequate_model_has_one_error_and_no_command(plain):
+    said = short(plain, ladder(plain), Files())
+    assert "improved %" not in said
+    assert "hil add" not in said and "hil improve" not in said
+    assert "Use the model within the range of motion that was recorded." in said
 
 
 def finding(effect):

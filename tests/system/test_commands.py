@@ -52,7 +52,7 @@ def test_diagnose_json_names_the_drag(session, capsys):
 
 @pytest.mark.parametrize("name", ["diagnose", "improve"])
 def test_both_errors_of_every_rung_are_shown(session, capsys, name):
-    assert main([name, str(session[0]), "--holdout", str(session[1])]) == 0
+    assert main([name, str(session[0]), "--holdout", str(session[1]), "--verbose"]) == 0
     one, multi = capsys.readouterr().out.split("multi-step error, 0.5 s")
     for text in (one, multi):
         assert "base model" in text and "+ quadratic-drag on joint1" in text

@@ -22,7 +22,8 @@ def needs(shell):
 def bash(text, *words):
     """What bash offers for the last word."""
     quoted = " ".join(f"'{w}'" for w in words)
-    ask = f"COMP_WORDS=({quoted}); COMP_CWORD={len(words) - 1}; _hil; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+    ask = f"COMP_WORDS=({quoted}); COMP_CWORD={len(words) - 1}; _hil\n"
+    ask += 'printf "%s\\n" "${COMPREPLY[@]}"'
     done = subprocess.run(
         ["bash", "--norc", "-c", f"{text}\n{ask}"], capture_output=True, text=True, check=True
     )
