@@ -5,12 +5,18 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+from tqdm import tqdm
+
+import hil
 from hil.commands import common
 from hil.commands.common import Found
 from hil.commands.design import finite
+from hil.commands.terminal import silent
 from hil.errors import ConfigError
 from hil.experiments import (
     cable_arm,
@@ -22,6 +28,10 @@ from hil.experiments import (
     transparency,
     without_force_sensors,
 )
+from hil.experiments.pages import PAGES, cells, means, picture
+from hil.experiments.pages import text as page_text
+from hil.experiments.replicate import replicate
+from hil.revision import source_revision
 
 EXAMPLE = "hil experiment elastic-ukf"
 
@@ -30,13 +40,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     parser.add_argument("name", choices=sorted(EXPERIMENTS), metavar="NAME", help="which study")
     common.list_names(parser, EXPERIMENTS)
-    parser.add_argument("--seed", type=int, default=1, help="seed of the motion (default 1)")
-    parser.add_argument("--quick", action="store_true", help="a part in minutes (hidden-effect)")
+    parser.add_argument("--seed", type=int, default=1, help="first seed (default 1)")
     parser.add_argument(
-        "--workers", type=int, default=2, help="processes (hidden-effect); default 2"
+        "--seeds", type=int, default=0, help="so many seeds; means with their 95 %% intervals"
+    )
+    parser.add_argument("--quick", action="store_true", help="two seeds; a part of hidden-effect")
+    parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    parser.add_argument(
+        "--cluster", default="", metavar="ADDRESS", help="a Dask scheduler in place of processes"
     )
     parser.add_argument(
-        "--report", metavar="PAGE.md", help="write the page, its figure beside it (hidden-effect)"
+        "--keep",
+        metavar="FOLDER",
+        help="keep every finished run there; what is there is not run again",
+    )
+    parser.add_argument(
+        "--report", metavar="PAGE.md", help="write the page, its figure beside it (10 seeds)"
     )
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
@@ -45,13 +64,72 @@ def run(args: argparse.Namespace) -> int:
     """Run one study and print its table."""
     if args.workers < 1:
         raise ConfigError(f"--workers {args.workers}: one or more is needed")
+    if args.seeds < 0:
+        raise ConfigError(f"--seeds {args.seeds}: one or more is needed")
     common.check_page(args.report)
-    text, data = EXPERIMENTS[args.name](args)
+    many = args.seeds or (_QUICK if args.quick else _SEEDS if args.report else 0)
+    if args.name in PAGES and many:
+        text, data = _replicated(args, many)
+    elif args.cluster or args.keep or args.seeds:
+        raise ConfigError(
+            f"--seeds, --cluster and --keep are for {', '.join(PAGES)}, and the last two for many "
+            "seeds; give --seeds 10"
+        )
+    else:
+        text, data = EXPERIMENTS[args.name](args)
     if args.json:
         common.emit({"schema": f"hil.experiment.{args.name}/1", **finite(data)})
     else:
         common.out(text)
     return 0
+
+
+#: Seeds of a page, and of a quick one.
+_SEEDS, _QUICK = 10, 2
+
+
+def _replicated(args: argparse.Namespace, many: int) -> Found:
+    """A study with many seeds: the table of means, and the page."""
+    page, seeds = PAGES[args.name], list(range(args.seed, args.seed + many))
+    shown = not (args.quiet or args.json)
+    with tqdm(total=many, unit="seed", disable=None if shown else True, leave=False) as bar:
+        runs = replicate(
+            data_of,
+            args.name,
+            seeds,
+            workers=args.workers,
+            cluster=args.cluster,
+            folder=args.keep,
+            version=_version(),
+            done=lambda _: bar.update(),
+        )
+    found = means(page, list(runs.values()))
+    if args.report:
+        place = Path(args.report).with_suffix(".svg")
+        command = f"hil experiment {args.name}" + (f" --seeds {many}" if many != _SEEDS else "")
+        common.write_page(args.report, page_text(page, found, command, many, place.name))
+        if figure := picture(page, found):
+            place.write_text(figure, encoding="utf-8")
+    lines = [f"{page.title}: {many} seeds, mean and 95 % interval of the mean", ""]
+    lines += [common.table(page.head, cells(found)), "", f"Thesis: {page.thesis}"]
+    lines += [f"  - {line}" for line in page.read(found)]
+    data = {name: [dataclasses.asdict(s) for s in row] for name, row in found.items()}
+    return "\n".join(lines), {"seeds": seeds, "columns": page.head[1:], "means": data}
+
+
+def _version() -> str:
+    """What finished runs were made by; of a source that was changed, this very process."""
+    revision, dirty = source_revision()
+    return f"{hil.__version__} {revision}" + (f" {os.getpid()}" if dirty == "true" else "")
+
+
+def data_of(name: str, seed: int) -> dict[str, Any]:
+    """Data of a study with one seed, as ``--json`` prints them."""
+    words = argparse.Namespace(name=name, seed=seed, quick=False, workers=1, report=None)
+    with silent():  # many say it together
+        _, data = EXPERIMENTS[name](words)
+    out: dict[str, Any] = finite(data)
+    return out
 
 
 def _elastic(args: argparse.Namespace) -> Found:

@@ -40,6 +40,16 @@ class Settings:
 settings = Settings()
 
 
+@contextlib.contextmanager
+def silent() -> Iterator[None]:
+    """Print no notes, within."""
+    before, settings.quiet = settings.quiet, True
+    try:
+        yield
+    finally:
+        settings.quiet = before
+
+
 class Quoting:
     """Text stream that shows control, bidirectional and invisible characters as escapes.
 

@@ -55,12 +55,15 @@ def study(seed: int = 1) -> list[FrictionNetworkRow]:
     one, two = motion(60.0, seed), motion(30.0, seed + 100)
     y, z = (rub(v) + _NOISE * rng.normal(size=v.shape) for v in (one, two))
     rows = []
-    for name, make in _MODELS.items():
-        nets = [make(one, y[:, j], j) for j in range(3)]
+    for name, (make, seconds) in _MODELS.items():
+        part = slice(0, round(250 * seconds))
+        nets = [make(one[part], y[part, j], j) for j in range(3)]
         rows.append(
             FrictionNetworkRow(
                 name,
-                tuple(friction_wavelets.relative(n, one, y[:, j]) for j, n in enumerate(nets)),
+                tuple(
+                    friction_wavelets.relative(n, one[part], y[part, j]) for j, n in enumerate(nets)
+                ),
                 tuple(friction_wavelets.relative(n, two, z[:, j]) for j, n in enumerate(nets)),
                 max(len(n.nodes) for n in nets),
             )
@@ -91,9 +94,11 @@ def _both(qd: FloatArray, tau: FloatArray, j: int) -> Network:
     return friction_wavelets.grow(qd, tau, j, backbone=True)
 
 
+#: Model -> what makes it, and the length of the record that it learns from [s].
 _MODELS = {
-    "Coulomb + viscous": _backbone,
-    "network alone, on line": _on_line,
-    "network alone, batch": _alone,
-    "network on Coulomb + viscous": _both,
+    "Coulomb + viscous": (_backbone, 60.0),
+    "network alone, on line": (_on_line, 60.0),
+    "network alone, batch": (_alone, 60.0),
+    "network alone, 10 s of data": (_alone, 10.0),
+    "network on Coulomb + viscous": (_both, 60.0),
 }

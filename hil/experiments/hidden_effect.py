@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from hil import registry
 from hil.diagnosis.engine import diagnose
@@ -33,6 +32,7 @@ from hil.errors import ConfigError, DataError, DeviceError
 from hil.estimate import compensation_tables
 from hil.experiments import transparency as rig
 from hil.experiments import without_force_sensors
+from hil.experiments.charts import SeedMean, bars
 from hil.identify.parallel import alone
 from hil.models.files import write_model
 from hil.models.model import RobotModel, base_model
@@ -323,13 +323,8 @@ def summaries(rows: Sequence[CircleRow]) -> list[CircleSummary]:
 
 
 def _interval(values: Sequence[float]) -> tuple[float, float]:
-    """Mean, and half width of its 95 % interval by Student's t."""
-    n = len(values)
-    if n < 2:
-        return float(np.mean(values)), float("nan")
-    return float(np.mean(values)), float(
-        stats.t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n)
-    )
+    found = SeedMean.of(values)
+    return found.mean, found.half
 
 
 HEAD = ("hidden in both arms", "named", "error / floor", "law", "free [N]", "contact [N]")
@@ -362,49 +357,11 @@ def _falls(values: Mapping[str, tuple[float, float]]) -> str:
 
 def figure(found: Sequence[CircleSummary]) -> str:
     """Bars of the force felt in free space as SVG: three models an effect, law with sensors."""
-    colours, wide, high, left, top = ("#c2c8d0", "#6f9bd1", "#1f5fa8"), 900, 340, 60, 40
-    most = max(s.free[LAWS[0]][m][0] for s in found for m in MODELS) * 1.1
-    step = (wide - left - 20) / len(found)
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide} {high + 70}" '
-        'font-family="sans-serif" font-size="13">',
-        f'<path d="M0 0H{wide}V{high + 70}H0z" fill="#fff"/>',
-        f'<text x="{left}" y="20">Force felt in free space [N], mean over the seeds, law with '
-        "force sensors</text>",
-    ]
-    steps = [d * 10.0**k for k in (-3, -2, -1, 0, 1) for d in (1, 2, 5)]
-    ticks = next(x for x in steps if most / x <= 6)
-    for tick in np.arange(0.0, most, ticks):
-        y = top + (high - top) * (1 - tick / most)
-        parts.append(
-            f'<line x1="{left}" x2="{wide - 10}" y1="{y:.0f}" y2="{y:.0f}" stroke="#ddd"/>'
-        )
-        parts.append(f'<text x="{left - 8}" y="{y + 4:.0f}" text-anchor="end">{tick:.3g}</text>')
-    for i, s in enumerate(found):
-        for k, m in enumerate(MODELS):
-            mean, half = s.free[LAWS[0]][m]
-            x, w = left + step * i + 12 + k * (step - 24) / 3, (step - 24) / 3 - 4
-            h = (high - top) * mean / most
-            parts.append(
-                f'<rect x="{x:.1f}" y="{high - h:.1f}" width="{w:.1f}" height="{h:.1f}" '
-                f'fill="{colours[k]}"/>'
-            )
-            if half == half:
-                e, c = (high - top) * half / most, x + w / 2
-                parts.append(
-                    f'<line x1="{c:.1f}" x2="{c:.1f}" y1="{max(high - h - e, top):.1f}" '
-                    f'y2="{min(high - h + e, high):.1f}" stroke="#222"/>'
-                )
-        name = s.effect or "nothing hidden"
-        parts.append(
-            f'<text x="{left + step * (i + 0.5):.1f}" y="{high + 20}" text-anchor="middle">{name}'
-            "</text>"
-        )
-    for k, m in enumerate(MODELS):
-        x = left + 150 * k
-        parts.append(f'<rect x="{x}" y="{high + 38}" width="14" height="14" fill="{colours[k]}"/>')
-        parts.append(f'<text x="{x + 20}" y="{high + 50}">{m}</text>')
-    return "\n".join([*parts, "</svg>", ""])
+    groups = {
+        s.effect or "nothing hidden": [SeedMean(*s.free[LAWS[0]][m]) for m in MODELS] for s in found
+    }
+    title = "Force felt in free space [N], mean over the seeds, law with force sensors"
+    return bars(title, MODELS, groups)
 
 
 def page(rows: Sequence[CircleRow], command: str, picture: str) -> str:

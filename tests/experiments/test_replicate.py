@@ -1,0 +1,155 @@
+"""Studies with many seeds: the same numbers everywhere, nothing finished lost; and their pages."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from hil.cli import main
+from hil.errors import ConfigError, DeviceError
+from hil.experiments.charts import SeedMean, bars
+from hil.experiments.pages import PAGES, means
+from hil.experiments.replicate import TRIES, replicate
+
+SEEDS = [3, 1, 2]
+
+
+def job(name, seed):
+    """Digits that only the same arithmetic gives."""
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(60, 60))
+    return {"name": name, "seed": seed, "value": float(np.linalg.norm(np.linalg.inv(a) @ a.T))}
+
+
+def lost_once(name, seed):
+    """Ends its process the first time that it runs; `name` is a folder."""
+    mark = Path(name) / f"seen{seed}"
+    if seed == 2 and not mark.exists():
+        mark.write_text("")
+        os._exit(1)
+    return {"seed": seed}
+
+
+def lost_always(name, seed):
+    os._exit(1)
+
+
+def test_processes_and_this_one_give_the_same_digits_in_the_order_of_the_seeds():
+    here, there = (replicate(job, "x", SEEDS, workers=w) for w in (1, 2))
+    assert list(here) == list(there) == SEEDS
+    assert here == there == {s: job("x", s) for s in SEEDS}
+
+
+def test_a_dask_cluster_gives_the_same_digits():
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        done = []
+        found = replicate(job, "x", SEEDS, cluster=cluster.scheduler_address, done=done.append)
+    assert found == {s: job("x", s) for s in SEEDS}
+    assert sorted(done) == sorted(SEEDS)
+
+
+def test_a_lost_worker_is_survived(tmp_path):
+    assert replicate(lost_once, str(tmp_path), SEEDS, workers=2) == {s: {"seed": s} for s in SEEDS}
+    with pytest.raises(DeviceError, match=f"ended their process {TRIES} times"):
+        replicate(lost_always, "x", [1, 2], workers=2)
+
+
+def test_finished_runs_of_the_same_version_are_not_run_again(tmp_path):
+    first = replicate(job, "x", [1, 2], folder=tmp_path, version="a")
+
+    def never(name, seed):
+        assert seed == 3
+        return {"seed": 3}
+
+    found = replicate(never, "x", SEEDS, folder=tmp_path, version="a")
+    assert found == {**first, 3: {"seed": 3}}
+    with pytest.raises(AssertionError):
+        replicate(never, "x", [1], folder=tmp_path, version="b")
+    assert sorted(p.name for p in tmp_path.iterdir()) == [f"x-{s}.json" for s in (1, 2, 3)]
+
+
+def test_a_folder_that_is_a_file_is_refused(tmp_path):
+    (tmp_path / "f").write_text("")
+    with pytest.raises(ConfigError, match="a folder is needed"):
+        replicate(job, "x", [1], folder=tmp_path / "f")
+
+
+def test_a_mean_and_its_interval_are_those_of_student():
+    x = [1.0, 2.0, 4.0]
+    found = SeedMean.of(x)
+    low, high = stats.t.interval(0.95, 2, np.mean(x), stats.sem(x))
+    assert (found.mean - found.half, found.mean + found.half) == pytest.approx((low, high))
+    assert str(SeedMean(0.04149, 0.00123)) == "0.0415 +- 0.0012"
+    assert str(SeedMean(12.0, 0.0)) == "12"
+    assert str(SeedMean(math.nan, math.nan)) == "-"
+
+
+def test_bars_stand_for_their_numbers():
+    svg = bars("a < b", ["one", "two"], {"x": [SeedMean(1, 0.1), SeedMean(2, math.nan)]})
+    root = ET.fromstring(svg)
+    space = "{http://www.w3.org/2000/svg}"
+    heights = [float(r.get("height")) for r in root.iter(f"{space}rect")][:2]
+    assert heights[1] == pytest.approx(2 * heights[0], abs=0.2)
+    assert "a < b" in [t.text for t in root.iter(f"{space}text")]
+
+
+def test_a_study_with_seeds_writes_its_page_and_resumes(tmp_path, capsys):
+    page, kept = tmp_path / "p.md", tmp_path / "kept"
+    words = ["experiment", "elastic-ukf", "--seeds", "2", "--workers", "1", "--keep", str(kept)]
+    assert main([*words, "--report", str(page)]) == 0
+    said = capsys.readouterr().out
+    assert "2 seeds, mean and 95 % interval" in said
+    assert main([*words, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["seeds"] == [1, 2]
+    told = page.read_text(encoding="utf-8")
+    for part in ("## The thesis, and here", "`hil experiment elastic-ukf --seeds 2`", "(p.svg)"):
+        assert part in told
+    first = data["means"]["link inertia 1"][0]
+    assert f"| link inertia 1 | {SeedMean(first['mean'], first['half'])} |" in told
+    ET.fromstring((tmp_path / "p.svg").read_text(encoding="utf-8"))
+    assert len(list(kept.iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["fsf", "--seeds", "-1"], "--seeds -1"),
+        (["hidden-effect", "--seeds", "3"], "--seeds, --cluster and --keep are for"),
+        (["fsf", "--keep", "x"], "give --seeds 10"),
+        (["fsf", "--seeds", "2", "--cluster", "tcp://127.0.0.1:9"], "does not answer"),
+    ],
+)
+def test_options_that_cannot_be_meant(words, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("hil.experiments.replicate.PATIENCE", 0.5)
+    assert main(["experiment", *words]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+
+
+def test_a_row_that_some_runs_lack_is_a_mean_of_the_others():
+    page = PAGES["friction-network"]
+    one = {"rows": [{"model": "m", "train": [0.1], "validation": [math.nan], "nodes": 3}]}
+    found = means(page, [one, one])
+    assert found["m"][0].mean == pytest.approx(10.0)
+    assert math.isnan(found["m"][1].mean)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_page_is_in_the_documentation_with_its_command(name):
+    docs = Path(__file__).parents[2] / "docs" / "experiments"
+    told = (docs / f"{name}.md").read_text(encoding="utf-8")
+    assert f"`hil experiment {name}" in told
+    assert PAGES[name].thesis in told
+    assert (docs / f"{name}.svg").exists() == bool(PAGES[name].figure)
