@@ -206,6 +206,11 @@ COMMANDS: dict[str, Command] = {
         "agree to what a model file (plugins) or a rig file (cut program) would run",
     ),
     "info": Command("hil.commands.info", "channels, rates, gaps and data faults of sessions"),
+    "list": Command(
+        "hil.commands.list",
+        "the sessions of a folder: rig, arms, date, length, tags, and whether they can be used",
+        long=True,
+    ),
     "fit": Command("hil.commands.fit", "identify all parameters of a model jointly", long=True),
     "compare": Command(
         "hil.commands.compare",

@@ -38,6 +38,17 @@ def add_sources(parser: argparse.ArgumentParser) -> None:
     bag_options.add(parser)
 
 
+def add_tags(parser: argparse.ArgumentParser) -> None:
+    """--tag."""
+    parser.add_argument(
+        "--tag",
+        action="append",
+        default=[],
+        metavar="TAG",
+        help="word by which 'hil list' finds the session (repeatable)",
+    )
+
+
 def add_holdout(parser: argparse.ArgumentParser) -> None:
     """--holdout."""
     parser.add_argument(

@@ -10,7 +10,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -28,7 +28,7 @@ from hil.record.checks import check
 from hil.record.consistency import DataFault
 from hil.record.export import write_recordings
 from hil.record.mapfile import Rule, TableMap, builtin_maps, read_map
-from hil.record.recording import Recording
+from hil.record.recording import TAGS, Recording, tag_record
 from hil.record.table_files import is_dataset, run_names
 from hil.record.tables import Imported, import_table
 
@@ -190,6 +190,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="show what would be read, from which columns and in which units; write nothing",
     )
     bag_options.add(parser)
+    common.add_tags(parser)
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
 
 
@@ -238,7 +239,7 @@ def _one(args: argparse.Namespace, output: Path, table: Path, found: Imported) -
     """Write what was imported as one session, and the model."""
     place = output.with_name(f"{output.stem}.model.toml")
     _refuse_urdf(place, found.recordings)
-    _write(output, found, table)
+    _write(output, found, table, args.tag)
     model = _model(place, found.recordings)
     if args.json:
         sys.stdout.write(json.dumps(as_dict(output, found, model)) + "\n")
@@ -268,7 +269,7 @@ def _every_run(
     for path in found:
         outputs.check(path, ".mcap", _inputs(args, table))
     for path in _bar("write", list(found)):
-        _write(path, found[path], table)
+        _write(path, found[path], table, args.tag)
     model = _model(folder / "model.toml", next(iter(found.values())).recordings)
     if args.json:
         text = json.dumps(every_as_dict(found, model))
@@ -393,11 +394,12 @@ def _source(table: str, mapping: str | None) -> tuple[Path, TableMap | None]:
     return path, read_map(name) if name else None
 
 
-def _write(output: Path, found: Imported, table: Path) -> None:
+def _write(output: Path, found: Imported, table: Path, tags: Sequence[str]) -> None:
     """Write beside the output and move into place, so that a failure leaves the old one."""
     first = found.recordings[0]
     source = {"import": {"table": table.name, "run": first.name}}
     same = dict(source["import"])
+    source |= {TAGS: tag_record(tags)} if tags else {}
     handle, temporary = tempfile.mkstemp(suffix=".mcap", dir=output.parent or ".")
     os.close(handle)
     try:

@@ -18,7 +18,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from hil.commands import outputs, screen
+from hil.commands import common, outputs, screen
 from hil.errors import ConfigError
 from hil.excite import trajectory
 from hil.interrupt import saying
@@ -115,6 +115,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plain", action="store_true", help="no live screen; a bar, and lines as they come"
     )
+    common.add_tags(parser)
     # for 'hil ui' and the live screen: shows the session; it pauses where who shows it is gone
     parser.add_argument("--board", help=argparse.SUPPRESS)
     add_rearm(parser)
@@ -160,6 +161,7 @@ def _typed(args: argparse.Namespace) -> list[str]:
         value = getattr(args, name)
         out += [] if value is None else [f"--{name}", str(value)]
     out += [w for text in args.at for w in ("--at", text)]
+    out += [w for tag in args.tag for w in ("--tag", tag)]
     return out + [f"--{name}" for name in ("wait", "rearm") if getattr(args, name)]
 
 
@@ -212,9 +214,10 @@ _SPLITS = {
 }
 
 
-def _recorded(args: argparse.Namespace) -> dict[str, float]:
-    """Table ``[record]`` of --split and --sync."""
-    table = {} if args.sync is None else {"sync": args.sync}
+def _recorded(args: argparse.Namespace) -> dict[str, Any]:
+    """Table ``[record]`` of --split, --sync and --tag."""
+    table: dict[str, Any] = {} if args.sync is None else {"sync": args.sync}
+    table |= {"tags": args.tag} if args.tag else {}
     if args.split is None:
         return table
     found = re.fullmatch(r"\s*([0-9]+\.?[0-9]*)\s*([A-Za-z]+)\s*", args.split)

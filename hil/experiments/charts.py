@@ -35,7 +35,7 @@ class SeedMean:
         """E.g. ``0.041 +- 0.001``; as many digits as the interval, or four where there is none."""
         if not np.isfinite(self.mean):
             return "-"
-        if not (np.isfinite(self.half) and self.half > 0):
+        if not (np.isfinite(self.half) and self.half > 1e-4 * abs(self.mean)):
             return f"{self.mean:.4g}"
         digits = int(np.clip(1 - np.floor(np.log10(self.half)), 0, 6))
         return f"{self.mean:.{digits}f} +- {self.half:.{digits}f}"

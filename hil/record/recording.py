@@ -2,16 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.errors import ConfigError
 from hil.record.jumps import Jumps, jumps
 from hil.shown import Shown
 
 FloatArray = NDArray[np.float64]
+
+
+def tag_record(tags: Sequence[str]) -> dict[str, str]:
+    """Metadata record of tags, in the order of the alphabet, each once.
+
+    Raises
+    ------
+    ConfigError
+        If one is empty or holds a comma.
+    """
+    for tag in tags:
+        if not tag.strip() or "," in tag or len(tag) > 100:
+            raise ConfigError(f"tag {tag!r}: a word or a few are needed, without a comma")
+    return {TAGS: ",".join(sorted({tag.strip() for tag in tags}))}
+
+
+def tags_of(record: Mapping[str, str]) -> tuple[str, ...]:
+    """Tags of a metadata record."""
+    return tuple(t for t in record.get(TAGS, "").split(",") if t)
 
 
 @dataclass(frozen=True)
@@ -37,6 +58,8 @@ class RobotSource:
 BAG = "bag"
 #: Key of a recording's metadata: joints that are locked, and where, as JSON.
 LOCKED = "locked"
+#: Metadata record of a session: the tags that it was given.
+TAGS = "tags"
 #: Measured channels, a column a joint or component.
 COLUMNS = ("q", "tau", "qd", "wrench", "tau_ext", "current", "temperature")
 

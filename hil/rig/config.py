@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import ConfigError, unknown
+from hil.record.recording import tag_record
 from hil.rigs import NAMES, packaged
 from hil.toml import merge, parse
 from hil.userfile import parse_toml, read_text
@@ -33,6 +34,8 @@ class RecordConfig:
         Write every frame of the boxes into the session.
     replay : str
         Session whose frames answer for the boxes on back end ``"replay"``.
+    tags : tuple of str
+        Words by which ``hil list`` finds the session.
     """
 
     split_seconds: float = 0.0
@@ -40,8 +43,11 @@ class RecordConfig:
     sync: float = 0.0
     frames: bool = False
     replay: str = ""
+    tags: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "tags", tuple(self.tags))
+        tag_record(self.tags)
         for name in ("split_seconds", "split_megabytes", "sync"):
             value = getattr(self, name)
             if not 0.0 <= value < math.inf:

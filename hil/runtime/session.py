@@ -24,6 +24,7 @@ from hil.errors import ConfigError, DataError
 from hil.record import mcap_read
 from hil.record.mcap_write import SessionWriter
 from hil.record.parts import SessionParts
+from hil.record.recording import TAGS, tag_record
 from hil.record.schema import Channel
 from hil.revision import source_revision
 from hil.rig import estimators
@@ -139,6 +140,8 @@ def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]
             "tip": table.tip,
             "joints": json.dumps(list(table.joints)),
         }
+    if config.record.tags:
+        records[TAGS] = tag_record(config.record.tags)
     for name, bias in rig.biases.items():
         told: dict[str, str] = getattr(rig.devices[name], "certificate", {})
         records[f"calibration/{name}"] = {"bias_words": json.dumps(bias), **told}

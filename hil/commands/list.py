@@ -1,0 +1,158 @@
+"""`hil list`: the sessions of a folder, what they are of, and whether they can be used."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from hil import progress
+from hil.commands import common
+from hil.errors import DataError, HilError, plural
+from hil.record.bags import is_bag
+from hil.record.checks import check
+from hil.record.mcap_read import SessionSummary, load, summary
+from hil.record.recording import TAGS, tags_of
+from hil.record.sources import every_arm, find
+
+EXAMPLE = "hil list sessions --tag needle"
+
+
+@dataclass(frozen=True)
+class ListedSession:
+    """Row of the list.
+
+    Parameters
+    ----------
+    path : str
+        File, below the folder.
+    of : str
+        Rig, imported table, or ROS bag.
+    arms : tuple of str
+        Names, each with the number of its joints.
+    recorded : str
+        Date and time (UTC); empty where the file does not say.
+    seconds : float
+        Length [s].
+    tags : tuple of str
+        As they were given.
+    verdict : str
+        ``usable``, how many faults, or why it cannot be read.
+    """
+
+    path: str
+    of: str = ""
+    arms: tuple[str, ...] = ()
+    recorded: str = ""
+    seconds: float = 0.0
+    tags: tuple[str, ...] = ()
+    verdict: str = ""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare options."""
+    parser.add_argument(
+        "paths", nargs="+", metavar="FOLDER", help="folders with sessions and bags, or files"
+    )
+    parser.add_argument(
+        "--tag",
+        action="append",
+        default=[],
+        metavar="TAG",
+        help="only sessions with this tag (repeatable: with all of them)",
+    )
+    parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print a row a session."""
+    paths = _below(args.paths)
+    rows = []
+    for k, path in enumerate(paths):
+        progress.at(path.name, k / len(paths))
+        row = _row(path)
+        if set(args.tag) <= set(row.tags):
+            rows.append(row)
+    if args.json:
+        common.emit({"schema": "hil.list/1", "sessions": [asdict(r) for r in rows]})
+        return 0
+    head = ["session", "of", "arms", "recorded (UTC)", "length [s]", "tags", "verdict"]
+    cells = [_cells(r) for r in rows]
+    common.out(common.table(head, cells, (0, 1, 2, 3, 5, 6)))
+    tagged = f" with {', '.join(args.tag)}" if args.tag else ""
+    common.out(f"\n{plural(len(rows), 'session')}{tagged} of {len(paths)}")
+    return 0
+
+
+def _cells(r: ListedSession) -> list[str]:
+    seconds = f"{r.seconds:.4g}"
+    return [r.path, r.of, ", ".join(r.arms), r.recorded, seconds, ", ".join(r.tags), r.verdict]
+
+
+def _below(paths: Sequence[str]) -> list[Path]:
+    """Sessions and bags of folders and of the folders in them, in the order of their names."""
+    out: list[Path] = []
+    for path in map(Path, paths):
+        inside = sorted(p for p in path.rglob("*") if p.is_dir()) if path.is_dir() else []
+        folders = [p for p in inside if not is_bag(p) and not is_bag(p.parent)]
+        for place in (path, *folders):
+            try:
+                out += find([place])
+            except DataError:  # a folder without any; that no folder has one is said below
+                continue
+    if not out:
+        raise DataError(f"{', '.join(paths)} holds no session and no ROS bag")
+    return out
+
+
+def _row(path: Path) -> ListedSession:
+    """What a file is; what cannot be read says why in its row."""
+    try:
+        return _bag(path) if is_bag(path) else _session(path)
+    except (HilError, OSError) as error:
+        return ListedSession(str(path), verdict=f"cannot be read: {' '.join(str(error).split())}")
+
+
+def _session(path: Path) -> ListedSession:
+    found = summary(path)
+    runs = [load(path, arm) for arm in found.arms]
+    began = datetime.fromtimestamp(found.zero_ns * 1e-9, UTC) if found.zero_ns else None
+    faults = [f for r in runs for f in check(r)]
+    wrong = ["cut off"] if found.truncated else []
+    wrong += [plural(found.damaged, "damaged record")] if found.damaged else []
+    for severity in ("error", "warning"):
+        count = sum(f.severity == severity for f in faults)
+        wrong += [plural(count, severity)] if count else []
+    wrong = wrong if runs else [*wrong, "no arm"]
+    return ListedSession(
+        str(path),
+        _origin(found),
+        tuple(f"{r.arm} ({r.d})" for r in runs),
+        f"{began:%Y-%m-%d %H:%M}" if began else "",
+        max((c.last_s for c in found.channels if c.count), default=0.0),
+        tags_of(found.metadata.get(TAGS, {})),
+        ", ".join(wrong) or "usable",
+    )
+
+
+def _origin(found: SessionSummary) -> str:
+    told = found.metadata
+    if rig := told.get("session", {}).get("rig"):
+        return f"rig {rig}"
+    table = told.get("import", {}).get("table", "")
+    return f"table {table}" if table else ""
+
+
+def _bag(path: Path) -> ListedSession:
+    runs = every_arm(path)
+    faults = [f for r in runs for f in check(r)]
+    errors = sum(f.severity == "error" for f in faults)
+    return ListedSession(
+        str(path),
+        "ROS bag",
+        tuple(f"{r.arm} ({r.d})" for r in runs),
+        seconds=max(float(r.t[-1]) for r in runs),
+        verdict=plural(errors, "error") if errors else "usable",
+    )

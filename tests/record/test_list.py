@@ -1,0 +1,93 @@
+"""`hil list`: what a folder holds, found by tags, with a verdict a session."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import plants
+import pytest
+from bag_files import BagFile
+
+from hil.cli import main
+from hil.record.export import write_recordings
+
+SMALL = Path(__file__).with_name("small.mcap")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, capsys):
+    """A session of a rig, imported tables with tags, a bag, a damaged file, a note."""
+    monkeypatch.chdir(tmp_path)
+    below = tmp_path / "sessions" / "day2"
+    below.mkdir(parents=True)
+    shutil.copy(SMALL, tmp_path / "sessions" / "small.mcap")
+    (tmp_path / "t.csv").write_text(
+        "t,q1,tau1\n" + "".join(f"{k * 0.004},{(k % 50) * 0.01},{k % 7}\n" for k in range(400))
+    )
+    words = ["import", "t.csv", "-o", "sessions/day2/a.mcap", "--tag", "needle", "--tag", "day 2"]
+    assert main(words) == 0
+    assert main([*words[:3], "sessions/b.mcap", "--tag", "needle"]) == 0
+    run = plants.tanh_axes()
+    with BagFile(below, "mcap", "bag") as bag:
+        bag.joints("/joint_states", run.t[:300], list(run.joints), run.q[:300], None, run.tau[:300])
+    (tmp_path / "sessions" / "broken.mcap").write_bytes(b"not a session")
+    (tmp_path / "sessions" / "notes.txt").write_text("hello")
+    capsys.readouterr()
+    return tmp_path
+
+
+def listed(capsys, *words):
+    assert main(["list", *words, "--json"]) == 0
+    return {r["path"]: r for r in json.loads(capsys.readouterr().out)["sessions"]}
+
+
+def test_every_session_and_bag_below_a_folder_has_a_row(folder, capsys):
+    found = listed(capsys, "sessions")
+    assert set(found) == {
+        "sessions/small.mcap",
+        "sessions/b.mcap",
+        "sessions/broken.mcap",
+        "sessions/day2/a.mcap",
+        "sessions/day2/bag",
+    }
+    assert found["sessions/day2/a.mcap"]["of"] == "table t.csv"
+    assert found["sessions/day2/a.mcap"]["tags"] == ["day 2", "needle"]
+    assert found["sessions/day2/bag"]["of"] == "ROS bag"
+    assert found["sessions/small.mcap"]["of"].startswith("rig ")
+    assert found["sessions/broken.mcap"]["verdict"].startswith("cannot be read: ")
+    for name in ("sessions/b.mcap", "sessions/small.mcap"):
+        assert "cannot" not in found[name]["verdict"] and found[name]["seconds"] > 0
+
+
+def test_tags_filter_and_the_table_tells_how_many(folder, capsys):
+    assert set(listed(capsys, "sessions", "--tag", "needle")) == {
+        "sessions/day2/a.mcap",
+        "sessions/b.mcap",
+    }
+    assert main(["list", "sessions", "--tag", "needle", "--tag", "day 2"]) == 0
+    out = capsys.readouterr().out
+    assert "sessions/day2/a.mcap" in out and "1 session with needle, day 2 of 5" in out
+
+
+def test_a_session_of_a_rig_keeps_its_tags(folder, capsys):
+    words = ["run", "teleop", "--clock", "lockstep", "--seconds", "0.1", "-o", "s.mcap"]
+    assert main([*words, "--tag", "needle"]) == 0
+    capsys.readouterr()
+    assert listed(capsys, "s.mcap")["s.mcap"]["tags"] == ["needle"]
+    assert main([*words, "--tag", "a,b"]) == 2
+    assert "without a comma" in capsys.readouterr().err
+
+
+def test_faults_are_counted(folder, capsys):
+    run = plants.tanh_axes()
+    write_recordings("stuck.mcap", [replace(run, tau=0 * run.tau)])
+    assert "error" in listed(capsys, "stuck.mcap")["stuck.mcap"]["verdict"]
+
+
+def test_a_folder_without_sessions_is_an_error(folder, capsys):
+    (folder / "empty").mkdir()
+    assert main(["list", "empty"]) == 2
+    assert "holds no session and no ROS bag" in capsys.readouterr().err
