@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from hil.bench import (
     determinism,
+    doors,
     fuzz,
     hidden,
     loop,
@@ -34,6 +35,7 @@ from hil.bench.faults import process
 from hil.bench.faults import runner as fault_runner
 from hil.commands import bench_speed, common, plugins
 from hil.commands.common import Found
+from hil.commands.design import finite
 from hil.commands.fuzz_targets import TARGETS
 from hil.errors import ConfigError, unknown
 from hil.rigs import rig_path
@@ -206,6 +208,16 @@ def _soak(args: argparse.Namespace) -> Found:
     common.write_page(args.report, soak.page(found, command))
     text = common.table(list(soak.HEAD), soak.rows(found))
     return f"{text}\n\n{soak.verdict(found)}", soak.as_dict(found)
+
+
+def _doors(args: argparse.Namespace) -> Found:
+    """Sources as labs have them, the command that takes each, and what comes out."""
+    common.check_page(args.report)
+    with tqdm(total=doors.steps(), unit="source", disable=not sys.stderr.isatty()) as bar:
+        rows = list(doors.study(bar.update))
+    common.write_page(args.report, doors.page(rows, "hil bench doors"))
+    text = common.table(list(doors.HEAD), doors.cells(rows), (0, 1, 3, 4))
+    return text, {"doors": [finite(asdict(r)) for r in rows]}
 
 
 def _teleop(args: argparse.Namespace) -> Found:
@@ -464,6 +476,7 @@ BENCHES: dict[str, Callable[[argparse.Namespace], Found]] = {
     "real": _real,
     "record": _record,
     "soak": _soak,
+    "doors": _doors,
     "teleop": _teleop,
     "wrist": _wrist,
     **bench_speed.BENCHES,

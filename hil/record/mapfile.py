@@ -139,7 +139,8 @@ class TableMap:
             units |= {"q": Unit("deg"), "qd": Unit("deg/s")}
         if torque_constant:
             old = units.get("tau", Unit("A")).name or "A"
-            units["tau"] = Unit(old, tuple(torque_constant))
+            one = len(torque_constant) == 1  # of all joints
+            units["tau"] = Unit(old, torque_constant[0] if one else tuple(torque_constant))
         axes = "rad" if unit == "deg" else unit
         return replace(self, unit=axes or self.unit, units_of=units)
 
