@@ -171,7 +171,8 @@ def _gripper(folder: Path) -> list[str]:
 
 
 def _npz(folder: Path) -> list[str]:
-    np.savez(folder / "run.npz", **columns())
+    arrays: dict[str, Any] = columns()
+    np.savez(folder / "run.npz", **arrays)
     return ["run.npz"]
 
 
@@ -392,7 +393,8 @@ def _compared(name: str, typed: str, seconds: float, run: Any) -> DoorRow:
     pairs = [(run.q, q), (run.tau, tau), *([] if run.qd is None else [(run.qd, qd)])]
     far = max((float(np.abs(a - b).max()) for a, b in pairs), default=0.0) if size else float("inf")
     late = float(np.abs(run.t - run.t[0] - t).max()) if size else float("inf")
-    out = f"{run.d} joints, {run.n} samples; values within {far:.0e}, times within {late:.0e} s"
+    exact = "values exact" if not far else f"values within {far:.0e}"
+    out = f"{run.d} joints, {run.n} samples; {exact}, times within {late:.0e} s"
     return DoorRow(name, typed, seconds, out, size and far < 5e-4 and late < 2e-6)
 
 
@@ -436,16 +438,11 @@ HEAD = ("source", "typed", "s", "what came out", "right")
 def cells(rows: list[DoorRow]) -> list[list[str]]:
     """Rows of the table."""
     marks = {True: "yes", False: "NO", None: "-"}
-    return [
-        [
-            r.name,
-            r.typed,
-            "-" if r.seconds != r.seconds else f"{r.seconds:.1f}",
-            r.out,
-            marks[r.good],
-        ]
-        for r in rows
-    ]
+    out = []
+    for r in rows:
+        seconds = "-" if r.seconds != r.seconds else f"{r.seconds:.1f}"
+        out.append([r.name, r.typed, seconds, r.out, marks[r.good]])
+    return out
 
 
 def page(rows: list[DoorRow], command: str) -> str:

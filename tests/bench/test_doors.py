@@ -28,7 +28,7 @@ def test_there_are_twenty_kinds_at_least_and_names_are_told_once():
 
 
 def test_another_motion_is_not_taken_for_the_same():
-    t, q, qd, tau = doors.motion()
+    t, q, _, tau = doors.motion()
     assert doors._compared("x", "", 0.0, hil.from_arrays(t, q, tau)).good
     assert not doors._compared("x", "", 0.0, hil.from_arrays(t, q, 1.001 * tau)).good
     assert not doors._compared("x", "", 0.0, hil.from_arrays(1.001 * t, q, tau)).good
