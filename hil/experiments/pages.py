@@ -330,15 +330,13 @@ def _cable_read(found: Means) -> list[str]:
         by.setdefault(condition, {})[estimator] = values
     out = []
     for condition, rows in by.items():
-        best = min(rows, key=lambda n: rows[n][1].mean)
+        free, touching = (min(rows, key=lambda n, k=k: rows[n][k].mean) for k in (0, 1))
         both = rows["filters and networks, learnt in the loop"]
         out.append(
-            f"With {condition}: least error where it touches has the {best}, "
-            f"{rows[best][1].mean:.0f} mN; filters and networks together have {both[1].mean:.0f}."
+            f"With {condition}: least error in free motion has *{free}*, {rows[free][0].mean:.0f} "
+            f"mN (filters and networks together {both[0].mean:.0f}); least where it touches has "
+            f"*{touching}*, {rows[touching][1].mean:.0f} mN (together {both[1].mean:.0f})."
         )
-    out.append(
-        "The observer with a friction model that was fitted off line is the measure to beat."
-    )
     return out
 
 
