@@ -17,7 +17,7 @@ from hil.commands import common
 from hil.commands.common import Found
 from hil.commands.design import finite
 from hil.commands.terminal import silent
-from hil.errors import ConfigError
+from hil.errors import ConfigError, DataError, plural
 from hil.experiments import (
     cable_arm,
     elastic_transmission,
@@ -30,7 +30,7 @@ from hil.experiments import (
 )
 from hil.experiments.pages import PAGES, cells, means, picture
 from hil.experiments.pages import text as page_text
-from hil.experiments.replicate import replicate
+from hil.experiments.replicate import FAILED, replicate
 from hil.revision import source_revision
 
 EXAMPLE = "hil experiment elastic-ukf"
@@ -103,18 +103,29 @@ def _replicated(args: argparse.Namespace, many: int) -> Found:
             version=_version(),
             done=lambda _: bar.update(),
         )
-    found = means(page, list(runs.values()))
+    good = [run for run in runs.values() if FAILED not in run]
+    lost = [f"seed {k}: {run[FAILED]}" for k, run in runs.items() if FAILED in run]
+    if not good:
+        raise DataError(f"no seed gave a number; {lost[0]}")
+    told = plural(many, "seed") if not lost else f"{len(good)} of {plural(many, 'seed')}"
+    told += f" ({'; '.join(lost)})" if lost else ""
+    found = means(page, good)
     if args.report:
         place = Path(args.report).with_suffix(".svg")
         command = f"hil experiment {args.name}" + (f" --seeds {many}" if many != _SEEDS else "")
-        common.write_page(args.report, page_text(page, found, command, many, place.name))
+        common.write_page(args.report, page_text(page, found, command, told, place.name))
         if figure := picture(page, found):
             place.write_text(figure, encoding="utf-8")
-    lines = [f"{page.title}: {many} seeds, mean and 95 % interval of the mean", ""]
+    lines = [f"{page.title}: {told}; mean and 95 % interval of the mean", ""]
     lines += [common.table(page.head, cells(found)), "", f"Thesis: {page.thesis}"]
     lines += [f"  - {line}" for line in page.read(found)]
     data = {name: [dataclasses.asdict(s) for s in row] for name, row in found.items()}
-    return "\n".join(lines), {"seeds": seeds, "columns": page.head[1:], "means": data}
+    return "\n".join(lines), {
+        "seeds": seeds,
+        "failed": lost,
+        "columns": page.head[1:],
+        "means": data,
+    }
 
 
 def _version() -> str:

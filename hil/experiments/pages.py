@@ -84,13 +84,13 @@ def picture(page: StudyPage, found: Means) -> str:
     return bars(page.figure, [page.head[k + 1] for k in page.bars], groups)
 
 
-def text(page: StudyPage, found: Means, command: str, seeds: int, picture_name: str) -> str:
-    """The page."""
+def text(page: StudyPage, found: Means, command: str, seeds: str, picture_name: str) -> str:
+    """The page; `seeds` says how many there were, and which gave no number and why."""
     figure = ["", f"![{page.figure}]({picture_name})"] if page.figure else []
     lines = [
         f"# {page.title}",
         "",
-        f"Printed by `{command}`: {seeds} seeds; mean and 95 % interval of the mean.",
+        f"Printed by `{command}`: {seeds}; mean and 95 % interval of the mean.",
         "",
         page.about,
         *figure,
@@ -330,7 +330,7 @@ def _cable_read(found: Means) -> list[str]:
         by.setdefault(condition, {})[estimator] = values
     out = []
     for condition, rows in by.items():
-        free, touching = (min(rows, key=lambda n, k=k: rows[n][k].mean) for k in (0, 1))
+        free, touching = (_least(rows, k) for k in (0, 1))
         both = rows["filters and networks, learnt in the loop"]
         out.append(
             f"With {condition}: least error in free motion has *{free}*, {rows[free][0].mean:.0f} "
@@ -338,6 +338,11 @@ def _cable_read(found: Means) -> list[str]:
             f"*{touching}*, {rows[touching][1].mean:.0f} mN (together {both[1].mean:.0f})."
         )
     return out
+
+
+def _least(rows: Means, k: int) -> str:
+    """Row with the smallest mean in a column."""
+    return min(rows, key=lambda name: rows[name][k].mean)
 
 
 PAGES: dict[str, StudyPage] = {

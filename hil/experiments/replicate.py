@@ -18,10 +18,12 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from hil.errors import ConfigError, DataError, DeviceError
+from hil.errors import ConfigError, DataError, DeviceError, HilError
 
 Data = dict[str, Any]
 Job = Callable[[str, int], Data]
+#: Key of the sentence that stands for the data of a run that failed.
+FAILED = "failed"
 #: How often a job whose worker was lost is given to another one.
 TRIES = 3
 #: How long a scheduler may take to answer [s].
@@ -40,6 +42,8 @@ def replicate(
     done: Callable[[int], object] = lambda _: None,
 ) -> dict[int, Data]:
     """Data of a study for each seed, in the order of the seeds.
+
+    A seed whose run raises an error of the program gives ``{FAILED: sentence}``; the others count.
 
     Parameters
     ----------
@@ -84,7 +88,10 @@ def replicate(
 def _run(job: Job, name: str, seed: int) -> str:
     """One run on one thread, as text: every way there gives the same digits."""
     with threadpool_limits(1):
-        return json.dumps(job(name, seed))
+        try:
+            return json.dumps(job(name, seed))
+        except HilError as error:  # of this seed alone, e.g. a session that ended PAUSED
+            return json.dumps({FAILED: str(error)})
 
 
 def _here(

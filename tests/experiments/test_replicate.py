@@ -13,10 +13,10 @@ import pytest
 from scipy import stats
 
 from hil.cli import main
-from hil.errors import ConfigError, DeviceError
+from hil.errors import ConfigError, DataError, DeviceError
 from hil.experiments.charts import SeedMean, bars
 from hil.experiments.pages import PAGES, means
-from hil.experiments.replicate import TRIES, replicate
+from hil.experiments.replicate import FAILED, TRIES, replicate
 
 SEEDS = [3, 1, 2]
 
@@ -64,6 +64,18 @@ def test_a_lost_worker_is_survived(tmp_path):
         replicate(lost_always, "x", [1, 2], workers=2)
 
 
+def odd(name, seed):
+    if seed == 2:
+        raise DataError("the session ended PAUSED")
+    return {"seed": seed}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_seed_that_fails_is_told_and_the_others_count(workers):
+    found = replicate(odd, "x", SEEDS, workers=workers)
+    assert found == {3: {"seed": 3}, 1: {"seed": 1}, 2: {FAILED: "the session ended PAUSED"}}
+
+
 def test_finished_runs_of_the_same_version_are_not_run_again(tmp_path):
     first = replicate(job, "x", [1, 2], folder=tmp_path, version="a")
 
@@ -108,7 +120,7 @@ def test_a_study_with_seeds_writes_its_page_and_resumes(tmp_path, capsys):
     words = ["experiment", "elastic-ukf", "--seeds", "2", "--workers", "1", "--keep", str(kept)]
     assert main([*words, "--report", str(page)]) == 0
     said = capsys.readouterr().out
-    assert "2 seeds, mean and 95 % interval" in said
+    assert "2 seeds; mean and 95 % interval" in said
     assert main([*words, "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["seeds"] == [1, 2]
