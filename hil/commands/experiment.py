@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import math
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -104,7 +105,7 @@ def _replicated(args: argparse.Namespace, many: int) -> Found:
             done=lambda _: bar.update(),
         )
     good = [run for run in runs.values() if FAILED not in run]
-    lost = [f"seed {k}: {run[FAILED]}" for k, run in runs.items() if FAILED in run]
+    lost = [f"seed {k}: {_reason(run[FAILED])}" for k, run in runs.items() if FAILED in run]
     if not good:
         raise DataError(f"no seed gave a number; {lost[0]}")
     told = plural(many, "seed") if not lost else f"{len(good)} of {plural(many, 'seed')}"
@@ -120,12 +121,13 @@ def _replicated(args: argparse.Namespace, many: int) -> Found:
     lines += [common.table(page.head, cells(found)), "", f"Thesis: {page.thesis}"]
     lines += [f"  - {line}" for line in page.read(found)]
     data = {name: [dataclasses.asdict(s) for s in row] for name, row in found.items()}
-    return "\n".join(lines), {
-        "seeds": seeds,
-        "failed": lost,
-        "columns": page.head[1:],
-        "means": data,
-    }
+    told_of = {"seeds": seeds, "failed": lost, "columns": page.head[1:]}
+    return "\n".join(lines), {**told_of, "means": data}
+
+
+def _reason(text: str) -> str:
+    """Why a run failed, without folders that are gone and what to do about it."""
+    return re.sub(r"\S*/([^/\s]+)", r"\1", text.partition(";")[0]).rstrip(".")
 
 
 def _version() -> str:

@@ -171,11 +171,13 @@ def _excitation_read(found: Means) -> list[str]:
     most = max(ranks.values())
     whole = [n for n, k in ranks.items() if k == most]
     return [
-        f"Of 17 values {', '.join(f'{n} determines {k}' for n, k in ranks.items())}. What a hand "
-        "adds is a force of known size: without it all torques may be scaled together.",
-        f"{' and '.join(whole)} determine{'s' if len(whole) == 1 else ''} the motor constants, "
-        "which the thesis saw move to values that it could only presume to be right; here they "
-        "are known to be.",
+        "Values that are determined, of 17: "
+        + ", ".join(f"{k} by *{n}*" for n, k in ranks.items())
+        + ". What a hand adds is a force of known size: without it all torques may be scaled "
+        "together.",
+        f"Most are determined by *{'* and *'.join(whole)}*, the motor constants among them. The "
+        "thesis saw these move to values that it could only presume to be right; here the right "
+        "ones are known.",
         "The thesis' 21 to 35 % are of the interaction force on an Omni whose constants nobody "
         "knew; how much there is to gain depends on how wrong they were, which is why no number "
         "of ours stands beside them.",
