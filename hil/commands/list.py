@@ -29,7 +29,7 @@ class ListedSession:
     path : str
         File, below the folder.
     of : str
-        Rig, imported table, or ROS bag.
+        Rig, what was imported, or ROS bag.
     arms : tuple of str
         Names, each with the number of its joints.
     recorded : str
@@ -142,7 +142,7 @@ def _origin(found: SessionSummary) -> str:
     if rig := told.get("session", {}).get("rig"):
         return f"rig {rig}"
     table = told.get("import", {}).get("table", "")
-    return f"table {table}" if table else ""
+    return f"from {table}" if table else ""
 
 
 def _bag(path: Path) -> ListedSession:

@@ -53,7 +53,7 @@ def test_every_session_and_bag_below_a_folder_has_a_row(folder, capsys):
         "sessions/day2/a.mcap",
         "sessions/day2/bag",
     }
-    assert found["sessions/day2/a.mcap"]["of"] == "table t.csv"
+    assert found["sessions/day2/a.mcap"]["of"] == "from t.csv"
     assert found["sessions/day2/a.mcap"]["tags"] == ["day 2", "needle"]
     assert found["sessions/day2/bag"]["of"] == "ROS bag"
     assert found["sessions/small.mcap"]["of"].startswith("rig ")
