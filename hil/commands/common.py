@@ -112,11 +112,10 @@ def load(
     plugins.load_installed()
     model = model_file(args.model) if args.model else None
     arm = args.arm or (model.arm if model else "") or None
-    every = load_sources([*paths, *others], arm, bag_options.choice(args))
-    runs, held = every[: len(paths)], every[len(paths) :]
+    runs, held = load_sources(paths, others, arm, bag_options.choice(args))
     if note := runs[0].metadata.get("note"):
         log(note)
-    for text in stand_elsewhere(every):
+    for text in stand_elsewhere([*runs, *held]):
         log(text)
     robot = runs[0].robot
     if model is None:
@@ -125,7 +124,7 @@ def load(
     elif not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=robot)
     outputs.refuse_urdf(getattr(args, "output", None), model.robot.urdf)
-    _refuse_robots([*paths, *others], every)
+    _refuse_robots([*paths, *others], [*runs, *held])
     model.check_joints(runs[0].joints)
     return _distinct(runs), _distinct(held), model
 

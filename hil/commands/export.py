@@ -56,8 +56,7 @@ def run(args: argparse.Namespace) -> int:
     plugins.load_installed()
     model = common.model_file(args.model)
     arm = args.arm or model.arm or None
-    every = load_sources([*paths, *others], arm, bag_options.choice(args))
-    runs, held = every[: len(paths)], every[len(paths) :]
+    runs, held = load_sources(paths, others, arm, bag_options.choice(args))
     if runs and not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=runs[0].robot)
     job = Job(model, Path(args.model), place.stem, runs, held, args.feasible)

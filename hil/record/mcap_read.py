@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -250,11 +250,6 @@ def _load(box: Container, arm: str | None) -> Recording:
     if notes := list(_notes(box, found, names if arm is None else ())):
         found.metadata["note"] = "; ".join(notes)
     return found
-
-
-def load_all(paths: Sequence[str | Path], arm: str | None = None) -> list[Recording]:
-    """Read one arm of several sessions."""
-    return [load(path, arm) for path in paths]
 
 
 def read_metadata(path: str | Path) -> dict[str, dict[str, str]]:

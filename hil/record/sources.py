@@ -142,9 +142,24 @@ def urdf_text(path: str) -> str:
 
 
 def load_sources(
-    paths: Sequence[str | Path], arm: str | None = None, choice: BagChoice | None = None
-) -> list[Recording]:
-    """Recordings of one robot: the joints that the first bag chooses are those of all.
+    paths: Sequence[str | Path],
+    held: Sequence[str | Path] = (),
+    arm: str | None = None,
+    choice: BagChoice | None = None,
+) -> tuple[list[Recording], list[Recording]]:
+    """Recordings to fit and to judge on, of one arm of one robot.
+
+    The joints that the first bag chooses are those of all; what is judged on is of the arm that
+    is fitted.
+
+    Parameters
+    ----------
+    paths, held : sequence of str or Path
+        Sessions and bags.
+    arm : str, optional
+        Arm; default as in `load_source`.
+    choice : BagChoice, optional
+        As in `load_source`.
 
     Raises
     ------
@@ -153,11 +168,12 @@ def load_sources(
     """
     chosen = choice or BagChoice()
     out: list[Recording] = []
-    for path in paths:
-        out.append(load_source(path, arm, chosen))
+    for k, path in enumerate((*paths, *held)):
+        wanted = arm or (out[0].arm if k >= len(paths) and out else None)
+        out.append(load_source(path, wanted, chosen))
         if not chosen.joints and is_bag(path):
             chosen = replace(chosen, joints=out[0].joints)
-    return out
+    return out[: len(paths)], out[len(paths) :]
 
 
 def every_arm(path: str | Path, choice: BagChoice | None = None) -> list[Recording]:
@@ -168,9 +184,7 @@ def every_arm(path: str | Path, choice: BagChoice | None = None) -> list[Recordi
     DataError, ConfigError
         As `load_source`.
     """
-    if is_bag(path):
-        return read_bag(path, choice)
-    return [load_source(path, arm, choice) for arm in mcap_read.arms(path)]
+    return read_bag(path, choice) if is_bag(path) else mcap_read.load_arms(path)
 
 
 def subset(recording: Recording, choice: BagChoice) -> Recording:

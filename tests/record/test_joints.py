@@ -11,10 +11,11 @@ from test_locked import joint, link
 import hil
 from hil.cli import main
 from hil.record.bags import BagChoice
+from hil.record.export import write_recordings
 from hil.record.locked import arm_joints, free_joints
 from hil.record.mcap_read import load
 from hil.record.recording import LOCKED
-from hil.record.sources import load_source
+from hil.record.sources import load_source, load_sources
 
 LIMIT = '<limit lower="-2" upper="2" effort="9" velocity="9"/>'
 
@@ -151,6 +152,18 @@ def test_a_session_from_python_with_its_robot_and_joints(tmp_path):
     assert json.loads(run.metadata[LOCKED]) == {"finger1": 0.0, "b_shoulder": 0.3}
     with pytest.raises(ValueError, match=r"none.urdf cannot be read"):
         hil.load(tmp_path / "s.mcap", robot="none.urdf")
+
+
+def test_what_is_judged_on_is_of_the_arm_that_is_fitted(tmp_path):
+    """A held-out session with several arms gives the one that the fitted session has."""
+    t, q, tau = motion()
+    tail = hil.from_arrays(t, q, tau, arm="tail")
+    write_recordings(str(tmp_path / "one.mcap"), [tail])
+    other = hil.from_arrays(t, 2 * q, tau, arm="head")
+    write_recordings(str(tmp_path / "two.mcap"), [other, tail])
+    runs, held = load_sources([tmp_path / "one.mcap"], [tmp_path / "two.mcap"])
+    assert (runs[0].arm, held[0].arm) == ("tail", "tail")
+    np.testing.assert_array_equal(held[0].q, q)
 
 
 def one_joint():

@@ -18,11 +18,12 @@ from hil.record import container
 from hil.record.checks import check
 from hil.record.decode import read_fields
 from hil.record.export import write_recordings
-from hil.record.mcap_read import arms, load, load_all, read_metadata, summary
+from hil.record.mcap_read import arms, load, read_metadata, summary
 from hil.record.mcap_write import SessionWriter
 from hil.record.recording import RobotSource
 from hil.record.recovery import recover
 from hil.record.schema import Channel
+from hil.record.sources import load_sources
 
 R = plants.joints(seconds=3.0)
 FULL = replace(R, wrench=np.random.default_rng(1).normal(size=(R.n, 6)), tau_ext=2 * R.tau)
@@ -145,7 +146,7 @@ def test_arms(whole, tmp_path):
     assert arms(path) == ("arm", "tail")
     assert "using 'arm'" in load(path).metadata["note"]
     assert "note" not in load(path, "tail").metadata
-    assert [r.arm for r in load_all([path, path], "tail")] == ["tail", "tail"]
+    assert [r.arm for r in load_sources([path, path], (), "tail")[0]] == ["tail", "tail"]
     with pytest.raises(DataError, match="Did you mean 'tail'"):
         load(path, "tial")
 
