@@ -63,7 +63,8 @@ class DoorRow:
     out : str
         What came out.
     good : bool
-        Whether that is what was written; None where there is nothing to compare with.
+        Whether that is what was written; None where it was read and there is nothing to compare
+        with, or where it did not run.
     """
 
     name: str
@@ -407,7 +408,7 @@ def _public(name: str, words: tuple[str, ...]) -> DoorRow:
     found = [str(Path(place) / w[1:]) if w.startswith("@") else w for w in words]
     with tempfile.TemporaryDirectory() as folder:
         seconds, code, said = _typed(found, Path(folder))
-    return DoorRow(name, shown, seconds, said, not code)
+    return DoorRow(name, shown, seconds, said, False if code else None)
 
 
 def _typed(words: list[str], folder: Path) -> tuple[float, int, str]:
@@ -437,21 +438,24 @@ HEAD = ("source", "typed", "s", "what came out", "right")
 
 def cells(rows: list[DoorRow]) -> list[list[str]]:
     """Rows of the table."""
-    marks = {True: "yes", False: "NO", None: "-"}
+    marks = {True: "yes", False: "NO"}
     out = []
     for r in rows:
         seconds = "-" if r.seconds != r.seconds else f"{r.seconds:.1f}"
-        out.append([r.name, r.typed, seconds, r.out, marks[r.good]])
+        mark = "-" if seconds == "-" else "read" if r.good is None else marks[r.good]
+        out.append([r.name, r.typed, seconds, r.out, mark])
     return out
 
 
 def page(rows: list[DoorRow], command: str) -> str:
     """Page for the documentation."""
-    right = sum(r.good is True for r in rows)
+    marks = [row[-1] for row in cells(rows)]
+    compared = marks.count("yes") + marks.count("NO")
     lines = [
         "# Doors: what comes in, and how",
         "",
-        f"Printed by `{command}`: {right} of {len(rows)} sources come in rightly.",
+        f"Printed by `{command}`: {marks.count('yes')} of {compared} sources come in as they "
+        f"were written, {marks.count('read')} public recordings are read.",
         "",
         "One motion of two joints is written by the libraries that own the formats and brought in "
         "by the command as",

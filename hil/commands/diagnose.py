@@ -79,7 +79,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     return "\n".join(lines)
 
 
-def short(d: Diagnosis, rungs: list[Rung], files: Files) -> str:
+def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
     """The answer on one screen: verdict, names, errors before and after, what to do next.
 
     Parameters
@@ -88,8 +88,8 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files) -> str:
         The diagnosis.
     rungs : list of Rung
         Its ladder with both errors.
-    files : Files
-        What it was made from, for the command that comes next.
+    files : Files, optional
+        What it was made from, for the command that comes next; None where that is done already.
     """
     if not d.ladder or d.verdict == "not-identifiable":
         return text(d, rungs)
@@ -107,7 +107,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files) -> str:
         said.append(f"The improved model also holds {count} without a name")
     lines += ["", *(f"  {w.rstrip('.')}." for w in said)] if said else []
     lines += ["", "Next", *(f"  - {step}" for step in next_steps(m)[:_STEPS])]
-    commands = command(m, files).splitlines()
+    commands = command(m, files).splitlines() if files else []
     if commands and d.verdict != "missing-effect":
         lines.append("  - For a model that predicts motions like these, without a new name:")
     lines += [f"    {line}" for line in commands]
@@ -330,7 +330,8 @@ def show(args: argparse.Namespace, result: Diagnosis) -> None:
 def _words(args: argparse.Namespace, result: Diagnosis, rungs: list[Rung]) -> str:
     """The answer for a terminal: one screen, or everything."""
     if not args.verbose:
-        return short(result, rungs, _files(args))
+        written = getattr(args, "output", None)
+        return short(result, rungs, None if written else _files(args))
     return "\n".join([text(result, rungs, True), *(f"  warning: {w}" for w in rising(rungs))])
 
 

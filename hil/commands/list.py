@@ -13,8 +13,8 @@ from hil.commands import common
 from hil.errors import DataError, HilError, plural
 from hil.record.bags import is_bag
 from hil.record.checks import check
-from hil.record.mcap_read import SessionSummary, load, summary
-from hil.record.recording import TAGS, tags_of
+from hil.record.mcap_read import SessionSummary, summary
+from hil.record.recording import TAGS, Recording, tags_of
 from hil.record.sources import every_arm, find
 
 EXAMPLE = "hil list sessions --tag needle"
@@ -95,6 +95,8 @@ def _below(paths: Sequence[str]) -> list[Path]:
     """Sessions and bags of folders and of the folders in them, in the order of their names."""
     out: list[Path] = []
     for path in map(Path, paths):
+        if not path.exists():
+            raise DataError(f"{path}: no such folder or file")
         inside = sorted(p for p in path.rglob("*") if p.is_dir()) if path.is_dir() else []
         folders = [p for p in inside if not is_bag(p) and not is_bag(p.parent)]
         for place in (path, *folders):
@@ -110,31 +112,31 @@ def _below(paths: Sequence[str]) -> list[Path]:
 def _row(path: Path) -> ListedSession:
     """What a file is; what cannot be read says why in its row."""
     try:
-        return _bag(path) if is_bag(path) else _session(path)
+        runs = every_arm(path)
+        found = None if is_bag(path) else summary(path)
     except (HilError, OSError) as error:
         return ListedSession(str(path), verdict=f"cannot be read: {' '.join(str(error).split())}")
-
-
-def _session(path: Path) -> ListedSession:
-    found = summary(path)
-    runs = [load(path, arm) for arm in found.arms]
-    began = datetime.fromtimestamp(found.zero_ns * 1e-9, UTC) if found.zero_ns else None
-    faults = [f for r in runs for f in check(r)]
-    wrong = ["cut off"] if found.truncated else []
-    wrong += [plural(found.damaged, "damaged record")] if found.damaged else []
-    for severity in ("error", "warning"):
-        count = sum(f.severity == severity for f in faults)
-        wrong += [plural(count, severity)] if count else []
-    wrong = wrong if runs else [*wrong, "no arm"]
+    began = datetime.fromtimestamp(found.zero_ns * 1e-9, UTC) if found and found.zero_ns else None
     return ListedSession(
         str(path),
-        _origin(found),
+        _origin(found) if found else "ROS bag",
         tuple(f"{r.arm} ({r.d})" for r in runs),
         f"{began:%Y-%m-%d %H:%M}" if began else "",
-        max((c.last_s for c in found.channels if c.count), default=0.0),
-        tags_of(found.metadata.get(TAGS, {})),
-        ", ".join(wrong) or "usable",
+        max((float(r.t[-1]) for r in runs), default=0.0),
+        tags_of(found.metadata.get(TAGS, {})) if found else (),
+        _verdict(runs, found),
     )
+
+
+def _verdict(runs: Sequence[Recording], found: SessionSummary | None) -> str:
+    """``usable``, or what is wrong with a file and how many faults its arms have."""
+    wrong = ["cut off"] if found and found.truncated else []
+    wrong += [plural(found.damaged, "damaged record")] if found and found.damaged else []
+    faults = [f.severity for r in runs for f in check(r)]
+    counts = [(faults.count(severity), severity) for severity in ("error", "warning")]
+    wrong += [plural(count, severity) for count, severity in counts if count]
+    wrong += [] if runs else ["no arm"]
+    return ", ".join(wrong) or "usable"
 
 
 def _origin(found: SessionSummary) -> str:
@@ -143,16 +145,3 @@ def _origin(found: SessionSummary) -> str:
         return f"rig {rig}"
     table = told.get("import", {}).get("table", "")
     return f"from {table}" if table else ""
-
-
-def _bag(path: Path) -> ListedSession:
-    runs = every_arm(path)
-    faults = [f for r in runs for f in check(r)]
-    errors = sum(f.severity == "error" for f in faults)
-    return ListedSession(
-        str(path),
-        "ROS bag",
-        tuple(f"{r.arm} ({r.d})" for r in runs),
-        seconds=max(float(r.t[-1]) for r in runs),
-        verdict=plural(errors, "error") if errors else "usable",
-    )

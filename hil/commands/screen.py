@@ -59,7 +59,7 @@ def show(words: Sequence[str]) -> int:
         with patch_stdout():
             watch.start()
             _commanded(program, prompt)
-            _ended(program)
+            _ended(program, over)
             over.set()
             watch.join()
     finally:
@@ -82,13 +82,13 @@ def _commanded(program: SessionProgram, prompt: Any) -> None:
             program.write(line)
 
 
-def _ended(program: SessionProgram) -> None:
+def _ended(program: SessionProgram, over: threading.Event) -> None:
     """Have the session end as the command stop does: zero torque, file closed, summary printed."""
     program.write("stop")
     for _ in range(int(PATIENCE / EVERY)):
         if program.code is not None:
             return
-        threading.Event().wait(EVERY)
+        over.wait(EVERY)
 
 
 def _watch(program: SessionProgram, prompt: Any, over: threading.Event) -> None:

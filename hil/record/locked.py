@@ -158,13 +158,10 @@ def _fix(joint: ET.Element, value: float) -> None:
     if origin is None:
         origin = ET.SubElement(joint, "origin")
     place, turn = _three(origin, "xyz"), _rotation(_three(origin, "rpy"))
-    element = joint.find("axis")
-    axis = np.array([1.0, 0, 0]) if element is None else _three(element, "xyz")
-    axis = axis / (float(np.linalg.norm(axis)) or 1.0)
     if joint.get("type") == "prismatic":
-        place = place + turn @ (value * axis)
+        place = place + turn @ (value * _axis(joint))
     else:
-        turn = turn @ _about(axis, value)
+        turn = turn @ _about(_axis(joint), value)
     origin.set("xyz", " ".join(f"{x:.17g}" for x in place))
     origin.set("rpy", " ".join(f"{x:.17g}" for x in _angles(turn)))
     _strip(joint)
@@ -185,11 +182,20 @@ def _three(element: ET.Element, key: str) -> FloatArray:
     return np.array([float(x) for x in element.get(key, "0 0 0").split()])
 
 
-def _about(axis: FloatArray, angle: float) -> FloatArray:
-    """Rotation about a unit axis (Rodrigues)."""
+def _axis(joint: ET.Element) -> FloatArray:
+    """Unit axis of a joint; that of a URDF without one is x."""
+    element = joint.find("axis")
+    axis = np.array([1.0, 0, 0]) if element is None else _three(element, "xyz")
+    out: FloatArray = axis / (float(np.linalg.norm(axis)) or 1.0)
+    return out
+
+
+def _about(axis: FloatArray, angle: float | FloatArray) -> FloatArray:
+    """Rotations about a unit axis (Rodrigues), (..., 3, 3) for angles (...)."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    out: FloatArray = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    turn = np.asarray(angle)[..., None, None]
+    out: FloatArray = np.eye(3) + np.sin(turn) * cross + (1 - np.cos(turn)) * (cross @ cross)
     return out
 
 
@@ -256,11 +262,4 @@ def _turned(joint: ET.Element, names: Sequence[str], q: FloatArray) -> FloatArra
     name = joint.get("name", "")
     if joint.get("type") not in ("revolute", "continuous") or name not in names:
         return np.eye(3)
-    element = joint.find("axis")
-    axis = np.array([1.0, 0, 0]) if element is None else _three(element, "xyz")
-    axis = axis / (float(np.linalg.norm(axis)) or 1.0)
-    angle = q[:, list(names).index(name), None, None]
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    out: FloatArray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-    return out
+    return _about(_axis(joint), q[:, list(names).index(name)])

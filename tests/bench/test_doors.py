@@ -45,7 +45,8 @@ def test_the_published_table_has_every_door_and_no_failure():
     page = (Path(__file__).parents[2] / "docs" / "bench" / "doors.md").read_text("utf-8")
     rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| ")][1:]
     assert len(rows) == len(doors.DOORS) + len(doors.PUBLIC)
-    assert {row[-1].rstrip(" |") for row in rows} == {"yes"}
+    marks = [row[-1].rstrip(" |") for row in rows]
+    assert marks == ["yes"] * len(doors.DOORS) + ["read"] * len(doors.PUBLIC)
 
 
 def test_without_the_folder_of_recordings_the_row_says_so(monkeypatch):

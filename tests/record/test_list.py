@@ -91,3 +91,5 @@ def test_a_folder_without_sessions_is_an_error(folder, capsys):
     (folder / "empty").mkdir()
     assert main(["list", "empty"]) == 2
     assert "holds no session and no ROS bag" in capsys.readouterr().err
+    assert main(["list", "sessions", "nowhere"]) == 2
+    assert "nowhere: no such folder or file" in capsys.readouterr().err

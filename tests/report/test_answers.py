@@ -40,7 +40,7 @@ def test_what_bears_on_the_answer_is_told_in_full(plain):
         plain.partial = own
 
 
-def test_the_first_answer_is_one_screen_with_the_next_command():
+def test_the_first_answer_is_one_screen():
     run = plants.late_axes((4, 12))
     d = diagnose([run], model(run))
     files = Files(("a b.mcap",), more=("--robot", "arm.urdf"), model="")
@@ -59,6 +59,15 @@ def test_the_first_answer_is_one_screen_with_the_next_command():
     assert "Next" in lines
     assert any("--verbose" in line for line in lines)
     assert len(text(d, ladder(d)).splitlines()) > len(lines)
+
+
+def test_the_next_command_adds_what_is_missing_unless_it_is_added_already():
+    d = diagnose([run := plants.axis_with_stop(1.0, 1)], model(run))
+    assert d.verdict == "missing-effect"
+    files = Files(("a b.mcap",), model="", more=("--robot", "arm.urdf"))
+    said = short(d, ladder(d), files)
+    assert "    hil " in said and "'a b.mcap'" in said and "--robot arm.urdf" in said
+    assert "    hil " not in short(d, ladder(d), None)
 
 
 def test_an_adequate_model_has_one_error_and_no_command(plain):
