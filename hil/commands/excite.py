@@ -10,6 +10,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from hil import progress
 from hil.commands import common, outputs, plugins
 from hil.errors import ConfigError, unknown
 from hil.excite import fourier, menu, trajectory
@@ -319,6 +320,7 @@ def _joint(args: argparse.Namespace, stage: Stage) -> int | None:
 def _identify(args: argparse.Namespace, model: RobotModel, stage: Stage) -> int:
     if args.motion or args.joint:
         raise ConfigError("--motion and --joint need --for EFFECT; without it all joints move")
+    progress.at("seek the motion", 0.0)
     found = fourier.optimise(model, stage, args.seed)
     motion, margins = foreseen(found.motion, stage, model)
     rows = _write(args, motion, stage, "identifies the model")
@@ -346,6 +348,7 @@ def _separate(
     for name in names:
         catalogue.get(name)
     joint = _joint(args, stage)
+    progress.at("rate the motions", 0.0)
     asked = question(model, names, joint, stage)
     found = decide(survey(asked, stage, joint), asked, ())
     best = next((o for o in found.options if o.motion.name == args.motion), found.best)

@@ -6,6 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from hil import progress
 from hil.commands import bag_options, common, outputs, plugins
 from hil.errors import ConfigError
 from hil.export import target
@@ -60,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
     if runs and not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=runs[0].robot)
     job = Job(model, Path(args.model), place.stem, runs, held, args.feasible)
+    progress.at("refit within the target", 0.0)
     made = kind.make(job)
     written = [place.with_suffix(ending) for ending in made.texts]
     for path in written[1:]:

@@ -7,14 +7,17 @@ joints of the recording and no others, and the bodies of the rest where they are
 
 from __future__ import annotations
 
+import json
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, unknown
+from hil.record.recording import LOCKED, RobotSource
 from hil.record.urdf_joints import UrdfJoint, checked_urdf, urdf_joints
 
 FloatArray = NDArray[np.float64]
@@ -120,6 +123,75 @@ def locked_urdf(
     for name, value in {**locked, **followers}.items():
         _fix(elements[name], value)
     return _text(root), locked
+
+
+@dataclass(frozen=True)
+class ColumnsRobot:
+    """A robot that has the joints of some columns and no others.
+
+    Parameters
+    ----------
+    robot : RobotSource
+        The robot, the other joints of its URDF locked.
+    joints : tuple of UrdfJoint
+        Joints in the order of the robot; none without a URDF.
+    order : tuple of int
+        Which column each joint is.
+    said : mapping of str to str
+        Metadata of the recording: where joints are locked.
+    notes : tuple of str
+        The same as sentences.
+    """
+
+    robot: RobotSource
+    joints: tuple[UrdfJoint, ...] = ()
+    order: tuple[int, ...] = ()
+    said: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def columns_robot(
+    robot: RobotSource, joints: Sequence[str], lock: Mapping[str, float], d: int
+) -> ColumnsRobot:
+    """Lock the joints that no column is of: those not named, or a gripper beyond the arm.
+
+    Parameters
+    ----------
+    robot : RobotSource
+        The robot.
+    joints : sequence of str
+        Joints of the columns, in their order; empty where nobody named them.
+    lock : mapping of str to float
+        Where joints are locked [rad or m].
+    d : int
+        Columns.
+
+    Raises
+    ------
+    ConfigError
+        If a joint is none of the URDF, or named twice, or there is no URDF.
+    """
+    if not robot.urdf:
+        if joints or lock:
+            raise ConfigError("joints and lock are of a URDF; give it with --robot")
+        return ColumnsRobot(robot)
+    known, names = free_joints(robot.urdf), tuple(joints)
+    if not names:
+        rest = tuple(j.name for j in known if j.name not in lock)
+        names = arm_joints(locked_urdf(robot.urdf, rest, lock)[0], d) if rest else ()
+        names = names or rest
+    if len(set(names)) < len(names):
+        raise ConfigError(f"joints = {', '.join(names)} names a joint twice")
+    text, locked = locked_urdf(robot.urdf, names, lock)
+    left = tuple(j for j in known if j.name in names)
+    order = tuple(names.index(j.name) for j in left)
+    if not locked:
+        return ColumnsRobot(replace(robot, urdf=text), left, order)
+    note = f"locked: {', '.join(f'{n} at {v:.4g}' for n, v in locked.items())}"
+    if not joints:
+        note = f"the columns are taken as those of {', '.join(names)}; {note} (--joints and --lock)"
+    said = {LOCKED: json.dumps(locked)}
+    return ColumnsRobot(replace(robot, urdf=text), left, order, said, (note,))
 
 
 def _grounded(root: ET.Element) -> ET.Element:

@@ -7,11 +7,10 @@ Columns of a recording, and whether a table has all that belong together.
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -20,9 +19,9 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.consistency import unit_doubt, velocity_factor
-from hil.record.locked import arm_joints, free_joints, locked_urdf
+from hil.record.locked import ColumnsRobot, columns_robot, free_joints
 from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
-from hil.record.recording import LOCKED, Recording, RobotSource
+from hil.record.recording import Recording, RobotSource
 from hil.record.schema import LAST_S, Channel
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.units import FACTORS, epoch_unit, time_unit
@@ -564,40 +563,6 @@ def _moving(source: RobotSource, what: str) -> tuple[UrdfJoint, ...]:
 
 
 @dataclass(frozen=True)
-class _Fitted:
-    """A robot with the joints of the columns alone; which column each is; what is said."""
-
-    robot: RobotSource
-    joints: tuple[UrdfJoint, ...] = ()
-    order: tuple[int, ...] = ()
-    said: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-
-
-def _fit_robot(
-    robot: RobotSource, joints: tuple[UrdfJoint, ...], given: TableMap, d: int
-) -> _Fitted:
-    """Lock the joints that no column is of: those not named, or a gripper beyond the arm."""
-    if not robot.urdf:
-        if given.joints or given.lock:
-            raise ConfigError("joints and lock are of a URDF; give it with --robot")
-        return _Fitted(robot)
-    names = given.joints or arm_joints(robot.urdf, d) or tuple(j.name for j in joints)
-    names = tuple(n for n in names if n not in given.lock) if not given.joints else names
-    if len(set(names)) < len(names):
-        raise ConfigError(f"joints = {', '.join(names)} names a joint twice")
-    text, locked = locked_urdf(robot.urdf, names, given.lock)
-    left = tuple(j for j in joints if j.name in names)
-    order = tuple(names.index(j.name) for j in left)
-    if not locked:
-        return _Fitted(replace(robot, urdf=text), left, order)
-    said = f"locked: {', '.join(f'{n} at {v:.4g}' for n, v in locked.items())}"
-    if not given.joints:
-        said = f"the columns are taken as those of {', '.join(names)}; {said} (--joints and --lock)"
-    return _Fitted(replace(robot, urdf=text), left, order, {LOCKED: json.dumps(locked)}, (said,))
-
-
-@dataclass(frozen=True)
 class _Arm:
     """Recording of an arm, the rules it was read by, the extra columns, what is said."""
 
@@ -616,7 +581,7 @@ def _arm(
     joints: tuple[UrdfJoint, ...],
 ) -> _Arm:
     table = tables[""]
-    fitted = _fit_robot(robot, joints, given, max(_grouped(rules).get("q", [0])))
+    fitted = columns_robot(robot, given.joints, given.lock, max(_grouped(rules).get("q", [0])))
     robot, joints = fitted.robot, fitted.joints
     d = count_joints(rules, table, joints, given.rate_hz > 0)
     rules = {**rules, **given.extras}
@@ -678,7 +643,7 @@ def _recording(
     table: ForeignTable,
     values: Mapping[str, FloatArray],
     order: Sequence[int],
-    fitted: _Fitted,
+    fitted: ColumnsRobot,
     unit: str,
     said: Mapping[str, str],
 ) -> Recording:

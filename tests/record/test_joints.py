@@ -82,6 +82,14 @@ def test_joints_in_the_order_of_the_columns(tmp_path):
     assert json.loads(run.metadata[LOCKED]) == {"finger1": 0.02}
 
 
+def test_a_locked_joint_is_none_of_the_columns(tmp_path):
+    """With one joint of the arm held the columns are of the others, the gripper aside."""
+    t, q, tau = motion()
+    run = hil.from_arrays(t, q[:, 0], tau[:, 0], robot=gripper_arm(), lock={"b_shoulder": 0.4})
+    assert run.joints == ("a_elbow",)
+    assert json.loads(run.metadata[LOCKED]) == {"b_shoulder": 0.4, "finger1": 0.0}
+
+
 def test_joints_and_locks_of_a_map(tmp_path):
     path = tmp_path / "m.toml"
     path.write_text('[robot]\njoints = ["finger1", "b_shoulder"]\nlock = {a_elbow = 0.5}\n')
