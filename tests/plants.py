@@ -542,9 +542,18 @@ STICTION_J, STICTION_FC, STICTION_FV = 0.05, 0.6, 0.3
 
 
 def stiction_axis(
-    seed: int, drag: float = 0.0, peak: float = 0.0, late: int = 0, seconds: float = 20.0
+    seed: int,
+    drag: float = 0.0,
+    peak: float = 0.0,
+    late: int = 0,
+    seconds: float = 20.0,
+    gear: float = 0.0,
+    spring: float = 0.0,
 ) -> Recording:
-    """A multisine under PD control; `drag` v|v|, Stribeck `peak` of 0.15 rad/s, `late` samples."""
+    """A multisine under PD control; `drag` v|v|, Stribeck `peak` of 0.15 rad/s, `late` samples.
+
+    A `gear` rubs in proportion to the effort, for example that which holds a `spring`.
+    """
     rng, rate, fine = np.random.default_rng(seed), 500, 10
     omega = 2 * np.pi * np.array([0.11, 0.27, 0.6, 1.3]) * rng.uniform(0.9, 1.1, 4)
     size, phase = np.array([0.8, 0.3, 0.1, 0.04]), rng.uniform(0, 2 * np.pi, 4)
@@ -559,8 +568,8 @@ def stiction_axis(
         out[k] = q, tau
         sent = [*sent[1:], tau]
         for _ in range(fine):
-            free = (v + dt * (sent[0] - drag * v * abs(v)) / STICTION_J) / eased
-            dry = STICTION_FC + peak * np.exp(-((v / 0.15) ** 2))
+            free = (v + dt * (sent[0] - drag * v * abs(v) - spring * q) / STICTION_J) / eased
+            dry = STICTION_FC + peak * np.exp(-((v / 0.15) ** 2)) + gear * abs(sent[0])
             v = float(np.sign(free) * max(abs(free) - dt * dry / STICTION_J / eased, 0.0))
             q += v * dt
     out += rng.normal(size=out.shape) * [1e-5, 0.02]

@@ -136,17 +136,15 @@ class _Forward:
     ) -> FloatArray:
         """Effort (r, w, d) but for `_masses`, at q (w, d), qd (w, d) or (r, w, d), qdd (r, w, d).
 
-        Without the mass' on demand.  `load` (w, 2, d): all that is transmitted as measured, and
-        its static part.  States of some `rows` only, or of all.
+        Without the mass' on demand.  `load` (w, 3, d): all that is transmitted as measured, its
+        static part, and the motors' effort.  States of some `rows` only, or of all.
         """
         shape = qdd.shape
-        flat = (q, qd, load[:, 0], load[:, 1])
-        positions, speeds, fully, static = (
+        flat = (q, qd, load[:, 0], load[:, 1], load[:, 2])
+        positions, speeds, *loads = (
             x.reshape(-1, shape[2]) if x.ndim == 3 else _times(x, shape[0]) for x in flat
         )
-        every = few = self.motion.at_states(
-            positions, speeds, qdd.reshape(positions.shape), fully, static
-        )
+        every = few = self.motion.at_states(positions, speeds, qdd.reshape(positions.shape), *loads)
         if qd.ndim == 2 and shape[0] > 1:
             # one state each is enough for what no acceleration changes
             few = self.motion.at_states(q, qd, qdd[0], *flat[2:])
@@ -239,11 +237,14 @@ def _drives(
 def _loads(
     jobs: Sequence[Windows], motion: Motion, owner: IntArray
 ) -> Callable[[IntArray, IntArray], FloatArray]:
-    """Load of rows (w,) at instants (w,) and its part at rest, (w, 2, d): each model's own."""
+    """Loads of rows (w,) at instants (w,), (w, 3, d): as `_Forward.effort` has them.
+
+    The motors' effort is the recorded one: it is what moves the simulated joints.
+    """
     carried = {id(job.motion or motion): job.motion or motion for job in jobs}
     place = {key: k for k, key in enumerate(carried)}
     which = np.array([place[id(job.motion or motion)] for job in jobs])[owner]
-    every = np.stack([np.stack([m.load, m.static], axis=1) for m in carried.values()])
+    every = np.stack([np.stack([m.load, m.static, m.tau], axis=1) for m in carried.values()])
     return lambda rows, now: np.asarray(every[which[rows], now])
 
 
@@ -365,7 +366,9 @@ def _errors(path: FloatArray, starts: IntArray, motion: Motion) -> tuple[FloatAr
 def looked_at(term: Term, motion: Motion) -> set[str]:
     """Fields of unconnected states that a term looks at."""
     few = slice(None, None, max(1, motion.n // PROBED))
-    rows = [x[few] for x in (motion.q, motion.qd, motion.qdd, motion.load, motion.static)]
+    rows = [
+        x[few] for x in (motion.q, motion.qd, motion.qdd, motion.load, motion.static, motion.tau)
+    ]
     return {
         name
         for name, _ in watched(term.effect, [motion.at_states(*rows)], term.joint, term.shape)[1]

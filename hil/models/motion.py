@@ -200,9 +200,19 @@ class Motion:
         return bool(self.slipped.size and self.slipped[j])
 
     def at_states(
-        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, load: FloatArray, static: FloatArray
+        self,
+        q: FloatArray,
+        qd: FloatArray,
+        qdd: FloatArray,
+        load: FloatArray,
+        static: FloatArray,
+        drive: FloatArray,
     ) -> Motion:
-        """Unconnected states (w, d) in place of the run: no time, effort or averaging of signs."""
+        """Unconnected states (w, d) in place of the run: no time and no averaging of signs.
+
+        `drive` is the motors' effort that moves them.  Effects that explain the recorded effort
+        (`tau`, `tau_ext`) see none.
+        """
         # its fields at once: `replace`, or `copy`, would cost more than most effects
         out, none = object.__new__(type(self)), np.zeros(q.shape)
         out.__dict__.update(
@@ -216,7 +226,7 @@ class Motion:
             tau=none,
             tau_ext=none,
             average=0.0,
-            drive=none,
+            drive=drive,
             friction=(),
             _signs={},
         )

@@ -129,7 +129,7 @@ def test_a_refit_is_better_than_leaving_out(made, arm):
     tau = arm.other.tau[100:-100:20, 0]
     whole, refitted = found.steps[0], found.steps[1]
     result = whole.result
-    motion = result.problem.motions[0].at_states(q, v, a, 0 * q, 0 * q)
+    motion = result.problem.motions[0].at_states(q, v, a, 0 * q, 0 * q, 0 * q)
     peak = next(t for t in result.terms if t.effect.name == "stribeck")
     where = result.slices[result.terms.index(peak)]
     dropped = evaluated(whole, q, v, a)[:, 0]

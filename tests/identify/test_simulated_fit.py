@@ -66,7 +66,7 @@ def test_a_joint_that_sticks_stays_and_one_that_turns_loses_what_friction_takes(
     model, motion = replace(result, theta=theta, terms=sharp), problem.motions[0]
     one = np.array([0])
     forward_ = _Forward([Windows(model, one, 1)], motion, one)
-    q, load, mass = np.zeros((1, 1)), np.zeros((1, 2, 1)), np.full((1, 1, 1), plants.MASS)
+    q, load, mass = np.zeros((1, 1)), np.zeros((1, 3, 1)), np.full((1, 1, 1), plants.MASS)
 
     def after(v: float, tau: float) -> float:
         speed = np.array([[v]])

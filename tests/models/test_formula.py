@@ -13,7 +13,7 @@ DECLARED = sorted(name for name, e in catalogue.table().items() if e.doc.formula
 
 def states(motion):
     """The same states without averaging of signs, which belongs to a recording."""
-    return motion.at_states(motion.q, motion.qd, motion.qdd, motion.load, motion.static)
+    return motion.at_states(motion.q, motion.qd, motion.qdd, motion.load, motion.static, motion.tau)
 
 
 def test_the_base_model_but_for_its_bodies_has_formulas():

@@ -24,7 +24,7 @@ SIMULATED = [
 @pytest.mark.parametrize("name", SIMULATED)
 def test_loads_are_those_of_the_windows(name):
     motion, effect = MOTION, catalogue.get(name)
-    load = np.stack([motion.load, motion.static], axis=1)[:WINDOWS]
+    load = np.stack([motion.load, motion.static, motion.tau], axis=1)[:WINDOWS]
     shapes = effect.search.grid(motion, 1) or [()]
     for shape in {shapes[0], shapes[-1]}:
         term, m = Term(effect, 1, shape=tuple(shape)), len(terms_of(effect, motion, 1))
