@@ -18,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from hil.commands import bag_options, common, outputs, plugins
-from hil.errors import ConfigError, plural
+from hil.errors import ConfigError, DataError, plural
 from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.robots import make_robot, undescribed
@@ -27,10 +27,13 @@ from hil.record.bags import is_bag, read_bag
 from hil.record.checks import check
 from hil.record.consistency import DataFault
 from hil.record.export import write_recordings
+from hil.record.guess import propose
+from hil.record.locked import free_joints
 from hil.record.mapfile import Rule, TableMap, builtin_maps, read_map
 from hil.record.recording import TAGS, Recording, tag_record
-from hil.record.table_files import is_dataset, run_names
+from hil.record.table_files import is_dataset, open_table, run_names
 from hil.record.tables import Imported, import_table
+from hil.userfile import read_text
 
 
 def as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[str, object]:
@@ -189,6 +192,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="show what would be read, from which columns and in which units; write nothing",
     )
+    parser.add_argument(
+        "--propose-map",
+        default="",
+        metavar="MAP.toml",
+        help="write a map that is made from the names of the columns, to check and to edit",
+    )
     bag_options.add(parser)
     common.add_tags(parser)
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
@@ -200,7 +209,9 @@ def run(args: argparse.Namespace) -> int:
     if is_bag(args.table):
         return _bag(args)
     bag_options.refuse(args)
-    table, mapping = _source(args.table, args.map)
+    table, mapping = _source(args.table, args.map, _constants(args.torque_constant))
+    if args.propose_map:
+        return _propose(args, table, mapping)
     if args.dry_run:
         return _show(args, table, mapping)
     if not args.output:
@@ -222,6 +233,7 @@ def _bag(args: argparse.Namespace) -> int:
         ("--torque-constant", args.torque_constant),
         ("--missing", args.missing),
         ("--dry-run", args.dry_run),
+        ("--propose-map", args.propose_map),
     )
     for option, value in of_tables:
         if value:
@@ -321,6 +333,35 @@ def _constants(text: str) -> tuple[float, ...]:
         ) from None
 
 
+def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> int:
+    """Write a map from the names of the columns; an existing file is left as it is."""
+    if mapping is not None:
+        raise ConfigError("--map and --propose-map exclude each other; give one of them")
+    place = Path(args.propose_map)
+    table = open_table(path, run=args.which)
+    joints = [j.name for j in free_joints(read_text(Path(args.robot)))] if args.robot else []
+    found = propose(table.names, joints)
+    if found is None:
+        raise DataError(
+            f"table {path}: no column's name says a position. It has: "
+            f'{", ".join(table.names[:40])}. Write the map yourself: [columns] q1 = "..."'
+        )
+    try:
+        with place.open("x", encoding="utf-8") as file:
+            file.write(found.text)
+    except FileExistsError:
+        raise ConfigError(f"{place} exists; give another name, or delete it first") from None
+    except OSError as error:
+        raise ConfigError(f"cannot write {place}: {error.strerror}") from error
+    lacks = f"\nno column's name says {' or '.join(found.missing)}; add it" if found.missing else ""
+    robot = f" --robot {args.robot}" if args.robot else ""
+    sys.stdout.write(
+        f"{found.text}\n{place}: written, check it{lacks}\nnext:\n"
+        f"  hil import {path} --map {place}{robot} --dry-run\n"
+    )
+    return 0
+
+
 #: Rows that `--dry-run` shows.
 FIRST_ROWS = 5
 
@@ -381,7 +422,9 @@ def first_rows(r: Recording) -> tuple[list[str], list[list[str]]]:
     return head, [[f"{x:.6g}" for x in row] for row in values]
 
 
-def _source(table: str, mapping: str | None) -> tuple[Path, TableMap | None]:
+def _source(
+    table: str, mapping: str | None, torque_constant: Sequence[float] = ()
+) -> tuple[Path, TableMap | None]:
     """The file, and its map: the given one, or that of a public set."""
     path, known = Path(table), None
     if not path.exists():
@@ -391,7 +434,7 @@ def _source(table: str, mapping: str | None) -> tuple[Path, TableMap | None]:
     if is_dataset(path):
         known = "lerobot"
     name = mapping or known
-    return path, read_map(name) if name else None
+    return path, read_map(name, torque_constant) if name else None
 
 
 def _write(output: Path, found: Imported, table: Path, tags: Sequence[str]) -> None:

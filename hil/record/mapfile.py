@@ -134,15 +134,20 @@ class TableMap:
 
     def within(self, unit: str, torque_constant: Sequence[float]) -> TableMap:
         """The map with units from the command line; ``"deg"`` is of positions and speeds."""
-        units = dict(self.units_of)
+        units = _with_constants(self.units_of, torque_constant)
         if unit == "deg":
             units |= {"q": Unit("deg"), "qd": Unit("deg/s")}
-        if torque_constant:
-            old = units.get("tau", Unit("A")).name or "A"
-            one = len(torque_constant) == 1  # of all joints
-            units["tau"] = Unit(old, torque_constant[0] if one else tuple(torque_constant))
         axes = "rad" if unit == "deg" else unit
         return replace(self, unit=axes or self.unit, units_of=units)
+
+
+def _with_constants(units: Mapping[str, Unit], torque_constant: Sequence[float]) -> dict[str, Unit]:
+    """Units in which the efforts are currents, where torque constants are given; one is of all."""
+    if not torque_constant:
+        return dict(units)
+    old = units.get("tau", Unit("A")).name or "A"
+    one = len(torque_constant) == 1
+    return {**units, "tau": Unit(old, torque_constant[0] if one else tuple(torque_constant))}
 
 
 def _matching(pattern: str, names: Sequence[str]) -> list[str]:
@@ -195,8 +200,15 @@ def builtin_maps() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
 
 
-def read_map(source: str | Path) -> TableMap:
+def read_map(source: str | Path, torque_constant: Sequence[float] = ()) -> TableMap:
     """Read a map file, or a built-in map by its name.
+
+    Parameters
+    ----------
+    source : str or Path
+        File or name.
+    torque_constant : sequence of float
+        As on the command line: of the efforts that the map reads from currents [N m/A].
 
     Raises
     ------
@@ -210,7 +222,7 @@ def read_map(source: str | Path) -> TableMap:
             text = resources.files("hil.record").joinpath("maps", f"{name}.toml").read_text("utf-8")
         else:
             text = read_text(path)
-        out = parse_map(parse_toml(text))
+        out = parse_map(parse_toml(text), torque_constant)
     except FileNotFoundError as error:
         known = ", ".join(builtin_maps())
         raise ConfigError(f"map {name}: no such file, and no built-in map ({known})") from error
@@ -221,7 +233,7 @@ def read_map(source: str | Path) -> TableMap:
     return out if builtin else replace(out, folder=path.parent)
 
 
-def parse_map(data: Mapping[str, Any]) -> TableMap:
+def parse_map(data: Mapping[str, Any], torque_constant: Sequence[float] = ()) -> TableMap:
     """Map from the tables of a TOML file.
 
     Raises
@@ -240,7 +252,7 @@ def parse_map(data: Mapping[str, Any]) -> TableMap:
     for key, values in _POLICIES.items():
         if table.get(key, values[0]) not in values:
             raise ConfigError(unknown(f"value of table.{key}", str(table[key]), values))
-    units = _units_of(_table(data, "units", _STEMS))
+    units = _with_constants(_units_of(_table(data, "units", _STEMS)), torque_constant)
     arms = _arms(data, str(robot.get("arm", "")), units)
     return TableMap(
         arms=arms,

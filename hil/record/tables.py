@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.consistency import unit_doubt, velocity_factor
+from hil.record.guess import propose
 from hil.record.locked import ColumnsRobot, columns_robot, free_joints
 from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
 from hil.record.recording import Recording, RobotSource
@@ -274,9 +275,15 @@ def _whole_wrench(table: ForeignTable, rules: Mapping[str, Rule]) -> None:
 
 def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError:
     reason = f" ({why})" if why else ""
+    found = propose(table.names)
+    offer = (
+        f"'hil import {table.path.name} --propose-map MAP.toml' writes a map from these names"
+        if found is not None and names[0] in found.columns
+        else f'Rename in a map file: [columns] {names[0]} = "..."'
+    )
     return DataError(
         f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It has: "
-        f'{", ".join(table.names[:40])}. Rename in a map file: [columns] {names[0]} = "..."'
+        f"{', '.join(table.names[:40])}. {offer}"
     )
 
 

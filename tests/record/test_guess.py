@@ -1,0 +1,144 @@
+"""Maps proposed from the names of columns: names as programs and people write them."""
+
+from __future__ import annotations
+
+import tomllib
+
+import plants
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from record_tables import columns, write_csv
+
+from hil.cli import main
+from hil.record.guess import propose
+from hil.record.mapfile import parse_map
+from hil.record.mcap_read import load
+
+
+def _six(stem: str, first: int = 0) -> list[str]:
+    return [f"{stem}{k}" for k in range(first, first + 6)]
+
+
+def _read(names, joints=()):
+    """Columns of the proposal, and its units."""
+    found = propose(names, joints)
+    assert found is not None
+    data = tomllib.loads(found.text)
+    parse_map(data, (1.0,))
+    return data["columns"], data.get("units", {})
+
+
+CASES = {
+    "measured before commanded": (
+        ["time", *_six("target_q_"), *_six("actual_q_"), *_six("actual_qd_")],
+        {"q1": "actual_q_0", "q6": "actual_q_5", "qd2": "actual_qd_1"},
+    ),
+    "a current before an effort that was asked for": (
+        [*_six("actual_q_"), *_six("target_moment_"), *_six("actual_current_")],
+        {"q1": "actual_q_0", "tau3": "actual_current_2"},
+    ),
+    "brackets, and no estimate": (
+        ["time", *(f"{s}[{k}]" for s in ("q", "dq", "tau_J", "tau_ext_hat") for k in range(2))],
+        {"q1": "q[0]", "qd2": "dq[1]", "tau1": "tau_J[0]"},
+    ),
+    "capitals within names": (
+        ["Time [s]", "ActualPositionJ1", "ActualPositionJ2", "MotorTorqueJ1", "MotorTorqueJ2"],
+        {"t": "Time [s]", "q2": "ActualPositionJ2", "tau1": "MotorTorqueJ1"},
+    ),
+    "joints by word, in the order of the columns": (
+        ["t", "pos_shoulder", "pos_elbow", "effort_elbow", "effort_shoulder"],
+        {"q1": "pos_shoulder", "q2": "pos_elbow", "tau1": "effort_shoulder"},
+    ),
+    "short names": (["t", "th1", "th2", "u1", "u2"], {"q1": "th1", "tau2": "u2"}),
+    "an external effort is not the motor's": (
+        ["t", "pos1", "pos2", "ext_torque1", "ext_torque2", "trq1", "trq2"],
+        {"tau1": "trq1", "tauext2": "ext_torque2"},
+    ),
+    "no acceleration is a position": (
+        ["t", "acc_joint1", "pos_joint1", "torque_joint1"],
+        {"q1": "pos_joint1", "tau1": "torque_joint1"},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_names_say(case):
+    names, expected = CASES[case]
+    found, _ = _read(names)
+    assert {k: found.get(k) for k in expected} == expected
+    assert len(set(found.values())) == len(found)
+    assert "tau_ext_hat[0]" not in found.values()
+
+
+@pytest.mark.parametrize(
+    ("names", "units"),
+    [
+        (["t", "A1_pos_deg", "A1_vel_deg_s", "A1_torque_Nm"], {"q": "deg", "qd": "deg/s"}),
+        (["t", "x1_pos_mm", "x1_force", "effort_1"], {"q": "mm"}),
+        (["t", "pos1_rad", "cur1_mA"], {"q": "rad", "tau": {"unit": "mA"}}),
+    ],
+)
+def test_units_that_names_say(names, units):
+    _, found = _read(names)
+    assert {k: found.get(k) for k in units} == units
+
+
+def test_joints_of_the_robot_are_matched_by_name_and_in_its_order():
+    names = ["t", "b_joint.position", "a_joint.position", "a_joint.effort", "b_joint.effort"]
+    found = propose(names, ["a_joint", "b_joint", "gripper"])
+    data = tomllib.loads(found.text)
+    assert data["robot"]["joints"] == ["a_joint", "b_joint"]
+    assert data["columns"]["q1"] == "a_joint.position"
+    assert data["columns"]["tau2"] == "b_joint.effort"
+
+
+def test_what_no_name_says_is_told():
+    assert propose(["x", "y", "status"]) is None
+    found = propose(["pos1", "pos2", "torque1"])
+    assert found.missing == ("motor efforts (tau)", "the time (t)")
+    assert "tau" not in found.text.split("[columns]")[1]
+
+
+@given(st.lists(st.text(max_size=30), max_size=12))
+def test_any_proposal_is_a_map_of_columns_that_are_there(names):
+    found = propose(names)
+    if found is not None:
+        taken = tomllib.loads(found.text)["columns"]
+        parse_map(tomllib.loads(found.text), (1.0,))
+        assert set(taken.values()) <= set(names)
+
+
+def test_from_a_strange_header_to_a_session(tmp_path, capsys):
+    r = plants.joints(d=2)
+    strange = {"t": "Time [s]", "q": "ActPos_deg_J", "qd": "ActVel_deg_s_J", "tau": "MotorTrq_J"}
+    table = {}
+    for name, values in columns(r).items():
+        stem = name.rstrip("0123456789")
+        factor = 180 / 3.141592653589793 if stem in ("q", "qd") else 1.0
+        table[strange[stem] + name[len(stem) :]] = factor * values
+    run = write_csv(tmp_path / "run.csv", table)
+    place = tmp_path / "rig.toml"
+    assert main(["import", str(run), "-o", str(tmp_path / "s.mcap")]) == 2
+    assert "--propose-map MAP.toml" in capsys.readouterr().err
+    assert main(["import", str(run), "--propose-map", str(place)]) == 0
+    assert "--dry-run" in capsys.readouterr().out
+    words = ["import", str(run), "--map", str(place), "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 0
+    back = load(tmp_path / "s.mcap")
+    assert back.q == pytest.approx(r.q, abs=1e-12)
+    assert back.tau == pytest.approx(r.tau)
+    before = place.read_text()
+    assert main(["import", str(run), "--propose-map", str(place)]) == 2
+    assert place.read_text() == before
+
+
+def test_torque_constants_of_the_command_line_serve_a_map_of_currents(tmp_path):
+    r = plants.joints(d=2)
+    table = {n.replace("tau", "cur_A_"): v for n, v in columns(r).items() if n[:2] != "qd"}
+    run, place = write_csv(tmp_path / "run.csv", table), tmp_path / "rig.toml"
+    assert main(["import", str(run), "--propose-map", str(place)]) == 0
+    words = ["import", str(run), "--map", str(place), "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 2
+    assert main([*words, "--torque-constant", "2,3"]) == 0
+    assert load(tmp_path / "s.mcap").tau == pytest.approx(r.tau * [2.0, 3.0])
