@@ -6,6 +6,7 @@ Its text serves `hil improve` and `hil demo` too: verdict, findings, error ladde
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ from hil.diagnosis.verdict import NO_GEOMETRY, only_there
 from hil.errors import plural
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
+from hil.models.effect import VALUE_DEVIATIONS
+from hil.models.model import Value
 from hil.models.param_text import remark
 from hil.report.data import from_diagnosis
 from hil.report.json import diagnosis_json, ladder_json
@@ -119,11 +122,23 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
 _STEPS = 3
 
 
+def _telling(parameters: Mapping[str, Value]) -> tuple[str, Value | None]:
+    """The first parameter, or the most certain one where that is no larger than its doubt."""
+
+    def certainty(v: Value) -> float:
+        return abs(v.value) / v.stderr if v.stderr > 0 and not v.at_bound else 0.0
+
+    first = next(iter(parameters.items()), ("", None))
+    if first[1] is None or certainty(first[1]) > VALUE_DEVIATIONS or not first[1].stderr > 0:
+        return first
+    return max(parameters.items(), key=lambda item: certainty(item[1]))
+
+
 def _names_table(d: Diagnosis) -> str:
-    """Effects that were found, a row each, with the first of their parameters."""
+    """Effects that were found, a row each, with the most telling of their parameters."""
     rows = []
     for f in d.findings:
-        name, value = next(iter(f.parameters.items()), ("", None))
+        name, value = _telling(f.parameters)
         said = common.value_line(name.rpartition(".")[2], value) if value else ""
         rows.append(
             [
@@ -282,8 +297,8 @@ def multi_text(rungs: list[Rung]) -> str:
         m = r.multi_step
         if m.diverged:
             lines.append(
-                f"  {r.step.label}: {m.diverged} of {m.windows} simulations left the recorded "
-                "range and are not counted"
+                f"  {r.step.label}: {m.diverged} of {m.windows} simulations left the recorded range"
+                f"{': no multi-step error' if m.lost else ' and are not counted'}"
             )
     return "\n".join(lines)
 

@@ -317,7 +317,7 @@ def _sentence(before: Rung, after: Rung, j: int) -> str:
     over = f"simulated position error over {after.multi_step.horizon:g} s"
     rise = f"{over} rises from {old:.3g} to {new:.3g} {unit} ({100 * (new / old - 1):+.1f} %)"
     if after.multi_step.lost:
-        rise = f"{over} is unknown: every simulation leaves the recorded range"
+        rise = f"{over} is unknown: most simulations leave the recorded range"
     if errors[1] < 0.99 * errors[0]:
         return (
             f"{after.step.label}: the one-step error of {joint} falls, but its {rise}: the effect "

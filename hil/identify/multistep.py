@@ -59,8 +59,11 @@ class MultiStep:
 
     @property
     def lost(self) -> bool:
-        """Whether no simulation stayed in the recorded range, so that the error means nothing."""
-        return self.windows == self.diverged
+        """Whether at least half of the simulations left the recorded range.
+
+        The error of the others means nothing then: they are those that had the least to go wrong.
+        """
+        return 2 * self.diverged >= self.windows
 
     def rises(self, before: MultiStep, j: int, factor: float) -> bool:
         """Whether joint j's error rose by this factor and by more than its standard error.

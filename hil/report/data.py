@@ -183,9 +183,9 @@ def from_comparison(c: Comparison) -> Material:
 
 
 def _honest(rung: Rung) -> Rung:
-    """Rung without a multi-step error where every simulation left the recorded range."""
+    """Rung without a multi-step error where most simulations left the recorded range."""
     multi = rung.multi_step
-    if not multi.windows or multi.diverged < multi.windows:
+    if not multi.windows or not multi.lost:
         return rung
     nothing = np.full(multi.rms.size, np.nan)
     return Rung(rung.step, replace(multi, rms=nothing, relative=nothing))

@@ -162,11 +162,7 @@ def _alarms(m: Material) -> list[str]:
     diverged = [
         f"{r.step.label}: {r.multi_step.diverged} of {r.multi_step.windows} simulations left the "
         "recorded range"
-        + (
-            " and are not counted"
-            if r.multi_step.diverged < r.multi_step.windows
-            else ": no multi-step error"
-        )
+        + (": no multi-step error" if r.multi_step.lost else " and are not counted")
         for r in m.rungs
         if r.multi_step.diverged
     ]
