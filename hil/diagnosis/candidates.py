@@ -8,7 +8,7 @@ fold, so that its worth is what it foretells of blocks that it was not fitted to
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -24,7 +24,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.solve import limits
-from hil.models.effect import terms_of
+from hil.models.effect import Trait, terms_of
 
 FloatArray = NDArray[np.float64]
 
@@ -92,7 +92,10 @@ def model_groups(result: FitResult, without: Collection[Key] = ()) -> list[Group
         kept = t.fixed or t.effect.variation.dated(t.shape)
         lower, upper = (held, held) if kept else (low[where], high[where])
         joint = None if t.effect.scope.whole else t.joint
-        out.append(Group(t.key, joint, block(problem, t), lower, upper, result.prior[where]))
+        group = Group(t.key, joint, block(problem, t), lower, upper, result.prior[where])
+        if result.pull is not None and Trait.BODY in t.effect.traits:
+            group = replace(group, precision=result.pull.precision(where))
+        out.append(group)
     return out
 
 

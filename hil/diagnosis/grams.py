@@ -50,6 +50,8 @@ class Group:
     prior: FloatArray
     #: Added to the products of its columns, in units of their own: a free function is held small.
     shrink: float = 0.0
+    #: Precision (m, m) with which its coefficients are known beforehand to lie at `prior`.
+    precision: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -335,7 +337,7 @@ class GramTable:
             for name in ("lower", "upper", "prior")
         )
         shrink = np.concatenate([np.full(g.lower.size, g.shrink) for g in parts])
-        ridge = self.ridge + shrink * np.diag(every)
+        ridge = np.diag(self.ridge + shrink * np.diag(every)) + self._precision(parts, chosen)
         held = np.where(self._live[chosen], np.nan, prior)
         held = np.where(low == high, low, held)
         for _ in range(BOUND_ROUNDS):
@@ -349,6 +351,16 @@ class GramTable:
             k = int(np.argmax(np.where(np.isnan(held), beyond, -np.inf)))
             held[k] = low[k] if theta[k] < low[k] else high[k]
         return _ridge(gram, right, prior, held, ridge)
+
+    def _precision(self, parts: Sequence[Group], chosen: NDArray[np.int_]) -> FloatArray:
+        """What is known beforehand of the scaled coefficients of some groups (p, p)."""
+        out, end = np.zeros((chosen.size, chosen.size)), 0
+        for g in parts:
+            start, end = end, end + g.lower.size
+            if g.precision is not None:
+                length = self._scale[chosen[start:end]]
+                out[start:end, start:end] = g.precision / length[:, None] / length
+        return out
 
 
 def _joints(g: Group, d: int) -> Sequence[int]:
@@ -422,12 +434,15 @@ def _forms(a: FloatArray, m: FloatArray, b: FloatArray) -> FloatArray:
 def _ridge(
     gram: FloatArray, right: FloatArray, prior: FloatArray, held: FloatArray, ridge: FloatArray
 ) -> FloatArray:
-    """Solutions (k, p) of several normal equations; `held` values are kept, NaN is free."""
+    """Solutions (k, p) of several normal equations, drawn to `prior` by `ridge` (p, p).
+
+    `held` values are kept, NaN is free.
+    """
     free = np.flatnonzero(np.isnan(held))
     start = np.where(np.isnan(held), prior, held)
     out = np.repeat(start[None], len(gram), axis=0)
     if free.size:
-        left = right - gram @ start
-        a = gram[:, free[:, None], free] + np.diag(ridge[free])
+        left = right - gram @ start - ridge @ (start - prior)
+        a = gram[:, free[:, None], free] + ridge[free[:, None], free]
         out[:, free] += np.linalg.solve(a, left[:, free, None])[:, :, 0]
     return out

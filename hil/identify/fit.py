@@ -36,7 +36,7 @@ from hil.identify.problem import Problem
 from hil.identify.regression import Basis, cluster_covariance, extended, time_blocks
 from hil.identify.result import FitResult
 from hil.identify.shape_search import search_shapes
-from hil.identify.solve import limits, noise_to_signal, prior, solve
+from hil.identify.solve import limits, noise_to_signal, prior, solve, solved
 from hil.identify.validity import identified
 from hil.models.effect import Trait
 from hil.models.model import RobotModel, Use, Value
@@ -47,6 +47,8 @@ __all__ = ["fit", "predict", "solve", "time_blocks"]
 FloatArray = NDArray[np.float64]
 #: Relative change of the residual scales that asks for another round of the shape search.
 SCALE_CHANGE = 0.1
+#: Source of a value that is the robot description's more than the data's.
+DESCRIBED = "robot description"
 
 
 def fit(
@@ -124,17 +126,22 @@ def assemble(
     problem: Problem, model: RobotModel, terms: list[Term], sigma: FloatArray
 ) -> FitResult:
     """Final solution with errors, bounds and identifiability."""
-    theta, x, b, slices, residual = solve(problem, terms, model, sigma)
+    theta, x, b, slices, residual, pull = solved(problem, terms, model, sigma, True)
     found = standard_errors(problem, terms, theta, slices, b, residual, sigma)
     # what no row sees stays at the prior; lying on a bound there says nothing
     seen = np.linalg.norm(b.v, axis=1) > 1e-9
     values: dict[str, Value] = {}
     uses: dict[int, dict[str, Value]] = {}
     source = "fit of " + ", ".join(r.name for r in problem.recordings)
+    given = pull.said(b) if pull else np.zeros(theta.size, dtype=bool)
     for t, where, shapes in zip(terms, slices, found.shapes, strict=True):
         part = _linear(
             problem, t, theta[where], found.stderr[where], found.known[where], seen[where], source
         )
+        part = {
+            name: replace(v, source=DESCRIBED) if said else v
+            for (name, v), said in zip(part.items(), given[where], strict=True)
+        }
         part |= _shapes(problem, t, shapes, source)
         values |= part
         uses.setdefault(t.use, {}).update(part)
@@ -142,6 +149,7 @@ def assemble(
         Use(u.type, u.joints, u.options, uses.get(k, {})) for k, u in enumerate(model.effects)
     )
     names = [n for t in terms for n, _ in coefficients(t, problem)]
+    start = prior(problem, terms, model, names)
     return FitResult(
         replace(model, effects=effects, valid=identified(problem)),
         problem,
@@ -152,9 +160,10 @@ def assemble(
         residual,
         sigma,
         b,
-        prior(problem, terms, model, names),
+        start if pull is None else np.where(np.any(pull.rows, axis=0), pull.centre, start),
         x,
         slices,
+        pull=pull,
     )
 
 

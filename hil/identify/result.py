@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.identify.description import Pull
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis
@@ -43,6 +44,8 @@ class FitResult(Shown):
         Determined directions of the weighted regressor.
     prior : ndarray (p,)
         Where undetermined directions stay.
+    pull : Pull or None
+        What draws the masses towards the robot's description.
     """
 
     model: RobotModel
@@ -59,6 +62,7 @@ class FitResult(Shown):
     slices: list[slice] = field(repr=False, default_factory=list)
     #: Code and sentence of what the user should know, e.g. ``outside-range``.
     warnings: list[tuple[str, str]] = field(default_factory=list)
+    pull: Pull | None = None
 
     def __repr__(self) -> str:
         each = zip(self.problem.joints, self.relative, strict=True)

@@ -26,6 +26,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.errors import DataError, FitError
+from hil.identify.description import Pull, described, drawn, pull_of
 from hil.identify.design import Term, block, coefficients, known_values, stack
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, of_factors
@@ -39,6 +40,13 @@ def solve(
     problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
 ) -> tuple[FloatArray, FloatArray, Basis, list[slice], FloatArray]:
     """Weighted least squares of bound terms: theta, X, basis, slices, residual (d, n)."""
+    return solved(problem, terms, model, sigma, False)[:5]
+
+
+def solved(
+    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray, by_description: bool
+) -> tuple[FloatArray, FloatArray, Basis, list[slice], FloatArray, Pull | None]:
+    """The same, and what drew the coefficients if the robot's description counts as well."""
     x, slices = stack(problem, terms)
     names = [n for t in terms for n, _ in coefficients(t, problem)]
     start = prior(problem, terms, model, names)
@@ -54,7 +62,32 @@ def solve(
     theta = b.solve(target, start * free, known) + np.where(free, 0.0, start)
     theta = bounded(theta, b, *limits(terms, problem))
     residual = (y - x @ theta).reshape(problem.d, problem.n)
-    return theta, x, b, slices, residual
+    pull = _pull(problem, terms, slices, b, residual, (target, x, w)) if by_description else None
+    if pull is not None:
+        theta, both = drawn(pull, b, target, start * free, known)
+        theta = bounded(theta + np.where(free, 0.0, start), both, *limits(terms, problem))
+        residual = (y - x @ theta).reshape(problem.d, problem.n)
+    return theta, x, b, slices, residual, pull
+
+
+def _pull(
+    problem: Problem,
+    terms: list[Term],
+    slices: list[slice],
+    b: Basis,
+    residual: FloatArray,
+    equations: tuple[FloatArray, FloatArray, FloatArray],
+) -> Pull | None:
+    """What the robot's description adds to equations (target, X, weights)."""
+    metric = described(problem, terms, slices)
+    if not len(metric):
+        return None
+    target, x, w = equations
+    centre = np.zeros(x.shape[1])
+    for t, where in zip(terms, slices, strict=True):
+        if Trait.BODY in t.effect.traits:
+            centre[where] = problem.robot.prior
+    return pull_of(problem, metric, centre, b, residual, target - (x @ centre) * w)
 
 
 def noise_to_signal(target: FloatArray) -> float:
