@@ -7,9 +7,9 @@ import argparse
 from hil.commands import common
 from hil.diagnosis import verbs
 from hil.diagnosis.heldout import Examiner
-from hil.errors import ConfigError
+from hil.errors import ConfigError, plural
 from hil.identify.parallel import single_threaded
-from hil.identify.result import FitResult
+from hil.identify.result import DESCRIBED, FitResult
 from hil.identify.simulated import SimulatedFit, SimulationErrors, refine
 from hil.models.model import Value
 from hil.models.param_text import in_words, without_error
@@ -115,6 +115,8 @@ def _remark(name: str, v: Value, joints: tuple[str, ...]) -> str:
         return "on its bound"
     if not v.identifiable:
         return "only in combination"
+    if v.source == DESCRIBED:
+        return "mostly the robot description's"
     return in_words(name, v.value, joints) or without_error(name, v)
 
 
@@ -134,5 +136,18 @@ def text(result: FitResult) -> str:
         f"{out}\n\n  relative error (fitted data): {relative}\n"
         f"  {result.basis.rank} of {result.x.shape[1]} directions determined, condition number "
         f"{result.basis.condition:.3g}, band up to {result.problem.rates.effort:.3g} Hz"
+        + _described(result)
         + "".join(f"\n  warning: {text}" for _, text in result.warnings)
+    )
+
+
+def _described(result: FitResult) -> str:
+    """A line on what the robot description gave; empty without."""
+    if result.pull is None:
+        return ""
+    count = len(result.of_description())
+    return (
+        f"\n  the data find the masses of the robot description right to about "
+        f"{100 * result.pull.error:.2g} %; {plural(count, 'value')} of {len(result.values)} "
+        "come mostly from it, and the standard errors are of the data alone"
     )

@@ -218,9 +218,10 @@ PERIODS, GUARD = 6.0, 0.5
 #: Folds into which blocks are dealt.  Half: a fifth less data for each fit; double: twice the
 #: time.
 FOLDS = 8
-#: Pieces of a recording on each of which a correction of the others must serve.  Half: none of
-#: short recordings passes; double: pieces lie near each other and share what is special to them.
-PARTS = 3
+#: Pieces of a recording on each of which a correction of the others must serve: a sign test at
+#: 3 %.  Simulated arms, axes and foams, judged on other motions than they were fitted to.  Half:
+#: corrections of slow disturbances pass; double: hardly any correction does.
+PARTS = 5
 #: Bins of position by which it is seen where a joint has been.  Half: extrapolation is
 #: overlooked; double: more instants are not judged.
 BINS = 12

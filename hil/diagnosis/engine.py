@@ -142,7 +142,21 @@ def diagnose(
     out.warnings = without_robot(problem) + doubtful + out.warnings
     out.stops, out.fired = search.stops, search.fired
     finish(out, examine, model, recordings, faults)
-    return corrected(out, search)
+    return floored(corrected(out, search))
+
+
+def floored(out: Diagnosis) -> Diagnosis:
+    """The diagnosis with no floor above an error that a model of its ladder reached.
+
+    Verdict and names were judged by the floor that was measured beside the model they speak of.
+    """
+    reached = np.min([s.heldout.rms for s in out.ladder], axis=0)
+    if out.heldout_floor is None:
+        out.floor = np.minimum(out.floor, reached)
+    else:
+        out.floor = np.minimum(out.floor, np.min([s.result.rms for s in out.ladder], axis=0))
+        out.heldout_floor = np.minimum(out.heldout_floor, reached)
+    return out
 
 
 def corrected(out: Diagnosis, search: Search) -> Diagnosis:

@@ -154,12 +154,16 @@ class Search:
             heldout = of_blocks(table.left_out(keys), self.problem, self.split)
         return Visited(Step(label, result, heldout), errors)
 
-    def parted(self, result: FitResult) -> BlockErrors:
-        """Errors of a fit on each part of the recording by the coefficients of the others."""
+    def parted(self, result: FitResult) -> FloatArray:
+        """Squared errors (parts, d) on each part of the recording, fitted to the others."""
         renew(result)  # columns may depend on what another fit has found since
-        groups = model_groups(result)
-        table = GramTable(self.problem, parts(self.split), result.sigma, groups)
-        return table.errors([g.key for g in groups])
+        groups, dealt = model_groups(result), parts(self.split)
+        errors = GramTable(self.problem, dealt, result.sigma, groups).errors(
+            [g.key for g in groups]
+        )
+        out = np.zeros((dealt.folds, self.problem.d))
+        np.add.at(out, dealt.fold, errors.squared)
+        return out
 
     # ------------------------------------------------------------------ evidence
 

@@ -34,7 +34,7 @@ from hil.identify.design import Term, bind, by_run, coefficients, prefix
 from hil.identify.predict import predict
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, cluster_covariance, extended, time_blocks
-from hil.identify.result import FitResult
+from hil.identify.result import DESCRIBED, FitResult
 from hil.identify.shape_search import search_shapes
 from hil.identify.solve import limits, noise_to_signal, prior, solve, solved
 from hil.identify.validity import identified
@@ -47,8 +47,6 @@ __all__ = ["fit", "predict", "solve", "time_blocks"]
 FloatArray = NDArray[np.float64]
 #: Relative change of the residual scales that asks for another round of the shape search.
 SCALE_CHANGE = 0.1
-#: Source of a value that is the robot description's more than the data's.
-DESCRIBED = "robot description"
 
 
 def fit(

@@ -16,6 +16,8 @@ from hil.models.param_text import in_words
 from hil.shown import Shown
 
 FloatArray = NDArray[np.float64]
+#: Source of a value that is the robot description's more than the data's.
+DESCRIBED = "robot description"
 
 
 @dataclass(frozen=True, repr=False)
@@ -83,6 +85,10 @@ class FitResult(Shown):
         """Names of the parameters that these data do not determine by themselves."""
         return [name for name, v in self.values.items() if not v.identifiable]
 
+    def of_description(self) -> list[str]:
+        """Names of the parameters whose values are the robot description's more than the data's."""
+        return [name for name, v in self.values.items() if v.source == DESCRIBED]
+
     def as_dict(self) -> dict[str, object]:
         """`hil fit --json`."""
         joints = self.problem.joints
@@ -105,6 +111,11 @@ class FitResult(Shown):
             "columns": int(self.x.shape[1]),
             "condition": self.basis.condition if self.basis.rank else None,
             "not_identifiable": self.not_identifiable(),
+            "description": (
+                {"error": self.pull.error, "parameters": self.of_description()}
+                if self.pull
+                else None
+            ),
             "band_hz": {
                 "position": self.problem.rates.position,
                 "effort": self.problem.rates.effort,

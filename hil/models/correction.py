@@ -45,6 +45,9 @@ DEGREE = 4
 SLIPS, WIDER = (0.001, 0.003, 0.01, 0.03), (1.0, 3.0, 9.0)
 #: Times in which something follows the position [s].
 TIMES = (0.02, 0.06, 0.2, 0.6, 2.0)
+#: Share of the shortest run that such a time may take.  What was before a run is not known: after
+#: three times that is forgotten, and three quarters of the run are left to show the past.
+REMEMBERED = 1 / 12
 #: Speeds at which a friction peak fades, in units of the rms speed.
 FADING_SPEEDS = (0.1, 0.3)
 
@@ -212,9 +215,15 @@ class OfDisplacement(Correction):
 
 
 def _of_past_grid(motion: Motion, j: int) -> Shapes:
-    """All pairs of times that are a factor of three or more apart."""
-    half = _range(motion, j)[1]
-    return [(half, a, b) for k, a in enumerate(TIMES) for b in TIMES[k + 1 :]]
+    """All pairs of times that are a factor of three or more apart and that the runs forget."""
+    half, longest = _range(motion, j)[1], REMEMBERED * motion.n * motion.dt
+    times = [x for x in TIMES if x <= longest]
+    return [(half, a, b) for k, a in enumerate(times) for b in times[k + 1 :]]
+
+
+def _of_past_lacks(motion: Motion, j: int) -> str:
+    """Needs a run that is long enough to forget how it began."""
+    return "" if _of_past_grid(motion, j) else "needs a longer run"
 
 
 class OfPast(Correction):
@@ -231,6 +240,7 @@ class OfPast(Correction):
         Param("T1", "s", "time of the faster one", 0.0),
         Param("T2", "s", "time of the slower one", 0.0),
     )
+    scope = replace(Correction.scope, lacks=_of_past_lacks)
     search = Grid(_of_past_grid, refine=False)
     traits = Correction.traits | Trait.REPLAYED
 
