@@ -101,10 +101,10 @@ def stage(code: str) -> str:
 
 
 @contextmanager
-def without(code: str) -> Iterator[None]:
-    """Do not ask a rule for a while."""
+def without(*codes: str) -> Iterator[None]:
+    """Do not ask some rules for a while."""
     before = set(OFF)
-    OFF.add(code)
+    OFF.update(codes)
     try:
         yield
     finally:
