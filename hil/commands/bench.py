@@ -413,8 +413,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--halve",
         action="store_true",
-        help="with each decision constant halved and doubled in turn, on every 16th session: "
-        "which answers change (diagnosis)",
+        help="with each decision constant halved and doubled in turn, on ten sessions of "
+        "--quick: which answers change (diagnosis)",
     )
     parser.add_argument(
         "--seconds",

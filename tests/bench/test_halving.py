@@ -74,6 +74,13 @@ def test_table_counts_flips_by_number_and_factor():
     assert "`hil bench diagnosis --halve` at revision a; 2 sessions" in text
 
 
+def test_the_small_plan_is_of_the_quick_one():
+    quick = [*cases.plan(True), *cases.mujoco_plan(True)]
+    assert sorted(c.name for c in halving.small(quick)) == sorted(halving.SMALL)
+    with pytest.raises(ConfigError, match="--quick"):
+        halving.small(cases.nothing(range(3, 4)))
+
+
 def test_results_of_another_revision_are_refused(monkeypatch):
     monkeypatch.setattr(runner, "revision", lambda: "b")
     with pytest.raises(DataError, match="revision"):
