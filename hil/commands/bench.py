@@ -28,7 +28,7 @@ from hil.bench import (
     soak,
     teleop,
 )
-from hil.bench.diagnosis import ablation, cases, runner, session, tables
+from hil.bench.diagnosis import ablation, cases, halving, runner, session, tables
 from hil.bench.diagnosis.runner import revision
 from hil.bench.faults import cases as fault_cases
 from hil.bench.faults import process
@@ -53,6 +53,7 @@ def _diagnosis(args: argparse.Namespace) -> Found:
     seeds = args.seeds or cases.SEEDS
     plants = _plants(args.plants)
     todo = _only([c for plant in plants for c in PLANS[plant](args.quick, seeds)], args.only)
+    todo = halving.small(todo) if args.halve else todo
     rows = runner.run(todo, args.jobs, kept)
     quick = " --quick" if args.quick else f" --seeds {seeds}"
     which = f" --plants {plants[0]}" if len(plants) == 1 else ""
@@ -62,6 +63,10 @@ def _diagnosis(args: argparse.Namespace) -> Found:
         again = ablation.run(todo, rows, args.jobs, kept)
         text = ablation.report(rows, again, f"hil bench diagnosis --ablate{quick}{which}")
         data |= {"without": again}
+    elif args.halve:
+        again = halving.run(todo, rows, args.jobs, kept)
+        text = halving.report(rows, again, f"hil bench diagnosis --halve{quick}{which}")
+        data |= {"changed": again}
     else:
         text = tables.report(rows, f"hil bench diagnosis{quick}{which}")
     common.write_page(args.report, text)
@@ -404,6 +409,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="without each rule of the search in turn, where it alone stopped something: "
         "which answers change (diagnosis)",
+    )
+    parser.add_argument(
+        "--halve",
+        action="store_true",
+        help="with each decision constant halved and doubled in turn, on ten sessions of "
+        "--quick: which answers change (diagnosis)",
     )
     parser.add_argument(
         "--seconds",

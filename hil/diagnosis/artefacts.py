@@ -21,7 +21,7 @@ What passes an elastic transmission is a smoother load, so that such a law lower
 joint whose encoder is coarse, on held-out runs, too.  A smoother without any delay does that
 better than a spring, which also rings and lags:
 
-    s = smoothed load - load,   gain(s, law) - gain(s) < BESIDE_SMOOTHER gain(law)  =>  it smooths.
+    s = smoothed load - load,   gain(s, law) - gain(s) < TENTH gain(law)  =>  it smooths.
 
 Source: errors in variables, Soederstroem, Automatica 43(6), 2007.
 """
@@ -36,15 +36,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from hil.diagnosis.constants import (
-    ADEQUATE,
-    BESIDE_BLUR,
-    BESIDE_SMOOTHER,
-    BLUR_SAID,
-    COARSE_COUNTS,
-    FRICTION_LEADS,
-    LEVEL,
-)
+from hil.diagnosis.constants import ADEQUATE, COARSE_COUNTS, FLOOR_SHARE, LEAD, LEVEL, OPEN, TENTH
 from hil.diagnosis.types import Candidate, Evidence
 from hil.identify import bands, standstill
 from hil.identify.design import Term
@@ -121,7 +113,7 @@ def _signs(problem: Problem, j: int) -> Iterator[tuple[float, list[FloatArray]]]
     """
     for wider in WIDER:
         yield 0.0, _sharp(problem, j, wider)
-    for early in FRICTION_LEADS:
+    for early in (LEAD / 4, LEAD / 2, LEAD):
         signs = [
             m.sign_of(m.qd[:, j] + early * m.qdd[:, j], m.qdd[:, j], float(m.resolution[j]))
             for m in problem.motions
@@ -177,7 +169,7 @@ def mark_blurred(found: list[Candidate], result: FitResult, projector: Projector
                 beside = np.column_stack([blurred.column, projector.weighted(c.term)])
                 more = projector.gain_of(c.term, beside) - blurred.gain
                 less = not blurred.early or c.gain < blurred.gain
-                c.blurred = less and more < BESIDE_BLUR * c.gain
+                c.blurred = less and more < OPEN * c.gain
                 c.smoother &= not c.blurred
 
 
@@ -226,7 +218,7 @@ def blur_notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
             f"{result.problem.rates.position:.3g} under [signal] in the model file)",
         )
         for j, joint in enumerate(result.problem.joints)
-        if share[j] > BLUR_SAID
+        if share[j] > FLOOR_SHARE
     ]
 
 
@@ -257,7 +249,7 @@ def mark_smoothers(found: list[Candidate], projector: Projector) -> None:
         smoothers = _smoothers(projector, j)
         for c in own:
             if c.term.joint == j:
-                c.smoother = _left(c, projector, smoothers) < BESIDE_SMOOTHER * c.gain
+                c.smoother = _left(c, projector, smoothers) < TENTH * c.gain
 
 
 def _left(c: Candidate, projector: Projector, smoothers: FloatArray) -> float:
@@ -345,5 +337,5 @@ def shaken(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
             "narrower band ([signal] in the model file) lowers it",
         )
         for j, joint in enumerate(result.problem.joints)
-        if share[j] > BLUR_SAID
+        if share[j] > FLOOR_SHARE
     ]

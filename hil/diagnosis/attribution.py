@@ -20,20 +20,17 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc
 
 from hil.diagnosis.constants import (
-    ECHO,
-    FEWEST_BLOCKS,
-    HIDDEN_DIRECTION,
-    HIGHEST_MULTIPLE,
+    ABSORBED,
+    ALLOWANCE,
+    DISCREPANCY,
+    FEW,
+    HALF,
     LEVEL,
-    LIKELY,
-    LINE_MAJOR,
-    LINE_MET,
-    LINE_SHARE,
-    MATERIAL,
-    MIRROR,
+    LITTLE,
+    RIVAL,
     SAME_COSINE,
-    SIMILAR,
-    TEMPER,
+    TENTH,
+    WHOLE,
     WHOLE_ORDER,
 )
 from hil.diagnosis.types import Candidate, Evidence
@@ -47,8 +44,6 @@ from hil.models.model import Use, Value
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
-#: ... where the rival has more coefficients.
-RICHER = TEMPER / 8
 
 
 # ------------------------------------------------------------ rivals
@@ -87,17 +82,17 @@ def twins(a: Candidate, b: Candidate, projector: Projector) -> bool:
         # a sensor has a coefficient for every channel; one of them may be a joint's effect
         same |= overlap(a, b, projector) > SAME_COSINE
     several = a.term.effect.scope.whole and not b.term.effect.scope.whole
-    return same and (several or min(a.chi2, b.chi2) > 0.99 * max(a.chi2, b.chi2))
+    return same and (several or min(a.chi2, b.chi2) > (1 - DISCREPANCY) * max(a.chi2, b.chi2))
 
 
 def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> dict[int, float]:
     """Probability of each of `best` and its rivals, by index (0 = best).
 
-    exp(-delta / 2T) of the score difference, tempered by T = 1 + 1 % of the best chi2: real
-    effects do not follow a library's equation exactly.  A richer rival (more coefficients) gets
+    exp(-delta / 2T) of the score difference, tempered by T = 1 + DISCREPANCY of the best chi2:
+    real effects do not follow a library's equation exactly.  A richer rival (more values) gets
     an eighth of that allowance if it explains less all the same, and none if it explains little
     more: then it merely contains the best one.  A rival whose columns coincide with the best
-    one's to a cosine of 0.98 gets ten times the allowance: the data hardly see the difference.
+    one's to a cosine of 0.98 gets eight times the allowance: the data hardly see the difference.
     So does the simple effect of which the best one is the bent form, for no real part is straight.
     A twin, with the same columns by its equation, is as likely as the best one; a rival that
     contains another and cannot be put aside for its price is as likely as that one.
@@ -111,23 +106,25 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
         delta = max(best.score - r.score - max(spared, 0.0), 0.0)
         if late(best, r):
             # a controller answers noise late: what lies below the floor does not count
-            delta = max(delta - ECHO * best.spare, 0.0)
+            delta = max(delta - best.spare, 0.0)
         if twins(best, r, projector):
             logs.append(0.0)
             continue
-        share = TEMPER
+        share = DISCREPANCY
         if dof > copies:
-            share = RICHER if r.chi2 <= best.chi2 else 0.0
+            share = DISCREPANCY / ALLOWANCE if r.chi2 <= best.chi2 else 0.0
         elif late(best, r):
-            share = TEMPER / 4  # their forms are those of real drives
+            share = DISCREPANCY / ALLOWANCE  # their forms are those of real drives
         elif r.name == best.term.effect.relations.limit or (
             dof == copies and overlap(best, r, projector) > SAME_COSINE
         ):
-            share = 10 * TEMPER
+            share = ALLOWANCE * DISCREPANCY
         if mirrored(best, r):
             share = 1.0  # which of the two joints it is was decided by the base model's errors
         logs.append(-delta / (2 * (1.0 + share * best.chi2)))
-    heads = [k for k, r in enumerate((best, *rivals)) if r.dof <= best.dof and logs[k] > LIKELY]
+    heads = [
+        k for k, r in enumerate((best, *rivals)) if r.dof <= best.dof and logs[k] > np.log(RIVAL)
+    ]
     for k, r in enumerate(rivals, start=1):
         logs[k] = max(
             logs[k],
@@ -156,7 +153,7 @@ def begins(poorer: Candidate, richer: Candidate, projector: Projector) -> bool:
     if dof <= 0 or poorer.term.joint != richer.term.joint or more < 0:
         return False
     unseen = seen(richer, projector) <= seen(poorer, projector)
-    tempered = more / (1.0 + RICHER * poorer.chi2)
+    tempered = more / (1.0 + DISCREPANCY / ALLOWANCE * poorer.chi2)
     if not unseen and chdtrc(dof, tempered) > LEVEL:
         return False
     return overlap(poorer, richer, projector) > SAME_COSINE
@@ -169,7 +166,7 @@ def seen(c: Candidate, projector: Projector) -> int:
     unit, _ = np.linalg.qr(columns[:, norm > 0] / norm[norm > 0])
     known = projector.inner(projector.rows(c.term), unit)
     left = np.linalg.eigvalsh(np.eye(unit.shape[1]) - known.T @ known)
-    return int(np.sum(left > HIDDEN_DIRECTION))
+    return int(np.sum(left > LITTLE))
 
 
 def late(a: Candidate, b: Candidate) -> bool:
@@ -184,8 +181,8 @@ def mirrored(a: Candidate, b: Candidate) -> bool:
     Of two torque gains, for example, only the ratio is determined: inertias absorb the rest.
     """
     same = a.name == b.name and a.term.joint != b.term.joint
-    alike = min(a.chi2, b.chi2) > SIMILAR * max(a.chi2, b.chi2)
-    return same and alike and min(a.absorbed, b.absorbed) > MIRROR
+    alike = min(a.chi2, b.chi2) > HALF * max(a.chi2, b.chi2)
+    return same and alike and min(a.absorbed, b.absorbed) > 1 - TENTH
 
 
 # ------------------------------------------------------------ choice
@@ -221,10 +218,7 @@ def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
     noise = min(evidence.floor.rms[j], evidence.floor.scale[j])
     excess = float(result.rms[j] ** 2 - noise**2)
     removed = c.parts[j] * result.sigma[j] ** 2 / result.problem.count[j]
-    # of a small excess the floor's own error is a good part
-    rest = float(result.rms[j] ** 2) - removed
-    at_floor = rest < (LINE_MET * evidence.floor.rms[j]) ** 2 and removed > LINE_MAJOR * excess
-    return bool(removed > LINE_SHARE * excess or at_floor)
+    return bool(removed > WHOLE * excess)
 
 
 def possible(evidence: Evidence, result: FitResult) -> list[Candidate]:
@@ -237,16 +231,14 @@ def possible(evidence: Evidence, result: FitResult) -> list[Candidate]:
         and c.score > 0
         and not c.smoother
         and not c.blurred
-        and c.absorbed < 0.9999
+        and c.absorbed < ABSORBED
         and alone(c, evidence, result)
     ]
 
 
 def plausible(evidence: Evidence, result: FitResult) -> list[Candidate]:
     """Those of them that matter, so that they may be named."""
-    return [
-        c for c in possible(evidence, result) if variance_share(c, evidence, result) >= MATERIAL
-    ]
+    return [c for c in possible(evidence, result) if variance_share(c, evidence, result) >= TENTH]
 
 
 def kindred(a: Candidate, b: Candidate) -> bool:
@@ -279,7 +271,7 @@ def choose(
         or mirrored(best, c)
     ]
     p = weights(best, same[:12], projector)
-    rivals = [c for k, c in enumerate(same[:12], start=1) if p[k] >= 0.05]
+    rivals = [c for k, c in enumerate(same[:12], start=1) if p[k] >= RIVAL]
     return best, p[0], rivals
 
 
@@ -315,7 +307,7 @@ def chance(result: FitResult, key: tuple[str, int]) -> float:
         return 0.0
     where = result.slices[number]
     count, m = int(blocks.max()) + 1, where.stop - where.start
-    if count - m < FEWEST_BLOCKS:
+    if count - m < FEW:
         return 0.0
     weighted = (result.residual / result.sigma[:, None]).reshape(-1)
     every = cluster_covariance(weighted, result.basis, np.tile(blocks, result.problem.d))
@@ -416,7 +408,7 @@ def harmonic(c: Candidate, found: Sequence[Candidate], motion: Motion, projector
             continue
         ratio = c.term.shape[0] / wave.term.shape[0]
         times = round(ratio)
-        if 2 <= times <= HIGHEST_MULTIPLE and abs(ratio - times) < WHOLE_ORDER * times:
+        if 2 <= times <= FEW and abs(ratio - times) < WHOLE_ORDER * times:
             return f"the remainder repeats {times} times in a period of its {wave.name}: a harmonic"
         if _more(wave, projector) >= c.parts[c.joint]:
             return f"further harmonics of its {wave.name} explain the remainder as well: a part"

@@ -21,17 +21,15 @@ from hil import progress
 from hil.diagnosis.candidates import model_groups, paired
 from hil.diagnosis.constants import (
     ADEQUATE,
-    ALONE,
     BEYOND,
-    CHANCE,
     CONFIDENT,
-    FAR,
-    GAIN_FALL,
-    GAIN_NEAR,
     HALF,
     MATTERS,
+    NEAR_FLOOR,
+    OPEN,
+    RIVAL,
+    SURE,
     WHOLE,
-    WORTHLESS,
 )
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.grams import GramTable, Group
@@ -173,7 +171,7 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
     progress.at("seek corrections for the rest", 0.45)
     joints = (None, *problem.joints)
     search.standing = [
-        (f.effect, max(joints.index(f.joint) - 1, 0)) for f in out.findings if f.confidence >= ALONE
+        (f.effect, max(joints.index(f.joint) - 1, 0)) for f in out.findings if f.confidence >= HALF
     ]
     for rung in search.correct(np.flatnonzero(open_joints).tolist()):
         out.corrections += corrections_of(rung, out.ladder[-1].heldout, problem)
@@ -238,7 +236,7 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     other = None if there is None else np.minimum(there, ladder[-1].heldout.rms)
     taken = shares(search)
     every = [finding(n, search, floor, other, taken) for n in named]
-    partial = [f for f in every if f.confidence < (WORTHLESS if f.rivals else ALONE)]
+    partial = [f for f in every if f.confidence < (RIVAL if f.rivals else HALF)]
     findings = [f for f in every if f not in partial]
     # what stands for a robot description explains nothing either
     stands = [(a, b) for a, b in pairwise(search.rungs) if _geometry(b)]
@@ -292,7 +290,7 @@ def above(
     out = (rms > ADEQUATE * floor) & (rms**2 - floor**2 > (MATTERS * size) ** 2)
     if there is not None and not named:
         held = step.heldout.rms
-        out |= (held > FAR * there) & (held**2 - there**2 > (MATTERS * size) ** 2)
+        out |= (held > NEAR_FLOOR * there) & (held**2 - there**2 > (MATTERS * size) ** 2)
     return np.asarray(out & ~of_noise(step, last, floor) & ~problem.holds)
 
 
@@ -307,7 +305,7 @@ def finding(
     share = min(
         taken.get(c.term.key, (1.0, ""))[0], here(search, j, floor), there(search, c, other)
     )
-    worth = float(np.clip((share - HALF) / (WHOLE - HALF), 0.0, 1.0))
+    worth = float(np.clip((share - HALF) / max(WHOLE - HALF, 1e-300), 0.0, 1.0))
     head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
     one = [
         float((s.result if other is None else s.heldout).rms[j] ** 2)
@@ -348,7 +346,7 @@ def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
     ):
         return 1.0
     share, se = last.share(search.base.step.heldout, ADEQUATE * float(floor[j]), j)
-    return float(share + CHANCE * se)
+    return float(share + SURE * se)
 
 
 def gains(result: FitResult, split: Split) -> dict[int, float]:
@@ -381,7 +379,7 @@ def gains(result: FitResult, split: Split) -> dict[int, float]:
         j = int(g.joint or 0)
         after = table.errors([*keys, g.key])
         fall = before.squared[:, j] - after.squared[:, j]
-        if after.power[j] < (1 - GAIN_FALL) * before.power[j] and paired(fall) > BEYOND:
+        if after.power[j] < WHOLE * before.power[j] and paired(fall) > BEYOND:
             out[j] = 1.0 - float(table.coefficients([*keys, g.key])[g.key][0])
     return out
 
@@ -391,7 +389,7 @@ def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list
     faults, warnings = [], []
     for j, g in gains(result, split).items():
         joint, column = result.problem.joints[j], f"tauext{j + 1}"
-        if abs(g + 1) < GAIN_NEAR:
+        if abs(g + 1) < OPEN:
             faults.append(
                 (
                     "external-sign",
@@ -399,7 +397,7 @@ def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list
                     f"the model fits. Set scale = -1 for {column} (or fx, fy, fz) in a map file",
                 )
             )
-        elif abs(g - 1) > GAIN_NEAR:
+        elif abs(g - 1) > OPEN:
             warnings.append(
                 (
                     "external-ratio",

@@ -10,7 +10,7 @@ evidence for it is no evidence against it; each limit is one of mechanics:
   the top speed, is fitted beside everything else; what is smaller than  se sqrt(3 ln n)  (its
   price, n the effective instants) is not found: said where that is a tenth of Coulomb friction.
 - Presliding and backlash act behind a reversal.  Each of the few states that are fitted needs
-  several; below `TURNS` reversals one odd one decides.
+  several; below `FEW` reversals one odd one decides.
 - What repeats or grows over position needs the range; the part that was not visited is unknown.
 - Friction under load needs a load that changes otherwise than the acceleration.
 - Warming takes minutes.
@@ -29,13 +29,12 @@ from hil.diagnosis.attribution import overlap, physical
 from hil.diagnosis.constants import (
     ABSORBED,
     CONFIDENT,
-    COULOMB_MISSED,
-    LOAD,
-    LOW_SPEED,
-    MOTION_ODDS,
-    RANGE,
+    CONFIDENT_ODDS,
+    FEW,
+    HALF,
+    LITTLE,
     SAME_COSINE,
-    TURNS,
+    TENTH,
     WARMING,
 )
 from hil.diagnosis.types import (
@@ -353,7 +352,7 @@ def _group(s: _Set, sets: list[_Set]) -> tuple[Candidate, ...]:
 
 def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     best, problem = choice.best, planner.result.problem
-    if best.verdict.odds < MOTION_ODDS:
+    if best.verdict.odds < CONFIDENT_ODDS:
         why = f"{s.why}; at this size no motion of the menu shows a difference"
         return Indistinguishable(s.effects, why, "the same effect, larger", EXCITATION)
     names = tuple(c.name for c in s.among)
@@ -446,13 +445,13 @@ def _low_speed(result: FitResult, evidence: Evidence) -> list[Unseen]:
         fc = _dry(result, j)
         unseen = [e for e in laws if (e.name, j) not in present] if fc > 0 else []
         share = max((_missed(result, evidence, e, j) / fc for e in unseen), default=0.0)
-        if share > COULOMB_MISSED:
+        if share > TENTH:
             missed[problem.joints[j]] = share
     if not missed:
         return []
     names = tuple(e.name for e in _showing(Sight.SLOW))
     why = (
-        f"too little of the motion is slower than {100 * LOW_SPEED:g} % of the top speed; friction "
+        f"too little of the motion is slower than {100 * LITTLE:g} % of the top speed; friction "
         f"that rises only there is not seen{_up_to(max(missed.values()))}"
     )
     return [Unseen(names, tuple(missed), why, _command(laws[0].name, problem, list(missed)))]
@@ -489,7 +488,7 @@ def _missed(result: FitResult, evidence: Evidence, effect: Effect, j: int) -> fl
     speed = np.abs(problem.qd[j][problem.live[j]])
     if projector is None or not speed.size:
         return 0.0
-    vs = LOW_SPEED * float(np.quantile(speed, 0.995))
+    vs = LITTLE * float(np.quantile(speed, 0.995))
     form = effect.search.grid(problem.motions[0], j)[0][1:]
     _, _, inverse, _ = projector.score(Term(effect, j, (vs, *form)))
     noise = (floor.scale[j] / result.sigma[j]) ** 2 * floor.inflation[j]
@@ -501,10 +500,10 @@ def _missed(result: FitResult, evidence: Evidence, effect: Effect, j: int) -> fl
 def _of_joint(problem: Problem, j: int) -> Iterator[tuple[tuple[str, ...], str]]:
     """Effects and reasons of one joint."""
     turns = _reversals(problem, j)
-    if turns < TURNS:
-        yield _richest(Sight.REVERSALS), f"fewer than {TURNS} reversals"
+    if turns < FEW:
+        yield _richest(Sight.REVERSALS), f"fewer than {FEW} reversals"
     limits = of_robot(problem.source)
-    if limits is not None and np.ptp(problem.q[j]) < RANGE * (limits.high[j] - limits.low[j]):
+    if limits is not None and np.ptp(problem.q[j]) < HALF * (limits.high[j] - limits.low[j]):
         yield _richest(Sight.RANGE), "less than half of its range was visited"
     if _steady(problem, j):
         yield _richest(Sight.LOAD), "its static and external load hardly change"
@@ -523,7 +522,7 @@ def _steady(problem: Problem, j: int) -> bool:
     """Whether neither gravity, springs nor an external force change the load."""
     static = np.concatenate([m.static[:, j] + m.tau_ext[:, j] for m in problem.motions])
     size = float(np.sqrt(np.mean(problem.effort[j] ** 2)))
-    return bool(np.std(static) < LOAD * size)
+    return bool(np.std(static) < TENTH * size)
 
 
 def _of_all(problem: Problem) -> list[Unseen]:

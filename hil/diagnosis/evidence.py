@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts
-from hil.diagnosis.constants import LINE_LEAST, LITTLE, MANY_SHAPES
+from hil.diagnosis.constants import ADEQUATE, FLOOR_SHARE, MANY_SHAPES, WORTH
 from hil.diagnosis.floor import measure
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import FLIPS, Candidate, Evidence, Floor, ranking
@@ -335,7 +335,7 @@ def _picked(c: Candidate, projector: Projector) -> bool:
     """
     own = projector.rows(c.term)
     many = len(projector.problem.grid(c.term.effect, c.term.joint)) > MANY_SHAPES
-    least = LINE_LEAST if isinstance(c.term.effect.search, Lines) else LITTLE
+    least = FLOOR_SHARE if isinstance(c.term.effect.search, Lines) else WORTH
     return many and c.gain < least * float(np.sum(projector.residual[own] ** 2))
 
 
@@ -369,5 +369,5 @@ def priced(found: list[Candidate], floor: Floor, result: FitResult) -> None:
         c.chi2 = float(np.sum(c.parts / noise))
         # so far for noise of variance 1 in the weighted rows
         c.errors = tuple(float(e * np.sqrt(noise[j])) for e in c.errors)
-        c.spare = float(effective[j] * (1.1**2 - 1) * (floor.rms[j] / floor.scale[j]) ** 2)
+        c.spare = float(effective[j] * (ADEQUATE**2 - 1) * (floor.rms[j] / floor.scale[j]) ** 2)
         c.price = max(c.dof - replaced, 1) * float(np.log(max(effective[j], 2.0)))

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import EFFORT_ACCURACY, SENSOR_ACCURACY
+from hil.diagnosis.constants import MATTERS, SENSOR_ACCURACY
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Floor
 from hil.identify.line_spectrum import period
@@ -199,6 +199,6 @@ def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
     repeats = repeat_floor(result)
     rms, method = (predicted, "largest-model") if repeats is None else (repeats, "repeats")
     size = result.problem.rms(result.problem.effort)
-    accuracy = SENSOR_ACCURACY if result.model.explains == "external" else EFFORT_ACCURACY
+    accuracy = SENSOR_ACCURACY if result.model.explains == "external" else MATTERS
     rms = np.where(result.problem.holds, result.rms, np.hypot(rms, accuracy * size))
     return Floor(rms, method, residual, factor, scale)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.candidates import held_out
-from hil.diagnosis.constants import LEAST_FALL
+from hil.diagnosis.constants import WORTH
 from hil.diagnosis.evidence import floor_of
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Evidence, HeldOut, Step
@@ -170,8 +170,6 @@ def of_blocks(residual: FloatArray, problem: Problem, folds: Split) -> HeldOut:
     return HeldOut(residual, effort, folds.block, "folds", problem.run, names)
 
 
-#: Ratio of held-out to fitted residual from which so much is there to be gained.
-ROOM_TO_GAIN = 1 + LEAST_FALL
 #: Ratio of one resolution to the next that is tried.
 RESOLUTION_RATIO = 1.25
 
@@ -207,7 +205,7 @@ def blunt(result: FitResult, heldout: HeldOut, examine: Examiner) -> dict[tuple[
     dict
         For joints whose error is larger on the other runs, the sharpest value, in steps of
         `RESOLUTION_RATIO`, that explains the fitted runs as well as the present one and lowers
-        the held-out error by more than `LEAST_FALL`, to within 1 % of the best one's.  Empty
+        the held-out error by more than `WORTH`, to within 1 % of the best one's.  Empty
         without other runs.
     """
     if heldout.kind != "holdout":
@@ -215,7 +213,7 @@ def blunt(result: FitResult, heldout: HeldOut, examine: Examiner) -> dict[tuple[
     problem = result.problem
     ratio = heldout.rms / np.maximum(result.rms, 1e-300)
     signs = [t for t in result.terms if Trait.DRY in t.effect.traits and not t.fixed_shape]
-    signs = [t for t in signs if ratio[t.joint] > ROOM_TO_GAIN and not problem.holds[t.joint]]
+    signs = [t for t in signs if ratio[t.joint] > 1 + WORTH and not problem.holds[t.joint]]
     if not signs:
         return {}
     found = {t.key: _sharpest(t, result, heldout, examine) for t in signs}
@@ -233,7 +231,7 @@ def _sharpest(term: Term, result: FitResult, heldout: HeldOut, examine: Examiner
             break
         rows.append((v0, float(examine(other).rms[j])))
     least = min((error for _, error in rows), default=np.inf)
-    if least > (1 - LEAST_FALL) * heldout.rms[j]:
+    if least > (1 - WORTH) * heldout.rms[j]:
         return 0.0
     return next(v0 for v0, error in rows if error**2 <= CLOSE * least**2)
 

@@ -17,7 +17,7 @@ from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import as_use, choose, kindred, physical
 from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
 from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
-from hil.diagnosis.constants import BEATEN, DISCREPANCY, RIVAL, SURE
+from hil.diagnosis.constants import ABSORBED, BEATEN, DISCREPANCY, HALF, RISEN, RIVAL, SURE
 from hil.diagnosis.evidence import (
     in_time,
     priced,
@@ -79,7 +79,7 @@ def exchange(search: Search) -> list[Named]:
             named[c.term.key] = _weighed(search, c, rated, projector)
         if not changed:
             break
-    return [named.get(c.term.key) or Named(c, 0.5, []) for c in search.found]
+    return [named.get(c.term.key) or Named(c, HALF, []) for c in search.found]
 
 
 def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
@@ -107,7 +107,7 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
             and r.candidate.score > 0
             and physical(r.candidate, motion)
             and not (r.candidate.smoother or r.candidate.blurred)
-            and r.candidate.absorbed < 0.9999
+            and r.candidate.absorbed < ABSORBED
             and in_time(r.candidate, result)
             and not any(kindred(r.candidate, f) for f in others)
         )
@@ -167,7 +167,7 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
         renew(search.now.result)
         return None
     best = simplest(good, search.score)
-    if best is own or paired(best.fall - own.fall) < 1.0 or best.after > own.after:
+    if best is own or paired(best.fall - own.fall) < RISEN or best.after > own.after:
         renew(search.now.result)
         return None
     now = search.now
@@ -176,7 +176,7 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
     rung = search.rung(label, model, now.result.sigma)
     weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
     gain = paired((now.errors.squared - rung.errors.squared) @ weight)
-    if gain < 1.0 or rules.fails(rules.Refit(search, best, now, rung), FORMS):
+    if gain < RISEN or rules.fails(rules.Refit(search, best, now, rung), FORMS):
         search.refused.add((best.candidate.name, c.term.joint))
         renew(now.result)
         return None
@@ -197,7 +197,7 @@ def _weighed(search: Search, c: Candidate, rated: list[Rated], projector: Projec
     order = sorted((r.candidate for r in rated), key=ranking)
     own = next((x for x in order if x.term.key == c.term.key), None)
     if own is None:
-        return Named(c, 0.5, [])
+        return Named(c, HALF, [])
     rest = [x for x in order if x is not own]
     _, likely, rivals = choose([own, *rest], projector)
     drawn = _drawn(own, rated, ~search.problem.holds)

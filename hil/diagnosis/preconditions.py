@@ -25,17 +25,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import (
-    COLUMNS_RIGHT,
-    DISAGREEMENT,
-    DOUBTFUL,
-    HOPED,
-    HOPELESS,
-    OTHER_JOINT,
-    SHORTEST_RECORDING,
-    SLOWEST,
-    TOUCHING,
-)
+from hil.diagnosis.constants import CERTAIN, HALF, LITTLE, NEAR_FLOOR, OPEN, SHORTEST, TENTH, WHOLE
 from hil.identify.design import head
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -66,7 +56,7 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         The runs.
     """
     pushed = any(r.wrench is not None or r.tau_ext is not None for r in recordings)
-    doubtful = float(np.max(result.relative)) >= DOUBTFUL or driven(result)
+    doubtful = float(np.max(result.relative)) >= 100 * TENTH or driven(result)
     if result.model.explains != "motor" or pushed or not doubtful:
         return []
     before, reach, found = _size(result), Reach(result), []
@@ -75,10 +65,10 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         problem = Problem(
             changed, result.problem.source, result.model.explains, rates=result.problem.rates
         )
-        if reach.least(problem) > HOPED * COLUMNS_RIGHT * before:
+        if reach.least(problem) > NEAR_FLOOR * OPEN * before:
             continue
         after = fit(problem, result.model, sweeps=1)
-        better = _size(after) < COLUMNS_RIGHT * before and float(np.max(after.relative)) < HOPELESS
+        better = _size(after) < OPEN * before and float(np.max(after.relative)) < 100 * HALF
         if better:
             found.append((_size(after), code, text))
     return [(code, text) for _, code, text in sorted(found)[:1]]
@@ -105,17 +95,15 @@ def _changes(
 
     A joint whose effort is another one's fits badly, and so does the other one's.
     """
-    d, bad, poor = len(joints), error > DOUBTFUL, error > OTHER_JOINT
+    d, bad = len(joints), error > 100 * TENTH
     order, fits = list(range(d)), "turned round, the model fits; change its sign in a map"
     for k, joint in ((k, x) for k, x in enumerate(joints) if bad[k]):
         signs = np.where(np.arange(d) == k, -1.0, 1.0)
         yield "sign", f"tau{k + 1} ({joint}) has the wrong sign: {fits}", order, signs
-    if d > 1 and (2 * np.sum(error > HOPELESS / 2) >= d or not np.any(bad)):
+    if d > 1 and (2 * np.sum(error > 100 * OPEN) >= d or not np.any(bad)):
         text = "all efforts have the wrong sign: turned round, the model fits; change them in a map"
         yield "sign", text, order, np.full(d, -1.0)
-    for a, b in combinations(np.flatnonzero(poor).tolist(), 2):
-        if not (bad[a] or bad[b]):
-            continue
+    for a, b in combinations(np.flatnonzero(bad).tolist(), 2):
         swapped = [b if k == a else a if k == b else k for k in order]
         text = (
             f"tau{a + 1} and tau{b + 1} ({joints[a]}, {joints[b]}) are swapped: exchanged, the "
@@ -139,7 +127,7 @@ def undetermined(result: FitResult) -> list[tuple[str, str]]:
     if result.model.explains == "external":
         return _rigid(result)
     speed = np.sqrt(np.mean(problem.qd**2, axis=1))
-    if np.all(speed < SLOWEST * problem.speed_noise):
+    if np.all(speed < CERTAIN * problem.speed_noise):
         return [("no-motion", _slow(problem, speed))]
     return _short(problem)
 
@@ -166,15 +154,15 @@ def _slow(problem: Problem, speed: FloatArray) -> str:
 def _short(problem: Problem) -> list[tuple[str, str]]:
     """Reason if all runs together are too short to name an effect."""
     left = problem.n / problem.rate
-    if left >= SHORTEST_RECORDING:
+    if left >= SHORTEST:
         return []
     recorded = sum(float(r.t[-1] - r.t[0]) for r in problem.recordings)
     # the filter's edges go at both ends of every run, so they come on top
-    wanted = math.ceil(SHORTEST_RECORDING + max(recorded - left, 0.0))
+    wanted = math.ceil(SHORTEST + max(recorded - left, 0.0))
     text = (
         f"the recordings last {recorded:.2g} s, and {left:.2g} s are left after the filter's "
         "edges; "
-        f"at least {SHORTEST_RECORDING:g} s are needed to tell an effect from chance. Record "
+        f"at least {SHORTEST:g} s are needed to tell an effect from chance. Record "
         f"{wanted} s or more, or give several runs"
     )
     return [("too-short", text)]
@@ -184,7 +172,7 @@ def _rigid(result: FitResult) -> list[tuple[str, str]]:
     problem, out = result.problem, []
     for j, joint in enumerate(problem.joints):
         r2 = _agreement(result, j)
-        if r2 < 1 / DISAGREEMENT:
+        if r2 < WHOLE:
             out.append(
                 (
                     "not-identifiable",
@@ -205,7 +193,7 @@ def _agreement(result: FitResult, j: int) -> float:
     if not np.isfinite(problem.motions[0].contact[j]).all():
         return 1 - float(np.mean(result.residual[j] ** 2) / max(np.var(y), 1e-300))
     depth = problem.filtered([penetration(m, j)[0][:, None] for m in problem.motions])[:, 0]
-    touching = depth > TOUCHING * depth.max()
+    touching = depth > LITTLE * depth.max()
     if np.sum(touching) < 20 or np.std(depth[touching]) == 0:
         return 0.0
     return float(np.corrcoef(depth[touching], y[touching])[0, 1] ** 2)

@@ -33,20 +33,15 @@ from scipy.special import chdtri
 from hil.diagnosis.artefacts import blur, coarse
 from hil.diagnosis.constants import (
     ADEQUATE,
-    BURST_LENGTH,
-    BURST_SHARE,
     BURSTS,
     BURSTS_ALONE,
-    BURSTS_SURE,
-    CHANGE_MORE,
-    FEWEST_SAMPLES,
-    GROWS,
+    CERTAIN,
+    HALF,
     LEVEL,
     NEAR_FLOOR,
+    SURE,
     SWINGS,
-    SWINGS_SURE,
-    SWITCH,
-    UNEVEN,
+    TENTH,
 )
 from hil.diagnosis.types import Change, Cut
 from hil.identify.fit import in_units
@@ -108,7 +103,7 @@ def _change_of(projector: Projector, result: FitResult, j: int) -> Change | None
     problem, columns = result.problem, _columns(result, j)
     cuts = _coarse(result)
     gain, value, what, cut = _best(projector, j, columns, range(len(VALUES)), cuts)
-    if gain < CHANGE_MORE * _throughout(projector, j, columns[:, what]):
+    if gain < ADEQUATE * _throughout(projector, j, columns[:, what]):
         return None
     if cut[1]:
         # the instant itself, between its neighbours
@@ -259,22 +254,22 @@ def _unlike_of(result: FitResult, j: int, projector: Projector | None) -> Unlike
     raw = _runs(problem, j, left)
     if not raw:
         return None
-    (k, se), (whole, _) = _even(raw), kurtosis(np.concatenate(raw))
-    if k > BURSTS and k > BURSTS_SURE * se and projector is not None:
+    (k, se), (whole, spread) = _even(raw), kurtosis(np.concatenate(raw))
+    if k > BURSTS and k > CERTAIN * se and projector is not None:
         left = left - blur(result, projector, j).effort
         raw = _runs(problem, j, left)
         k, se = _even(raw)
     joint, rate = problem.joints[j], problem.rate
-    if k < SWINGS and k < SWINGS_SURE * se:
+    if k < SWINGS and k < -SURE * se:
         return Unlike(joint, k, True, f"{joint}: {_swings(k, [r / _around(r) for r in raw], rate)}")
-    if k > BURSTS and k > BURSTS_SURE * se:
+    if k > BURSTS and k > CERTAIN * se:
         # where the speed passes a count a row, a coarse encoder bursts
         if coarse(problem)[j]:
             return None
         return Unlike(joint, k, k > BURSTS_ALONE, f"{joint}: {_bursts(problem, j, left, k)}")
     longest = max(raw, key=len)
     size = _around(longest)
-    if whole > UNEVEN and size.max() > GROWS * size.min():
+    if whole > SURE * spread and HALF * size.max() > size.min():
         return Unlike(joint, whole, False, f"{joint}: {_uneven(longest)}")
     return None
 
@@ -296,7 +291,7 @@ def kurtosis(r: FloatArray) -> tuple[float, float]:
 def _runs(problem: Problem, j: int, left: FloatArray) -> list[FloatArray]:
     """What is left on joint j (n,), run by run, where there is enough of it."""
     parts = [_residual(problem, j, left, k) for k in range(len(problem.recordings))]
-    return [r for r in parts if r.size >= FEWEST_SAMPLES]
+    return [r for r in parts if r.size >= LAGS]
 
 
 def _even(runs: list[FloatArray]) -> tuple[float, float]:
@@ -325,9 +320,9 @@ def _swings(k: float, runs: list[FloatArray], rate: float) -> str:
     longest = max(runs, key=len)
     at = [_frequency(part, rate) for part in np.array_split(longest, 3)]
     where = f"about {at[0]:.2g}, {at[1]:.2g} and {at[2]:.2g} Hz in the thirds of the run"
-    if max(at) < 1.25 * min(at):
+    if max(at) < NEAR_FLOOR * min(at):
         where = f"about {at[1]:.2g} Hz"
-    does = "switches between two levels" if k < SWITCH else "swings from side to side"
+    does = "swings from side to side"
     return (
         f"the remaining error {does}, at {where}. It is not noise (kurtosis {k:.2g}; noise 0, sine "
         "-1.5, switch -2): something acts there that does not follow from the motion"
@@ -345,7 +340,7 @@ def _bursts(problem: Problem, j: int, left: FloatArray, k: float) -> str:
     run = int(np.argmax(np.bincount(problem.run)))
     own = problem.run == run
     squares = np.sort(left[problem.live[j]] ** 2)[::-1]
-    share = float(squares[: round(BURST_SHARE * squares.size)].sum() / squares.sum())
+    share = float(squares[: round(TENTH * squares.size)].sum() / squares.sum())
     when = problem.t[own & problem.live[j]] - float(problem.t[own].min())
     where = ", ".join(
         f"{x:.2f}" for x in _largest(_residual(problem, j, left, run), when, problem.rate)
@@ -370,7 +365,7 @@ def _uneven(r: FloatArray) -> str:
 
 def _largest(r: FloatArray, t: FloatArray, rate: float) -> list[float]:
     """Times of the largest bursts in order, no two within a second."""
-    width = max(round(BURST_LENGTH * rate), 1)
+    width = max(round(HALF * rate), 1)
     power, found = np.convolve(r**2, np.ones(width), "same"), list[float]()
     for i in np.argsort(-power).tolist():
         if all(abs(t[i] - x) > 1.0 for x in found):

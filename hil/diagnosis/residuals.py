@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import LEVEL, NEAR_FLOOR, PLAIN
+from hil.diagnosis.constants import CERTAIN, LEVEL, NEAR_FLOOR
 from hil.diagnosis.types import Floor
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -461,5 +461,5 @@ def seeming(
             "again after each effect that it adds",
         )
         for joint, x in ratio.items()
-        if x <= NEAR_FLOOR and most[joint] > PLAIN
+        if x <= NEAR_FLOOR and most[joint] > CERTAIN
     ]

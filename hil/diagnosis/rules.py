@@ -24,17 +24,7 @@ from hil.diagnosis.attribution import (
     physical,
 )
 from hil.diagnosis.candidates import Rated, paired
-from hil.diagnosis.constants import (
-    BEYOND,
-    DISCREPANCY,
-    LEVEL,
-    MATTERS,
-    MOSTLY,
-    MUCH,
-    RISEN,
-    ROBBED,
-    WORTH,
-)
+from hil.diagnosis.constants import BEYOND, DISCREPANCY, HALF, LEVEL, MATTERS, OPEN, RISEN, WORTH
 from hil.diagnosis.evidence import in_time
 from hil.diagnosis.types import CheckResult, Evidence
 from hil.identify.context import SOLID
@@ -111,10 +101,10 @@ def stage(code: str) -> str:
 
 
 @contextmanager
-def without(code: str) -> Iterator[None]:
-    """Do not ask a rule for a while."""
+def without(*codes: str) -> Iterator[None]:
+    """Do not ask some rules for a while."""
     before = set(OFF)
-    OFF.add(code)
+    OFF.update(codes)
     try:
         yield
     finally:
@@ -240,7 +230,7 @@ def _paired(case: RuleCase) -> str:
     term = case.rated.candidate.term
     r = case.rated
     # what acts in a few stretches only spreads its own gains: one that takes most is sure earlier
-    least = MOSTLY if r.after < (1 - MUCH) * r.before else BEYOND
+    least = RISEN if r.after < OPEN * r.before else BEYOND
     sure = r.sureness > least or term.effect.variation.dated(term.shape)
     return "" if sure else "the fall of the error varies as much from block to block"
 
@@ -355,7 +345,7 @@ def _robs(case: Refit) -> str:
         for rung in (case.before, case.after)
     ]
     names = [key for key in case.search.standing if key in efforts[0]]
-    robbed = [key for key in names if efforts[1].get(key, 0.0) < (1 - ROBBED) * efforts[0][key]]
+    robbed = [key for key in names if efforts[1].get(key, 0.0) < (1 - HALF) * efforts[0][key]]
     return f"it replaces {robbed[0][0]}" if robbed else ""
 
 

@@ -21,15 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.attribution import choose, plausible
-from hil.diagnosis.constants import (
-    ACCOUNTED,
-    ADEQUATE,
-    CERTAIN,
-    FALL_DEVIATIONS,
-    LACKS,
-    LOUDER,
-    SESSIONS_DIFFER,
-)
+from hil.diagnosis.constants import ADEQUATE, CERTAIN, HALF, NEAR_FLOOR, OPEN, SURE, WHOLE
 from hil.diagnosis.evidence import gather, in_time, terms_to_try
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut
@@ -61,7 +53,7 @@ def explanation(fitted: FitResult, alone: FitResult, residual: FloatArray, j: in
     All parameters stay as they were fitted; one term at a time is added to them, of the model's
     own (another value) or of the catalogue's (an effect), and the best is told with its share of
     what the parameters miss; longer laws pay the price of their coefficients.  Empty where none
-    accounts for `ACCOUNTED` of it.
+    accounts for `WHOLE` of it.
 
     Parameters
     ----------
@@ -84,7 +76,7 @@ def explanation(fitted: FitResult, alone: FitResult, residual: FloatArray, j: in
     for term, known in _terms(fitted, alone, j):
         tried.append(_tried(term, known, bare, missed, per, price, j))
     best = max(tried, key=lambda x: x.score)
-    if best.share < ACCOUNTED:
+    if best.share < WHOLE:
         return ""
     return f"{best.text} would explain {100 * min(best.share, 1.0):.0f} % of that"
 
@@ -238,7 +230,7 @@ def _values(pair: _Pair, j: int) -> str:
     """The sentence where parameters of the fit do not serve the held-out runs; else empty."""
     rms, own = float(pair.heldout.rms[j]), float(pair.alone.rms[j])
     single = replace(pair.heldout, residual=pair.alone.residual)
-    if rms <= SESSIONS_DIFFER * own or single.gain(pair.heldout, j) < FALL_DEVIATIONS:
+    if rms <= NEAR_FLOOR * own or single.gain(pair.heldout, j) < SURE:
         return ""
     joint, times = pair.fitted.problem.joints[j], rms / max(own, 1e-300)
     text = (
@@ -259,7 +251,7 @@ def _values(pair: _Pair, j: int) -> str:
 def _theirs(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, str]]:
     """Sentences for what only the held-out sessions hold."""
     quiet = np.minimum(out.floor, pair.fitted.rms)
-    louder = [j for j in joints if pair.alone.rms[j] > LOUDER * quiet[j]]
+    louder = [j for j in joints if HALF * pair.alone.rms[j] ** 2 > quiet[j] ** 2]
     if not louder:
         return []
     evidence, known = gather(pair.alone), _real(out.last, pair.fitted)
@@ -284,7 +276,7 @@ def _ours(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, str
     beside = Projector(pair.alone.problem, pair.alone.terms, pair.alone.sigma)
     for j in joints:
         named = [c for c in candidates if c.joint == j and not c.term.per_run]
-        if not named or _power(named[0], beside) > LACKS * _here(named[0], pair.fitted):
+        if not named or _power(named[0], beside) > OPEN * _here(named[0], pair.fitted):
             continue
         floor = float(min(out.last.floor.rms[j], out.last.floor.scale[j]))
         told = (_names(named, out.last.projector), pair.ours, pair.theirs)
@@ -327,7 +319,7 @@ def _only(
     name, here, there = told
     excess = max(float(where.rms[c.joint]) ** 2 - floor**2, 1e-300)
     share = min(_here(c, where) / excess, 1.0)
-    if share < ACCOUNTED:
+    if share < WHOLE:
         return ""
     joint = where.problem.joints[c.joint]
     text = f"{name} would explain {100 * share:.0f} % of the error above the noise in {here}"

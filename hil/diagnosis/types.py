@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import ADEQUATE, APART
+from hil.diagnosis.constants import ADEQUATE, NEAR_FLOOR
 from hil.errors import DataError
 from hil.identify.design import Term
 from hil.identify.multistep import MultiStep
@@ -61,7 +61,7 @@ class Floor:
         The floor of short or very repetitive data holds what the model lacks, too; the residual of
         the largest model is then far lower.
         """
-        return bool(rms[j] > min(ADEQUATE * self.rms[j], APART * self.scale[j]))
+        return bool(rms[j] > min(ADEQUATE * self.rms[j], NEAR_FLOOR * self.scale[j]))
 
     def met(self, rms: FloatArray) -> bool:
         """Whether all errors (d,) are down to the floor."""

@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import ADEQUATE, SAID_FROM
+from hil.diagnosis.constants import ADEQUATE, WORTH
 from hil.diagnosis.types import Explainable, Floor
 from hil.identify.parallel import in_parallel
 from hil.identify.problem import Problem
@@ -137,7 +137,7 @@ def told(shares: list[Explainable]) -> list[str]:
     out = []
     for joint in dict.fromkeys(s.joint for s in shares):
         own = sorted((s for s in shares if s.joint == joint), key=lambda s: -s.share)
-        some = [s for s in own if s.share >= SAID_FROM]
+        some = [s for s in own if s.share >= WORTH]
         if not some:
             every = "; ".join(s.words for s in own)
             out.append(f"{joint}: functions of {every} explain none of it")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts
 from hil.diagnosis.artefacts import returned, shaken, smoothed
-from hil.diagnosis.constants import FAR, MATTERS, ONE_TIME, STILL, WHOLE
+from hil.diagnosis.constants import BEATEN, MATTERS, NEAR_FLOOR, WHOLE, WORTH
 from hil.diagnosis.equivalence import unseen
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.preconditions import other_robot
@@ -50,7 +50,7 @@ def of_noise(step: Step, evidence: Evidence, floor: FloatArray) -> NDArray[np.bo
     """
     end, result = step.result.rms, step.result
     most = WHOLE * (end**2 - floor**2)
-    late = (end <= FAR * floor) & (returned(evidence, result) >= most)
+    late = (end <= NEAR_FLOOR * floor) & (returned(evidence, result) >= most)
     excused = (
         (smoothed(evidence, result) >= most)
         | (artefacts.blurred_parts(evidence, result) >= most)
@@ -66,7 +66,7 @@ def refuted(step: Step, floor: FloatArray) -> NDArray[np.bool_]:
     """
     told = step.heldout.kind == "holdout" and step.result.model.explains == "motor"
     moves = ~step.result.problem.holds & told
-    return np.asarray(moves & (step.heldout.rms > FAR * floor))
+    return np.asarray(moves & (step.heldout.rms > NEAR_FLOOR * floor))
 
 
 def only_there(step: Step, last: Evidence, floor: FloatArray) -> bool:
@@ -92,7 +92,7 @@ def notes(result: FitResult, last: Evidence) -> list[tuple[str, str]]:
     ]
     out += _held(result)
     still = 1.0 - result.problem.count / result.problem.n
-    for j in np.flatnonzero(still > STILL):
+    for j in np.flatnonzero(still > WORTH):
         out.append(
             (
                 "standstill",
@@ -167,7 +167,7 @@ def common(findings: list[Finding], moving: list[str]) -> list[tuple[str, str]]:
         return []
     times = list(late.values())
     mean = sum(times) / len(times)
-    if max(times) - min(times) > ONE_TIME * mean:
+    if max(times) - min(times) > BEATEN * mean:
         return []
     text = (
         f"{', '.join(moving)} are late by the same time, {1e3 * mean:.3g} ms: probably one "

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 import hil
 from hil.commands.compare import text as compared
 from hil.commands.diagnose import text
-from hil.diagnosis.constants import BURSTS, BURSTS_SURE, SWINGS, SWINGS_SURE
+from hil.diagnosis.constants import BURSTS, CERTAIN, SURE, SWINGS
 from hil.diagnosis.residual_tests import UNLIKE, kurtosis
 from hil.diagnosis.verbs import ladder
 from hil.report.html import diagnosis_report
@@ -77,8 +77,8 @@ def test_bounds_hold_for_gaussian_noise(pole):
         r = lfilter([1.0], [1.0, -pole], rng.standard_normal(2000))[100:]
         found.append(kurtosis((r - r.mean()) / r.std()))
     k, se = np.array(found).T
-    assert np.mean((k < SWINGS) & (k < SWINGS_SURE * se)) <= 0.005
-    assert np.mean((k > BURSTS) & (k > BURSTS_SURE * se)) <= 0.005
+    assert np.mean((k < SWINGS) & (k < -SURE * se)) <= 0.005
+    assert np.mean((k > BURSTS) & (k > CERTAIN * se)) <= 0.005
     # the standard error is that of the sample
     assert np.std(k) == pytest.approx(np.mean(se), rel=0.35)
 

@@ -25,7 +25,7 @@ _sessions = lru_cache(maxsize=2)(runner.recordings)
 
 @dataclass(frozen=True)
 class Again:
-    """A case to be diagnosed without a rule."""
+    """A case to be diagnosed without a rule, or without several: their codes joined by ``+``."""
 
     case: SessionCase
     code: str
@@ -56,10 +56,10 @@ def run(todo: list[SessionCase], rows: list[Row], jobs: int, path: Path | None) 
         If results are of another revision, whose answers may be others.
     """
     kept = path.with_suffix(".ablate.jsonl") if path else None
-    _same(rows, path)
+    same(rows, path)
     found = runner.run(repeated(todo, rows), jobs, kept, again, "again")
-    _same(found, kept)
-    return found
+    same(found, kept)
+    return found + runner.run(together(todo, rows, found), jobs, kept, again, "again")
 
 
 def repeated(todo: list[SessionCase], rows: list[Row]) -> list[Again]:
@@ -68,17 +68,34 @@ def repeated(todo: list[SessionCase], rows: list[Row]) -> list[Again]:
     return [Again(c, code) for c in todo for code in by_name[c.name].get("alone", [])]
 
 
+def together(todo: list[SessionCase], rows: list[Row], found: list[Row]) -> list[Again]:
+    """Cases in which one of the rules fired that change no answer alone, without all of those.
+
+    Of two rules that stop the same, neither changes an answer alone.
+    """
+    by_name = {r["case"]: r for r in rows}
+    moved = {r["without"] for r in found if differ(by_name[r["case"]], r)}
+    idle = [code for code in (*rules.CANDIDATE, *rules.FIT) if code not in moved]
+    fired = [c for c in todo if set(idle) & set(by_name[c.name].get("fired", []))]
+    return [Again(c, "+".join(idle)) for c in fired] if len(idle) > 1 else []
+
+
 def again(task: Again) -> Row:
     """Row of the results: what is said of a case without a rule."""
-    train, other = _sessions(task.case)
+    with rules.without(*task.code.split("+")):
+        row = anew(task.case)
+    return {"again": task.name, "without": task.code} | row
+
+
+def anew(case: SessionCase) -> Row:
+    """What is said of a case now, with the CPU time that it took."""
+    train, other = _sessions(case)
     started = time.process_time()
-    with rules.without(task.code):
-        row = runner.answer(task.case, train, other)
-    cpu = round(time.process_time() - started, 3)
-    return {"again": task.name, "case": task.case.name, "without": task.code, "cpu": cpu} | row
+    row = runner.answer(case, train, other)
+    return {"case": case.name, "cpu": round(time.process_time() - started, 3)} | row
 
 
-def _same(rows: list[Row], path: Path | None) -> None:
+def same(rows: list[Row], path: Path | None) -> None:
     """Refuse results of another revision."""
     now = runner.revision()
     others = {r["revision"] for r in rows} - {now}
@@ -131,12 +148,12 @@ class RuleEffect:
     seconds: float
 
 
-def _good(row: Row) -> bool:
+def good(row: Row) -> bool:
     """Whether an answer is right, or a set with the truth in it."""
     return row["outcome"] in ("right", "ambiguous")
 
 
-def _differ(a: Row, b: Row) -> bool:
+def differ(a: Row, b: Row) -> bool:
     """Whether two answers to one case differ: verdict, names or outcome."""
     return _said(a) != _said(b) or a["outcome"] != b["outcome"]
 
@@ -150,15 +167,15 @@ def effects(rows: list[Row], again: list[Row]) -> list[RuleEffect]:
 def _effect(code: str, rows: list[Row], again: list[Row]) -> RuleEffect:
     without = {r["case"]: r for r in again if r["without"] == code}
     pairs = [(r, without.get(r["case"], r)) for r in rows]
-    lost = sum(_good(a) and not _good(b) for a, b in pairs)
-    gained = sum(_good(b) and not _good(a) for a, b in pairs)
-    both = sum(_good(a) and _good(b) for a, b in pairs)
+    lost = sum(good(a) and not good(b) for a, b in pairs)
+    gained = sum(good(b) and not good(a) for a, b in pairs)
+    both = sum(good(a) and good(b) for a, b in pairs)
     return RuleEffect(
         code,
         rules.stage(code),
         sum(code in r["fired"] for r in rows),
         len(without),
-        sum(_differ(a, b) for a, b in pairs),
+        sum(differ(a, b) for a, b in pairs),
         lost,
         gained,
         tables.difference(both, lost, gained, len(pairs) - both - lost - gained),
@@ -173,26 +190,31 @@ def report(rows: list[Row], again: list[Row], command: str) -> str:
         "# Ablation: the diagnosis without each of its rules",
         "",
         f"Made by `{command}` at revision {revisions(rows)}; {len(rows)} sessions, "
-        f"{len(again)} diagnoses without a rule.",
+        f"{len(again)} diagnoses without a rule or several.",
         "",
         "Fired: sessions in which the rule stopped a candidate or a fit; alone: those in",
         "which no other rule would have stopped it, which are diagnosed again without it.",
         "Right: exactly what is hidden, or a set with the truth in it. Intervals: Newcombe, 95 %,",
         "over all sessions of the plant.",
         "A rule is taken out alone: of two that stop the same, neither changes an answer here, and",
-        "without both answers may change. A name that is wrong where another was is no flip, but",
-        "an answer that changes.",
+        "without both answers may change. So those that change none are taken out together, too. A",
+        "name that is wrong where another was is no flip, but an answer that changes.",
     ]
     idle = []
+    alone = [r for r in again if "+" not in r["without"]]
     for plant in plants:
         mine = [r for r in rows if tables.plant(r) == plant]
         names = {r["case"] for r in mine}
-        others = [r for r in again if r["case"] in names]
+        others = [r for r in alone if r["case"] in names]
         found = effects(mine, others)
         idle.append({e.code for e in found if not e.changed})
         lines += ["", f"## {PLANTS[plant]}: {len(mine)} sessions", "", _table(found)]
         lines += ["", f"### {PLANTS[plant]}: answers that change", "", _changes(mine, others)]
     still = [code for code in (*rules.CANDIDATE, *rules.FIT) if all(code in x for x in idle)]
+    both = [r for r in again if "+" in r["without"]]
+    if both:
+        title = f"## Without all that change no answer alone: {len(both)} sessions"
+        lines += ["", title, "", _changes(rows, [r | {"without": "all of them"} for r in both])]
     lines += ["", "## No answer changes without", "", ", ".join(still) or "(none)"]
     return "\n".join(lines) + "\n"
 
@@ -218,15 +240,16 @@ def _table(found: list[RuleEffect]) -> str:
 def _changes(rows: list[Row], again: list[Row]) -> str:
     before = {r["case"]: r for r in rows}
     lines = [
-        [b["without"], b["case"], _words(before[b["case"]]), _words(b)]
+        [b["without"], b["case"], words(before[b["case"]]), words(b)]
         for b in again
-        if _differ(before[b["case"]], b)
+        if differ(before[b["case"]], b)
     ]
     head = ["without", "session", "with it", "without it"]
     return table(head, sorted(lines)) if lines else "None."
 
 
-def _words(row: Row) -> str:
+def words(row: Row) -> str:
+    """An answer in few words."""
     names = ", ".join(f"{f['effect']} {f['joint'] or ''}".strip() for f in row["named"])
     return f"{row['outcome']}: {names or row['verdict']}"
 
