@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from hil.errors import ConfigError
+from hil.local_modules import LocalModule, beside
 
 #: Environment variable that names the folder in which things are remembered.
 VARIABLE = "HIL_STATE"
@@ -32,12 +33,15 @@ class Executable:
     text : str
         The file, or the words of the command.
     digest : str
-        Of its content: SHA-256, hexadecimal.
+        Of its content and that of `parts`: SHA-256, hexadecimal.
+    parts : tuple of str
+        Further files that it brings in.
     """
 
     kind: str
     text: str
     digest: str
+    parts: tuple[str, ...] = ()
 
     @property
     def trusted(self) -> bool:
@@ -54,9 +58,31 @@ def folder() -> Path:
     return Path(base) / "hil"
 
 
-def plugin(path: Path, source: bytes) -> Executable:
-    """The Python file `path` with the content `source`, wherever it lies."""
-    return Executable("plugin", str(path), hashlib.sha256(b"plugin\0" + source).hexdigest())
+def plugin(
+    path: Path, source: bytes, modules: Mapping[str, LocalModule] | None = None
+) -> Executable:
+    """The Python file `path` with the content `source`, and the files beside it that it imports.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    source : bytes
+        Its text.
+    modules : mapping, optional
+        What `hil.local_modules.beside` has found.
+
+    Raises
+    ------
+    ConfigError
+        As of `hil.local_modules.beside`.
+    """
+    digest = hashlib.sha256(b"plugin\0" + source)
+    modules = beside(path, source) if modules is None else modules
+    for name, module in modules.items():
+        digest.update(b"\0" + name.encode() + b"\0" + hashlib.sha256(module.source).digest())
+    parts = tuple(str(m.path) for m in modules.values())
+    return Executable("plugin", str(path), digest.hexdigest(), parts)
 
 
 def cut_program(words: Sequence[str]) -> Executable:

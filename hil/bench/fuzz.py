@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import io
+import json
 import mmap
 import multiprocessing
 import os
@@ -20,14 +21,14 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
 
-from hil.errors import HilError, plural
+from hil.errors import ConfigError, HilError, plural
 from hil.interrupt import held_back
 
 #: Longest input [byte]; time for one input [s]; memory beyond what the program itself takes [byte].
@@ -36,8 +37,8 @@ LONGEST, SLOW_S, MEMORY = 2**20, 20.0, 2**31
 MOST_KEPT = 2000
 #: Every so often a worker says how far it is [s].
 _REPORT_S = 1.0
-#: Files whose lines count: of this program, and of the library's parser in Python.
-_COUNTED = re.compile(r"[/\\](hil|drivers|tomllib)[/\\]")
+#: Files whose lines count: of this program, and of libraries' parsers in Python.
+_COUNTED = re.compile(r"[/\\](hil|drivers|tomllib|rosbags|openpyxl)[/\\]")
 _OWN = re.compile(r"[/\\](hil|drivers)[/\\]")
 _NUMBERS = [b"nan", b"inf", b"-1", b"0", b"1e400", b"-1e-320", b"1" * 30, b"65536", b"1e15", b""]
 #: Numbers of 1, 4 and 8 bytes at their ends; then marks of text, among them what a terminal obeys.
@@ -328,19 +329,98 @@ def _limit() -> None:
 
 # ------------------------------------------------------------ what is said
 
-HEAD = ("target", "minutes", "inputs", "line pairs", "kept", "findings")
+HEAD = ("target", "minutes", "inputs", "line pairs", "kept", "findings", "minutes since")
 
 
-def row(found: Explored) -> list[str]:
-    """Row of the table."""
-    return [
-        found.name,
-        f"{found.seconds / 60:.1f}",
-        str(found.runs),
-        str(found.lines),
-        str(found.kept),
-        "; ".join(f.what for f in found.findings) or "none",
-    ]
+@dataclass
+class Sum:
+    """What came of all turns of one target.
+
+    Parameters
+    ----------
+    name : str
+        Of the target.
+    seconds, clean : float
+        Time of all turns, and of those after the last one with a finding.
+    runs, lines, kept : int
+        Inputs of all turns; most line pairs and kept inputs of one.
+    findings : list of str
+        What was found, in the order of the turns.
+    """
+
+    name: str
+    seconds: float = 0.0
+    clean: float = 0.0
+    runs: int = 0
+    lines: int = 0
+    kept: int = 0
+    findings: list[str] = field(default_factory=list)
+
+    def add(self, turn: Mapping[str, Any]) -> None:
+        """Add a turn as `remember` writes it."""
+        self.seconds += turn["seconds"]
+        self.clean = 0.0 if turn["findings"] else self.clean + turn["seconds"]
+        self.runs += turn["runs"]
+        self.lines = max(self.lines, turn["lines"])
+        self.kept = max(self.kept, turn["kept"])
+        self.findings += [f for f in turn["findings"] if f not in self.findings]
+
+    def row(self) -> list[str]:
+        """Row of the table."""
+        return [
+            self.name,
+            f"{self.seconds / 60:.1f}",
+            str(self.runs),
+            str(self.lines),
+            str(self.kept),
+            "; ".join(self.findings) or "none",
+            f"{self.clean / 60:.1f}",
+        ]
+
+
+def turn(found: Explored, revision: str) -> dict[str, Any]:
+    """A turn as it is remembered."""
+    told = {k: getattr(found, k) for k in ("name", "runs", "lines", "kept")}
+    what = [f.what for f in found.findings]
+    return {**told, "seconds": round(found.seconds, 1), "findings": what, "revision": revision}
+
+
+def remember(path: Path, one: Mapping[str, Any]) -> None:
+    """Add a turn to a file of turns, a line each."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(one) + "\n")
+
+
+def remembered(path: Path) -> list[dict[str, Any]]:
+    """Turns of a file; none where there is no file.
+
+    Raises
+    ------
+    ConfigError
+        If a line is no turn.
+    """
+    if not path.exists():
+        return []
+    out = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        try:
+            one = json.loads(line)
+            Sum(str(one["name"])).add(one)
+        except (ValueError, KeyError, TypeError) as error:
+            raise ConfigError(
+                f"{path}, line {number}: no turn of 'hil bench fuzz' ({error}); take another file"
+            ) from error
+        out.append(one)
+    return out
+
+
+def summed(turns: Sequence[Mapping[str, Any]], order: Sequence[str]) -> list[Sum]:
+    """One sum a target, in an order; targets without a turn are left out."""
+    out = {name: Sum(name) for name in order}
+    for one in turns:
+        if one["name"] in out:
+            out[one["name"]].add(one)
+    return [s for s in out.values() if s.seconds]
 
 
 def keep(found: Sequence[Explored], folder: Path) -> list[Path]:
@@ -355,7 +435,7 @@ def keep(found: Sequence[Explored], folder: Path) -> list[Path]:
     return out
 
 
-def verdict(found: Sequence[Explored]) -> str:
+def verdict(found: Sequence[Sum]) -> str:
     """What all targets together came to."""
     count = sum(len(e.findings) for e in found)
     runs, minutes = sum(e.runs for e in found), sum(e.seconds for e in found) / 60
@@ -365,12 +445,30 @@ def verdict(found: Sequence[Explored]) -> str:
     )
 
 
-def page(found: Sequence[Explored], command: str) -> str:
+_PAGE = (
+    "# Parsers under mutated input\n\n"
+    "Made by `{command}` with Python {python} on {processors} processors, which did other work "
+    "too. The minutes of several turns add up (revisions {revisions}).\n\n"
+    "Inputs are changed at random; those that reach new lines of the program are changed further. "
+    "A finding is an error that is no refusal in the program's own words, a warning, a crash, an "
+    "input that takes longer than {slow:.0f} s, or more memory than {memory:.0f} GiB. The last "
+    "column counts the minutes after the last turn with a finding. Inputs that were found are "
+    "mended and kept in `tests/bench/fuzz_seeds`; they are run with the tests. Targets that start "
+    "a reader's process for each input, or run whole commands, try few inputs a minute.\n\n"
+    "{table}\n\n{verdict}.\n"
+)
+
+
+def page(found: Sequence[Sum], command: str, revisions: Sequence[str]) -> str:
     """The table as a page."""
-    rows = [HEAD, ["---"] * len(HEAD), *map(row, found)]
-    table = "\n".join(f"| {' | '.join(r)} |" for r in rows)
-    return (
-        f"# Parsers under mutated input\n\nMade by `{command}` with Python "
-        f"{sys.version_info.major}.{sys.version_info.minor} on {os.cpu_count()} processors.\n\n"
-        f"{table}\n\n{verdict(found)}.\n"
+    rows = [HEAD, ["---"] * len(HEAD), *(e.row() for e in found)]
+    return _PAGE.format(
+        command=command,
+        python=f"{sys.version_info.major}.{sys.version_info.minor}",
+        processors=os.cpu_count(),
+        revisions=", ".join(revisions),
+        slow=SLOW_S,
+        memory=MEMORY / 2**30,
+        table="\n".join(f"| {' | '.join(r)} |" for r in rows),
+        verdict=verdict(found),
     )

@@ -46,9 +46,7 @@ FINDINGS = "fuzz-findings"
 
 def _diagnosis(args: argparse.Namespace) -> Found:
     """Thousands of hidden effects, in the plants it was tuned on and in those it was not."""
-    kept = Path(args.resume) if args.resume else None
-    if kept and kept.suffix != ".jsonl":
-        raise ConfigError(f"--resume {kept}: a file that ends in .jsonl is needed")
+    kept = _resumed(args.resume)
     common.check_page(args.report)
     seeds = args.seeds or cases.SEEDS
     plants = _plants(args.plants)
@@ -71,6 +69,14 @@ def _diagnosis(args: argparse.Namespace) -> Found:
         text = tables.report(rows, f"hil bench diagnosis{quick}{which}")
     common.write_page(args.report, text)
     return text, data
+
+
+def _resumed(name: str) -> Path | None:
+    """File of what was done before."""
+    kept = Path(name) if name else None
+    if kept and kept.suffix != ".jsonl":
+        raise ConfigError(f"--resume {kept}: a file that ends in .jsonl is needed")
+    return kept
 
 
 def _only(todo: list[cases.SessionCase], words: Sequence[str]) -> list[cases.SessionCase]:
@@ -146,20 +152,31 @@ def _fuzz(args: argparse.Namespace) -> Found:
     targets = [t for t in TARGETS if not args.only or any(w in t.name for w in args.only)]
     if not targets:
         raise ConfigError(unknown("target", " ".join(args.only), [t.name for t in TARGETS]))
-    if not 0 < args.minutes <= 10_000:
-        raise ConfigError(f"--minutes {args.minutes:g}: a time above 0 is needed")
-    found = []
-    for target in targets:
+    if not 0 <= args.minutes <= 10_000:
+        raise ConfigError(f"--minutes {args.minutes:g}: a time of 0 or more is needed")
+    kept = _resumed(args.resume)
+    turns = fuzz.remembered(kept) if kept else []
+    inputs = []
+    for target in targets if args.minutes else ():
         common.log(f"{target.name} ...")
-        found.append(fuzz.guarded(target, 60 * args.minutes, args.seeds or 0))
-    command = " ".join(["hil bench fuzz", f"--minutes {args.minutes:g}", *args.only])
-    common.write_page(args.report, fuzz.page(found, command))
-    kept = fuzz.keep(found, Path(FINDINGS))
-    said = f"{common.table(fuzz.HEAD, [fuzz.row(e) for e in found])}\n\n{fuzz.verdict(found)}"
-    if kept:
-        said += f"; the inputs are in {FINDINGS}/: {', '.join(p.name for p in kept)}"
-    rows = [dict(zip(fuzz.HEAD, fuzz.row(e), strict=True)) for e in found]
-    return said, {"targets": rows, "inputs": [str(p) for p in kept]}
+        earlier = sum(one["name"] == target.name for one in turns)
+        seed = 1000 * earlier + (args.seeds or 0)  # no turn repeats an earlier one
+        found = fuzz.guarded(target, 60 * args.minutes, seed)
+        inputs += fuzz.keep([found], Path(FINDINGS))
+        turns.append(fuzz.turn(found, revision()))
+        if kept:
+            fuzz.remember(kept, turns[-1])
+    sums = fuzz.summed(turns, [t.name for t in TARGETS])
+    resumed = [f"--resume {kept}"] if kept else []
+    only = [f"--only {word}" for word in args.only]
+    command = " ".join(["hil bench fuzz", f"--minutes {args.minutes:g}", *only, *resumed])
+    revisions = list(dict.fromkeys(one["revision"] for one in turns))
+    common.write_page(args.report, fuzz.page(sums, command, revisions))
+    said = f"{common.table(fuzz.HEAD, [e.row() for e in sums])}\n\n{fuzz.verdict(sums)}"
+    if inputs:
+        said += f"; the inputs are in {FINDINGS}/: {', '.join(p.name for p in inputs)}"
+    rows = [dict(zip(fuzz.HEAD, e.row(), strict=True)) for e in sums]
+    return said, {"targets": rows, "inputs": [str(p) for p in inputs]}
 
 
 def _faults(args: argparse.Namespace) -> Found:
@@ -432,7 +449,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resume",
         metavar="R.jsonl",
-        help="keep every result in this file, and do not do again what it holds (diagnosis)",
+        help="keep every result in this file, and do not do again what it holds (diagnosis); add "
+        "the turns to those of this file (fuzz; with --minutes 0 only their table)",
     )
     parser.add_argument(
         "--report",

@@ -26,8 +26,9 @@ from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.model import RobotModel, base_model
 from hil.models.robots import Robot, bare_robot
-from hil.record.mcap_read import load
+from hil.record.bags import is_bag
 from hil.record.recording import RobotSource
+from hil.record.sources import load_source
 from hil.rig.check import limits_of_arm
 from hil.rig.config import RigConfig, load_rig
 from hil.userfile import read_text
@@ -37,14 +38,14 @@ RESOLUTION = 1e-4
 
 
 def own_robot(path: str) -> bool:
-    """Whether the robot is one that `hil run` cannot move: a URDF or a session."""
-    return path.lower().endswith((".urdf", ".mcap"))
+    """Whether the robot is one that `hil run` cannot move: a URDF, a session or a bag."""
+    return path.lower().endswith((".urdf", ".mcap")) or is_bag(path)
 
 
 def given_stage(args: argparse.Namespace) -> tuple[RobotModel, Stage]:
     """Model and stage of a command line."""
     given = common.model_file(args.model) if args.model else None
-    if args.rig.lower().endswith(".mcap"):
+    if args.rig.lower().endswith(".mcap") or is_bag(args.rig):
         return _session(args, given)
     if args.rig.lower().endswith(".urdf"):
         source, limits = _urdf(args.rig)
@@ -79,7 +80,7 @@ def _moving(model: RobotModel) -> RobotModel:
 
 
 def _session(args: argparse.Namespace, given: RobotModel | None) -> tuple[RobotModel, Stage]:
-    run = load(args.rig, args.arm)
+    run = load_source(args.rig, args.arm or None)
     named = given is not None and bool(given.robot.preset or given.robot.urdf)
     source = given.robot if given is not None and named else run.robot
     problem = Problem([run], source)
@@ -253,8 +254,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "rig",
         metavar="RIG.toml",
-        help="rig file, the URDF of a robot of your own, or a session (S.mcap): without a URDF in "
-        "it the motion keeps to the range, twice the speed and twice the effort recorded",
+        help="rig file, the URDF of a robot of your own, a session (S.mcap) or a ROS bag: without "
+        "a URDF in it the motion keeps to the range, twice the speed and twice the effort recorded",
     )
     parser.add_argument(
         "--for",

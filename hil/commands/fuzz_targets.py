@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from functools import cache, partial
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
@@ -26,9 +27,11 @@ from hil.excite import trajectory
 from hil.models.files import read_model
 from hil.models.urdf import UrdfRobot
 from hil.record import frames
+from hil.record.bags import read_bag
 from hil.record.checks import check
 from hil.record.container import read
 from hil.record.export import write_recordings
+from hil.record.foreign import reading_here
 from hil.record.mapfile import read_map
 from hil.record.mcap_read import load_arms
 from hil.record.recording import Recording, RobotSource
@@ -75,6 +78,12 @@ def _csv() -> list[bytes]:
         plain.replace(",", "\t").encode(),
         b't,q1,tau1\n0,"1",2\n0.001,,3\n',
     ]
+
+
+def _read_here(name: str, data: bytes, folder: Path) -> object:
+    """The same without a process for each input, for readers in Python."""
+    with reading_here():
+        return _imported(name, data, folder)
 
 
 def _npz() -> list[bytes]:
@@ -127,6 +136,98 @@ def _xlsx() -> list[bytes]:
     return [file.getvalue()]
 
 
+def _bag(name: str, data: bytes, folder: Path) -> object:
+    """`hil import` of a bag in one file; its reader runs here, whose memory and time are limited.
+
+    The process of `read_arrays` costs a second for each input, and hides which lines it reaches.
+    """
+    return _kept(_put(data, folder, name), folder)
+
+
+def _kept(bag: Path, folder: Path) -> object:
+    with reading_here():
+        found = read_bag(bag)
+    write_recordings(folder / "bag-session.mcap", found)
+    return [check(r) for r in found]
+
+
+def _bag_folder(data: bytes, folder: Path) -> object:
+    """The same of a folder whose ``metadata.yaml`` is the input."""
+    bag = folder / "bag"
+    if not bag.exists():
+        bag.mkdir()
+        (bag / "bag.db3").write_bytes(_bags("db3")[0])
+    _put(data, bag, "metadata.yaml")
+    return _kept(bag, folder)
+
+
+@cache
+def _bags(kind: str) -> tuple[bytes, bytes]:
+    """A bag's file, as rosbags writes it, and its ``metadata.yaml``; without one for ROS 1."""
+    from rosbags import rosbag1, rosbag2
+    from rosbags.typesys import Stores, get_typestore
+
+    first = kind == "bag"
+    store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_JAZZY)
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "bag"
+        if first:
+            writer: Any = rosbag1.Writer(path)
+        else:
+            plugins = rosbag2.StoragePlugin
+            plugin = plugins.MCAP if kind == "mcap" else plugins.SQLITE3
+            writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+        with writer:
+            _messages(writer, store, first)
+        if first:
+            return path.read_bytes(), b""
+        return (path / f"bag.{kind}").read_bytes(), (path / "metadata.yaml").read_bytes()
+
+
+def _messages(writer: Any, store: Any, first: bool) -> None:
+    """Joint states of two joints and the description of a robot, in the types of a store."""
+    pack = store.serialize_ros1 if first else store.serialize_cdr
+    kinds = ("sensor_msgs/msg/JointState", "std_msgs/msg/String")
+    state, text = (store.types[k] for k in kinds)
+    time, header = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
+    topics = ("/joint_states", "/robot_description")
+    on = [writer.add_connection(t, k, typestore=store) for t, k in zip(topics, kinds, strict=True)]
+    writer.write(on[1], 10**18, pack(text(_FREE), kinds[1]))
+    c = _columns()
+    for k in range(_SAMPLES):
+        values = [np.array([c[n][k]] * 2) for n in ("q1", "qd1", "tau1")]
+        stamp = 10**18 + 2_000_000 * k
+        own = header(stamp=time(10**9, 2_000_000 * k), frame_id="", **({"seq": k} if first else {}))
+        writer.write(on[0], stamp, pack(state(own, ["j", "k"], *values), kinds[0]))
+
+
+def _bag_seeds(kind: str) -> list[bytes]:
+    return [_bags(kind)[0]]
+
+
+def _metadata() -> list[bytes]:
+    return [_bags("db3")[1]]
+
+
+def _npy() -> list[bytes]:
+    file, c = io.BytesIO(), _columns()
+    kind = np.dtype([(n, float) for n in c])
+    np.save(file, np.rec.fromarrays(list(c.values()), dtype=kind))
+    return [file.getvalue()]
+
+
+def _feather() -> list[bytes]:
+    import pyarrow as pa
+    from pyarrow import feather
+
+    out = []
+    for packed in ("uncompressed", "lz4"):
+        file = io.BytesIO()
+        feather.write_feather(pa.table(_columns()), file, compression=packed)
+        out.append(file.getvalue())
+    return out
+
+
 def _map(data: bytes, folder: Path) -> object:
     path, table = _put(data, folder, "map.toml"), _put(_csv()[0], folder, "run.csv")
     return import_table(table, read_map(path))
@@ -150,6 +251,8 @@ _URDF = (
     '<joint name="k" type="prismatic"><parent link="b"/><child link="c"/>'
     '<mimic joint="j" multiplier="2" offset="0"/><limit effort="1" velocity="1"/></joint></robot>'
 )
+#: The same with two free joints.
+_FREE = _URDF.replace('<mimic joint="j" multiplier="2" offset="0"/>', "")
 
 
 def _urdf(data: bytes, folder: Path) -> object:
@@ -323,10 +426,16 @@ def _commands() -> list[bytes]:
 
 TARGETS: Sequence[Target] = (
     Target("csv", partial(_imported, "run.csv"), _csv),
-    Target("npz", partial(_imported, "run.npz"), _npz),
+    Target("npz", partial(_read_here, "run.npz"), _npz),
     Target("mat", partial(_imported, "run.mat"), _mat),
     Target("parquet", partial(_imported, "run.parquet"), _parquet),
-    Target("xlsx", partial(_imported, "run.xlsx"), _xlsx),
+    Target("xlsx", partial(_read_here, "run.xlsx"), _xlsx),
+    Target("npy", partial(_read_here, "run.npy"), _npy),
+    Target("feather", partial(_imported, "run.feather"), _feather),
+    Target("bag1", partial(_bag, "run.bag"), partial(_bag_seeds, "bag")),
+    Target("bag2-mcap", partial(_bag, "run.mcap"), partial(_bag_seeds, "mcap")),
+    Target("bag2-sqlite", partial(_bag, "run.db3"), partial(_bag_seeds, "db3")),
+    Target("bag2-folder", _bag_folder, _metadata),
     Target("map", _map, _maps),
     Target("urdf", _urdf, _urdfs),
     Target("model", _model, _models),

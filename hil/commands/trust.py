@@ -55,13 +55,15 @@ def run(args: argparse.Namespace) -> int:
 
 def entry(what: Executable) -> dict[str, object]:
     """One row of a JSON list."""
-    return {"kind": what.kind, "runs": what.text, "sha256": what.digest, "agreed": what.trusted}
+    found = {"kind": what.kind, "runs": what.text, "imports": list(what.parts)}
+    return {**found, "sha256": what.digest, "agreed": what.trusted}
 
 
 def line(what: Executable) -> str:
     """One line of a list."""
     agreed = "agreed to" if what.trusted else "NOT agreed to: 'hil trust' does"
-    return f"{what.kind} {what.text} ({agreed})"
+    brings = f", which imports {', '.join(what.parts)}" if what.parts else ""
+    return f"{what.kind} {what.text}{brings} ({agreed})"
 
 
 def executables(path: Path) -> list[Executable]:

@@ -7,6 +7,7 @@ Where a motion could be played that follows on a recording: the robot's limits, 
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -217,11 +218,12 @@ def room(problem: Problem) -> bool:
 def robot_word(problem: Problem) -> str:
     """What stands for a robot in a command of `hil excite`: the session, where that says enough.
 
-    Of a preset it is the rig; of a robot that only the model describes, its URDF.
+    Of a preset it is the rig; of a robot that only the model describes, its URDF; of a bag without
+    a description, the bag.
     """
     source, first = problem.source, problem.recordings[0]
     if BAG in first.metadata:
-        return "ROBOT.urdf"
+        return "ROBOT.urdf" if source.urdf else shlex.quote(first.metadata[BAG])
     if source.urdf:
         return f"{first.name}.mcap" if first.robot.urdf == source.urdf else "ROBOT.urdf"
     return f"{first.name}.mcap" if source.preset in ("", "single-axis") else "RIG.toml"

@@ -13,7 +13,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 
-from hil import consent
+from hil import consent, local_modules
 from hil.errors import ConfigError, unknown
 from hil.models.effect import FIXED, NEVER, Effect
 from hil.models.parts import Doc, Relations, Scope, ShapeSearch, Trait, Variation
@@ -96,7 +96,8 @@ def load_plugin(path: Path, said_in: Path | None = None) -> None:
     Parameters
     ----------
     path : Path
-        The file.  Its text is run, never what was compiled of it before.
+        The file.  Its text is run, never what was compiled of it before; it may import files
+        beside it and what is installed.
     said_in : Path, optional
         Model file that names it; then it runs only if the user has agreed to it.
 
@@ -113,13 +114,17 @@ def load_plugin(path: Path, said_in: Path | None = None) -> None:
         source = read_bytes(path, LARGEST_TEXT)
     except OSError as error:
         raise ConfigError(f"plugin {path} cannot be read: {error}") from error
+    beside = local_modules.beside(path, source)
     if said_in is not None:
-        consent.require(consent.plugin(path, source), str(said_in))
+        consent.require(consent.plugin(path, source, beside), str(said_in))
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up by name
     try:
         code = compile(source, spec.origin or str(path), "exec", dont_inherit=True)
-        exec(code, module.__dict__)
+        with local_modules.loading(path, beside):
+            exec(code, module.__dict__)
+    except ConfigError:
+        raise
     except (Exception, SystemExit) as error:
         raise ConfigError(f"plugin {path} does not run: {error!r}") from error
     effects = getattr(module, "EFFECTS", ())

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hil.errors import ConfigError, DataError, plural
+from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.mapfile import TableMap, read_map
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import PRESETS, Recording, RobotSource
 from hil.record.table_files import ForeignTable
 from hil.record.tables import GROUPS, WRENCH, read_columns
 
@@ -193,6 +193,8 @@ def _column_names(frame: Any) -> list[Any]:
 def _robot(given: str | Path | RobotSource) -> str | Path | RobotSource:
     """A URDF file by its path; a robot, the text of a URDF, or a preset as a source."""
     if isinstance(given, RobotSource):
+        if given.preset and not given.urdf and given.preset not in PRESETS:
+            raise ConfigError(unknown("robot preset", given.preset, PRESETS))
         return given
     if not isinstance(given, str | Path):
         raise ConfigError(
@@ -203,7 +205,11 @@ def _robot(given: str | Path | RobotSource) -> str | Path | RobotSource:
     if text.lstrip().startswith("<"):
         return RobotSource("", text)
     is_file = isinstance(given, Path) or re.search(r"[/\\.](urdf|xml)$|[/\\]", text.lower())
-    return text if not text or is_file or Path(text).is_file() else RobotSource(text)
+    if not text or is_file or Path(text).is_file():
+        return text
+    if text not in PRESETS:
+        raise ConfigError(unknown("robot preset", text, PRESETS) + ", or give a URDF file")
+    return RobotSource(text)
 
 
 def _named(run: Recording, joints: tuple[str, ...]) -> Recording:

@@ -54,6 +54,8 @@ class RobotSource:
     tip: str = ""
 
 
+#: Robots that need no URDF; `hil.models.robots` builds them.
+PRESETS = ("single-axis", "phantom-premium-1.5", "phantom-omni")
 #: Key of a recording's metadata: the ROS bag that it was read from.
 BAG = "bag"
 #: Key of a recording's metadata: joints that are locked, and where, as JSON.

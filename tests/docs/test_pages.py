@@ -1,6 +1,9 @@
 """Pages of the site: each is in the table of contents; the page of commands is complete."""
 
+import base64
+import hashlib
 import re
+from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
@@ -47,3 +50,43 @@ def test_the_site_is_built_without_a_warning(tmp_path):
 
     build(load_config(str(SITE), site_dir=str(tmp_path / "site"), strict=True))
     assert (Path(tmp_path) / "site" / "python.html").stat().st_size > 100_000
+    pages = list((tmp_path / "site").rglob("*.html"))
+    assert len(pages) > 40
+    for page in pages:
+        _check_policy(page.read_text())
+
+
+def _check_policy(page):
+    """One policy, first in the head; each script of the page runs by its digest or its place."""
+    tags = re.findall(
+        r'<head[^>]*><meta http-equiv="Content-Security-Policy" content="([^"]*)">', page
+    )
+    assert len(tags) == 1
+    (scripts,) = re.findall(r"script-src ([^;]*)", tags[0])
+    assert "unsafe" not in scripts and "default-src 'none'" in tags[0]
+    parser = _Scripts()
+    parser.feed(page)
+    for text in parser.texts:
+        assert base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() in scripts
+    assert all(not re.match(r"(https?:)?//", place) for place in parser.places)
+    assert not parser.handlers
+
+
+class _Scripts(HTMLParser):
+    """Scripts of a page: their texts, where others come from, and attributes that run."""
+
+    def __init__(self):
+        super().__init__()
+        self.texts, self.places, self.handlers, self._inside = [], [], [], False
+
+    def handle_starttag(self, tag, attrs):
+        self.handlers += [name for name, _ in attrs if name.startswith("on")]
+        found = dict(attrs)
+        if tag == "script" and "src" in found:
+            self.places.append(found["src"])
+        self._inside = tag == "script" and "src" not in found and found.get("type") is None
+
+    def handle_data(self, data):
+        if self._inside:
+            self.texts.append(data)
+            self._inside = False

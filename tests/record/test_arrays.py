@@ -11,8 +11,9 @@ import pytest
 
 import hil
 from hil.errors import ConfigError, DataError
+from hil.models import robots
 from hil.record.arrays import as_runs
-from hil.record.recording import RobotSource
+from hil.record.recording import PRESETS, RobotSource
 
 ARM = """<robot name="arm"><link name="base"/><link name="upper"><inertial><mass value="1"/>
 <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -133,3 +134,15 @@ def test_models_refuse_what_is_none(plain):
 def test_the_verbs_are_listed():
     assert {"from_arrays", "diagnose", "fit", "load", "add"} <= set(dir(hil))
     assert "annotations" not in dir(hil) and "importlib" not in dir(hil)
+
+
+def test_a_robot_that_there_is_none_of_is_refused_at_once(plain):
+    for robot in ("nope", RobotSource("nope")):
+        with pytest.raises(ConfigError, match=r"robot preset 'nope'.*phantom-omni"):
+            hil.from_arrays(plain.t, plain.q, plain.tau, robot=robot)
+    with pytest.raises(ConfigError, match="single-axis"):  # the nearest one is named
+        hil.from_arrays(plain.t, plain.q, plain.tau, robot="single-axes")
+
+
+def test_the_names_of_presets_are_those_of_the_robots():
+    assert set(PRESETS) == set(robots.PRESETS)

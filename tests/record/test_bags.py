@@ -284,3 +284,17 @@ def test_published_bags():
     (r,) = read_bag(folder / "ur10_exciting_trajectory.db3")
     assert r.joints[:2] == ("shoulder_pan_joint", "shoulder_lift_joint")
     assert (r.n, round(r.rate)) == (3441, 125)
+
+
+def test_a_motion_is_planned_from_a_bag(tmp_path, capsys):
+    t = np.arange(2000) / 500.0
+    q = np.sin(1.3 * t)[:, None]
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/joint_states", t, ["knee"], q, 1.3 * np.cos(1.3 * t)[:, None], 0.2 * q)
+    out = tmp_path / "m.toml"
+    words = ["excite", str(bag.path), "--seconds", "6", "-o", str(out)]
+    assert main([*words, "--for", "stribeck", "--motion", "multisine"]) == 0
+    from hil.excite import trajectory
+
+    assert trajectory.read(out).joints == ("knee",)
+    assert "'hil run' plays on the arms of a rig file only" in capsys.readouterr().out

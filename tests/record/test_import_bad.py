@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+import time
+import tracemalloc
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -17,9 +19,10 @@ from record_tables import URDF, columns, write_csv
 from scipy.io import savemat
 
 from hil.cli import main
-from hil.errors import ConfigError
+from hil.errors import ConfigError, DataError
 from hil.models.urdf import UrdfRobot
 from hil.record import foreign
+from hil.record.tables import import_table
 from hil.record.urdf_joints import urdf_joints
 
 Table = dict[str, np.ndarray]
@@ -547,3 +550,39 @@ def test_a_long_chain_of_fixed_links_is_no_matter():
     )
     assert [j.name for j in urdf_joints(text)] == ["j"]
     assert UrdfRobot(text).joints == ("j",)
+
+
+HOSTILE = {
+    "words": "a,b,c\n" * 50_000,
+    "commas": ("," * 1000 + "\n") * 300,
+    "an open quote": '"' + "1,2\n" * 75_000,
+    "blank rows": "\n" * 300_000,
+    "long numbers": f"0,{'9' * 100_000},1\n" * 3,
+    "zero bytes": "\0" * 300_000,
+    "one long row": "1," * 150_000,
+    "missing values": "nan,nan,nan\n" * 25_000,
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+def test_a_hostile_text_table_costs_at_most_five_good_ones(tmp_path, text):
+    """So text is read in this process: time and memory are in proportion to its size."""
+
+    def cost(name, body):
+        path = tmp_path / name
+        path.write_text("t,q1,tau1\n" + body)
+        began = time.process_time()
+        tracemalloc.start()
+        try:
+            import_table(path)
+        except DataError as error:
+            assert len(str(error)) < 1000
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return time.process_time() - began, peak
+
+    good = "".join(f"{k / 1000:.3f},{k % 7},{k % 5}\n" for k in range(25_000))
+    seconds, peak = cost("good.csv", good)
+    worse, larger = cost("bad.csv", text)
+    assert worse < 5 * seconds + 0.1
+    assert larger < max(peak, 64 * len(text)) and larger < 2**25

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import plants
@@ -109,11 +111,20 @@ def test_missing_effect(drag: Diagnosis, tmp_path: Path) -> None:
     assert {"ladder", "candidates", "effect-1", "traces"} <= set(page.ids)
 
 
+def figures(source: str) -> list[list[Any]]:
+    """Name, traces, layout and settings of every figure of a page."""
+    found = re.findall(r'<script type="application/json" class="figure">(.*?)</script>', source)
+    return [json.loads(f) for f in found]
+
+
 def test_plotly_is_inlined_once(drag: Diagnosis, tmp_path: Path) -> None:
     path = tmp_path / "r.html"
     diagnosis_report(drag, str(path))
     source = path.read_text(encoding="utf-8")
-    assert source.count("plotly.js v") == 1
+    assert source.count("plotly.js (basic - minified) v") == 1
+    assert len(source.encode()) < 1_500_000
+    traces = {t["type"] for f in figures(source) for t in f[1]}
+    assert traces and traces <= {"scatter", "bar"}  # all that the script for lines and bars draws
     assert "cdn.plot.ly/plotly" not in source
 
 
