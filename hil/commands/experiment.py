@@ -26,6 +26,7 @@ from hil.experiments import (
     hidden_effect,
     manual_excitation,
     palpation,
+    singularity,
     transparency,
     without_force_sensors,
 )
@@ -287,6 +288,18 @@ def _palpation(args: argparse.Namespace) -> Found:
     return text, {"rows": [dataclasses.asdict(r) for r in rows], "p": p}
 
 
+def _singularity(args: argparse.Namespace) -> Found:
+    """How close to the force estimation singularity the hardware lets a law come."""
+    rows = singularity.study(args.seed)
+    cells = [
+        [r.factor, r.level, *(f"{x:.2f}" for x in (r.stable, r.handed_back, r.accurate)),
+         "-" if math.isnan(r.linear) else f"{r.linear:.2f}"]
+        for r in rows
+    ]  # fmt: skip
+    head = ["changed", "to", *PAGES["singularity"].head[1:]]
+    return common.table(head, cells), {"rows": [dataclasses.asdict(r) for r in rows]}
+
+
 def _friction(args: argparse.Namespace) -> Found:
     """Wavelet friction networks against Coulomb and viscous friction."""
     rows = friction_network.study(args.seed)
@@ -366,6 +379,7 @@ EXPERIMENTS: dict[str, Callable[[argparse.Namespace], Found]] = {
     "fsf": _fsf,
     "friction-network": _friction,
     "ukf-network": _cable_arm,
+    "singularity": _singularity,
     "palpation": _palpation,
     "manual-excitation": _excitation,
 }
