@@ -26,6 +26,7 @@ from hil.experiments import (
     hidden_effect,
     manual_excitation,
     palpation,
+    perception,
     singularity,
     transparency,
     without_force_sensors,
@@ -288,6 +289,18 @@ def _palpation(args: argparse.Namespace) -> Found:
     return text, {"rows": [dataclasses.asdict(r) for r in rows], "p": p}
 
 
+def _perception(args: argparse.Namespace) -> Found:
+    """Simulated subjects look for the bolt: power of the test, and one that can decide."""
+    rows = perception.study(args.seed, common.log)
+    head, numbers = PAGES["perception"].head, PAGES["perception"].rows
+    data = {"rows": [dataclasses.asdict(r) for r in rows]}
+    cells = [
+        [name, *("-" if math.isnan(x) else f"{x:.3g}" for x in values)]
+        for name, values in numbers(data).items()
+    ]
+    return common.table(head, cells), data
+
+
 def _singularity(args: argparse.Namespace) -> Found:
     """How close to the force estimation singularity the hardware lets a law come."""
     rows = singularity.study(args.seed)
@@ -380,6 +393,7 @@ EXPERIMENTS: dict[str, Callable[[argparse.Namespace], Found]] = {
     "friction-network": _friction,
     "ukf-network": _cable_arm,
     "singularity": _singularity,
+    "perception": _perception,
     "palpation": _palpation,
     "manual-excitation": _excitation,
 }

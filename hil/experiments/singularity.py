@@ -158,9 +158,7 @@ def linear(ware: Hardware, kappas: FloatArray = KAPPAS) -> float:
     def good(kappa: float) -> bool:
         loop = SampledLoop(design(kappa), real, cable=cable, friction=(_VISCOUS, _VISCOUS))
         pairs = (Impedance(0.0, 0.0, 0.0), Impedance(0.0, 1.5, 350.0))
-        return all(
-            dominant_mode(loop, hand, ze, PERIOD)[0] <= 1.0 + gate.GROWTH for ze in pairs
-        )
+        return all(dominant_mode(loop, hand, ze, PERIOD)[0] <= 1.0 + gate.GROWTH for ze in pairs)
 
     low, high = 0, len(kappas)
     while low < high:
@@ -249,7 +247,9 @@ class _Lanes:
         own = self._sense()
         n = len(self.line)
         self.line[k % n] = own
-        heard = self.line[(k - self.late) % n, :, :, self.pick] if k >= n else own.transpose(2, 0, 1)
+        heard = (
+            self.line[(k - self.late) % n, :, :, self.pick] if k >= n else own.transpose(2, 0, 1)
+        )
         far = heard.transpose(1, 2, 0)
 
         def pull(c: Any, w: Any) -> Any:
