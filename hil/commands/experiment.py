@@ -26,6 +26,8 @@ from hil.experiments import (
     hidden_effect,
     manual_excitation,
     palpation,
+    perception,
+    singularity,
     transparency,
     without_force_sensors,
 )
@@ -287,6 +289,30 @@ def _palpation(args: argparse.Namespace) -> Found:
     return text, {"rows": [dataclasses.asdict(r) for r in rows], "p": p}
 
 
+def _perception(args: argparse.Namespace) -> Found:
+    """Simulated subjects look for the bolt: power of the test, and one that can decide."""
+    rows = perception.study(args.seed, common.log)
+    head, numbers = PAGES["perception"].head, PAGES["perception"].rows
+    data = {"rows": [dataclasses.asdict(r) for r in rows]}
+    cells = [
+        [name, *("-" if math.isnan(x) else f"{x:.3g}" for x in values)]
+        for name, values in numbers(data).items()
+    ]
+    return common.table(head, cells), data
+
+
+def _singularity(args: argparse.Namespace) -> Found:
+    """How close to the force estimation singularity the hardware lets a law come."""
+    rows = singularity.study(args.seed)
+    cells = [
+        [r.factor, r.level, *(f"{x:.2f}" for x in (r.stable, r.handed_back, r.accurate)),
+         "-" if math.isnan(r.linear) else f"{r.linear:.2f}"]
+        for r in rows
+    ]  # fmt: skip
+    head = ["changed", "to", *PAGES["singularity"].head[1:]]
+    return common.table(head, cells), {"rows": [dataclasses.asdict(r) for r in rows]}
+
+
 def _friction(args: argparse.Namespace) -> Found:
     """Wavelet friction networks against Coulomb and viscous friction."""
     rows = friction_network.study(args.seed)
@@ -366,6 +392,8 @@ EXPERIMENTS: dict[str, Callable[[argparse.Namespace], Found]] = {
     "fsf": _fsf,
     "friction-network": _friction,
     "ukf-network": _cable_arm,
+    "singularity": _singularity,
+    "perception": _perception,
     "palpation": _palpation,
     "manual-excitation": _excitation,
 }

@@ -285,6 +285,65 @@ def _fsf_read(found: Means) -> list[str]:
     ]
 
 
+# ---------------------------------------------------------------- V, 5.2: the safe distance
+
+
+def _singularity_rows(data: Data) -> Rows:
+    return {
+        f"{r['factor']}: {r['level']}" if r["factor"] else r["level"]: (
+            r["stable"],
+            r["handed_back"],
+            r["accurate"],
+            float("nan") if r["linear"] is None else r["linear"],
+        )
+        for r in data["rows"]
+    }
+
+
+def _singularity_read(found: Means) -> list[str]:
+    built = next(v for k, v in found.items() if ": " not in k)
+    levels: dict[str, dict[str, Sequence[SeedMean]]] = {}
+    for name, values in found.items():
+        factor, colon, level = name.partition(": ")
+        if colon:
+            levels.setdefault(factor, {})[level] = values
+    order = {k: _best(levels, built, k) for k in (0, 2)}
+    firm, exact = (
+        ", ".join(f"{n} ({lv}: {gain:+.2f})" for n, (lv, gain) in order[k].items()) for k in (0, 2)
+    )
+    worst = {n: min(v.items(), key=lambda x: x[1][0].mean) for n, v in levels.items()}
+    friction, acceleration = (order[0][n][1] for n in ("friction model", "acceleration"))
+    first = "acceleration" if acceleration > friction else "friction"
+    past = [v for v in found.values() if np.isfinite(v[3].mean)]
+    sooner = sum(v[0].mean < v[3].mean for v in past)
+    return [
+        f"The safe distance as built: stable up to kappa {built[0]}, so that {built[1]} of the "
+        f"force can be handed over; estimates right to a quarter up to kappa {built[2]}.",
+        f"What helps stability, ranked by the kappa that the best level gains: {firm}.",
+        f"What helps the estimates, ranked in the same way: {exact}.",
+        "What costs most, by the stable kappa of the worst level: "
+        + ", ".join(
+            f"{n} ({lv}: {v[0].mean:.2f})"
+            for n, (lv, v) in sorted(worst.items(), key=lambda x: x[1][1][0].mean)
+        )
+        + ".",
+        f"The thesis' question, friction or acceleration: the measurement of {first} counts more "
+        f"for stability ({acceleration:+.2f} against {friction:+.2f} in kappa).",
+        f"Eigenvalues of the linear loop promise more than runs keep in {sooner} of {len(past)} "
+        "conditions: they know neither the steps of the encoder nor dry friction nor the loss of "
+        "contact.",
+    ]
+
+
+def _best(
+    levels: Mapping[str, Means], built: Sequence[SeedMean], k: int
+) -> dict[str, tuple[str, float]]:
+    """Best level of each factor and what it gains in column k, the largest gain first."""
+    best = {n: max(v.items(), key=lambda x: x[1][k].mean) for n, v in levels.items()}
+    gains = {n: (lv, v[k].mean - built[k].mean) for n, (lv, v) in best.items()}
+    return dict(sorted(gains.items(), key=lambda x: -x[1][1]))
+
+
 # ---------------------------------------------------------------- VI: palpation
 
 
@@ -312,6 +371,58 @@ def _palpation_read(found: Means) -> list[str]:
         f"{100 * abs(without[0].mean / with_sensors[0].mean - 1):.1f} % apart, for a law that the "
         "transformation leaves as sensitive in theory.",
         f"The benchmark reaches {low[0].mean:.3f}: {100 * low[0].mean / best[0].mean:.0f} % of SO.",
+    ]
+
+
+# ---------------------------------------------------------------- VII: perception
+
+
+def _perception_rows(data: Data) -> Rows:
+    def of(x: float | None, scale: float = 1.0) -> float:
+        return float("nan") if x is None else scale * x
+
+    return {
+        f"{r['bolt']}: {r['controller']}": (
+            of(r["change"], 100),
+            of(r["index"]),
+            of(r["right"], 100),
+            of(r["power"], 100),
+            of(r["subjects"]),
+        )
+        for r in data["rows"]
+    }
+
+
+def _perception_read(found: Means) -> list[str]:
+    by: dict[str, dict[str, Sequence[SeedMean]]] = {}
+    for name, values in found.items():
+        bolt, _, controller = name.partition(": ")
+        by.setdefault(bolt, {})[controller] = values
+    bolts = list(by)
+    weak, strong = by[bolts[0]], by[bolts[-1]]
+
+    def parts(rows: Mapping[str, Sequence[SeedMean]]) -> list[Sequence[SeedMean]]:
+        pair = next(k for k in rows if "=" in k)
+        so, free = pair.split(" = ")
+        return [rows[so], rows[free], rows["benchmark"], rows["pen"], rows[pair]]
+
+    so, free, measure, pen, equal = parts(weak)
+    firm, _, low, _, same = parts(strong)
+    return [
+        f"Why the test was inconclusive: with the {bolts[0]}, subjects find {so[2].mean:.0f} % of "
+        f"the bolts with force sensors, {free[2].mean:.0f} % without them and "
+        f"{measure[2].mean:.0f} % with the benchmark. A small test tells the first from the last "
+        f"in {so[3].mean:.0f} % of its repetitions, and shows that the first two are equal in "
+        f"{equal[3].mean:.1f} %.",
+        f"The thesis saw the pen ahead. Here its bolts are found in {pen[2].mean:.0f} %, and the "
+        f"small test tells it from the benchmark in {pen[3].mean:.0f} % of its repetitions, more "
+        "often than it does any controller.",
+        f"A design that decides (power 80 %): forty trials a controller, and {so[4].mean:.0f} "
+        f"subjects for the difference, {equal[4].mean:.0f} for the equality. With the "
+        f"{bolts[-1]}, {firm[2].mean:.0f} % against {low[2].mean:.0f} % are found, and "
+        f"{firm[4].mean:.0f} and {same[4].mean:.0f} subjects do.",
+        "What these numbers do not hold: hands that press differently from trial to trial, and "
+        "learning. Both ask for more subjects; the thesis' test kept forces alike by lamps.",
     ]
 
 
@@ -418,6 +529,23 @@ PAGES: dict[str, StudyPage] = {
         "Difference of the two laws [% of the entry]",
         (0, 1, 2, 3),
     ),
+    "singularity": StudyPage(
+        "The safe distance to the force estimation singularity",
+        "One axis of two arms with elastic cables, dry friction, encoders and filters runs a law "
+        "that estimates both forces. One thing of the hardware is changed at a time. The condition "
+        "kappa of Q is raised until the arms shake or leave the workspace (stable), or the "
+        "estimated forces are wrong by more than 25 % of their rms (accurate); 1 is the farthest "
+        "from the singularity, and stands where no kappa that was tried is safe. Arms, friction, "
+        "hand and gel differ with the seed.",
+        "Section 5.2, open: which distance to the singularity is safe for given hardware, and what "
+        "makes it shorter most cheaply; for example, accurate friction estimation or accurate "
+        "acceleration measurement?",
+        ("hardware", "stable kappa", "force handed over", "accurate kappa", "by eigenvalues"),
+        _singularity_rows,
+        _singularity_read,
+        "Largest condition of Q that is safe",
+        (0, 2),
+    ),
     "palpation": StudyPage(
         "A bolt in a gel",
         "A machine presses on a gel, and on a stiffer spot of it. The sensitivity is the share of "
@@ -429,6 +557,24 @@ PAGES: dict[str, StudyPage] = {
         _palpation_read,
         "Sensitivity, measured and predicted",
         (0, 1),
+    ),
+    "perception": StudyPage(
+        "Who finds the bolt: the perception test and its power",
+        "What a controller lets feel of a bolt is taken from sessions on the simulated rig. "
+        "Simulated subjects name the stiffest of four cells, with the noise of a Weber fraction of "
+        "stiffness between 0.15 (Bergmann Tiest and Kappers, 2009) and 0.23 (Jones and Hunter, "
+        "1990). The small test has 10 subjects with 3 trials a controller; the thesis' numbers are "
+        "not known. Each controller is compared with the benchmark by paired t tests; equality "
+        "within 10 points is shown by two one-sided tests (TOST).",
+        "Paper VII: the controllers with and without force sensors were to be equal, and set apart "
+        "from the benchmark; the results came out inconclusive. The pen was superior.",
+        ("bolt: controller", "change felt, % (ln)", "d'", "found of 4 cells %",
+         "power of the small test %", "subjects needed, 40 trials"),
+        _perception_rows,
+        _perception_read,
+        "Bolts that are found, and power of the small test [%]",
+        (2, 3),
+        lambda name: "=" not in name,
     ),
     "ukf-network": StudyPage(
         "Filters and networks together on the cable arm",

@@ -126,7 +126,7 @@ def palpate(
     for trial in range(trials):
         zt, ze = np.array(
             [
-                _impedances(folder, law, stiffness, seed + 10 * trial + k)
+                impedances(folder, law, stiffness, seed + 10 * trial + k)
                 for k, stiffness in enumerate((_GEL, _BOLT))
             ]
         ).T
@@ -142,7 +142,7 @@ def palpate(
     return PalpationRow(controller, designed, float(np.mean(expected)), tuple(found))
 
 
-def _impedances(
+def impedances(
     folder: Path, law: Mapping[str, Any], stiffness: float, seed: int
 ) -> tuple[complex, complex]:
     """Transmitted and environment's impedance of one run [N s/m]."""

@@ -27,7 +27,7 @@ from hil.teleop.hybrid import ComplexArray, FloatArray, Impedance
 from hil.teleop.sampled_loop import Axis, SampledLoop, dominant_mode
 
 #: Beyond this per period a mode grows; a free position is a mode of exactly 1.
-_GROWTH = 1e-7
+GROWTH = 1e-7
 #: From here on a growing mode is put down to the cable [Hz].
 _CABLE_HZ = 80.0
 #: Angles of the unit circle at which the loop is evaluated [rad a period].
@@ -74,7 +74,7 @@ class _Member:
 
     @property
     def unstable(self) -> bool:
-        return self.radius > 1.0 + _GROWTH
+        return self.radius > 1.0 + GROWTH
 
     @property
     def text(self) -> str:
@@ -149,7 +149,7 @@ def _judged(loop: SampledLoop, period: float, slowest: float) -> list[_Member]:
             for k, ze in enumerate(loop.environments):
                 radius = _radius(masters[i], slaves[k], slowest)
                 bears = _first_crossing(ahead[i] * behind[k], slowest) * period
-                stable = radius <= 1.0 + _GROWTH
+                stable = radius <= 1.0 + GROWTH
                 out.append(_Member(zh, ze, tip, radius, bears if stable else 0.0))
     return out
 
