@@ -5,8 +5,11 @@ from __future__ import annotations
 import argparse
 import secrets
 import webbrowser
+from pathlib import Path
 
 from hil.commands import common
+from hil.errors import ConfigError, DataError
+from hil.record.table_files import FORMATS
 from hil.studio.server import application
 from hil.studio.workbench import Inputs
 from hil.studio.worker import Worker
@@ -17,7 +20,13 @@ EXAMPLE = "hil studio run1.mcap --holdout run2.mcap --model arm.toml"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
-    parser.add_argument("sessions", nargs="+", metavar="S.mcap", help="sessions to fit")
+    parser.add_argument(
+        "sessions",
+        nargs="*",
+        metavar="S.mcap",
+        help="sessions to fit; or a table, whose "
+        "columns are picked on the page; without any, files are dropped there",
+    )
     parser.add_argument(
         "--model",
         metavar="M.toml",
@@ -32,20 +41,27 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _begin(args: argparse.Namespace) -> tuple[Inputs | None, str]:
+    """Sessions and model of the command line, or the table whose columns are to be picked."""
+    table = args.sessions[0] if len(args.sessions) == 1 else ""
+    if table and Path(table).suffix.lower() in FORMATS:
+        if not Path(table).is_file():
+            raise DataError(f"table {table}: no such file")
+        return None, table
+    if not args.sessions:
+        for option, value in (("--model", args.model), ("--holdout", args.holdout)):
+            if value:
+                raise ConfigError(f"{option} goes with sessions; name them, or leave it out")
+        return None, ""
+    runs, held, model = common.load(args)
+    named = tuple(args.sessions), tuple(args.holdout)
+    return Inputs(tuple(runs), tuple(held), model, *named, args.model or "", args.arm or ""), ""
+
+
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    runs, held, model = common.load(args)
-    inputs = Inputs(
-        tuple(runs),
-        tuple(held),
-        model,
-        tuple(args.sessions),
-        tuple(args.holdout),
-        args.model or "",
-        args.arm or "",
-    )
-    worker, token = Worker(inputs), secrets.token_urlsafe(24)
-    app = application(worker, token, ["127.0.0.1", "localhost"])
+    worker, token = Worker(*_begin(args)), secrets.token_urlsafe(24)
+    app = application(worker, token, ["127.0.0.1", "localhost"], Path.cwd())
 
     def told(address: str) -> None:
         common.out(f"The studio is open at {address}")

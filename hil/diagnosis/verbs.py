@@ -136,9 +136,24 @@ def _undescribed(problem: Problem) -> list[tuple[str, str]]:
     return [(NO_GEOMETRY, text)] if text else []
 
 
+def _unsimulated(d: int) -> MultiStep:
+    """What stands where no model was simulated."""
+    unknown = np.full(d, np.nan)
+    return MultiStep(0.0, unknown, unknown, 0, 0)
+
+
 @single_threaded
-def compare(recordings: Runs, model: RobotModel, holdout: Runs | None = None) -> Comparison:
+def compare(
+    recordings: Runs, model: RobotModel, holdout: Runs | None = None, *, simulate: bool = True
+) -> Comparison:
     """Model against measurement: error, noise floor, where it fails, one-step and multi-step.
+
+    Parameters
+    ----------
+    recordings, model, holdout
+        Runs to fit, model, runs to judge on.
+    simulate : bool
+        Whether the model is simulated over short horizons; half of the time goes there.
 
     Raises
     ------
@@ -162,7 +177,8 @@ def compare(recordings: Runs, model: RobotModel, holdout: Runs | None = None) ->
         *faults_of(recordings),
         *(DataFault("outside-range", "warning", "", x) for x in beyond),
     ]
-    progress.at("simulate the model", 0.4)
+    if simulate:
+        progress.at("simulate the model", 0.4)
     floor = examine.floor(result, evidence)
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
@@ -172,9 +188,8 @@ def compare(recordings: Runs, model: RobotModel, holdout: Runs | None = None) ->
     notes += examine.own(result)
     notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))
     faults += [DataFault(code, "warning", "", x) for code, x in notes]
-    out = Comparison(
-        result, heldout, evidence, where, both(result, problem), faults, floor, model.valid
-    )
+    steps = both(result, problem) if simulate else _unsimulated(problem.d)
+    out = Comparison(result, heldout, evidence, where, steps, faults, floor, model.valid)
     ratio = dict(zip(problem.joints, (heldout.rms / out.noise).tolist(), strict=True))
     out.faults.extend(DataFault(code, "warning", "", x) for code, x in seeming(ratio, where))
     return out

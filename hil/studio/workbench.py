@@ -17,6 +17,7 @@ from hil.diagnosis.constants import ADEQUATE
 from hil.diagnosis.types import Diagnosis, Step
 from hil.diagnosis.verbs import Comparison, compare, diagnose
 from hil.errors import ConfigError
+from hil.export import target
 from hil.models import catalogue
 from hil.models.files import write_model
 from hil.models.model import RobotModel, Use, Value, base_model
@@ -27,8 +28,8 @@ from hil.report.data import from_diagnosis
 from hil.report.html import comparison_report, diagnosis_report
 from hil.report.json import candidate_json, diagnosis_json, number, region_json
 
-#: Points of a curve that the page draws.
-POINTS = 3000
+#: Points of a view over speed, position or effort; pairs of extremes of a curve over time.
+POINTS, PAIRS = 1500, 800
 #: Candidates that are listed.
 LISTED = 12
 
@@ -58,6 +59,8 @@ class Inputs:
     holdout: tuple[str, ...] = ()
     model_file: str = ""
     arm: str = ""
+    #: How the sessions came to be, on the command line.
+    made: tuple[str, ...] = ()
 
 
 @dataclass
@@ -94,6 +97,10 @@ class Workbench:
     stack: list[StudioRung] = field(default_factory=list)
     at: int = 0
     diagnosis: Diagnosis | None = None
+    #: Model whose residual is drawn beside the current one; below 0: none.
+    other: int = -1
+    #: Names of the user's own effects.
+    own: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         if not self.stack:
@@ -135,6 +142,21 @@ class Workbench:
         self.at = min(self.at + 1, len(self.stack) - 1)
         return self.state()
 
+    def go(self, at: str) -> dict[str, Any]:
+        """To the model with this number in the ladder."""
+        self.at = self._number(at)
+        return self.state()
+
+    def beside(self, at: str) -> dict[str, Any]:
+        """Draw the residual of another model beside that of the current one; empty: of none."""
+        self.other = self._number(at) if at else -1
+        return self.state()
+
+    def _number(self, at: str) -> int:
+        if not at.isdecimal() or int(at) >= len(self.stack):
+            raise ConfigError(f"no model {at!r}; there are 0 to {len(self.stack) - 1}")
+        return int(at)
+
     def diagnose(self) -> dict[str, Any]:
         """Run the whole diagnosis on the current model; its rungs become the stack."""
         self.diagnosis = diagnose(list(self.inputs.runs), self.now.model, list(self.inputs.held))
@@ -158,6 +180,24 @@ class Workbench:
         write_model(self.compared().result.model, place)
         return {"saved": str(place.resolve())}
 
+    def export(self, kind: str, path: str) -> dict[str, Any]:
+        """Write the current model for another program, refitted within what that can express."""
+        program, place = target.get(kind), Path(path)
+        if place.suffix != program.ending:
+            raise ConfigError(f"cannot write {path}: this file ends in {program.ending}")
+        i, model = self.inputs, self.compared().result.model
+        job = target.Job(model, Path(i.model_file or "model.toml"), place.stem,
+                         list(i.runs), list(i.held))  # fmt: skip
+        made = program.make(job)
+        files = {place.with_suffix(ending): text for ending, text in made.texts.items()}
+        for file in files:
+            if file.exists():
+                raise ConfigError(f"cannot write {file}: a file is there; choose another name")
+        for file, text in files.items():
+            file.write_text(text, encoding="utf-8")
+        notes = [*(f"lost: {x}" for x in made.lost), *made.notes]
+        return {"saved": ", ".join(str(f.resolve()) for f in files), "notes": notes}
+
     def report(self, path: str) -> dict[str, Any]:
         """Write the report of the diagnosis, or of the comparison where there is none."""
         place = Path(path)
@@ -168,7 +208,9 @@ class Workbench:
         if self.diagnosis is not None:
             diagnosis_report(self.diagnosis, place)
         else:
-            comparison_report(self.compared(), place)
+            i, model = self.inputs, self.compared().result.model
+            whole = compare(list(i.runs), model, list(i.held) or None)
+            comparison_report(whole, place)
         return {"saved": str(place.resolve())}
 
     # ------------------------------------------------------------ inside
@@ -182,16 +224,20 @@ class Workbench:
         """Comparison of the current model, made once."""
         rung = self.now
         if rung.found is None:
-            rung.found = compare(list(self.inputs.runs), rung.model, list(self.inputs.held) or None)
+            rung.found = self._seen(rung.model)
         return rung.found
 
     def _push(self, rung: StudioRung) -> dict[str, Any]:
         """Compare a new model first: one that cannot be fitted leaves the stack as it was."""
-        runs, held = list(self.inputs.runs), list(self.inputs.held) or None
-        rung.found = compare(runs, rung.model, held)
+        rung.found = self._seen(rung.model)
         self.stack[self.at + 1 :] = [rung]
         self.at += 1
         return self.state()
+
+    def _seen(self, model: RobotModel) -> Comparison:
+        """Comparison of a model; the page shows no simulation, so none is made."""
+        i = self.inputs
+        return compare(list(i.runs), model, list(i.held) or None, simulate=False)
 
     def _command(self, verb: str, effect: str, *more: str) -> str:
         """The same on the command line."""
@@ -224,12 +270,31 @@ class Workbench:
             "model": _model(c.result.model),
             "learnt": _learnt(c),
             "series": _series(c),
+            "beside": self._beside(c),
+            "own": list(self.own),
+            "exports": _exports(),
             "diagnosis": None
             if d is None
             else diagnosis_json(d)
             | {"text": sentences.headline(from_diagnosis(d, simulated=False))},
-            "commands": [r.command for r in self.stack[: self.at + 1] if r.command],
+            "commands": [
+                *self.inputs.made,
+                *(r.command for r in self.stack[: self.at + 1] if r.command),
+            ],
         }
+
+    def _beside(self, c: Comparison) -> dict[str, Any] | None:
+        """Residual of the other model; none where it was not fitted to the same samples."""
+        if not 0 <= self.other < len(self.stack) or self.other == self.at:
+            return None
+        rung = self.stack[self.other]
+        if rung.found is None:
+            rung.found = self._seen(rung.model)
+        if rung.found.result.residual.shape != c.result.residual.shape:
+            return None
+        p = rung.found.result.problem
+        traces = [_trace(p.t, p.run, r) for r in rung.found.result.residual]
+        return {"at": self.other, "label": rung.label, "joints": traces}
 
     def _rung(self, k: int) -> dict[str, Any]:
         """Label and errors of a model; null where it was not compared."""
@@ -248,15 +313,15 @@ class Workbench:
         alone = Diagnosis("compared", [], [Step("model", c.result, c.heldout)],
                           c.evidence, c.evidence)  # fmt: skip
         held = {(u.type, j) for u in c.result.model.effects for j in u.joints}
-        rows = []
+        rows: list[dict[str, Any]] = []
         for x in c.evidence.candidates:
             data = candidate_json(x, c.evidence, alone)
             if (data["effect"], data["joint"] or "*") in held or (data["effect"], "*") in held:
                 continue
             data["meaning"] = sentences.meaning(x.name)
-            rows.append(data)
-            if len(rows) == LISTED:
-                break
+            data["own"] = x.name in self.own
+            if data["own"] or len(rows) < LISTED:
+                rows.append(data)
         return rows
 
 
@@ -326,8 +391,7 @@ def _binned(x: Any, data: Any, law: Any, edges: Any) -> dict[str, list[float | N
 def _series(c: Comparison) -> dict[str, Any]:
     """Residual and motion of every joint on the fitted runs, thinned for drawing."""
     p = c.result.problem
-    step = max(1, p.n // POINTS)
-    pick = np.arange(0, p.n, step)
+    pick = np.arange(0, p.n, max(1, -(-p.n // POINTS)))
 
     def short(values: Any) -> list[float | None]:
         return [number(float(v), 4) for v in values[pick]]
@@ -337,6 +401,7 @@ def _series(c: Comparison) -> dict[str, Any]:
         "run": p.run[pick].tolist(),
         "joints": [
             {
+                "trace": _trace(p.t, p.run, c.result.residual[j]),
                 "residual": short(c.result.residual[j]),
                 "effort": short(p.effort[j]),
                 "position": short(p.q[j]),
@@ -348,6 +413,26 @@ def _series(c: Comparison) -> dict[str, Any]:
     }
 
 
+def _trace(t: Any, run: Any, y: Any) -> dict[str, list[Any]]:
+    """A curve over time by the extremes of each stretch, so that no peak is lost."""
+    wide = max(1, -(-y.size // PAIRS))
+    whole = np.append(y, np.full(-y.size % wide, y[-1])).reshape(-1, wide)
+    begin = np.arange(whole.shape[0]) * wide
+    ends = [begin + whole.argmin(axis=1), begin + whole.argmax(axis=1)]
+    pick = np.unique(np.minimum(np.concatenate(ends), y.size - 1))
+    return {
+        "t": [number(float(v), 6) for v in t[pick]],
+        "y": [number(float(v), 4) for v in y[pick]],
+        "run": np.asarray(run)[pick].tolist(),
+    }
+
+
+def _exports() -> list[dict[str, str]]:
+    """Programs for which a model can be written."""
+    found = [(name, target.get(name)) for name in target.names()]
+    return [{"name": n, "what": x.what, "ending": x.ending} for n, x in found]
+
+
 #: What the page may ask for, and the names of its arguments.
 VERBS: dict[str, Sequence[str]] = {
     "start": (),
@@ -355,8 +440,11 @@ VERBS: dict[str, Sequence[str]] = {
     "remove": ("effect",),
     "undo": (),
     "redo": (),
+    "go": ("at",),
+    "beside": ("at",),
     "diagnose": (),
     "take": (),
     "save": ("path",),
     "report": ("path",),
+    "export": ("kind", "path"),
 }

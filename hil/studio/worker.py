@@ -14,8 +14,10 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from typing import Any
 
+from hil import progress
 from hil.errors import ConfigError, HilError
-from hil.studio.workbench import VERBS, Inputs, StudioRung, Workbench
+from hil.studio.session import VERBS, StudioSession
+from hil.studio.workbench import Inputs, StudioRung
 
 _SPAWN = multiprocessing.get_context("spawn")
 
@@ -32,11 +34,34 @@ class BenchState:
         Models, without their comparisons.
     at : int
         Current one.
+    table : str
+        Table whose columns are being picked.
+    written, effects : tuple of str
+        Files of own effects, and names of these.
     """
 
-    inputs: Inputs
+    inputs: Inputs | None
     stack: tuple[StudioRung, ...] = ()
     at: int = 0
+    table: str = ""
+    written: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reached:
+    """How far a request has come.
+
+    Parameters
+    ----------
+    what : str
+        What is done now.
+    share : float
+        Share of the work that is done, 0 to 1.
+    """
+
+    what: str
+    share: float
 
 
 def checked(verb: str, given: Mapping[str, Any]) -> dict[str, str]:
@@ -58,18 +83,29 @@ def checked(verb: str, given: Mapping[str, Any]) -> dict[str, str]:
 
 def _serve(pipe: Connection, kept: BenchState) -> None:
     """The process: requests in, answers and what must be kept out."""
-    bench = Workbench(kept.inputs, [replace(r, found=None) for r in kept.stack], kept.at)
-    while True:
-        try:
-            verb, given = pipe.recv()
-        except EOFError:
-            return
-        try:
-            data, error = getattr(bench, verb)(**given), ""
-        except HilError as failed:
-            data, error = None, str(failed)
-        stack = tuple(replace(r, found=None) for r in bench.stack)
-        pipe.send((data, error, replace(kept, stack=stack, at=bench.at)))
+    stack = [replace(r, found=None) for r in kept.stack]
+    session = StudioSession(kept.inputs, stack, kept.at, kept.table, kept.written, kept.effects)
+    with progress.listening(lambda what, share: pipe.send(Reached(what, share))):
+        while True:
+            try:
+                verb, given = pipe.recv()
+            except EOFError:
+                return
+            try:
+                data, error = session.ask(verb, given), ""
+            except HilError as failed:
+                data, error = None, str(failed)
+            pipe.send((data, error, _kept(session)))
+
+
+def _kept(session: StudioSession) -> BenchState:
+    """What a new process would need."""
+    of_files = session.table, session.written, session.effects
+    bench = session.bench
+    if bench is None:
+        return BenchState(None, (), 0, *of_files)
+    stack = tuple(replace(r, found=None) for r in bench.stack)
+    return BenchState(bench.inputs, stack, bench.at, *of_files)
 
 
 class Worker:
@@ -77,17 +113,22 @@ class Worker:
 
     Parameters
     ----------
-    inputs : Inputs
-        What the studio was opened with.
+    inputs : Inputs or None
+        What the studio was opened with; None: sessions come through the page.
+    table : str
+        Table whose columns are to be picked.
     """
 
-    def __init__(self, inputs: Inputs) -> None:
-        self._kept = BenchState(inputs)
+    def __init__(self, inputs: Inputs | None, table: str = "") -> None:
+        self._kept = BenchState(inputs, table=table)
         self._lock = threading.Lock()
         self._process: Any = None
         self._verb, self._since, self._number = "", 0.0, 0
         self._error, self._note = "", ""
         self._state: dict[str, Any] | None = None
+        self._intake: dict[str, Any] | None = None
+        self._preview: dict[str, Any] | None = None
+        self._reached = Reached("", 0.0)
 
     def ask(self, verb: str, given: Mapping[str, Any]) -> int:
         """Begin a request; its number.
@@ -102,6 +143,7 @@ class Worker:
             if self._verb:
                 raise ConfigError(f"{self._verb} is running; wait for it, or cancel it")
             self._verb, self._since, self._error, self._note = verb, time.monotonic(), "", ""
+            self._reached = Reached("", 0.0)
             self._number += 1
             number = self._number
             if self._process is None:
@@ -121,7 +163,9 @@ class Worker:
         """Send the request and take its answer, unless it was broken off."""
         try:
             pipe.send((self._verb, words))
-            data, error, kept = pipe.recv()
+            while isinstance(answer := pipe.recv(), Reached):
+                self._reached = answer
+            data, error, kept = answer
         except (EOFError, OSError):
             data, error, kept = None, "the computation ended before its answer", self._kept
             with self._lock:
@@ -131,10 +175,19 @@ class Worker:
             if number != self._number or not self._verb:
                 return
             self._verb, self._error, self._kept = "", error, kept
-            if data is not None and "saved" in data:
-                self._note = f"written: {data['saved']}"
-            elif data is not None:
-                self._state = data
+            if data is not None:
+                self._take(data)
+
+    def _take(self, data: dict[str, Any]) -> None:
+        """Keep an answer where the page looks for it."""
+        if "saved" in data:
+            self._note = ". ".join([f"written: {data['saved']}", *data.get("notes", ())])
+        elif "intake" in data:
+            self._intake, self._preview = data["intake"], None
+        elif "preview" in data:
+            self._preview = data["preview"]
+        else:
+            self._state, self._intake, self._preview = data, None, None
 
     def cancel(self) -> None:
         """Break off what is running; the last answer stays."""
@@ -153,6 +206,8 @@ class Worker:
                 "running": self._verb,
                 "seconds": time.monotonic() - self._since if self._verb else 0.0,
                 "number": self._number,
+                "doing": self._reached.what,
+                "share": self._reached.share,
                 "error": self._error,
                 "note": self._note,
             }
@@ -162,6 +217,12 @@ class Worker:
         """Last answer for the page."""
         with self._lock:
             return self._state
+
+    @property
+    def files(self) -> dict[str, Any]:
+        """The table whose columns are being picked, and what its last picks would give."""
+        with self._lock:
+            return {"intake": self._intake, "preview": self._preview}
 
     def close(self) -> None:
         """End the process."""

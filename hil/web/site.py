@@ -6,17 +6,22 @@ header, which no other site can send.  Nothing is loaded from outside.
 
 from __future__ import annotations
 
+import filecmp
 import hmac
 import json
+import os
+import re
 import socket
-from collections.abc import Awaitable, Callable, Mapping
+import tempfile
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from hil.errors import ConfigError
 
-#: Bytes of a request: a verb and a few names.
-LARGEST = 16_384
+#: Bytes of a request: a verb and a few names, or a text; and of a file that is dropped.
+LARGEST, LARGEST_FILE = 65_536, 2**30
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -24,6 +29,8 @@ POLICY = (
 _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 #: Files of all pages.
 _SHARED = ("base.css", "plot.js", "icon.svg")
+#: A name of a file as a page may give it: no folder, nothing hidden.
+_FILE_NAME = re.compile(r"[^/\\\x00-\x1f.][^/\\\x00-\x1f]{0,199}")
 #: Answers a request: what was asked, as an object (empty for a question without a body).
 Answer = Callable[[Mapping[str, Any]], Any]
 
@@ -35,6 +42,7 @@ def site(
     requests: Mapping[str, Answer],
     token: str,
     hosts: list[str],
+    folder: Path | None = None,
 ) -> Any:
     """ASGI application of a page.
 
@@ -50,6 +58,8 @@ def site(
         Secret of the printed address.
     hosts : list of str
         Names by which the server may be asked.
+    folder : Path, optional
+        Where ``POST /api/file?name=NAME`` puts a file; without, no file is taken.
 
     Raises
     ------
@@ -111,15 +121,60 @@ def site(
 
         return wrapped
 
+    async def dropped(request: Request) -> Any:
+        if not same(request.headers.get("x-hil-token", "")):
+            return JSONResponse({"error": "another token; reload the printed address"}, 403)
+        try:
+            name = request.query_params.get("name", "")
+            return JSONResponse({"path": await _store(request.stream(), folder or Path(), name)})
+        except ConfigError as error:
+            return JSONResponse({"error": str(error)}, 400)
+
     return Starlette(
         routes=[
             Route("/", page),
             Route("/static/{name}", static),
+            *([Route("/api/file", dropped, methods=["POST"])] if folder else []),
             *(Route(f"/api/{name}", handler(f)) for name, f in questions.items()),
             *(Route(f"/api/{name}", handler(f), methods=["POST"]) for name, f in requests.items()),
         ],
         middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts)],
     )
+
+
+async def _store(parts: AsyncIterator[bytes], folder: Path, name: str) -> str:
+    """Put a file that was dropped into a folder; the path.  A file that is there stays.
+
+    Raises
+    ------
+    ConfigError
+        If the name is none, another file has it, it is too large, or cannot be written.
+    """
+    if not _FILE_NAME.fullmatch(name):
+        raise ConfigError(f"{name!r} is no name of a file")
+    place = folder / name
+    handle, temporary = tempfile.mkstemp(dir=folder, prefix=".dropped-")
+    try:
+        size = 0
+        with os.fdopen(handle, "wb") as file:
+            async for part in parts:
+                size += len(part)
+                if size > LARGEST_FILE:
+                    raise ConfigError(
+                        f"{name} is larger than {LARGEST_FILE // 2**20} MB; give its path instead"
+                    )
+                file.write(part)
+        if not place.exists():
+            Path(temporary).replace(place)
+        elif not filecmp.cmp(temporary, place, shallow=False):
+            raise ConfigError(
+                f"another file {name} is in {folder}; rename the one that you dropped"
+            )
+    except OSError as error:
+        raise ConfigError(f"cannot write {place}: {error.strerror}") from error
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+    return name
 
 
 def serve(app: Any, port: int, told: Callable[[str], None], token: str) -> None:

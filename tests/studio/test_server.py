@@ -57,7 +57,15 @@ def test_the_page_is_for_who_has_the_address(page):
 
 def test_nothing_is_loaded_from_outside(page):
     client, _ = page
-    for name in ("studio.js", "plot.js", "base.css", "icon.svg"):
+    for name in (
+        "studio.js",
+        "page.js",
+        "intake.js",
+        "studio.css",
+        "plot.js",
+        "base.css",
+        "icon.svg",
+    ):
         found = client.get(f"/static/{name}")
         assert found.status_code == 200
         outside = re.findall(r"https?://[^\s\"')]+", found.text)
@@ -91,6 +99,43 @@ def test_what_is_no_request_is_said(page, body, status):
     found = client.post("/api/ask", content=body, headers={"X-Hil-Token": TOKEN})
     assert found.status_code == status and found.json()["error"]
     assert not worker.asked
+
+
+@pytest.fixture
+def drop(tmp_path):
+    client = TestClient(application(Worker(), TOKEN, ["testserver"], tmp_path))
+
+    def send(name, content, token=TOKEN):
+        head = {"X-Hil-Token": token}
+        return client.post("/api/file", params={"name": name}, content=content, headers=head)
+
+    return send, tmp_path
+
+
+def test_a_file_that_is_dropped_is_kept_and_none_is_written_over(drop):
+    send, folder = drop
+    assert send("run.csv", b"t,q1").json() == {"path": "run.csv"}
+    assert send("run.csv", b"t,q1").json() == {"path": "run.csv"}
+    refused = send("run.csv", b"other")
+    assert refused.status_code == 400 and "another file run.csv" in refused.json()["error"]
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == {"run.csv": b"t,q1"}
+
+
+@pytest.mark.parametrize(
+    "name", ["", ".bashrc", "../up.csv", "a/b.csv", "a\\b.csv", "a\0b", "x" * 300]
+)
+def test_a_name_that_leads_elsewhere_is_refused(drop, name):
+    send, folder = drop
+    assert send(name, b"x").status_code == 400
+    assert not list(folder.iterdir()) and not (folder.parent / "up.csv").exists()
+
+
+def test_a_file_of_others_is_refused(drop, monkeypatch):
+    send, folder = drop
+    assert send("run.csv", b"x", "guess").status_code == 403
+    monkeypatch.setattr("hil.web.site.LARGEST_FILE", 10)
+    assert "larger than" in send("run.csv", b"x" * 11).json()["error"]
+    assert not list(folder.iterdir())
 
 
 @pytest.fixture(scope="module")

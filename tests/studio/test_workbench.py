@@ -11,7 +11,7 @@ from hil.errors import ConfigError, DataError
 from hil.models.files import read_model
 from hil.models.model import base_model
 from hil.studio import worker as worker_module
-from hil.studio.workbench import VERBS, Inputs, Workbench
+from hil.studio.workbench import PAIRS, POINTS, VERBS, Inputs, Workbench
 from hil.studio.worker import Worker, checked
 
 
@@ -37,7 +37,12 @@ def test_the_first_answer_shows_everything_as_json(begun):
     assert state["candidates"][0]["joint"] == joint and state["candidates"][0]["meaning"]
     assert state["where"][joint]
     series = state["series"]
-    assert len(series["t"]) == len(series["joints"][0]["residual"]) <= 6000
+    assert len(series["t"]) == len(series["joints"][0]["residual"]) <= POINTS
+    trace = series["joints"][0]["trace"]
+    assert len(trace["t"]) == len(trace["y"]) == len(trace["run"]) <= 2 * PAIRS
+    # no peak is lost
+    residual = begun[0].compared().result.residual[0]
+    assert max(map(abs, trace["y"])) == pytest.approx(abs(residual).max(), rel=1e-3)
     assert (state["sessions"], state["holdout"]) == (["a.mcap"], ["b.mcap"])
     assert not state["learnt"] and state["diagnosis"] is None and not state["commands"]
 
@@ -159,6 +164,8 @@ def test_one_request_at_a_time_and_its_answer_becomes_the_state(quiet):
         "running": "",
         "seconds": 0.0,
         "number": number,
+        "doing": "",
+        "share": 0.0,
         "error": "",
         "note": "",
     }

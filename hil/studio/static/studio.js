@@ -1,64 +1,16 @@
-// The page of the studio: asks, waits, draws.  Every word of the data is set as text, never as markup.
+// The page of the studio: what the bench shows, and what the user asks of it.
 import { plot, range } from "./plot.js";
+import { $, answered, ask, call, el } from "./page.js";
+import { files, start } from "./intake.js";
 
-const token = new URLSearchParams(location.search).get("token") || "";
-const $ = (id) => document.getElementById(id);
 let state = null, brush = null, frame = null, asked = 0, tab = 0;
-
-function el(name, content = "", kind = "") {
-  const e = document.createElement(name);
-  if (content !== "") e.textContent = content;
-  if (kind) e.className = kind;
-  return e;
-}
-
-async function call(path, body) {
-  const options = { headers: { "X-Hil-Token": token } };
-  if (body !== undefined) { options.method = "POST"; options.body = JSON.stringify(body); }
-  const answer = await fetch(path, options);
-  return answer.json();
-}
-
-function say(text, error = false) { $("said").textContent = text; $("status").classList.toggle("error", error); }
-
-async function ask(verb, more = {}) {
-  const found = await call("/api/ask", { verb, ...more });
-  if (found.error) { say(found.error, true); return; }
-  watch();
-}
-
-const DOING = { start: "Fitting the model", add: "Adding the effect and fitting again", remove: "Fitting without the effect",
-  diagnose: "Diagnosing", take: "Fitting the recommended model", undo: "Going back", redo: "Going forward", save: "Saving", report: "Writing the report" };
-let watching = false;
-
-async function watch() {
-  if (watching) return;
-  watching = true;
-  for (const b of document.querySelectorAll("button:not(#cancel):not(#whole)")) b.disabled = true;
-  let now;
-  for (;;) {
-    try { now = await call("/api/status"); } catch { say("The studio does not answer; is it still running?", true); await wait(1000); continue; }
-    if (!now.running) break;
-    $("cancel").hidden = false;
-    say(`${DOING[now.running] || now.running}… ${now.seconds.toFixed(0)} s`);
-    await wait(150);
-  }
-  watching = false;
-  $("cancel").hidden = true;
-  const next = await call("/api/state");
-  if (next) { state = next; show(); }
-  say(now.error || now.note || "Ready.", Boolean(now.error));
-}
-
-const wait = (ms) => new Promise((done) => setTimeout(done, ms));
 
 function show() {
   $("main").hidden = false;
   $("sessions").textContent = `${state.sessions.join(", ")}${state.holdout.length ? `, judged on ${state.holdout.join(", ")}` : ", judged on blocks that were not fitted"}`;
   $("adequate").textContent = state.adequate;
-  ladder(); verdict(); joints(); draw(); places(); candidates(); learnt(); model(); notes();
+  ladder(); verdict(); joints(); besides(); exports(); draw(); places(); candidates(); learnt(); model(); notes();
   const last = state.ladder.length - 1;
-  for (const b of document.querySelectorAll("button")) b.disabled = false;
   $("undo").disabled = state.at === 0; $("redo").disabled = state.at === last;
 }
 
@@ -71,7 +23,11 @@ function ladder() {
   const most = Math.max(2, ...state.ladder.flatMap((r) => (r.joints || []).map((x) => x.ratio || 0)));
   state.ladder.forEach((r, k) => {
     const row = el("div", "", `rung${k === state.at ? " now" : ""}${k > state.at ? " gone" : ""}`);
-    row.append(el("span", r.label, "name"));
+    const name = el("button", r.label, "name"); name.type = "button";
+    name.setAttribute("aria-label", `Show model ${k}: ${r.label}`);
+    if (k === state.at) name.setAttribute("aria-current", "true");
+    name.onclick = () => ask("go", { at: String(k) });
+    row.append(name);
     state.joints.forEach((j, i) => {
       const x = r.joints ? r.joints[i] : null, bar = el("div", "", `bar${x && x.ratio <= state.adequate ? " met" : ""}`);
       if (x) {
@@ -116,11 +72,34 @@ function joints() {
   box.selectedIndex = now.reduce((best, x, i) => (x.ratio > now[best].ratio ? i : best), 0);
 }
 
+function besides() {
+  const box = $("beside"), none = el("option", "no other model");
+  none.value = "";
+  const others = state.ladder.map((r, k) => [r.label, k]).filter(([, k]) => k !== state.at);
+  box.replaceChildren(none, ...others.map(([label, k]) => { const o = el("option", label); o.value = k; o.selected = state.beside && state.beside.at === k; return o; }));
+  box.disabled = !others.length;
+}
+
+function exports() {
+  const box = $("kind");
+  if (box.options.length) return;
+  box.append(...state.exports.map((x) => { const o = el("option", x.name); o.value = x.name; o.title = x.what; return o; }));
+  box.onchange = () => {
+    const x = state.exports[box.selectedIndex];
+    $("export-path").value = `robot${x.ending}`; $("export-what").textContent = x.what;
+  };
+  box.onchange();
+}
+
 function draw() {
   const i = $("joint").selectedIndex, s = state.series, j = s.joints[i], unit = state.units[i];
   const y = `residual [${unit}]`;
-  frame = plot($("residual"), { xs: range(s.t, 0), ys: range([...j.residual, j.floor, -j.floor]), xlabel: "time [s]", ylabel: y, band: j.floor, brush,
-    layers: [{ x: s.t, y: j.residual, color: "--before", group: s.run }] });
+  const beside = state.beside && state.beside.joints[i];
+  const layers = [{ x: j.trace.t, y: j.trace.y, color: beside ? "--after" : "--before", group: j.trace.run }];
+  if (beside) layers.unshift({ x: beside.t, y: beside.y, color: "--before", group: beside.run });
+  frame = plot($("residual"), { xs: range(s.t, 0), ys: range([...j.trace.y, ...(beside ? beside.y : []), j.floor, -j.floor]), xlabel: "time [s]", ylabel: y, band: j.floor, brush, layers });
+  $("key").hidden = !beside;
+  if (beside) { $("key-now").textContent = state.ladder[state.at].label; $("key-beside").textContent = state.beside.label; }
   $("residual").setAttribute("aria-label", `Residual of ${state.joints[i]} over time; the band is the noise floor`);
   const keep = s.t.map((t) => !brush || (t >= brush[0] && t <= brush[1]));
   const part = (v) => v.filter((_, k) => keep[k]), residual = part(j.residual);
@@ -147,7 +126,9 @@ function candidates() {
     add.type = "button"; add.setAttribute("aria-label", `Add ${c.effect} on ${c.joint || "the robot"}`);
     add.onclick = () => ask("add", { effect: c.effect, joint: c.joint || "" });
     const last = el("td"); last.append(add);
-    row.append(el("td", c.effect), el("td", c.joint || "robot"), el("td", c.relative_after === null ? "-" : `${c.relative_after.toPrecision(3)} %`, "n"),
+    const name = el("td", c.effect);
+    if (c.own) name.append(" ", el("span", "yours", "tag"));
+    row.append(name, el("td", c.joint || "robot"), el("td", c.relative_after === null ? "-" : `${c.relative_after.toPrecision(3)} %`, "n"),
       el("td", c.confidence ? c.confidence.toFixed(2) : "-", "n"), el("td", c.meaning), last);
     return row;
   }));
@@ -195,6 +176,19 @@ $("redo").onclick = () => ask("redo");
 $("diagnose").onclick = () => ask("diagnose");
 $("take").onclick = () => ask("take");
 $("cancel").onclick = () => call("/api/cancel", {});
+$("beside").onchange = () => ask("beside", { at: $("beside").value });
+$("export").onsubmit = (e) => { e.preventDefault(); ask("export", { kind: $("kind").value, path: $("export-path").value }); };
+$("own").onsubmit = (e) => {
+  e.preventDefault();
+  ask("learn", { path: $("own-path").value, text: $("own-text").value, agreed: $("agreed").checked ? "yes" : "" });
+  $("agreed").checked = false; // every text is agreed to anew
+};
+$("own-text").oninput = () => { $("agreed").checked = false; };
+$("own-part").ontoggle = async () => {
+  if (!$("own-part").open || $("own-text").value) return;
+  const found = await call("/api/template");
+  $("own-text").value = found.text; $("own-path").value = found.path;
+};
 $("joint").onchange = () => { draw(); places(); };
 $("whole").onclick = () => { brush = null; draw(); };
 $("save").onsubmit = (e) => { e.preventDefault(); ask("save", { path: $("path").value }); };
@@ -218,4 +212,9 @@ canvas.onkeydown = (e) => {
   e.preventDefault(); draw();
 };
 window.addEventListener("resize", () => state && (draw(), learnt()));
-watch();
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => state && (draw(), learnt()));
+start();
+answered((now, found) => {
+  files(now, found);
+  if (now) { state = now; show(); }
+});

@@ -1,0 +1,278 @@
+"""From a file that was dropped to a session: its columns, what was picked for each, what is wrong.
+
+The picks are a map as `hil import --map` reads it, so that the command line can repeat them.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.errors import ConfigError
+from hil.models.robots import make_robot, undescribed
+from hil.record.checks import check
+from hil.record.export import write_recordings
+from hil.record.mapfile import SCHEMA, parse_map
+from hil.record.recording import Recording
+from hil.record.table_files import ForeignTable, open_table
+from hil.record.tables import Imported, import_table
+from hil.record.units import FACTORS, time_unit
+from hil.report.json import number
+
+#: Rows of a column that are shown.
+FIRST = 3
+#: What a column of a table can be: stem, name on the page, units that are offered, SI first.
+KINDS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    ("t", "time", tuple(FACTORS["t"])),
+    ("q", "position", ("rad", "deg", "rev", "mrad", "m", "mm", "cm")),
+    ("tau", "effort", ("Nm", "mNm", "Ncm", "N", "mN", "A", "mA")),
+    ("qd", "speed", ("rad/s", "deg/s", "rpm", "rev/s", "m/s", "mm/s")),
+    ("i", "motor current", ("A", "mA")),
+    ("tauext", "outside effort", ("Nm", "mNm", "N", "mN")),
+    ("temp", "temperature", ("degC", "K")),
+)
+_STEMS = {stem: units for stem, _, units in KINDS}
+#: Words in the name of a column -> stem; the first that is found counts.
+_WORDS = (
+    (r"ext", "tauext"),
+    (r"temp", "temp"),
+    (r"vel|speed|qd|dq|rate|omega|rpm", "qd"),
+    (r"torque|effort|tau|force", "tau"),
+    (r"curr|amp|^i\d*$", "i"),
+    (r"pos|angle|^q|theta|deg|rad", "q"),
+)
+_KEYS = {"column", "kind", "joint", "unit", "flip"}
+
+
+@dataclass(frozen=True)
+class Picked:
+    """What the page says of a table.
+
+    Parameters
+    ----------
+    columns : tuple of mapping
+        Each ``column``, ``kind`` (a stem of `KINDS`), ``joint`` (from 1), ``unit``, ``flip``.
+    urdf : str
+        File of the robot; empty without one.
+    constant : str
+        Effort by ampere where efforts are currents.
+    rate : str
+        Sample rate [Hz] where no column is the time.
+    missing : str
+        As `TableMap.missing`.
+    """
+
+    columns: tuple[Mapping[str, Any], ...]
+    urdf: str = ""
+    constant: str = ""
+    rate: str = ""
+    missing: str = "refuse"
+
+    @classmethod
+    def parse(cls, text: str) -> Picked:
+        """Picks from the JSON of a request.
+
+        Raises
+        ------
+        ConfigError
+            If it is none.
+        """
+        try:
+            data = json.loads(text)
+        except ValueError as error:
+            raise ConfigError(f"the picks are not JSON: {error}") from error
+        rows = data.get("columns") if isinstance(data, dict) else None
+        if not isinstance(rows, list) or not all(isinstance(r, dict) for r in rows):
+            raise ConfigError("the picks are an object with a list 'columns'")
+        for row in rows:
+            if set(row) != _KEYS or row["kind"] not in _STEMS:
+                raise ConfigError(
+                    f"a pick has {', '.join(sorted(_KEYS))}, its kind one of "
+                    f"{', '.join(_STEMS)}; got {row}"
+                )
+        words = {k: str(data.get(k, "")).strip() for k in ("urdf", "constant", "rate")}
+        return cls(tuple(rows), missing=str(data.get("missing") or "refuse"), **words)
+
+    def table(self) -> dict[str, Any]:
+        """The same as tables of a map file.
+
+        Raises
+        ------
+        ConfigError
+            If two columns are picked for one thing, or a number is none.
+        """
+        columns: dict[str, Any] = {}
+        for row in self.columns:
+            target = "t" if row["kind"] == "t" else f"{row['kind']}{int(row['joint'])}"
+            if target in columns:
+                raise ConfigError(
+                    f"columns {columns[target]['from']!r} and {row['column']!r} are both picked as "
+                    f"{target}; choose another joint or 'not used' for one of them"
+                )
+            columns[target] = self._rule(row)
+        out: dict[str, Any] = {"schema": SCHEMA, "columns": columns}
+        lengths = [r["unit"] for r in self.columns if r["kind"] == "q"]
+        robot = {"urdf": self.urdf} if self.urdf else {}
+        if lengths and not self.urdf:
+            robot["unit"] = "m" if lengths[0] in ("m", "mm", "cm") else "rad"
+        table: dict[str, Any] = {"missing": self.missing}
+        if self.rate and "t" not in columns:
+            table["rate_hz"] = _float(self.rate, "the sample rate")
+        return out | {"table": table} | ({"robot": robot} if robot else {})
+
+    def _rule(self, row: Mapping[str, Any]) -> dict[str, Any]:
+        rule: dict[str, Any] = {"from": str(row["column"]), "unit": str(row["unit"])}
+        if row["flip"]:
+            rule["sign"] = -1
+        if row["kind"] == "tau" and row["unit"] in ("A", "mA"):
+            if not self.constant:
+                raise ConfigError(
+                    f"column {row['column']!r} is a current; give the effort by ampere at the "
+                    "joint, gear included, below the table"
+                )
+            rule["torque_constant"] = _float(self.constant, "the effort by ampere")
+        return rule
+
+
+def _float(text: str, what: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ConfigError(f"{what} is {text!r}; expected a number") from None
+
+
+def shown(path: Path) -> dict[str, Any]:
+    """Columns of a table with their first values, range and a first guess of what each is.
+
+    Raises
+    ------
+    DataError
+        If it is no table.
+    """
+    table = open_table(path)
+    guesses = guess(table.names)
+    return {
+        "file": path.name,
+        "kinds": [{"stem": s, "name": n, "units": list(u)} for s, n, u in KINDS],
+        "columns": [_column(table, name, guesses[name]) for name in table.names],
+        "output": f"{path.stem}.mcap",
+    }
+
+
+def _column(table: ForeignTable, name: str, guessed: Mapping[str, Any]) -> dict[str, Any]:
+    values = table.columns([name])[name]
+    fine = values[np.isfinite(values)]
+    low, high = (float(fine.min()), float(fine.max())) if fine.size else (np.nan, np.nan)
+    return {
+        "name": name,
+        "first": [number(float(v), 5) for v in values[:FIRST]],
+        "low": number(low, 4),
+        "high": number(high, 4),
+        "missing": int(values.size - fine.size),
+        "guess": guessed,
+    }
+
+
+def guess(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """What each column may be, from its name: kind (empty: not used), joint from 1, unit."""
+    counts: dict[str, int] = {}
+    out: dict[str, dict[str, Any]] = {}
+    for name in names:
+        stem, unit = _kind(name, "t" in counts)
+        counts[stem] = counts.get(stem, 0) + 1
+        out[name] = {"kind": stem, "joint": counts[stem], "unit": unit}
+    return out
+
+
+def _kind(name: str, timed: bool) -> tuple[str, str]:
+    """Stem and unit that a name says."""
+    unit = time_unit(name)
+    if unit is not None and not timed:
+        return "t", unit or "s"
+    low = name.lower()
+    stem = next((s for word, s in _WORDS if re.search(word, low)), "")
+    if not stem:
+        return "", ""
+    return stem, _unit(stem, low)
+
+
+def _unit(stem: str, name: str) -> str:
+    """Unit at the end of a name, e.g. ``deg`` of ``elbow [deg]``; the first of its kind else."""
+    parts = re.split(r"[^a-z/]+", name)
+    for unit in _STEMS[stem]:
+        if unit.lower() in parts or unit.lower().replace("/", "") in parts:
+            return unit
+    return _STEMS[stem][0]
+
+
+def read(path: Path, picked: Picked) -> Imported:
+    """Read the table as it was picked; nothing is written.
+
+    Raises
+    ------
+    ConfigError, DataError
+        As `hil.record.tables.import_table`.
+    """
+    found = import_table(path, parse_map(picked.table()), urdf=picked.urdf)
+    for r in found.recordings:
+        if not r.robot.urdf:
+            make_robot(r.robot, r)
+    return found
+
+
+def told(found: Imported) -> dict[str, Any]:
+    """What would be read, and what is wrong with it, for the page."""
+    r = found.recordings[0]
+    faults = [f for x in found.recordings for f in check(x)]
+    lacking = undescribed(r.robot, r.d)
+    return {
+        "text": f"{r.n} samples at {r.rate:.5g} Hz, {r.t[-1] - r.t[0]:.1f} s, "
+        f"joints {', '.join(r.joints)}",
+        "faults": [{"severity": f.severity, "text": f.sentence} for f in faults],
+        "notes": [*found.notes, *([lacking] if lacking else [])],
+        "unused": list(found.unused),
+        "good": not any(f.severity == "error" for f in faults),
+    }
+
+
+def write(found: Imported, picked: Picked, table: Path, output: Path) -> tuple[Recording, str]:
+    """Write the session and its map beside it; the recording and the command that repeats it.
+
+    Raises
+    ------
+    ConfigError
+        If a file is there already, or the place cannot be written.
+    """
+    if output.suffix != ".mcap":
+        raise ConfigError(f"cannot write {output}: a session ends in .mcap")
+    beside = output.with_suffix(".map.toml")
+    for place in (output, beside):
+        if place.exists():
+            raise ConfigError(f"cannot write {place}: a file is there; choose another name")
+    try:
+        beside.write_text(_toml(picked.table()), encoding="utf-8")
+        write_recordings(output, found.recordings, {"import": {"table": table.name}}, found.extras)
+    except OSError as error:
+        raise ConfigError(f"cannot write {output}: {error.strerror}") from error
+    return found.recordings[0], f"hil import {table.name} --map {beside.name} -o {output.name}"
+
+
+def _toml(data: Mapping[str, Any]) -> str:
+    """A map file; JSON's texts and numbers are TOML's."""
+    lines = [f"schema = {json.dumps(data['schema'])}"]
+    for name in ("robot", "table", "columns"):
+        if entries := data.get(name):
+            lines += ["", f"[{name}]", *(f"{k} = {_inline(v)}" for k, v in entries.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{k} = {_inline(v)}" for k, v in value.items()) + " }"
+    return json.dumps(value)

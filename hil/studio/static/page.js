@@ -1,0 +1,75 @@
+// What all parts of the page share: elements, requests, and the wait for an answer.
+const token = new URLSearchParams(location.search).get("token") || "";
+export const $ = (id) => document.getElementById(id);
+
+// every word of the data is set as text, never as markup
+export function el(name, content = "", kind = "") {
+  const e = document.createElement(name);
+  if (content !== "") e.textContent = content;
+  if (kind) e.className = kind;
+  return e;
+}
+
+export async function call(path, body) {
+  const options = { headers: { "X-Hil-Token": token } };
+  if (body !== undefined) { options.method = "POST"; options.body = body instanceof Blob ? body : JSON.stringify(body); }
+  const answer = await fetch(path, options);
+  return answer.json();
+}
+
+export function say(text, error = false) {
+  $("said").textContent = text;
+  $("status").classList.toggle("error", error);
+}
+
+const DOING = {
+  start: "Fitting the model", add: "Adding the effect and fitting again", remove: "Fitting without the effect",
+  diagnose: "Diagnosing", take: "Fitting the recommended model", undo: "Going back", redo: "Going forward",
+  go: "Showing the model", beside: "Comparing", save: "Saving", report: "Writing the report", export: "Fitting and writing the export",
+  open: "Reading the file", preview: "Checking the picks", bring: "Bringing the session in", leave: "Closing the table", learn: "Checking and ranking your effect",
+};
+const wait = (ms) => new Promise((done) => setTimeout(done, ms));
+let watching = false;
+
+// waits for the running request, then gives the page what there is now
+export async function watch(shown) {
+  if (watching) return;
+  watching = true;
+  for (const b of document.querySelectorAll("button:not(#cancel):not(#whole)")) b.disabled = true;
+  let now;
+  for (;;) {
+    try { now = await call("/api/status"); } catch {
+      say("The studio does not answer. Is it still running?", true); await wait(1000); continue;
+    }
+    if (now.error && now.running === undefined) { say(now.error, true); watching = false; return; }
+    if (!now.running) break;
+    $("cancel").hidden = false; $("share").hidden = false;
+    $("share").value = now.share;
+    say(`${DOING[now.running] || now.running}${now.doing ? `: ${now.doing}` : ""}. ${now.seconds.toFixed(0)} s`);
+    await wait(120);
+  }
+  watching = false;
+  $("cancel").hidden = $("share").hidden = true;
+  const [state, files] = await Promise.all([call("/api/state"), call("/api/files")]);
+  for (const b of document.querySelectorAll("button")) b.disabled = false;
+  shown(state, files);
+  say(now.error || now.note || "Ready.", Boolean(now.error));
+}
+
+let after = () => {};
+export function answered(shown) { after = shown; return watch(shown); }
+
+export async function ask(verb, more = {}) {
+  let found;
+  try { found = await call("/api/ask", { verb, ...more }); } catch { found = { error: "The studio does not answer. Is it still running?" }; }
+  if (found.error) { say(found.error, true); return; }
+  await watch(after);
+}
+
+// a file to the folder in which the studio was started; its path
+export async function send(file) {
+  say(`Sending ${file.name}…`);
+  const found = await call(`/api/file?name=${encodeURIComponent(file.name)}`, file);
+  if (found.error) { say(found.error, true); return ""; }
+  return found.path;
+}

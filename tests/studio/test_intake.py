@@ -1,0 +1,232 @@
+"""Files that come in through the page: picked columns, what is wrong, own effects, export."""
+
+import json
+
+import numpy as np
+import plants
+import pytest
+
+from hil import consent
+from hil.errors import ConfigError, DataError, HilError
+from hil.models import catalogue
+from hil.models.model import base_model
+from hil.record import mcap_read
+from hil.record.mapfile import read_map
+from hil.record.tables import import_table
+from hil.studio import intake
+from hil.studio.own import TEMPLATE
+from hil.studio.session import StudioSession
+from hil.studio.workbench import Inputs
+
+OURS = {"time [ms]": ("t", "ms", False), "Encoder angle (deg)": ("q", "deg", True),
+        "drive current mA": ("tau", "mA", False)}  # fmt: skip
+
+
+def messy(path, seed=1, note=True):
+    """A recording as a lab may have it: odd names, other units, a sign, a column of no use."""
+    r = plants.stribeck_axis(seed)
+    columns = [r.t * 1e3, -np.degrees(r.q[:, 0]), r.tau[:, 0] * 1e3 / 2.0, np.arange(r.n)]
+    head = [*OURS, "loop count"]
+    np.savetxt(path, np.column_stack(columns), "%.9g", ";", header=";".join(head), comments="")
+    return r
+
+
+def picks(constant="2.0", **more):
+    columns = [
+        {"column": n, "kind": k, "joint": 1, "unit": u, "flip": f} for n, (k, u, f) in OURS.items()
+    ]
+    return {"columns": columns, "urdf": "", "constant": constant, "rate": ""} | more
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(consent.VARIABLE, str(tmp_path / "state"))
+    return tmp_path
+
+
+def test_the_columns_of_a_table_are_shown_with_a_guess(here):
+    messy(here / "run.csv")
+    shown = intake.shown(here / "run.csv")
+    found = {c["name"]: c["guess"] for c in shown["columns"]}
+    assert found["time [ms]"] == {"kind": "t", "joint": 1, "unit": "ms"}
+    assert found["Encoder angle (deg)"] == {"kind": "q", "joint": 1, "unit": "deg"}
+    assert (found["drive current mA"]["kind"], found["drive current mA"]["unit"]) == ("i", "mA")
+    assert found["loop count"]["kind"] == ""
+    assert shown["output"] == "run.mcap" and len(shown["columns"][0]["first"]) == 3
+    json.dumps(shown, allow_nan=False)
+
+
+def test_the_joints_are_counted_by_kind():
+    found = intake.guess(["t", "q1", "q2", "qd1", "qd2", "tau1", "tau2", "tau_ext1", "temp"])
+    kinds = [(g["kind"], g["joint"]) for g in found.values()]
+    assert kinds[1:] == [("q", 1), ("q", 2), ("qd", 1), ("qd", 2), ("tau", 1), ("tau", 2),
+                         ("tauext", 1), ("temp", 1)]  # fmt: skip
+
+
+def test_a_messy_table_becomes_a_session_that_the_command_line_repeats(here):
+    r = messy(here / "run.csv")
+    session = StudioSession()
+    assert session.ask("start", {}) == {"intake": None}
+    assert session.ask("open", {"path": "run.csv", "use": "new"})["intake"]["file"] == "run.csv"
+    told = session.ask("preview", {"picks": json.dumps(picks())})["preview"]
+    assert told["good"] and told["unused"] == ["loop count"]
+    state = session.ask("bring", {"picks": json.dumps(picks()), "output": "run.mcap", "use": "new"})
+    assert state["sessions"] == ["run.mcap"] and state["candidates"]
+    assert state["commands"] == ["hil import run.csv --map run.map.toml -o run.mcap"]
+    held = mcap_read.load(here / "run.mcap", None)
+    assert held.q[:, 0] == pytest.approx(r.q[:, 0], abs=1e-7)
+    assert held.tau[:, 0] == pytest.approx(r.tau[:, 0], abs=1e-6)
+    (again,) = import_table(here / "run.csv", read_map(here / "run.map.toml")).recordings
+    assert np.array_equal(again.q, held.q) and np.array_equal(again.tau, held.tau)
+    # a second one, to judge on
+    messy(here / "other.csv", 2)
+    session.ask("open", {"path": "other.csv", "use": "holdout"})
+    given = {"picks": json.dumps(picks()), "output": "other.mcap", "use": "holdout"}
+    assert session.ask("bring", given)["holdout"] == ["other.mcap"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"constant": ""}, "effort by ampere"),
+        ({"constant": "much"}, "expected a number"),
+        ({"columns": []}, "no column"),
+        ({"columns": [{"column": "time [ms]"}]}, "a pick has"),
+        ({"missing": "guess"}, "missing"),
+    ],
+)
+def test_what_was_picked_wrongly_is_said(here, change, said):
+    messy(here / "run.csv")
+    session = StudioSession(table="run.csv")
+    with pytest.raises(HilError, match=said):
+        session.ask("preview", {"picks": json.dumps(picks() | change)})
+
+
+def test_two_columns_for_one_thing_are_refused():
+    twice = picks()
+    twice["columns"].append(twice["columns"][1] | {"column": "loop count"})
+    with pytest.raises(ConfigError, match="both picked as q1"):
+        intake.Picked.parse(json.dumps(twice)).table()
+
+
+def test_what_is_wrong_with_the_recording_is_said_and_not_brought_in(here):
+    rows = np.c_[np.arange(500) / 500, np.zeros(500), np.zeros(500)]
+    np.savetxt("still.csv", rows, "%.6g", ",", header="t,q1,tau1", comments="")
+    plain = {"columns": [
+        {"column": n, "kind": k, "joint": 1, "unit": u, "flip": False}
+        for n, k, u in (("t", "t", "s"), ("q1", "q", "rad"), ("tau1", "tau", "Nm"))
+    ]}  # fmt: skip
+    session = StudioSession(table="still.csv")
+    told = session.ask("preview", {"picks": json.dumps(plain)})["preview"]
+    assert not told["good"] and any(f["severity"] == "error" for f in told["faults"])
+    with pytest.raises(ConfigError, match="cannot be fitted"):
+        session.ask("bring", {"picks": json.dumps(plain), "output": "s.mcap", "use": "new"})
+    assert not (here / "s.mcap").exists() and session.bench is None
+
+
+def test_nothing_is_written_over_and_a_session_of_another_robot_is_refused(here):
+    messy(here / "run.csv")
+    (here / "run.mcap").write_text("mine")
+    session = StudioSession(table="run.csv")
+    with pytest.raises(ConfigError, match="a file is there"):
+        session.ask("bring", {"picks": json.dumps(picks()), "output": "run.mcap", "use": "new"})
+    with pytest.raises(ConfigError, match=r"ends in \.mcap"):
+        session.ask("bring", {"picks": json.dumps(picks()), "output": "run.txt", "use": "new"})
+    assert (here / "run.mcap").read_text() == "mine"
+    r = plants.slow_axes(1)
+    bench = StudioSession(Inputs((r,), (), base_model(r.robot), ("a.mcap",)), table="run.csv")
+    with pytest.raises(ConfigError, match="two robots"):
+        bench.ask("bring", {"picks": json.dumps(picks()), "output": "b.mcap", "use": "fit"})
+
+
+def test_without_a_session_the_bench_says_what_to_do():
+    with pytest.raises(ConfigError, match="drop a file"):
+        StudioSession().ask("diagnose", {})
+    with pytest.raises((ConfigError, DataError), match="no"):
+        StudioSession().ask("open", {"path": "nowhere.mcap", "use": "new"})
+
+
+@pytest.fixture
+def begun(here):
+    r = plants.stribeck_axis(1)
+    table = dict(catalogue.table())
+    session = StudioSession(Inputs((r,), (), base_model(r.robot), ("a.mcap",)))
+    yield session, here
+    catalogue.table().clear()
+    catalogue.table().update(table)
+
+
+def test_an_own_effect_is_agreed_to_checked_and_ranked(begun):
+    session, folder = begun
+    given = {"path": "my_effects.py", "text": TEMPLATE, "agreed": ""}
+    with pytest.raises(ConfigError, match="agree to it"):
+        session.ask("learn", given)
+    assert not (folder / "my_effects.py").exists() and "eyelet-drag" not in catalogue.table()
+    state = session.ask("learn", given | {"agreed": "yes"})
+    (mine,) = [c for c in state["candidates"] if c["own"]]
+    assert mine["effect"] == "eyelet-drag" and state["own"] == ["eyelet-drag"]
+    assert consent.plugin(folder / "my_effects.py", TEMPLATE.encode()).trusted
+    added = session.ask("add", {"effect": "eyelet-drag", "joint": state["joints"][0]})
+    assert "eyelet-drag" in [u["effect"] for u in added["model"]]
+    # the file that is saved names the effects, and a new process knows them
+    session.ask("save", {"path": "mine.toml"})
+    assert 'plugins = ["my_effects.py"]' in (folder / "mine.toml").read_text()
+    renamed = TEMPLATE.replace("eyelet-drag", "eyelet-rub")
+    with pytest.raises(ConfigError, match="a model has eyelet-drag"):
+        session.ask("learn", given | {"text": renamed, "agreed": "yes"})
+    assert "eyelet-rub" not in catalogue.table()
+    assert (folder / "my_effects.py").read_text() == TEMPLATE
+    session.ask("learn", given | {"text": renamed, "agreed": "yes", "path": "more.py"})
+    assert "eyelet-rub" in catalogue.table()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("EFFECTS = ()", "no EFFECTS"),
+        ("def", "does not run"),
+        (TEMPLATE.replace("[:, None]", ""), "eyelet-drag"),
+        (TEMPLATE.replace('"eyelet-drag"', '"coulomb"'), "already defined"),
+    ],
+)
+def test_a_wrong_effect_leaves_the_catalogue_as_it_was(begun, text, said):
+    session, _ = begun
+    before = dict(catalogue.table())
+    with pytest.raises(HilError, match=said):
+        session.ask("learn", {"path": "my_effects.py", "text": text, "agreed": "yes"})
+    assert catalogue.table() == before
+
+
+def test_a_file_of_the_users_is_not_written_over_by_the_editor(begun):
+    session, folder = begun
+    (folder / "mine.py").write_text("x = 1\n")
+    with pytest.raises(ConfigError, match="a file is there"):
+        session.ask("learn", {"path": "mine.py", "text": TEMPLATE, "agreed": "yes"})
+    with pytest.raises(ConfigError, match=r"NAME\.py"):
+        session.ask("learn", {"path": "mine.txt", "text": TEMPLATE, "agreed": "yes"})
+    assert (folder / "mine.py").read_text() == "x = 1\n"
+
+
+def test_a_model_is_exported_and_models_are_compared(begun):
+    session, folder = begun
+    joint = session.ask("start", {})["joints"][0]
+    state = session.ask("add", {"effect": "stribeck", "joint": joint})
+    kinds = {x["name"]: x["ending"] for x in state["exports"]}
+    assert "c" in kinds or any(".h" in e or ".c" in e for e in kinds.values())
+    name = next(n for n, e in kinds.items() if e == ".h")
+    saved = session.ask("export", {"kind": name, "path": "arm.h"})
+    assert (folder / "arm.h").read_text() and "arm.h" in saved["saved"]
+    with pytest.raises(ConfigError, match="a file is there"):
+        session.ask("export", {"kind": name, "path": "arm.h"})
+    with pytest.raises(ConfigError, match=r"ends in \.h"):
+        session.ask("export", {"kind": name, "path": "arm.txt"})
+    beside = session.ask("beside", {"at": "0"})["beside"]
+    assert beside["label"] == "base model"
+    rms = [np.sqrt(np.mean(np.square(y))) for y in
+           (beside["joints"][0]["y"], state["series"]["joints"][0]["trace"]["y"])]  # fmt: skip
+    assert rms[0] > 1.3 * rms[1]
+    assert session.ask("go", {"at": "0"})["at"] == 0
+    for wrong in ("9", "-1", "x"):
+        with pytest.raises(ConfigError, match="no model"):
+            session.ask("go", {"at": wrong})
