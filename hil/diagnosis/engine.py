@@ -24,13 +24,13 @@ from hil.diagnosis.constants import (
     BEYOND,
     CONFIDENT,
     HALF,
-    MATTERS,
     NEAR_FLOOR,
     OPEN,
     RIVAL,
     SURE,
     WHOLE,
 )
+from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.grams import GramTable, Group
 from hil.diagnosis.heldout import Examiner, settled
@@ -285,12 +285,12 @@ def above(
 ) -> NDArray[np.bool_]:
     """Joints (d,) whose error is above the noise floor by more than efforts are known to."""
     problem, step = search.problem, search.now.step
-    size, rms = problem.rms(problem.effort), step.result.rms
+    least, rms = practical(problem) * problem.rms(problem.effort), step.result.rms
     floor = np.minimum(last.floor.rms, rms)
-    out = (rms > ADEQUATE * floor) & (rms**2 - floor**2 > (MATTERS * size) ** 2)
+    out = (rms > ADEQUATE * floor) & (rms**2 - floor**2 > least**2)
     if there is not None and not named:
         held = step.heldout.rms
-        out |= (held > NEAR_FLOOR * there) & (held**2 - there**2 > (MATTERS * size) ** 2)
+        out |= (held > NEAR_FLOOR * there) & (held**2 - there**2 > least**2)
     return np.asarray(out & ~of_noise(step, last, floor) & ~problem.holds)
 
 

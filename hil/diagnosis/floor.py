@@ -199,6 +199,16 @@ def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
     repeats = repeat_floor(result)
     rms, method = (predicted, "largest-model") if repeats is None else (repeats, "repeats")
     size = result.problem.rms(result.problem.effort)
-    accuracy = SENSOR_ACCURACY if result.model.explains == "external" else MATTERS
-    rms = np.where(result.problem.holds, result.rms, np.hypot(rms, accuracy * size))
+    rms = np.where(result.problem.holds, result.rms, np.hypot(rms, known_to(result) * size))
     return Floor(rms, method, residual, factor, scale)
+
+
+def known_to(result: FitResult) -> float:
+    """Share of the rms effort to which the efforts, or the forces, are known."""
+    sensor = result.model.explains == "external"
+    return result.problem.accuracy or (SENSOR_ACCURACY if sensor else MATTERS)
+
+
+def practical(problem: Problem) -> float:
+    """Share of the rms effort below which nothing matters: it is neither named nor unexplained."""
+    return problem.accuracy or MATTERS

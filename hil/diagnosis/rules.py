@@ -24,8 +24,9 @@ from hil.diagnosis.attribution import (
     physical,
 )
 from hil.diagnosis.candidates import Rated, paired
-from hil.diagnosis.constants import BEYOND, DISCREPANCY, HALF, LEVEL, MATTERS, OPEN, RISEN, WORTH
+from hil.diagnosis.constants import BEYOND, DISCREPANCY, HALF, LEVEL, OPEN, RISEN, WORTH
 from hil.diagnosis.evidence import in_time
+from hil.diagnosis.floor import practical
 from hil.diagnosis.types import CheckResult, Evidence
 from hil.identify.context import SOLID
 from hil.identify.design import head
@@ -152,7 +153,7 @@ def _worth(case: RuleCase) -> str:
 def _practical(case: RuleCase) -> str:
     r, problem = case.rated, case.search.problem
     size = float(problem.rms(problem.effort)[r.joint])
-    if r.removed > (MATTERS * size) ** 2:
+    if r.removed > (practical(problem) * size) ** 2:
         return ""
     return "it explains less than the accuracy of the efforts"
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts
 from hil.diagnosis.artefacts import returned, shaken, smoothed
-from hil.diagnosis.constants import BEATEN, MATTERS, NEAR_FLOOR, WHOLE, WORTH
+from hil.diagnosis.constants import BEATEN, NEAR_FLOOR, WHOLE, WORTH
 from hil.diagnosis.equivalence import unseen
+from hil.diagnosis.floor import practical
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.preconditions import other_robot
 from hil.diagnosis.residual_tests import changes_told, unlike, unlike_notes
@@ -270,7 +271,7 @@ def _with_unlike(out: Diagnosis) -> None:
 def matters(result: FitResult) -> NDArray[np.bool_]:
     """Joints (d,) whose error is more than efforts are known to."""
     size = result.problem.rms(result.problem.effort)
-    return np.asarray(result.rms > MATTERS * size)
+    return np.asarray(result.rms > practical(result.problem) * size)
 
 
 def with_errors(out: Diagnosis) -> None:

@@ -169,6 +169,8 @@ class Rows:
         self.shift = 0.0
         #: Lateness of the effort that a model's or a map's [signal] gives [s]; None = estimate.
         self.given_shift = said[0].shift_s
+        #: Share of the rms effort to which the efforts are known, if a [signal] says it; else 0.
+        self.accuracy = said[0].accuracy
         #: Least first shape value of an effect on a joint, where other runs have shown it.
         self.least: dict[tuple[str, int], float] = {}
         self._kept = Kept()

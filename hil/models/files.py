@@ -121,14 +121,16 @@ def _number(value: Any, what: str) -> float:
 def _band(signal: Any) -> Band:
     if not isinstance(signal, dict):
         raise ConfigError(
-            "[signal] must be a table with position_hz, effort_hz, rate_hz, gap_s or shift_s"
+            f"[signal] must be a table with some of {', '.join(f.name for f in fields(Band))}"
         )
     _keys(signal, tuple(f.name for f in fields(Band)), "[signal]")
     values = {k: _number(v, f"signal.{k}") for k, v in signal.items()}
     for key, value in values.items():
         least = -math.inf if key == "shift_s" else 0.0
-        if not (least <= value < math.inf and math.isfinite(value)):
+        most = 1.0 if key == "accuracy" else math.inf
+        if not (least <= value < most and math.isfinite(value)):
             what = "a frequency in Hz" if key.endswith("_hz") else "a time in s"
+            what = "a share of the rms effort, e.g. 0.01," if key == "accuracy" else what
             raise ConfigError(f"signal.{key} = {value:g}: expected {what}, or 0 = choose")
     return Band(**values)
 
@@ -236,7 +238,7 @@ def write_model(model: RobotModel, path: str | Path) -> None:
     if model.band != Band():
         lines += ["", "[signal]", f"position_hz = {model.band.position_hz!r}"]
         lines += [f"effort_hz = {model.band.effort_hz!r}"]
-        for key in ("rate_hz", "gap_s", "shift_s"):
+        for key in ("rate_hz", "gap_s", "shift_s", "accuracy"):
             value = getattr(model.band, key)
             if value != getattr(Band(), key):
                 lines += [f"{key} = {value!r}"]

@@ -81,6 +81,9 @@ class Band:
     shift_s : float or None
         By how much the efforts are early against the positions, and are taken later; None =
         estimated within one sample.
+    accuracy : float
+        Share of the rms effort to which the efforts are known: no effect below it is named, and no
+        error below it is unexplained.
     """
 
     position_hz: float = 0.0
@@ -88,6 +91,7 @@ class Band:
     rate_hz: float = 0.0
     gap_s: float = 0.0
     shift_s: float | None = None
+    accuracy: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -178,7 +178,7 @@ _TARGET = re.compile(r"t|[ft][xyz]|(q|qd|tau|tauext|i|temp)[1-9][0-9]?")
 _TOP = ("schema", "robot", "table", "columns", "units", "arms", "offsets", "extras", "signal")
 _ROBOT = ("preset", "urdf", "tip", "unit", "arm", "joints", "lock")
 _TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated", "missing")
-_SIGNAL = ("position_hz", "effort_hz", "rate_hz", "gap_s", "shift_s")
+_SIGNAL = ("position_hz", "effort_hz", "rate_hz", "gap_s", "shift_s", "accuracy")
 _RULE = ("from", "sum", "scale", "sign", "shift", "unit", "torque_constant")
 #: Values of a key of [table]; the first is the default.
 _POLICIES = {

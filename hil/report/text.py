@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.artefacts import BLURRED, blurred_above
-from hil.diagnosis.constants import ADEQUATE, CONFIDENT, MATTERS, SENSOR_ACCURACY, WHOLE
+from hil.diagnosis.constants import ADEQUATE, CONFIDENT, WHOLE
+from hil.diagnosis.floor import known_to
 from hil.diagnosis.residual_tests import CHANGED, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import Finding, UnnamedCorrection
@@ -254,7 +255,7 @@ def _errors(m: Material, f: Finding) -> str:
 def origin(m: Material) -> str:
     """Where the noise floor comes from."""
     text = ORIGIN.get(m.last.floor.method, m.last.floor.method)
-    share = SENSOR_ACCURACY if m.external else MATTERS
+    share = known_to(m.rungs[0].step.result)
     what = "force sensor" if m.external else "measured effort"
     return f"{text} The accuracy of the {what} ({100 * share:g} % of its rms) is added."
 
