@@ -2,17 +2,494 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from math import asin, cos, exp, fabs, floor, pi, sin, sqrt, tanh
 from typing import Any
 
+import numba as nb
 import numpy as np
+import scipy.signal
 from numpy.typing import NDArray
 
-from hil.sim_devices.fast import effects, kernel, sensors
-from hil.sim_devices.fast.layout import ARM, STATE
-from hil.sim_devices.plants import arm, truth
-from hil.sim_devices.plants.layout import NOISES, SUBSTEPS
+from hil.errors import ConfigError, unknown
+from hil.sim_devices.plants import arm, drive, friction, passive, truth
+from hil.sim_devices.plants.layout import ARM as PLANT_ARM
+from hil.sim_devices.plants.layout import ELEMENTS, NOISES, SUBSTEPS
+from hil.sim_devices.plants.layout import STATE as PLANT_STATE
+
+# Further hidden laws, compiled; each is of another form than the library's of that name.
+
+#: Load at which the exponent of the load friction is normalised [N m].
+LOAD = 0.05
+#: Mean of exp(1.2 sin x) over a turn: the Bessel function I0(1.2).
+MEAN_HUM = 1.3937
+#: Idler: inertia [kg m^2], shaft stiffness [N m/rad] and damping [N m s/rad].
+IDLER, SHAFT, SHAFT_DAMPING = 2e-5, 20.0, 0.02
+
+
+@nb.njit(cache=True, nogil=True)
+def cable(p: Any, x: Any, i: int) -> float:
+    """Torque [N m] that the cable of joint i carries: compliance, softness at zero, dead zone."""
+    stretch = x.qm[i] - x.q[i]
+    if p.slack[i] > 0.0:
+        # nothing is carried within the gap, neither by the spring nor by its damper
+        half = 0.5 * p.slack[i]
+        if stretch > half:
+            stretch -= half
+        elif stretch < -half:
+            stretch += half
+        else:
+            return 0.0
+    # 1/k' = 1/k + give
+    pull = p.cable[i] * stretch / (1.0 + p.cable[i] * p.give[i])
+    if p.soft[i] > 0.0:
+        # k' = k (1 + w^2) / (1 + soft + w^2), w = stretch / soft_at
+        w = stretch / p.soft_at[i]
+        pull *= (1.0 + w * w) / (1.0 + p.soft[i] + w * w)
+    for j in range(3):
+        pull += p.cable_damping[i, j] * (x.vm[j] - x.v[j])
+    return float(pull)
+
+
+@nb.njit(cache=True, nogil=True)
+def motor_torque(p: Any, x: Any, i: int, elapsed: float, tick: float, dt: float) -> float:
+    """Torque [N m] of motor i: the plant's drive, a second-order lag, ripple and detents."""
+    value = drive.torque(p, x, i, elapsed, tick, dt)
+    fed = x.drive[i]
+    if p.slow_drive[i] > 0.0:
+        # T^2 u'' + 1.4 T u' + u = drive
+        w = 1.0 / p.slow_drive[i]
+        x.slow[i, 1] += dt * (w * w * (fed - x.slow[i, 0]) - 1.4 * w * x.slow[i, 1])
+        x.slow[i, 0] += dt * x.slow[i, 1]
+        value += (1.0 + p.gain[i]) * (x.slow[i, 0] - fed)
+        fed = x.slow[i, 0]
+    if p.ripple[i] != 0.0:
+        # commutation: |cos(phase / 2)| less its mean, times the torque
+        value += p.ripple[i] * fed * (fabs(cos(0.5 * p.ripple_cycles[i] * x.qm[i])) - 2.0 / pi)
+    if p.choke[i] != 0.0:
+        # beyond L a tenth of what is asked for comes through, by a knee of L / 20
+        beyond = fabs(fed) - 1.0 / p.choke[i]
+        if beyond > 0.0:
+            most = 0.9 * (beyond - 0.05 / p.choke[i] * tanh(20.0 * beyond * p.choke[i]))
+            value -= most if fed > 0.0 else -most
+    if p.leak[i] != 0.0:
+        value += p.leak[i] * x.drive[(i + 1) % 3]
+    if p.detent[i] != 0.0:
+        # phase-modulated wave: all harmonics
+        phase = p.detent_cycles[i] * x.qm[i]
+        value += p.detent[i] * sin(phase + 0.4 * sin(phase) + 0.3)
+    return float(value + p.offset[i])
+
+
+@nb.njit(cache=True, nogil=True)
+def motor_friction(p: Any, x: Any, i: int, t: float, tension: float, dt: float) -> float:
+    """Further friction torque [N m] on motor i; `tension` is what its cable carries [N m]."""
+    s, total = x.sm[i], 0.0
+    if p.preslide[i] != 0.0:
+        total += p.preslide[i] * friction.slip(x.zp[i], p.preslide_at[i], p.weight, x.vm[i], dt)
+    if p.rub[i] != 0.0:
+        # triangular over position
+        total += p.rub[i] * s * asin(sin(p.rub_cycles[i] * x.qm[i] + 0.6)) * 2.0 / pi
+    if p.load_rub[i] != 0.0:
+        total += p.load_rub[i] * s * (fabs(tension) / LOAD) ** 1.3
+    if p.fade[i] != 0.0:
+        # friction lost while the grease warms up: t / (t + 8 s)
+        total -= p.fade[i] * s * t / (t + 8.0)
+    if p.thixotropy[i] != 0.0:
+        # structure rebuilds at rest and is sheared away: l' = (1 - l) / 3 - 1.5 |v| l
+        x.thick[i] += dt * ((1.0 - x.thick[i]) / 3.0 - 1.5 * fabs(x.vm[i]) * x.thick[i])
+        total += p.thixotropy[i] * x.thick[i] * s
+    return float(total + p.placed_viscous[i] * x.qm[i] * x.vm[i])
+
+
+@nb.njit(cache=True, nogil=True)
+def link_torque(p: Any, x: Any, i: int, t: float, dt: float) -> float:
+    """Further torque [N m] on link i: oscillator, disturbances in time, pair of positions."""
+    total = p.telegraph[i] * x.flip[i]
+    if p.oscillator[i] != 0.0:
+        # J (w^2 (phi - q) + 0.08 w (phi' - v)), and its reaction on the attached mass
+        w = p.oscillator_rate[i]
+        push = w * w * (x.osc[i, 0] - x.q[i]) + 0.08 * w * (x.osc[i, 1] - x.v[i])
+        x.osc[i, 1] -= dt * push
+        x.osc[i, 0] += dt * x.osc[i, 1]
+        total += p.oscillator[i] * push
+    if p.hum[i] != 0.0:
+        total += p.hum[i] * (exp(1.2 * sin(p.hum_rate[i] * t)) - MEAN_HUM)
+    if p.chirp[i] != 0.0:
+        # 0.5 Hz rising by 0.2 Hz a second
+        total += p.chirp[i] * sin(2.0 * pi * (0.5 + 0.1 * t) * t)
+    if p.pair[i] != 0.0:
+        total += p.pair[i] * sin(6.0 * x.q[(i + 1) % 3]) * cos(5.0 * x.q[(i + 2) % 3])
+    return float(total)
+
+
+@nb.njit(cache=True, nogil=True)
+def idlers(p: Any, x: Any, link: Any, dt: float) -> None:
+    """Idler wheels that turn with two joints, on soft shafts; adds to `link` (3,) [N m]."""
+    for i in range(3):
+        if p.idler[i] == 0.0:
+            continue
+        # pairs (1, 2), (2, 3), (1, 3)
+        a = 0 if i == 2 else i
+        b = 2 if i == 2 else i + 1
+        twist = x.q[a] + x.q[b] - x.idle[i, 0]
+        torque = SHAFT * twist + SHAFT_DAMPING * (x.v[a] + x.v[b] - x.idle[i, 1])
+        s = friction.slip(x.idle_z[i], p.slip_link[a], p.weight, x.idle[i, 1], dt)
+        x.idle[i, 1] += dt * (torque - p.idler[i] * (s + 0.1 * x.idle[i, 1])) / IDLER
+        x.idle[i, 0] += dt * x.idle[i, 1]
+        link[a] -= torque
+        link[b] -= torque
+
+
+@nb.njit(cache=True, nogil=True)
+def chance(p: Any, x: Any, random: Any, tick: float) -> None:
+    """What happens at random in a tick: jittered delay, lost counts, the telegraph's flips."""
+    for i in range(3):
+        if p.jitter[i] > 0.0:
+            # 0.7..1.3 of the mean, new every tick
+            p.delay[i] = p.jitter[i] * (1.0 + 0.3 * min(max(random[6 + i], -1.0), 1.0))
+        if p.slips[i] != 0.0 and fabs(random[6 + i]) > 3.7:
+            # a burst of counts lost, five or six times in 25 s, against the motion
+            x.lost[i] -= p.slips[i] * (1.0 if x.vm[i] > 0.0 else -1.0)
+        if p.telegraph[i] != 0.0 and fabs(random[9 + i]) > 3.4:
+            x.flip[i] = -x.flip[i]
+
+
+@nb.njit(cache=True, nogil=True)
+def shaft(p: Any, x: Any, i: int) -> float:
+    """What the encoder of motor i sees [rad]: its angle and its eccentric disc."""
+    seen = float(x.qm[i])
+    if p.wobble[i] != 0.0:
+        phase = p.wobble_cycles[i] * x.qm[i]
+        seen += p.wobble[i] * sin(phase + 0.5) / sqrt(1.0 + 0.5 * cos(phase))
+    return seen
+
+
+# The whole session in one compiled loop: encoders, control law, DAC, drive, plant.
+
+
+@nb.njit(cache=True, nogil=True)
+def substep(p: Any, x: Any, t: float, elapsed: float, tick: float, dt: float, link: Any) -> None:
+    """Semi-implicit Euler step of motors, cables and links; `link` (3,) is scratch [N m]."""
+    for i in range(3):
+        pull = cable(p, x, i)
+        x.sm[i] = friction.direction(p, x, i, dt)
+        link[i] = pull - friction.link_side(p, x, i, dt) + passive.torque(p, x, i, dt)
+        link[i] += link_torque(p, x, i, t, dt)
+        x.heat[i] += dt * (fabs(x.vm[i]) - x.heat[i]) / p.warming_time
+        push = motor_torque(p, x, i, elapsed, tick, dt) - pull
+        push -= friction.motor_side(p, x, i, pull) + motor_friction(p, x, i, t, pull, dt)
+        x.vm[i] += dt * push / p.rotor[i]
+    idlers(p, x, link, dt)
+    arm.push_links(p, x, link, dt)
+    if p.locked == 1:
+        x.v[1:], x.vm[1:] = 0.0, 0.0
+    for i in range(3):
+        x.qm[i] += dt * x.vm[i]
+        x.q[i] += dt * x.v[i]
+
+
+@nb.njit(cache=True, nogil=True)
+def control(p: Any, r: Any, q: Any, v: Any, gains: Any, codes: Any) -> None:
+    """PD to the reference `r` (3, 3) with nominal torques fed forward, rounded to DAC codes.
+
+    u = K (r - q) + D (r' - v) + I r'' + Fc tanh(r' / 0.02) + g(q)
+    """
+    for i in range(3):
+        u = gains[0, i] * (r[i, 0] - q[i]) + gains[1, i] * (r[i, 1] - v[i])
+        u += gains[3, i] * r[i, 2] + gains[4, i] * tanh(r[i, 1] / 0.02)
+        u += gains[2, i] * (cos(q[i]) if i == 1 else sin(q[i]))
+        top = floor(p.torque_max[i] / p.dac[i])
+        codes[i] = min(max(floor(u / p.dac[i] + 0.5), -top), top)
+
+
+@nb.njit(cache=True, nogil=True)
+def run(
+    p: Any,
+    x: Any,
+    reference: Any,
+    gains: Any,
+    share: float,
+    push: Any,
+    random: Any,
+    tick: float,
+    substeps: int,
+    out: Any,
+) -> None:
+    """Run a session of n ticks.
+
+    Parameters
+    ----------
+    p, x : records of `layout.ARM` and `layout.STATE`
+        Parameters and state.
+    reference : ndarray (n, 3, 3)
+        Place [rad], speed [rad/s] and acceleration [rad/s^2] of every joint.
+    gains : ndarray (5, 3)
+        Stiffness, damping, nominal gravity, inertia, Coulomb friction.
+    share : float
+        Share of the first-order filter on the speed, per tick.
+    push : ndarray (n, 3)
+        Force ON the tip, base frame [N].
+    random : ndarray (n, NOISES)
+        Standard normal numbers.
+    tick : float
+        Period of the loop [s], in `substeps` steps of the plant.
+    out : ndarray (n, 9)
+        Written: measured positions [rad] and speeds [rad/s], efforts sent [N m].
+    """
+    dt = tick / substeps
+    q, v, codes, link = np.zeros(3), np.zeros(3), np.zeros(3, np.int64), np.zeros(3)
+    for k in range(reference.shape[0]):
+        for i in range(3):
+            count = floor((shaft(p, x, i)) * p.encoder[i] + x.lost[i])
+            place = (count + 0.5) / p.encoder[i]
+            if k > 0:
+                v[i] += share * ((place - q[i]) / tick - v[i])
+            q[i] = place
+        control(p, reference[k], q, v, gains, codes)
+        for i in range(3):
+            out[k, i], out[k, 3 + i], out[k, 6 + i] = q[i], v[i], codes[i] * p.dac[i]
+        chance(p, x, random[k], tick)
+        drive.command(p, x, codes, random[k], tick)
+        x.force[:] = push[k]
+        for n in range(substeps):
+            if n == 0:
+                arm.tip(p, x)
+            substep(p, x, k * tick + n * dt, n * dt, tick, dt, link)
+
+
+# Memory layout of the compiled session: the further hidden effects and the plant's records.
+
+_F, _J = np.float64, (3,)
+
+_MORE = np.dtype(
+    [
+        ("locked", np.int64),  # 1: joints 2 and 3 are clamped, a single axis is left
+        ("preslide", _F, _J),
+        ("preslide_at", _F, (3, ELEMENTS)),  # [N m], [rad]
+        ("rub", _F, _J),
+        ("rub_cycles", _F, _J),  # [N m], [rad/rad]
+        ("load_rub", _F, _J),
+        ("fade", _F, _J),  # [N m]
+        ("give", _F, _J),
+        ("soft", _F, _J),
+        ("soft_at", _F, _J),  # [rad/(N m)], 1, [rad]
+        ("slack", _F, _J),  # [rad]
+        ("idler", _F, _J),  # [N m]
+        ("ripple", _F, _J),
+        ("ripple_cycles", _F, _J),  # 1, [rad/rad]
+        ("detent", _F, _J),
+        ("detent_cycles", _F, _J),  # [N m], [rad/rad]
+        ("slow_drive", _F, _J),
+        ("jitter", _F, _J),
+        ("offset", _F, _J),  # [s], [s], [N m]
+        ("leak", _F, _J),
+        ("choke", _F, _J),  # 1, [1/(N m)]
+        ("oscillator", _F, _J),
+        ("oscillator_rate", _F, _J),  # [kg m^2], [rad/s]
+        ("hum", _F, _J),
+        ("hum_rate", _F, _J),  # [N m], [rad/s]
+        ("wobble", _F, _J),
+        ("wobble_cycles", _F, _J),
+        ("slips", _F, _J),  # [rad], 1, [counts]
+        ("telegraph", _F, _J),
+        ("chirp", _F, _J),
+        ("pair", _F, _J),  # [N m]
+        ("thixotropy", _F, _J),
+        ("placed_viscous", _F, _J),  # [N m], [N m s/rad^2]
+    ]
+)
+
+_MORE_STATE = np.dtype(
+    [
+        ("zp", _F, (3, ELEMENTS)),  # presliding elements [rad]
+        ("slow", _F, (3, 2)),  # second-order amplifier [N m], [N m/s]
+        ("idle", _F, (3, 2)),
+        ("osc", _F, (3, 2)),  # idler and attached oscillator [rad], [rad/s]
+        ("idle_z", _F, (3, ELEMENTS)),
+        ("lost", _F, _J),
+        ("flip", _F, _J),
+        ("thick", _F, _J),  # [counts], +-1, 0..1
+    ]
+)
+
+#: Parameters of the arm; all of the first part are zero unless an effect is hidden.
+# The plant's fields come last: Numba takes a record that only continues another one for that
+# other type, with a warning, and a function compiled for the plant would serve both.
+ARM = np.dtype(_MORE.descr + PLANT_ARM.descr)
+STATE = np.dtype(_MORE_STATE.descr + PLANT_STATE.descr)
+
+
+# What may be hidden in a session: name -> which fields it sets; and kinds of no catalogue.
+
+#: Names that begin so are in no catalogue.
+OUTSIDE = "outside-"
+
+
+@dataclass(frozen=True)
+class Law:
+    """One kind of hidden effect.
+
+    Parameters
+    ----------
+    text : str
+        Its form.
+    size : dict
+        Field of the plant -> value at amplitude 1, scaled by the amplitude.
+    shape : dict
+        Field -> value at any amplitude.
+    sensor : str
+        Key of the sensor chain that the amplitude goes to instead (`sensors`), with `size`.
+    needs : str
+        ``"force"``: a measured force; ``"arm"``: more than one joint; ``"runs"``: a run with
+        and one without; empty: any motion.
+    least, most : float
+        Smallest amplitude (below it the control loop meets the cables' resonance) and the
+        largest that is still that effect on a haptic arm.
+    """
+
+    text: str
+    size: dict[str, float] = field(default_factory=dict)
+    shape: dict[str, Any] = field(default_factory=dict)
+    sensor: str = ""
+    needs: str = ""
+    least: float = 0.0
+    most: float = 30.0
+
+
+_SLIP = (3e-3, 6e-3, 1.2e-2, 2e-2)
+
+EFFECTS: dict[str, Law] = {
+    "stribeck": Law("1 / (1 + (v/vs)^2)", {"stribeck": 0.01}, {"stribeck_speed": 0.15}),
+    "asymmetric-coulomb": Law("square of a friction state", {"asym_coulomb": 0.006}, most=1.6),
+    "asymmetric-viscous": Law("v tanh(v / 0.08)", {"asym_viscous": 0.006}),
+    "quadratic-drag": Law("|v|^1.8", {"drag": 0.02}),
+    "presliding": Law("four Maxwell elements", {"preslide": 0.01}, {"preslide_at": _SLIP}),
+    "position-friction": Law("triangular", {"rub": 0.006}, {"rub_cycles": 14.0}),
+    "load-friction": Law("|load|^1.3", {"load_rub": 0.01}),
+    "coupled-friction": Law("friction state of another joint", {"couple": 0.005}, needs="arm"),
+    # no more can be lost than the motors' 8.5 mN m and more
+    "friction-drift": Law("t / (t + 8 s)", {"fade": 0.006}, most=1.4),
+    "elastic-transmission": Law("two masses", {"give": 0.01}, most=20.0),
+    "hardening-cable": Law("rational softness at zero", {"soft": 4.0}, {"soft_at": 1e-3}),
+    "backlash": Law("dead zone between two masses", {"slack": 2e-3}, most=10.0),
+    "coupled-transmission": Law("idler on a soft shaft", {"idler": 0.004}, needs="arm"),
+    "torque-gain": Law("gain of the drive", {"gain": 0.1}, needs="force"),
+    "torque-offset": Law("constant", {"offset": 0.004}, most=5.0),
+    "torque-ripple": Law("|cos|, times the torque", {"ripple": 0.3}, {"ripple_cycles": 40.0}),
+    "torque-saturation": Law("a tenth comes through beyond it", {"choke": 20.0}),
+    "torque-crosstalk": Law("share of the next motor's torque", {"leak": 0.05}, needs="arm"),
+    "cogging": Law("sin(a + 0.4 sin a)", {"detent": 0.004}, {"detent_cycles": 33.6}),
+    "actuator-lag": Law("second order", {"slow_drive": 4e-3}, least=0.4),
+    "delay": Law("jittered by 30 %", {"jitter": 6e-3}, least=0.5),
+    "payload": Law("mass in one of two runs", {"payload": 0.02}, needs="runs"),
+    "spring": Law("-k sin(q - q0)", {"spring": 0.05}, {"spring_rest": 0.1}),
+    "position-torque": Law("kinked cable", {"umbilical": 0.01}, {"umbilical_at": 0.1}),
+    "end-stop": Law("d^1.5 (1 + c v)", {"stop": 0.3}, {"stop_at": (0.15, 0.6, 0.5)}),
+    "encoder-eccentricity": Law(
+        "tilted sine", {"wobble": 2e-3}, {"wobble_cycles": 13.0}, most=10.0
+    ),
+    "missed-counts": Law("lost at random, against the motion", {"slips": 4.0}),
+    "filter-lag": Law(
+        "two poles on the recorded position", {"lag": 3e-3}, sensor="lag", needs="force"
+    ),
+    "vibration-mode": Law(
+        "attached mass", {"oscillator": 3e-4}, {"oscillator_rate": 22.0}, most=10.0
+    ),
+    "periodic-disturbance": Law("exp(1.2 sin wt)", {"hum": 0.003}, {"hum_rate": 17.15}),
+    "force-bias": Law("in sensor axes", {"bias": 0.02}, sensor="bias", needs="force"),
+    "force-drift": Law("t / (t + 10 s)", {"drift": 0.04}, sensor="drift", needs="force"),
+    "force-gain": Law("saturating", {"gain": 0.1}, sensor="gain", needs="force"),
+    "force-crosstalk": Law("in sensor axes", {"cross": 0.1}, sensor="cross", needs="force"),
+    "outside-speed-product": Law("v_a v_b", {"product": 0.02}, needs="arm"),
+    "outside-stick-slip": Law("bursts at random", {"burst": 0.03}),
+    "outside-resonance": Law("moves with speed", {"resonance": 0.06}),
+    "outside-telegraph": Law("offset that flips at random", {"telegraph": 0.004}),
+    "outside-chirp": Law("frequency that rises", {"chirp": 0.005}),
+    "outside-position-pair": Law("sin 6 q_a cos 5 q_b", {"pair": 0.01}, needs="arm"),
+    "outside-thixotropy": Law("rebuilds at rest", {"thixotropy": 0.02}),
+    "outside-placed-viscous": Law("q v", {"placed_viscous": 0.02}),
+}
+
+
+def apply(p: NDArray[np.void], sensors: dict[str, float], row: dict[str, Any]) -> None:
+    """Put one effect into the record `p` (1,) or the sensor chain.
+
+    Parameters
+    ----------
+    p : ndarray (1,) of `layout.ARM`
+    sensors : dict
+        Amplitudes of the sensor effects, changed in place.
+    row : dict
+        ``effect``, ``joint`` (0..2) and ``amplitude``.
+    """
+    name, i, amplitude = row["effect"], int(row["joint"]), float(row["amplitude"])
+    if name not in EFFECTS:
+        raise ConfigError(unknown("hidden effect", name, EFFECTS))
+    law = EFFECTS[name]
+    if name == "payload":
+        truth.add_tip_mass(p, amplitude * law.size["payload"])
+        return
+    for key, value in law.size.items():
+        if law.sensor:
+            sensors[law.sensor] = sensors.get(law.sensor, 0.0) + amplitude * value
+            sensors["joint"] = i
+        elif key == "couple":
+            p[key][0, i, (i + 1) % 3] += amplitude * value
+        else:
+            p[key][0, i] += amplitude * value
+    for key, value in law.shape.items():
+        per_joint = isinstance(value, tuple) and len(value) == 3
+        p[key][0, i] = value[i] if per_joint else value
+
+
+# What the recording holds of the true signals: force sensor in its own axes, filtered position.
 
 FloatArray = NDArray[np.float64]
+#: Resolution and noise of the force sensor [N], what its certificate does not know.
+STEP, FORCE_NOISE, CROSSTALK = 1.0 / 1280.0, 2e-3, 2e-3
+
+
+def axes(q: FloatArray) -> FloatArray:
+    """Sensor axes in the base frame, (n, 3, 3): rows normal to the forearm, across, along."""
+    (s1, _, s3), (c1, _, c3) = np.sin(q).T, np.cos(q).T
+    zero = np.zeros_like(s1)
+    rows = [[c1 * c3, s1 * c3, s3], [s1, -c1, zero], [c1 * s3, s1 * s3, -c3]]
+    return np.stack([np.stack(r, -1) for r in rows], 1)
+
+
+def force(
+    push: FloatArray, q: FloatArray, effects: dict[str, Any], rng: np.random.Generator, tick: float
+) -> FloatArray:
+    """Measured wrench (n, 6) [N, N m] in the base frame of the true tip force `push` (n, 3)."""
+    turn = axes(q)
+    f = np.einsum("nij,nj->ni", turn, push)
+    k, t = int(effects.get("joint", 0)), tick * np.arange(len(q))
+    e = CROSSTALK * np.random.default_rng(0xCA1).standard_normal((3, 3))
+    e[k, (k + 1) % 3] += effects.get("cross", 0.0)
+    f = f @ (np.eye(3) + e).T
+    # gain that is largest for small forces: f (1 + g / (1 + |f|))
+    f[:, k] *= 1.0 + effects.get("gain", 0.0) / (1.0 + np.abs(f[:, k]))
+    f[:, k] += effects.get("bias", 0.0) + effects.get("drift", 0.0) * t / (t + 10.0)
+    f = STEP * np.round((f + FORCE_NOISE * rng.standard_normal(f.shape)) / STEP)
+    out = np.zeros((len(q), 6))
+    out[:, :3] = np.einsum("nij,ni->nj", turn, f)
+    return out
+
+
+def late(q: FloatArray, seconds: float, joint: int, tick: float) -> FloatArray:
+    """Position (n, 3) with two poles of time constant `seconds` / 2 on one joint."""
+    if seconds <= 0.0:
+        return q
+    a = float(np.exp(-2.0 * tick / seconds))
+    b = np.array([(1.0 - a) ** 2])
+    out = q.copy()
+    start = q[0, joint]
+    filtered = scipy.signal.lfilter(b, np.array([1.0, -2.0 * a, a * a]), q[:, joint] - start)
+    out[:, joint] = np.asarray(filtered) + start
+    return out
+
+
 TICK = 1e-3
 #: Torque noise [N m] of the two colours, alike below 20 Hz: at 5 Hz corner, and white at 1 kHz.
 NOISE = {"coloured": (1.0e-3, 5e-4), "white": (0.0, 4.0e-3)}
@@ -65,7 +542,7 @@ def simulate(
     n = len(reference)
     rng = np.random.default_rng([seed, 0xFA57])
     out = np.zeros((n, 9))
-    kernel.run(
+    run(
         p[0],
         start(p, reference[0, :, 0])[0],
         reference,
@@ -77,7 +554,7 @@ def simulate(
         SUBSTEPS,
         out,
     )
-    q = sensors.late(out[:, :3], chain.get("lag", 0.0), int(chain.get("joint", 0)), TICK)
+    q = late(out[:, :3], chain.get("lag", 0.0), int(chain.get("joint", 0)), TICK)
     found: dict[str, FloatArray] = {}
     found |= {
         "t": TICK * np.arange(n, dtype=np.float64),
@@ -86,7 +563,7 @@ def simulate(
         "tau": out[:, 6:],
     }
     if push is not None:
-        found["wrench"] = sensors.force(push, out[:, :3], chain, rng, TICK)
+        found["wrench"] = force(push, out[:, :3], chain, rng, TICK)
     return found
 
 
@@ -102,7 +579,7 @@ def plant(
     p["locked"] = int(locked)
     chain: dict[str, float] = {}
     for row in hidden:
-        effects.apply(p, chain, row)
+        apply(p, chain, row)
     return p, chain
 
 
@@ -119,4 +596,4 @@ def start(p: NDArray[np.void], home: FloatArray) -> NDArray[np.void]:
 
 def kinds() -> dict[str, tuple[str, float, float]]:
     """What may be hidden -> what it needs, its smallest and largest amplitude (`Law`)."""
-    return {name: (law.needs, law.least, law.most) for name, law in effects.EFFECTS.items()}
+    return {name: (law.needs, law.least, law.most) for name, law in EFFECTS.items()}

@@ -1,7 +1,7 @@
 """Memory layout of the compiled plant: one structured record per arm.
 
 Joint vectors have length 3 and SI units (rad, N m).  Fields of the second group in `ARM` are
-zero in the nominal plant and are set by `hil.sim_devices.plants.hidden`.
+zero in the nominal plant and are set by `hil.sim_devices.plants.build`.
 """
 
 from __future__ import annotations

@@ -2,13 +2,83 @@
 
 from __future__ import annotations
 
-from math import cos, fabs, floor, sin
+from math import cos, fabs, floor, hypot, sin, sqrt
 from typing import Any
 
 import numba as nb
 import numpy as np
 
-from hil.sim_devices.plants import arm, contact, drive, friction, operator, passive
+from hil.sim_devices.plants import arm, drive, friction, passive
+from hil.sim_devices.plants.layout import SINES
+
+# Gel under the tip: Hunt-Crossley with one Maxwell arm and wet lateral drag.
+#
+# Hunt & Crossley, J. Appl. Mech. 42(2) 1975.  The surface is the plane z = `surface`.
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def press(gel: Any, x: Any, dt: float) -> None:
+    """Add the gel's force [N] on the tip to `x.force`."""
+    depth = gel.surface - x.tip[2]
+    if depth <= 0.0:
+        # free: the Maxwell arm relaxes
+        gel.flow -= dt * gel.flow / gel.relaxation
+        return
+    rate = -x.tip_v[2]
+    # f = k d^n (1 + 1.5 c d') + k b (d - flow),  flow' = (d - flow) / tau
+    normal = gel.stiffness * depth**gel.power * (1.0 + 1.5 * gel.damping * rate)
+    normal += gel.branch * (depth - gel.flow)
+    gel.flow += dt * (depth - gel.flow) / gel.relaxation
+    if normal <= 0.0:
+        return
+    x.force[2] += normal
+    speed = hypot(x.tip_v[0], x.tip_v[1]) + 1e-3
+    for k in range(2):
+        x.force[k] -= gel.drag * fabs(normal) * x.tip_v[k] / speed
+
+
+# Who moves the leader: a hand (mass, arm and grip impedance, tremor) or a machine.
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def aim(h: Any, t: float) -> None:
+    """Where the operator wants the tip at time t [s]: a sum of sines about home."""
+    if h.kind == 0:
+        return
+    ramp = min(1.0, t / h.onset)
+    ramp = ramp * ramp * (3.0 - 2.0 * ramp)
+    for k in range(3):
+        place, speed = h.home[k], 0.0
+        for n in range(SINES):
+            angle = h.rate[k, n] * t + h.phase[k, n]
+            place += ramp * h.size[k, n] * sin(angle)
+            speed += ramp * h.size[k, n] * h.rate[k, n] * cos(angle)
+        h.aim[k] = place
+        h.aim_v[k] = speed
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def hold(h: Any, x: Any, dt: float) -> None:
+    """Add the operator's force [N] on the tip to `x.force`; advances the hand by `dt`."""
+    if h.kind == 1:
+        for k in range(3):
+            # grip between hand and tip; m x'' = arm spring and damper - grip
+            grip = h.grip_k * (h.x[k] - x.tip[k]) + h.grip_b * (h.v[k] - x.tip_v[k])
+            arm = h.arm_k * (h.aim[k] - h.x[k]) + h.arm_b * (h.aim_v[k] - h.v[k])
+            h.v[k] += dt * (arm - grip) / h.mass
+            h.x[k] += dt * h.v[k]
+            h.aim[k] += dt * h.aim_v[k]
+            x.force[k] += grip
+    elif h.kind == 2:
+        size, push = 0.0, h.x
+        for k in range(3):
+            # machine: PD to the aim, limited in norm
+            push[k] = h.arm_k * (h.aim[k] - x.tip[k]) + h.arm_b * (h.aim_v[k] - x.tip_v[k])
+            size += push[k] * push[k]
+            h.aim[k] += dt * h.aim_v[k]
+        scale = min(1.0, h.limit / (sqrt(size) + 1e-12))
+        for k in range(3):
+            x.force[k] += scale * push[k]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -96,7 +166,7 @@ def run(
     for a in range(p.shape[0]):
         pa, xa, ha, ga = p[a], x[a], h[a], g[a]
         drive.command(pa, xa, codes[a], random[a], tick)
-        operator.aim(ha, t)
+        aim(ha, t)
         risen = drive.share(pa, dt)
         for k in range(n):
             trig = arm.angles(xa)
@@ -104,9 +174,9 @@ def run(
                 arm.tip_at(pa, xa, trig)
                 xa.force[:] = 0.0
                 if xa.parked == 0:
-                    operator.hold(ha, xa, dt)
+                    hold(ha, xa, dt)
                     if ga.on > 0:
-                        contact.press(ga, xa, dt)
+                        press(ga, xa, dt)
             if xa.parked == 0:
                 substep(pa, xa, k * dt, tick, dt, link, risen, trig)
         sense(pa, xa, t + tick, random[a], counts[a], gauges[a])

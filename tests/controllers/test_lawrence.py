@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hil.cli import main
-from hil.controllers import dynamics, geometry, lawrence, lawrence_config, lawrence_kernels
+from hil.controllers import dynamics, geometry, lawrence, lawrence_config
 from hil.controllers.lawrence import Lawrence, LawrenceConfig
 from hil.controllers.lawrence_config import ChannelConfig
 from hil.errors import ConfigError, DeviceError
@@ -181,7 +181,7 @@ def test_computed_torque_makes_a_point_mass_of_the_arm(shape):
             if shape == "acceleration":
                 # the acceleration that the point mass would have, fed back
                 w["signals"][arm_index, :, 2] = (fc + fs) / c["masses"][arm_index]
-            lawrence_kernels.torque(arm_index, q, v, fc, c, w, out)
+            lawrence.torque(arm_index, q, v, fc, c, w, out)
             qdd, jac = accelerated(q, v, out, fs, pi)
             got = jac @ qdd + bend
             np.testing.assert_allclose(c["masses"][arm_index] * got, fc + fs, atol=1e-6)

@@ -11,8 +11,8 @@ from hil.controllers.joint_tracking import JointTracking, JointTrackingConfig
 from hil.record.mcap_read import load
 from hil.record.recording import Recording
 from hil.rigs import rig_path
-from hil.sim_devices.fast import laws, session
-from hil.sim_devices.fast.effects import EFFECTS
+from hil.sim_devices.fast import session
+from hil.sim_devices.fast.session import EFFECTS
 from hil.sim_devices.plants import friction
 
 SECONDS = 30.0
@@ -86,7 +86,7 @@ def test_friction_brakes_at_any_amplitude(effect, joint):
             x["qm"][0, joint] = place
             for t in (0.0, 5.0, 25.0):
                 total = friction.motor_side(p[0], x[0], joint, 0.02)
-                total += laws.motor_friction(p[0], x[0], joint, t, 0.02, 1e-4)
+                total += session.motor_friction(p[0], x[0], joint, t, 0.02, 1e-4)
                 assert total * side > 0
 
 

@@ -10,7 +10,7 @@ from hil.errors import ConfigError
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
 from hil.runtime.runner import run
-from hil.sim_devices.plants.hidden import HIDDEN, RANDOM, choose
+from hil.sim_devices.plants.build import HIDDEN, RANDOM, choose
 
 RIGS = Path(__file__).parents[2] / "rigs"
 

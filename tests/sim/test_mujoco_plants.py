@@ -12,10 +12,10 @@ pytest.importorskip("mujoco", reason="the test plants need MuJoCo (extra 'mujoco
 
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
-from hil.sim_devices.mujoco_plants import describe, motions, plant, session
-from hil.sim_devices.mujoco_plants.kinds import NAMES
+from hil.sim_devices.mujoco_plants import describe, session
 from hil.sim_devices.mujoco_plants.laws import Place
 from hil.sim_devices.mujoco_plants.robots import ROBOTS
+from hil.sim_devices.mujoco_plants.session import NAMES
 
 DESCRIBED = [name for name, robot in ROBOTS.items() if robot.described]
 SECONDS = 8.0
@@ -38,13 +38,13 @@ def test_there_are_small_and_large_robots_of_one_to_seven_joints():
 def test_mujoco_and_the_exact_urdf_agree(name):
     pin = pytest.importorskip("pinocchio")
     robot = ROBOTS[name]
-    motion = motions.reference(robot, "wander", 5, robot.step)[::800]
+    motion = session.reference(robot, "wander", 5, robot.step)[::800]
     model = pin.buildModelFromXML(session.urdf(name, exact=True))
     rotor = np.array([link.rotor for link in robot.links])
     data = model.createData()
     expected = [pin.rnea(model, data, *x.T.copy()) + rotor * x[:, 2] for x in motion]
     np.testing.assert_allclose(
-        plant.effort(robot, motion), expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+        session.effort(robot, motion), expected, rtol=0, atol=1e-9 * np.abs(expected).max()
     )
 
 
@@ -57,7 +57,7 @@ def test_a_session_obeys_the_equation_of_motion(name, monkeypatch):
     s = session.simulate(name, ("points", 2), [], "white", 0)
     v = np.gradient(s["q"], robot.step, axis=0, edge_order=2)
     motion = np.stack([s["q"], v, np.gradient(v, robot.step, axis=0)], -1)[1000:-1000:200]
-    needed = plant.effort(robot, motion) + motion[..., 1] * [k.viscous for k in links]
+    needed = session.effort(robot, motion) + motion[..., 1] * [k.viscous for k in links]
     sent = s["tau"][1000:-1000:200]
     # what is left is half a period of the controller
     assert np.sqrt(np.mean((sent - needed) ** 2)) < 0.01 * np.sqrt(np.mean(sent**2))
@@ -114,9 +114,9 @@ def test_rows_can_be_lost():
 def test_a_load_that_is_picked_up_is_the_load_that_hangs_there():
     robot = ROBOTS["elbow3"]
     place = Place(robot, 0, 5.0, np.random.default_rng(0))
-    hung = plant.Plant(robot, [{"effect": "payload", "joint": 0, "amplitude": 5.0}], 0)
-    taken = plant.Plant(robot, [], 0)
-    plant.pick_up(taken.model, place)(np.inf)
+    hung = session.Plant(robot, [{"effect": "payload", "joint": 0, "amplitude": 5.0}], 0)
+    taken = session.Plant(robot, [], 0)
+    session.pick_up(taken.model, place)(np.inf)
     found = []
     for p in (hung, taken):
         p.data.qpos[:], p.data.qvel[:], p.data.qacc[:] = 0.4, 0.7, 1.1

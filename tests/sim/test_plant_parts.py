@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil.sim_devices.bench import open_bench
-from hil.sim_devices.plants import contact, friction
+from hil.sim_devices.plants import friction, world
 from hil.sim_devices.plants.layout import ELEMENTS, GEL, STATE
 
 ARMS = {"leader": "nano25", "follower": "nano17"}
@@ -38,7 +38,7 @@ def test_gel_pushes_only_and_dissipates():
         x["tip"][0, 2] = -0.005 * np.sin(2 * np.pi * t)
         x["tip_v"][0, 2] = -0.01 * np.pi * np.cos(2 * np.pi * t)
         x["force"] = 0.0
-        contact.press(gel[0], x[0], dt)
+        world.press(gel[0], x[0], dt)
         assert x["force"][0, 2] >= 0.0
         work += x["force"][0, 2] * x["tip_v"][0, 2] * dt
     assert work < -1e-6
