@@ -1,4 +1,4 @@
-"""SDF 1.9: bodies, damping, friction, springs and limits of joints."""
+"""SDF 1.9: bodies, damping, friction and limits of joints."""
 
 from __future__ import annotations
 
