@@ -18,7 +18,7 @@ from statistics import NormalDist
 
 # ------------------------------------------------------------------------- beyond chance
 
-#: Level of every test: over all candidates, of coefficients, of nested laws, of changes, of bands.
+#: Level of every test: over all candidates, of nested laws, of changes, of bands.
 #: Convention.  Double: twice as many false names in sessions with nothing hidden, the smallest
 #: effects a tenth smaller.
 LEVEL = 0.01
@@ -37,8 +37,8 @@ BEYOND = 1.5
 #: Regression Trees, 1984, 3.4.3).  Half: rungs are lost to chance; double: a ladder may rise a
 #: little on one joint, and stops that are met five times are lost.
 RISEN = 1.0
-#: Independent events, blocks beside one for each coefficient or reversals, below which their
-#: scatter says nothing.  Half: offsets of short runs get names; double: short recordings get none.
+#: Events, e.g. reversals, below which one odd one decides, and the highest multiple of an order
+#: that is told.  Half: words on what a motion has not shown are left out; double: more of them are said.
 FEW = 10
 
 # --------------------------------------------------------------------- what is worth a name

@@ -30,7 +30,7 @@ def without(code, case, outcome, named=()):
 
 
 ROWS = [
-    row("a", "right", ["stribeck"], ["worth", "harm"]),
+    row("a", "right", ["stribeck"], ["worth", "paired"]),
     row("b", "missed", [], ["worth"]),
     row("c", "right", ["delay"], ["worth"]),
     row("d", "unstable"),
@@ -39,17 +39,17 @@ AGAIN = [
     without("worth", "a", "extra", ["stribeck", "cogging"]),
     without("worth", "b", "right", ["delay"]),
     without("worth", "c", "wrong", ["presliding"]),
-    without("harm", "a", "right", ["stribeck"]),
+    without("paired", "a", "right", ["stribeck"]),
 ]
 
 
 def test_effects_count_flips_of_stable_sessions():
     found = {e.code: e for e in ablation.effects(ROWS, AGAIN)}
     assert list(found) == [*rules.CANDIDATE, *rules.FIT]
-    worth, harm, idle = found["worth"], found["harm"], found["scales"]
+    worth, paired, idle = found["worth"], found["paired"], found["scales"]
     assert (worth.stage, worth.fired, worth.alone, worth.seconds) == ("candidate", 3, 3, 6.0)
     assert (worth.changed, worth.lost, worth.gained) == (3, 2, 1)
-    assert (harm.alone, harm.changed, harm.lost, harm.gained) == (1, 0, 0, 0)
+    assert (paired.alone, paired.changed, paired.lost, paired.gained) == (1, 0, 0, 0)
     assert (idle.stage, idle.fired, idle.alone, idle.changed) == ("fit", 0, 0, 0)
     assert found["detected"].fired == 3 and found["detected"].alone == 0
 
@@ -61,8 +61,10 @@ def test_table():
     assert cells[1:8] == ["worth", "candidate", "3", "3", "3", "2", "1"]
     assert "revision abc; 4 sessions, 4 diagnoses without a rule or several" in text
     assert "missed: adequate" in text and "wrong: presliding joint1" in text
-    idle = text.splitlines()[-1].split(", ")
-    assert "harm" in idle and "worth" not in idle
+    lines = text[text.index("## No answer changes") :].splitlines()
+    idle = {line.split("|")[1].strip(): line for line in lines if line.startswith("| ")}
+    assert "paired" in idle and "worth" not in idle
+    assert "tests/diagnosis/test_overtones.py" in idle["overtone"]
 
 
 def test_difference_of_paired_shares():
@@ -79,10 +81,10 @@ def test_a_rule_is_asked_again_after_an_error():
         assert {"worth"} == rules.OFF
         raise ZeroDivisionError
     assert not rules.OFF
-    with rules.without("harm"):
-        with rules.without("harm"):
+    with rules.without("paired"):
+        with rules.without("paired"):
             pass
-        assert {"harm"} == rules.OFF
+        assert {"paired"} == rules.OFF
     assert not rules.OFF
 
 
@@ -130,9 +132,9 @@ def test_without_a_rule_what_another_stops_too_stays_out(two):
 def test_only_cases_with_a_rule_of_their_own_are_repeated():
     case = cases.SessionCase("none", "arm", (), "white", "strokes", 0)
     other = cases.SessionCase("none", "arm", (), "white", "strokes", 1)
-    rows = [row(case.name, "right", alone=["worth", "harm"]), row(other.name, "unstable")]
+    rows = [row(case.name, "right", alone=["worth", "paired"]), row(other.name, "unstable")]
     assert [(a.case, a.code) for a in ablation.repeated([case, other], rows)] == [
-        (case, "harm"),
+        (case, "paired"),
         (case, "worth"),
     ]
 
@@ -150,3 +152,23 @@ def test_only_some_sessions():
     assert bench._only(todo, []) == todo
     with pytest.raises(ConfigError, match="--only stribek"):
         bench._only(todo, ["stribek"])
+
+
+def test_rules_that_change_nothing_alone_go_together():
+    todo = [SimpleNamespace(name=name) for name in "abc"]
+    rows = [r | {"fired": [*r["fired"], "worth"]} for r in ROWS[:2]]
+    rows.append(row("c", "right", ["delay"], ["worth"]) | {"fired": ["worth"]})
+    found = ablation.together(todo, rows, AGAIN)
+    # "detected" fired in the first two and changes nothing; "worth" does and stays
+    assert [t.case.name for t in found] == ["a", "b"]
+    assert "detected" in found[0].code.split("+") and "worth" not in found[0].code.split("+")
+    joint = [without(found[0].code, "a", "wrong", ["cogging"])]
+    text = ablation.report(rows, [*AGAIN, *joint], "hil bench diagnosis --ablate")
+    assert "Without all that change no answer alone: 1 sessions" in text
+    assert "all of them | a" in text
+
+
+def test_several_rules_are_off_for_a_while():
+    with rules.without("worth", "paired"):
+        assert {"worth", "paired"} == rules.OFF
+    assert not rules.OFF

@@ -215,8 +215,20 @@ def report(rows: list[Row], again: list[Row], command: str) -> str:
     if both:
         title = f"## Without all that change no answer alone: {len(both)} sessions"
         lines += ["", title, "", _changes(rows, [r | {"without": "all of them"} for r in both])]
-    lines += ["", "## No answer changes without", "", ", ".join(still) or "(none)"]
+    lines += ["", "## No answer changes without", "", *_idle(still)]
     return "\n".join(lines) + "\n"
+
+
+def _idle(codes: list[str]) -> list[str]:
+    """Rules that change no answer, each with the test that fails without it."""
+    if not codes:
+        return ["(none)"]
+    held = ([code, rules.PROVOKED.get(code, "none")] for code in codes)
+    return [
+        "They stay for what these sessions do not hold, where a test fails without them.",
+        "",
+        table(["rule", "test that fails without it"], list(held)),
+    ]
 
 
 def _table(found: list[RuleEffect]) -> str:

@@ -1,0 +1,111 @@
+"""Rules that no session of the quick plans needs: what each stops, and what it lets pass."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.diagnosis import rules
+from hil.diagnosis.constants import HALF, LEVEL, WORTH
+from hil.diagnosis.types import HeldOut
+from hil.models import catalogue
+
+
+def test_every_rule_that_is_provoked_is_one_and_its_test_is_there() -> None:
+    root = Path(__file__).parents[2]
+    for code, file in rules.PROVOKED.items():
+        assert code in {**rules.CANDIDATE, **rules.FIT}
+        assert code in (root / file).read_text("utf-8") or code == "overtone"
+
+
+CORRECTION = "correction-position"
+
+
+def case(effect: str, **more: Any) -> Any:
+    """A candidate of an effect on the first joint."""
+    term = SimpleNamespace(effect=catalogue.get(effect), joint=0, key=(effect, 0))
+    c = SimpleNamespace(term=term, **more)
+    return SimpleNamespace(rated=SimpleNamespace(candidate=c, joint=0))
+
+
+@pytest.mark.parametrize(("p_value", "stopped"), [(LEVEL / 2, False), (LEVEL * 2, True)])
+def test_what_noise_does_as_well_is_not_detected(p_value: float, stopped: bool) -> None:
+    reason = rules.CANDIDATE["detected"](case("stribeck", p_value=p_value))
+    assert ("by chance" in reason) is stopped
+
+
+@pytest.mark.parametrize("blind", [True, False])
+@pytest.mark.parametrize(("effect", "solid"), [("spring", True), ("stribeck", False)])
+def test_geometry_may_be_a_spring_where_it_is_unknown(
+    blind: bool, effect: str, solid: bool
+) -> None:
+    one = case(effect)
+    one.search = SimpleNamespace(blind=blind)
+    assert ("unknown geometry" in rules.CANDIDATE["geometry"](one)) is (blind and solid)
+
+
+def refit(before: np.ndarray, after: np.ndarray, kind: str, effect: str = "stribeck") -> Any:
+    """One joint's errors (n,) before a fit and after it."""
+    one = case(effect)
+
+    def visited(residual: np.ndarray) -> Any:
+        blocks = np.arange(residual.size) // 10
+        held = HeldOut(residual[None], np.ones((1, residual.size)), blocks, kind)
+        errors = SimpleNamespace(power=np.array([np.mean(residual**2)]))
+        return SimpleNamespace(step=SimpleNamespace(heldout=held), errors=errors, result=residual)
+
+    problem = SimpleNamespace(holds=np.zeros(1, dtype=bool))
+    one.search = SimpleNamespace(
+        problem=problem,
+        parted=lambda residual: SimpleNamespace(power=np.array([np.mean(residual**2)])),
+    )
+    one.before, one.after = visited(before), visited(after)
+    return one
+
+
+NOISE = np.random.default_rng(3).normal(size=400)
+
+
+@pytest.mark.parametrize(("factor", "stopped"), [(1 - WORTH, False), (1 - WORTH / 4, True)])
+def test_an_effect_keeps_its_gain_when_all_is_fitted_again(factor: float, stopped: bool) -> None:
+    """Without held-out runs nothing else keeps a ladder from rising: keeps-gain."""
+    one = refit(NOISE, factor * NOISE, "folds")
+    assert bool(rules.FIT["keeps-gain"](one)) is stopped
+    assert rules.FIT["never-rises"](one) == ""
+
+
+@pytest.mark.parametrize(("factor", "stopped"), [(0.9, False), (1.1, True)])
+def test_a_ladder_never_rises_on_held_out_runs(factor: float, stopped: bool) -> None:
+    reason = rules.FIT["never-rises"](refit(NOISE, factor * NOISE, "holdout"))
+    assert ("held-out runs rises" in reason) is stopped
+
+
+@pytest.mark.parametrize("effect", [CORRECTION, "stribeck"])
+@pytest.mark.parametrize(("factor", "rises"), [(0.9, False), (1.1, True)])
+def test_a_correction_transfers_from_part_to_part(effect: str, factor: float, rises: bool) -> None:
+    """A law may; it states what it is everywhere."""
+    one = refit(NOISE, factor * NOISE, "folds", effect)
+    reason = rules.FIT["transfers"](one)
+    assert ("from one part" in reason) is (rises and effect != "stribeck")
+
+
+def fitted(*theta: float) -> Any:
+    """A fit of a law, and of a correction where there are two coefficients."""
+    keys = [("load-friction", 0), (CORRECTION, 0)][: len(theta)]
+    rows = np.tile(NOISE[:, None], len(theta))
+    slices = [slice(k, k + 1) for k in range(len(theta))]
+    terms = [SimpleNamespace(key=key) for key in keys]
+    return SimpleNamespace(terms=terms, slices=slices, x=rows, theta=np.array(theta))
+
+
+@pytest.mark.parametrize(("left", "stopped"), [(1 - HALF / 2, False), (HALF / 2, True)])
+def test_a_correction_robs_no_name_of_its_effort(left: float, stopped: bool) -> None:
+    one = case(CORRECTION)
+    one.search = SimpleNamespace(standing=[("load-friction", 0)])
+    one.before = SimpleNamespace(result=fitted(1.0))
+    one.after = SimpleNamespace(result=fitted(left, 1 - left))
+    assert rules.FIT["robs"](one) == ("it replaces load-friction" if stopped else "")
+    one.search.standing = []  # a name that does not stand has no effort to keep
+    assert rules.FIT["robs"](one) == ""
