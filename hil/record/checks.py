@@ -347,8 +347,9 @@ def _signs(r: Recording) -> Iterator[DataFault]:
 
 FloatArray = NDArray[np.float64]
 
-#: Below these rates [Hz] an identification is doubtful, or hopeless.
-SLOW_HZ, HOPELESS_HZ = 100.0, 20.0
+#: Below these rates [Hz] an identification is doubtful, or hopeless (with room for stamps of a
+#: nominal 20 Hz).
+SLOW_HZ, HOPELESS_HZ = 100.0, 19.5
 #: Above it [Hz] the time is in another unit: filters and grids would take any memory.
 FASTEST_HZ = 1e6
 #: A run from which alone no effect is named (`hil.diagnosis.preconditions`) [s], and no fit made.
