@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 import tracemalloc
 import zipfile
 from collections.abc import Callable
@@ -565,13 +564,12 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
-def test_a_hostile_text_table_costs_at_most_five_good_ones(tmp_path, text):
-    """So text is read in this process: time and memory are in proportion to its size."""
+def test_a_hostile_text_table_takes_memory_in_proportion_to_its_size(tmp_path, text):
+    """So text is read in this process."""
 
     def cost(name, body):
         path = tmp_path / name
         path.write_text("t,q1,tau1\n" + body)
-        began = time.process_time()
         tracemalloc.start()
         try:
             import_table(path)
@@ -579,10 +577,8 @@ def test_a_hostile_text_table_costs_at_most_five_good_ones(tmp_path, text):
             assert len(str(error)) < 1000
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        return time.process_time() - began, peak
+        return peak
 
     good = "".join(f"{k / 1000:.3f},{k % 7},{k % 5}\n" for k in range(25_000))
-    seconds, peak = cost("good.csv", good)
-    worse, larger = cost("bad.csv", text)
-    assert worse < 5 * seconds + 0.1
+    peak, larger = cost("good.csv", good), cost("bad.csv", text)
     assert larger < max(peak, 64 * len(text)) and larger < 2**25
