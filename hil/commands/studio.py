@@ -5,12 +5,40 @@ from __future__ import annotations
 import argparse
 import secrets
 import webbrowser
+from collections.abc import Mapping
+from typing import Any
 
 from hil.commands import common
-from hil.studio.server import application
 from hil.studio.workbench import Inputs
 from hil.studio.worker import Worker
-from hil.web.site import serve
+from hil.web.site import serve, site
+
+# The studio's page and requests, for one user on this machine.
+
+
+def application(worker: Worker, token: str, hosts: list[str]) -> Any:
+    """ASGI application of the studio; see `hil.web.site.site`.
+
+    Parameters
+    ----------
+    worker : Worker
+        Computes.
+    token, hosts : str, list of str
+        As `hil.web.site.site`.
+    """
+
+    def ask(given: Mapping[str, Any]) -> dict[str, int]:
+        words = dict(given)
+        return {"number": worker.ask(str(words.pop("verb", "")), words)}
+
+    def cancel(_: Mapping[str, Any]) -> Any:
+        worker.cancel()
+        return worker.status()
+
+    questions = {"status": lambda _: worker.status(), "state": lambda _: worker.state}
+    requests = {"ask": ask, "cancel": cancel}
+    return site("hil.studio", ("studio.js",), questions, requests, token, hosts)
+
 
 EXAMPLE = "hil studio run1.mcap --holdout run2.mcap --model arm.toml"
 
