@@ -45,7 +45,6 @@ def test_the_house_does_not_grow_silently():
         for other in _imports(name, path, known):
             importers[other].add(name)
     one = sorted(name for name, by in importers.items() if len(by) == 1)
-    print(f"{len(known)} modules, {len(one)} with one importer")
     assert len(known) > 200, "the files were not found"
     assert len(known) <= MODULES
     assert len(one) <= ONE_IMPORTER, "\n".join(one)
