@@ -5,11 +5,180 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from types import ModuleType
 
+from hil import registry
 from hil.commands.run import named
-from hil.rig import status
-from hil.rig.config import load_rig
+from hil.errors import ConfigError, HilError
+from hil.rig import boxes
+from hil.rig.check import check_tables
+from hil.rig.config import SIMULATED, RigConfig, load_rig
+from hil.rig.open import bench_of, open_rig
 from hil.runtime import guard
+from hil.signals.bus import Bus
+
+# What is attached and reachable: for a rig, box by box and device by device, or in general.
+
+Row = dict[str, str]
+
+
+def row(name: str, driver: str, backend: str, reachable: str, what: str) -> Row:
+    """One line of the table; `reachable` is yes, no, or none where nothing was asked for."""
+    return {
+        "device": name,
+        "driver": driver,
+        "backend": backend,
+        "reachable": reachable,
+        "what": what,
+    }
+
+
+def everything() -> list[Row]:
+    """What every driver of a box finds on its bus, and the devices that are wired to boxes."""
+    rows = []
+    for name in sorted(registry.names("hil.boxes")):
+        try:
+            module = registry.load("hil.boxes", name)
+        except HilError as error:
+            rows.append(row("-", name, "-", "no", f"{error} {EXTRA}"))
+        else:
+            rows += list(_on_the_bus(name, module))
+    for name in sorted(registry.names("hil.drivers")):
+        rows.append(row("-", name, "sim", "yes", "simulated, or wired to boxes"))
+    return rows
+
+
+def _on_the_bus(name: str, module: ModuleType) -> Iterator[Row]:
+    if not hasattr(module, "attached"):
+        yield row("-", name, module.BUS, "none", UNLISTED.format(bus=module.BUS))
+        return
+    try:
+        found = module.attached(Bus(module.BUS))
+    except HilError as error:
+        yield row("-", name, module.BUS, "no", str(error))
+        return
+    for one in found:
+        yield row(one.address or "-", name, module.BUS, "yes" if one.usable else "no", one.what)
+    if not found:
+        yield row("-", name, module.BUS, "none", NOTHING.format(bus=module.BUS))
+
+
+#: What a box whose library is missing needs.
+EXTRA = "pip install 'hil-teleop[hardware]' brings the libraries of the buses"
+UNLISTED = "{bus} does not list what is on it; 'hil devices RIG.toml' asks for those of a rig"
+NOTHING = (
+    "none is attached, as far as {bus} shows; plug it in, and if this machine is virtual, hand "
+    "the device through to it"
+)
+
+
+def check(config: RigConfig) -> list[Row]:
+    """One row per box in use, then one per device; why it is not reachable and what to do.
+
+    Raises
+    ------
+    ConfigError
+        If the rig file itself is wrong.
+    """
+    try:
+        check_tables(config)
+    except ConfigError as error:
+        _only_reach(error)
+    rows, trouble = _boxes(config)
+    whole = ""
+    if not trouble:
+        whole = _whole(config)
+    for name, device in config.devices.items():
+        backend = config.backend_of(name)
+        broken = [b for b in _boxes_of(name, config) if b in trouble]
+        problem = f"its {_list('box', broken)} cannot be used" if broken else whole
+        what = problem or _ready(name, config)
+        rows.append(row(name, device.driver, backend, "no" if problem else "yes", what))
+    return rows
+
+
+def _boxes(config: RigConfig) -> tuple[list[Row], dict[str, str]]:
+    """Rows of the boxes, each opened alone, and what is wrong with them."""
+    rows, trouble = [], {}
+    used = boxes.backends(config)
+    boxes.told_apart(config, used)
+    bench = bench_of(config, 0) if "sim-wire" in used.values() else None
+    buses = bench.buses(boxes.plan(config)) if bench else {}
+    for name, backend in used.items():
+        table = config.boxes[name]
+        try:
+            with ExitStack() as stack:
+                box = boxes.open_box(config, name, backend, buses, stack)
+                what = boxes.describe(box)
+        except HilError as error:
+            _only_reach(error)
+            what = trouble[name] = str(error)
+        answer = "no" if name in trouble else "yes"
+        rows.append(row(name, table.driver, backend, answer, what))
+    return rows, trouble
+
+
+def _boxes_of(name: str, config: RigConfig) -> list[str]:
+    if name not in boxes.wired(config):
+        return []
+    spots = boxes.places(config, name)
+    return list(dict.fromkeys(p.box for places in spots.values() for p in places))
+
+
+def _whole(config: RigConfig) -> str:
+    """Open and close the rig; the error, or nothing."""
+    try:
+        open_rig(config, seed=0).close()
+    except HilError as error:
+        _only_reach(error)
+        return str(error)
+    return ""
+
+
+def _only_reach(error: HilError) -> None:
+    """Let a mistake in the rig file pass on: it is no matter of what can be reached."""
+    if isinstance(error, ConfigError) and not isinstance(error.__cause__, ImportError):
+        raise error
+
+
+def _ready(name: str, config: RigConfig) -> str:
+    """What a device that works is like: over which boxes, and how often its motors change."""
+    boxes = _boxes_of(name, config)
+    if boxes:
+        rate = _rate(config, boxes)
+        return f"ready, over {_list('box', boxes)}{rate and f'; {rate}'}"
+    if config.backend_of(name) not in SIMULATED:
+        return "ready"
+    wired = replace(
+        config,
+        backend="sim-wire",
+        devices={n: replace(d, backend="") for n, d in config.devices.items()},
+    )
+    try:
+        rate = _rate(wired, _boxes_of(name, wired))
+    except ConfigError:  # the library of a box is missing, which ideal wires do not need
+        rate = ""
+    return f"ready, at signal level{rate and f'; over its boxes {rate}'}"
+
+
+def _rate(config: RigConfig, some: list[str]) -> str:
+    """How often motors on these boxes change; empty where none gives a rate."""
+    rates = []
+    for box in some:
+        options = boxes.box_options(config, box)
+        if callable(getattr(options, "rate_hz", None)):
+            rates.append(options.rate_hz(len(boxes.used_channels(config, box))))
+    if not rates:
+        return ""
+    return f"motors change {min(rates):.0f} times/s in a loop of {config.loop.rate_hz:g} Hz"
+
+
+def _list(kind: str, names: list[str]) -> str:
+    return f"{kind} {names[0]}" if len(names) == 1 else f"{kind}es {', '.join(names)}"
+
 
 EXAMPLE = "hil devices rigs/teleop.toml"
 
@@ -23,15 +192,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print one row per box and device of a rig, or what is attached at all."""
     if args.rig is None:
-        rows = status.everything()
+        rows = everything()
     else:
         config = load_rig(args.rig)
         with named(args.rig):
-            rows = status.check(config)
+            rows = check(config)
         found = guard.standing(config.safety, args.rig)
         if found is not None:
             able, what = found
-            rows.append(status.row("watchdog", "cut", "-", "yes" if able else "no", what))
+            rows.append(row("watchdog", "cut", "-", "yes" if able else "no", what))
     if args.json:
         sys.stdout.write(json.dumps({"schema": "hil.devices/1", "devices": rows}) + "\n")
     else:

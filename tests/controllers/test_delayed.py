@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.bench import teleop
-from hil.controllers import delayed_kernels as k
+from hil.controllers import delayed as k
 from hil.controllers import geometry
 from hil.controllers.delayed import SCHEMES, Delayed, DelayedConfig, WallConfig
 from hil.controllers.lawrence_config import ChannelConfig

@@ -9,9 +9,8 @@ from plants import spatial_urdf
 
 from hil.errors import ConfigError
 from hil.export.content import Vocabulary
-from hil.export.feasible import infeasible, nearest
 from hil.export.target import Job, get
-from hil.export.within import within
+from hil.export.within import infeasible, nearest, within
 from hil.models.model import RobotModel, Use, Value
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource

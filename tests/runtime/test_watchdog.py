@@ -14,6 +14,7 @@ import pytest
 
 from hil import consent
 from hil.cli import main
+from hil.commands.selftest import selftest
 from hil.errors import ConfigError, DeviceError
 from hil.record.container import read
 from hil.record.decode import decode_numbers
@@ -24,7 +25,6 @@ from hil.rigs import rig_path
 from hil.runtime import guard, runner, watchdog
 from hil.runtime.clock import VirtualClock
 from hil.runtime.guard import guarded
-from hil.runtime.selftest import selftest
 from hil.runtime.watchdog import beside, tripped
 from hil.signals.frame import WORDS
 

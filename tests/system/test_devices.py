@@ -10,10 +10,11 @@ import pytest
 
 from hil import registry
 from hil.cli import main
+from hil.commands import devices
 from hil.drivers import usb_31xx, usb_quad08
 from hil.errors import ConfigError, DeviceError
 from hil.record.mcap_read import load
-from hil.rig import boxes, status
+from hil.rig import boxes
 from hil.rig.config import load_rig
 from hil.rig.open import bench_of
 from hil.runtime.runner import run
@@ -180,8 +181,8 @@ def test_boxes_that_may_not_be_opened_say_what_to_do(monkeypatch, capsys):
     hid.devices += [Sim31xx("usb-3101", "A1"), Sim31xx("usb-3114", "A2")]
     hid.devices[1].readable = False
     handles = {"usb": usb, "hid": hid}
-    monkeypatch.setattr(status, "Bus", lambda kind: Bus(kind, handles.get(kind)))
-    seen = {(r["device"], r["reachable"]): r["what"] for r in status.everything()}
+    monkeypatch.setattr(devices, "Bus", lambda kind: Bus(kind, handles.get(kind)))
+    seen = {(r["device"], r["reachable"]): r["what"] for r in devices.everything()}
     assert seen["Q0", "yes"].startswith("USB-QUAD08")
     assert "eight encoder counters" in seen["Q0", "yes"]
     assert "usb-3101" in seen["A1", "yes"]

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from hil.cli import main
+from hil.commands.selftest import selftest
 from hil.errors import ConfigError, DeviceError
 from hil.rig import boxes
 from hil.rig.config import load_rig
-from hil.runtime.selftest import selftest
 from hil.sim_devices.hid.usb31xx import Sim31xx
 
 RIGS = Path(__file__).parents[2] / "rigs"

@@ -1,0 +1,50 @@
+"""How many files the house has, so that it cannot silently grow: lower a bound when one is met."""
+
+import ast
+from collections import defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+#: Most modules, and most modules that exactly one other imports (tables that load by name apart).
+MODULES, ONE_IMPORTER = 368, 67
+
+
+def _modules() -> dict[str, Path]:
+    """Dotted name -> file of the product, by the names under which it is installed."""
+    found = {}
+    for folder in ("hil", "controllers", "drivers", "sim_devices"):
+        for path in (ROOT / folder).rglob("*.py"):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            parts = parts if folder == "hil" else ("hil", *parts)
+            found[".".join(parts).removesuffix(".__init__")] = path
+    return {name: path for name, path in found.items() if not _linked(path)}
+
+
+def _linked(path: Path) -> bool:
+    """Whether a path runs through one of the links in `hil` (its files are counted once)."""
+    return any(parent.is_symlink() for parent in path.parents if ROOT in parent.parents)
+
+
+def _imports(name: str, path: Path, known: dict[str, Path]) -> set[str]:
+    """Modules of the product that a file imports, anywhere in it."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {a.name for a in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            assert not node.level, f"{name} imports relative to itself"
+            inner = {f"{node.module}.{a.name}" for a in node.names}
+            found |= (inner & known.keys()) or {node.module}
+    return (found & known.keys()) - {name}
+
+
+def test_the_house_does_not_grow_silently():
+    known = _modules()
+    importers = defaultdict(set)
+    for name, path in known.items():
+        for other in _imports(name, path, known):
+            importers[other].add(name)
+    one = sorted(name for name, by in importers.items() if len(by) == 1)
+    assert len(known) > 200, "the files were not found"
+    assert len(known) <= MODULES
+    assert len(one) <= ONE_IMPORTER, "\n".join(one)
