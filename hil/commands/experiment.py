@@ -293,7 +293,7 @@ def _perception(args: argparse.Namespace) -> Found:
     """Simulated subjects look for the bolt: power of the test, and one that can decide."""
     rows = perception.study(args.seed, common.log)
     head, numbers = PAGES["perception"].head, PAGES["perception"].rows
-    data = {"rows": [dataclasses.asdict(r) for r in rows]}
+    data: dict[str, Any] = {"rows": [dataclasses.asdict(r) for r in rows]}
     cells = [
         [name, *("-" if math.isnan(x) else f"{x:.3g}" for x in values)]
         for name, values in numbers(data).items()

@@ -138,7 +138,7 @@ def found_share(index: Any, cells: int = CELLS) -> Any:
 
 
 def index_of(felt: Felt, weber: Any) -> Any:
-    """d' of subjects with these Weber fractions."""
+    """Index d' of subjects with these Weber fractions."""
     return felt.change / np.hypot(weber, felt.scatter)
 
 
@@ -174,7 +174,7 @@ def _equal(gaps: FloatArray) -> Any:
 
 
 def _p(gaps: FloatArray, at: float, side: str) -> Any:
-    """p of each group; of one whose subjects all have the same difference, 0 or 1."""
+    """Value p of each group; of one whose subjects all have the same difference, 0 or 1."""
     n = gaps.shape[1]
     spread = gaps.std(1, ddof=1)
     off = gaps.mean(1) - at

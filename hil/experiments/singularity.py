@@ -197,11 +197,15 @@ class _Lanes:
         self.alpha = 1 - np.exp(-2 * np.pi * of("corner") * PERIOD)
         where = np.repeat([("", "motor", "tip").index(w.accelerometer) for w in wares], each)
         self.motor, self.tip = where == 1, where == 2
-        z = lambda: np.zeros((2, n))  # noqa: E731
+
+        def z() -> Any:
+            return np.zeros((2, n))
+
         self.xr, self.vr, self.xt, self.vt = z(), z(), z(), z()
         self.xr -= 0.25 * _SIZE
         self.xt -= 0.25 * _SIZE
-        self.ar, self.at, self.past, self.v, self.raw, self.a = z(), z(), None, z(), z(), z()
+        self.ar, self.at, self.v, self.raw, self.a = z(), z(), z(), z(), z()
+        self.past: Any = None
         self.line = np.zeros((int(self.late.max()) + 1, 3, 2, n))
         self.slow, self.sums = np.zeros((2, 2, n)), np.zeros((3, 2, n))
         self.lost, self.pick = np.zeros(n, bool), np.arange(n)
