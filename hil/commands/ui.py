@@ -16,6 +16,7 @@ from hil.commands.run import add_rearm
 from hil.errors import ConfigError
 from hil.rig.config import load_rig
 from hil.ui.desk import Desk
+from hil.ui.scene import Scene
 from hil.web.site import serve, site
 
 EXAMPLE = "hil ui teleop -o sessions --clock real"
@@ -60,14 +61,14 @@ def run(args: argparse.Namespace) -> int:
             webbrowser.open(address)
 
     try:
-        serve(application(desk, token, config.name), args.port, told, token)
+        serve(application(desk, token, config.name, Scene(config)), args.port, told, token)
     finally:
         done.set()
         desk.close()
     return 0
 
 
-def application(desk: Desk, token: str, rig: str) -> Any:
+def application(desk: Desk, token: str, rig: str, scene: Scene | None = None) -> Any:
     """ASGI application of the operator's page."""
 
     def page(given: Mapping[str, Any]) -> str:
@@ -77,7 +78,11 @@ def application(desk: Desk, token: str, rig: str) -> Any:
         return name
 
     def view(given: Mapping[str, Any]) -> dict[str, Any]:
-        return desk.view(page(given), time.monotonic()) | {"rig": rig}
+        seen = desk.view(page(given), time.monotonic()) | {"rig": rig}
+        if scene is not None:
+            session = seen["session"]
+            seen |= {"places": scene.arms(session), "margin": scene.margin(session)}
+        return seen
 
     def take(given: Mapping[str, Any]) -> dict[str, Any]:
         desk.take(page(given), time.monotonic())
@@ -91,7 +96,7 @@ def application(desk: Desk, token: str, rig: str) -> Any:
         return desk.command(page(given), given, time.monotonic())
 
     requests = {"take": take, "begin": begin, "command": command}
-    return site("hil.ui", ("ui.js", "ui.css"), {"view": view}, requests, token,
+    return site("hil.ui", ("ui.js", "ui.css", "space.js"), {"view": view}, requests, token,
                 ["127.0.0.1", "localhost", "testserver"])  # fmt: skip
 
 

@@ -68,6 +68,13 @@ class _Phantom:
         r = self.l1 * c2 + self.l2 * s3
         return np.stack([r * c1, r * s1, self.l1 * s2 - self.l2 * c3], axis=1)
 
+    def places(self, q: FloatArray) -> FloatArray:
+        """Base, elbow and tip for angles (3,), shape (3, 3) [m]."""
+        elbow = self.l1 * np.array(
+            [np.cos(q[1]) * np.cos(q[0]), np.cos(q[1]) * np.sin(q[0]), np.sin(q[1])]
+        )
+        return np.stack([np.zeros(3), elbow, self.tip(q[None])[0]])
+
     def jacobian(self, q: FloatArray) -> FloatArray:
         """Tip Jacobian of p = (r c1, r s1, l1 s2 - l2 c3), shape (n, 3, 3)."""
         (s1, s2, s3), (c1, c2, c3) = np.sin(q).T, np.cos(q).T

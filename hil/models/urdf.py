@@ -162,6 +162,12 @@ class UrdfRobot:
             out[k] = self._data.oMf[self._tip].translation
         return out
 
+    def places(self, q: FloatArray) -> FloatArray:
+        """Base, joints and tip for angles (d,), shape (joints + 2, 3) [m]."""
+        self._pin.framesForwardKinematics(self._model, self._data, self._config(q[None])[0])
+        joints = [p.translation.copy() for p in list(self._data.oMi)[1:]]
+        return np.stack([np.zeros(3), *joints, self._data.oMf[self._tip].translation.copy()])
+
     def tip_axes(self, q: FloatArray) -> FloatArray | None:
         """Axes of the tip's frame as columns in base axes (n, 3, 3)."""
         out = np.empty((len(q), 3, 3))

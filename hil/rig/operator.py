@@ -47,6 +47,14 @@ class Shop:
         """What an operator may set of the law, and how far."""
         return settable.ranges(self._in_force())
 
+    def values(self) -> dict[str, list[float]]:
+        """What an operator may set, as it is now."""
+        now = self._in_force()
+        found = {name: getattr(now, name) for name in settable.ranges(now)}
+        return {
+            n: [float(x) for x in (v if isinstance(v, tuple) else (v,))] for n, v in found.items()
+        }
+
     def law(self, changes: Mapping[str, Sequence[float]]) -> Controller:
         """The law of the session with some of its numbers changed; the changes stay."""
         now, parameters = self._in_force(), dict(self._parameters)

@@ -237,6 +237,7 @@ class Session:
             "record": str(self.writer.paths[-1]),
             "unwritten": self.slow.unwritten,
             "controller": self.config.controller.name,
+            "values": self.slow.shop.values(),
             "settable": {
                 name: {"low": r.low, "high": r.high, "unit": r.unit, "entries": r.entries}
                 for name, r in self.slow.shop.settable().items()

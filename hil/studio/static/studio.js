@@ -216,5 +216,5 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => stat
 start();
 answered((now, found) => {
   files(now, found);
-  if (now) { state = now; show(); }
+  if (now) { state = now; show(); } else for (const id of ["undo", "redo", "diagnose"]) $(id).disabled = true;
 });

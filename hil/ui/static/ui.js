@@ -1,5 +1,6 @@
 // The operator's page: asks ten times a second, draws, and passes commands on.  Data is set as text.
 import { plot, range } from "./plot.js";
+import { above, space } from "./space.js";
 
 const token = new URLSearchParams(location.search).get("token") || "";
 const page = crypto.randomUUID();
@@ -7,6 +8,8 @@ const $ = (id) => document.getElementById(id);
 const KEPT = 400;
 let number = 0, last = null, told = "", seen = 0;
 const track = { t: [], arms: {} };
+const view = { turn: 0.5, lift: 0.35 };
+let trail = [];
 
 async function call(path, body) {
   const options = { headers: { "X-Hil-Token": token } };
@@ -43,8 +46,24 @@ function show(v) {
     b.disabled = !v.running || (!v.commands && b.dataset.say !== "stop");
   $("said").replaceChildren(...[...v.log.slice(-3), ...v.said.slice(-4)].map((x) => { const e = document.createElement("li"); e.textContent = x; return e; }));
   settable(s.settable || {});
-  if (s.arms && v.number !== seen) { seen = v.number; keep(s); draw(); }
+  if (s.arms && v.number !== seen) { seen = v.number; keep(s, v.places || {}); draw(); }
+  margin(v.margin);
   health(s);
+}
+
+function margin(m) {
+  $("margin").parentElement.hidden = !m || !m.text && !m.busy;
+  if (!m) return;
+  $("margin").dataset.level = m.level;
+  $("margin").textContent = m.busy ? "margin: computing" : m.level === "good" ? "stable" : m.level === "bad" ? "not stable" : "margin";
+  $("margin-text").textContent = m.text;
+}
+
+function scene() {
+  if (!last) return;
+  const places = last.places || {}, arms = last.session.arms || {};
+  space($("space"), places, Object.fromEntries(Object.entries(arms).map(([n, a]) => [n, a.force])), view);
+  above($("above"), trail, $("hide").checked);
 }
 
 function settable(all) {
@@ -54,8 +73,11 @@ function settable(all) {
   $("range").textContent = r ? `${r.entries > 1 ? `${r.entries} numbers, ` : ""}${r.low} to ${r.high} ${r.unit}` : "";
 }
 
-function keep(s) {
-  if (track.t.length && s.seconds < track.t[track.t.length - 1]) { track.t = []; track.arms = {}; }
+function keep(s, places) {
+  // the last arm presses into the gel
+  const names = Object.keys(places), name = names[names.length - 1];
+  if (name) { const tip = places[name][places[name].length - 1]; trail.push([tip[0], tip[1], size(s.arms[name].force)]); if (trail.length > 600) trail.shift(); }
+  if (track.t.length && s.seconds < track.t[track.t.length - 1]) { track.t = []; track.arms = {}; trail = []; }
   track.t.push(s.seconds);
   for (const [name, a] of Object.entries(s.arms)) (track.arms[name] ||= []).push(a);
   while (track.t.length > KEPT) { track.t.shift(); for (const a of Object.values(track.arms)) a.shift(); }
@@ -71,6 +93,7 @@ function lines(id, values, ylabel) {
 }
 
 function draw() {
+  scene();
   const arms = Object.entries(track.arms), j = Number($("joint").value);
   if (!arms.length) return;
   lines("force", arms.map(([, a]) => a.map((x) => size(x.force))), "force [N]");
@@ -104,6 +127,14 @@ for (const b of document.querySelectorAll("[data-say]")) b.onclick = () => say(b
 $("set").onsubmit = (e) => { e.preventDefault(); say(`set ${$("name").value} ${$("value").value}`); };
 $("note").onsubmit = (e) => { e.preventDefault(); say(`note ${$("text").value}`); $("text").value = ""; };
 $("joint").onchange = draw;
+$("hide").onchange = scene;
+$("clear").onclick = () => { trail = []; scene(); };
+const turn = (dx, dy) => { view.turn += dx; view.lift = Math.min(1.5, Math.max(-0.2, view.lift + dy)); scene(); };
+$("space").onpointermove = (e) => { if (e.buttons) turn(-e.movementX / 150, e.movementY / 150); };
+$("space").onkeydown = (e) => {
+  const by = { ArrowLeft: [0.15, 0], ArrowRight: [-0.15, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] }[e.key];
+  if (by) { e.preventDefault(); turn(...by); }
+};
 window.addEventListener("keydown", (e) => { if (e.key === "Escape") { e.preventDefault(); say("stop"); } });
 window.addEventListener("resize", draw);
 

@@ -1,0 +1,116 @@
+"""What the page draws beside the plots: arms in space, and the stability margin of the gains in force.
+
+Both are computed in the page's program, from what the session shows; the loop knows of neither.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from hil import registry
+from hil.errors import HilError
+from hil.models.robots import bare_robot
+from hil.record.recording import RobotSource
+from hil.report.json import number
+from hil.rig.config import RigConfig
+from hil.teleop import gate, law_parameters
+from hil.toml import parse
+
+#: Law -> the loops of its axes, for margins.
+LOOPS: dict[str, Callable[[Any], list[Any]]] = {"lawrence": law_parameters.loops_of}
+
+
+class Scene:
+    """Places of the arms and margins of the law of one rig.
+
+    Parameters
+    ----------
+    config : RigConfig
+        The rig.
+    """
+
+    def __init__(self, config: RigConfig) -> None:
+        self._config = config
+        self._robots = {name: _robot(config, name) for name in config.controller.arms}
+        self._lock = threading.Lock()
+        self._asked: Mapping[str, Any] | None = None
+        self._margin: dict[str, Any] = {"level": "", "text": "", "axes": []}
+        self._busy = False
+
+    def arms(self, session: Mapping[str, Any]) -> dict[str, Any]:
+        """Points of every arm from its base to its tip [m], in its base frame."""
+        out = {}
+        for name, arm in session.get("arms", {}).items():
+            robot = self._robots.get(name)
+            if robot is None or None in arm["position"]:
+                continue
+            places = robot.places(np.array(arm["position"], dtype=np.float64))
+            out[name] = [[number(float(x), 5) for x in row] for row in places]
+        return out
+
+    def margin(self, session: Mapping[str, Any]) -> dict[str, Any]:
+        """Margin of the gains in force; computed beside, the last one until it is there."""
+        law = self._config.controller.name
+        if law not in LOOPS:
+            text = f"No margin is computed for the law {law!r}; that of 'lawrence' is."
+            return {"level": "", "text": text, "axes": []}
+        values = session.get("values") or self._config.controller.parameters
+        with self._lock:
+            if values != self._asked and not self._busy:
+                self._asked, self._busy = values, True
+                threading.Thread(target=self._compute, args=(law, values), daemon=True).start()
+            return self._margin | {"busy": self._busy}
+
+    def _compute(self, law: str, values: Mapping[str, Any]) -> None:
+        try:
+            found = margins_of(self._config, law, values)
+        except HilError as error:
+            found = {"level": "bad", "text": str(error), "axes": []}
+        with self._lock:
+            self._margin, self._busy = found, False
+
+
+def margins_of(config: RigConfig, law: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Margins of the axes of a law with the parameters `values`.
+
+    Raises
+    ------
+    HilError
+        If the parameters are none of the law.
+    """
+    kind = registry.load("hil.controllers", law).Config
+    parameters = {**config.controller.parameters, **values}
+    loops = LOOPS[law](parse(kind, parameters, "controller.parameters"))
+    period = config.loop.period_ns * 1e-9
+    found = [gate.margins(loop, period) for loop in loops]
+    worst = max(found, key=lambda m: m.radius)
+    delay = min(m.delay_s for m in found)
+    stable = delay > 0.0
+    borne = "no delay matters" if np.isinf(delay) else f"{1e3 * delay:.3g} ms of delay are borne"
+    text = (
+        f"Stable with all declared operators and environments; {borne}."
+        if stable
+        else f"Unstable on axis {worst.axis}: {worst.pair}."
+    )
+    return {
+        "level": "good" if stable else "bad",
+        "text": text,
+        "axes": [
+            {"axis": m.axis, "radius": number(m.radius, 6), "delay_ms": number(1e3 * m.delay_s, 3)}
+            for m in found
+        ],
+    }
+
+
+def _robot(config: RigConfig, name: str) -> Any:
+    """Robot of an arm; None where it has no geometry that is known here."""
+    table = config.arms[name]
+    try:
+        robot = bare_robot(RobotSource(table.robot, tip=table.tip), tuple(table.joints))
+    except HilError:
+        return None
+    return robot if hasattr(robot, "places") else None
