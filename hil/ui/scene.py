@@ -1,4 +1,4 @@
-"""What the page draws beside the plots: arms in space, and the stability margin of the gains in force.
+"""What the page draws beside the plots: arms in space, and the margin of the gains in force.
 
 Both are computed in the page's program, from what the session shows; the loop knows of neither.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ class Scene:
         self._config = config
         self._robots = {name: _robot(config, name) for name in config.controller.arms}
         self._lock = threading.Lock()
-        self._asked: Mapping[str, Any] | None = None
+        self._asked: Any = None
         self._margin: dict[str, Any] = {"level": "", "text": "", "axes": []}
         self._busy = False
 
@@ -58,35 +59,41 @@ class Scene:
         if law not in LOOPS:
             text = f"No margin is computed for the law {law!r}; that of 'lawrence' is."
             return {"level": "", "text": text, "axes": []}
-        values = session.get("values") or self._config.controller.parameters
+        asked = _parameters(self._config, law, session.get("values") or {})
         with self._lock:
-            if values != self._asked and not self._busy:
-                self._asked, self._busy = values, True
-                threading.Thread(target=self._compute, args=(law, values), daemon=True).start()
+            if asked != self._asked and not self._busy:
+                self._asked, self._busy = asked, True
+                threading.Thread(target=self._compute, args=(law, asked), daemon=True).start()
             return self._margin | {"busy": self._busy}
 
-    def _compute(self, law: str, values: Mapping[str, Any]) -> None:
+    def _compute(self, law: str, asked: Any) -> None:
         try:
-            found = margins_of(self._config, law, values)
+            found = margins_of(law, asked, self._config.loop.period_ns * 1e-9)
         except HilError as error:
             found = {"level": "bad", "text": str(error), "axes": []}
         with self._lock:
             self._margin, self._busy = found, False
 
 
-def margins_of(config: RigConfig, law: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Margins of the axes of a law with the parameters `values`.
-
-    Raises
-    ------
-    HilError
-        If the parameters are none of the law.
-    """
+def _parameters(config: RigConfig, law: str, values: Mapping[str, list[float]]) -> Any:
+    """Parameters of a law with what an operator set; equal where the law is the same."""
     kind = registry.load("hil.controllers", law).Config
-    parameters = {**config.controller.parameters, **values}
-    loops = LOOPS[law](parse(kind, parameters, "controller.parameters"))
-    period = config.loop.period_ns * 1e-9
-    found = [gate.margins(loop, period) for loop in loops]
+    now = parse(kind, config.controller.parameters, "controller.parameters")
+    set_ = {n: tuple(v) if isinstance(getattr(now, n), tuple) else v[0] for n, v in values.items()}
+    return replace(now, **set_)
+
+
+def margins_of(law: str, parameters: Any, period: float) -> dict[str, Any]:
+    """Margins of the axes of a law.
+
+    Parameters
+    ----------
+    law, parameters : str, object
+        The law and its parameters.
+    period : float
+        Of the loop [s].
+    """
+    found = [gate.margins(loop, period) for loop in LOOPS[law](parameters)]
     worst = max(found, key=lambda m: m.radius)
     delay = min(m.delay_s for m in found)
     stable = delay > 0.0

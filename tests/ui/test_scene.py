@@ -5,8 +5,10 @@ import time
 import numpy as np
 import pytest
 
+from hil import registry
 from hil.models.phantom import Premium
 from hil.rig.config import load_rig
+from hil.toml import parse
 from hil.ui.scene import Scene, margins_of
 
 Q = [0.2, 0.5, 0.3]
@@ -49,5 +51,7 @@ def test_the_margin_of_the_gains_in_force_is_that_of_the_design():
     assert found["level"] == "good" and [a["axis"] for a in found["axes"]] == ["x", "y", "z"]
     assert all(10 < a["delay_ms"] < 50 for a in found["axes"])
     # negative damping of the follower's own motion stands no environment
-    wild = margins_of(config, "lawrence", {"c7": [250.0, -3.0, 0.0]})
+    kind = registry.load("hil.controllers", "lawrence").Config
+    gains = dict(config.controller.parameters) | {"c7": [250.0, -3.0, 0.0]}
+    wild = margins_of("lawrence", parse(kind, gains, "controller.parameters"), 1e-3)
     assert wild["level"] == "bad" and "axis" in wild["text"]

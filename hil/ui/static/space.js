@@ -30,14 +30,14 @@ export function space(canvas, arms, forces, view) {
   const { g, wide, high } = prepare(canvas), names = Object.keys(arms);
   if (!names.length) { g.fillStyle = style("--quiet"); g.fillText("The arms appear when a session runs.", 12, 24); return; }
   const reach = Math.max(0.1, ...names.flatMap((n) => arms[n].map((p) => Math.hypot(...p))));
-  const scale = Math.min(high / (2.3 * reach), wide / (2.6 * reach * names.length));
+  const scale = Math.min(high / (1.7 * reach), wide / (2.1 * reach * names.length));
   const [c, s, ce, se] = [Math.cos(view.turn), Math.sin(view.turn), Math.cos(view.lift), Math.sin(view.lift)];
   names.forEach((name, k) => {
-    const middle = [(wide * (k + 0.5)) / names.length, high * 0.5];
+    const middle = [(wide * (k + 0.5)) / names.length, high * 0.58];
     const at = ([x, y, z]) => { const u = -s * x + c * y, d = c * x + s * y; return [middle[0] + scale * u, middle[1] - scale * (ce * z - se * d)]; };
     g.strokeStyle = style("--line"); g.lineWidth = 1;
     for (let i = -2; i <= 2; i++) for (const line of [[[i, -2], [i, 2]], [[-2, i], [2, i]]]) {
-      const [a, b] = line.map(([x, y]) => at([(x * reach) / 2, (y * reach) / 2, -0.8 * reach]));
+      const [a, b] = line.map(([x, y]) => at([(x * reach) / 2, (y * reach) / 2, -0.45 * reach]));
       g.beginPath(); g.moveTo(...a); g.lineTo(...b); g.stroke();
     }
     g.strokeStyle = style(COLORS[k % 2]); g.lineWidth = 5; g.beginPath();

@@ -25,6 +25,8 @@ async function ask(path, body = {}) {
 // a number of its own makes a command that is sent twice done once
 const say = (text) => ask("command", { text, number: ++number });
 
+// states in which a command does something
+const FITS = { start: ["DISABLED"], pause: ["ENABLED"], resume: ["PAUSED"] };
 const NEXT = {
   DISABLED: "Press Start when everybody is clear of the arms.", ENABLED: "The law runs. Pause takes the torque away.",
   PAUSED: "Without torque. Resume begins where the arms are now.", FAULT: "Look at the reason, then begin a new session.",
@@ -43,7 +45,7 @@ function show(v) {
   $("take").disabled = v.commands || !v.free;
   $("begin").disabled = !v.commands || v.running;
   for (const b of document.querySelectorAll("[data-say], #set button, #note button"))
-    b.disabled = !v.running || (!v.commands && b.dataset.say !== "stop");
+    b.disabled = !v.running || (!v.commands && b.dataset.say !== "stop") || (b.dataset.say in FITS && !FITS[b.dataset.say].includes(s.state));
   $("said").replaceChildren(...[...v.log.slice(-3), ...v.said.slice(-4)].map((x) => { const e = document.createElement("li"); e.textContent = x; return e; }));
   settable(s.settable || {});
   if (s.arms && v.number !== seen) { seen = v.number; keep(s, v.places || {}); draw(); }

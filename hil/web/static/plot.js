@@ -39,7 +39,7 @@ export function plot(canvas, { xs, ys, xlabel, ylabel, layers, band = null, brus
   g.textAlign = "right"; g.textBaseline = "middle";
   for (const v of ticks(ys, 5)) { g.beginPath(); g.moveTo(box.left, y(v)); g.lineTo(box.right, y(v)); g.stroke(); g.fillText(text(v), box.left - 6, y(v)); }
   g.textAlign = "center"; g.textBaseline = "top";
-  for (const v of ticks(xs, Math.max(3, wide / 110))) g.fillText(text(v), x(v), box.bottom + 5);
+  for (const v of ticks(xs, Math.max(5, wide / 110))) g.fillText(text(v), x(v), box.bottom + 5);
   g.fillText(xlabel, (box.left + box.right) / 2, box.bottom + 20);
   g.save(); g.translate(12, (box.top + box.bottom) / 2); g.rotate(-Math.PI / 2); g.textBaseline = "middle"; g.fillText(ylabel, 0, 0); g.restore();
   g.save(); g.beginPath(); g.rect(box.left, box.top, box.right - box.left, box.bottom - box.top); g.clip();

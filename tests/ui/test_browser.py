@@ -1,0 +1,65 @@
+"""The operator's page as a person uses it, in Chromium: start, mark, a second tab, Escape."""
+
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from hil.record.container import read
+from hil.record.mcap_read import load
+
+sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+pytestmark = [
+    pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine"),
+    pytest.mark.real_time,
+]
+
+
+@pytest.fixture
+def address(tmp_path):
+    words = [sys.executable, "-m", "hil", "ui", "teleop", "--no-browser", "-o", str(tmp_path)]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    yield re.search(r"http\S+", process.stdout.readline())[0]
+    process.terminate()
+    process.wait(30)
+    process.stdout.close()
+
+
+def test_a_person_starts_a_session_and_stops_it_by_the_key(address, tmp_path):
+    problems, outside = [], []
+    with sync.sync_playwright() as playwright:
+        window = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        page = window.new_page(viewport={"width": 1200, "height": 900})
+        page.set_default_timeout(60_000)
+        page.on("pageerror", lambda e: problems.append(str(e)))
+        page.on("console", lambda m: problems.append(m.text) if m.type == "error" else None)
+        page.on("request", lambda r: outside.append(r.url) if "127.0.0.1" not in r.url else None)
+        page.goto(address)
+        page.locator("#take:enabled").click()
+        page.locator("#begin:enabled").click()
+        page.locator("#state", has_text="DISABLED").wait_for()
+        # a second tab watches
+        other = window.new_page()
+        other.goto(address)
+        other.locator("#next", has_text="clear of the arms").wait_for(timeout=60_000)
+        assert other.get_by_role("button", name="Start").is_disabled()
+        page.get_by_role("button", name="Start").click()
+        page.locator("#state", has_text="ENABLED").wait_for()
+        assert page.get_by_role("button", name="Start").is_disabled()
+        page.get_by_role("button", name="Mark").click()
+        page.locator("#said", has_text="note mark").first.wait_for()
+        page.locator("#margin-text", has_text="No margin is computed").wait_for()
+        page.set_viewport_size({"width": 390, "height": 800})
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        # the emergency stop is everybody's, by key as well
+        other.bring_to_front()
+        other.keyboard.press("Escape")
+        page.locator("#state", has_text="ended (0)").wait_for()
+        window.close()
+    (session,) = tmp_path.glob("*.mcap")
+    assert load(session, "follower").n > 100
+    assert b"mark" in b"".join(read(session).topics["/events"].data)
+    assert not problems and not outside
