@@ -47,6 +47,10 @@ class Workshop(Protocol):
         """What may be set of the law, and how far."""
         ...
 
+    def values(self) -> Mapping[str, Sequence[float]]:
+        """What is set of the law now, by name."""
+        ...
+
     def law(self, changes: Mapping[str, Sequence[float]]) -> Controller:
         """The law with some parameters changed."""
         ...
