@@ -105,12 +105,13 @@ class DamiaoBus:
         self.windings, self.status = np.zeros(n, np.int64), np.zeros(n, np.int64)
         self.scales = np.zeros((n, 3))
         self.trouble, self.malformed = "", 0
-        self._on = self._confirmed = False
+        self._on = False
         self._fresh = np.zeros(n, np.bool_)
         self._heard_ns = np.zeros(n, np.int64)
         self._asked = False
         self._register: codec.Register | None = None
         self._refresh = [frame(codec.REGISTERS, codec.refresh(i)) for i in drives]
+        self._off = [frame(i, codec.special(codec.DISABLE)) for i in drives]
         self._command = [frame(i, codec.effort_command(0)) for i in drives]
         for k, drive in enumerate(drives):
             at = config.master + drive
@@ -223,10 +224,18 @@ class DamiaoBus:
         for k in range(len(self.channels)):
             if self._on:
                 message = self._command[k]
-                message.data[6:8] = codec.effort_command(codes.item(k))[6:8]
+                word = codec.word(codes.item(k), codec.TOP)
+                message.data[6], message.data[7] = word >> 8, word & 0xFF
                 self._link.post(message)
             else:
                 self._link.post(self._refresh[k])
+
+    def rest(self) -> None:
+        """Switch all drives off as soon as the bus can; never waits."""
+        if self._on:
+            self._on = False
+            for message in self._off:
+                self._link.post(message)
 
     def power(self, on: bool) -> None:
         """Switch all drives on or off; waits for their answers, so never in the fast path.

@@ -395,6 +395,10 @@ class DrivesBox(Protocol):
         """Effort of every drive (channels,), in halves of a step."""
         ...
 
+    def rest(self) -> None:
+        """Switch all drives off as soon as possible; never waits."""
+        ...
+
     def power(self, on: bool) -> None:
         """Switch all drives on or off."""
         ...
@@ -443,8 +447,13 @@ class DrivesWire:
             self.rates[i] = sign * box.rates.item(k)
         if status is _LOST and not self._lost:
             self._lost = True
-            self.power(False)
+            self.rest()
         return _LOST if self._lost else status
+
+    def rest(self) -> None:
+        """All drives off as soon as possible; never waits."""
+        for box in self._boxes:
+            box.rest()
 
     def send(self, codes: IntArray) -> None:
         """Efforts to their drives."""
