@@ -65,8 +65,9 @@ class Shop:
         first = self._config.arms[self._config.controller.arms[0]]
         center = limits_of_arm(first, robot_source(first)).center
         if first.own:
-            still = {"center": [float(q) for q in center], "blend": HOMING}
-            return build_controller(self._with("joint-pd", still))
+            kept = {k: v for k, v in self._parameters.items() if k in ("armature", "friction")}
+            goal = {**kept, "center": [float(q) for q in center], "blend": HOMING}
+            return build_controller(self._with("joint-pd", goal))
         # a motion without amplitude has no shape
         still = {
             "center": [float(q) for q in center],
