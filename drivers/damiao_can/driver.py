@@ -246,20 +246,18 @@ class DamiaoBus:
             return
         self._on = False
         for k, drive in enumerate(self.channels):
-            if on:
-                self._special(k, codec.CLEAR)
-            else:
-                self._link.send(drive, codec.effort_command(0))
-            self._special(k, codec.ENABLE if on else codec.DISABLE)
-            if on and not (self._wait(k) and self.status[k] == codec.ON):
+            first = codec.special(codec.CLEAR) if on else codec.effort_command(0)
+            self._link.send(drive, first)
+            self._link.send(drive, codec.special(codec.ENABLE if on else codec.DISABLE))
+            wanted = codec.ON if on else codec.OFF
+            if not self._reports(k, wanted) and on:
                 self.trouble = f"{self.name}: drive {drive} does not switch on."
                 return
         self._on = on
 
-    def _special(self, k: int, what: int) -> None:
-        self._fresh[k] = False
-        self._link.send(self.channels[k], codec.special(what))
-        self._wait(k)
+    def _reports(self, k: int, status: int) -> bool:
+        """Wait until a drive says that it is in this status; earlier answers may still come."""
+        return self._link.wait(self.config.answer_ms * 1e-3, lambda: self.status.item(k) == status)
 
     def describe(self) -> str:
         """What the box is, for `hil devices`."""
