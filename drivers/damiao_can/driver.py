@@ -207,10 +207,9 @@ class DamiaoBus:
             if self._fresh[k]:
                 self._heard_ns[k] = t_ns
                 said = self.status.item(k)
-                if said in codec.FAULTS:
-                    self.trouble = f"{self.name}: drive {drive} stopped: {codec.FAULTS[said]}."
-                elif self._on and said != codec.ON:
-                    self.trouble = f"{self.name}: drive {drive} is off, and was switched on."
+                if self._on and said != codec.ON:
+                    why = codec.FAULTS.get(said, f"it says status {said}, and was switched on")
+                    self.trouble = f"{self.name}: drive {drive} stopped: {why}."
             elif self._asked:
                 status = _STALE
                 if t_ns - self._heard_ns.item(k) > lost_ns:
@@ -242,16 +241,18 @@ class DamiaoBus:
 
         A drive that does not follow is lost.
         """
-        if on is self._on:
+        if on and self._on:
             return
         self._on = False
         for k, drive in enumerate(self.channels):
-            first = codec.special(codec.CLEAR) if on else codec.effort_command(0)
-            self._link.send(drive, first)
+            self.status[k] = -1
+            if on:
+                self._link.send(drive, codec.special(codec.CLEAR))
             self._link.send(drive, codec.special(codec.ENABLE if on else codec.DISABLE))
             wanted = codec.ON if on else codec.OFF
             if not self._reports(k, wanted) and on:
-                self.trouble = f"{self.name}: drive {drive} does not switch on."
+                why = codec.FAULTS.get(self.status.item(k), "")
+                self.trouble = f"{self.name}: drive {drive} does not switch on{why and f': {why}'}."
                 return
         self._on = on
 
