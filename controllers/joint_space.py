@@ -62,10 +62,10 @@ class Chain:
         return out
 
     def inertia(self, q: FloatArray) -> FloatArray:
-        """Diagonal of the mass matrix (d,) [kg m^2 or kg]."""
-        none, rows = np.zeros(q.size), np.eye(q.size)
+        """Mass matrix (d, d) [kg m^2 or kg]."""
+        none = np.zeros(q.size)
         still = self.efforts(q, none, none)
-        return np.array([self.efforts(q, none, row)[k] - still[k] for k, row in enumerate(rows)])
+        return np.stack([self.efforts(q, none, row) - still for row in np.eye(q.size)])
 
 
 @dataclass(frozen=True)
@@ -219,12 +219,27 @@ def computed(
         y[i] += gains[1, i] * work[2, i] + gains[2, i] * tanh(goal[1, i] / EDGE)
 
 
-def _gains(config: _Gains, arm: ArmDescription, chain: Chain, friction: FloatArray) -> FloatArray:
-    """Rows of `pd`."""
-    w, one = 2 * pi * config.bandwidth_hz, np.ones(arm.d)
-    inertia = chain.inertia(np.array(arm.center))
+#: What damping times the delay of a loop (filter, sampling) may come to.
+MOST_LAG = 0.4
+
+
+def _gains(
+    config: _Gains, arm: ArmDescription, chain: Chain, friction: FloatArray, period: float
+) -> FloatArray:
+    """Rows of `pd`.
+
+    Joints that move others feel less inertia than the diagonal of M has: the quickest motion of
+    all joints together is damped by 2 z w times the largest eigenvalue of M^-1 diag(M).  Where the
+    delay of the loop does not allow that, inertia and rotor, and with them K and D, are less.
+    """
+    w, one, rotors = 2 * pi * config.bandwidth_hz, np.ones(arm.d), config.rotors(arm.d)
+    whole = chain.inertia(np.array(arm.center)) + np.diag(rotors)
+    own = np.diag(whole).copy()
+    quickest = np.abs(np.linalg.eigvals(np.linalg.solve(whole, np.diag(own)))).max()
+    lag = 2 * config.damping_ratio * w * quickest * (config.velocity_filter + 1.5 * period)
+    felt = own * min(1.0, MOST_LAG / lag) - rotors
     pull, brake = w * w * one, 2 * config.damping_ratio * w * one
-    return np.array([inertia, config.rotors(arm.d), friction, pull, brake])
+    return np.array([felt, rotors, friction, pull, brake])
 
 
 def _share(config: _Gains, period: float) -> float:
@@ -263,7 +278,7 @@ class JointMotion:
         self._rows = []
         for k, robot in enumerate(robots):
             chain = Chain(robot)
-            table, gains = _table(config, robot, period), _gains(config, robot, chain, rub)
+            table, gains = _table(config, robot, period), _gains(config, robot, chain, rub, period)
             at = slice(k * self._own, (k + 1) * self._own)
             self._rows.append((at, table, gains, chain.known, chain.room))
         self._times = np.array([config.blend, _share(config, period), period])
@@ -293,7 +308,7 @@ def _table(config: JointMotionConfig, arm: ArmDescription, period: float) -> Flo
     """Place, speed and acceleration (n, d, 3) at every tick; one row where the arm holds still."""
     if not config.trajectory:
         still = np.zeros((1, arm.d, 3))
-        still[0, :, 0] = config.center or arm.center
+        still[0, :, 0] = each(config.center, arm.d, "center") if config.center else arm.center
         return still
     motion = trajectory.read(config.trajectory)
     if motion.joints != arm.joints:
@@ -352,7 +367,8 @@ class JointCoupling:
         self.config = config
         d = self._d = robots[0].d
         chains = [Chain(robot) for robot in robots]
-        rows = [_gains(config, r, c, np.zeros(d)) for r, c in zip(robots, chains, strict=True)]
+        rub = np.zeros(d)
+        rows = [_gains(config, *both, rub, period) for both in zip(robots, chains, strict=True)]
         # one spring between them, by the lighter arm
         body = np.minimum(rows[0][0], rows[1][0])
         for gains in rows:

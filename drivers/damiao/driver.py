@@ -123,9 +123,7 @@ class DamiaoArm:
         Size of a half step: position [rad], speed [rad/s], effort [N m].
     """
 
-    def __init__(
-        self, name: str, wire: DrivesWire, config: DamiaoArmConfig, period: float
-    ) -> None:
+    def __init__(self, name: str, wire: DrivesWire, config: DamiaoArmConfig, period: float) -> None:
         self.name, self._wire = name, wire
         self._machine = StateMachine(name)
         self.counts, self.scales = wire.counts, wire.scales

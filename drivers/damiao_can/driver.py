@@ -227,7 +227,9 @@ class DamiaoBus:
                 message.data[6], message.data[7] = word >> 8, word & 0xFF
                 self._link.post(message)
             else:
-                self._link.post(self._refresh[k])
+                # a full queue may have refused what switches it off: again until it says so
+                off = self.status.item(k) == codec.OFF
+                self._link.post(self._refresh[k] if off else self._off[k])
 
     def rest(self) -> None:
         """Switch all drives off as soon as the bus can; never waits."""

@@ -421,7 +421,9 @@ class DrivesWire:
         self.counts, self.rates = np.zeros(d, np.int64), np.zeros(d, np.int64)
         self.gauges = np.zeros(6, np.int64)
         self._boxes: list[DrivesBox] = _distinct(b for b, _ in places)
-        self._rows = [(i, b, b.channels.index(p.channel), p.sign) for i, (b, p) in enumerate(places)]
+        self._rows = [
+            (i, b, b.channels.index(p.channel), p.sign) for i, (b, p) in enumerate(places)
+        ]
         self._codes = [np.zeros(len(b.channels), np.int64) for b in self._boxes]
         at = {id(b): codes for b, codes in zip(self._boxes, self._codes, strict=True)}
         self._out = [(i, at[id(b)], k, sign) for i, b, k, sign in self._rows]

@@ -107,9 +107,7 @@ def limits_of_arm(arm: ArmConfig, source: RobotSource, center: tuple[float, ...]
                 "in the arm's table of the rig file"
             )
         low, high = np.array(arm.position_min), np.array(arm.position_max)
-        known = Limits(
-            low, high, np.full(low.size, INF), np.full(low.size, INF), (low + high) / 2
-        )
+        known = Limits(low, high, np.full(low.size, INF), np.full(low.size, INF), (low + high) / 2)
     low = np.array(arm.position_min) if arm.position_min else known.low
     high = np.array(arm.position_max) if arm.position_max else known.high
     own = [k for k in ("position", "workspace") if getattr(arm, f"{k}_min")]

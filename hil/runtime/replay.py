@@ -121,7 +121,16 @@ def _arrays(box: Container, config: RigConfig, n: int) -> RecordedInputs:
     ticks = box.topics["/loop/timing"].ticks[:n]
     times = box.topics["/loop/timing"].stamps[:n].astype(np.float64)
     return RecordedInputs(
-        config, ticks, times, u, sent, np.stack(codes, axis=1), timing, states, _commands(box), _scales(box)
+        config,
+        ticks,
+        times,
+        u,
+        sent,
+        np.stack(codes, axis=1),
+        timing,
+        states,
+        _commands(box),
+        _scales(box),
     )
 
 
@@ -369,7 +378,9 @@ def _judge(
     out.compared, out.differ = int(known.sum()), int(worse.any(axis=(1, 2)).sum())
     for a, arm in enumerate(r.config.controller.arms):
         error = (sent[:, a] - r.sent[:, a])[known]
-        out.rms[arm] = np.sqrt(np.mean(error**2, axis=0)).tolist() if error.size else [0.0] * error.shape[1]
+        out.rms[arm] = (
+            np.sqrt(np.mean(error**2, axis=0)).tolist() if error.size else [0.0] * error.shape[1]
+        )
     if out.differ:
         k, a, j = (int(v[0]) for v in np.nonzero(worse))
         told = ("effort", r.sent, sent), ("code", r.codes, codes)

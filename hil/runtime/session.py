@@ -38,6 +38,7 @@ from hil.signals.device import Controller
 from hil.signals.frame import GAUGES, TIMING, TIMING_UNITS, FrameLayout
 from hil.signals.state import OperatingState
 
+
 def words(d: int) -> dict[str, str]:
     """Words of an arm of d joints on ``/rig/raw``, with their units."""
     groups = (("count", d, "count"), ("code", d, "DAC code"), ("gauge", GAUGES, "ADC word"))

@@ -56,9 +56,15 @@ def frames(b: Any, q: Any, x: Any) -> None:
                 x[i, r, k] = total
                 x[i, 3 + r, 3 + k] = total
                 x[i, r, 3 + k] = 0.0
-        p0 = place[i, 0] + way * (turn[i, 0, 0] * u[0] + turn[i, 0, 1] * u[1] + turn[i, 0, 2] * u[2])
-        p1 = place[i, 1] + way * (turn[i, 1, 0] * u[0] + turn[i, 1, 1] * u[1] + turn[i, 1, 2] * u[2])
-        p2 = place[i, 2] + way * (turn[i, 2, 0] * u[0] + turn[i, 2, 1] * u[1] + turn[i, 2, 2] * u[2])
+        p0 = place[i, 0] + way * (
+            turn[i, 0, 0] * u[0] + turn[i, 0, 1] * u[1] + turn[i, 0, 2] * u[2]
+        )
+        p1 = place[i, 1] + way * (
+            turn[i, 1, 0] * u[0] + turn[i, 1, 1] * u[1] + turn[i, 1, 2] * u[2]
+        )
+        p2 = place[i, 2] + way * (
+            turn[i, 2, 0] * u[0] + turn[i, 2, 1] * u[1] + turn[i, 2, 2] * u[2]
+        )
         for r in range(3):
             e0, e1, e2 = x[i, r, 0], x[i, r, 1], x[i, r, 2]
             # -E [p]x
@@ -194,7 +200,9 @@ def pushed(p: Any, x: Any, code: int, dt: float) -> float:
     wanted = min(max(code * p.code, -p.top), p.top)
     x.drive += (wanted - x.drive) * (1.0 - exp(-dt / p.lag))
     torque = (1.0 + p.gain) * x.drive + p.noise * x.low
-    torque += p.cogging * (sin(p.cogging_cycles * x.q) + 0.4 * sin(2.0 * p.cogging_cycles * x.q + 0.7))
+    torque += p.cogging * (
+        sin(p.cogging_cycles * x.q) + 0.4 * sin(2.0 * p.cogging_cycles * x.q + 0.7)
+    )
     return float(torque - p.spring * (x.q - p.spring_rest))
 
 
