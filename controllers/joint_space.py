@@ -184,7 +184,7 @@ def aim(t: float, x: Any, u: Any, table: Any, goal: Any, times: Any, x_next: Any
 
 @nb.njit(cache=True, nogil=True)
 def pd(u: Any, v: Any, goal: Any, gains: Any, chain: Any, room: Any, work: Any, y: Any) -> None:
-    """tau = K (r - q) + D (r' - v) + Fc tanh(r' / 0.05) + g(q)  into `y` (d,).
+    """Tau = K (r - q) + D (r' - v) + Fc tanh(r' / 0.05) + g(q)  into `y` (d,).
 
     `gains` (5, d): inertia, rotor, friction, and of the error w^2, 2 z w; K and D are these times
     inertia and rotor.
@@ -204,7 +204,7 @@ def pd(u: Any, v: Any, goal: Any, gains: Any, chain: Any, room: Any, work: Any, 
 def computed(
     u: Any, v: Any, goal: Any, gains: Any, chain: Any, room: Any, work: Any, y: Any
 ) -> None:
-    """tau = M(q) a + h(q, v) + J a + Fc tanh(r' / 0.05) into `y` (d,).
+    """Tau = M(q) a + h(q, v) + J a + Fc tanh(r' / 0.05) into `y` (d,).
 
     With a = r'' + w^2 (r - q) + 2 z w (r' - v); `gains` as of `pd`.
     """
@@ -220,7 +220,7 @@ def computed(
 
 
 #: What damping times the delay of a loop (filter, sampling) may come to.
-MOST_LAG = 0.4
+MOST_LAG = 0.7
 
 
 def _gains(
@@ -428,6 +428,6 @@ class Law:
     ANY_JOINTS: bool = True
 
 
-JOINT_PD = Law(JointMotionConfig, lambda *given: JointMotion(*given, pd))
-COMPUTED_TORQUE = Law(JointMotionConfig, lambda *given: JointMotion(*given, computed))
+JOINT_PD = Law(JointMotionConfig, lambda c, a, t, r: JointMotion(c, a, t, r, pd))
+COMPUTED_TORQUE = Law(JointMotionConfig, lambda c, a, t, r: JointMotion(c, a, t, r, computed))
 JOINT_COUPLING = Law(JointCouplingConfig, JointCoupling)

@@ -90,7 +90,7 @@ def codes(effort: Any, scale: Any, out: Any, sent: Any) -> int:
         if fabs(value) > TOP:
             value = float(TOP) if value > 0.0 else -float(TOP)
             status = 1
-        half = 2 * int(floor(value / 2.0)) + 1
+        half = 2 * floor(value / 2.0) + 1
         out[i] = min(max(half, -TOP), TOP)
         sent[i] = scale[i] * out[i]
     return status
@@ -191,12 +191,14 @@ class DamiaoArm:
         DeviceError
             If the wire is lost, a drive does not follow, or the arm is not DISABLED.
         """
-        if self._wire.trouble:
-            raise DeviceError(f"{self.name} cannot be enabled: {self._wire.trouble}")
+        self._refuse_lost()
         self._machine.command(StateCommand.ENABLE)
         if self._velocity is not None:
             self._velocity.reset(self.counts)
         self._wire.power(True)
+        self._refuse_lost()
+
+    def _refuse_lost(self) -> None:
         if self._wire.trouble:
             self.fault()
             raise DeviceError(f"{self.name} cannot be enabled: {self._wire.trouble}")

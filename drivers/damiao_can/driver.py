@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-
 import numpy as np
 
 from hil.drivers.damiao_can import codec
@@ -149,8 +148,8 @@ class DamiaoBus:
             ranges = [self._read(drive, r).number for r in (codec.PMAX, codec.VMAX, codec.TMAX)]
             if not all(0.0 < r < 1e4 for r in ranges):
                 raise DeviceError(
-                    f"box {self.name!r}: drive {drive} says that its ranges are {ranges}; set PMAX, "
-                    "VMAX and TMAX with the vendor's tool"
+                    f"box {self.name!r}: drive {drive} says that its ranges are {ranges}; set "
+                    "PMAX, VMAX and TMAX with the vendor's tool"
                 )
             self.scales[k] = np.array(ranges) / (codec.TOP_POSITION, codec.TOP, codec.TOP)
             mode = self._read(drive, codec.MODE).integer
@@ -177,12 +176,18 @@ class DamiaoBus:
         self._link.send(codec.REGISTERS, data)
 
         def done() -> bool:
-            return self._register is not None and self._register.register == register
+            told = self._told()
+            return told is not None and told.register == register
 
         found = self._link.wait(self.config.answer_ms * 1e-3, done)
         self._register_awaited = False
-        if not found or self._register is None:
+        told = self._told()
+        if not found or told is None:
             raise DeviceError(self._silent(drive))
+        return told
+
+    def _told(self) -> codec.Register | None:
+        """What a mailbox has taken of a register."""
         return self._register
 
     def _wait(self, k: int) -> bool:

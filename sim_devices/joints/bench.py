@@ -144,7 +144,8 @@ class SimArm:
 
     @property
     def _odd(self) -> NDArray[np.float64]:
-        return self._room[4]
+        found: NDArray[np.float64] = self._room[4]
+        return found
 
 
 class JointBench:

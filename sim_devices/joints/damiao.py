@@ -10,7 +10,6 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-
 from hil.sim_devices.canbus.frame import Frame
 from hil.sim_devices.canbus.line import Node
 

@@ -75,7 +75,7 @@ def frames(b: Any, q: Any, x: Any) -> None:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def crossed(v: Any, m: Any, sign: float, out: Any) -> None:
-    """v x m of motions (sign 1), or v x* f of a force (sign -1), into `out` (6,)."""
+    """V x m of motions (sign 1), or v x* f of a force (sign -1), into `out` (6,)."""
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
         ww = v[i] * m[j] - v[j] * m[i]

@@ -89,7 +89,7 @@ def test_a_law_does_not_allocate():
     before = tracemalloc.take_snapshot()
     for k in range(500):
         law.update(k * PERIOD, x, u, x_next, y)
-    grown = [s for s in tracemalloc.take_snapshot().compare_to(before, "filename")]
+    grown = tracemalloc.take_snapshot().compare_to(before, "filename")
     tracemalloc.stop()
     assert sum(s.size_diff for s in grown if "controllers" in s.traceback[0].filename) < 512
 

@@ -6,18 +6,20 @@ import pytest
 
 from hil.errors import ConfigError
 from hil.rigs import rig_path
+from hil.signals.arms import ArmDescription
 from hil.sim_devices.bench import open_bench
 from hil.sim_devices.joints import bodies, motion
-from hil.signals.arms import ArmDescription
+from hil.sim_devices.joints.bench import HIDDEN
 
 URDF = rig_path("arm6").with_name("arm6.urdf").read_text()
 JOINTS = ("base_turn", "shoulder_lift", "elbow", "wrist_roll", "wrist_pitch", "wrist_turn")
 SLIDE = """<robot name="s"><link name="b"/><link name="c"><inertial><origin xyz="0.1 0 0.2"/>
-<mass value="2"/><inertia ixx="0.02" iyy="0.03" izz="0.025" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="d"><inertial><origin xyz="0 0.1 0"/><mass value="0.7"/><inertia ixx="0.01" iyy="0.012"
-izz="0.009" ixy="0.001" ixz="0" iyz="0"/></inertial></link>
+<mass value="2"/><inertia ixx="0.02" iyy="0.03" izz="0.025" ixy="0" ixz="0" iyz="0"/></inertial>
+</link><link name="d"><inertial><origin xyz="0 0.1 0"/><mass value="0.7"/><inertia ixx="0.01"
+iyy="0.012" izz="0.009" ixy="0.001" ixz="0" iyz="0"/></inertial></link>
 <joint name="rail" type="prismatic"><parent link="b"/><child link="c"/><origin xyz="0 0 0.3"
-rpy="0.2 0.3 0"/><axis xyz="0 0.6 0.8"/><limit lower="-1" upper="1" velocity="1" effort="40"/></joint>
+rpy="0.2 0.3 0"/><axis xyz="0 0.6 0.8"/><limit lower="-1" upper="1" velocity="1"
+effort="40"/></joint>
 <joint name="wrist" type="continuous"><parent link="c"/><child link="d"/><origin xyz="0 0.2 0"
 rpy="0 0.5 1"/><axis xyz="1 0 0"/><limit velocity="1" effort="4"/></joint></robot>"""
 
@@ -73,9 +75,7 @@ def test_a_session_is_the_same_for_a_seed_and_another_one_for_another():
     assert not np.array_equal(run(5), run(5, truth=1))
 
 
-@pytest.mark.parametrize(
-    "effect", ["stribeck", "quadratic-drag", "cogging", "spring", "torque-gain"]
-)
+@pytest.mark.parametrize("effect", sorted(HIDDEN))
 def test_a_hidden_effect_changes_the_motion(effect):
     hidden = [{"effect": effect, "joint": "wrist_roll"}]
     assert not np.array_equal(run(5), run(5, hidden))
