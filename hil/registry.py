@@ -12,15 +12,23 @@ from hil.errors import ConfigError, unknown
 #: group -> name -> module (with `Config` and `open_device` or `build`) or ``module:attribute``.
 #: Entry points of the same groups join in.
 BUILT_IN: dict[str, dict[str, str]] = {
-    "hil.drivers": {"premium": "hil.drivers.premium", "ft-sensor": "hil.drivers.ft_sensor"},
+    "hil.drivers": {
+        "premium": "hil.drivers.premium",
+        "ft-sensor": "hil.drivers.ft_sensor",
+        "damiao": "hil.drivers.damiao",
+    },
     "hil.boxes": {
         "usb-quad08": "hil.drivers.usb_quad08",
         "usb-31xx": "hil.drivers.usb_31xx",
+        "damiao-can": "hil.drivers.damiao_can",
         "netcanoem": "hil.drivers.netcanoem",
         "netft-can": "hil.drivers.netft_can",
         "netft-rdt": "hil.drivers.netft_rdt",
     },
     "hil.controllers": {
+        "computed-torque": "hil.controllers.joint_space:COMPUTED_TORQUE",
+        "joint-coupling": "hil.controllers.joint_space:JOINT_COUPLING",
+        "joint-pd": "hil.controllers.joint_space:JOINT_PD",
         "joint-tracking": "hil.controllers.joint_tracking",
         "delayed": "hil.controllers.delayed",
         "lawrence": "hil.controllers.lawrence",

@@ -183,6 +183,13 @@ class Wire:
         """Nothing to release."""
 
 
-def open_bench(arms: dict[str, str], section: dict[str, Any], period_ns: int, seed: int) -> Bench:
-    """Open the simulated bench (entry point ``ideal`` of ``hil.sim_devices``)."""
+def open_bench(arms: dict[str, Any], section: dict[str, Any], period_ns: int, seed: int) -> Any:
+    """Open the simulated bench (entry point ``ideal`` of ``hil.sim_devices``).
+
+    `arms` are the names of force sensors on arms that the bench knows, or descriptions of others.
+    """
+    if not all(isinstance(arm, str) for arm in arms.values()):
+        from hil.sim_devices.joints.bench import JointBench  # its physics, where an arm needs them
+
+        return JointBench(arms, section, period_ns, seed)
     return Bench(arms, section, period_ns, seed)

@@ -30,7 +30,7 @@ from hil.record.bags import is_bag
 from hil.record.recording import RobotSource
 from hil.record.sources import load_source
 from hil.rig.check import limits_of_arm
-from hil.rig.config import RigConfig, load_rig
+from hil.rig.config import RigConfig, load_rig, robot_source
 from hil.userfile import read_text
 
 #: Share of a joint's range that encoders resolve where nothing is known.
@@ -109,7 +109,7 @@ def _rig(
     if name not in config.arms:
         raise ConfigError(unknown("arm", name, config.arms))
     arm = config.arms[name]
-    source = RobotSource(arm.robot, tip=arm.tip)
+    source = robot_source(arm)
     center = config.controller.parameters.get("center", ())
     return source, limits_of_arm(arm, source, tuple(map(float, center))), arm.joints
 

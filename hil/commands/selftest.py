@@ -138,8 +138,9 @@ class _Bench:
         self.watchdog: Watchdog | None = None
         self.arms = dict(zip(config.controller.arms, rig.ports, strict=True))
         n = len(self.arms)
-        self.q, self.qd = np.zeros((n, 3)), np.zeros((n, 3))
-        self.wrench, self.zero, self.sent = np.zeros((n, 6)), np.zeros(3), np.zeros(3)
+        self.d = d = len(config.arms[config.controller.arms[0]].joints)
+        self.q, self.qd = np.zeros((n, d)), np.zeros((n, d))
+        self.wrench, self.zero, self.sent = np.zeros((n, 6)), np.zeros(d), np.zeros(d)
 
     def step(self, driven: ArmPort | None = None, effort: FloatArray | None = None) -> Status:
         """One tick: read everything, drive one arm."""
@@ -187,7 +188,7 @@ class _Bench:
         """Every joint of every arm, one at a time, both ways."""
         for i, (arm, port) in enumerate(self.arms.items()):
             devices = self._of(arm)
-            for k in range(3):
+            for k in range(self.d):
                 yield _judge(arm, k, self._both_ways(i, port, devices, k, torque), torque)
 
     def cut(self, watchdog: Watchdog, torque: float) -> Iterator[TestStep]:
@@ -205,7 +206,8 @@ class _Bench:
             return
         for i, (arm, port) in enumerate(self.arms.items()):
             most = max(
-                np.abs(self._both_ways(i, port, self._of(arm), k, torque)).max() for k in range(3)
+                np.abs(self._both_ways(i, port, self._of(arm), k, torque)).max()
+                for k in range(self.d)
             )
             text = f"{torque:g} N m after the cut changed a speed by {most:.2f} rad/s"
             if most >= MOVES:
@@ -219,10 +221,10 @@ class _Bench:
     def _both_ways(
         self, i: int, port: ArmPort, devices: list[Device], k: int, torque: float
     ) -> FloatArray:
-        """Change of speed (3,) [rad/s] by torque on joint k, free of what acts both ways alike."""
-        change = np.zeros(3)
+        """Change of speed (d,) [rad/s] by torque on joint k, free of what acts both ways alike."""
+        change = np.zeros(self.d)
         for sign in (1.0, -1.0):
-            effort = np.zeros(3)
+            effort = np.zeros(self.d)
             effort[k] = sign * torque
             change += 0.5 * sign * self._pulse(i, port, devices, effort)
         return change
@@ -230,7 +232,7 @@ class _Bench:
     def _pulse(
         self, i: int, port: ArmPort, devices: list[Device], effort: FloatArray
     ) -> FloatArray:
-        """Change of speed (3,) [rad/s] by a pulse; no power before and after."""
+        """Change of speed (d,) [rad/s] by a pulse; no power before and after."""
         worst = max(self.step() for _ in range(REST))
         for device in devices:
             device.enable()

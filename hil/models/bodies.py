@@ -295,3 +295,72 @@ def about(p: FloatArray) -> FloatArray:
         i = np.trace(s) * np.eye(3) - s
         out[:, k] = m, *(m * p + h), i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2]
     return out
+
+
+def loop_room(d: int) -> tuple[FloatArray, ...]:
+    """Room for `inverse_dynamics` of d bodies."""
+    shapes = ((d, 6), (d, 6), (d, 6), (d, 3, 3), (d, 3), (3, 3), (6, 10), (6,), (6,))
+    return tuple(np.zeros(shape) for shape in shapes)
+
+
+@numba.njit(cache=True, nogil=True)
+def inverse_dynamics(
+    parent: IntArray,
+    turn: FloatArray,
+    place: FloatArray,
+    axis: FloatArray,
+    gravity: FloatArray,
+    pi: FloatArray,
+    q: FloatArray,
+    qd: FloatArray,
+    qdd: FloatArray,
+    room: tuple[FloatArray, ...],
+    out: FloatArray,
+) -> None:
+    """Efforts of d bodies in one state into `out` (d,), without allocation: for control loops.
+
+    Parameters
+    ----------
+    parent, turn, place, axis, gravity
+        As of `regressor`.
+    pi : ndarray (d, 10)
+        Parameters of the bodies.
+    q, qd, qdd : ndarray (d,)
+        State.
+    room : tuple
+        From `loop_room`.
+    """
+    v, a, f, r, p, spin, forces, still, base = room
+    d = q.size
+    base[:3] = -gravity
+    for i in range(d):
+        before = parent[i]
+        _pose(turn[i], place[i], axis[i], q[i], spin, r[i], p[i])
+        _into(r[i], p[i], v[before] if before >= 0 else still, v[i])
+        _into(r[i], p[i], a[before] if before >= 0 else base, a[i])
+        _own(axis[i], qd[i], qdd[i], v[i], a[i])
+        _wrenches(v[i], a[i], forces)
+        for x in range(6):
+            f[i, x] = 0.0
+            for k in range(10):
+                f[i, x] += forces[x, k] * pi[i, k]
+    for i in range(d - 1, -1, -1):
+        out[i] = 0.0
+        for x in range(6):
+            out[i] += axis[i, x] * f[i, x]
+        before = parent[i]
+        if before < 0:
+            continue
+        fx, fy, fz = 0.0, 0.0, 0.0
+        for k in range(3):
+            fx += r[i, 0, k] * f[i, k]
+            fy += r[i, 1, k] * f[i, k]
+            fz += r[i, 2, k] * f[i, k]
+            for x in range(3):
+                f[before, 3 + x] += r[i, x, k] * f[i, 3 + k]
+        f[before, 0] += fx
+        f[before, 1] += fy
+        f[before, 2] += fz
+        f[before, 3] += p[i, 1] * fz - p[i, 2] * fy
+        f[before, 4] += p[i, 2] * fx - p[i, 0] * fz
+        f[before, 5] += p[i, 0] * fy - p[i, 1] * fx

@@ -18,7 +18,7 @@ from hil.errors import ConfigError, unknown
 from hil.rig.config import SIMULATED, BoxConfig, DeviceConfig, RigConfig
 from hil.rig.frame_capture import Taps
 from hil.signals.bus import Bus
-from hil.signals.device import IntArray, Status
+from hil.signals.device import FloatArray, IntArray, Status
 from hil.toml import parse, within
 
 _PLACE = re.compile(r"(-?)([^/]+)/(\d+)")
@@ -373,24 +373,126 @@ class BoxWire:
         """The boxes are the rig's and are closed by it."""
 
 
-#: Roles of a device that is wired to boxes, and places each.
-ROLES = {"encoders": 3, "motors": 3}
+class DrivesBox(Protocol):
+    """A bus of drives that measure and give efforts themselves.
+
+    `channels` lists its drives; `counts`, `rates` (channels,) are positions and speeds in halves
+    of a step about zero, and `scales` (channels, 3) their size: position [rad], speed [rad/s] and
+    effort [N m] of one such half.
+    """
+
+    channels: tuple[int, ...]
+    counts: IntArray
+    rates: IntArray
+    scales: FloatArray
+    trouble: str
+
+    def receive(self, t_ns: int) -> Status:
+        """Refresh `counts` and `rates` for time `t_ns`; never waits or raises."""
+        ...
+
+    def send(self, codes: IntArray) -> None:
+        """Effort of every drive (channels,), in halves of a step."""
+        ...
+
+    def rest(self) -> None:
+        """Switch all drives off as soon as possible; never waits."""
+        ...
+
+    def power(self, on: bool) -> None:
+        """Switch all drives on or off."""
+        ...
 
 
-def check_roles(name: str, rows: Mapping[str, Sequence[object]]) -> None:
-    """Refuse a device whose roles are not those of `ROLES`, with as many places.
+class DrivesWire:
+    """Wire of an arm whose joints have drives of their own, on one bus or several.
+
+    Parameters
+    ----------
+    name : str
+        Device.
+    places : list of (DrivesBox, BoxPlace)
+        Drive of every joint, d of them.
+    """
+
+    def __init__(self, name: str, places: Sequence[tuple[Any, BoxPlace]]) -> None:
+        d = len(places)
+        self.name = name
+        self.counts, self.rates = np.zeros(d, np.int64), np.zeros(d, np.int64)
+        self.gauges = np.zeros(6, np.int64)
+        self._boxes: list[DrivesBox] = _distinct(b for b, _ in places)
+        self._rows = [
+            (i, b, b.channels.index(p.channel), p.sign) for i, (b, p) in enumerate(places)
+        ]
+        self._codes = [np.zeros(len(b.channels), np.int64) for b in self._boxes]
+        at = {id(b): codes for b, codes in zip(self._boxes, self._codes, strict=True)}
+        self._out = [(i, at[id(b)], k, sign) for i, b, k, sign in self._rows]
+        self.scales = np.stack([b.scales[k] for _, b, k, _ in self._rows])
+        self._lost = False
+
+    @property
+    def trouble(self) -> str:
+        """Why the wire is lost; empty while it is not."""
+        return " ".join(filter(None, (b.trouble for b in self._boxes)))
+
+    def home(self, counts: IntArray) -> None:
+        """Nothing to do: drives know where they stand."""
+
+    def receive(self, t_ns: int) -> Status:
+        """Positions and speeds for time `t_ns`; LOST for good when a bus is."""
+        status = _OK
+        for box in self._boxes:
+            said = box.receive(t_ns)
+            status = status if said is _OK else max(status, said)
+        for i, box, k, sign in self._rows:
+            self.counts[i] = sign * box.counts.item(k)
+            self.rates[i] = sign * box.rates.item(k)
+        if status is _LOST and not self._lost:
+            self._lost = True
+            self.rest()
+        return _LOST if self._lost else status
+
+    def rest(self) -> None:
+        """All drives off as soon as possible; never waits."""
+        for box in self._boxes:
+            box.rest()
+
+    def send(self, codes: IntArray) -> None:
+        """Efforts to their drives."""
+        for i, own, k, sign in self._out:
+            own[k] = sign * codes.item(i)
+        for box, own in zip(self._boxes, self._codes, strict=True):
+            box.send(own)
+
+    def power(self, on: bool) -> None:
+        """All drives on or off."""
+        for box in self._boxes:
+            box.power(on and not self._lost)
+
+    def close(self) -> None:
+        """The boxes are the rig's and are closed by it."""
+
+
+#: Roles of a device that is wired to boxes: encoders and motors apart, or drives that are both.
+ROLES = (("encoders", "motors"), ("drives",))
+
+
+def check_roles(name: str, rows: Mapping[str, Sequence[object]], d: int = 3) -> None:
+    """Refuse a device whose roles are not one row of `ROLES`, with a place for each of d joints.
 
     Raises
     ------
     ConfigError
         Names the table.
     """
+    needed = ROLES[1] if "drives" in rows else ROLES[0]
     for role in rows:
-        if role not in ROLES:
-            raise ConfigError(f"[devices.{name}.channels]: {unknown('role', role, ROLES)}")
-    for role, n in ROLES.items():
-        if len(rows.get(role, ())) != n:
-            raise ConfigError(f"[devices.{name}.channels]: {role} needs {n} places BOX/CHANNEL.")
+        if role not in needed:
+            known = needed if "drives" in rows else [r for row in ROLES for r in row]
+            raise ConfigError(f"[devices.{name}.channels]: {unknown('role', role, known)}")
+    for role in needed:
+        if len(rows.get(role, ())) != d:
+            raise ConfigError(f"[devices.{name}.channels]: {role} needs {d} places BOX/CHANNEL.")
 
 
 def _roles(

@@ -16,7 +16,8 @@ from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 from hil.rig import boxes
 from hil.rig.boxes import check_roles
-from hil.rig.config import ArmConfig, RigConfig
+from hil.rig.config import ArmConfig, RigConfig, robot_source
+from hil.signals.arms import ArmDescription
 
 
 def check_tables(config: RigConfig) -> None:
@@ -35,7 +36,7 @@ def check_tables(config: RigConfig) -> None:
         if "gauges" in spots:
             boxes.only_gauges(name, spots)
         elif spots:
-            check_roles(name, spots)
+            check_roles(name, spots, len(config.arms[config.devices[name].arm].joints))
     for box in boxes.backends(config):
         boxes.box_options(config, box)
 
@@ -81,7 +82,7 @@ def check_trajectory(config: RigConfig) -> None:
     motion = trajectory.read(path)
     for arm in config.controller.arms:
         table = config.arms[arm]
-        source = RobotSource(table.robot, tip=table.tip)
+        source = robot_source(table)
         robot = bare_robot(source, table.joints)
         limits = limits_of_arm(table, source)
         try:
@@ -106,7 +107,7 @@ def limits_of_arm(arm: ArmConfig, source: RobotSource, center: tuple[float, ...]
                 "in the arm's table of the rig file"
             )
         low, high = np.array(arm.position_min), np.array(arm.position_max)
-        known = Limits(low, high, np.full(3, INF), np.full(3, INF), (low + high) / 2)
+        known = Limits(low, high, np.full(low.size, INF), np.full(low.size, INF), (low + high) / 2)
     low = np.array(arm.position_min) if arm.position_min else known.low
     high = np.array(arm.position_max) if arm.position_max else known.high
     own = [k for k in ("position", "workspace") if getattr(arm, f"{k}_min")]
@@ -121,6 +122,20 @@ def limits_of_arm(arm: ArmConfig, source: RobotSource, center: tuple[float, ...]
         source=" and ".join([*(["the rig file"] if own else []), known.source]).strip(),
     )
     return out
+
+
+def described(arm: ArmConfig) -> ArmDescription:
+    """What a law or a simulator is told of an arm."""
+    source = robot_source(arm)
+    limits = limits_of_arm(arm, source)
+    return ArmDescription(
+        arm.joints,
+        source.urdf,
+        tuple(map(float, limits.low)),
+        tuple(map(float, limits.high)),
+        tuple(map(float, limits.center)),
+        arm.torque_limit,
+    )
 
 
 def _box(arm: ArmConfig, known: NDArray[np.float64] | None) -> NDArray[np.float64] | None:

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hil.errors import ConfigError, unknown
-from hil.record.recording import tag_record
+from hil.errors import ConfigError, DataError, unknown
+from hil.record.recording import RobotSource, tag_record
+from hil.record.urdf_joints import urdf_joints
 from hil.rigs import NAMES, packaged
 from hil.toml import merge, parse
 from hil.userfile import parse_toml, read_text
@@ -97,9 +98,9 @@ class WindingConfig:
 
     Parameters
     ----------
-    effort_per_amp : tuple of 3 floats
-        Joint effort per motor current [N m/A]; default the Premium's reductions 13.3, 11.2, 11.2
-        times 23.4 mN m/A.
+    effort_per_amp : tuple of float
+        Joint effort per motor current [N m/A], one a joint; default the Premium's reductions
+        13.3, 11.2, 11.2 times 23.4 mN m/A.  Empty: nothing is known, and no heat is followed.
     resistance : float
         Of the winding at 25 degC [Ohm].
     winding_to_housing, housing_to_air : float
@@ -125,8 +126,6 @@ class WindingConfig:
     red: float = 100.0
 
     def __post_init__(self) -> None:
-        if len(self.effort_per_amp) != 3:
-            raise ConfigError("[arms.winding]: effort_per_amp needs three entries, one per joint.")
         positive = (
             *self.effort_per_amp,
             self.resistance,
@@ -173,9 +172,18 @@ class SafetyConfig:
             raise ConfigError("[safety]: stuck_time and watchdog must not be negative.")
 
 
+#: Joints that an arm on the loop has at most.
+MOST_JOINTS = 7
+#: File of a robot of one's own.
+URDF = ".urdf"
+
+
 @dataclass(frozen=True)
 class ArmConfig:
     """Table ``[arms.NAME]``: which robot, its joints, and limits [N m], [rad/s].
+
+    `robot` is a preset, or a URDF beside the rig file.  Of a URDF, `joints` are all that move,
+    in kinematic order, and the limits those of the URDF, where the rig file does not give them.
 
     `position_min`, `position_max` [rad] and `workspace_min`, `workspace_max` (tip, base frame)
     [m] bound planned motions; empty means those of the robot.  The loop pauses outside of the
@@ -199,9 +207,17 @@ class ArmConfig:
     winding: WindingConfig = field(default_factory=WindingConfig)
 
     def __post_init__(self) -> None:
-        for name in ("joints", "torque_limit", "speed_limit"):
-            if len(getattr(self, name)) != 3:
-                raise ConfigError(f"[arms]: {name} needs three entries, one per joint.")
+        d = len(self.joints)
+        if not 1 <= d <= MOST_JOINTS or (d != 3 and not self.own):
+            most = f"1 to {MOST_JOINTS}" if self.own else "3"
+            raise ConfigError(f"[arms]: robot {self.robot!r} has {d} joints; {most} can be run.")
+        for name in ("torque_limit", "speed_limit"):
+            if len(getattr(self, name)) != d:
+                raise ConfigError(f"[arms]: {name} needs {d} entries, one per joint.")
+        if self.own and self.winding == WindingConfig():
+            object.__setattr__(self, "winding", WindingConfig(effort_per_amp=()))
+        if len(self.winding.effort_per_amp) not in ({0, d} if self.own else {d}):
+            raise ConfigError(f"[arms.winding]: effort_per_amp needs {d} entries, one per joint.")
         if min(*self.torque_limit, *self.speed_limit) <= 0:
             raise ConfigError("[arms]: torque_limit and speed_limit must be positive.")
         if self.acceleration_limit <= 0 or not 0 <= self.force_yellow <= self.force_red:
@@ -210,10 +226,42 @@ class ArmConfig:
             )
         for name in ("position", "workspace"):
             low, high = getattr(self, f"{name}_min"), getattr(self, f"{name}_max")
-            if len(low) not in (0, 3) or len(high) not in (0, 3):
-                raise ConfigError(f"[arms]: {name}_min and {name}_max need three entries or none.")
+            n = d if name == "position" else 3
+            if len(low) not in (0, n) or len(high) not in (0, n):
+                raise ConfigError(f"[arms]: {name}_min and {name}_max need {n} entries or none.")
             if low and high and not all(a < b for a, b in zip(low, high, strict=True)):
                 raise ConfigError(f"[arms]: {name}_min must be below {name}_max.")
+        if self.own and (self.workspace_min or self.workspace_max):
+            raise ConfigError(
+                "[arms]: a workspace is watched of the PHANTOM Premium alone; bound the joints of "
+                "a URDF with position_min and position_max."
+            )
+
+    @property
+    def own(self) -> bool:
+        """Whether the robot is a URDF."""
+        return self.robot.lower().endswith(URDF)
+
+
+def robot_source(arm: ArmConfig) -> RobotSource:
+    """Robot of an arm, its URDF read.
+
+    Raises
+    ------
+    ConfigError
+        If the URDF cannot be read.
+    """
+    if not arm.own:
+        return RobotSource(arm.robot, tip=arm.tip)
+    # the frame "tip" is the default of a URDF too, and its last one where it has none
+    return RobotSource("", _urdf(arm.robot), "" if arm.tip == "tip" else arm.tip)
+
+
+def _urdf(path: str) -> str:
+    try:
+        return read_text(path)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"robot {path}: cannot be read ({error}); name a URDF file.") from error
 
 
 @dataclass(frozen=True)
@@ -310,6 +358,12 @@ class RigConfig:
             _one_of("arm", device.arm, self.arms)
         for arm in self.controller.arms:
             _one_of("arm of the controller", arm, self.arms)
+        many = {len(self.arms[arm].joints) for arm in self.controller.arms}
+        if len(many) > 1:
+            raise ConfigError(
+                f"[controller]: its arms have {' and '.join(map(str, sorted(many)))} joints; all "
+                "arms of one law have the same number."
+            )
         for estimator in self.estimators.values():
             _one_of("arm of an estimator", estimator.arm, self.controller.arms)
         own = [d.backend for d in self.devices.values()] + [b.backend for b in self.boxes.values()]
@@ -360,9 +414,40 @@ def load_rig(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Ri
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{path}: not a readable TOML file ({error}).") from error
     try:
-        return parse(RigConfig, merge(_beside(table, path), overrides or {}), "rig")
-    except ConfigError as error:
+        return parse(RigConfig, merge(_robots(_beside(table, path), path), overrides or {}), "rig")
+    except (ConfigError, DataError) as error:
         raise ConfigError(f"{path}: {error}") from error
+
+
+#: Effort and speed of a joint whose URDF has none: it may not move before the rig file gives them.
+_MOST = {"torque_limit": "effort", "speed_limit": "velocity"}
+
+
+def _robots(table: dict[str, Any], path: Path) -> dict[str, Any]:
+    """The table with what the URDF of an arm gives and the rig file does not."""
+    arms = table.get("arms")
+    for name, arm in arms.items() if isinstance(arms, Mapping) else ():
+        robot = arm.get("robot") if isinstance(arm, Mapping) else None
+        if not isinstance(robot, str) or not robot.lower().endswith(URDF):
+            continue
+        place = str(path.parent / robot)
+        joints = urdf_joints(_urdf(place), place)
+        filled: dict[str, Any] = {"joints": [j.name for j in joints], **arm, "robot": place}
+        if tuple(filled["joints"]) != tuple(j.name for j in joints):
+            raise ConfigError(
+                f"[arms.{name}]: joints are those of {place} in their order, "
+                f"{[j.name for j in joints]}; fix the others in the URDF."
+            )
+        for key, of in _MOST.items():
+            known = [getattr(j, of) for j in joints]
+            if key not in filled and not all(map(math.isfinite, known)):
+                raise ConfigError(
+                    f"[arms.{name}]: {place} has no {of} for every joint; give {key} in the rig "
+                    "file, one entry per joint."
+                )
+            filled.setdefault(key, known)
+        table = merge(table, {"arms": {name: filled}})
+    return table
 
 
 def _beside(table: dict[str, Any], path: Path) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from hil import registry
 from hil.errors import ConfigError
 from hil.rig.config import EstimatorConfig, RigConfig
 from hil.signals.device import Controller, Estimator, FloatArray
-from hil.signals.frame import FrameLayout
+from hil.signals.frame import WRENCH, FrameLayout
 from hil.toml import parse
 
 
@@ -86,7 +86,7 @@ class Accompanied:
         estimates = (f"{c.name}_{n}" for c in self.companions for n in c.estimator.names)
         rest = (f"kept{k}" for k in range(memory - self.flag))
         self.state_names = (*estimates, *law.state_names, *rest)
-        self._u = np.zeros((len(limits), 12))
+        self._u = np.zeros((len(limits), 2 * limits.shape[1] + WRENCH))
         self._views: dict[int, tuple[Any, ...]] = {}
 
     def update(
@@ -137,6 +137,8 @@ def accompanied(law: Controller, config: RigConfig) -> Controller:
     if not config.estimators:
         return law
     arms, period = config.controller.arms, config.loop.period_ns * 1e-9
+    if len(config.arms[arms[0]].joints) != 3:
+        raise ConfigError("[estimators]: the estimators are of arms of three joints; take them out")
     built: list[tuple[str, int, Estimator, bool]] = []
     fed: set[str] = set()
     for name, table in config.estimators.items():
@@ -208,7 +210,7 @@ def beside(controller: Controller) -> list[Companion]:
     return controller.companions if isinstance(controller, Accompanied) else []
 
 
-def layout(arms: int, controller: Controller) -> FrameLayout:
-    """Row of the ring for this law and its estimators."""
+def layout(arms: int, joints: int, controller: Controller) -> FrameLayout:
+    """Row of the ring for this law and its estimators, of arms with so many joints."""
     estimates = sum(len(c.estimator.names) for c in beside(controller))
-    return FrameLayout(arms, len(law_of(controller).state_names), estimates)
+    return FrameLayout(arms, len(law_of(controller).state_names), estimates, joints)

@@ -11,12 +11,17 @@ import numpy as np
 
 from hil import registry
 from hil.errors import ConfigError
-from hil.record.recording import RobotSource
 from hil.rig import boxes as cabling
 from hil.rig import estimators, safety
-from hil.rig.boxes import BoxWire, only_gauges, open_boxes, places, trouble, wired
-from hil.rig.check import check_tables, check_trajectory, device_options, limits_of_arm
-from hil.rig.config import SIMULATED, RigConfig
+from hil.rig.boxes import BoxWire, DrivesWire, only_gauges, open_boxes, places, trouble, wired
+from hil.rig.check import (
+    check_tables,
+    check_trajectory,
+    described,
+    device_options,
+    limits_of_arm,
+)
+from hil.rig.config import SIMULATED, RigConfig, robot_source
 from hil.rig.frame_capture import Taps
 from hil.signals.device import (
     Controller,
@@ -29,6 +34,7 @@ from hil.signals.device import (
     Tareable,
     Wire,
 )
+from hil.signals.frame import GAUGES
 from hil.toml import parse, within
 
 
@@ -44,11 +50,11 @@ class ArmPort:
         Takes joint efforts.
     force : MeasuredCf or None
         Force at the tip.
-    counts, codes : ndarray (3,) of int
+    counts, codes : ndarray (d,) of int
         Words of the last exchange.
     gauges : ndarray (6,) of int
         Words of the force sensor.
-    torque_limit, speed_limit : ndarray (3,)
+    torque_limit, speed_limit : ndarray (d,)
         [N m], [rad/s].
     limits : ndarray
         Of `hil.rig.safety.limits`.
@@ -82,17 +88,17 @@ def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPo
             f"arm {arm!r}: one device that measures joints and takes efforts is needed, and at "
             f"most one force sensor; it has {', '.join(mine) or 'no device'}."
         )
-    zeros = np.zeros(6, np.int64)
     limits = config.arms[arm]
-    robot = limits_of_arm(limits, RobotSource(limits.robot, tip=limits.tip))
+    none, zeros = np.zeros(len(limits.joints), np.int64), np.zeros(GAUGES, np.int64)
+    robot = limits_of_arm(limits, robot_source(limits))
     boxed = bool(limits.workspace_min or limits.workspace_max)
     force_range = float(getattr(force[0], "max_force", np.inf)) if force else np.inf
     return ArmPort(
         joints[0],
         efforts[0],
         force[0] if force else None,
-        getattr(joints[0], "counts", zeros[:3]),
-        getattr(efforts[0], "codes", zeros[:3]),
+        getattr(joints[0], "counts", none),
+        getattr(efforts[0], "codes", none),
         getattr(force[0], "gauges", zeros) if force else zeros,
         np.array(limits.torque_limit),
         np.array(limits.speed_limit),
@@ -218,10 +224,27 @@ def build_controller(config: RigConfig) -> Controller:
     given = config.controller.parameters
     parameters = parse(law.Config, given, "controller.parameters")
     with within("controller"):
-        built: Controller = law.build(
-            parameters, config.controller.arms, config.loop.period_ns * 1e-9
-        )
+        built = _law(law, parameters, config)
     return estimators.accompanied(built, config)
+
+
+def _law(law: Any, parameters: Any, config: RigConfig) -> Controller:
+    """A law of any number of joints is told the robots; the others are of arms of three."""
+    arms, period = config.controller.arms, config.loop.period_ns * 1e-9
+    if getattr(law, "ANY_JOINTS", False):
+        robots = tuple(described(config.arms[arm]) for arm in arms)
+        found: Controller = law.build(parameters, arms, period, robots)
+        return found
+    d = len(config.arms[arms[0]].joints)
+    if d != 3:
+        names = sorted(registry.names("hil.controllers"))
+        able = [n for n in names if getattr(registry.load("hil.controllers", n), "ANY_JOINTS", 0)]
+        raise ConfigError(
+            f"the law {config.controller.name!r} is of arms of three joints, these have {d}; "
+            f"laws for any number of joints are {', '.join(able)}"
+        )
+    of_three: Controller = law.build(parameters, arms, period)
+    return of_three
 
 
 def force_sensors(config: RigConfig) -> dict[str, str]:
@@ -239,7 +262,8 @@ def bench_of(config: RigConfig, seed: int) -> Any:
         return None
     section: dict[str, Any] = dict(config.simulation)
     open_bench = registry.load("hil.sim_devices", str(section.get("bench", "ideal")))
-    return open_bench(force_sensors(config), section, config.loop.period_ns, seed)
+    arms = {a: described(t) for a, t in config.arms.items() if t.own}
+    return open_bench(arms or force_sensors(config), section, config.loop.period_ns, seed)
 
 
 def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any], taps: Taps) -> Wire:
@@ -251,6 +275,8 @@ def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any], ta
     if "gauges" in spots:
         source: Wire = boxes[only_gauges(name, spots).box]
         return source
+    if "drives" in spots:
+        return DrivesWire(name, [(boxes[p.box], p) for p in spots["drives"]])
     rows = {role: [(boxes[p.box], p) for p in row] for role, row in spots.items()}
     world = None if bench is None else bench.advance
     names = {p.box for row in spots.values() for p in row}

@@ -9,9 +9,8 @@ from typing import Any
 
 from hil import registry
 from hil.errors import ConfigError, unknown
-from hil.record.recording import RobotSource
 from hil.rig.check import limits_of_arm
-from hil.rig.config import RigConfig
+from hil.rig.config import RigConfig, robot_source
 from hil.rig.open import Rig, build_controller
 from hil.signals import settable
 from hil.signals.device import Controller
@@ -72,7 +71,11 @@ class Shop:
     def home(self) -> Controller:
         """Joint tracking to the middle posture of the arms in two seconds, and there it stays."""
         first = self._config.arms[self._config.controller.arms[0]]
-        center = limits_of_arm(first, RobotSource(first.robot, tip=first.tip)).center
+        center = limits_of_arm(first, robot_source(first)).center
+        if first.own:
+            kept = {k: v for k, v in self._parameters.items() if k in ("armature", "friction")}
+            goal = {**kept, "center": [float(q) for q in center], "blend": HOMING}
+            return build_controller(self._with("joint-pd", goal))
         # a motion without amplitude has no shape
         still = {
             "center": [float(q) for q in center],

@@ -170,28 +170,15 @@ EFFORT_GRID = 2.0**-24
 FLOOR = 5e-4
 #: A lamp goes back below this share of its threshold.
 HYSTERESIS = 0.9
-#: memory: last position (3), last step (3), time stood still (3), stale joint and force
-#: readings, readings so far, lamp, then heat (3, 2), hottest winding [degC] to a hundredth.
-_Q, _STEP, _STILL, _STALE_JS, _STALE_CF, _SEEN, _LAMP, _HEAT = 0, 3, 6, 9, 10, 11, 12, 13
-HOTTEST = 19
-MEMORY = 20
-#: limits: low, high, speed, torque (3 each), acceleration, force yellow and red, stale readings,
-#: stuck time, winding yellow and red, effort per ampere (3), thermal constants (6), number of
-#: folds and four numbers a fold.
-_LOW, _HIGH, _SPEED, _TORQUE, _ACC, _FORCE, _READS, _STUCK, _HOT, _AMP, _C, _FOLDS = (
-    0,
-    3,
-    6,
-    9,
-    12,
-    13,
-    15,
-    16,
-    17,
-    19,
-    22,
-    28,
-)
+#: memory: hottest winding [degC] to a hundredth, stale joint and force readings, readings so far,
+#: lamp; then a row a joint: last position, last step, time stood still, heat of its motor (2).
+HOTTEST, _STALE_JS, _STALE_CF, _SEEN, _LAMP, _JOINTS = range(6)
+_Q, _STEP, _STILL, _HEAT, _KEPT = 0, 1, 2, 3, 5
+#: limits: acceleration, force yellow and red, stale readings, stuck time, winding yellow and red,
+#: thermal constants (6), joints; then a row a joint: low, high, speed, torque, effort per ampere;
+#: then number of folds and four numbers a fold.
+_ACC, _FORCE, _READS, _STUCK, _HOT, _C, _D, _ROWS = 0, 1, 3, 4, 5, 7, 13, 14
+_LOW, _HIGH, _SPEED, _TORQUE, _AMP, _BOUNDS = range(6)
 
 _YELLOW, _WARM, _LATE = BITS["force-yellow"], BITS["winding-yellow"], BITS["sensor-late"]
 _STALE_BITS = (BITS["joint-stale"], BITS["force-stale"])
@@ -200,6 +187,11 @@ _RANGE, _FAST, _JUMP = BITS["position"], BITS["overspeed"], BITS["encoder-jump"]
 _STUCK_BIT, _NAN = BITS["encoder-stuck"], BITS["not-a-number"]
 _LOST = (BITS["joint-lost"], BITS["force-lost"])
 _CLAMPED, _STALE, _INVALID = int(Status.CLAMPED), int(Status.STALE), int(Status.INVALID)
+
+
+def memory(d: int) -> FloatArray:
+    """Empty memory of an arm of d joints."""
+    return np.zeros(_JOINTS + _KEPT * d)
 
 
 def limits(arm: ArmConfig, robot: Limits, safety: SafetyConfig, force_range: float) -> FloatArray:
@@ -218,12 +210,11 @@ def limits(arm: ArmConfig, robot: Limits, safety: SafetyConfig, force_range: flo
     red = arm.force_red or 0.85 * force_range
     winding = arm.winding
     folds = [float(x) for fold in robot.folds for x in fold]
+    # without the motors' constants nothing is known of their heat
+    amps = winding.effort_per_amp or (np.inf,) * len(arm.joints)
+    rows = zip(robot.low, robot.high, arm.speed_limit, arm.torque_limit, amps, strict=True)
     return np.array(
         [
-            *robot.low,
-            *robot.high,
-            *arm.speed_limit,
-            *arm.torque_limit,
             arm.acceleration_limit,
             yellow,
             red,
@@ -231,8 +222,9 @@ def limits(arm: ArmConfig, robot: Limits, safety: SafetyConfig, force_range: flo
             safety.stuck_time,
             winding.yellow,
             winding.red,
-            *winding.effort_per_amp,
             *(getattr(winding, n) for n in CONSTANTS),
+            len(arm.joints),
+            *(float(x) for row in rows for x in row),
             len(robot.folds),
             *folds,
         ]
@@ -272,22 +264,24 @@ def sensors(js: int, cf: int, memory: Any, lim: Any) -> int:
 def moved(q: Any, qd: Any, dt: float, single: bool, memory: Any, lim: Any) -> int:
     """Range, speed and steps of the joints."""
     mask = 0
-    for i in range(3):
-        if not lim[_LOW + i] <= q[i] <= lim[_HIGH + i]:
+    for i in range(q.size):
+        own, row = _JOINTS + _KEPT * i, _ROWS + _BOUNDS * i
+        if not lim[row + _LOW] <= q[i] <= lim[row + _HIGH]:
             mask |= _RANGE
-        if fabs(qd[i]) > lim[_SPEED + i]:
+        if fabs(qd[i]) > lim[row + _SPEED]:
             mask |= _FAST
-        step = q[i] - memory[_Q + i]
+        step = q[i] - memory[own + _Q]
         if memory[_SEEN] >= 2.0:
             # |q_k - q_(k-1)| <= 2 v_max dt;  |q_k - 2 q_(k-1) + q_(k-2)| <= a_max dt^2
-            if fabs(step) > 2.0 * lim[_SPEED + i] * dt + FLOOR:
+            if fabs(step) > 2.0 * lim[row + _SPEED] * dt + FLOOR:
                 mask |= _JUMP
             bend = lim[_ACC] * dt * dt + FLOOR
-            if single and memory[_SEEN] >= 4.0 and fabs(step - memory[_STEP + i]) > bend:
+            if single and memory[_SEEN] >= 4.0 and fabs(step - memory[own + _STEP]) > bend:
                 mask |= _JUMP
-        memory[_STEP + i], memory[_Q + i] = step, q[i]
-    for k in range(int(lim[_FOLDS])):
-        n = _FOLDS + 1 + 4 * k
+        memory[own + _STEP], memory[own + _Q] = step, q[i]
+    folds = _ROWS + _BOUNDS * q.size
+    for k in range(int(lim[folds])):
+        n = folds + 1 + 4 * k
         fold = q[int(lim[n])] - q[int(lim[n + 1])]
         if not lim[n + 2] <= fold <= lim[n + 3]:
             mask |= _RANGE
@@ -298,14 +292,15 @@ def moved(q: Any, qd: Any, dt: float, single: bool, memory: Any, lim: Any) -> in
 def driven(sent: Any, dt: float, memory: Any, lim: Any) -> int:
     """Heat of the motors, and joints that do not answer to them; `sent` of the last tick."""
     mask, hottest = 0, -273.0
-    for i in range(3):
-        heat = memory[_HEAT + 2 * i : _HEAT + 2 * i + 2]
+    for i in range(sent.size):
+        own, row = _JOINTS + _KEPT * i, _ROWS + _BOUNDS * i
+        heat = memory[own + _HEAT : own + _HEAT + 2]
         constants = lim[_C : _C + 6]
-        hottest = max(hottest, warm(sent[i] / lim[_AMP + i], dt, constants, heat))
-        pushed = fabs(sent[i]) > 0.5 * lim[_TORQUE + i]
-        still = fabs(memory[_STEP + i]) < 1e-6
-        memory[_STILL + i] = memory[_STILL + i] + dt if pushed and still else 0.0
-        if lim[_STUCK] > 0.0 and memory[_STILL + i] > lim[_STUCK]:
+        hottest = max(hottest, warm(sent[i] / lim[row + _AMP], dt, constants, heat))
+        pushed = fabs(sent[i]) > 0.5 * lim[row + _TORQUE]
+        still = fabs(memory[own + _STEP]) < 1e-6
+        memory[own + _STILL] = memory[own + _STILL] + dt if pushed and still else 0.0
+        if lim[_STUCK] > 0.0 and memory[own + _STILL] > lim[_STUCK]:
             mask |= _STUCK_BIT
     if hottest > lim[_HOT + 1]:
         mask |= _HOT_BIT
@@ -350,9 +345,9 @@ def examine(
         Whether that was one period, and the one before too.
     js, cf : int
         `Status` of the joint and the force reading.
-    q, qd, wrench : ndarray (3,), (3,), (6,)
+    q, qd, wrench : ndarray (d,), (d,), (6,)
         Measured [rad], [rad/s], [N, N m]; rounded in place.
-    sent : ndarray (3,)
+    sent : ndarray (d,)
         Efforts of the last tick [N m].
     memory, lim : ndarray
         What is kept between ticks; limits.
@@ -378,20 +373,22 @@ def examine(
 def hottest(memory: Any, lim: Any) -> float:
     """Hottest winding of an arm [degC], to a hundredth."""
     rise = 0.0
-    for i in range(3):
-        rise = max(rise, memory[_HEAT + 2 * i] + memory[_HEAT + 2 * i + 1])
+    for i in range(int(lim[_D])):
+        own = _JOINTS + _KEPT * i + _HEAT
+        rise = max(rise, memory[own] + memory[own + 1])
     return float(floor(100.0 * (lim[_C + 5] + rise) + 0.5) / 100.0)
 
 
 @nb.njit(cache=True, nogil=True)
 def leave(sent: Any, counts: Any, codes: Any, gauges: Any, words: Any) -> None:
-    """What of the exchange goes into the row: `sent` (3,) rounded, `words` (12,) filled."""
+    """What of the exchange goes into the row: `sent` (d,) rounded, `words` filled."""
     snap(sent, EFFORT_GRID)
-    for i in range(3):
+    d = sent.size
+    for i in range(d):
         words[i] = counts[i]
-        words[3 + i] = codes[i]
+        words[d + i] = codes[i]
     for i in range(6):
-        words[6 + i] = gauges[i]
+        words[2 * d + i] = gauges[i]
 
 
 @nb.njit(cache=True, nogil=True)

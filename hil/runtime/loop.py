@@ -83,7 +83,7 @@ class Arms:
 
     Attributes
     ----------
-    efforts : ndarray (arms, 3)
+    efforts : ndarray (arms, d)
         What the law commands [N m]; limited in place.
     worst : int
         Worst status of the tick.
@@ -94,10 +94,10 @@ class Arms:
     def __init__(
         self, ports: list[ArmPort], layout: FrameLayout, frame: FloatArray, period_ns: int
     ) -> None:
-        self.efforts = np.zeros((len(ports), 3))
+        self.efforts, d = np.zeros((len(ports), layout.joints)), layout.joints
         self.worst, self.hottest = _OK, 0.0
         self._arms = [
-            (p, *layout.arm(frame, i), self.efforts[i], np.zeros(safety.MEMORY), np.zeros(3))
+            (p, *layout.arm(frame, i), self.efforts[i], safety.memory(d), np.zeros(3))
             for i, p in enumerate(ports)
         ]
         self._period_ns, self._steps = period_ns, 1
@@ -163,7 +163,7 @@ class Arms:
         for port, _q, _qd, _wrench, sent, words, y, *_ in self._arms:
             port.efforts.fault()
             port.efforts.servo_jf(y, sent)
-            words[3:6] = port.codes
+            words[y.size : 2 * y.size] = port.codes
 
 
 _LIMITED, _OVERRUN = BITS["effort-limited"], BITS["overrun"]

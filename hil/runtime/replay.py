@@ -31,9 +31,9 @@ from hil.rig import estimators, safety
 from hil.rig.config import RigConfig
 from hil.rig.operator import Shop
 from hil.runtime import commands
-from hil.runtime.session import WORDS
+from hil.runtime.session import has_force
 from hil.signals.device import Controller, FloatArray, IntArray, ServoJf, Status
-from hil.signals.frame import TIMING
+from hil.signals.frame import GAUGES, TIMING, FrameLayout
 from hil.signals.state import OperatingState
 from hil.toml import parse
 from hil.userfile import parse_toml
@@ -52,6 +52,7 @@ class RecordedInputs:
     timing: dict[str, FloatArray]
     states: dict[int, FloatArray]
     commands: dict[int, list[str]]
+    scales: dict[str, FloatArray]
 
 
 def played(box: Container, folder: Path) -> RecordedInputs:
@@ -62,6 +63,7 @@ def played(box: Container, folder: Path) -> RecordedInputs:
         config = parse(RigConfig, parse_toml(box.attachments["rig.toml"].decode()), "rig")
     except ValueError as error:  # also what is no text, no TOML or no rig file
         raise DataError(f"session {box.path}: its rig file cannot be read: {error}") from error
+    config = _with_robots(box, config, folder)
     if "trajectory.toml" in box.attachments:
         (folder / "trajectory.toml").write_bytes(box.attachments["trajectory.toml"])
         law = config.controller
@@ -70,7 +72,7 @@ def played(box: Container, folder: Path) -> RecordedInputs:
     needed = [
         f"/{a}/{c}"
         for a in config.controller.arms
-        for c in ("measured_js", "setpoint_jf", "measured_cf")
+        for c in ("measured_js", "setpoint_jf", *(["measured_cf"] * has_force(config, a)))
     ]
     needed += ["/rig/raw", "/loop/timing"]
     for name in needed:
@@ -82,18 +84,33 @@ def played(box: Container, folder: Path) -> RecordedInputs:
     return _arrays(box, config, n)
 
 
+def _with_robots(box: Container, config: RigConfig, folder: Path) -> RigConfig:
+    """The rig with the URDFs that the session holds, in place of files that may have moved."""
+    arms = dict(config.arms)
+    for name, arm in config.arms.items():
+        text = box.attachments.get(f"robot/{name}.urdf")
+        if arm.own and text is not None:
+            place = folder / f"{len(list(folder.iterdir()))}.urdf"
+            place.write_bytes(text)
+            arms[name] = dataclasses.replace(arm, robot=str(place))
+    return dataclasses.replace(config, arms=arms)
+
+
 def _arrays(box: Container, config: RigConfig, n: int) -> RecordedInputs:
     arms = config.controller.arms
-    u, sent, codes = np.zeros((n, len(arms), 12)), np.zeros((n, len(arms), 3)), []
-    raw = decode_numbers(box.topics["/rig/raw"])[:n].reshape(n, len(arms), len(WORDS))
+    d = len(config.arms[arms[0]].joints)
+    one = FrameLayout(1, 0, joints=d)
+    u, sent = np.zeros((n, len(arms), one.measured)), np.zeros((n, len(arms), d))
+    raw, codes = decode_numbers(box.topics["/rig/raw"])[:n].reshape(n, len(arms), one.words), []
     for a, arm in enumerate(arms):
         _, js = decode_joint_state(box.topics[f"/{arm}/measured_js"])
         _, jf = decode_joint_state(box.topics[f"/{arm}/setpoint_jf"])
-        for part, at in (("position", 0), ("velocity", 3)):
-            u[:, a, at : at + 3] = _given(js[part], box, arm)[:n]
-        u[:, a, 6:] = decode_numbers(box.topics[f"/{arm}/measured_cf"])[:n]
+        for part, at in (("position", 0), ("velocity", d)):
+            u[:, a, at : at + d] = _given(js[part], box, arm)[:n]
+        if has_force(config, arm):
+            u[:, a, 2 * d :] = decode_numbers(box.topics[f"/{arm}/measured_cf"])[:n]
         sent[:, a] = _given(jf["effort"], box, arm)[:n]
-        codes.append(raw[:, a, 3:6])
+        codes.append(raw[:, a, d : 2 * d])
     columns = decode_numbers(box.topics["/loop/timing"])[:n]
     timing = {name: columns[:, k] for k, name in enumerate(TIMING[: columns.shape[1]])}
     timing.setdefault("state", np.full(n, float(_ENABLED)))
@@ -104,8 +121,26 @@ def _arrays(box: Container, config: RigConfig, n: int) -> RecordedInputs:
     ticks = box.topics["/loop/timing"].ticks[:n]
     times = box.topics["/loop/timing"].stamps[:n].astype(np.float64)
     return RecordedInputs(
-        config, ticks, times, u, sent, np.stack(codes, axis=1), timing, states, _commands(box)
+        config,
+        ticks,
+        times,
+        u,
+        sent,
+        np.stack(codes, axis=1),
+        timing,
+        states,
+        _commands(box),
+        _scales(box),
     )
+
+
+def _scales(box: Container) -> dict[str, FloatArray]:
+    """Device -> scales of its drives, where the session holds them."""
+    found = {}
+    for name, record in box.metadata.items():
+        if name.startswith("calibration/") and "scales" in record:
+            found[name.removeprefix("calibration/")] = np.array(json.loads(record["scales"]))
+    return found
 
 
 def _given(values: FloatArray | None, box: Container, arm: str) -> FloatArray:
@@ -128,12 +163,16 @@ _ENABLED = int(OperatingState.ENABLED)
 
 
 class _Nowhere:
-    """Wire that leads nowhere: a driver converts, nothing moves."""
+    """Wire that leads nowhere: a driver of d joints converts, nothing moves.
+
+    `scales` (d, 3) are those that the drives had, of a robot that has drives of its own.
+    """
 
     trouble = ""
 
-    def __init__(self) -> None:
-        self.counts, self.gauges = np.zeros(3, np.int64), np.zeros(6, np.int64)
+    def __init__(self, d: int, scales: FloatArray) -> None:
+        self.counts, self.gauges = np.zeros(d, np.int64), np.zeros(GAUGES, np.int64)
+        self.rates, self.scales = np.zeros(d, np.int64), scales
 
     def home(self, counts: IntArray) -> None: ...
 
@@ -143,6 +182,8 @@ class _Nowhere:
     def send(self, codes: IntArray) -> None: ...
 
     def power(self, on: bool) -> None: ...
+
+    def rest(self) -> None: ...
 
     def close(self) -> None: ...
 
@@ -167,7 +208,10 @@ class ReplayRun:
         self.period_ns = record.config.loop.period_ns
         self.zero_ns = self.tick = 0
         self.state = _ENABLED
-        self.drivers = [_driver(record.config, arm) for arm in record.config.controller.arms]
+        self.drivers = [
+            _driver(record.config, arm, record.scales) for arm in record.config.controller.arms
+        ]
+        self.joints = record.sent.shape[2]
         limits = [record.config.arms[arm] for arm in record.config.controller.arms]
         self.limits = [(np.array(a.torque_limit), np.array(a.speed_limit)) for a in limits]
 
@@ -196,7 +240,7 @@ class ReplayRun:
             self.zero_ns = (self.tick - 1) * self.period_ns
 
     def all(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Efforts and codes of every row, (n, arms, 3), and where the law's state was known."""
+        """Efforts and codes of every row, (n, arms, d), and where the law's state was known."""
         r = self.record
         sent, codes = np.zeros_like(r.sent), np.zeros_like(r.codes)
         known = np.ones(r.ticks.size, bool)
@@ -218,26 +262,28 @@ class ReplayRun:
 
     def row(self, k: int, sent: FloatArray, codes: FloatArray) -> None:
         """One tick: law if it ran, limits, conversion."""
-        u, y = self.record.u[k], np.zeros((len(self.drivers), 3))
+        u, y = self.record.u[k], np.zeros((len(self.drivers), self.joints))
         if self.state == _ENABLED:
             t = (self.tick * self.period_ns - self.zero_ns) * 1e-9
             self.law.update(t, self.x, u, self.x_next, y)
             self.x, self.x_next = self.x_next, self.x
         for a, driver in enumerate(self.drivers):
-            safety.limit(y[a], u[a, 3:6], *self.limits[a])
+            safety.limit(y[a], u[a, self.joints : 2 * self.joints], *self.limits[a])
             driver.servo_jf(y[a], sent[a])
             if "conditions" in self.record.timing:
                 safety.snap(sent[a], safety.EFFORT_GRID)
             codes[a] = driver.codes  # type: ignore[attr-defined]
 
 
-def _driver(config: RigConfig, arm: str) -> ServoJf:
+def _driver(config: RigConfig, arm: str, scales: Mapping[str, FloatArray]) -> ServoJf:
     """Driver that takes the efforts of an arm, enabled on a wire to nowhere."""
     for name, device in config.devices.items():
         kind = registry.load("hil.drivers", device.driver)
         if device.arm == arm and hasattr(kind.open_device, "servo_jf"):
             options = parse(kind.Config, device.options, f"devices.{name}.options")
-            driver = kind.open_device(name, _Nowhere(), options, config.loop.period_ns * 1e-9)
+            d = len(config.arms[arm].joints)
+            wire = _Nowhere(d, scales.get(name, np.ones((d, 3))))
+            driver = kind.open_device(name, wire, options, config.loop.period_ns * 1e-9)
             driver.enable()
             return driver  # type: ignore[no-any-return]
     raise DataError(f"the rig file of the session has no device that drives arm {arm!r}")
@@ -332,7 +378,9 @@ def _judge(
     out.compared, out.differ = int(known.sum()), int(worse.any(axis=(1, 2)).sum())
     for a, arm in enumerate(r.config.controller.arms):
         error = (sent[:, a] - r.sent[:, a])[known]
-        out.rms[arm] = np.sqrt(np.mean(error**2, axis=0)).tolist() if error.size else [0.0] * 3
+        out.rms[arm] = (
+            np.sqrt(np.mean(error**2, axis=0)).tolist() if error.size else [0.0] * error.shape[1]
+        )
     if out.differ:
         k, a, j = (int(v[0]) for v in np.nonzero(worse))
         told = ("effort", r.sent, sent), ("code", r.codes, codes)

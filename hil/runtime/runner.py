@@ -55,7 +55,8 @@ class Session:
         aside: Callable[[Path], None],
     ) -> None:
         self.config, self.output, self.operator, self.rig = config, output, operator, rig
-        layout = estimators.layout(len(rig.ports), rig.controller)
+        joints = rig.ports[0].torque_limit.size
+        layout = estimators.layout(len(rig.ports), joints, rig.controller)
         loop = config.loop
         self.ring = ring = self.ring_type(loop.ring_rows, layout.width)
         self.timer = (timer or CLOCKS[loop.clock])(loop.period_ns)

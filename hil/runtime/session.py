@@ -28,23 +28,27 @@ from hil.record.recording import TAGS, tag_record
 from hil.record.schema import Channel
 from hil.revision import source_revision
 from hil.rig import estimators
-from hil.rig.config import RigConfig
+from hil.rig.config import RigConfig, robot_source
 from hil.rig.open import Rig
 from hil.runtime.board import BoardWriter
 from hil.runtime.realtime import Arrangement
 from hil.runtime.statistics import Statistics
 from hil.runtime.watchdog import beside
 from hil.signals.device import Controller
-from hil.signals.frame import TIMING, TIMING_UNITS, FrameLayout
+from hil.signals.frame import GAUGES, TIMING, TIMING_UNITS, FrameLayout
 from hil.signals.state import OperatingState
 
-#: Words of an arm on ``/rig/raw`` and their units.
-WORDS = (
-    *(f"count{i}" for i in (1, 2, 3)),
-    *(f"code{i}" for i in (1, 2, 3)),
-    *(f"gauge{i}" for i in range(1, 7)),
-)
-UNITS = (*["count"] * 3, *["DAC code"] * 3, *["ADC word"] * 6)
+
+def words(d: int) -> dict[str, str]:
+    """Words of an arm of d joints on ``/rig/raw``, with their units."""
+    groups = (("count", d, "count"), ("code", d, "DAC code"), ("gauge", GAUGES, "ADC word"))
+    return {f"{name}{i + 1}": unit for name, n, unit in groups for i in range(n)}
+
+
+def has_force(config: RigConfig, arm: str) -> bool:
+    """Whether an arm records a force; one with its own URDF does where a sensor is on it."""
+    drivers = {d.driver for d in config.devices.values() if d.arm == arm}
+    return not config.arms[arm].own or "ft-sensor" in drivers
 
 
 def with_run_options(
@@ -77,7 +81,8 @@ def topics(
     for i, arm in enumerate(config.controller.arms):
         found.append((f"/{arm}/measured_js", layout.part("js", i)))
         found.append((f"/{arm}/setpoint_jf", layout.part("jf", i)))
-        found.append((f"/{arm}/measured_cf", layout.part("cf", i)))
+        if has_force(config, arm):
+            found.append((f"/{arm}/measured_cf", layout.part("cf", i)))
     found.append(("/rig/raw", layout.part("words")))
     first = layout.part("estimates").start
     for c in estimators.beside(controller):
@@ -99,10 +104,14 @@ def channels(config: RigConfig, controller: Controller) -> list[Channel]:
         state = ("position", "velocity")
         found.append(Channel(f"/{arm}/measured_js", "joint_state", joints, state))
         found.append(Channel(f"/{arm}/setpoint_jf", "joint_state", joints, ("effort",)))
-        found.append(Channel(f"/{arm}/measured_cf", "wrench", frame="base"))
-    words = tuple(f"{arm}_{word}" for arm in config.controller.arms for word in WORDS)
-    units = tuple(unit for _ in config.controller.arms for unit in UNITS)
-    found.append(_fields("/rig/raw", words, units, "RigRaw"))
+        if has_force(config, arm):
+            found.append(Channel(f"/{arm}/measured_cf", "wrench", frame="base"))
+    raw = {
+        f"{arm}_{word}": unit
+        for arm in config.controller.arms
+        for word, unit in words(len(config.arms[arm].joints)).items()
+    }
+    found.append(_fields("/rig/raw", tuple(raw), tuple(raw.values()), "RigRaw"))
     for c in estimators.beside(controller):
         found.append(_fields(c.topic, c.estimator.names, c.estimator.units, c.estimator.message))
     own = estimators.law_of(controller).state_names
@@ -136,12 +145,16 @@ def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]
     for arm in config.controller.arms:
         table = config.arms[arm]
         records[f"robot/{arm}"] = {
-            "preset": table.robot,
+            "preset": "" if table.own else table.robot,
             "tip": table.tip,
             "joints": json.dumps(list(table.joints)),
         }
     if config.record.tags:
         records[TAGS] = tag_record(config.record.tags)
+    for name, device in rig.devices.items():
+        scales = getattr(device, "scales", None)
+        if scales is not None:
+            records[f"calibration/{name}"] = {"scales": json.dumps(scales.tolist())}
     for name, bias in rig.biases.items():
         told: dict[str, str] = getattr(rig.devices[name], "certificate", {})
         records[f"calibration/{name}"] = {"bias_words": json.dumps(bias), **told}
@@ -162,6 +175,9 @@ def open_writer(
     `aside` is called with its path when all else is known to be right, before it is written.
     """
     attachments = {"rig.toml": rig_text(config).encode()}
+    for arm in config.controller.arms:
+        if config.arms[arm].own:
+            attachments[f"robot/{arm}.urdf"] = robot_source(config.arms[arm]).urdf.encode()
     played = config.controller.parameters.get("trajectory")
     if isinstance(played, str) and played:
         attachments["trajectory.toml"] = Path(played).read_bytes()

@@ -101,7 +101,7 @@ class Tareable(Protocol):
 class Wire(Protocol):
     """Wire to the devices of one arm at signal level.
 
-    `counts` (3,) and `gauges` (6,) hold the last answer and stay the same arrays; `trouble` says
+    `counts` (d,) and `gauges` (6,) hold the last answer and stay the same arrays; `trouble` says
     why the wire is lost.
     """
 
@@ -114,7 +114,7 @@ class Wire(Protocol):
         ...
 
     def home(self, counts: IntArray) -> None:
-        """The arm rests where its encoders should read `counts` (3,); absolute ones know."""
+        """The arm rests where its encoders should read `counts` (d,); absolute ones know."""
         ...
 
     def receive(self, t_ns: int) -> Status:
@@ -122,7 +122,7 @@ class Wire(Protocol):
         ...
 
     def send(self, codes: IntArray) -> None:
-        """Set the DAC codes (3,)."""
+        """Set the DAC codes (d,)."""
         ...
 
     def power(self, on: bool) -> None:
@@ -156,9 +156,9 @@ class Controller(Protocol):
             Time since the start [s].
         x, x_next : ndarray (k,)
             State before (read) and after (written).
-        u : ndarray (arms, 12)
+        u : ndarray (arms, 2 d + 6)
             Per arm: position [rad], velocity [rad/s], force [N] and torque [N m] at the tip.
-        y : ndarray (arms, 3)
+        y : ndarray (arms, d)
             Written: joint efforts [N m].
         """
         ...

@@ -8,9 +8,8 @@ import numpy as np
 
 from hil.signals.device import FloatArray
 
-#: Numbers per arm: measured = position, velocity (3 each), wrench (6); words = counts (3),
-#: DAC codes (3), gauges (6).
-MEASURED, SENT, WORDS = 12, 3, 12
+#: Words of a force sensor, and its components.
+GAUGES, WRENCH = 6, 6
 #: The loop itself: lateness of the wake-up and time until the commands were out [ns], periods
 #: missed and rows dropped so far, worst status of the tick, operating state, mask of conditions
 #: (`hil.rig.safety`), rows that waited in the ring, hottest winding [degC].
@@ -32,28 +31,45 @@ TIMING_UNITS = ("ns", "ns", "1", "1", "1", "1", "1", "1", "degC")
 class FrameLayout:
     """Row: measured of all arms, sent efforts, words, estimates, controller state, timing.
 
+    Measured of an arm are position, velocity (d each) and wrench (6); its words are counts,
+    codes (d each) and gauges (6).
+
     Parameters
     ----------
     arms, states, estimates : int
         Number of arms, of controller states and, before these, of estimates.
+    joints : int
+        Joints of every arm, d.
     """
 
     arms: int
     states: int
     estimates: int = 0
+    joints: int = 3
+
+    @property
+    def measured(self) -> int:
+        """Measured numbers of an arm."""
+        return 2 * self.joints + WRENCH
+
+    @property
+    def words(self) -> int:
+        """Words of an arm."""
+        return 2 * self.joints + GAUGES
 
     def part(self, name: str, arm: int = 0) -> slice:
         """Columns of a part: ``js``, ``cf``, ``jf`` of an arm, or one of all below."""
-        sent = self.arms * MEASURED
-        words = sent + self.arms * SENT
-        estimates = words + self.arms * WORDS
+        d, first = self.joints, arm * self.measured
+        sent = self.arms * self.measured
+        words = sent + self.arms * d
+        estimates = words + self.arms * self.words
         state = estimates + self.estimates
         timing = state + self.states
         start, size = {
-            "js": (arm * MEASURED, 6),
-            "cf": (arm * MEASURED + 6, 6),
-            "jf": (sent + arm * SENT, SENT),
-            "words": (words, self.arms * WORDS),
+            "js": (first, 2 * d),
+            "cf": (first + 2 * d, WRENCH),
+            "jf": (sent + arm * d, d),
+            "words": (words, self.arms * self.words),
             "estimates": (estimates, self.estimates),
             "state": (state, self.states),
             "timing": (timing, len(TIMING)),
@@ -64,7 +80,7 @@ class FrameLayout:
     def width(self) -> int:
         """Numbers per row."""
         own = self.estimates + self.states
-        return self.arms * (MEASURED + SENT + WORDS) + own + len(TIMING)
+        return self.arms * (self.measured + self.joints + self.words) + own + len(TIMING)
 
     def zeros(self) -> FloatArray:
         """An empty row."""
@@ -74,12 +90,13 @@ class FrameLayout:
         self, frame: FloatArray, i: int
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         """Views of arm i: position, velocity, wrench, sent effort, words."""
+        d, n = self.joints, self.words
         js = frame[self.part("js", i)]
-        words = frame[self.part("words")][i * WORDS : (i + 1) * WORDS]
-        return js[:3], js[3:], frame[self.part("cf", i)], frame[self.part("jf", i)], words
+        words = frame[self.part("words")][i * n : (i + 1) * n]
+        return js[:d], js[d:], frame[self.part("cf", i)], frame[self.part("jf", i)], words
 
     def views(self, frame: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Views of u (arms, 12), estimates and controller state together, and timing (9,)."""
-        u = frame[: self.arms * MEASURED].reshape(self.arms, MEASURED)
+        """Views of u (arms, 2 d + 6), estimates and controller state together, and timing (9,)."""
+        u = frame[: self.arms * self.measured].reshape(self.arms, self.measured)
         state = slice(self.part("estimates").start, self.part("state").stop)
         return u, frame[state], frame[self.part("timing")]

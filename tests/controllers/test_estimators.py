@@ -224,7 +224,7 @@ def test_an_estimator_is_pure(kind):
 def test_estimators_keep_no_memory_in_the_hot_path(memory_growth):
     config = rig(table(*KINDS))
     opened = open_rig(config, 0)
-    layout = estimators.layout(2, opened.controller)
+    layout = estimators.layout(2, 3, opened.controller)
     ring = Ring(100, layout.width)
     loop = Loop(
         opened.ports,

@@ -26,7 +26,7 @@ from hil.runtime import guard, runner, watchdog
 from hil.runtime.clock import VirtualClock
 from hil.runtime.guard import guarded
 from hil.runtime.watchdog import beside, tripped
-from hil.signals.frame import WORDS
+from hil.signals.frame import FrameLayout
 
 
 def until(what, seconds=20.0):
@@ -120,7 +120,7 @@ def test_a_cut_is_a_fault_in_record_and_info_and_latched(tmp_path, rig_file, saf
         runner.run(config, 1.0, 1, "lockstep", path, timer=Late, operator=tries)
     assert mark.exists()
     box = read(path)
-    sent = decode_numbers(box.topics["/rig/raw"]).reshape(-1, 2, WORDS)[:, :, 3:6]
+    sent = decode_numbers(box.topics["/rig/raw"]).reshape(-1, 2, FrameLayout(1, 0).words)[:, :, 3:6]
     assert len(sent) == 70 and sent[:49].any() and not sent[49:].any()
     assert any("resume: FAULT, as before" in s for s in said)
     assert any(s.startswith("start: ") and "is FAULT and cannot ENABLE" in s for s in said)

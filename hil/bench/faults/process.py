@@ -34,7 +34,7 @@ from hil.runtime import runner
 from hil.runtime.guard import Watchdog
 from hil.runtime.watchdog import beside, tripped
 from hil.signals.device import Status
-from hil.signals.frame import TIMING, WORDS
+from hil.signals.frame import TIMING, FrameLayout
 from hil.signals.state import OperatingState
 
 #: When the parent strikes [ticks], and the watchdog's time-out [s].
@@ -286,7 +286,7 @@ def _faulted(
 def _rows(box: Container) -> tuple[NDArray[np.int64], bool]:
     """Ticks that the record holds, and whether the motors had torque in it."""
     topic = box.topics["/rig/raw"]
-    raw = decode_numbers(topic).reshape(len(topic.times), -1, WORDS)
+    raw = decode_numbers(topic).reshape(len(topic.times), -1, FrameLayout(1, 0).words)
     return np.array(topic.sequence, np.int64), bool(raw[:, :, 3:6].any())
 
 

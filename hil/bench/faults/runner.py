@@ -19,7 +19,7 @@ from hil.rig.config import load_rig
 from hil.rig.safety import BITS, named
 from hil.rigs import rig_path
 from hil.runtime import runner
-from hil.signals.frame import TIMING, WORDS
+from hil.signals.frame import TIMING, FrameLayout
 from hil.signals.state import OperatingState
 
 #: After the strike [s].
@@ -97,7 +97,7 @@ def judge(fault: Fault, struck: int, path: Path) -> Outcome:
     topic = box.topics["/loop/timing"]
     ticks = np.array(topic.sequence)
     timing = decode_numbers(topic)
-    raw = decode_numbers(box.topics["/rig/raw"]).reshape(len(ticks), -1, WORDS)
+    raw = decode_numbers(box.topics["/rig/raw"]).reshape(len(ticks), -1, FrameLayout(1, 0).words)
     state, mask = timing[:, _AT["state"]].astype(int), timing[:, _AT["conditions"]].astype(int)
     after = ticks >= struck
     changed = np.flatnonzero(after & (state != OperatingState.ENABLED))

@@ -1,0 +1,1 @@
+"""Simulated arms of any URDF: own physics, drives on simulated CAN buses."""

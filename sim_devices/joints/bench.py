@@ -1,0 +1,322 @@
+"""Bench of simulated arms of any URDF: ideal wires, or drives on simulated CAN lines."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import ConfigError, unknown
+from hil.signals.bus import Bus, Step
+from hil.signals.device import Status
+from hil.sim_devices.canbus.line import LINES, CanLine
+from hil.sim_devices.joints import bodies, motion
+from hil.sim_devices.joints.damiao import TOP, TOP_POSITION, SimDrive, kind_of
+from hil.sim_devices.plants.build import with_defaults
+from hil.sim_devices.plants.layout import ELEMENTS
+from hil.sim_devices.simtime import VirtualTime
+
+Ints = NDArray[np.int64]
+#: Steps of the physics a second at least, and parts of a tick in which buses and physics alternate.
+STEPS, PARTS = 8000.0, 4
+#: Ticks whose random numbers are drawn at once.
+BLOCK = 16
+#: Keys of ``[simulation]``, with their defaults.
+DEFAULTS: dict[str, Any] = {"bench": "ideal", "home": {}, "hidden": [], "truth_seed": 0}
+
+
+class Described(Protocol):
+    """What the bench is told of an arm."""
+
+    joints: tuple[str, ...]
+    urdf: str
+    center: tuple[float, ...]
+    torque_limit: tuple[float, ...]
+
+
+#: Hidden effect -> fields of `motion.JOINT`: shares of the torque limit, then values as they are.
+HIDDEN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
+    "stribeck": ({"stribeck": 0.06}, {"stribeck_speed": 0.12}),
+    "quadratic-drag": ({"drag": 0.05}, {}),
+    "cogging": ({"cogging": 0.04}, {"cogging_cycles": 14.0}),
+    "spring": ({"spring": 0.12}, {"spring_rest": 0.2}),
+    "torque-gain": ({}, {"gain": 0.12}),
+}
+
+
+class SimArm:
+    """One arm: bodies, joints, drives.
+
+    Attributes
+    ----------
+    codes, counts, rates : ndarray (d,) of int
+        Efforts asked for, positions and speeds, in half steps of the drives.
+    scales : ndarray (d, 3)
+        Size of a half step: position [rad], speed [rad/s], effort [N m].
+    powered : ndarray (d,) of bool
+        Drives that are on; the brakes hold an arm of which one is off.
+    """
+
+    def __init__(self, name: str, arm: Described, home: Sequence[float], seed: int) -> None:
+        d = len(arm.joints)
+        self.name, self.joints = name, arm.joints
+        built = bodies.read(arm.urdf, arm.joints, seed)
+        self._bodies = tuple(getattr(built, f) for f in built.__dataclass_fields__)
+        self.kinds = [kind_of(t) for t in arm.torque_limit]
+        ranges = np.array([k.ranges for k in self.kinds])
+        self.scales = ranges / (TOP_POSITION, TOP, TOP)
+        self.p, self.x = np.zeros(d, motion.JOINT), np.zeros(d, motion.STATE)
+        self._set_up(np.array(arm.torque_limit), np.random.default_rng([seed, 0xD21]))
+        self._rotor = np.ascontiguousarray(self.p["rotor"])
+        self.x["q"] = home
+        self._room = (*motion.scratch(d), *(np.zeros(d) for _ in range(4)))
+        self.codes, self.counts, self.rates = (np.zeros(d, np.int64) for _ in range(3))
+        self.powered = np.zeros(d, np.bool_)
+        self.sense()
+
+    def _set_up(self, most: NDArray[np.float64], rng: np.random.Generator) -> None:
+        """Drives and friction by the torque limits, each its own."""
+        p, d = self.p, most.size
+
+        def near(value: float) -> NDArray[np.float64]:
+            return value * rng.uniform(0.75, 1.35, d)
+
+        p["rotor"], p["coulomb"] = most * near(1.3e-3), most * near(0.03)
+        p["viscous"], p["thin"] = most * near(0.018), near(2.5)
+        p["limit"] = near(1e-3)[:, None] * np.array([0.5, 1.0, 2.0, 4.0])
+        p["weight"] = rng.dirichlet(np.full(ELEMENTS, 20.0), d)
+        p["lag"], p["noise"], p["top"] = near(6e-4), most * near(1.5e-3), self.scales[:, 2] * TOP
+        p["count"], p["rate"], p["code"] = self.scales.T
+
+    def hide(self, row: Mapping[str, Any], most: Sequence[float]) -> None:
+        """Put in an effect of ``[[simulation.hidden]]``.
+
+        Raises
+        ------
+        ConfigError
+            For an effect, a joint or a key that is not known.
+        """
+        where = "[[simulation.hidden]]"
+        for key in row:
+            if key not in ("effect", "arm", "joint", "amplitude"):
+                raise ConfigError(
+                    f"{where}: {unknown('key', key, ('effect', 'arm', 'joint', 'amplitude'))}"
+                )
+        name, joint = str(row.get("effect")), str(row.get("joint"))
+        if name not in HIDDEN:
+            raise ConfigError(f"{where}: {unknown('effect', name, HIDDEN)}")
+        if joint not in self.joints:
+            raise ConfigError(f"{where}: {unknown('joint', joint, self.joints)}")
+        i, amplitude = self.joints.index(joint), float(row.get("amplitude", 1.0))
+        shares, values = HIDDEN[name]
+        for key, value in shares.items():
+            self.p[key][i] += amplitude * value * most[i]
+        for key, value in values.items():
+            self.p[key][i] = value * (1.0 if shares else amplitude)
+
+    def run(self, random: NDArray[np.float64], span: float) -> None:
+        """Advance by `span` [s]."""
+        if not self.powered.all():
+            self.x["v"] = 0.0
+            return
+        motion.run(
+            self._bodies,
+            self.p,
+            self.x,
+            self._room,
+            self._rotor,
+            self.codes,
+            random,
+            bodies.WEIGHT,
+            span,
+            max(1, round(span * STEPS)),
+        )
+
+    def sense(self) -> None:
+        """Words of all drives: whole steps, odd numbers of half steps."""
+        np.floor(self.x["q"] / self.p["count"] / 2.0, out=self._odd)
+        self.counts[:] = 2 * self._odd + 1
+        np.floor(self.x["v"] / self.p["rate"] / 2.0, out=self._odd)
+        self.rates[:] = 2 * self._odd + 1
+
+    @property
+    def _odd(self) -> NDArray[np.float64]:
+        found: NDArray[np.float64] = self._room[4]
+        return found
+
+
+class JointBench:
+    """World of one session.
+
+    Parameters
+    ----------
+    arms : mapping of str to Described
+        Name -> robot.
+    section : mapping
+        Table ``[simulation]`` of the rig file.
+    period_ns : int
+        Tick of the loop [ns].
+    seed : int
+        Noise of this session; `truth_seed` in `section` chooses the arms.
+
+    Attributes
+    ----------
+    now_ns : int
+        Time of the world [ns].
+    arms : dict of str to SimArm
+        Name -> arm.
+    """
+
+    _number = itertools.count()
+
+    def __init__(
+        self,
+        arms: Mapping[str, Described],
+        section: Mapping[str, Any],
+        period_ns: int,
+        seed: int,
+    ) -> None:
+        table = with_defaults("simulation", dict(section), DEFAULTS)
+        self.period_ns, self.now_ns = period_ns, 0
+        self.arms: dict[str, SimArm] = {}
+        for k, (name, arm) in enumerate(arms.items()):
+            home = _home(name, arm, table["home"])
+            self.arms[name] = SimArm(name, arm, home, 1000 * int(table["truth_seed"]) + k)
+        for row in table["hidden"]:
+            name = row.get("arm", next(iter(arms)))
+            if name not in self.arms:
+                raise ConfigError(f"[[simulation.hidden]]: {unknown('arm', name, arms)}")
+            self.arms[name].hide(row, arms[name].torque_limit)
+        self._rng = np.random.default_rng([seed, 0x5EED])
+        most = max(len(a.joints) for a in arms.values())
+        self._noise, self._left = np.zeros((BLOCK, len(arms), most)), 0
+        self._time = VirtualTime()
+        self._prefix = f"joints{next(self._number)}:"
+        self.lines: dict[str, CanLine] = {}
+        self.drives: dict[str, list[SimDrive]] = {}
+        self._pumps: dict[str, Step] = {}
+
+    def wire(self, arm: str) -> JointWire:
+        """Ideal wire to the drives of one arm."""
+        if arm not in self.arms:
+            raise ConfigError(unknown("simulated arm", arm, self.arms))
+        return JointWire(self, self.arms[arm])
+
+    def buses(self, plan: Mapping[str, Mapping[str, Any]]) -> dict[str, Bus]:
+        """Simulated CAN bus with the drives of `plan` on its lines."""
+        for name, row in plan.items():
+            if row["driver"] != "damiao-can":
+                missing = unknown("simulated box", row["driver"], ("damiao-can",))
+                raise ConfigError(f"box {name!r}: {missing}")
+            line = self._line(row["address"] or "can0")
+            options, self.drives[name] = row["options"], []
+            for channel, _, arm, joint, sign in row["cables"]:
+                drive = SimDrive(
+                    channel,
+                    int(options.get("master", 0x10)),
+                    int(options.get("bit_rate", 1_000_000)),
+                    self.arms[arm],
+                    joint,
+                    sign,
+                )
+                line.attach(drive)
+                self.drives[name].append(drive)
+        handle = {"interface": "hil-sim", "prefix": self._prefix}
+        bus = Bus("can", handle, self._run, self._pause, lambda: self.now_ns, self.at, True)
+        return {"can": bus}
+
+    def _line(self, channel: str) -> CanLine:
+        if channel not in self.lines:
+            self.lines[channel] = LINES[self._prefix + channel] = CanLine(self._time)
+        return self.lines[channel]
+
+    def _run(self, name: str, step: Step) -> Callable[[], None]:
+        self._pumps[name] = step
+        return lambda: self._pumps.pop(name, None) and None
+
+    def _pause(self, seconds: float) -> None:
+        ticks = max(1, round(seconds * 1e9 / self.period_ns))
+        self.advance(self.now_ns + ticks * self.period_ns)
+
+    def at(self, t_ns: int) -> None:
+        """It is `t_ns` by the loop."""
+        self.advance(t_ns)
+        self._time.at(t_ns)
+
+    def advance(self, t_ns: int) -> None:
+        """Run the world up to `t_ns`, in whole ticks."""
+        parts = PARTS if self.lines else 1
+        while self.now_ns + self.period_ns <= t_ns:
+            if self._left == 0:
+                self._rng.standard_normal(out=self._noise)
+                self._left = BLOCK
+            noise = self._noise[BLOCK - self._left]
+            for part in range(parts):
+                self._part(noise, self.now_ns + self.period_ns * (part + 1) // parts, parts)
+            self._left -= 1
+            self.now_ns += self.period_ns
+            for step in list(self._pumps.values()):
+                step()
+
+    def _part(self, noise: NDArray[np.float64], end_ns: int, parts: int) -> None:
+        """Buses up to `end_ns`, then the arms."""
+        if self.lines:
+            self._time.at(end_ns - 1)
+            for line in self.lines.values():
+                line.run(self._time.now_ns)
+            for row in self.drives.values():
+                for drive in row:
+                    drive.tick(self._time.now_ns)
+        for k, arm in enumerate(self.arms.values()):
+            arm.run(noise[k], self.period_ns * 1e-9 / parts)
+            arm.sense()
+
+
+def _home(name: str, arm: Described, table: Mapping[str, Any]) -> Sequence[float]:
+    home = table.get(name, arm.center)
+    if not isinstance(home, (list, tuple)) or len(home) != len(arm.joints):
+        raise ConfigError(
+            f"[simulation] home.{name}: {len(arm.joints)} joint positions [rad] are needed"
+        )
+    return [float(q) for q in home]
+
+
+class JointWire:
+    """Ideal wire to the drives of one arm: what arrives is what was sent."""
+
+    trouble = ""
+
+    def __init__(self, bench: JointBench, arm: SimArm) -> None:
+        self._bench, self._arm = bench, arm
+        self.counts, self.rates, self.scales = arm.counts, arm.rates, arm.scales
+        self.gauges = np.zeros(6, np.int64)
+
+    def home(self, counts: Ints) -> None:
+        """Nothing to do: drives know where they stand."""
+
+    def receive(self, t_ns: int) -> Status:
+        """Refresh `counts` and `rates` for time `t_ns`."""
+        self._bench.advance(t_ns)
+        return Status.OK
+
+    def send(self, codes: Ints) -> None:
+        """Efforts (d,) that hold until the next call."""
+        self._arm.codes[:] = codes
+
+    def rest(self) -> None:
+        """Drives off."""
+        self.power(False)
+
+    def power(self, on: bool) -> None:
+        """Switch the drives; without power the brakes hold the arm."""
+        self._arm.powered[:] = on
+        self._arm.codes[:] = 0
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+__all__ = ["HIDDEN", "JointBench", "JointWire", "SimArm"]

@@ -1,0 +1,193 @@
+"""Arms of any number of joints on the loop: rig file, record, limits, replay, both back ends."""
+
+import re
+
+import numpy as np
+import pytest
+
+from hil.errors import ConfigError, DeviceError
+from hil.record.container import read
+from hil.record.mcap_read import load
+from hil.rig.config import load_rig
+from hil.rigs import rig_path
+from hil.runtime.replay import replay
+from hil.runtime.runner import run
+from hil.signals.frame import FrameLayout
+
+LINK = (
+    '<link name="l{k}"><inertial><origin xyz="0.05 0 0.02"/><mass value="0.12"/>'
+    '<inertia ixx="0.0002" iyy="0.0004" izz="0.0003" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    '<joint name="axis_{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/>'
+    '<origin xyz="0.1 0 0" rpy="{turn} 0 0"/><axis xyz="0 0 1"/>'
+    '<limit lower="-2" upper="2" velocity="3" effort="9"/></joint>'
+)
+
+
+def urdf(d):
+    links = (
+        LINK.format(k=k, parent=f"l{k - 1}" if k else "base", turn=1.57 * (k % 2)) for k in range(d)
+    )
+    return f'<robot name="r"><link name="base"/>{"".join(links)}</robot>'
+
+
+RIG = """schema = "hil.rig/1"
+backend = "{backend}"
+[loop]
+rate_hz = {rate}
+[arms.arm]
+robot = "own.urdf"
+{more}
+[devices.drives]
+driver = "damiao"
+arm = "arm"
+channels.drives = [{places}]
+[boxes.bus]
+driver = "damiao-can"
+[controller]
+name = "{law}"
+arms = ["arm"]
+[controller.parameters]
+armature = [{armature}]
+center = [{center}]
+"""
+
+
+def rig(folder, d, backend="sim", law="joint-pd", more="", rate=500):
+    (folder / "own.urdf").write_text(urdf(d))
+    text = RIG.format(
+        backend=backend,
+        law=law,
+        more=more,
+        rate=rate,
+        places=", ".join(f'"{"-" * (k % 2)}bus/{k + 1}"' for k in range(d)),
+        armature=", ".join(["0.012"] * d),
+        center=", ".join(["0.2"] * d),
+    )
+    path = folder / "own.toml"
+    path.write_text(text)
+    return load_rig(path)
+
+
+@pytest.mark.parametrize(
+    ("law", "d"),
+    [*(("joint-pd", d) for d in range(1, 8)), *(("computed-torque", d) for d in range(1, 5))],
+)
+def test_an_arm_of_any_number_of_joints_runs_and_is_recorded(tmp_path, law, d):
+    summary = run(rig(tmp_path, d, law=law), 2.0, 1, output=tmp_path / "s.mcap")
+    assert summary.state == "ENABLED"
+    assert summary.limited == 0
+    seen = load(tmp_path / "s.mcap", "arm")
+    assert seen.joints == tuple(f"axis_{k}" for k in range(d))
+    assert seen.robot.urdf == urdf(d)
+    assert seen.wrench is None
+    assert np.abs(seen.q[-1] - 0.2).max() < 0.15
+    columns = FrameLayout(1, 0, joints=d)
+    assert columns.words == 2 * d + 6
+
+
+@pytest.mark.parametrize("backend", ["sim", "sim-wire"])
+def test_a_session_is_bit_identical_for_a_seed_and_replays(tmp_path, backend):
+    config = rig(tmp_path, 5, backend)
+    names = [tmp_path / f"{k}.mcap" for k in range(3)]
+    for name, seed in zip(names, (4, 4, 5), strict=True):
+        run(config, 0.6, seed, output=name)
+    first, again, other = (name.read_bytes() for name in names)
+    assert first == again
+    assert first != other
+    (tmp_path / "own.urdf").unlink()  # the session has what it needs
+    found = replay(names[0])
+    assert found.compared == found.ticks > 0
+    assert found.differ == 0
+
+
+def test_ideal_wires_and_simulated_can_lead_to_the_same_posture(tmp_path):
+    ends = []
+    for backend in ("sim", "sim-wire"):
+        run(rig(tmp_path, 4, backend), 2.0, 2, output=tmp_path / f"{backend}.mcap")
+        ends.append(load(tmp_path / f"{backend}.mcap", "arm").q[-1])
+    assert np.abs(ends[0] - ends[1]).max() < 0.02
+
+
+def test_the_raw_words_are_those_of_all_joints(tmp_path):
+    run(rig(tmp_path, 7), 0.1, 0, output=tmp_path / "s.mcap")
+    text = read(tmp_path / "s.mcap").topics["/rig/raw"].schema_text.decode()
+    names = re.findall(r"float64 (\w+)", text)
+    assert names == [
+        *(f"arm_count{k}" for k in range(1, 8)),
+        *(f"arm_code{k}" for k in range(1, 8)),
+        *(f"arm_gauge{k}" for k in range(1, 7)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("more", "condition", "fault"),
+    [
+        ("position_min = [-1, -1, -1, -1, -1]\nposition_max = [1, 1, 1, 1, 0.05]", "range", False),
+        ("speed_limit = [3, 3, 3, 3, 0.1]", "speed_limit", True),
+    ],
+)
+def test_the_limits_of_the_last_joint_hold(tmp_path, more, condition, fault):
+    config = rig(tmp_path, 5, more=more)
+    if fault:
+        with pytest.raises(DeviceError, match=condition):
+            run(config, 2.0, 0, output=tmp_path / "s.mcap")
+        return
+    # no longer: without torque it falls
+    summary = run(config, 0.75, 0, output=tmp_path / "s.mcap")
+    assert summary.state == "PAUSED"
+    assert condition in summary.reason
+
+
+def test_the_torque_limit_of_every_joint_holds(tmp_path):
+    config = rig(tmp_path, 5, more="torque_limit = [9, 9, 9, 9, 0.05]")
+    run(config, 0.6, 0, output=tmp_path / "s.mcap")
+    tau = load(tmp_path / "s.mcap", "arm").tau
+    assert np.abs(tau[:, 4]).max() < 0.06
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('"own.urdf"', '"other.urdf"'), "other.urdf: cannot be read"),
+        (('"bus/1", ', ""), "drives needs 5 places"),
+        (('name = "joint-pd"', 'name = "position-force"'), "(?s)"),
+        (("center = [0.2, ", "center = ["), "center needs 5"),
+        (('robot = "own.urdf"', 'robot = "own.urdf"\njoints = ["axis_0"]'), "in their order"),
+        (('robot = "own.urdf"', 'robot = "own.urdf"\ntorque_limit = [1.0]'), "needs 5 entries"),
+    ],
+)
+def test_mistakes_in_the_rig_file_are_refused(tmp_path, change, said):
+    rig(tmp_path, 5)
+    path = tmp_path / "own.toml"
+    text = path.read_text()
+    assert change[0] in text
+    path.write_text(text.replace(*change))
+    with pytest.raises(ConfigError, match=said):
+        run(load_rig(path), 0.1, output=tmp_path / "s.mcap")
+
+
+def test_a_law_of_three_joints_says_which_laws_take_more(tmp_path):
+    rig(tmp_path, 5)
+    path = tmp_path / "own.toml"
+    text = path.read_text().replace('name = "joint-pd"', 'name = "position-force"')
+    path.write_text(text.split("[controller.parameters]")[0])
+    with pytest.raises(ConfigError, match=r"arms of three joints.*computed-torque.*joint-pd"):
+        run(load_rig(path), 0.1, output=tmp_path / "s.mcap")
+
+
+def test_the_operator_sends_an_arm_of_six_home(tmp_path):
+    from hil.runtime.session import Operator
+
+    said = []
+    operator = Operator([(0.5, "home")], said.append)
+    run(load_rig("arm6"), 3.2, 0, output=tmp_path / "s.mcap", operator=operator)
+    assert any("home: done" in text for text in said), said
+    end = load(tmp_path / "s.mcap", "arm").q[-1]
+    assert np.abs(end).max() < 0.05
+
+
+def test_the_packaged_rig_brings_its_robot():
+    config = load_rig("arm6")
+    assert config.arms["arm"].joints[2] == "elbow"
+    assert config.arms["arm"].torque_limit == (26.0, 50.0, 26.0, 9.0, 9.0, 9.0)
+    assert rig_path("arm6").with_name("arm6.urdf").is_file()
