@@ -37,8 +37,8 @@ BEYOND = 1.5
 #: Regression Trees, 1984, 3.4.3).  Half: rungs are lost to chance; double: a ladder may rise a
 #: little on one joint, and stops that are met five times are lost.
 RISEN = 1.0
-#: Events, e.g. reversals, below which one odd one decides, and the highest multiple of an order that
-#: is told.  Half: words on what a motion has not shown are left out; double: more of them are said.
+#: Events, e.g. reversals, below which one odd one decides, and the highest multiple of an order
+#: that is told.  Half: words on what a motion has not shown are left out; double: more of them are said.
 FEW = 10
 
 # --------------------------------------------------------------------- what is worth a name
