@@ -38,7 +38,7 @@ BEYOND = 1.5
 #: little on one joint, and stops that are met five times are lost.
 RISEN = 1.0
 #: Events, e.g. reversals, below which one odd one decides, and the highest multiple of an order
-#: that is told.  Half: words on what a motion has not shown are left out; double: more are said.
+#: that is told.  Half: fewer words on what a motion has not shown; double: more of them.
 FEW = 10
 
 # --------------------------------------------------------------------- what is worth a name

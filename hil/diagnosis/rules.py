@@ -65,6 +65,8 @@ OFF: set[str] = set()
 #: Rules without which no answer of the quick plans changes, and the tests that fail without them.
 PROVOKED = {
     "detected": "tests/diagnosis/test_rules.py",
+    "physical": "tests/diagnosis/test_rules.py",
+    "paired": "tests/diagnosis/test_rules.py",
     "geometry": "tests/diagnosis/test_rules.py",
     "kindred": "tests/models/test_composed.py",
     "overtone": "tests/diagnosis/test_overtones.py",

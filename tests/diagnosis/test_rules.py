@@ -5,11 +5,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import plants
 import pytest
 
 from hil.diagnosis import rules
-from hil.diagnosis.constants import HALF, LEVEL, WORTH
-from hil.diagnosis.types import HeldOut
+from hil.diagnosis.candidates import paired
+from hil.diagnosis.constants import HALF, LEVEL, OPEN, WORTH
+from hil.diagnosis.types import Candidate, HeldOut
+from hil.identify.design import Term
+from hil.identify.problem import Problem
 from hil.models import catalogue
 
 
@@ -26,7 +30,7 @@ CORRECTION = "correction-position"
 def case(effect: str, **more: Any) -> Any:
     """A candidate of an effect on the first joint."""
     term = SimpleNamespace(effect=catalogue.get(effect), joint=0, key=(effect, 0))
-    c = SimpleNamespace(term=term, **more)
+    c = SimpleNamespace(**({"term": term} | more))
     return SimpleNamespace(rated=SimpleNamespace(candidate=c, joint=0))
 
 
@@ -34,6 +38,32 @@ def case(effect: str, **more: Any) -> Any:
 def test_what_noise_does_as_well_is_not_detected(p_value: float, stopped: bool) -> None:
     reason = rules.CANDIDATE["detected"](case("stribeck", p_value=p_value))
     assert ("by chance" in reason) is stopped
+
+
+@pytest.mark.parametrize(("peak", "stopped"), [(0.2, False), (-0.2, True)])
+def test_friction_that_drives_is_no_physics_before_it_is_fitted(peak: float, stopped: bool) -> None:
+    """What `allowed` would refuse after a fit costs none: physical."""
+    run = plants.smooth_axis(1, seconds=10.0)
+    problem = Problem([run], run.robot)
+    law = catalogue.get("stribeck")
+    shape = law.search.grid(problem.motions[0], 0)[0]
+    found = Candidate(Term(law, 0, shape), 1.0, 1.0, coefficients=(peak,), errors=(0.01,))
+    one: Any = SimpleNamespace(
+        rated=SimpleNamespace(candidate=found), search=SimpleNamespace(problem=problem)
+    )
+    assert ("impossible" in rules.CANDIDATE["physical"](one)) is stopped
+
+
+@pytest.mark.parametrize(("blocks", "stopped"), [(30, False), (1, True)])
+def test_a_fall_in_a_single_block_is_chance(blocks: int, stopped: bool) -> None:
+    """Unless it takes most of what is left: paired."""
+    fall = np.where(np.arange(30) < blocks, 1.0, 0.0) * np.linspace(0.5, 1.5, 30)
+    one = case("stribeck", term=Term(catalogue.get("stribeck"), 0, (0.1,)))
+    one.rated = SimpleNamespace(candidate=one.rated.candidate, before=1.0, after=0.8)
+    one.rated.sureness = paired(fall)
+    assert ("from block to block" in rules.CANDIDATE["paired"](one)) is stopped
+    one.rated.after = OPEN / 2
+    assert rules.CANDIDATE["paired"](one) == ""
 
 
 @pytest.mark.parametrize("blind", [True, False])
