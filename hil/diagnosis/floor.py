@@ -11,6 +11,7 @@ The noise scale must never come from the incomplete model: the missing effect in
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,13 +95,17 @@ def largest_model(
     factor, scale, predicted = np.ones((3, problem.d))
     for j in range(problem.d):
         own = x[j][:, np.any(x[j] != 0, axis=0)]
-        more = np.concatenate([*extra[j], smooth_features(problem, j)], axis=1)
         live = problem.live[j]
-        columns, y = np.concatenate([own, more], axis=1)[live], problem.y[j, live]
+        columns, y = (
+            _beside(own, [*extra[j], smooth_features(problem, j)], live),
+            problem.y[j, live],
+        )
         norm = np.linalg.norm(columns, axis=0)
         some = norm > 1e-300
         penalised = (np.arange(norm.size) >= own.shape[1])[some]
-        columns = columns[:, some] / norm[some]
+        # in place: of ten minutes these are the largest arrays of a diagnosis
+        columns = columns[:, some]
+        columns /= norm[some]
         out[j] = 0.0
         folds = _folds(columns, y, dealt, live)
         out[j, live], rank = _least_squares(folds)
@@ -116,18 +121,24 @@ def largest_model(
     return out, factor, scale, predicted
 
 
+def _beside(own: FloatArray, more: Sequence[FloatArray], live: NDArray[np.bool_]) -> FloatArray:
+    """Columns side by side, of the instants that count."""
+    out = np.concatenate([own, *more], axis=1)
+    return out if live.all() else out[live]
+
+
 @dataclass(frozen=True)
 class _Folds:
     """Columns of length one (n, p) and y (n,), with X'X and X'y of every fold.
 
-    And what is tested of each fold: its columns and its y.
+    And the rows that are tested of each fold.
     """
 
     x: FloatArray
     y: FloatArray
     grams: FloatArray
     rights: FloatArray
-    tested: list[tuple[FloatArray, FloatArray]]
+    tested: list[NDArray[np.int_]]
 
 
 def _folds(x: FloatArray, y: FloatArray, dealt: Split, live: NDArray[np.bool_]) -> _Folds:
@@ -136,19 +147,19 @@ def _folds(x: FloatArray, y: FloatArray, dealt: Split, live: NDArray[np.bool_]) 
     parts = [np.flatnonzero(fold == k) for k in range(dealt.folds)]
     grams = np.stack([x[rows].T @ x[rows] for rows in parts])
     rights = np.stack([x[rows].T @ y[rows] for rows in parts])
-    tested = [rows[inner[rows]] for rows in parts]
-    return _Folds(x, y, grams, rights, [(x[rows], y[rows]) for rows in tested])
+    return _Folds(x, y, grams, rights, [rows[inner[rows]] for rows in parts])
 
 
 def _left_out(f: _Folds, penalised: NDArray[np.bool_]) -> float:
     """Rms error on left-out blocks of time; ridge on some columns, the best of STRENGTHS."""
     ridges = np.stack([np.diag(np.where(penalised, s, 1e-10)) for s in STRENGTHS])
     errors, every, right = np.zeros(len(ridges)), f.grams.sum(axis=0), f.rights.sum(axis=0)
-    for k, (x, y) in enumerate(f.tested):
+    for k, rows in enumerate(f.tested):
+        x, y = f.x[rows], f.y[rows]
         left = (every - f.grams[k] + ridges, (right - f.rights[k])[:, None])
         theta = np.linalg.solve(*left)[:, :, 0]
         errors += np.sum((y[:, None] - x @ theta.T) ** 2, axis=0)
-    count = sum(y.size for _, y in f.tested)
+    count = sum(rows.size for rows in f.tested)
     return float(np.sqrt(errors.min() / count)) if count else float("inf")
 
 
