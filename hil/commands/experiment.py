@@ -7,6 +7,7 @@ import dataclasses
 import math
 import os
 import re
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,12 @@ EXAMPLE = "hil experiment elastic-ukf"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
-    parser.add_argument("name", choices=sorted(EXPERIMENTS), metavar="NAME", help="which study")
+    parser.add_argument(
+        "name", nargs="?", choices=sorted(EXPERIMENTS), metavar="NAME", help="which study"
+    )
+    parser.add_argument(
+        "--all", action="store_true", help="every study, and the time that each took"
+    )
     common.list_names(parser, EXPERIMENTS)
     parser.add_argument("--seed", type=int, default=1, help="first seed (default 1)")
     parser.add_argument(
@@ -69,22 +75,54 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f"--workers {args.workers}: one or more is needed")
     if args.seeds < 0:
         raise ConfigError(f"--seeds {args.seeds}: one or more is needed")
-    common.check_page(args.report)
-    many = args.seeds or (_QUICK if args.quick else _SEEDS if args.report else 0)
-    if args.name in PAGES and many:
-        text, data = _replicated(args, many)
-    elif args.cluster or args.keep or args.seeds:
+    if args.all == bool(args.name):
         raise ConfigError(
-            f"--seeds, --cluster and --keep are for {', '.join(PAGES)}, and the last two for many "
-            "seeds; give --seeds 10"
+            "give the name of one study, or --all; 'hil experiment --help' tells them"
         )
-    else:
-        text, data = EXPERIMENTS[args.name](args)
+    if args.all:
+        return _every(args)
+    common.check_page(args.report)
+    text, data = _study(args)
     if args.json:
         common.emit({"schema": f"hil.experiment.{args.name}/1", **finite(data)})
     else:
         common.out(text)
     return 0
+
+
+def _every(args: argparse.Namespace) -> int:
+    """All studies after one another, and their times."""
+    if args.report:
+        raise ConfigError("--report is the page of one study; give its name in place of --all")
+    found, took = {}, {}
+    for name in EXPERIMENTS:
+        own = argparse.Namespace(**{**vars(args), "name": name})
+        if name not in PAGES:  # it has its own seeds
+            own.seeds, own.cluster, own.keep = 0, "", None
+        began = time.perf_counter()
+        text, data = _study(own)
+        took[name], found[name] = time.perf_counter() - began, finite(data)
+        if not args.json:
+            common.out(f"{text}\n")
+    if args.json:
+        common.emit({"schema": "hil.experiment/1", "studies": found, "seconds": took})
+    else:
+        rows = [[name, f"{s:.0f}"] for name, s in [*took.items(), ("all", sum(took.values()))]]
+        common.out(common.table(["study", "s"], rows))
+    return 0
+
+
+def _study(args: argparse.Namespace) -> Found:
+    """One study as it was asked for."""
+    many = args.seeds or (_QUICK if args.quick else _SEEDS if args.report else 0)
+    if args.name in PAGES and many:
+        return _replicated(args, many)
+    if args.cluster or args.keep or args.seeds:
+        raise ConfigError(
+            f"--seeds, --cluster and --keep are for {', '.join(PAGES)}, and the last two for many "
+            "seeds; give --seeds 10"
+        )
+    return EXPERIMENTS[args.name](args)
 
 
 #: Seeds of a page, and of a quick one.

@@ -13,6 +13,7 @@ import pytest
 from scipy import stats
 
 from hil.cli import main
+from hil.commands import experiment
 from hil.errors import ConfigError, DataError, DeviceError
 from hil.experiments.charts import SeedMean, bars
 from hil.experiments.pages import PAGES, means
@@ -165,3 +166,26 @@ def test_every_page_is_in_the_documentation_with_its_command(name):
     assert f"`hil experiment {name}" in told
     assert PAGES[name].thesis in told
     assert (docs / f"{name}.svg").exists() == bool(PAGES[name].figure)
+
+
+def test_all_studies_after_one_another_with_their_times(capsys, monkeypatch):
+    few = {n: experiment.EXPERIMENTS[n] for n in ("elastic-ukf", "friction-network")}
+    monkeypatch.setattr(experiment, "EXPERIMENTS", few)
+    assert main(["experiment", "--all", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert list(data["studies"]) == list(data["seconds"]) == list(few)
+    assert data["studies"]["elastic-ukf"]["parameters"]["k1"] > 0
+    assert min(data["seconds"].values()) > 0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "give the name of one study, or --all"),
+        (["fsf", "--all"], "give the name of one study, or --all"),
+        (["--all", "--report", "x.md"], "--report is the page of one study"),
+    ],
+)
+def test_one_study_or_all(words, said, capsys):
+    assert main(["experiment", *words]) == 2
+    assert said in capsys.readouterr().err
