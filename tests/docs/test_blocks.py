@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = (
     "first-session", "own-recording", "missing-effect", "own-effects", "own-device",
-    "own-controller", "hardware-day",
+    "own-controller", "own-arm", "hardware-day",
 )  # fmt: skip
 #: Blocks that are not run: page -> reasons, in the order of the page.
 NOT_RUN = {
