@@ -27,6 +27,7 @@ LONGEST = (
     "system/test_recordings.py",
     "diagnosis/test_payload_body.py",
     "system/test_hidden_named.py",
+    "system/test_own_arm_circle.py",
     "docs/test_blocks.py",
     "diagnosis/test_sensors_named.py",
     "diagnosis/test_named_again.py",

@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 from hil.commands import outputs
+from hil.errors import ConfigError
 from hil.rigs import NAMES, rig_path
 
 EXAMPLE = "hil init teleop -o my-rig.toml"
@@ -27,14 +28,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Copy the rig file; a file that is there is not replaced."""
+    """Copy the rig file and the robots that it names; a file that is there is not replaced."""
     source = rig_path(args.name)
     output = Path(args.output or f"{args.name}.toml")
     text = source.read_text(encoding="utf-8")
     outputs.check(output, ".toml", [source], lambda path: outputs.same_text(path, ""), "empty")
+    table = tomllib.loads(text)
+    robots = {a["robot"] for a in table["arms"].values() if str(a.get("robot")).endswith(".urdf")}
+    for name in sorted(robots):
+        beside, robot = output.with_name(name), source.with_name(name).read_text(encoding="utf-8")
+        if beside.exists() and not outputs.same_text(beside, robot):
+            raise ConfigError(f"{beside} is there and is another robot; choose another folder")
+        with outputs.writing(beside):
+            beside.write_text(robot, encoding="utf-8")
     with outputs.writing(output):
         output.write_text(text, encoding="utf-8")
-    what = tomllib.loads(text).get("controller", {}).get("name", "")
+    what = table.get("controller", {}).get("name", "")
     sys.stdout.write(
         f"{output}: rig {args.name}, controller {what}, on simulated devices\n"
         f"next: hil run {output} --clock lockstep -o {output.stem}.mcap\n"

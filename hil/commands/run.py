@@ -71,7 +71,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trajectory",
         metavar="TRAJ.toml",
-        help="motion to play, from 'hil excite'; the rig's controller must be joint-tracking",
+        help="motion to play, from 'hil excite'; the rig's controller must be one "
+        "that plays it: joint-tracking, joint-pd, computed-torque",
     )
     parser.add_argument(
         "--seconds",

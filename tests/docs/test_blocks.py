@@ -20,8 +20,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = (
-    "first-session", "own-recording", "missing-effect", "own-effects", "own-device",
-    "own-controller", "hardware-day",
+    "first-session", "own-recording", "missing-effect", "own-effects", "own-arm",
+    "own-device", "own-controller", "hardware-day",
 )  # fmt: skip
 #: Blocks that are not run: page -> reasons, in the order of the page.
 NOT_RUN = {

@@ -34,7 +34,7 @@ PAUSING = Operator(schedule=[(0.05, "pause")])
         ({"schema": "hil.rig/9"}, "this version reads 'hil.rig/1'"),
         ({"devices": {"leader-arm": {"arm": "leeder"}}}, "Did you mean 'leader'"),
         ({"devices": {"new": {"arm": "leader"}}}, "the key 'driver' is missing"),
-        ({"arms": {"leader": {"torque_limit": [1.0]}}}, "three entries"),
+        ({"arms": {"leader": {"torque_limit": [1.0]}}}, "3 entries"),
         ({"arms": {"leader": {"torque_limit": [1.0, 1.0, 0.0]}}}, "must be positive"),
         ({"controller": {"arms": ["leader", "x"]}}, "unknown arm"),
         ({"controller": {"arms": "leader"}}, "a list is needed"),

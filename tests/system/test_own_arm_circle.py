@@ -40,7 +40,7 @@ def test_the_hidden_spring_is_named_added_and_played_for_again(circle, capsys):
     assert after["relative"]["elbow"] < 0.4 * before["relative"]["elbow"]
 
     motion, again = str(folder / "second_motion.toml"), str(folder / "second.mcap")
-    asked = ["--for", "spring,cogging", "--joint", "elbow", "--model", model, "--seconds", "10"]
+    asked = ["--for", "stribeck,cogging", "--joint", "elbow", "--model", model, "--seconds", "10"]
     assert main(["excite", rig, *asked, "-o", motion]) == 0
     assert main(["run", rig, "--trajectory", motion, "--seconds", "11", "-o", again]) == 0
     assert load(again, "arm").joints[2] == "elbow"
