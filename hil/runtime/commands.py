@@ -47,6 +47,10 @@ class Workshop(Protocol):
         """What may be set of the law, and how far."""
         ...
 
+    def values(self) -> Mapping[str, list[float]]:
+        """What may be set of the law, as it is now."""
+        ...
+
     def law(self, changes: Mapping[str, Sequence[float]]) -> Controller:
         """The law with some parameters changed."""
         ...
