@@ -47,8 +47,8 @@ class Workshop(Protocol):
         """What may be set of the law, and how far."""
         ...
 
-    def values(self) -> Mapping[str, Sequence[float]]:
-        """What is set of the law now, by name."""
+    def values(self) -> Mapping[str, list[float]]:
+        """What may be set of the law, as it is now."""
         ...
 
     def law(self, changes: Mapping[str, Sequence[float]]) -> Controller:
