@@ -12,6 +12,7 @@ import pytest
 
 from hil.studio.own import TEMPLATE
 
+axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
@@ -57,10 +58,17 @@ def page(folder):
     assert not problems and not outside
 
 
+def accessible(page):
+    """No violation that axe knows."""
+    found = axe.Axe().run(page).response["violations"]
+    assert not [(v["id"], [n["target"] for n in v["nodes"]]) for v in found]
+
+
 def bring(page, name):
     """Pick the columns of the table that is open, and bring it in."""
     page.locator("#table-name", has_text=name).wait_for()
     assert page.get_by_label("time [ms] is", exact=True).input_value() == "t"
+    accessible(page)
     page.get_by_label("drive mA is", exact=True).select_option("tau")
     page.get_by_label("unit of drive mA").select_option("mA")
     if not page.get_by_label("Effort at the joint by ampere").input_value():
@@ -103,5 +111,8 @@ def test_a_table_is_picked_and_an_own_effect_ranked_and_the_model_exported(page,
     page.locator("#said", has_text="written").wait_for()
     assert (folder / "robot.h").stat().st_size > 500
     page.screenshot(path=str(folder / "studio.png"), full_page=True)
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        accessible(page)
     page.set_viewport_size({"width": 390, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390

@@ -10,6 +10,7 @@ import pytest
 from hil.record.container import read
 from hil.record.mcap_read import load
 
+axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 pytestmark = [
@@ -52,6 +53,9 @@ def test_a_person_starts_a_session_and_stops_it_by_the_key(address, tmp_path):
         page.get_by_role("button", name="Mark").click()
         page.locator("#said", has_text="note mark").first.wait_for()
         page.locator("#margin-text", has_text="No margin is computed").wait_for()
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            assert not [v["id"] for v in axe.Axe().run(page).response["violations"]]
         page.set_viewport_size({"width": 390, "height": 800})
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
         # the emergency stop is everybody's, by key as well
