@@ -31,7 +31,7 @@ from hil.teleop.hybrid import FloatArray
 SO, FREE, MEASURE, PEN = "with force sensors", "without", "benchmark", "pen"
 #: Gel, and bolts that subjects look for [N/m^1.3].
 GEL = 250.0
-BOLTS = {"bolt of paper VI's study": 400.0, "stiff bolt": 900.0}
+BOLTS = {"bolt of the palpation study": 400.0, "stiff bolt": 900.0}
 EQUAL = f"{SO} = {FREE}"
 #: Weber fractions of stiffness over subjects; attention lost; cells that may hold the bolt.
 _WEBER, _LAPSE, CELLS = (0.15, 0.23), 0.02, 4
