@@ -153,7 +153,7 @@ def compare(
     recordings, model, holdout
         Runs to fit, model, runs to judge on.
     simulate : bool
-        Whether the model is simulated over short horizons; half of the time goes there.
+        Whether the model is simulated over short horizons.
 
     Raises
     ------
