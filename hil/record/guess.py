@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hil.record.mapfile import SCHEMA, is_target
 from hil.record.units import FACTORS, time_unit
@@ -121,13 +121,34 @@ def propose(names: Sequence[str], joints: Sequence[str] = ()) -> Proposal | None
     return Proposal(_written(proposed, units, named), missing, proposed)
 
 
+def quantity(name: str) -> tuple[str, str]:
+    """Stem of the quantity that a column's name says, and its unit; empty where it says none.
+
+    Parameters
+    ----------
+    name : str
+        E.g. ``"Encoder angle (deg)"``, which gives ``("q", "deg")``.
+    """
+    unit = time_unit(name)
+    if unit is not None:
+        return "t", unit
+    c = _understood(name, ())
+    if c is None:
+        return "", ""
+    said = _SPEED.get(c.unit, c.unit) if c.stem == "qd" else c.unit
+    return c.stem, said
+
+
 def _quantities(
     columns: Sequence[_Column], positions: dict[str, _Column]
 ) -> dict[str, dict[str, _Column]]:
     """Families by stem that have a column for each joint of the positions."""
     taken = {"q": positions}
     for stem in ("qd", "tau", "tauext", "i", "temp"):
-        found = _best([c for c in columns if c.stem == stem and c.joint in positions])
+        every = [c for c in columns if c.stem == stem]
+        if len(every) == len(positions) == 1:  # of one joint, whatever each name calls it
+            every = [replace(every[0], joint=next(iter(positions)))]
+        found = _best([c for c in every if c.joint in positions])
         if set(found) == set(positions):
             taken[stem] = found
     asked = any(c.asked for c in taken.get("tau", {}).values())
@@ -144,7 +165,8 @@ def _understood(name: str, joints: Sequence[str]) -> _Column | None:
     words = _words(rest)
     if is_target(name) or any(w in _NONE for w in words):
         stem = name.rstrip("0123456789") if is_target(name) else ""
-        return _Column(name, stem, name[len(stem) :], "", False, stem) if stem in _WORDS else None
+        known = stem in (*_WORDS, "tauext")
+        return _Column(name, stem, name[len(stem) :], "", False, stem) if known else None
     said = [(k, stem) for k, w in enumerate(words) for stem, own in _SETS.items() if w in own]
     if not said:
         return None

@@ -6,7 +6,6 @@ The picks are a map as `hil import --map` reads it, so that the command line can
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +17,12 @@ from hil.errors import ConfigError
 from hil.models.robots import make_robot, undescribed
 from hil.record.checks import check
 from hil.record.export import write_recordings
+from hil.record.guess import quantity
 from hil.record.mapfile import SCHEMA, parse_map
 from hil.record.recording import Recording
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.tables import Imported, import_table
-from hil.record.units import FACTORS, time_unit
+from hil.record.units import FACTORS
 from hil.report.json import number
 
 #: Rows of a column that are shown.
@@ -38,15 +38,6 @@ KINDS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("temp", "temperature", ("degC", "K")),
 )
 _STEMS = {stem: units for stem, _, units in KINDS}
-#: Words in the name of a column -> stem; the first that is found counts.
-_WORDS = (
-    (r"ext", "tauext"),
-    (r"temp", "temp"),
-    (r"vel|speed|qd|dq|rate|omega|rpm", "qd"),
-    (r"torque|effort|tau|force", "tau"),
-    (r"curr|amp|^i\d*$", "i"),
-    (r"pos|angle|^q|theta|deg|rad", "q"),
-)
 _KEYS = {"column", "kind", "joint", "unit", "flip"}
 
 
@@ -184,31 +175,17 @@ def guess(names: Sequence[str]) -> dict[str, dict[str, Any]]:
     counts: dict[str, int] = {}
     out: dict[str, dict[str, Any]] = {}
     for name in names:
-        stem, unit = _kind(name, "t" in counts)
+        stem, unit = quantity(name)
+        if stem == "t" and "t" in counts:
+            stem, unit = "", ""
         counts[stem] = counts.get(stem, 0) + 1
-        out[name] = {"kind": stem, "joint": counts[stem], "unit": unit}
+        offered = _STEMS.get(stem, ("",))
+        out[name] = {
+            "kind": stem,
+            "joint": counts[stem],
+            "unit": unit if unit in offered else offered[0],
+        }
     return out
-
-
-def _kind(name: str, timed: bool) -> tuple[str, str]:
-    """Stem and unit that a name says."""
-    unit = time_unit(name)
-    if unit is not None and not timed:
-        return "t", unit or "s"
-    low = name.lower()
-    stem = next((s for word, s in _WORDS if re.search(word, low)), "")
-    if not stem:
-        return "", ""
-    return stem, _unit(stem, low)
-
-
-def _unit(stem: str, name: str) -> str:
-    """Unit at the end of a name, e.g. ``deg`` of ``elbow [deg]``; the first of its kind else."""
-    parts = re.split(r"[^a-z/]+", name)
-    for unit in _STEMS[stem]:
-        if unit.lower() in parts or unit.lower().replace("/", "") in parts:
-            return unit
-    return _STEMS[stem][0]
 
 
 def read(path: Path, picked: Picked) -> Imported:

@@ -142,3 +142,9 @@ def test_torque_constants_of_the_command_line_serve_a_map_of_currents(tmp_path):
     assert main(words) == 2
     assert main([*words, "--torque-constant", "2,3"]) == 0
     assert load(tmp_path / "s.mcap").tau == pytest.approx(r.tau * [2.0, 3.0])
+
+
+def test_of_one_joint_the_names_need_not_agree():
+    found, units = _read(["time [ms]", "Encoder angle (deg)", "drive current mA"])
+    assert (found["q1"], found["tau1"]) == ("Encoder angle (deg)", "drive current mA")
+    assert units["q"] == "deg" and units["tau"]["unit"] == "mA"
