@@ -1,4 +1,15 @@
-"""Attribution: of the candidates that explain the residual, which is it, and how sure."""
+"""Attribution: of the candidates that explain the residual, which is it, and how sure.
+
+An effect's coefficients must differ from zero beyond chance, all of them together.  With
+coefficients b (m,) and their covariance V from the scatter over G blocks of time,
+
+    T^2 = b' V^-1 b,    T^2 (G - m) / (m (G - 1)) ~ F(m, G - m)
+
+where all of them are zero.  Detection asks how much of the residual a candidate explains; a wave
+that is there in a few blocks and not in the others explains much, and is no law.
+
+Source: Hotelling, Ann. Math. Stat. 2, 1931; Liang and Zeger, Biometrika 73, 1986 (covariance).
+"""
 
 from __future__ import annotations
 
@@ -6,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, fdtrc
 
 from hil.diagnosis.constants import (
     ABSORBED,
@@ -26,7 +37,7 @@ from hil.diagnosis.types import Candidate, Evidence
 from hil.identify.design import Term, coefficients, head
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector, within
-from hil.identify.regression import decomposed
+from hil.identify.regression import cluster_covariance, decomposed, time_blocks
 from hil.identify.result import FitResult
 from hil.models.effect import Lines, Trait, Waves, are_twins, refused, strict
 from hil.models.model import Use, Value
@@ -262,6 +273,56 @@ def choose(
     p = weights(best, same[:12], projector)
     rivals = [c for k, c in enumerate(same[:12], start=1) if p[k] >= RIVAL]
     return best, p[0], rivals
+
+
+# ------------------------------------------------------------ coefficients beyond chance
+
+
+def by_chance(result: FitResult, key: tuple[str, int]) -> bool:
+    """Whether an effect (name, joint) of a fit may as well be none."""
+    return chance(result, key) > LEVEL
+
+
+def chance(result: FitResult, key: tuple[str, int]) -> float:
+    """Probability that coefficients that are zero would look as large.
+
+    Shape values are taken as they are: a share and a delay trade off, and the effect is there all
+    the same.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit.
+    key : (str, int)
+        Effect and joint.
+
+    Returns
+    -------
+    float
+        0 where the fit has no such term, or fewer blocks than the test needs.
+    """
+    number = next((k for k, t in enumerate(result.terms) if t.key == key), None)
+    blocks = time_blocks(result.problem)
+    if number is None:
+        return 0.0
+    where = result.slices[number]
+    count, m = int(blocks.max()) + 1, where.stop - where.start
+    if count - m < FEW:
+        return 0.0
+    weighted = (result.residual / result.sigma[:, None]).reshape(-1)
+    every = cluster_covariance(weighted, result.basis, np.tile(blocks, result.problem.d))
+    own, b = every[where, where], result.theta[where]
+    size = np.sqrt(np.diag(own))
+    if result.terms[number].effect.scope.whole:
+        # coefficients that no row sees are none
+        seen = size > 0
+        own, b, size, m = own[np.ix_(seen, seen)], b[seen], size[seen], int(seen.sum())
+    if not (m and np.all(size > 0)):
+        return 0.0
+    inverse = np.linalg.pinv(own / np.outer(size, size), hermitian=True)
+    # T^2 = b' V^-1 b
+    square = float((b / size) @ inverse @ (b / size))
+    return float(fdtrc(m, count - m, square * (count - m) / (m * (count - 1))))
 
 
 def effort(result: FitResult, key: tuple[str, int]) -> float:

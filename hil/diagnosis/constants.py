@@ -18,7 +18,7 @@ from statistics import NormalDist
 
 # ------------------------------------------------------------------------- beyond chance
 
-#: Level of every test: over all candidates, of nested laws, of changes, of bands.
+#: Level of every test: over all candidates, of coefficients, of nested laws, of changes, of bands.
 #: Convention.  Double: twice as many false names in sessions with nothing hidden, the smallest
 #: effects a tenth smaller.
 LEVEL = 0.01
@@ -37,8 +37,8 @@ BEYOND = 1.5
 #: Regression Trees, 1984, 3.4.3).  Half: rungs are lost to chance; double: a ladder may rise a
 #: little on one joint, and stops that are met five times are lost.
 RISEN = 1.0
-#: Events, e.g. reversals, below which one odd one decides, and the highest multiple of an order
-#: that is told.  Half: fewer words on what a motion has not shown; double: more of them.
+#: Events, e.g. reversals or blocks beside one for each coefficient, below which one odd one
+#: decides, and the highest multiple of an order that is told.  Half: fewer words on what a motion has not shown; double: more of them.
 FEW = 10
 
 # --------------------------------------------------------------------- what is worth a name
@@ -136,6 +136,9 @@ WHOLE_ORDER = 0.01
 #: that engines have by default (0.02 s and less).  Found with the test plants in sight.  Half:
 #: joints that such an engine moves are unexplained; double: more laws are excused.
 LEAD = 0.01
+#: Factor between forward and reverse regression from which a contact law is undetermined.  Half:
+#: laws of soft objects behind noise get no name; double: laws of noise get names.
+DISAGREEMENT = 1.5
 #: Steps of an encoder from row to row below which it is coarse.  Clean arms and axes behind
 #: encoders of 14 to 16 bits.  Half: noise of coarse encoders gets names; double: bursts and small
 #: lags of fine ones are excused.

@@ -35,7 +35,7 @@ FloatArray = NDArray[np.float64]
 #: Draws of the bootstrap.
 DRAWS = 400
 #: Rules of a fit in which one effect takes the place of another.
-FORMS = ("never-rises", "scales", "allowed")
+FORMS = ("never-rises", "coefficients", "scales", "allowed")
 
 
 @dataclass

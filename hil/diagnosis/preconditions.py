@@ -25,7 +25,16 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import CERTAIN, HALF, LITTLE, NEAR_FLOOR, OPEN, SHORTEST, TENTH, WHOLE
+from hil.diagnosis.constants import (
+    CERTAIN,
+    DISAGREEMENT,
+    HALF,
+    LITTLE,
+    NEAR_FLOOR,
+    OPEN,
+    SHORTEST,
+    TENTH,
+)
 from hil.identify.design import head
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -172,7 +181,7 @@ def _rigid(result: FitResult) -> list[tuple[str, str]]:
     problem, out = result.problem, []
     for j, joint in enumerate(problem.joints):
         r2 = _agreement(result, j)
-        if r2 < WHOLE:
+        if r2 < 1 / DISAGREEMENT:
             out.append(
                 (
                     "not-identifiable",

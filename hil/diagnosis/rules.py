@@ -18,6 +18,7 @@ import numpy as np
 from hil.diagnosis.attribution import (
     allowed,
     alone,
+    by_chance,
     effort,
     harmonic,
     kindred,
@@ -74,6 +75,7 @@ PROVOKED = {
     "never-rises": "tests/diagnosis/test_rules.py",
     "robs": "tests/diagnosis/test_rules.py",
     "transfers": "tests/diagnosis/test_rules.py",
+    "coefficients": "tests/diagnosis/test_position_noise.py",
     "scales": "tests/models/test_composed.py",
 }
 
@@ -366,6 +368,13 @@ def _transfers(case: Refit) -> str:
     weight = np.where(search.problem.holds, 0.0, 1.0 / np.maximum(size, 1e-300) ** 2)
     good = new[:, j].sum() < old[:, j].sum() and np.all(new @ weight < old @ weight)
     return "" if good else "it does not hold from one part of the recording to the next"
+
+
+@_fit("coefficients")
+def _coefficients(case: Refit) -> str:
+    key = case.rated.candidate.term.key
+    nothing = by_chance(case.after.result, key)
+    return "its coefficients are not larger than their scatter over blocks" if nothing else ""
 
 
 @_fit("scales")

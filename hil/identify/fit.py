@@ -136,10 +136,10 @@ def assemble(
         part = _linear(
             problem, t, theta[where], found.stderr[where], found.known[where], seen[where], source
         )
-        part = {
-            name: replace(v, source=DESCRIBED) if said else v
-            for (name, v), said in zip(part.items(), given[where], strict=True)
-        }
+        # values of single runs share a name; those of the description do not
+        named = zip(coefficients(t, problem), given[where], strict=True)
+        said = {name for (name, _), is_said in named if is_said}
+        part = {n: replace(v, source=DESCRIBED) if n in said else v for n, v in part.items()}
         part |= _shapes(problem, t, shapes, source)
         values |= part
         uses.setdefault(t.use, {}).update(part)

@@ -404,7 +404,7 @@ class DrivesBox(Protocol):
         ...
 
 
-class DrivesWire:
+class CanDrives:
     """Wire of an arm whose joints have drives of their own, on one bus or several.
 
     Parameters

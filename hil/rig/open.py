@@ -13,7 +13,7 @@ from hil import registry
 from hil.errors import ConfigError
 from hil.rig import boxes as cabling
 from hil.rig import estimators, safety
-from hil.rig.boxes import BoxWire, DrivesWire, only_gauges, open_boxes, places, trouble, wired
+from hil.rig.boxes import BoxWire, CanDrives, only_gauges, open_boxes, places, trouble, wired
 from hil.rig.check import (
     check_tables,
     check_trajectory,
@@ -276,7 +276,7 @@ def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any], ta
         source: Wire = boxes[only_gauges(name, spots).box]
         return source
     if "drives" in spots:
-        return DrivesWire(name, [(boxes[p.box], p) for p in spots["drives"]])
+        return CanDrives(name, [(boxes[p.box], p) for p in spots["drives"]])
     rows = {role: [(boxes[p.box], p) for p in row] for role, row in spots.items()}
     world = None if bench is None else bench.advance
     names = {p.box for row in spots.values() for p in row}

@@ -17,7 +17,7 @@ def test_every_number_of_the_file_is_varied():
     known = halving.numbers()
     assert known["LEVEL"] == constants.LEVEL and known["SWINGS"] == constants.SWINGS
     # what follows from another one is not varied by itself
-    assert not {"SURE", "ADEQUATE", "NEAR_FLOOR", "WHOLE", "CONFIDENT", "FEWEST"} & set(known)
+    assert not {"SURE", "ADEQUATE", "NEAR_FLOOR", "WHOLE", "CONFIDENT"} & set(known)
     assert {k: vars(constants)[k] for k in known} == known
 
 
@@ -25,7 +25,7 @@ def test_what_follows_from_a_number_follows_it():
     assert halving.varied("TENTH", 0.5)["NEAR_FLOOR"] == pytest.approx(1.05**2)
     assert halving.varied("OPEN", 2.0)["WHOLE"] == pytest.approx(0.4)
     assert halving.varied("LEVEL", 0.5)["SURE"] == pytest.approx(2.5758, abs=1e-4)
-    assert halving.varied("PARTS", 2.0)["FEWEST"] == 6 * constants.FOLDS
+    assert halving.varied("DOUBT", 2.0)["CONFIDENT"] == pytest.approx(0.5)
 
 
 def test_whole_numbers_stay_whole():

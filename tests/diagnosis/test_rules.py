@@ -10,7 +10,7 @@ import pytest
 
 from hil.diagnosis import rules
 from hil.diagnosis.candidates import paired
-from hil.diagnosis.constants import HALF, LEVEL, OPEN, WORTH
+from hil.diagnosis.constants import HALF, LEVEL, OPEN, PARTS, WORTH
 from hil.diagnosis.types import Candidate, HeldOut
 from hil.identify.design import Term
 from hil.identify.problem import Problem
@@ -86,10 +86,12 @@ def refit(before: np.ndarray, after: np.ndarray, kind: str, effect: str = "strib
         errors = SimpleNamespace(power=np.array([np.mean(residual**2)]))
         return SimpleNamespace(step=SimpleNamespace(heldout=held), errors=errors, result=residual)
 
-    problem = SimpleNamespace(holds=np.zeros(1, dtype=bool))
+    problem = SimpleNamespace(
+        holds=np.zeros(1, dtype=bool), effort=np.ones((1, before.size)), rms=lambda x: np.ones(1)
+    )
     one.search = SimpleNamespace(
         problem=problem,
-        parted=lambda residual: SimpleNamespace(power=np.array([np.mean(residual**2)])),
+        parted=lambda residual: np.sum(residual.reshape(PARTS, -1) ** 2, axis=1)[:, None],
     )
     one.before, one.after = visited(before), visited(after)
     return one

@@ -4,7 +4,7 @@ import numpy as np
 
 from hil.drivers.damiao import DamiaoArm, DamiaoArmConfig
 from hil.drivers.damiao_can import DamiaoBusConfig, open_box
-from hil.rig.boxes import BoxPlace, DrivesWire
+from hil.rig.boxes import BoxPlace, CanDrives
 from hil.rigs import rig_path
 from hil.signals.arms import ArmDescription
 from hil.sim_devices.bench import open_bench
@@ -75,7 +75,7 @@ class DrivesFar(FarEnd):
     def open(self):
         box = self.box()
         places = [(box, BoxPlace("bus", k + 1, s)) for k, s in enumerate(SIGNS)]
-        arm = DamiaoArm("arm", DrivesWire("arm", places), DamiaoArmConfig(), PERIOD_NS * 1e-9)
+        arm = DamiaoArm("arm", CanDrives("arm", places), DamiaoArmConfig(), PERIOD_NS * 1e-9)
         close = arm.close
 
         def both():

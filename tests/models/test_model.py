@@ -218,7 +218,7 @@ BAD = {
     "both": (HEAD + 'urdf = "a.urdf"\n' + COULOMB, "both urdf and preset; keep one"),
     "urdf": (HEAD.replace("preset", "urdf") + COULOMB, "urdf = 'single-axis': no such file"),
     "explains": (HEAD + 'explains = "motors"\n' + COULOMB, "'motors'. Did you mean 'motor'"),
-    "signal": ("signal = 3\n" + HEAD + COULOMB, "must be a table with position_hz"),
+    "signal": ("signal = 3\n" + HEAD + COULOMB, "must be a table with some of position_hz"),
     "signal-key": (HEAD + COULOMB + "[signal]\nefort_hz = 3\n", "'efort_hz'. Did you mean"),
     "signal-text": (HEAD + COULOMB + '[signal]\neffort_hz = "x"\n', "effort_hz = 'x': expected a"),
     "signal-sign": (HEAD + COULOMB + "[signal]\neffort_hz = -2\n", "= -2: expected a frequency"),
