@@ -65,6 +65,7 @@ def test_an_effect_is_found_behind_it():
 
 def test_a_bump_that_the_floor_hides_is_unexplained_with_its_variable():
     d = diagnosed(1e-6, law=lambda q, v: 3.0 * np.exp(-(((q - 0.1) / 0.01) ** 2)))
+    # without the rule on coefficients it is cogging, and nobody asks what the rest is
     assert d.verdict in ("unexplained", "missing-effect")
     if d.verdict == "unexplained":
         best = max(d.network, key=lambda s: s.share)
