@@ -38,7 +38,8 @@ BEYOND = 1.5
 #: little on one joint, and stops that are met five times are lost.
 RISEN = 1.0
 #: Events, e.g. reversals or blocks beside one for each coefficient, below which one odd one
-#: decides, and the highest multiple of an order that is told.  Half: fewer words on what a motion has not shown; double: more of them.
+#: decides, and the highest multiple of an order that is told.  Half: offsets of short runs get
+#: names, and fewer words on what a motion has not shown; double: short recordings get no names.
 FEW = 10
 
 # --------------------------------------------------------------------- what is worth a name

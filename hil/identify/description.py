@@ -12,7 +12,7 @@ which is the squared relative change and does not depend on frames or units, and
 
 The relative error rho of the description is where the marginal likelihood of the efforts is
 largest: a description that the data contradict is hardly used, and what the data determine hardly
-moves.  Noise that is coloured counts as the independent instants that it is worth.
+moves.  Noise that is coloured counts as the independent instants that it is worth.  It serves only where contiguous parts that were left out are foretold better with it.
 
 Source: Lee, Wensing, Park, IEEE Trans. Robotics 36(1), 2020 (the metric); MacKay, Neural
 Computation 4, 1992 (the evidence).
@@ -39,6 +39,9 @@ ERRORS = np.geomspace(1e-2, 1e2, 41)
 #: Least second moments of a body along its main axes, in shares of their sum: a rod or a plate of
 #: a description is not known to be infinitely thin.
 THIN = 0.01
+#: Contiguous parts of a recording that are left out in turn.  Fewer: less data for each fit; more:
+#: parts that lie close to what was fitted.
+PARTS = 8
 #: Share of a posterior variance from which a value is said to come of the description.
 MOSTLY = 0.5
 
@@ -180,6 +183,42 @@ def _likeliest(metric: FloatArray, b: Basis, target: FloatArray, colour: float) 
     evidence = np.sum(shown / (d + 1 / rho) - np.log1p(d * rho), axis=1)
     best = int(np.argmax(evidence))
     return float(ERRORS[best]) if best < len(ERRORS) - 1 else None
+
+
+def serves(problem: Problem, pull: Pull, x: FloatArray, target: FloatArray) -> bool:
+    """Whether contiguous parts are foretold better with the description than without it.
+
+    The marginal likelihood takes the model for right.  Where effects are still missing it may ask
+    a description for what these do, and then other motions are foretold worse.  Decided once for a
+    problem, by its first model.
+
+    Parameters
+    ----------
+    problem : Problem
+        The runs.
+    pull : Pull
+        The description, at its likeliest error.
+    x, target : ndarray (d n, p), (d n,)
+        Weighted regressor, zero where coefficients are held or lie on a bound; and target.
+    """
+    key = ("description serves",)
+    if key not in problem.memo:
+        scale = np.linalg.norm(x, axis=0)
+        scale = np.where(scale > 1e-11 * float(scale.max(initial=0.0)), scale, 1.0)
+        part = np.tile(np.arange(problem.n) * PARTS // problem.n, problem.d)
+        some = [(x[part == k] / scale, target[part == k]) for k in range(PARTS)]
+        gram = np.stack([a.T @ a for a, _ in some])
+        right = np.stack([a.T @ y for a, y in some])
+        held = np.eye(scale.size) / max(float(target @ target), 1.0)
+        rows, centre = pull.rows / scale, pull.centre * scale
+        errors = []
+        for precision in (held, held + rows.T @ rows):
+            others = right.sum(axis=0) - right + precision @ centre
+            theta = np.linalg.solve(gram.sum(axis=0) - gram + precision, others[..., None])[..., 0]
+            both = np.einsum("kp,kpq,kq->k", theta, gram, theta)
+            errors.append(float(np.sum(both - 2 * np.einsum("kp,kp->k", theta, right))))
+        problem.memo[key] = errors[1] < errors[0]
+    return bool(problem.memo[key])
 
 
 def drawn(

@@ -26,7 +26,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.errors import DataError, FitError
-from hil.identify.description import Pull, described, drawn, pull_of
+from hil.identify.description import Pull, described, drawn, pull_of, serves
 from hil.identify.design import Term, block, coefficients, known_values, stack
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, of_factors
@@ -63,6 +63,11 @@ def solved(
     theta = bounded(theta, b, *limits(terms, problem))
     residual = (y - x @ theta).reshape(problem.d, problem.n)
     pull = _pull(problem, terms, slices, b, residual, (target, x, w)) if by_description else None
+    if pull is not None:
+        low, high = limits(terms, problem)
+        free = free * ~((theta <= low) | (theta >= high))
+        pull = pull if serves(problem, pull, x * (w[:, None] * free), target) else None
+        free = _free(terms, problem)
     if pull is not None:
         theta, both = drawn(pull, b, target, start * free, known)
         theta = bounded(theta + np.where(free, 0.0, start), both, *limits(terms, problem))

@@ -1,11 +1,13 @@
 """Masses that a run hardly determines come of the robot description, if that can be trusted."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import plants
 import pytest
 
+from hil.identify.description import Pull, serves
 from hil.identify.fit import fit
 from hil.identify.predict import predict
 from hil.identify.problem import Problem
@@ -91,3 +93,16 @@ def test_the_answer_says_what_came_of_the_description():
     assert said["error"] == result.pull.error and said["parameters"] == result.of_description()
     printed = text(result)
     assert "come mostly from it" in printed and "mostly the robot description's" in printed
+
+
+@pytest.mark.parametrize(("centre", "better"), [((1.0, 2.0), True), ((8.0, -5.0), False)])
+def test_a_description_counts_only_where_it_foretells_parts_left_out(centre, better):
+    """Two columns that are nearly one: what is left of them is noise, or the description."""
+    rng = np.random.default_rng(5)
+    x = rng.standard_normal((400, 1)) + 0.05 * rng.standard_normal((400, 2))
+    target = x @ np.array([1.0, 2.0]) + rng.standard_normal(400)
+    pull = Pull(20.0 * np.eye(2), np.array(centre), 0.05)
+    problem = SimpleNamespace(memo={}, n=400, d=1)
+    assert serves(problem, pull, x, target) is better
+    # decided once for a problem
+    assert serves(problem, Pull(pull.rows, np.array([1.0, 2.0]), 0.05), x, target) is better
