@@ -12,7 +12,8 @@ which is the squared relative change and does not depend on frames or units, and
 
 The relative error rho of the description is where the marginal likelihood of the efforts is
 largest: a description that the data contradict is hardly used, and what the data determine hardly
-moves.  Noise that is coloured counts as the independent instants that it is worth.  It serves only where contiguous parts that were left out are foretold better with it.
+moves.  Noise that is coloured counts as the independent instants that it is worth.  It serves only
+where contiguous parts that were left out are foretold better with it.
 
 Source: Lee, Wensing, Park, IEEE Trans. Robotics 36(1), 2020 (the metric); MacKay, Neural
 Computation 4, 1992 (the evidence).
