@@ -92,9 +92,14 @@ def _ended(program: SessionProgram, over: threading.Event) -> None:
 
 
 def _watch(program: SessionProgram, prompt: Any, over: threading.Event) -> None:
-    """Print what the session says; leave the line where the session has ended."""
+    """Print what the session says; leave the line where the session has ended.
+
+    Its summary is not for the line: it is printed when the line is gone.
+    """
     while not over.wait(EVERY):
-        _say(program)
+        waiting = len(program.said)
+        if program.code is None:
+            _say(program, waiting)
         app = prompt.app
         if program.code is not None and app.is_running and app.loop is not None:
             app.loop.call_soon_threadsafe(_leave, app)
@@ -105,8 +110,9 @@ def _leave(app: Any) -> None:
         app.exit(exception=EOFError)
 
 
-def _say(program: SessionProgram) -> None:
-    while program.said:
+def _say(program: SessionProgram, count: int | None = None) -> None:
+    """Print what the session has said, or the first lines of it."""
+    for _ in range(len(program.said) if count is None else count):
         sys.stdout.write(program.said.popleft() + "\n")
 
 
