@@ -299,21 +299,29 @@ def _xlsx(path: str, most: int) -> Iterator[tuple[str, Array]]:
     from openpyxl import load_workbook
 
     sheets = {}
-    for sheet in load_workbook(path, read_only=True, data_only=True).worksheets:
-        rows = sheet.iter_rows(values_only=True)
-        names = [str(x).strip() if x is not None else "" for x in next(rows, ())]
-        columns: list[list[float]] = [[] for _ in names]
-        for row in rows:
-            if any(x is not None for x in row):
-                for k in range(len(names)):
-                    columns[k].append(_cell(row[k] if k < len(row) else None))
-        if any(names) and any(columns):
-            sheets[sheet.title] = {n: np.array(c) for n, c in zip(names, columns, strict=True) if n}
+    with open(path, "rb") as file:  # opened here: a workbook that is damaged leaves its own open
+        for sheet in load_workbook(file, read_only=True, data_only=True).worksheets:
+            found = _sheet(sheet.iter_rows(values_only=True))
+            if found:
+                sheets[sheet.title] = found
     for title, found in sheets.items():
         kind = np.dtype([(n, object) for n in found])
         record = np.empty(1, kind)
         record[0] = tuple(found.values())
         yield title, record
+
+
+def _sheet(rows: Iterator[tuple[Any, ...]]) -> dict[str, Array]:
+    """Columns of a sheet by the names of its first row; nothing where it has no numbers."""
+    names = [str(x).strip() if x is not None else "" for x in next(rows, ())]
+    columns: list[list[float]] = [[] for _ in names]
+    for row in rows:
+        if any(x is not None for x in row):
+            for k in range(len(names)):
+                columns[k].append(_cell(row[k] if k < len(row) else None))
+    if not any(columns):
+        return {}
+    return {n: np.array(c) for n, c in zip(names, columns, strict=True) if n}
 
 
 def _cell(value: Any) -> float:
