@@ -8,10 +8,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from hil.drivers import netft_can as can_codec
+from hil.drivers import netft_rdt as rdt_codec
 from hil.drivers.netft_can import NetFtCanConfig
-from hil.drivers.netft_can import driver as can_codec
 from hil.drivers.netft_rdt import NetFtRdtConfig, open_box
-from hil.drivers.netft_rdt import driver as rdt_codec
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.device import Status
 from hil.sim_devices.canbus.frame import Frame

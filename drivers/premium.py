@@ -1,8 +1,7 @@
-"""Driver of a PHANTOM Premium 1.5: counts <-> SI, operating states.
+"""PHANTOM Premium 1.5: three joints, motor encoders, motor DACs; operating states.
 
-Constants of the PHANTOM Premium 1.5 drive train, each with its source.
-
-Compiled conversions: counts to joint state, joint efforts to DAC codes.
+Compiled code turns counts into the joint state and joint efforts into DAC codes.  The constants of
+the drive train stand here, each with its source.
 """
 
 from __future__ import annotations
@@ -247,3 +246,8 @@ class PremiumArm:
         """Disable and release the wire."""
         self.disable()
         self._wire.close()
+
+
+#: What the registry looks for.
+Config = PremiumConfig
+open_device = PremiumArm

@@ -229,4 +229,6 @@ class DamiaoArm:
         self._wire.close()
 
 
+#: What the registry looks for.
+Config = DamiaoArmConfig
 open_device = DamiaoArm

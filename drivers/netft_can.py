@@ -1,6 +1,4 @@
-"""Driver of an ATI Net F/T box over CAN: converted counts in two frames, asked for.
-
-Bytes of the ATI Net F/T box's basic CAN protocol, short form; no I/O.
+"""ATI Net F/T box over CAN, basic protocol, short form: converted counts in two frames, asked for.
 
 Source: ATI manual 9620-05-NET FT, "CAN".  Little-endian, two's complement, converted counts.  The
 long form (request 0x01, four frames) is not used: the order of its fields is not confirmed here.
@@ -171,3 +169,8 @@ def open_box(
         box.close()
         raise
     return box
+
+
+#: What the registry looks for.
+BUS = "can"
+Config = NetFtCanConfig

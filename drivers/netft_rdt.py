@@ -1,6 +1,4 @@
-"""Driver of an ATI Net F/T box over UDP: it streams, the tick takes the newest record.
-
-Bytes of ATI's Raw Data Transfer (RDT) over UDP; no I/O.
+"""ATI Net F/T box over UDP, Raw Data Transfer (RDT): it streams, the tick takes the newest record.
 
 Source: ATI manual 9620-05-NET FT, "UDP interface using RDT".  Big-endian.
 """
@@ -219,3 +217,8 @@ def open_box(
     if any(channels):
         raise ConfigError(f"box {name!r}: a sensor has the channel 0 alone, not {max(channels)}.")
     return NetFtRdt(name, bus, *split_host(name, address, PORT), config)
+
+
+#: What the registry looks for.
+BUS = "udp"
+Config = NetFtRdtConfig

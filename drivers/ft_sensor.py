@@ -1,10 +1,7 @@
-"""Driver of a force/torque sensor: bias, calibration, rotation into the base frame.
+"""ATI Nano17 and Nano25 force/torque sensors: gauge words in, wrench in the base frame out.
 
-Calibration of the force/torque sensors.
-
-Compiled conversion of gauge words to a wrench in the base frame.
-
-Where the words of a force/torque sensor come from: a protocol, and the ideal one.
+The words come from a box on a bus or from an ideal sensor (`Wire`).  They lose their bias, go
+through the calibration, and are rotated into the base frame by compiled code.
 """
 
 from __future__ import annotations
@@ -321,3 +318,7 @@ def open_device(
     if isinstance(wire, GaugeSource):
         return ForceSensor(name, wire, config.tare_samples, MODELS[config.model][2])
     return FtSensor(name, wire, config, period)
+
+
+#: What the registry looks for.
+Config = FtSensorConfig
