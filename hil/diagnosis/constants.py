@@ -178,6 +178,10 @@ FOLDS = 8
 #: 3 %.  Simulated arms, axes and foams, judged on other motions than they were fitted to.  Half:
 #: corrections of slow disturbances pass; double: hardly any correction does.
 PARTS = 5
+#: Rise of a simulated error from which a model that foretells the effort better is no better
+#: model, as a factor.  Judgement: what has no law must not cost the simulation.  Half (any rise):
+#: corrections of noisy recordings are lost by chance; double: models that swing stay.
+RUINED = 2.0
 #: Blocks into which a recording is dealt, at least: three of a fold.  Half: coarse standard
 #: errors; double: short recordings have blocks shorter than the filter.
 FEWEST = 24

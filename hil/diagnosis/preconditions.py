@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -38,7 +38,7 @@ from hil.diagnosis.constants import (
 from hil.identify.design import head
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
-from hil.identify.regression import least_squares
+from hil.identify.regression import inflation, least_squares
 from hil.identify.result import FitResult
 from hil.identify.solve import factors
 from hil.models.contact import penetration
@@ -295,3 +295,100 @@ class Reach:
         beyond = sum(whole - float(c @ c) for c, _, whole in each)
         rest = float(np.sum((right - rows @ theta) ** 2))
         return float(np.sqrt(max(beyond + rest, 0.0) / problem.d))
+
+
+# ------------------------------------------------------------ the description of the robot
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Gravity of one joint by the data, in shares of what the description says.
+
+    Parameters
+    ----------
+    joint : int
+        Its index.
+    ratio, stderr : float
+        Slope of the fitted gravity over the described one along the motion, and standard error.
+    share : float
+        Rms of the described gravity without its mean, as a share of the joint's rms effort.
+    """
+
+    joint: int
+    ratio: float
+    stderr: float
+    share: float
+
+
+def weighed(result: FitResult) -> list[Weighed]:
+    """Gravity of every joint that moves, by the data beside the description; empty without one.
+
+    With gravity  g(q) = G(q) theta  of the fit and  g_0 = G theta_0  of the description, both
+    without their means (an offset is not gravity),
+
+        ratio = g_0'g / g_0'g_0,
+
+    a linear function of theta, whose variance follows from that of the fit.
+    """
+    problem, out = result.problem, list[Weighed]()
+    tree = problem.robot.tree
+    for t, where in zip(result.terms, result.slices, strict=True):
+        if tree is None or t.fixed or result.pull is not None or Trait.BODY not in t.effect.traits:
+            continue
+        parts = problem.at_rest(t.effect, t.joint, t.shape)
+        for j in np.flatnonzero(~problem.holds).tolist():
+            found = _weighed(result, where, [(some, g[:, j]) for some, g in parts], j)
+            out += [found] if found else []
+    return out
+
+
+def _weighed(
+    result: FitResult,
+    where: slice,
+    parts: Sequence[tuple[NDArray[np.int_], FloatArray]],
+    j: int,
+) -> Weighed | None:
+    problem = result.problem
+    size = where.stop - where.start
+    wide = [np.zeros((len(g), size)) for _, g in parts]
+    for total, (some, g) in zip(wide, parts, strict=True):
+        total[:, some] = g - g.mean(axis=0)
+    columns = np.concatenate(wide)
+    said = columns @ problem.robot.prior
+    power = float(said @ said)
+    if power <= 0.0:
+        return None
+    slope = said @ columns / power
+    # in the fit's own directions: var(c'theta) = |c' V / (S scale)|^2, times what colour takes
+    b = result.basis
+    spread = (slope / b.scale[where]) @ (b.v[where] / b.s)
+    stderr = (
+        float(np.linalg.norm(spread)) * float(inflation(result.residual[j], problem.run)) ** 0.5
+    )
+    rms = float(problem.rms(problem.effort)[j])
+    share = float(np.sqrt(power / len(said))) / max(rms, 1e-300)
+    return Weighed(j, float(slope @ result.theta[where]), stderr, share)
+
+
+#: Code of the warning that gravity by the data is not that of the robot's description.
+GRAVITY = "description-gravity"
+
+
+def contradicted(result: FitResult) -> list[tuple[str, str]]:
+    """Warnings (code, sentence) where the data surely give another gravity than the description.
+
+    By more than a little of the joint's effort.
+    """
+    out = []
+    for w in weighed(result):
+        if abs(w.ratio - 1) > max(LITTLE / max(w.share, LITTLE), CERTAIN * w.stderr):
+            joint = result.problem.joints[w.joint]
+            out.append(
+                (
+                    GRAVITY,
+                    f"gravity of {joint}: the data give {w.ratio:.2f} times what the robot "
+                    f"description says (standard error {w.stderr:.2g}). Check the masses and "
+                    f"centres of mass that {joint} carries",
+                )
+            )
+    return out

@@ -25,7 +25,17 @@ from hil.diagnosis.attribution import (
     physical,
 )
 from hil.diagnosis.candidates import Rated
-from hil.diagnosis.constants import BEYOND, DISCREPANCY, HALF, LEVEL, OPEN, RISEN, WORTH
+from hil.diagnosis.constants import (
+    BEYOND,
+    DISCREPANCY,
+    HALF,
+    LEVEL,
+    OPEN,
+    RISEN,
+    RUINED,
+    TENTH,
+    WORTH,
+)
 from hil.diagnosis.evidence import in_time
 from hil.diagnosis.floor import practical
 from hil.diagnosis.types import CheckResult, Evidence
@@ -75,6 +85,7 @@ PROVOKED = {
     "never-rises": "tests/diagnosis/test_rules.py",
     "robs": "tests/diagnosis/test_rules.py",
     "transfers": "tests/diagnosis/test_rules.py",
+    "simulates": "tests/diagnosis/test_rules.py",
     "coefficients": "tests/diagnosis/test_position_noise.py",
     "scales": "tests/models/test_composed.py",
 }
@@ -398,3 +409,18 @@ def _lawful(case: Refit) -> str:
     term = next((t for t in result.terms if t.key == key), None)
     good = term is None or allowed(result, term)
     return "" if good else "the fitted values are physically impossible"
+
+
+@_fit("simulates")
+def _simulates(case: Refit) -> str:
+    """A correction must not ruin the simulated motion: no law keeps its function from swinging."""
+    if Trait.CORRECTION not in case.rated.candidate.term.effect.traits:
+        return ""
+    if case.after.result.model.explains != "motor":
+        return ""
+    old, new = case.search.simulated(case.before), case.search.simulated(case.after)
+    moves = np.flatnonzero(~case.search.problem.holds).tolist()
+    # what leaves the range in some windows has so much scatter in the others that no rise is sure
+    leaves = new.diverged - old.diverged > TENTH * new.windows
+    worse = leaves or any(new.rises(old, j, RUINED) for j in moves)
+    return "it ruins the simulated motion" if worse else ""

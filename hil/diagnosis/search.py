@@ -33,6 +33,7 @@ from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
 from hil.identify.context import renew
+from hil.identify.multistep import MultiStep, both
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
@@ -50,6 +51,8 @@ class Visited:
     step: Step
     errors: BlockErrors
     added: tuple[Candidate, ...] = ()
+    #: Its simulated error, once it was asked for.
+    simulated: MultiStep | None = None
 
     @property
     def result(self) -> FitResult:
@@ -164,6 +167,13 @@ class Search:
         out = np.zeros((dealt.folds, self.problem.d))
         np.add.at(out, dealt.fold, errors.squared)
         return out
+
+    def simulated(self, rung: Visited) -> MultiStep:
+        """The simulated error of a rung on the fitted runs."""
+        if rung.simulated is None:
+            renew(rung.result)
+            rung.simulated = both(rung.result, self.problem)
+        return rung.simulated
 
     # ------------------------------------------------------------------ evidence
 

@@ -13,7 +13,7 @@ from hil.diagnosis.constants import BEYOND
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.evidence import gather
 from hil.diagnosis.heldout import Examiner, settled
-from hil.diagnosis.preconditions import other_robot
+from hil.diagnosis.preconditions import contradicted, other_robot
 from hil.diagnosis.residual_tests import unlike, unlike_notes
 from hil.diagnosis.residuals import Region, regions, seeming
 from hil.diagnosis.sessions import differences
@@ -126,7 +126,7 @@ def fit(recordings: Runs, model: RobotModel) -> FitResult:
     progress.at("fit", 0.0)
     result = complete(fit_problem(make_problem(recordings, model), model))
     beyond = [("outside-range", text) for text in outside(model.valid, result.problem)]
-    notes = _undescribed(result.problem) + other_robot(model, recordings)
+    notes = _undescribed(result.problem) + other_robot(model, recordings) + contradicted(result)
     return replace(result, warnings=notes + beyond)
 
 

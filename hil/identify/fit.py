@@ -35,6 +35,7 @@ from hil.identify.predict import predict
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, cluster_covariance, extended, time_blocks
 from hil.identify.result import DESCRIBED, FitResult
+from hil.identify.screening import CLOSE
 from hil.identify.shape_search import search_shapes
 from hil.identify.solve import limits, noise_to_signal, prior, solve, solved
 from hil.identify.validity import identified
@@ -47,6 +48,8 @@ __all__ = ["fit", "predict", "solve", "time_blocks"]
 FloatArray = NDArray[np.float64]
 #: Relative change of the residual scales that asks for another round of the shape search.
 SCALE_CHANGE = 0.1
+#: Rounds in which load and states of friction settle for shapes that are known.
+SETTLING = 3
 
 
 def fit(
@@ -76,6 +79,7 @@ def fit(
         If the runs hold no motion at all, or fewer rows than coefficients.
     """
     terms = bind(model, problem)
+    given = all(t.shape for t in terms if t.effect.shape) and not problem.motions[0].drive.size
     if not any(np.ptp(m.q) for m in problem.motions) and not np.any(np.diff(problem.span)):
         raise FitError("the recordings hold no motion, so they determine nothing; move the robot")
     if problem.n * problem.d <= sum(len(coefficients(t, problem)) for t in terms):
@@ -86,17 +90,70 @@ def fit(
     terms = [replace(t, shape=t.shape or _start(t, problem)) for t in terms]
     find_surface(problem, terms, sigma)
     idle: set[tuple[str, int]] = set()
+    visited = _Visited(problem)
+    if given:  # the shapes of a fitted model stand beside the load that belongs to them
+        set_context(problem, terms)
+        for _ in range(SETTLING):
+            sigma, idle = visited.scales(terms, model, sigma)
     for sweep in range(sweeps + 1):
         before = sigma
         terms = search_shapes(problem, terms, sigma, idle)
         set_context(problem, terms)
-        sigma, now = _scales(problem, terms, model, sigma)
+        sigma, now = visited.scales(terms, model, sigma)
         near = scale is not None and np.max(np.abs(np.log(sigma / before))) < SCALE_CHANGE
         if now == idle and (near or sweep >= sweeps - 1):
             break
         idle = now
+    terms, sigma = visited.best(terms, model, sigma)
     terms = gauss_newton(problem, terms, model, sigma)
     return assemble(problem, model, terms, sigma)
+
+
+class _Visited:
+    """The best of the models that a fit goes through: load and states of friction may not settle.
+
+    What a term refers to is found with all terms; where it moves them in turn, the last round need
+    not be the best one.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._found: tuple[float, list[Term], list[Motion], FloatArray] | None = None
+
+    def scales(
+        self, terms: list[Term], model: RobotModel, sigma: FloatArray
+    ) -> tuple[FloatArray, set[tuple[str, int]]]:
+        """As `_scales`; terms, motions and scales are kept where no others left less."""
+        motions = self._problem.motions
+        new, idle = _scales(self._problem, terms, model, sigma)
+        if any(Trait.LOAD in t.effect.traits for t in terms):
+            self._keep(terms, motions, new)
+        return new, idle
+
+    def best(
+        self, terms: list[Term], model: RobotModel, sigma: FloatArray
+    ) -> tuple[list[Term], FloatArray]:
+        """Terms and scales to go on with: the last ones, or some that leave clearly less."""
+        if self._found is None:
+            return terms, sigma
+        problem, (least, better, motions, scales) = self._problem, self._found
+        residual = solve(problem, terms, model, sigma)[-1]
+        if self._size(problem.rms(residual)) < least + np.log(CLOSE):
+            return terms, sigma
+        problem.motions = motions
+        set_context(problem, better)
+        problem.set_context()  # what was made beside the other load is forgotten
+        return better, scales
+
+    def _keep(self, terms: list[Term], motions: list[Motion], sigma: FloatArray) -> None:
+        size = self._size(sigma)
+        if self._found is None or size < self._found[0]:
+            self._found = size, terms, motions, sigma
+
+    def _size(self, sigma: FloatArray) -> float:
+        """Log of the residual's size, the mean of the joints that move."""
+        moves = ~self._problem.holds
+        return float(np.mean(np.log(np.maximum(sigma[moves], 1e-300)))) if moves.any() else 0.0
 
 
 def _start(term: Term, problem: Problem) -> tuple[float, ...]:

@@ -30,6 +30,9 @@ NEGLIGIBLE = 5e-3
 #: Share of what is left that odd harmonics must account for: two columns of noise account for
 #: a percent of a few hundred independent instants.
 ODD = 0.02
+#: Gain of another form's maximum on the grid, in units of the best climbed one, from which it is
+#: worth a climb: a step beside its summit a resonance keeps a third of it.
+HOPEFUL = 0.3
 #: Accuracy of a shape's gain, in a fit and among candidates.
 FINE, COARSE = 5e-5, 2e-4
 
@@ -56,11 +59,15 @@ def best_shape(
         found, gain = searched(projector, found, grid, known, accuracy)
     if refine:
         found, gain = present(projector, term, (found, gain), grid, accuracy)
-    return _fundamental(projector, found, gain, grid)
+    return _fundamental(projector, found, gain, grid, accuracy)
 
 
 def _fundamental(
-    projector: Projector, term: Term, gain: float, grid: list[tuple[float, ...]]
+    projector: Projector,
+    term: Term,
+    gain: float,
+    grid: list[tuple[float, ...]],
+    accuracy: float,
 ) -> tuple[Term, float]:
     """Twice the order of waves over position whose odd harmonics are nothing.
 
@@ -71,10 +78,12 @@ def _fundamental(
     search, motion = term.effect.search, projector.problem.motions[0]
     if not waves or not isinstance(search, Waves) or search.carrier(motion, term.joint) is None:
         return term, gain
-    most = projector.gain(term.reshaped(twice))
-    if most >= gain - ODD * abs(left(projector, term, gain)):
-        return term.reshaped(twice), most
-    return term, gain
+    known = {twice: projector.gain(term.reshaped(twice))}
+    if known[twice] < HOPEFUL * gain:
+        return term, gain
+    # the end of a grid, or its raster, may lie beside half of the order
+    other, most = _refine(projector, term.reshaped(twice), line_of(grid, twice), known, accuracy)
+    return (other, most) if most >= gain - ODD * abs(left(projector, term, gain)) else (term, gain)
 
 
 def search_shapes(
@@ -114,11 +123,6 @@ def _sharpest(projector: Projector, term: Term, best_gain: float) -> Term:
         if projector.gain(term.reshaped(shape)) >= least:
             return term.reshaped(shape)
     return term
-
-
-#: Gain of another form's maximum on the grid, in units of the best climbed one, from which it is
-#: worth a climb: a step beside its summit a resonance keeps a third of it.
-HOPEFUL = 0.3
 
 
 def searched(
@@ -180,7 +184,7 @@ def present(
     accuracy: float,
 ) -> tuple[Term, float]:
     """The shape that the term has already, climbed from there, where it leaves clearly less."""
-    if not term.effect.search.rounds or not term.shape or term.shape == found[0].shape:
+    if not term.shape or term.shape == found[0].shape:
         return found
     gain = projector.gain(term)
     if gain - found[1] <= (CLOSE - 1) * left(projector, term, gain):

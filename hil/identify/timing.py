@@ -46,6 +46,10 @@ KNOWN = 0.5
 #: Parts of a sample below which there is no lateness, and below which one joint's is not better
 #: known than another's.
 FINEST = 20
+#: Standard errors beyond which a lateness is one.
+CLEAR = 3.0
+#: Parts of a recording that each say how late it is, so that their scatter tells the error.
+PIECES = 6
 #: Time by which friction turns early in the column that keeps its turns out of the lateness [s].
 TURN = 0.005
 
@@ -123,14 +127,46 @@ def _slow_delay(result: FitResult, j: int, whole: bool, turns: bool) -> tuple[fl
     own = [x[:, np.any(x != 0, axis=0)], *more]
     rows = np.concatenate([*own, late, problem.y[j][:, None]], axis=1)
     rows = np.concatenate([_slow(rows[problem.run == k], problem) for k in np.unique(problem.run)])
-    b = basis(rows[:, :-1])
-    nothing = np.zeros(rows.shape[1] - 1)
+    dealt = _dealt(rows[:, -2])
+    columns = np.concatenate([rows[:, :-2], dealt], axis=1)
+    b = basis(columns)
+    nothing = np.zeros(columns.shape[1])
     theta = b.solve(rows[:, -1], nothing, np.zeros(len(rows)))
-    left = rows[:, -1] - rows[:, :-1] @ theta
+    left = rows[:, -1] - columns @ theta
     # one independent value in SLOW times the filter's own oversampling
     scale = np.sqrt(np.mean(left**2) * SLOW)
-    direction = b.v[-1] / (b.s * b.scale[-1])  # row of the pseudo-inverse of R
-    return float(theta[-1]), float(scale * np.linalg.norm(direction))
+    own_rows = slice(-dealt.shape[1], None)
+    directions = b.v[own_rows] / (b.s * b.scale[own_rows, None])  # of the pseudo-inverse of R
+    return _agreed(theta[own_rows], scale**2 * directions @ directions.T)
+
+
+def _dealt(late: FloatArray) -> FloatArray:
+    """The column of a lateness (n,) dealt to as many parts (n, PIECES) that tell as much each."""
+    told = np.cumsum(late**2)
+    piece = np.minimum(PIECES * told / max(told[-1], 1e-300), PIECES - 1e-9).astype(int)
+    out: FloatArray = late[:, None] * (piece[:, None] == np.arange(PIECES))
+    return out
+
+
+def _agreed(values: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+    """What the parts say together, and its standard error by what they differ.
+
+    With weights w = C^-1 1 of the covariance C the mean is  w'T / w'1;  its variance 1 / w'1 is
+    multiplied by  max(1, (T - mean)' C^-1 (T - mean) / (parts - 1)):  noise alone gives 1, and a
+    missing effect that looks late in one stretch and early in another one more.
+
+    Source: Birge, Phys. Rev. 40, 1932, p. 207 (ratio of external and internal consistency).
+    """
+    one = np.ones(values.size)
+    inverse = np.linalg.pinv(covariance)
+    weight = inverse @ one
+    total = float(weight @ one)
+    if total <= 0.0:
+        return 0.0, float("inf")
+    mean = float(weight @ values) / total
+    apart = values - mean
+    ratio = float(apart @ inverse @ apart) / max(values.size - 1, 1)
+    return mean, float(np.sqrt(max(ratio, 1.0) / total))
 
 
 def _slow(x: FloatArray, problem: Problem) -> FloatArray:
@@ -143,11 +179,26 @@ def _slow(x: FloatArray, problem: Problem) -> FloatArray:
 def real_delay(result: FitResult, j: int, delay: float, whole: bool = False) -> bool:
     """Whether a delay found over the whole band is one of the slow motion, too.
 
-    It must exceed one sample by three standard errors there, and not be a small part of
-    `delay` [s]: a lag that grows with frequency is the answer to noise, or a coarse encoder's.
+    It must exceed there by `CLEAR` standard errors one sample, or what the other joints have in
+    common with it, and not be a small part of `delay` [s]: a lag that grows with frequency is the
+    answer to noise, or a coarse encoder's.
     """
     late, error = slow_delay(result, j, whole)
-    return abs(late) - 3 * error > longest_shift(result.problem) and abs(late) > abs(delay) / 3
+    sure = abs(late) - CLEAR * error > _alignment(result, j, whole)
+    return sure and abs(late) > abs(delay) / 3
+
+
+def _alignment(result: FitResult, j: int, whole: bool) -> float:
+    """Lateness [s] that may be how the recording was made and no joint's own delay.
+
+    All joints share their stamps: beside others that are in time, one that is not is late itself,
+    be it by less than a sample.
+    """
+    problem = result.problem
+    others = [k for k in np.flatnonzero(~problem.holds).tolist() if k != j]
+    seen = [slow_delay(result, k, whole) for k in others]
+    known = [abs(late) + CLEAR * error for late, error in seen]
+    return min([longest_shift(problem), *([max(known)] if known else [])])
 
 
 def sample_shift(result: FitResult) -> float:
@@ -155,7 +206,9 @@ def sample_shift(result: FitResult) -> float:
 
     Of the slow motion, for noise in a closed loop looks like a delay where it is fast; and told
     apart from friction that turns before the speed does.  The median over joints, weighted by what
-    each can tell, so that one joint's real delay or hysteresis does not shift the others.
+    each can tell, so that one joint's real delay or hysteresis does not shift the others.  0 as
+    well where it is within `CLEAR` standard errors of none: a shift that is not there costs more
+    than one that is not taken out.
     """
     problem = result.problem
     if result.model.explains != "motor":
@@ -164,16 +217,21 @@ def sample_shift(result: FitResult) -> float:
     longest = longest_shift(problem)
     seen = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
     seen = [(value, error) for value, error in seen if error < KNOWN * longest]
-    shift = _middle(seen, longest / FINEST) if seen else 0.0
-    return shift if longest / FINEST <= abs(shift) <= longest else 0.0
+    shift, error = _middle(seen, longest / FINEST) if seen else (0.0, 0.0)
+    clear = abs(shift) > CLEAR * error
+    return shift if clear and longest / FINEST <= abs(shift) <= longest else 0.0
 
 
-def _middle(seen: Sequence[tuple[float, float]], finest: float) -> float:
-    """Median of values, each with the weight of its standard error; none finer than `finest`."""
+def _middle(seen: Sequence[tuple[float, float]], finest: float) -> tuple[float, float]:
+    """Median of values, each with the weight of its standard error, and its own standard error.
+
+    No value counts for more than one that is known to `finest`.
+    """
     value, error = np.array(seen).T
     order = np.argsort(value)
     weight = np.cumsum(1.0 / np.maximum(error[order], finest) ** 2)
-    return float(value[order][np.searchsorted(weight, weight[-1] / 2)])
+    middle = float(value[order][np.searchsorted(weight, weight[-1] / 2)])
+    return middle, float(1.0 / np.sqrt(np.sum(1.0 / error**2)))
 
 
 def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = None) -> FitResult:
@@ -254,12 +312,14 @@ def lateness(recording: Recording) -> Lateness:
         )
     late = -problem.shift
     size, side = abs(late), "late" if late > 0 else "early"
-    says = "not late" if size < longest / FINEST else f"{size * 1e3:.3g} ms {side}"
+    if size < longest / FINEST:
+        return Lateness(late, late * samples, "efforts against positions: in time, as far as seen")
     return Lateness(
         late,
         late * samples,
-        f"efforts against positions: {says} ({size * samples:.2g} samples), by a fit of the base "
-        "model; a diagnosis corrects it (to change it, set shift_s under [signal])",
+        f"efforts against positions: {size * 1e3:.3g} ms {side} ({size * samples:.2g} samples), by "
+        "a fit of the base model; a diagnosis corrects it (to change it, set shift_s under "
+        "[signal])",
     )
 
 

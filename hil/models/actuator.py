@@ -234,7 +234,7 @@ class TorqueSaturation(Effect):
             "Krause, Wasynczuk, Sudhoff, Pekarek, Analysis of Electric Machinery, 2013 (saturation)"
         ),
     )
-    params = (Param("a", "1", "share of what the limit takes: 1 but for errors", 0.75, 1.33),)
+    params = (Param("a", "1", "share of what the limit takes: 1 but for errors", 0.9, 1.11),)
     shape = (
         Param("L", "{F}", "limit", 0.0),
         Param(

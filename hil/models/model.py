@@ -159,11 +159,11 @@ class RobotModel(Shown):
         ConfigError
             If an effect has no values.
         """
-        empty = [u.type for u in self.effects if not u.values]
+        empty = [u.type for u in self.effects if not u.values and not self._replaced(u)]
         # a rotor that is part of an axis' only inertia has none, and a description its own masses
         known = Trait.BODY | Trait.ROTOR
         needed = [name for name in empty if not catalogue.get(name).traits & known]
-        if needed or len(empty) == len(self.effects):
+        if needed or not any(u.values for u in self.effects):
             raise ConfigError(
                 f"the model has no values of {', '.join(empty)}, so it foretells nothing as it is; "
                 "'hil fit SESSION.mcap --model M.toml -o FITTED.toml' finds them"
@@ -172,6 +172,13 @@ class RobotModel(Shown):
         return replace(
             self, effects=tuple(replace(u, options=u.options | kept) for u in self.effects)
         )
+
+    def _replaced(self, use: Use) -> bool:
+        """Whether other effects stand in the place of an effect on all of its joints."""
+        joints = {r.joint for r in self.valid} if use.joints == ("*",) else set(use.joints)
+        by = [u for u in self.effects if use.type in catalogue.get(u.type).relations.replaces]
+        everywhere = any(u.joints == ("*",) for u in by)
+        return bool(by) and (everywhere or joints <= {j for u in by for j in u.joints})
 
     def __add__(self, other: Use | str) -> RobotModel:
         """Model with one more effect (what it replaces steps back on the same joints).

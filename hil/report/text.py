@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from hil.diagnosis.artefacts import BLURRED, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT, WHOLE
 from hil.diagnosis.floor import known_to
+from hil.diagnosis.preconditions import GRAVITY
 from hil.diagnosis.residual_tests import CHANGED, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import Finding, UnnamedCorrection
@@ -54,7 +55,7 @@ BOTH_ERRORS = (
     "one and not the other."
 )
 #: Codes of warnings that stand beside the verdict.
-LEADING = (NO_GEOMETRY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
+LEADING = (NO_GEOMETRY, GRAVITY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
 
 
 # ------------------------------------------------------------ verdict
@@ -201,7 +202,7 @@ def explains(blurred: bool, model: str) -> str:
 
 def details(m: Material) -> list[str]:
     """Sentences below the headline: effect, confidence, error before and after, floor."""
-    out = _said(m, NO_GEOMETRY) + [_finding(m, f) for f in m.findings]
+    out = _said(m, NO_GEOMETRY) + _said(m, GRAVITY) + [_finding(m, f) for f in m.findings]
     out += _said(m, BLURRED) + apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
     for f in m.partial:
         out.append(

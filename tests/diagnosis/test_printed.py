@@ -67,3 +67,10 @@ def test_the_headline_keeps_apart_what_is_sure(run):
     m = from_diagnosis(d)
     assert headline(m) == "The model lacks stribeck on joint1, and perhaps cogging on joint1."
     assert next_steps(m)[0].startswith("Accept stribeck on joint1 as shown")
+
+
+def test_a_model_whose_friction_was_replaced_is_compared_as_it_is(run):
+    fitted = hil.fit([run], hil.base_model(run.robot) + "presliding").model
+    assert not next(u for u in fitted.effects if u.type == "coulomb").values
+    seen = hil.compare([run], fitted.as_it_is())
+    assert seen.result.values["j1.presliding.s"].value == fitted.values()["j1.presliding.s"].value

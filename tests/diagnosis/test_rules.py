@@ -13,6 +13,7 @@ from hil.diagnosis.candidates import paired
 from hil.diagnosis.constants import HALF, LEVEL, OPEN, PARTS, WORTH
 from hil.diagnosis.types import Candidate, HeldOut
 from hil.identify.design import Term
+from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
 from hil.models import catalogue
 
@@ -141,3 +142,33 @@ def test_a_correction_robs_no_name_of_its_effort(left: float, stopped: bool) -> 
     assert rules.FIT["robs"](one) == ("it replaces load-friction" if stopped else "")
     one.search.standing = []  # a name that does not stand has no effort to keep
     assert rules.FIT["robs"](one) == ""
+
+
+@pytest.mark.parametrize(
+    ("factor", "diverged", "stopped"), [(1.5, 0, False), (5.0, 0, True), (1.0, 5, False), (1, 8, 1)]
+)
+def test_a_correction_must_not_ruin_the_simulation(
+    factor: float, diverged: int, stopped: bool
+) -> None:
+    """By a rise beyond chance, or in windows that leave the range: simulates."""
+    power = np.random.default_rng(1).uniform(0.9, 1.1, (60, 1))
+
+    def simulated(size: float, lost: int) -> MultiStep:
+        rms = np.sqrt(power.mean(axis=0)) * size
+        return MultiStep(0.5, rms, rms, 60, lost, power * size**2)
+
+    old, new = simulated(1.0, 0), simulated(factor, diverged)
+    before, after = (
+        object(),
+        SimpleNamespace(result=SimpleNamespace(model=SimpleNamespace(explains="motor"))),
+    )
+    search = SimpleNamespace(
+        simulated=lambda rung: old if rung is before else new,
+        problem=SimpleNamespace(holds=np.array([False])),
+    )
+    one: Any = SimpleNamespace(
+        search=search, rated=case(CORRECTION).rated, before=before, after=after
+    )
+    assert bool(rules.FIT["simulates"](one)) is bool(stopped)
+    one.rated = case("stribeck").rated  # a law is judged by what it says, and told to the user
+    assert not rules.FIT["simulates"](one)

@@ -18,12 +18,16 @@ from hil.identify.fit import fit
 from hil.identify.prepare import bridged, prepared, signal
 from hil.identify.problem import Problem
 from hil.identify.timing import (
+    CLEAR,
+    _agreed,
     fit_aligned,
     late_effort,
     lateness,
     longest_shift,
     reading_notes,
     readings,
+    real_delay,
+    slow_delay,
 )
 from hil.models.model import Band, RobotModel, base_model
 from hil.record.recording import Recording, RobotSource
@@ -374,3 +378,35 @@ def test_degrees_in_one_position() -> None:
     found = readings(replace(r, q=q, qd=qd))
     assert found[0].what == "position"
     assert "upper" in found[0].text
+
+
+def test_a_missing_effect_is_no_lateness() -> None:
+    """Friction that sticks looks early in one part of a motion and late in another."""
+    for seed in (1, 2, 3):
+        run = plants.stiction_axis(seed)
+        problem = Problem([run], AXIS.robot)
+        fit_aligned(problem, AXIS)
+        late, error = slow_delay(fit(problem, AXIS), 0, turns=True)
+        assert problem.shift == 0.0 or abs(late) < CLEAR * error
+
+
+def test_parts_that_contradict_each_other_know_little() -> None:
+    covariance = 1e-8 * np.eye(4)
+    mean, error = _agreed(np.array([1.0, 1.1, 0.9, 1.0]) * 1e-3, covariance)
+    assert mean == pytest.approx(1e-3) and error == pytest.approx(5e-5, rel=0.2)
+    mean, error = _agreed(np.array([1.0, -1.0, 3.0, 1.0]) * 1e-3, covariance)
+    assert mean == pytest.approx(1e-3) and error == pytest.approx(8.2e-4, rel=0.01)
+
+
+def test_one_late_joint_beside_one_in_time_is_late_itself() -> None:
+    """All joints share their stamps, so that less than a sample is its own: no alignment."""
+    run = plants.late_axes((0, 1))
+    coarse = replace(run, t=run.t[::2], q=run.q[::2], tau=run.tau[::2])
+    model = base_model(run.robot)
+    result = fit(Problem([coarse], run.robot), model)
+    late, error = slow_delay(result, 1)
+    assert CLEAR * error < late < longest_shift(result.problem)
+    assert real_delay(result, 1, late)
+    alone = replace(coarse, joints=("joint2",), q=coarse.q[:, 1:], tau=coarse.tau[:, 1:])
+    result = fit(Problem([alone], run.robot), model)
+    assert not real_delay(result, 0, late)

@@ -1,5 +1,7 @@
 """Variable projection equals refitting everything."""
 
+from dataclasses import replace
+
 import numpy as np
 import plants
 import pytest
@@ -10,7 +12,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.shape_search import best_shape
 from hil.models import catalogue
-from hil.models.model import RobotModel, Use
+from hil.models.model import RobotModel, Use, Value, base_model
 from hil.record.recording import RobotSource
 
 SOURCE = RobotSource("phantom-premium-1.5")
@@ -117,3 +119,44 @@ def test_refinement_is_at_least_as_good_as_the_grid(
         assert gain >= coarse
         assert gain == pytest.approx(projector.gain(found))
         assert low <= found.shape[0] <= high
+
+
+def test_a_wave_at_the_end_of_the_grid_gets_its_own_order() -> None:
+    """Its half lies on the end of the grid, and its raster beside the order itself."""
+    t = np.arange(10000) / 500.0
+    w = 2 * np.pi * np.array([0.11, 0.37, 0.9])
+    q, v, a = plants.sines(t, w, np.array([0.9, 0.5, 0.15]), np.array([0.0, 1.0, 2.0]))
+    order = 3.37 / np.ptp(q)
+    noise = 0.004 * np.random.default_rng(1).standard_normal(t.size)
+    tau = 0.02 * a + 0.15 * np.tanh(v / 0.01) + 0.05 * v + 0.3 * np.sin(2 * np.pi * order * q)
+    run = plants.single("run", t, q, tau + noise)
+    found = fit(Problem([run], run.robot), base_model(run.robot) + "cogging").values
+    assert found["j1.cogging.p"].value == pytest.approx(order, rel=0.005)
+    assert not found["j1.cogging.p"].at_bound
+
+
+def test_a_fit_keeps_the_form_of_a_file_where_it_leaves_less() -> None:
+    """Beside the load that belongs to it: without, another form of hysteresis looks better."""
+    t = np.arange(6000) / 200.0
+    w = 2 * np.pi * np.array([0.13, 0.31, 0.7])
+    q, v, a = plants.sines(t, w, np.array([0.3, 0.2, 0.05]), np.array([0.0, 1.0, 2.0]))
+    state = np.zeros(t.size)
+    for k in range(1, t.size):  # Dahl: dz/dq = (1 - z sgn v) / s
+        step = q[k] - q[k - 1]
+        rest = np.exp(-abs(step) / 0.05)
+        state[k] = np.sign(step) + (state[k - 1] - np.sign(step)) * rest
+    load = 0.12 * (1 + np.sin(2 * np.pi * 0.17 * t)) + 0.3 * np.maximum(q, 0)
+    tau = 1e-4 * a + 0.002 * v + (0.012 + 0.16 * load) * state + load
+    rng = np.random.default_rng(3)
+    run = plants.single("grasp", t, q, tau + 5e-4 * rng.standard_normal(t.size))
+    run = replace(run, tau_ext=-load[:, None])
+    dahl = {"s": 0.0056, "form": 1.0, "v0": 0.0087, "vs": 0.0}
+    shape = {f"j1.presliding.{name}": Value(x) for name, x in dahl.items()}
+    model = base_model(run.robot) + Use("presliding", ("joint1",), {}, shape) + "load-friction"
+    held = replace(model.effects[-2], options={"fixed_shape": True})
+    start = replace(model, effects=(*model.effects[:-2], held, model.effects[-1]))
+    first = fit(Problem([run], run.robot), start)
+    freed = replace(first.model, effects=tuple(replace(u, options={}) for u in first.model.effects))
+    again = fit(Problem([run], run.robot), freed)
+    assert again.rms[0] < 1.02 * first.rms[0]
+    assert again.values["j1.presliding.form"].value == 1.0
