@@ -35,6 +35,7 @@ from hil.report.text import (
     corrections,
     explains,
     floor_says,
+    laws,
     next_steps,
     remains,
     where,
@@ -108,6 +109,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
     if d.corrections:
         count = plural(len(d.corrections), "correction")
         said.append(f"The improved model also holds {count} without a name")
+        said += laws(d.corrections)
     lines += ["", *(f"  {w.rstrip('.')}." for w in said)] if said else []
     lines += ["", "Next", *(f"  - {step}" for step in next_steps(m)[:_STEPS])]
     commands = command(m, files).splitlines() if files else []

@@ -12,6 +12,7 @@ from both another ratio: of a gear, of units, or of where it was measured.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -62,6 +63,7 @@ from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
+from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import BASE_EFFECTS, RobotModel, as_model
 from hil.models.robots import undescribed
@@ -179,6 +181,7 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
         out.corrected += 1
     if out.corrected:
         with_errors(out)
+        out.corrections = with_laws(out.corrections, search)
     renew(search.now.result)
     return out
 
@@ -189,9 +192,19 @@ def corrections_of(rung: Visited, before: HeldOut, problem: Problem) -> list[Unn
     for c in rung.added:
         errors = (before.relative, after.relative, after.standard_error())
         effect, name = c.term.effect, problem.joints[c.joint]
-        one = (float(e[c.joint]) for e in errors)
-        out.append(UnnamedCorrection(effect.name, effect.doc.variables, name, *one))
+        before_it, after_it, se = (float(e[c.joint]) for e in errors)
+        out.append(
+            UnnamedCorrection(effect.name, effect.doc.variables, name, before_it, after_it, se)
+        )
     return out
+
+
+def with_laws(made: list[UnnamedCorrection], search: Search) -> list[UnnamedCorrection]:
+    """Corrections with the laws that would do as much in their place."""
+    joints = search.problem.joints
+    free = [c for c in made if Trait.GEOMETRY not in catalogue.get(c.effect).traits]
+    found = search.alike(sorted({joints.index(c.joint) for c in free}))
+    return [replace(c, alike=found.get(joints.index(c.joint), ())) for c in made]
 
 
 #: What names mean where the geometry is unknown.

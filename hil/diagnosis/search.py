@@ -17,7 +17,7 @@ from hil import progress
 from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import as_use
 from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
-from hil.diagnosis.constants import BEYOND, DISCREPANCY, WORTH
+from hil.diagnosis.constants import ADEQUATE, BEYOND, DISCREPANCY, HALF, WORTH
 from hil.diagnosis.evidence import (
     CORRECTION,
     EFFECT,
@@ -42,6 +42,10 @@ from hil.models.effect import Trait
 from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
+
+
+#: Laws that are fitted in the place of corrections, of a joint.
+HINTS = 3
 
 
 @dataclass
@@ -272,6 +276,40 @@ class Search:
             rung.step = replace(rung.step, result=_freed(rung.result, named))
         return self.rungs[start:]
 
+    def alike(self, joints: Sequence[int]) -> dict[int, tuple[str, ...]]:
+        """Laws that do as much as all corrections of a joint, by joint, the simplest first.
+
+        They are sought beside the last model without its corrections, and fitted in their place.
+        As names they were too small beside what was named before, or hidden by shapes that a fit
+        without them takes; here they are a hint, and no name is given.
+        """
+        if not joints:
+            return {}
+        last, stops, fired = self.now, dict(self.stops), dict(self.fired)
+        rest = _uncorrected(last.result.model)
+        self.rungs.append(self.rung("without", _held(rest), last.result.sigma))
+        evidence, rated = self.evidence(joints)
+        with rules.without("discrepancy"):
+            good = [r for r in rated if self.pays(r, evidence)]
+        out = {j: self._doing_as_much(j, good, rest, last) for j in joints}
+        self.rungs.pop()
+        self.stops, self.fired, self._tried = stops, fired, None
+        return out
+
+    def _doing_as_much(
+        self, j: int, good: list[Rated], rest: RobotModel, last: Visited
+    ) -> tuple[str, ...]:
+        """Of the best candidates of a joint those that reach a tenth more than `last` does."""
+        most = float(last.errors.power[j])
+        some = [r for r in good if r.joint == j and r.removed > HALF * (r.before - most)]
+        out = []
+        for r in sorted(some, key=_values_of)[:HINTS]:
+            model = rest + as_use(r.candidate, self.problem)
+            rung = self.rung("in place", model, last.result.sigma)
+            if rung.errors.power[j] < ADEQUATE**2 * most:
+                out.append(r.candidate.name)
+        return tuple(dict.fromkeys(out))
+
     def geometry(self) -> None:
         """Add what stands for a robot description that is missing; names are sought beside it."""
         joints = np.flatnonzero(~self.problem.holds).tolist()
@@ -414,6 +452,26 @@ def _kept(model: RobotModel) -> RobotModel:
     return replace(model, effects=effects)
 
 
+def _uncorrected(model: RobotModel) -> RobotModel:
+    """A fitted model without its corrections; what stands for a description stays."""
+    table = catalogue.table()
+    gone = {n for n, e in table.items() if e.traits & Trait.CORRECTION and not _stands(e.traits)}
+    return replace(model, effects=tuple(u for u in model.effects if u.type not in gone))
+
+
+def _stands(traits: Trait) -> bool:
+    """Whether a correction stands for the robot's geometry."""
+    return bool(traits & Trait.GEOMETRY)
+
+
+def _held(model: RobotModel) -> RobotModel:
+    """A fitted model with its shapes held."""
+    held = {"fixed_shape": True}
+    return replace(
+        model, effects=tuple(replace(u, options={**u.options, **held}) for u in model.effects)
+    )
+
+
 def _freed(result: FitResult, named: FitResult) -> FitResult:
     """A fit with the effects and values of another one beside its own corrections."""
     own = {(u.type, u.joints): u for u in named.model.effects}
@@ -437,6 +495,11 @@ def _alike(r: Rated, best: Rated) -> bool:
     close = r.after - best.after <= DISCREPANCY * best.removed
     fewer = r.candidate.dof < best.candidate.dof
     return bool(close and (fewer or paired(best.fall - r.fall) < BEYOND))
+
+
+def _values_of(r: Rated) -> tuple[int, float]:
+    """Values that a rated candidate fits, and what it leaves."""
+    return r.candidate.dof, r.after
 
 
 def _values(c: Candidate) -> tuple[int, int]:

@@ -440,6 +440,8 @@ class UnnamedCorrection:
         Joint.
     relative_before, relative_after, se : float
         Held-out relative error of the joint [%] and the standard error of the latter.
+    alike : tuple of str
+        Laws of the catalogue that would do as much in the place of all corrections of the joint.
     """
 
     effect: str
@@ -448,6 +450,7 @@ class UnnamedCorrection:
     relative_before: float
     relative_after: float
     se: float
+    alike: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

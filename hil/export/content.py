@@ -47,7 +47,7 @@ class Vocabulary:
         if Trait.BODY in effect.traits:
             return "" if self.bodies else "the target has no bodies"
         if not effect.doc.formulas:
-            return "it depends on more than the joint's present state"
+            return "it is no formula of the joint's present state"
         if self.columns is None:
             return ""
         words = {_same(text) for text in self.columns}

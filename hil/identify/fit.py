@@ -79,7 +79,6 @@ def fit(
         If the runs hold no motion at all, or fewer rows than coefficients.
     """
     terms = bind(model, problem)
-    given = all(t.shape for t in terms if t.effect.shape) and not problem.motions[0].drive.size
     if not any(np.ptp(m.q) for m in problem.motions) and not np.any(np.diff(problem.span)):
         raise FitError("the recordings hold no motion, so they determine nothing; move the robot")
     if problem.n * problem.d <= sum(len(coefficients(t, problem)) for t in terms):
@@ -87,73 +86,68 @@ def fit(
             f"{problem.n} instants are fewer than the model's coefficients; record longer"
         )
     sigma = np.maximum(np.std(problem.y, axis=1), 1e-12) if scale is None else scale
+    whole = all(t.shape for t in terms if t.effect.shape)
     terms = [replace(t, shape=t.shape or _start(t, problem)) for t in terms]
     find_surface(problem, terms, sigma)
+    given = _settled(problem, terms, model, sigma) if whole else None
     idle: set[tuple[str, int]] = set()
-    visited = _Visited(problem)
-    if given:  # the shapes of a fitted model stand beside the load that belongs to them
-        set_context(problem, terms)
-        for _ in range(SETTLING):
-            sigma, idle = visited.scales(terms, model, sigma)
+    if given:
+        sigma, idle = given.sigma, given.idle
     for sweep in range(sweeps + 1):
         before = sigma
         terms = search_shapes(problem, terms, sigma, idle)
         set_context(problem, terms)
-        sigma, now = visited.scales(terms, model, sigma)
+        sigma, now = _scales(problem, terms, model, sigma)
         near = scale is not None and np.max(np.abs(np.log(sigma / before))) < SCALE_CHANGE
         if now == idle and (near or sweep >= sweeps - 1):
             break
         idle = now
-    terms, sigma = visited.best(terms, model, sigma)
+    if given:
+        terms, sigma = given.or_better(problem, terms, model, sigma)
     terms = gauss_newton(problem, terms, model, sigma)
     return assemble(problem, model, terms, sigma)
 
 
-class _Visited:
-    """The best of the models that a fit goes through: load and states of friction may not settle.
+@dataclass(frozen=True)
+class _Given:
+    """A fitted model whose load and states of friction have settled, before its shapes move."""
 
-    What a term refers to is found with all terms; where it moves them in turn, the last round need
-    not be the best one.
-    """
+    terms: list[Term]
+    motions: list[Motion]
+    sigma: FloatArray
+    idle: set[tuple[str, int]]
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
-        self._found: tuple[float, list[Term], list[Motion], FloatArray] | None = None
-
-    def scales(
-        self, terms: list[Term], model: RobotModel, sigma: FloatArray
-    ) -> tuple[FloatArray, set[tuple[str, int]]]:
-        """As `_scales`; terms, motions and scales are kept where no others left less."""
-        motions = self._problem.motions
-        new, idle = _scales(self._problem, terms, model, sigma)
-        if any(Trait.LOAD in t.effect.traits for t in terms):
-            self._keep(terms, motions, new)
-        return new, idle
-
-    def best(
-        self, terms: list[Term], model: RobotModel, sigma: FloatArray
+    def or_better(
+        self, problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
     ) -> tuple[list[Term], FloatArray]:
-        """Terms and scales to go on with: the last ones, or some that leave clearly less."""
-        if self._found is None:
+        """Terms and scales to go on with: those found, or the given ones where they leave less.
+
+        What terms refer to is found beside all others, and may lead away from where they began.
+        """
+        now = problem.rms(solve(problem, terms, model, sigma)[-1])
+        moves = ~problem.holds
+        if float(np.mean(np.log(now[moves] / self.sigma[moves]))) < np.log(CLOSE):
             return terms, sigma
-        problem, (least, better, motions, scales) = self._problem, self._found
-        residual = solve(problem, terms, model, sigma)[-1]
-        if self._size(problem.rms(residual)) < least + np.log(CLOSE):
-            return terms, sigma
-        problem.motions = motions
-        set_context(problem, better)
+        problem.motions = self.motions
+        set_context(problem, self.terms)
         problem.set_context()  # what was made beside the other load is forgotten
-        return better, scales
+        return self.terms, self.sigma
 
-    def _keep(self, terms: list[Term], motions: list[Motion], sigma: FloatArray) -> None:
-        size = self._size(sigma)
-        if self._found is None or size < self._found[0]:
-            self._found = size, terms, motions, sigma
 
-    def _size(self, sigma: FloatArray) -> float:
-        """Log of the residual's size, the mean of the joints that move."""
-        moves = ~self._problem.holds
-        return float(np.mean(np.log(np.maximum(sigma[moves], 1e-300)))) if moves.any() else 0.0
+def _settled(
+    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
+) -> _Given | None:
+    """The model as it was given, with all its shapes; None where there is nothing to settle.
+
+    A load that an earlier fit of the same runs has found stands already.
+    """
+    if problem.motions[0].drive.size:
+        return None
+    set_context(problem, terms)
+    for _ in range(SETTLING):
+        motions = problem.motions
+        sigma, idle = _scales(problem, terms, model, sigma)
+    return _Given(terms, motions, sigma, idle)
 
 
 def _start(term: Term, problem: Problem) -> tuple[float, ...]:

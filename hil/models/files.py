@@ -291,7 +291,7 @@ def _holds(place: Path, urdf: str) -> bool:
 def _robot_lines(model: RobotModel, urdf: Path | None) -> list[str]:
     lines = []
     if urdf:
-        lines.append(f"urdf = {_toml(urdf.name)}")
+        lines.append(f"urdf = {_toml(urdf.name)}  # as it was given; what the data say is below")
     elif model.robot.preset:
         lines.append(f"preset = {_toml(model.robot.preset)}")
     if model.robot.tip:

@@ -127,7 +127,20 @@ def corrections(which: Sequence[UnnamedCorrection]) -> str:
         out.append(
             "They predict motions like the recorded ones; they do not say what the cause is."
         )
-    return " ".join(out)
+    return " ".join([*out, *laws(which)])
+
+
+def laws(which: Sequence[UnnamedCorrection]) -> list[str]:
+    """Sentences on the laws that would do as much as the corrections of a joint."""
+    out = []
+    for c in {c.joint: c for c in which if c.alike}.values():
+        first, *rest = c.alike
+        more = f", so would {listed(rest)}" if rest else ""
+        out.append(
+            f"On {c.joint} {first} would do as much in their place{more}: too small a part of the "
+            f"effort to be named. To try it: hil add {first} --joint {c.joint}."
+        )
+    return out
 
 
 def worst(m: Material) -> int:
