@@ -10,9 +10,9 @@ from pathlib import Path
 import plants
 import pytest
 
+from hil.commands.studio import application
 from hil.errors import ConfigError
 from hil.record.export import write_recordings
-from hil.studio.server import application
 from hil.web.site import LARGEST, POLICY
 
 TestClient = pytest.importorskip("starlette.testclient").TestClient
