@@ -307,6 +307,7 @@ def table(summary: runner.Summary) -> str:
         *_times(summary),
         ("limited commands", str(summary.limited)),
         ("hottest winding", f"{summary.figures['winding_most']:.0f} degC"),
+        *([("not recorded", f"{summary.left_out} rows: record off")] if summary.left_out else []),
         ("rows dropped", f"{summary.dropped} of the ring, at most {_ring(summary)} waited"),
     ]
     return "\n".join(f"{name:<17} {value}" for name, value in rows)
