@@ -36,7 +36,7 @@ function show(v) {
   last = v;
   const s = v.session, state = v.running ? s.state || "starting" : v.code === null ? "no session" : `ended (${v.code})`;
   $("rig").textContent = `Rig ${v.rig}`;
-  $("record").textContent = v.record ? `record: ${s.record || v.record}` : "no record yet";
+  $("record").textContent = v.record ? s.record || v.record : "";
   $("state").textContent = state;
   $("state").dataset.level = state === "ENABLED" ? "good" : state === "FAULT" || v.code > 0 ? "bad" : "warn";
   $("next").textContent = told || (v.running ? (s.why && s.state !== "ENABLED" ? `${s.why}. ` : "") + (NEXT[s.state] || "") :
@@ -46,7 +46,7 @@ function show(v) {
   $("begin").disabled = !v.commands || v.running;
   for (const b of document.querySelectorAll("[data-say], #set button, #note button"))
     b.disabled = !v.running || (!v.commands && b.dataset.say !== "stop") || (b.dataset.say in FITS && !FITS[b.dataset.say].includes(s.state));
-  $("said").replaceChildren(...[...v.log.slice(-3), ...v.said.slice(-4)].map((x) => { const e = document.createElement("li"); e.textContent = x; return e; }));
+  $("said").replaceChildren(...[...v.log.slice(-3), ...v.said.filter((x) => !x.startsWith("hil run: commands:")).slice(-4)].map((x) => { const e = document.createElement("li"); e.textContent = x.replace(/^hil run: /, ""); return e; }));
   settable(s.settable || {});
   if (s.arms && v.number !== seen) { seen = v.number; keep(s, v.places || {}); draw(); }
   margin(v.margin);
