@@ -79,6 +79,7 @@ def studio(page: Page):
         page.locator("#verdict").wait_for()
         page.get_by_role("button", name="Take the recommended model").click()
         page.locator("#ladder .rung.now", has_text="stribeck").wait_for()
+        page.locator("#said", has_text="Ready.").wait_for()
         yield
 
 

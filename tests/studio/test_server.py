@@ -183,6 +183,7 @@ def test_a_person_adds_an_effect_and_sees_the_ladder_fall(studio):
         page.keyboard.press("Enter")
         page.locator("#ladder .rung.now", has_text="+ stribeck").wait_for(timeout=60_000)
         assert page.locator("#ladder .rung.now .bar.met").count() == 1
+        ready.wait_for(timeout=60_000)  # the ladder falls before the rest is there
         assert page.get_by_role("heading", name="Learnt effects over the data").is_visible()
         # a part of the recording, by keyboard
         ready.wait_for()
