@@ -5,7 +5,7 @@ VENV ?= .venv
 SEED ?= 1
 BIN := $(VENV)/bin
 
-.PHONY: demo test check docs install clean
+.PHONY: demo test check docs pictures install clean
 
 install: $(VENV)/.installed
 
@@ -32,6 +32,10 @@ check: install
 
 docs: $(VENV)/.docs
 	$(BIN)/mkdocs build --strict
+
+# the pictures of README and docs, from the real pages in Chromium
+pictures: install
+	$(BIN)/python docs/pictures.py
 
 $(VENV)/.docs: pyproject.toml | install
 	$(BIN)/python -m pip install --quiet -e '.[docs]'

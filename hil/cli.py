@@ -211,6 +211,10 @@ COMMANDS: dict[str, Command] = {
         "the sessions of a folder: rig, arms, date, length, tags, and whether they can be used",
         long=True,
     ),
+    "view": Command(
+        "hil.commands.view",
+        "layouts for Foxglove, Lichtblick, PlotJuggler and rerun; live stream of a session",
+    ),
     "fit": Command("hil.commands.fit", "identify all parameters of a model jointly", long=True),
     "compare": Command(
         "hil.commands.compare",

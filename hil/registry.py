@@ -52,7 +52,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "urdf": "hil.export.urdf:TARGET",
         "mjcf": "hil.export.mjcf:TARGET",
         "sdf": "hil.export.sdf:TARGET",
-        "isaac": "hil.export.isaac:TARGET",
+        "isaac": "hil.export.urdf:ISAAC",
         "c": "hil.export.code:C",
         "cpp": "hil.export.code:CPP",
         "python": "hil.export.code:PYTHON",

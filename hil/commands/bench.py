@@ -212,6 +212,19 @@ def _loop(args: argparse.Namespace) -> Found:
     return text, {"runs": [asdict(r) for r in found]}
 
 
+def _ui(args: argparse.Namespace) -> Found:
+    """The loop with the operator's page open and closed: how late its ticks are."""
+    if args.turns < 1 or not 1.0 <= args.seconds <= 3600.0:
+        raise ConfigError(
+            f"--turns {args.turns} --seconds {args.seconds:g}: at least one turn of 1 s is needed"
+        )
+    total = args.turns * len(loop.WINDOWS)
+    with tqdm(total=total, unit="run", disable=not sys.stderr.isatty()) as bar:
+        found = loop.beside_pages(args.seconds, args.turns, bar.update)
+    table = common.table(list(loop.PAGE_HEAD), loop.page_rows(found))
+    return f"{table}\n\n{loop.page_verdict(found)}", {"runs": [finite(asdict(r)) for r in found]}
+
+
 def _record(args: argparse.Namespace) -> Found:
     """What recording costs, and what a flipped bit or a cut file loses."""
     found, damage = record_speed.measure(args.seconds), record_speed.damage()
@@ -437,12 +450,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seconds",
         type=float,
         default=60.0,
-        help="of every run (loop), of the session (record, determinism); default 60",
+        help="of every run (loop, ui), of the session (record, determinism); default 60",
     )
     parser.add_argument(
         "--minutes", type=float, default=1.0, help="for every parser (fuzz); default 1"
     )
-    parser.add_argument("--turns", type=int, default=5, help="of all runs (loop); default 5")
+    parser.add_argument("--turns", type=int, default=5, help="of all runs (loop, ui); default 5")
     parser.add_argument("--hours", type=float, default=2.0, help="length of the session (soak)")
     parser.add_argument("--starts", type=int, default=1000, help="starts and stops (soak)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (diagnosis, real)")
@@ -507,6 +520,7 @@ BENCHES: dict[str, Callable[[argparse.Namespace], Found]] = {
     "soak": _soak,
     "doors": _doors,
     "teleop": _teleop,
+    "ui": _ui,
     "wrist": _wrist,
     **bench_speed.BENCHES,
 }

@@ -18,7 +18,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from hil.commands import common, outputs, screen
+from hil.commands import common, outputs, screen, view
 from hil.errors import ConfigError
 from hil.excite import trajectory
 from hil.interrupt import saying
@@ -116,6 +116,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plain", action="store_true", help="no live screen; a bar, and lines as they come"
     )
+    view.add_live(parser, "stream the session by the Foxglove WebSocket protocol")
     common.add_tags(parser)
     # for 'hil ui' and the live screen: shows the session; it pauses where who shows it is gone
     parser.add_argument("--board", help=argparse.SUPPRESS)
@@ -158,7 +159,7 @@ def run(args: argparse.Namespace) -> int:
 def _typed(args: argparse.Namespace) -> list[str]:
     """Words that say the same to a session behind the screen."""
     out = [args.rig, "-o", args.output, "--clock", "real", "--seed", str(args.seed)]
-    for name in ("trajectory", "seconds", "model", "split", "sync"):
+    for name in ("trajectory", "seconds", "model", "split", "sync", "live"):
         value = getattr(args, name)
         out += [] if value is None else [f"--{name}", str(value)]
     out += [w for text in args.at for w in ("--at", text)]
@@ -234,6 +235,7 @@ def _recorded(args: argparse.Namespace) -> dict[str, Any]:
 def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
     seconds = config.loop.seconds if args.seconds is None else args.seconds
     total = round(seconds * config.loop.rate_hz)
+    stream = None if args.live is None else view.Streamer(args.live)
     with tqdm(total=total, unit="tick", disable=None, leave=False, file=sys.stderr) as bar:
         live = bar.set_postfix_str if not bar.disable else None
         board = BoardWriter(args.board) if args.board else None
@@ -241,26 +243,33 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
         operator = runner.Operator(
             scheduled(args.at), bar_writer(bar), live, lines, args.wait, board
         )
-        return runner.run(
-            config,
-            args.seconds,
-            args.seed,
-            args.clock,
-            args.output,
-            bar.update,
-            operator,
-            args.model,
-            opener(args.rig),
-            aside=lambda path: _aside(bar, path),
-            source=args.rig,
-            rearm=args.rearm,
-        )
+        try:
+            return runner.run(
+                config,
+                args.seconds,
+                args.seed,
+                args.clock,
+                args.output,
+                bar.update,
+                operator,
+                args.model,
+                opener(args.rig),
+                aside=lambda path: _aside(bar, path, stream),
+                source=args.rig,
+                rearm=args.rearm,
+            )
+        finally:
+            if stream is not None:
+                stream.end()
 
 
-def _aside(bar: Any, path: Path) -> None:
-    """Keep an old session, now that the new one will be written."""
+def _aside(bar: Any, path: Path, stream: view.Streamer | None) -> None:
+    """Keep an old session, now that the new one will be written; have that one streamed."""
     bar.clear()
     outputs.keep_old(path)
+    if stream is not None:
+        stream.begin(path)
+        bar_writer(bar)(f"live stream on {stream.address}, for Foxglove and Lichtblick")
 
 
 def bar_writer(bar: Any) -> Callable[[str], None]:
@@ -298,6 +307,7 @@ def table(summary: runner.Summary) -> str:
         *_times(summary),
         ("limited commands", str(summary.limited)),
         ("hottest winding", f"{summary.figures['winding_most']:.0f} degC"),
+        *([("not recorded", f"{summary.left_out} rows: record off")] if summary.left_out else []),
         ("rows dropped", f"{summary.dropped} of the ring, at most {_ring(summary)} waited"),
     ]
     return "\n".join(f"{name:<17} {value}" for name, value in rows)

@@ -192,7 +192,9 @@ def lines(snapshot: Mapping[str, Any]) -> list[list[Part]]:
     if len(arms) == 2:
         rows.append([("", f"{'tracking':{wide}}  {_tracking(list(arms.values()))}")])
     rows.append([("", f"{'loop':{wide}}  "), *_loop(snapshot)])
-    rows.append([("", f"{'record':{wide}}  {snapshot['record']}  {_size(snapshot['record'])}")])
+    off = "  OFF: record on" if snapshot.get("recording") is False else ""
+    size = _size(snapshot["record"])
+    rows.append([("", f"{'record':{wide}}  {snapshot['record']}  {size}{off}")])
     return [*rows, [("ansibrightblack", HELP)]]
 
 

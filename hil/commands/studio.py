@@ -5,15 +5,17 @@ from __future__ import annotations
 import argparse
 import secrets
 import webbrowser
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from hil.commands import common
 from hil.errors import ConfigError, DataError
 from hil.record.table_files import FORMATS
-from hil.studio.server import application
+from hil.studio.own import TEMPLATE
 from hil.studio.workbench import Inputs
 from hil.studio.worker import Worker
-from hil.web.site import serve
+from hil.web.site import serve, site
 
 EXAMPLE = "hil studio run1.mcap --holdout run2.mcap --model arm.toml"
 
@@ -75,3 +77,36 @@ def run(args: argparse.Namespace) -> int:
     finally:
         worker.close()
     return 0
+
+
+#: Files of the page.
+OWN = ("studio.js", "studio.css", "page.js", "intake.js")
+
+
+def application(worker: Worker, token: str, hosts: list[str], folder: Path | None = None) -> Any:
+    """ASGI application of the studio; see `hil.web.site.site`.
+
+    Parameters
+    ----------
+    worker : Worker
+        Computes.
+    token, hosts, folder : str, list of str, Path
+        As `hil.web.site.site`.
+    """
+
+    def ask(given: Mapping[str, Any]) -> dict[str, int]:
+        words = dict(given)
+        return {"number": worker.ask(str(words.pop("verb", "")), words)}
+
+    def cancel(_: Mapping[str, Any]) -> Any:
+        worker.cancel()
+        return worker.status()
+
+    questions = {
+        "status": lambda _: worker.status(),
+        "state": lambda _: worker.state,
+        "files": lambda _: worker.files,
+        "template": lambda _: {"text": TEMPLATE, "path": "my_effects.py"},
+    }
+    requests = {"ask": ask, "cancel": cancel}
+    return site("hil.studio", OWN, questions, requests, token, hosts, folder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -144,7 +145,12 @@ def _unsimulated(d: int) -> MultiStep:
 
 @single_threaded
 def compare(
-    recordings: Runs, model: RobotModel, holdout: Runs | None = None, *, simulate: bool = True
+    recordings: Runs,
+    model: RobotModel,
+    holdout: Runs | None = None,
+    *,
+    simulate: bool = True,
+    fitted: Callable[[HeldOut], None] = lambda held: None,
 ) -> Comparison:
     """Model against measurement: error, noise floor, where it fails, one-step and multi-step.
 
@@ -154,6 +160,9 @@ def compare(
         Runs to fit, model, runs to judge on.
     simulate : bool
         Whether the model is simulated over short horizons.
+    fitted : callable
+        Gets the errors on held-out data as soon as they are known; the noise floor and the
+        effects that may be missing take several times longer.
 
     Raises
     ------
@@ -169,6 +178,7 @@ def compare(
     examine = Examiner(problem, held_out(holdout, "hil.compare"))
     step = settled(fit_aligned(problem, model), examine, "model")
     result, heldout = complete(step.result), step.heldout
+    fitted(heldout)
     progress.at("measure the noise floor", 0.15)
     evidence = gather(result)
     where = regions(result, evidence.floor)

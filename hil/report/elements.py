@@ -27,44 +27,49 @@ from hil.errors import printable
 
 FloatArray = NDArray[np.float64]
 CSS = """
-:root { color-scheme: light; }
-body { background: #fff; color: #1c1c1c; margin: 0; line-height: 1.5;
+:root { color-scheme: light dark; --page: #fff; --ink: #1c1c1c; --quiet: #555; --line: #ddd;
+  --band: #f6f7f9; --code: #f1f3f5; --strong: #e8f1f8; --warn: #fff8e8; --link: #0060a0; }
+@media screen and (prefers-color-scheme: dark) { :root { --page: #12161d; --ink: #e6eaf1;
+  --quiet: #a3adbd; --line: #323b49; --band: #1a2029; --code: #25303f; --strong: #22344a;
+  --warn: #3a2f14; --link: #6cabf0; } }
+body { background: var(--page); color: var(--ink); margin: 0; line-height: 1.5;
   font: 15px/1.5 system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
 main { max-width: 1040px; margin: 0 auto; padding: 24px 20px 60px; }
-h1 { font-size: 17px; font-weight: 600; color: #555; margin: 0 0 10px; }
-h2 { font-size: 21px; margin: 44px 0 8px; padding-top: 10px; border-top: 2px solid #ddd; }
+h1 { font-size: 17px; font-weight: 600; color: var(--quiet); margin: 0 0 10px; }
+h2 { font-size: 21px; margin: 44px 0 8px; padding-top: 10px; border-top: 2px solid var(--line); }
 h3 { font-size: 16px; margin: 24px 0 4px; }
 p, ul { margin: 8px 0; max-width: 860px; }
-.verdict { border-left: 8px solid var(--tone); background: #f6f7f9; padding: 14px 20px; }
+.verdict { border-left: 8px solid var(--tone); background: var(--band); padding: 14px 20px; }
 .verdict .head { font-size: 23px; line-height: 1.35; font-weight: 600; margin: 0 0 6px;
   max-width: none; }
 .equation { font: italic 17px/1.6 "STIX Two Text", "Cambria Math", Georgia, serif;
   margin-left: 24px; }
 .equation b { font-weight: normal; font-style: normal; }
-.next { margin: 14px 0; padding: 10px 20px; border: 1px solid #ccd3da; }
-.note { color: #555; font-size: 13.5px; }
-.warning { border-left: 5px solid #E69F00; background: #fff8e8; padding: 6px 14px; }
-code, pre { font: 13px/1.45 ui-monospace, Consolas, Menlo, monospace; background: #f1f3f5; }
+.next { margin: 14px 0; padding: 10px 20px; border: 1px solid var(--line); }
+.note { color: var(--quiet); font-size: 13.5px; }
+.warning { border-left: 5px solid #E69F00; background: var(--warn); padding: 6px 14px; }
+code, pre { font: 13px/1.45 ui-monospace, Consolas, Menlo, monospace; background: var(--code); }
 code { padding: 1px 4px; overflow-wrap: anywhere; }
 pre { padding: 8px 12px; white-space: pre-wrap; overflow-wrap: anywhere; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; margin: 10px 0; font-size: 13.5px; }
 th, td { padding: 4px 12px 4px 6px; text-align: right; vertical-align: top;
-  border-bottom: 1px solid #e4e4e4; font-variant-numeric: tabular-nums; }
+  border-bottom: 1px solid var(--line); font-variant-numeric: tabular-nums; }
 th { border-bottom: 2px solid #999; font-weight: 600; vertical-align: bottom;
   max-width: 150px; }
 th.text, td.text { text-align: left; }
 td.text { overflow-wrap: break-word; max-width: 620px; }
-tr.strong td { background: #e8f1f8; font-weight: 600; }
+tr.strong td { background: var(--strong); font-weight: 600; }
 figure { margin: 14px 0; break-inside: avoid; }
-figcaption { color: #444; font-size: 13.5px; max-width: 860px; margin: 0 0 4px; }
-figure > div { overflow-x: auto; overflow-y: hidden; }
-summary { cursor: pointer; color: #0060a0; margin: 8px 0; }
+figcaption { color: var(--quiet); font-size: 13.5px; max-width: 860px; margin: 0 0 4px; }
+figure > div { overflow-x: auto; overflow-y: hidden; max-width: 100%; background: #fff; }
+summary { cursor: pointer; color: var(--link); margin: 8px 0; }
 @page { size: A4 portrait; margin: 12mm 11mm; }
 @media print {
   body { zoom: 0.67; -webkit-print-color-adjust: exact; print-color-adjust: exact; }
   main { padding: 0; } h2, h3 { break-after: avoid; } tr { break-inside: avoid; }
-  .scroll, figure > div { overflow: visible; } .modebar-container { display: none; }
+  .scroll, figure > div { overflow: visible; max-width: none; }
+  .modebar-container { display: none; }
 }
 """
 SCRIPT = """

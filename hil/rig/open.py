@@ -21,7 +21,7 @@ from hil.rig.check import (
     device_options,
     limits_of_arm,
 )
-from hil.rig.config import SIMULATED, RigConfig, robot_source
+from hil.rig.config import SIMULATED, DeviceConfig, RigConfig, robot_source
 from hil.rig.frame_capture import Taps
 from hil.signals.device import (
     Controller,
@@ -35,6 +35,7 @@ from hil.signals.device import (
     Wire,
 )
 from hil.signals.frame import GAUGES
+from hil.signals.state import OperatingState
 from hil.toml import parse, within
 
 
@@ -158,6 +159,30 @@ class Rig:
     def trouble(self) -> str:
         """Why boxes are lost; empty while none is."""
         return " ".join(filter(None, map(trouble, self.boxes.values()))).rstrip(".")
+
+    def states(self, tables: Mapping[str, DeviceConfig], why: str = "") -> list[dict[str, str]]:
+        """State of every device and box, with the reason of a fault.
+
+        Parameters
+        ----------
+        tables : mapping of str to DeviceConfig
+            ``[devices]`` of the rig file.
+        why : str
+            Why the loop let go of the arms; empty where it did not.
+        """
+        lost = {name: trouble(box).rstrip(".") for name, box in self.boxes.items()}
+        rows = []
+        for name, device in self.devices.items():
+            table, state = tables[name], device.state
+            wires = (p.lstrip("-").partition("/")[0] for ps in table.channels.values() for p in ps)
+            found = "; ".join(dict.fromkeys(lost[w] for w in wires if lost.get(w)))
+            reason = found or (why if state is OperatingState.FAULT else "")
+            row = {"name": name, "driver": table.driver, "state": state.name, "reason": reason}
+            rows.append(row)
+        for name, reason in lost.items():
+            state_ = "LOST" if reason else "ANSWERS"
+            rows.append({"name": name, "driver": "box", "state": state_, "reason": reason})
+        return rows
 
     def outrun(self, tick: int) -> str:
         """Where the recording in place of the boxes ends, if before `tick`; empty if not."""

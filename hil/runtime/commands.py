@@ -10,6 +10,9 @@ from hil.errors import ConfigError, DeviceError, unknown
 from hil.signals.device import Controller
 from hil.signals.settable import SettableRange, told
 
+#: Words of the command ``record``, and whether rows are written after them.
+RECORD = {"on": True, "off": False}
+
 
 class Operated(Protocol):
     """What commands act on: the loop, between two ticks."""
@@ -145,6 +148,13 @@ def _note(words: Sequence[str], _: Workshop) -> Callable[[Operated], None]:
     return lambda loop: None
 
 
+def _record(words: Sequence[str], _: Workshop) -> Callable[[Operated], None]:
+    """Nothing to the loop: the slow side acts on it, from the tick of its event on."""
+    if len(words) != 1 or words[0] not in RECORD:
+        raise ValueError(f"one of {', '.join(RECORD)} is needed")
+    return lambda loop: None
+
+
 def _home(words: Sequence[str], shop: Workshop) -> Callable[[Operated], None]:
     _bare(words)
     return _anew(shop.home())
@@ -168,6 +178,7 @@ COMMANDS: dict[str, tuple[str, Callable[[Sequence[str], Workshop], Callable[[Ope
     "home": ("home", _home),
     "set": ("set PARAMETER NUMBER...", _set),
     "note": ("note TEXT", _note),
+    "record": ("record on|off", _record),
 }
 
 

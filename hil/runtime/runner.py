@@ -237,6 +237,10 @@ class Session:
             "winding": figures["winding_most"],
             "record": str(self.writer.paths[-1]),
             "unwritten": self.slow.unwritten,
+            "recording": self.slow.recording,
+            "left_out": self.slow.left_out,
+            "reason": sentence(loop.reason) if loop.reason else "",
+            "devices": self.rig.states(self.config.devices, self._why()),
             "controller": self.config.controller.name,
             "values": self.slow.shop.values(),
             "settable": {
@@ -245,10 +249,16 @@ class Session:
             },
         }
 
+    def _why(self) -> str:
+        """Why the loop let go of the arms; empty where it did not."""
+        return sentence(self.loop.reason) if self.loop.unsafe else ""
+
     def _finish(self, name: str, told: dict[str, object]) -> None:
         """Close the file with what the session was; it may be that it takes nothing more."""
         loop, timer = self.loop, self.timer
         self.trip = self.watchdog.trip() if self.watchdog is not None else {}
+        if self.operator.board is not None:  # what it ended with, e.g. the fault
+            self.operator.board.publish(self.snapshot())
         if self.slow.trouble is not None:
             return
         end_ns = timer.epoch_ns + loop.tick * self.config.loop.period_ns
@@ -305,6 +315,7 @@ class Session:
             state=loop.machine.state.name,
             reason=reason,
             unwritten=self.slow.unwritten,
+            left_out=self.slow.left_out,
             figures=self.figures(),
             granted=self.arrangement.granted,
             refused=self.arrangement.refused,

@@ -320,6 +320,8 @@ class Summary:
         Operating state before the end, and the conditions that led to it.
     unwritten : int
         Rows that the loop gave but the disk did not take.
+    left_out : int
+        Rows that were not recorded because the operator said ``record off``.
     figures : dict
         `hil.runtime.statistics.Figures`.
     granted, refused : list of str
@@ -341,6 +343,7 @@ class Summary:
     state: str = "ENABLED"
     reason: str = ""
     unwritten: int = 0
+    left_out: int = 0
     figures: dict[str, float] = field(default_factory=dict)
     granted: list[str] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)

@@ -24,7 +24,7 @@ from hil.errors import HilError
 from hil.record.ring import Ring
 from hil.rig.safety import named, sentence
 from hil.runtime.clock import Clock
-from hil.runtime.commands import Workshop, parse
+from hil.runtime.commands import RECORD, Workshop, parse
 from hil.runtime.loop import Loop
 from hil.runtime.statistics import Statistics
 from hil.signals.device import FloatArray
@@ -34,7 +34,8 @@ from hil.signals.state import OperatingState
 
 def _outcome(text: str, before: OperatingState, now: OperatingState) -> str:
     """What a command came to, for the operator."""
-    done = text.startswith("set ") or (text == "home" and now is OperatingState.ENABLED)
+    kept = text.startswith(("set ", "record "))
+    done = kept or (text == "home" and now is OperatingState.ENABLED)
     if done or before is not now:
         return f"done, {now.name}"
     return f"{now.name}, as before"
@@ -99,6 +100,10 @@ class SlowSide:
         Rows that came from the loop but not into the file.
     trouble : OSError or None
         Why nothing is written any more.
+    recording : bool
+        Whether rows are written; events are, always.
+    left_out : int
+        Rows that the operator did not want recorded.
     """
 
     def __init__(
@@ -120,8 +125,9 @@ class SlowSide:
         self.statistics, self.shop = statistics, shop
         self._schedule = deque(schedule)
         self.inbox: deque[str] = deque()
-        self.unwritten = 0
+        self.unwritten = self.left_out = 0
         self.trouble: OSError | None = None
+        self.recording = True
         self._state, self._mask = 0, 0
         self._last = (0, 0)
         #: Last row that came from the loop; empty before the first.
@@ -157,6 +163,9 @@ class SlowSide:
             return
         if not len(stamps):
             return
+        if not self.recording and not np.any(data[:, self._timing][:, 5] == OperatingState.FAULT):
+            self.left_out += len(stamps)
+            return
         self._writer.write_rows(self._topics, stamps, data)
         self._last = tick, t_ns = int(stamps[-1, 0]), int(stamps[-1, 1])
         for topic, columns in self._slow_topics:
@@ -188,6 +197,8 @@ class SlowSide:
         while self._loop.applied:
             tick, text, before, now = self._loop.applied.popleft()
             found.append((tick, self._last[1], "command", {"text": text}))
+            if text.startswith("record "):
+                self.recording = RECORD[text.split()[1]]
             self._say(f"tick {tick}: {text}: {_outcome(text, before, now)}")
         for event in found if self.trouble is None else ():
             self._writer.event(*event)

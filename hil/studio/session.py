@@ -5,6 +5,7 @@ It may begin with nothing: then the first session is brought in through the page
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,8 @@ class StudioSession:
         effects: tuple[str, ...] = (),
     ) -> None:
         self.table, self.written = table, written
+        #: See `Workbench`.
+        self.early: Callable[[list[dict[str, Any]]], None] = lambda rows: None
         models = [r.model for r in stack or ()] or ([inputs.model] if inputs else [])
         own.again({p for m in models for p in m.plugins} | set(written))
         self.bench = Workbench(inputs, stack or [], at) if inputs else None
@@ -73,6 +76,7 @@ class StudioSession:
             if verb == "start":
                 return self.open(self.table, "new") if self.table else {"intake": None}
             raise ConfigError("there is no session yet; drop a file on the page first")
+        self.bench.early = self.early
         found: dict[str, Any] = getattr(self.bench, verb)(**given)
         return found
 

@@ -6,7 +6,7 @@ No analysis is made here: every number comes from the public verbs, and the word
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hil.diagnosis.constants import ADEQUATE
-from hil.diagnosis.types import Diagnosis, Step
+from hil.diagnosis.types import Diagnosis, FloatArray, HeldOut, Step
 from hil.diagnosis.verbs import Comparison, compare, diagnose
 from hil.errors import ConfigError
 from hil.export import target
@@ -101,6 +101,8 @@ class Workbench:
     other: int = -1
     #: Names of the user's own effects.
     own: list[str] = field(default_factory=list)
+    #: Gets the ladder with a new model as soon as that is fitted, over the floor of the one before.
+    early: Callable[[list[dict[str, Any]]], None] = lambda rows: None
 
     def __post_init__(self) -> None:
         if not self.stack:
@@ -229,15 +231,25 @@ class Workbench:
 
     def _push(self, rung: StudioRung) -> dict[str, Any]:
         """Compare a new model first: one that cannot be fitted leaves the stack as it was."""
-        rung.found = self._seen(rung.model)
+        rung.found = self._seen(rung.model, lambda held: self.early(self._fallen(rung, held)))
         self.stack[self.at + 1 :] = [rung]
         self.at += 1
         return self.state()
 
-    def _seen(self, model: RobotModel) -> Comparison:
+    def _seen(
+        self, model: RobotModel, fitted: Callable[[HeldOut], None] = lambda held: None
+    ) -> Comparison:
         """Comparison of a model; the page shows no simulation, so none is made."""
         i = self.inputs
-        return compare(list(i.runs), model, list(i.held) or None, simulate=False)
+        return compare(list(i.runs), model, list(i.held) or None, simulate=False, fitted=fitted)
+
+    def _fallen(self, rung: StudioRung, held: HeldOut) -> list[dict[str, Any]]:
+        """Ladder up to the current model, and a new one over the floor of that."""
+        before = self.now.found
+        kept = [self._rung(k) for k in range(self.at + 1)]
+        if before is None or before.noise.shape != held.rms.shape:
+            return []
+        return [*kept, {"label": rung.label, "joints": _errors(held, before.noise)}]
 
     def _command(self, verb: str, effect: str, *more: str) -> str:
         """The same on the command line."""
@@ -301,11 +313,7 @@ class Workbench:
         found = self.stack[k].found
         out: dict[str, Any] = {"label": self.stack[k].label, "joints": None}
         if found is not None:
-            ratio = found.heldout.rms / np.maximum(found.noise, 1e-300)
-            out["joints"] = [
-                {"ratio": number(float(r)), "relative": number(float(x))}
-                for r, x in zip(ratio, found.heldout.relative, strict=True)
-            ]
+            out["joints"] = _errors(found.heldout, found.noise)
         return out
 
     def _candidates(self, c: Comparison) -> list[dict[str, Any]]:
@@ -315,14 +323,23 @@ class Workbench:
         held = {(u.type, j) for u in c.result.model.effects for j in u.joints}
         rows: list[dict[str, Any]] = []
         for x in c.evidence.candidates:
+            own = x.name in self.own
+            if not own and len(rows) >= LISTED:
+                continue
             data = candidate_json(x, c.evidence, alone)
             if (data["effect"], data["joint"] or "*") in held or (data["effect"], "*") in held:
                 continue
-            data["meaning"] = sentences.meaning(x.name)
-            data["own"] = x.name in self.own
-            if data["own"] or len(rows) < LISTED:
-                rows.append(data)
+            rows.append(data | {"meaning": sentences.meaning(x.name), "own": own})
         return rows
+
+
+def _errors(held: HeldOut, noise: FloatArray) -> list[dict[str, float | None]]:
+    """Error of every joint over its noise floor, and relative to the effort [%]."""
+    ratio = held.rms / np.maximum(noise, 1e-300)
+    return [
+        {"ratio": number(float(r)), "relative": number(float(x))}
+        for r, x in zip(ratio, held.relative, strict=True)
+    ]
 
 
 def _model(model: RobotModel) -> list[dict[str, Any]]:

@@ -64,6 +64,19 @@ class Reached:
     share: float
 
 
+@dataclass(frozen=True)
+class FirstLook:
+    """What can be shown before a request is done.
+
+    Parameters
+    ----------
+    ladder : list of dict
+        Rungs with the new model, over the noise floor of the one before.
+    """
+
+    ladder: list[dict[str, Any]]
+
+
 def checked(verb: str, given: Mapping[str, Any]) -> dict[str, str]:
     """Arguments of a request, all of them text.
 
@@ -85,6 +98,7 @@ def _serve(pipe: Connection, kept: BenchState) -> None:
     """The process: requests in, answers and what must be kept out."""
     stack = [replace(r, found=None) for r in kept.stack]
     session = StudioSession(kept.inputs, stack, kept.at, kept.table, kept.written, kept.effects)
+    session.early = lambda rows: pipe.send(FirstLook(rows))
     with progress.listening(lambda what, share: pipe.send(Reached(what, share))):
         while True:
             try:
@@ -128,7 +142,7 @@ class Worker:
         self._state: dict[str, Any] | None = None
         self._intake: dict[str, Any] | None = None
         self._preview: dict[str, Any] | None = None
-        self._reached = Reached("", 0.0)
+        self._reached, self._look = Reached("", 0.0), FirstLook([])
 
     def ask(self, verb: str, given: Mapping[str, Any]) -> int:
         """Begin a request; its number.
@@ -143,7 +157,7 @@ class Worker:
             if self._verb:
                 raise ConfigError(f"{self._verb} is running; wait for it, or cancel it")
             self._verb, self._since, self._error, self._note = verb, time.monotonic(), "", ""
-            self._reached = Reached("", 0.0)
+            self._reached, self._look = Reached("", 0.0), FirstLook([])
             self._number += 1
             number = self._number
             if self._process is None:
@@ -163,8 +177,11 @@ class Worker:
         """Send the request and take its answer, unless it was broken off."""
         try:
             pipe.send((self._verb, words))
-            while isinstance(answer := pipe.recv(), Reached):
-                self._reached = answer
+            while isinstance(answer := pipe.recv(), Reached | FirstLook):
+                if isinstance(answer, FirstLook):
+                    self._look = answer
+                else:
+                    self._reached = answer
             data, error, kept = answer
         except (EOFError, OSError):
             data, error, kept = None, "the computation ended before its answer", self._kept
@@ -208,6 +225,7 @@ class Worker:
                 "number": self._number,
                 "doing": self._reached.what,
                 "share": self._reached.share,
+                "ladder": self._look.ladder if self._verb else [],
                 "error": self._error,
                 "note": self._note,
             }

@@ -22,7 +22,7 @@ from hil.errors import ConfigError, unknown
 from hil.runtime.board import read_board
 
 #: Commands of the page; `stop` is everybody's.
-WORDS = ("start", "pause", "resume", "home", "stop", "set", "note")
+WORDS = ("start", "pause", "resume", "home", "stop", "set", "note", "record")
 #: Silence of who commands after which the session is paused and the place is free [s].
 SILENCE = 2.0
 #: Commands a second that one page may give.

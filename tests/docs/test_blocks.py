@@ -7,6 +7,8 @@
 - ``pip install -e .`` writes only the entry points of ./pyproject.toml.
 """
 
+import ast
+import json
 import os
 import re
 import subprocess
@@ -128,3 +130,49 @@ def test_blocks_run(page, environment):
                 text=True, stdin=subprocess.DEVNULL, timeout=300,
             )  # fmt: skip
             assert done.returncode == 0, f"{page}, block {number}:\n{block.text}\n{done.stderr}"
+
+
+#: What a notebook program does with the value of a cell's last line: it shows it, as HTML or more.
+SHOW = """
+import subprocess
+
+def show(value):
+    # plotly asks which program it is in before it shows a figure by itself
+    made = getattr(value, "to_html", None) or getattr(value, "_repr_html_", None)
+    if made is not None:
+        assert made(), value
+        print("shown:", type(value).__name__)
+
+def shell(line):
+    subprocess.run(line, shell=True, check=True)
+
+"""
+
+
+def program(cell):
+    """Code of a cell as plain Python, its last line shown."""
+    text = "".join(cell["source"])
+    lines = [f"shell({x[1:]!r})" if x.startswith("!") else x for x in text.splitlines()]
+    tree = ast.parse("\n".join(lines))
+    last = tree.body[-1]
+    if isinstance(last, ast.Expr) and not text.rstrip().endswith(";"):
+        last.value = ast.Call(ast.Name("show", ast.Load()), [last.value], [])
+    return ast.unparse(ast.fix_missing_locations(tree))
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_and_shows_what_it_says(environment):
+    settings, folder = environment
+    notebook = json.loads((DOCS / "notebook.ipynb").read_text(encoding="utf-8"))
+    cells = [c for c in notebook["cells"] if c["cell_type"] == "code"]
+    assert not any(c["outputs"] or c["execution_count"] for c in cells), "outputs are committed"
+    script = SHOW + "\n".join(program(c) for c in cells)
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=folder, env=settings, capture_output=True, text=True,
+        stdin=subprocess.DEVNULL, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    shown = [x.partition(": ")[2] for x in done.stdout.splitlines() if x.startswith("shown: ")]
+    assert shown == ["Recording", "Comparison", "Figure", "Diagnosis", "Figure", "FitResult"]
+    assert "stribeck joint2 confidence" in done.stdout
+    assert (folder / "better.toml").exists() and (folder / "why.html").exists()

@@ -43,6 +43,14 @@ def test_files_that_pages_name_exist():
                 assert (ROOT / name).exists(), f"{page.name}: {name}"
 
 
+def test_pictures_are_small_and_made_by_the_script():
+    made = re.findall(r'^    "([\w-]+\.png)": \(', (DOCS / "pictures.py").read_text(), re.M)
+    assert sorted(made) == sorted(p.name for p in DOCS.rglob("*.png"))
+    assert all((DOCS / name).stat().st_size <= 150_000 for name in made)
+    pages = "".join(p.read_text(encoding="utf-8") for p in DOCS.glob("*.md"))
+    assert all(f"]({name})" in pages for name in made)
+
+
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_the_site_is_built_without_a_warning(tmp_path):

@@ -10,9 +10,9 @@ from pathlib import Path
 import plants
 import pytest
 
+from hil.commands.studio import application
 from hil.errors import ConfigError
 from hil.record.export import write_recordings
-from hil.studio.server import application
 from hil.web.site import LARGEST, POLICY
 
 TestClient = pytest.importorskip("starlette.testclient").TestClient
@@ -183,6 +183,7 @@ def test_a_person_adds_an_effect_and_sees_the_ladder_fall(studio):
         page.keyboard.press("Enter")
         page.locator("#ladder .rung.now", has_text="+ stribeck").wait_for(timeout=60_000)
         assert page.locator("#ladder .rung.now .bar.met").count() == 1
+        ready.wait_for(timeout=60_000)  # the ladder falls before the rest is there
         assert page.get_by_role("heading", name="Learnt effects over the data").is_visible()
         # a part of the recording, by keyboard
         ready.wait_for()

@@ -71,6 +71,21 @@ def test_adding_an_effect_lets_the_ladder_fall_and_undo_raises_it(begun, tmp_pat
     assert taken["ladder"][-1]["joints"][0]["ratio"] == pytest.approx(before, rel=1e-6)
 
 
+def test_the_ladder_falls_before_the_candidates_are_ranked(begun):
+    bench, first = begun
+    looks = []
+    bench.early = looks.append
+    bench.go("0")
+    state = bench.add("stribeck", first["joints"][0])
+    bench.early = lambda rows: None
+    (rows,) = looks
+    assert [r["label"] for r in rows] == [r["label"] for r in state["ladder"]]
+    early, last = (x[-1]["joints"][0] for x in (rows, state["ladder"]))
+    assert early["relative"] == last["relative"]  # the error is final, its floor is not
+    assert early["ratio"] == pytest.approx(last["ratio"], rel=0.2)
+    assert len(bench.stack) == 2
+
+
 def test_what_cannot_be_added_leaves_the_stack(begun):
     bench, _ = begun
     count = len(bench.stack)
@@ -166,10 +181,35 @@ def test_one_request_at_a_time_and_its_answer_becomes_the_state(quiet):
         "number": number,
         "doing": "",
         "share": 0.0,
+        "ladder": [],
         "error": "",
         "note": "",
     }
     assert worker.state == {"at": 0}
+
+
+def test_the_page_gets_the_first_look_while_the_request_runs(quiet):
+    worker, made = quiet
+    worker.ask("start", {})
+    _, pipe, kept = made[0]
+    rows = [{"label": "base model", "joints": None}]
+    looked = threading.Event()
+    replies = [worker_module.FirstLook(rows), ({"at": 0}, "", kept)]
+
+    def recv():
+        if len(replies) == 1:
+            looked.set()
+            pipe.answer.wait(5.0)
+        return replies.pop(0)
+
+    pipe.recv = recv
+    pipe.reply = worker_module.Reached("fit", 0.1)
+    pipe.answer.set()
+    pipe.answer.clear()
+    assert looked.wait(5.0)
+    assert worker.status()["ladder"] == rows and worker.status()["running"] == "start"
+    pipe.answer.set()
+    assert settled(worker)["ladder"] == []
 
 
 def test_a_request_that_is_cancelled_ends_its_process_and_keeps_the_last_answer(quiet):

@@ -1,21 +1,27 @@
 """The operator's desk: one page commands, commands are done once, silence pauses, anybody stops."""
 
+import contextlib
 import json
 import re
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from hil.cli import main
 from hil.commands.ui import application
-from hil.errors import ConfigError
+from hil.errors import ConfigError, DeviceError
+from hil.record.decode import read_fields
 from hil.record.mcap_read import load, read_metadata
-from hil.rig.config import load_rig
+from hil.rig.config import DeviceConfig, load_rig
+from hil.rig.open import Rig
 from hil.runtime import runner
 from hil.runtime.board import SIZE, BoardWriter, read_board
+from hil.runtime.commands import parse
+from hil.signals.state import OperatingState
 from hil.ui.desk import RATE, SILENCE, Desk
 
 TestClient = pytest.importorskip("starlette.testclient").TestClient
@@ -217,6 +223,75 @@ def test_a_session_shows_itself_and_keeps_notes(tmp_path):
     assert "force_scale" in seen["settable"] and seen["record"].endswith("s.mcap")
     assert b"note first touch" in _events(tmp_path / "s.mcap")
     assert "session" in read_metadata(tmp_path / "s.mcap")
+
+
+def shown(tmp_path, rig, seconds, over=None, schedule=()):
+    """Last snapshot of a session in virtual time, and what it turned out to be."""
+    path = tmp_path / "board"
+    with BoardWriter(path) as board:
+        operator = runner.Operator(schedule, board=board)
+        config = load_rig(rig, over)
+        found = None
+        with contextlib.suppress(DeviceError):
+            found = runner.run(
+                config, seconds, 1, "lockstep", tmp_path / "s.mcap", operator=operator
+            )
+    return read_board(path)[1], found
+
+
+def test_the_record_can_be_switched_off_and_on(tmp_path):
+    schedule = [(0.1, "record off"), (0.2, "note unseen"), (0.3, "record on")]
+    seen, found = shown(tmp_path, "teleop", 0.4, schedule=schedule)
+    assert seen["recording"] and seen["left_out"] == found.left_out == 200
+    ticks = np.round(1e3 * load(tmp_path / "s.mcap", "leader").t).astype(int)
+    assert len(ticks) == 200 and set(np.diff(ticks)) == {1, 201}
+    told = _events(tmp_path / "s.mcap")
+    assert all(x in told for x in (b"record off", b"note unseen", b"record on"))
+
+
+def test_a_fault_is_recorded_also_while_the_record_is_off(tmp_path):
+    over = {"arms": {"leader": {"speed_limit": [0.5, 0.5, 0.5]}}}
+    seen, _ = shown(tmp_path, "identify", 3.0, over, [(0.0, "record off")])
+    assert seen["state"] == "FAULT" and not seen["recording"]
+    assert 150 < seen["left_out"] < 250
+    last = read_fields(tmp_path / "s.mcap", "/loop/timing")[1]
+    assert last["state"][-1] == OperatingState.FAULT
+
+
+@pytest.mark.parametrize("text", ["record", "record perhaps", "record on now"])
+def test_what_is_neither_on_nor_off_is_refused(text):
+    with pytest.raises(ConfigError, match=r"one of on, off is needed; usage: record on\|off"):
+        parse(text, None)
+
+
+def test_every_device_shows_its_state_and_why_it_failed(tmp_path):
+    seen, _ = shown(tmp_path, "teleop", 0.2)
+    states = {d["name"]: (d["driver"], d["state"], d["reason"]) for d in seen["devices"]}
+    assert states["leader-arm"] == ("premium", "ENABLED", "")
+    assert states["follower-force"][0] == "ft-sensor"
+    over = {"arms": {"leader": {"speed_limit": [0.5, 0.5, 0.5]}}}
+    seen, _ = shown(tmp_path, "identify", 3.0, over)
+    assert seen["reason"] == "a joint passed its speed_limit"
+    states = {d["name"]: (d["state"], d["reason"]) for d in seen["devices"]}
+    assert states["leader-arm"] == ("FAULT", "a joint passed its speed_limit")
+
+
+def test_a_box_that_is_lost_is_the_reason_of_the_devices_that_hang_on_it():
+    rig = Rig({"arm": Program([]), "sensor": Program([])}, [], None)
+    for device in rig.devices.values():
+        device.state = OperatingState.FAULT
+    rig.boxes = {"quad": SimpleNamespace(trouble="no answer for 3 ticks."), "ft": object()}
+    tables = {
+        "arm": DeviceConfig("premium", "leader", channels={"encoders": ("quad/0", "-quad/1")}),
+        "sensor": DeviceConfig("ft-sensor", "leader", channels={"gauges": ("ft/0",)}),
+    }
+    told = {r["name"]: (r["state"], r["reason"]) for r in rig.states(tables, "the encoders")}
+    assert told == {
+        "arm": ("FAULT", "no answer for 3 ticks"),
+        "sensor": ("FAULT", "the encoders"),
+        "quad": ("LOST", "no answer for 3 ticks"),
+        "ft": ("ANSWERS", ""),
+    }
 
 
 def _events(path):

@@ -52,6 +52,11 @@ def test_a_person_starts_a_session_and_stops_it_by_the_key(address, tmp_path):
         assert page.get_by_role("button", name="Start").is_disabled()
         page.get_by_role("button", name="Mark").click()
         page.locator("#said", has_text="note mark").first.wait_for()
+        page.get_by_role("button", name="Record off").click()
+        page.locator("#recording", has_text="not recording").wait_for()
+        page.get_by_role("button", name="Record on").click()
+        page.locator("#recording", has_text=re.compile("^recording")).wait_for()
+        page.locator("#devices li", has_text="leader-arm").get_by_text("ENABLED").wait_for()
         page.locator("#margin-text", has_text="No margin is computed").wait_for()
         for scheme in ("light", "dark"):
             page.emulate_media(color_scheme=scheme)

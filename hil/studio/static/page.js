@@ -29,7 +29,9 @@ const DOING = {
   open: "Reading the file", preview: "Checking the picks", bring: "Bringing the session in", leave: "Closing the table", learn: "Checking and ranking your effect",
 };
 const wait = (ms) => new Promise((done) => setTimeout(done, ms));
-let watching = false;
+let watching = false, looked = () => {};
+// what is shown of a request before it is done: the ladder with its model
+export function early(look) { looked = look; }
 
 // waits for the running request, then gives the page what there is now
 export async function watch(shown) {
@@ -46,6 +48,7 @@ export async function watch(shown) {
     $("cancel").hidden = false; $("share").hidden = false;
     $("share").value = now.share;
     say(`${DOING[now.running] || now.running}${now.doing ? `: ${now.doing}` : ""}. ${now.seconds.toFixed(0)} s`);
+    if (now.ladder.length) looked(now.ladder);
     await wait(120);
   }
   watching = false;

@@ -1,6 +1,6 @@
 // The page of the studio: what the bench shows, and what the user asks of it.
 import { plot, range } from "./plot.js";
-import { $, answered, ask, call, el } from "./page.js";
+import { $, answered, ask, call, early, el } from "./page.js";
 import { files, start } from "./intake.js";
 
 let state = null, brush = null, frame = null, asked = 0, tab = 0;
@@ -14,18 +14,18 @@ function show() {
   $("undo").disabled = state.at === 0; $("redo").disabled = state.at === last;
 }
 
-function ladder() {
+function ladder(rungs = state.ladder, at = state.at, waits = false) {
   const out = $("ladder");
   out.replaceChildren(); out.style.setProperty("--joints", state.joints.length);
   const head = el("div", "", "rung head");
   head.append(el("span", "model"), ...state.joints.map((j) => el("span", j)));
   out.append(head);
-  const most = Math.max(2, ...state.ladder.flatMap((r) => (r.joints || []).map((x) => x.ratio || 0)));
-  state.ladder.forEach((r, k) => {
-    const row = el("div", "", `rung${k === state.at ? " now" : ""}${k > state.at ? " gone" : ""}`);
-    const name = el("button", r.label, "name"); name.type = "button";
+  const most = Math.max(2, ...rungs.flatMap((r) => (r.joints || []).map((x) => x.ratio || 0)));
+  rungs.forEach((r, k) => {
+    const row = el("div", "", `rung${k === at ? " now" : ""}${k > at ? " gone" : ""}`);
+    const name = el("button", r.label, "name"); name.type = "button"; name.disabled = waits;
     name.setAttribute("aria-label", `Show model ${k}: ${r.label}`);
-    if (k === state.at) name.setAttribute("aria-current", "true");
+    if (k === at) name.setAttribute("aria-current", "true");
     name.onclick = () => ask("go", { at: String(k) });
     row.append(name);
     state.joints.forEach((j, i) => {
@@ -213,6 +213,7 @@ canvas.onkeydown = (e) => {
 };
 window.addEventListener("resize", () => state && (draw(), learnt()));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => state && (draw(), learnt()));
+early((rungs) => { if (state) ladder(rungs, rungs.length - 1, true); });
 start();
 answered((now, found) => {
   files(now, found);

@@ -36,20 +36,22 @@ function show(v) {
   last = v;
   const s = v.session, state = v.running ? s.state || "starting" : v.code === null ? "no session" : `ended (${v.code})`;
   $("rig").textContent = `Rig ${v.rig}`;
-  $("record").textContent = v.record ? `record: ${s.record || v.record}` : "no record yet";
+  $("record").textContent = v.record ? s.record || v.record : "";
   $("state").textContent = state;
   $("state").dataset.level = state === "ENABLED" ? "good" : state === "FAULT" || v.code > 0 ? "bad" : "warn";
   $("next").textContent = told || (v.running ? (s.why && s.state !== "ENABLED" ? `${s.why}. ` : "") + (NEXT[s.state] || "") :
-    v.commands ? "Press New session." : v.free ? "Press Take command." : "Another page commands; this one watches.");
+    s.state === "FAULT" && s.reason ? `The session ended in FAULT: ${s.reason}. ${NEXT.FAULT}` : v.commands ? "Press New session." : v.free ? "Press Take command." : "Another page commands; this one watches.");
   $("status").classList.toggle("error", Boolean(told));
   $("take").disabled = v.commands || !v.free;
   $("begin").disabled = !v.commands || v.running;
   for (const b of document.querySelectorAll("[data-say], #set button, #note button"))
     b.disabled = !v.running || (!v.commands && b.dataset.say !== "stop") || (b.dataset.say in FITS && !FITS[b.dataset.say].includes(s.state));
-  $("said").replaceChildren(...[...v.log.slice(-3), ...v.said.slice(-4)].map((x) => { const e = document.createElement("li"); e.textContent = x; return e; }));
+  $("said").replaceChildren(...[...v.log.slice(-3), ...v.said.filter((x) => !x.startsWith("hil run: commands:")).slice(-4)].map((x) => { const e = document.createElement("li"); e.textContent = x.replace(/^hil run: /, ""); return e; }));
   settable(s.settable || {});
   if (s.arms && v.number !== seen) { seen = v.number; keep(s, v.places || {}); draw(); }
   margin(v.margin);
+  record(v.running, s);
+  devices(s.devices || []);
   health(s);
 }
 
@@ -59,6 +61,29 @@ function margin(m) {
   $("margin").dataset.level = m.level;
   $("margin").textContent = m.busy ? "margin: computing" : m.level === "good" ? "stable" : m.level === "bad" ? "not stable" : "margin";
   $("margin-text").textContent = m.text;
+}
+
+function record(running, s) {
+  const off = s.recording === false;
+  $("recording").textContent = running && s.recording !== undefined ? (off ? "not recording" : "recording") : "no record";
+  if (running && s.recording !== undefined) $("recording").dataset.level = off ? "warn" : "good"; else delete $("recording").dataset.level;
+  $("switch").textContent = off ? "Record on" : "Record off";
+  $("switch").dataset.say = off ? "record on" : "record off";
+}
+
+// state of a device -> how its lamp looks; every other one is quiet
+const LEVELS = { ENABLED: "good", ANSWERS: "good", PAUSED: "warn", FAULT: "bad", LOST: "bad" };
+
+function devices(all) {
+  const told = JSON.stringify(all);
+  if (!all.length || told === devices.told) return;
+  devices.told = told;
+  $("devices").replaceChildren(...all.map((d) => {
+    const item = document.createElement("li"), lamp = document.createElement("span"), name = document.createElement("b"), why = document.createElement("span");
+    lamp.className = "lamp"; lamp.textContent = d.state; if (LEVELS[d.state]) lamp.dataset.level = LEVELS[d.state];
+    name.textContent = d.name; why.className = "quiet"; why.textContent = d.reason ? `${d.driver}: ${d.reason}` : d.driver;
+    item.append(lamp, " ", name, " ", why); return item;
+  }));
 }
 
 function scene() {
@@ -115,7 +140,7 @@ function draw() {
 function health(s) {
   if (s.tick === undefined) return;
   const rows = { "time": `${s.seconds.toFixed(1)} s, tick ${s.tick}`, "wake-up late, p99": `${s.late_p99_us.toFixed(1)} us`, "missed deadlines": s.missed,
-    "rows dropped": s.dropped, "most rows waiting": s.ring, "rows not written": s.unwritten, "hottest winding": `${s.winding.toFixed(0)} degC`, "controller": s.controller };
+    "rows dropped": s.dropped, "most rows waiting": s.ring, "rows not written": s.unwritten, "rows left out": s.left_out, "hottest winding": `${s.winding.toFixed(0)} degC`, "controller": s.controller };
   $("health").replaceChildren(...Object.entries(rows).map(([k, v]) => {
     const d = document.createElement("div"), a = document.createElement("dt"), b = document.createElement("dd");
     a.textContent = k; b.textContent = v; d.append(a, b); return d;

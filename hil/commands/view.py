@@ -1,0 +1,409 @@
+"""`hil view`: a session in Foxglove, Lichtblick, PlotJuggler or rerun, also while it is recorded.
+
+The live stream follows the file of the session, in a process of its own: the loop does not know
+of it, and what a viewer sees is what is on record, to the byte.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Protocol
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+
+from hil.commands import common, outputs
+from hil.errors import ConfigError, DataError
+from hil.record.container import MAGIC
+from hil.record.layouts import VIEWERS, pages
+from hil.record.recovery import in_use
+from hil.userfile import read_text
+
+EXAMPLE = (
+    "hil view s.mcap --for foxglove\n  hil view s.mcap --for rerun -o s.py\n"
+    "  hil view s.mcap --live"
+)
+#: Port that viewers propose.
+PORT = 8765
+#: How often a file that is written is looked at, and how long a viewer gets the rest of it [s].
+_LOOKED, _LINGER = 0.02, 0.5
+#: How long a session that was promised may take to begin, a next part may take, and a file that
+#: nobody writes may still grow [s].
+_PATIENCE, _NEXT, _QUIET = 60.0, 0.3, 1.0
+#: Messages that wait for a slow viewer before the oldest are dropped: about a second of a rig.
+_BACKLOG = 16_384
+_MESSAGE = struct.Struct("<HIQQ")
+_CHUNK = struct.Struct("<QQQII")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("session", metavar="S.mcap", help="session; one that is recorded now, too")
+    parser.add_argument(
+        "--for",
+        dest="viewer",
+        choices=tuple(VIEWERS),
+        help="write the layout with which this viewer shows the session",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="the layout; default: beside the session"
+    )
+    add_live(parser, "stream the session to viewers by the Foxglove WebSocket protocol")
+    parser.add_argument("--expected", action="store_true", help=argparse.SUPPRESS)
+
+
+def add_live(parser: argparse.ArgumentParser, what: str) -> None:
+    """Declare --live."""
+    parser.add_argument(
+        "--live",
+        nargs="?",
+        type=int,
+        const=PORT,
+        metavar="PORT",
+        help=f"{what}, to this machine alone, on ws://127.0.0.1:PORT (default {PORT})",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the layout, or stream until the session is over."""
+    if (args.viewer is None) == (args.live is None):
+        raise ConfigError(
+            f"name a viewer (--for {', '.join(VIEWERS)}), or stream the session (--live)"
+        )
+    path = Path(args.session)
+    if args.live is not None:
+        if args.output:
+            raise ConfigError("--output goes with --for; --live writes no file")
+        return _stream(path, args.live, args.expected)
+    viewer = VIEWERS[args.viewer]
+    target = (
+        Path(args.output) if args.output else path.with_suffix(f".{args.viewer}{viewer.ending}")
+    )
+    outputs.check(
+        target,
+        viewer.ending,
+        [path],
+        lambda place: viewer.sign in read_text(place),
+        f"a layout of {viewer.title}",
+    )
+    text = viewer.write(pages(path))
+    with outputs.writing(target):
+        target.write_text(text, encoding="utf-8")
+    common.out(f"written: {target}, for {viewer.title}")
+    common.out(f"next: {viewer.opens.format(session=path, file=target)}")
+    return 0
+
+
+# ------------------------------------------------------------ a file that grows
+
+
+class Tail:
+    """Records of a session file as they are written.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it is there.
+
+    Attributes
+    ----------
+    ended : bool
+        Whether the writer has closed it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("rb", buffering=0)
+        self._rest, self._begun = b"", False
+        self._unpack = zstandard.ZstdDecompressor()
+        self.ended = False
+
+    def new(self) -> Iterator[tuple[int, bytes]]:
+        """Opcode and content of every record that came since, those in chunks one by one."""
+        data = self._rest + self._file.read()
+        at = 0
+        if not self._begun and len(data) >= len(MAGIC):
+            self._begun, at = True, len(MAGIC)
+        for opcode, start, end in _records(data, at) if self._begun else ():
+            at = end
+            if opcode == Opcode.CHUNK:
+                yield from self._opened(data[start:end])
+            elif opcode == Opcode.FOOTER:
+                self.ended = True
+            else:
+                yield opcode, data[start:end]
+        self._rest = data[at:]
+
+    def _opened(self, chunk: bytes) -> Iterator[tuple[int, bytes]]:
+        _, _, size, _, n = _CHUNK.unpack_from(chunk)
+        kind = chunk[_CHUNK.size : _CHUNK.size + n]
+        inner = chunk[_CHUNK.size + n + 8 :]
+        if kind == b"zstd":
+            inner = self._unpack.decompress(inner, max_output_size=size)
+        elif kind:
+            raise DataError(f"{self._file.name}: chunks packed by {kind.decode()} are not streamed")
+        for opcode, start, end in _records(inner, 0):
+            yield opcode, inner[start:end]
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._file.close()
+
+
+def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and end of the content of every whole record from byte `at` on."""
+    while at + 9 <= len(data):
+        start = at + 9
+        end = start + int.from_bytes(data[at + 1 : start], "little")
+        if end > len(data):
+            return
+        yield data[at], start, end
+        at = end
+
+
+class Sink(Protocol):
+    """Takes what comes from a session."""
+
+    def channel(self, number: int, channel: Channel, schema: Schema | None) -> None:
+        """Take a channel that messages will name by its number."""
+        ...
+
+    def message(self, number: int, t_ns: int, data: bytes) -> None:
+        """Take a message of a channel."""
+        ...
+
+
+def follow(path: Path, sink: Sink, expected: bool = False) -> None:
+    """Give a sink all of a session until it is over.
+
+    Of one that is being recorded it gets what comes from now on, part after part; another is
+    played as fast as it was recorded.
+
+    Parameters
+    ----------
+    path : Path
+        The session.
+    sink : Sink
+        Takes it.
+    expected : bool
+        The recording begins now: nothing of it is left out.
+    """
+    now = expected or in_use(path)
+    tail, feed = Tail(path), _Feed(sink, now)
+    if now and not expected:
+        for record in tail.new():
+            feed.take(*record, silent=True)
+    quiet, number = 0.0, 1
+    while True:
+        before = feed.count
+        for record in tail.new():
+            feed.take(*record)
+        quiet = 0.0 if feed.count > before else quiet + _LOOKED
+        if (tail.ended or quiet > _QUIET) and not in_use(path):
+            number += 1
+            part = _next_part(path, number) if now else None
+            if part is None:
+                break
+            tail.close()
+            path, tail, quiet = part, Tail(part), 0.0
+        time.sleep(_LOOKED)
+    tail.close()
+
+
+def _next_part(path: Path, number: int) -> Path | None:
+    """File in which a session goes on; None where it is over."""
+    stem = path.stem.rpartition(".part")[0] or path.stem
+    found = path.with_name(f"{stem}.part{number}{path.suffix}")
+    until = time.monotonic() + _NEXT
+    while time.monotonic() < until:
+        if found.exists() and in_use(found):
+            return found
+        time.sleep(_LOOKED)
+    return None
+
+
+class _Feed:
+    """Hands records to a sink: at once where they are recorded now, else at their pace."""
+
+    def __init__(self, sink: Sink, now: bool) -> None:
+        self._sink, self._now, self._schemas = sink, now, dict[int, Schema]()
+        self._origin: float | None = None
+        self.count = 0
+
+    def take(self, opcode: int, data: bytes, silent: bool = False) -> None:
+        """Take a record; of a message nothing where it is to be silent."""
+        if opcode == Opcode.MESSAGE:
+            self.count += 1
+            if not silent:
+                number, _, t_ns, _ = _MESSAGE.unpack_from(data)
+                self._wait(t_ns * 1e-9)
+                self._sink.message(number, t_ns, data[_MESSAGE.size :])
+        elif opcode == Opcode.SCHEMA:
+            schema = Schema.read(ReadDataStream(BytesIO(data)))
+            self._schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(ReadDataStream(BytesIO(data)))
+            self._sink.channel(channel.id, channel, self._schemas.get(channel.schema_id))
+
+    def _wait(self, t: float) -> None:
+        if self._now:
+            return
+        if self._origin is None:
+            self._origin = time.monotonic() - t
+        ahead = self._origin + t - time.monotonic()
+        if ahead > _LOOKED:
+            time.sleep(ahead)
+
+
+# ------------------------------------------------------------ the Foxglove protocol
+
+
+class FoxgloveSink:
+    """Viewers that are connected by the Foxglove WebSocket protocol.
+
+    Parameters
+    ----------
+    name : str
+        What they show as the source.
+    port : int
+        Where they connect to, on this machine.
+    """
+
+    def __init__(self, name: str, port: int) -> None:
+        import foxglove
+
+        self._made = foxglove
+        self._context = foxglove.Context()
+        self._server = foxglove.start_server(
+            name=name,
+            host="127.0.0.1",
+            port=port,
+            context=self._context,
+            message_backlog_size=_BACKLOG,
+        )
+        self.port: int = self._server.port
+        self._topics: dict[str, Any] = {}
+        self._log: dict[int, Callable[..., None]] = {}
+
+    def channel(self, number: int, channel: Channel, schema: Schema | None) -> None:
+        """See `Sink`; a topic stays one channel when a session goes on in another file."""
+        if channel.topic not in self._topics:
+            told = None
+            if schema is not None:
+                told = self._made.Schema(
+                    name=schema.name, encoding=schema.encoding, data=schema.data
+                )
+            self._topics[channel.topic] = self._made.Channel(
+                channel.topic,
+                message_encoding=channel.message_encoding,
+                schema=told,
+                context=self._context,
+            )
+        self._log[number] = self._topics[channel.topic].log
+
+    def message(self, number: int, t_ns: int, data: bytes) -> None:
+        """See `Sink`."""
+        self._log[number](data, log_time=t_ns)
+
+    def close(self) -> None:
+        """Disconnect the viewers."""
+        self._server.stop()
+
+
+def check_live(port: int) -> None:
+    """Refuse a stream that cannot be.
+
+    Raises
+    ------
+    ConfigError
+        If the package is missing or the port is taken.
+    """
+    if importlib.util.find_spec("foxglove") is None:
+        raise ConfigError("--live needs foxglove-sdk: pip install 'hil-teleop[live]'")
+    if not 1 <= port <= 65_535:
+        raise ConfigError(f"--live {port}: a number from 1 to 65535 is needed")
+    try:
+        socket.create_server(("127.0.0.1", port)).close()
+    except OSError as error:
+        raise ConfigError(f"--live {port}: {error.strerror}; choose another port") from error
+
+
+def _stream(path: Path, port: int, expected: bool) -> int:
+    """Stream a session until it is over or Ctrl-C."""
+    check_live(port)
+    until = time.monotonic() + (_PATIENCE if expected else 0.0)
+    while not path.exists() and time.monotonic() < until:
+        time.sleep(_LOOKED)
+    if not path.is_file():
+        raise DataError(f"session {path}: no such file")
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) not in (b"", MAGIC):
+            raise DataError(f"{path} is no session: it does not begin as one")
+    _step_aside()
+    sink = FoxgloveSink(f"hil {path.name}", port)
+    common.out(f"streaming {path} on ws://127.0.0.1:{port}: open this connection in Foxglove or")
+    common.out("Lichtblick; Ctrl-C ends it")
+    try:
+        follow(path, sink, expected)
+        time.sleep(_LINGER)
+    finally:
+        sink.close()
+    return 0
+
+
+def _step_aside() -> None:
+    """Leave the processor of a loop, the last one, to it."""
+    os.nice(5)
+    if hasattr(os, "sched_getaffinity") and len(allowed := os.sched_getaffinity(0)) > 1:
+        os.sched_setaffinity(0, allowed - {max(allowed)})
+
+
+class Streamer:
+    """The live stream of a session that this process is about to record.
+
+    Parameters
+    ----------
+    port : int
+        Where viewers connect to.
+
+    Attributes
+    ----------
+    address : str
+        The same as they ask for it.
+    """
+
+    def __init__(self, port: int) -> None:
+        check_live(port)
+        self._port, self.address = port, f"ws://127.0.0.1:{port}"
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def begin(self, path: Path) -> None:
+        """Start it beside; the file comes."""
+        words = [sys.executable, "-m", "hil", "view", str(path), "--live", str(self._port)]
+        self._process = subprocess.Popen(
+            [*words, "--expected"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C ends the session, and with it the stream
+        )
+
+    def end(self) -> None:
+        """Let it send the rest."""
+        if self._process is None:
+            return
+        try:
+            self._process.wait(_QUIET + 4 * _LINGER)
+        except subprocess.TimeoutExpired:
+            self._process.terminate()
+            self._process.wait()

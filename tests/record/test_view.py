@@ -1,0 +1,250 @@
+"""Layouts of viewers, against an independent reader of the session; the live stream of a file."""
+
+import json
+import re
+import socket
+import struct
+import threading
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from hil.cli import main
+from hil.commands.view import FoxgloveSink, follow
+from hil.errors import DataError
+from hil.record.layouts import VIEWERS, pages
+from hil.record.mcap_write import SessionWriter
+from hil.record.schema import Channel
+
+ROOT = Path(__file__).parents[2]
+SMALL = Path(__file__).with_name("small.mcap")
+
+
+@pytest.fixture(scope="module")
+def messages():
+    """First message of every topic, and its schema, as an independent reader decodes them."""
+    found, ros = {}, DecoderFactory()
+    with SMALL.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            if channel.topic not in found:
+                decode = ros.decoder_for(channel.message_encoding, schema) or json.loads
+                found[channel.topic] = schema.name, decode(message.data)
+    return found
+
+
+def text_of(viewer):
+    return VIEWERS[viewer].write(pages(SMALL))
+
+
+def number(message, steps):
+    """What stands at a place of a message."""
+    for step in steps:
+        name, _, index = step.partition("[")
+        message = getattr(message, name)
+        message = message[int(index.rstrip("]"))] if index else message
+    return message
+
+
+def test_every_path_of_foxglove_is_a_number_of_the_session(messages):
+    layout = json.loads(text_of("foxglove"))
+    plots = [c for n, c in layout["configById"].items() if n.startswith("Plot!")]
+    paths = [p["value"] for c in plots for p in c["paths"]]
+    assert len(paths) > 40
+    for path in paths:
+        topic, *steps = path.split(".")
+        assert isinstance(number(messages[topic][1], steps), float), path
+    assert layout["configById"]["RawMessages!events"]["topicPath"] in messages
+
+
+def test_all_panels_of_foxglove_have_a_place(messages):
+    layout = json.loads(text_of("foxglove"))
+    tabs = layout["configById"][layout["layout"]]["tabs"]
+    used = re.findall(r'"((?:Plot|RawMessages)![^"]+)"', json.dumps(tabs))
+    assert sorted([*used, layout["layout"]]) == sorted(layout["configById"])
+
+
+def series(topic, schema, message):
+    """Names that PlotJuggler gives to the numbers of a message: of joints by their names."""
+    if schema.endswith("/JointState"):
+        for part in ("position", "velocity", "effort"):
+            for joint, _ in zip(message.name, getattr(message, part), strict=False):
+                yield f"{topic}/{joint}/{part}"
+        return
+    for name in message.__slots__:
+        value = getattr(message, name)
+        if isinstance(value, float):
+            yield f"{topic}/{name}"
+        elif hasattr(value, "__slots__"):
+            yield from series(f"{topic}/{name}", "", value)
+
+
+def test_every_curve_of_plotjuggler_is_a_series_of_the_session(messages):
+    known = {
+        name
+        for topic, (schema, message) in messages.items()
+        if not isinstance(message, dict)
+        for name in series(topic, schema, message)
+    }
+    tree = ET.fromstring(text_of("plotjuggler"))
+    named = [curve.get("name") for curve in tree.iter("curve")]
+    assert len(named) > 40
+    assert set(named) <= known, set(named) - known
+
+
+def test_every_entity_of_rerun_is_one_that_rerun_makes_of_the_session(messages):
+    table = re.search(r'json.loads\("""\n(.*)\n"""\)', text_of("rerun"), re.S)
+    for _, panels in json.loads(table[1]):
+        for _, entity, component, curves in panels:
+            if component:
+                schema, message = messages[entity]
+                assert component == f"{schema.replace('/', '.')}:message"
+                for _, selector in curves:
+                    assert isinstance(number(message, selector.split(".")[1:]), float)
+            else:  # a joint state's parts have entities of their own
+                topic, _, part = entity.rpartition("/")
+                assert [label for label, _ in curves] == messages[topic][1].name
+                assert len(number(messages[topic][1], [part])) == len(curves)
+
+
+@pytest.mark.parametrize("viewer", VIEWERS)
+def test_the_committed_layouts_are_those_of_the_rig_that_comes_with_the_package(viewer):
+    committed = ROOT / "docs" / "layouts" / f"teleop.{viewer}{VIEWERS[viewer].ending}"
+    assert committed.read_text(encoding="utf-8") == text_of(viewer)
+
+
+def test_a_session_of_one_slider_has_its_units_and_no_velocities(tmp_path):
+    path = tmp_path / "one.mcap"
+    own = Channel("/one/measured_js", "joint_state", ("slide",), ("position",))
+    with SessionWriter(path, [own], {"robot/one": {"unit": "m"}}) as writer:
+        writer.write("/one/measured_js", 1, 1_000_000, [0.1])
+    (page,) = pages(path)
+    assert page.panels[0].heading == "/one/measured_js position [m]"
+
+
+def test_a_session_without_numbers_is_refused(tmp_path):
+    path = tmp_path / "none.mcap"
+    with SessionWriter(path, [], {}) as writer:
+        writer.event(1, 1, "noise", {})
+    with pytest.raises(DataError, match="holds no channel that a layout shows"):
+        pages(path)
+
+
+def test_the_command_writes_beside_the_session_and_over_no_other_file(tmp_path, capsys):
+    session = tmp_path / "s.mcap"
+    session.write_bytes(SMALL.read_bytes())
+    assert main(["view", str(session), "--for", "foxglove"]) == 0
+    assert "import" in capsys.readouterr().out
+    assert json.loads((tmp_path / "s.foxglove.json").read_text())["configById"]
+    assert main(["view", str(session), "--for", "foxglove"]) == 0  # its own is replaced
+    other = tmp_path / "other.json"
+    other.write_text("{}")
+    assert main(["view", str(session), "--for", "foxglove", "-o", str(other)]) == 2
+    assert other.read_text() == "{}"
+    assert main(["view", str(session)]) == 2
+    assert "--for" in capsys.readouterr().err
+
+
+class Kept:
+    """Keeps what a stream gives."""
+
+    def __init__(self):
+        self.topics, self.messages = {}, []
+
+    def channel(self, number, channel, schema):
+        self.topics[number] = channel.topic, schema.name
+
+    def message(self, number, t_ns, data):
+        self.messages.append((self.topics[number][0], t_ns, data))
+
+
+def recorded(path):
+    """All messages of a session, by the official reader."""
+    with Path(path).open("rb") as file:
+        rows = make_reader(file).iter_messages(log_time_order=False)
+        return [(channel.topic, m.log_time, m.data) for _, channel, m in rows]
+
+
+def test_a_session_that_is_over_is_streamed_to_the_byte():
+    kept = Kept()
+    follow(SMALL, kept)
+    assert kept.messages == recorded(SMALL)
+
+
+def test_a_session_is_streamed_while_it_is_written_and_goes_on_in_its_next_part(tmp_path):
+    first, second = tmp_path / "s.mcap", tmp_path / "s.part2.mcap"
+    own = Channel("/one/measured_js", "joint_state", ("j",), ("position",))
+    kept = Kept()
+
+    def write(path, ticks):
+        with SessionWriter(path, [own], {}) as writer:
+            for tick in ticks:
+                writer.write("/one/measured_js", tick, tick * 1_000_000, [float(tick)])
+                if tick % 50 == 0:
+                    writer.flush()
+                    seen.wait(0.05)
+                if tick == 1:
+                    begun.set()
+
+    begun, seen = threading.Event(), threading.Event()
+    writing = threading.Thread(
+        target=lambda: (write(first, range(1, 101)), write(second, range(101, 151))), daemon=True
+    )
+    writing.start()
+    begun.wait(5.0)
+    follow(first, kept, expected=True)
+    writing.join()
+    assert kept.messages == recorded(first) + recorded(second)
+
+
+def test_a_viewer_gets_the_messages_of_the_session(tmp_path):
+    pytest.importorskip("foxglove", reason="needs hil-teleop[live]")
+    client = pytest.importorskip("websockets.sync.client")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    sink = FoxgloveSink("test", port)
+    names, got, ready = {}, [], threading.Event()
+
+    def view():
+        address = f"ws://127.0.0.1:{port}"
+        with client.connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None) as link:
+            ready.set()
+            for said in link:
+                if isinstance(said, bytes):
+                    number, t_ns = struct.unpack_from("<IQ", said, 1)
+                    got.append((names[number], t_ns, said[13:]))
+                    continue
+                told = json.loads(said)
+                for c in told.get("channels", ()):
+                    names[c["id"]] = c["topic"]
+                    wanted = [{"id": c["id"], "channelId": c["id"]}]
+                    link.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+    viewer = threading.Thread(target=view, daemon=True)
+    viewer.start()
+    assert ready.wait(5.0)
+    follow(SMALL, sink)
+    sink.close()
+    viewer.join(5.0)
+    known = set(recorded(SMALL))
+    assert len(got) > 1000  # those of before it had subscribed are missing
+    assert set(got) <= known
+    assert len(set(names.values())) >= 9
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["--live", "0"], "from 1 to 65535"), (["--live", "-o", "x.json"], "--live writes no file")],
+)
+def test_a_stream_that_cannot_be_is_refused(words, said, capsys, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
+    assert main(["view", str(SMALL), *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_without_the_package_the_refusal_says_what_to_install(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main(["run", "teleop", "-o", str(tmp_path / "s.mcap"), "--live", "--plain"]) == 2
+    assert "pip install 'hil-teleop[live]'" in capsys.readouterr().err
