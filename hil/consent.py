@@ -95,7 +95,8 @@ def cut_program(words: Sequence[str]) -> Executable:
     for k, word in enumerate(words):
         digest.update(b"\0" + word.encode())
         path = Path(word)
-        if path.is_file() and (k == 0 or _script(path)):
+        # a word may be a whole script, longer than the name of a file may be
+        if os.path.isfile(word) and (k == 0 or _script(path)):
             digest.update(b"\0" + _content(path))
     return Executable("cut program", " ".join(words), digest.hexdigest())
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ from hil.record.consistency import DataFault
 from hil.record.mcap_read import ChannelSummary, SessionSummary, load, read_attachments, summary
 from hil.record.recording import Recording
 from hil.record.recovery import recover
+from hil.rig import safety
 from hil.runtime.watchdog import beside, in_words, parsed
 from hil.userfile import read_text
 
@@ -34,6 +35,8 @@ _US = (
     ("wake-up late", "late"),
     ("tick takes", "busy"),
 )
+#: Stops of a session that are printed, each.
+_STOPS = 6
 _SHARES = (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999"), ("most", "most"))
 
 
@@ -194,6 +197,7 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
         "loop": figures(found),
         "metadata": found.metadata,
         "attachments": list(found.attachments),
+        "states": [asdict(s) for s in found.states],
         "watchdog": _trip(found),
         "executables": _executables(found),
     }
@@ -210,6 +214,23 @@ def _trip(found: SessionSummary) -> dict[str, Any] | None:
         return None
     except (OSError, UnicodeDecodeError) as error:
         return {"why": "unknown", "cut": f"{beside(Path(found.path))} cannot be read ({error})"}
+
+
+def _stops(found: SessionSummary) -> list[str]:
+    """When and why the motors of a session were without torque."""
+    before = ("", *(s.state for s in found.states))
+    changes = [s for was, s in zip(before, found.states, strict=False) if s.state != was]
+    stops = [s for s in changes if s.state in ("PAUSED", "FAULT")]
+    shown = stops if len(stops) <= _STOPS else [*stops[: _STOPS - 1], stops[-1]]
+    texts = {c.name: c.text for c in safety.TABLE}
+    rows = [
+        f"  {s.state} at {s.at_s:.4f} s (tick {s.tick}): "
+        + ("; ".join(texts.get(c, c) for c in s.causes) or "asked for by the operator")
+        for s in shown
+    ]
+    if len(stops) > len(shown):
+        rows.insert(-1, f"  ... {plural(len(stops) - len(shown), 'stop')} more")
+    return [*rows, ""] if rows else []
 
 
 def _executables(found: SessionSummary) -> list[str]:
@@ -285,6 +306,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
         for c in found.channels
     ]
     lines += [*_aligned(rows), "", *loop_lines(found)]
+    lines += _stops(found)
     trip, named = _trip(found), _executables(found)
     lines += [f"  {in_words(trip)}", ""] if trip else []
     lines += [f"  {text}; nothing of it runs because the session is read" for text in named]
