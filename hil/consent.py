@@ -15,6 +15,7 @@ from pathlib import Path
 
 from hil.errors import ConfigError
 from hil.local_modules import LocalModule, beside
+from hil.userfile import write_text
 
 #: Environment variable that names the folder in which things are remembered.
 VARIABLE = "HIL_STATE"
@@ -141,7 +142,7 @@ def give(what: Executable) -> None:
     place = _place(what)
     prepare(place.parent)
     try:
-        place.write_text(f"{what.kind}: {what.text}\n", encoding="utf-8")
+        write_text(place, f"{what.kind}: {what.text}\n")
     except OSError as error:
         raise ConfigError(_unwritable(error)) from error
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -39,6 +40,11 @@ _US = (
 _STOPS = 6
 _SHARES = (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999"), ("most", "most"))
 
+#: What a loop's figures must hold to be shown.
+_FIGURES = {"ticks", "missed", "dropped", "ring_most", "longest_gap"} | {
+    f"{key}_{q}" for _, key in _US for _, q in _SHARES
+}
+
 
 def when(found: SessionSummary) -> str:
     """Date and length, e.g. ``recorded 2026-11-21 13:45:02 UTC, 3 s``."""
@@ -49,10 +55,14 @@ def when(found: SessionSummary) -> str:
     return f"recorded {began:%Y-%m-%d %H:%M:%S} UTC, {length:.4g} s"
 
 
-def figures(found: SessionSummary) -> dict[str, float] | None:
+def figures(session: SessionSummary) -> dict[str, float] | None:
     """Figures of the loop, where the session is of `hil run` and was closed."""
-    told = found.metadata.get("loop", {}).get("figures")
-    return dict(json.loads(told)) if told else None
+    try:
+        told = json.loads(session.metadata.get("loop", {}).get("figures", ""))
+        found = {str(name): value for name, value in told.items() if math.isfinite(value)}
+    except (ValueError, AttributeError, TypeError, RecursionError, OverflowError):
+        return None  # a record has no checksum
+    return found if found.keys() >= _FIGURES else None
 
 
 def loop_lines(found: SessionSummary) -> list[str]:
@@ -61,9 +71,9 @@ def loop_lines(found: SessionSummary) -> list[str]:
     if f is None:
         return []
     session, loop = found.metadata.get("session", {}), found.metadata["loop"]
-    clock, rate = session.get("clock", "?"), float(session.get("rate_hz", "nan"))
+    clock, rate = session.get("clock", "?"), session.get("rate_hz", "?").removesuffix(".0")
     rows = [
-        f"loop: {f['ticks']:.0f} ticks at {rate:g} Hz, clock {clock}; {f['missed']:.0f} deadlines "
+        f"loop: {f['ticks']:.0f} ticks at {rate} Hz, clock {clock}; {f['missed']:.0f} deadlines "
         f"missed, {f['dropped']:.0f} rows dropped, at most {f['ring_most']:.0f} waited in the ring"
     ]
     if clock == "lockstep":
@@ -285,7 +295,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
             "",
         ]
     part = found.metadata.get("part", {})
-    if "first" in part:
+    if {"first", "number", "before", "why"} <= part.keys():
         lines += [
             f"  part {part['number']} of the session that begins in {part['first']}, after "
             f"{part['before']} ({part['why']})",

@@ -18,7 +18,7 @@ from hil.models import catalogue
 from hil.models.model import ALL, BASE_EFFECTS, Band, Range, RobotModel, Use, Value
 from hil.models.param_text import in_words
 from hil.record.recording import RobotSource
-from hil.userfile import parse_toml, read_text
+from hil.userfile import parse_toml, read_text, write_text
 
 __all__ = ["SCHEMA", "read_model", "write_model"]
 _TOP = ("schema", "robot", "effects", "signal", "plugins", "valid")
@@ -248,8 +248,8 @@ def write_model(model: RobotModel, path: str | Path) -> None:
         lines += ["", f"[valid.{_toml(r.joint)}]", f"position = {list(r.position)!r}"]
         lines += [f"speed = {list(r.speed)!r}", f"load = {list(r.load)!r}"]
     if urdf and not urdf.exists():
-        urdf.write_text(model.robot.urdf, encoding="utf-8", newline="")
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_text(urdf, model.robot.urdf)
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _toml(value: object) -> str:

@@ -103,7 +103,7 @@ def parsed(text: str) -> dict[str, Any]:
     """Report from its text, which anybody may have written; empty where there is none."""
     try:
         found = json.loads(text or "{}")
-    except ValueError:
+    except (ValueError, RecursionError):
         found = text
     return found if isinstance(found, dict) else {"why": "unknown", "cut": f"report {text[:80]!r}"}
 

@@ -53,6 +53,24 @@ def test_stops_are_told_with_their_causes(tmp_path, capsys):
     assert len(states) == 18 and states[0]["causes"] == [] and states[0]["tick"] == 9
 
 
+RECORDS = (
+    {"loop": {"figures": "{"}},
+    {"loop": {"figures": "[1]"}},
+    {"loop": {"figures": '{"ticks": NaN}'}, "session": {"rate_hz": "abc"}},
+    {"loop": {"figures": "[" * 10**5}},
+    {"part": {"first": "a"}, "watchdog": {"report": "[" * 10**5}},
+)
+
+
+@pytest.mark.parametrize("records", RECORDS, ids=range(len(RECORDS)))
+def test_records_that_no_checksum_covers_are_read_whatever_they_say(tmp_path, records, capsys):
+    with SessionWriter(tmp_path / "s.mcap", [], records):
+        pass
+    assert main(["info", str(tmp_path / "s.mcap")]) == 0
+    assert main(["info", str(tmp_path / "s.mcap"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["sessions"][0]["loop"] is None
+
+
 def test_json(session, capsys):
     assert main(["info", str(session), str(session), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

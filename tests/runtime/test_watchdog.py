@@ -224,7 +224,9 @@ def test_a_full_disk_does_not_stop_the_cut(tmp_path, capsys):
     assert capsys.readouterr().err.count("cannot be written") == 3
 
 
-@pytest.mark.parametrize("text", ["", "null", "[1]", "{", '{"silent_s": "x"}', "\xff", '{"a": 1}'])
+@pytest.mark.parametrize(
+    "text", ["", "null", "[1]", "{", '{"silent_s": "x"}', "\xff", '{"a": 1}', "[" * 10**5]
+)
 def test_any_report_is_read(tmp_path, text):
     (tmp_path / "r.json").write_bytes(text.encode("latin-1"))
     assert "STILL BE ON" in watchdog.in_words(tripped(tmp_path / "r.json"))
