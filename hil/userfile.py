@@ -44,6 +44,8 @@ def open_regular(path: str | Path, most: int) -> BinaryIO:
     OSError
         If it is not there, no regular file, or larger.
     """
+    if "\0" in str(path):  # a file of TOML may name another so
+        raise OSError(errno.EINVAL, "a name with a zero byte is no file's", str(path))
     # without O_NONBLOCK, opening a pipe waits for a writer
     file = os.fdopen(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb")
     state = os.fstat(file.fileno())

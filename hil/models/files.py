@@ -107,7 +107,7 @@ def _base(explains: str) -> list[dict[str, str]]:
 
 
 def _texts(value: Any, what: str, example: str) -> list[str]:
-    if isinstance(value, list) and all(isinstance(x, str) for x in value):
+    if isinstance(value, list) and all(isinstance(x, str) and "\0" not in x for x in value):
         return value
     raise ConfigError(f"{what} = {value!r}: expected a list of texts, e.g. {example}")
 

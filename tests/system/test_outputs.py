@@ -13,7 +13,7 @@ from hil.record.export import write_recordings
 from hil.record.mcap_read import load, read_metadata, summary
 from hil.record.mcap_write import SessionWriter
 from hil.record.recovery import SessionFile
-from hil.userfile import write_text
+from hil.userfile import open_regular, write_text
 
 RIG = Path(__file__).parents[2] / "rigs" / "teleop.toml"
 BASE = 'schema = "hil.model/1"\n[robot]\npreset = "single-axis"\n[[effects]]\ntype = "viscous"\n'
@@ -164,6 +164,11 @@ def test_a_text_file_keeps_its_mode_and_its_links_and_a_pipe_is_written_to(tmp_p
     assert place.stat().st_mode & 0o777 == 0o640
     write_text("/dev/null", "x")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.toml", "b.toml"]
+
+
+def test_a_name_with_a_zero_byte_is_no_files():
+    with pytest.raises(OSError, match="zero byte"):
+        open_regular("a\0b", 9)
 
 
 def test_a_full_disk_during_a_session_tells_what_is_kept(folder, capsys, monkeypatch):
