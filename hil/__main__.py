@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 # built into the interpreter: nothing is read before a handler stands
-import _signal
+import _signal  # type: ignore[import-not-found]
 import os
 import sys
 
