@@ -10,10 +10,11 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
-
+# nothing is imported here: until the program has arranged for Ctrl-C, one prints a traceback
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from hil.diagnosis.engine import diagnose
     from hil.diagnosis.verbs import add, compare, fit, ladder
     from hil.identify.simulated import refine
@@ -66,6 +67,8 @@ def __getattr__(name: str) -> Any:
         return version("hil-teleop")
     if name not in _WHERE:
         raise AttributeError(f"module 'hil' has no attribute {name!r}")
+    import importlib
+
     module = importlib.import_module(_WHERE[name])
     return getattr(module, name)
 

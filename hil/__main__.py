@@ -2,10 +2,29 @@
 
 from __future__ import annotations
 
+# built into the interpreter: nothing is read before a handler stands
+import _signal  # type: ignore[import-not-found]
+import os
 import sys
-from typing import NoReturn
 
-from hil.interrupt import CODE, interrupts
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import NoReturn
+
+
+def _at_once(number: int, frame: object) -> None:
+    """Ctrl-C before `hil.interrupt` is there."""
+    os.write(2, b"hil: interrupted\n")
+    os._exit(130)
+
+
+try:
+    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
+        _signal.signal(_signal.SIGINT, _at_once)
+except ValueError:  # imported outside of the main thread, which alone gets signals
+    pass
+
+from hil.interrupt import CODE, interrupts  # noqa: E402
 
 
 def program() -> NoReturn:
@@ -19,6 +38,7 @@ def program() -> NoReturn:
     code = main()
     if code == CODE:
         interrupts.end()
+    interrupts.done(code)
     sys.exit(code)
 
 

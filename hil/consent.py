@@ -15,6 +15,7 @@ from pathlib import Path
 
 from hil.errors import ConfigError
 from hil.local_modules import LocalModule, beside
+from hil.userfile import write_text
 
 #: Environment variable that names the folder in which things are remembered.
 VARIABLE = "HIL_STATE"
@@ -95,7 +96,8 @@ def cut_program(words: Sequence[str]) -> Executable:
     for k, word in enumerate(words):
         digest.update(b"\0" + word.encode())
         path = Path(word)
-        if path.is_file() and (k == 0 or _script(path)):
+        # a word may be a whole script, longer than the name of a file may be
+        if os.path.isfile(word) and (k == 0 or _script(path)):
             digest.update(b"\0" + _content(path))
     return Executable("cut program", " ".join(words), digest.hexdigest())
 
@@ -140,7 +142,7 @@ def give(what: Executable) -> None:
     place = _place(what)
     prepare(place.parent)
     try:
-        place.write_text(f"{what.kind}: {what.text}\n", encoding="utf-8")
+        write_text(place, f"{what.kind}: {what.text}\n")
     except OSError as error:
         raise ConfigError(_unwritable(error)) from error
 

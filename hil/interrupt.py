@@ -35,12 +35,15 @@ class Interrupts:
         #: Whether a command was interrupted; an error after that is a consequence.
         self.seen = False
         self._told = False
+        #: Exit code of a command that is done.
+        self._code: int | None = None
 
     def arm(self) -> None:
         """From here on Ctrl-C leaves at once; to be called before anything large is imported."""
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, self._handle)
             sys.unraisablehook = self._unraisable
+            atexit.register(self._last)  # registered first, it runs last
 
     @contextlib.contextmanager
     def unwinding(self, name: str) -> Iterator[None]:
@@ -78,7 +81,18 @@ class Interrupts:
             self._since, self.seen = now, True
             raise KeyboardInterrupt
 
-    def leave(self, line: str) -> None:
+    def done(self, code: int) -> None:
+        """The command is done and all is said: the process ends with `code`."""
+        self._code = code
+
+    def _last(self) -> None:
+        """What is left is taking the interpreter down, which would die of Ctrl-C without a word."""
+        if self._code is None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        else:
+            self.leave("", self._code)
+
+    def leave(self, line: str, code: int = CODE) -> None:
         """Print a line and end the process, past everything that could still print or wait."""
         for stream in (sys.stdout, sys.stderr):
             # the interruption may have hit a write to the same stream, which refuses a second
@@ -86,7 +100,7 @@ class Interrupts:
                 stream.flush()
         with contextlib.suppress(OSError):
             os.write(2, line.encode("utf-8", "replace"))
-        os._exit(CODE)
+        os._exit(code)
 
     def end(self) -> None:
         """End the process of an interrupted command, whatever its threads still do.

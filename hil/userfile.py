@@ -1,5 +1,7 @@
 """A user's text file brought in without harm: what is read, how much of it, how deep it nests.
 
+And written without harm: whole or not at all.
+
 Every refusal is an error that a reader of such files expects anyway: `OSError` for the file,
 `tomllib.TOMLDecodeError` for what stands in it.
 """
@@ -9,6 +11,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import shutil
 import stat
 import tomllib
 from pathlib import Path
@@ -41,6 +44,8 @@ def open_regular(path: str | Path, most: int) -> BinaryIO:
     OSError
         If it is not there, no regular file, or larger.
     """
+    if "\0" in str(path):  # a file of TOML may name another so
+        raise OSError(errno.EINVAL, "a name with a zero byte is no file's", str(path))
     # without O_NONBLOCK, opening a pipe waits for a writer
     file = os.fdopen(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb")
     state = os.fstat(file.fileno())
@@ -79,6 +84,35 @@ def read_text(path: str | Path, most: int = LARGEST_TEXT) -> str:
         If it is not text.
     """
     return read_bytes(path, most).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Put a text file into its place, whole or not at all; what was there stays where it fails.
+
+    A full disk or an interruption leaves no stub and takes no file away.  Devices and pipes are
+    written to as they are.
+
+    Raises
+    ------
+    OSError
+        With the name of the file, if it cannot be written.
+    """
+    place, data = Path(path).resolve(), text.encode()
+    try:
+        if place.exists() and not place.is_file():
+            place.write_bytes(data)
+            return
+        new = place.with_name(f".{place.name[:200]}.{os.getpid()}.new")
+        try:
+            new.write_bytes(data)
+            if place.exists():
+                shutil.copymode(place, new)
+            new.replace(place)
+        finally:
+            new.unlink(missing_ok=True)
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None
+        raise
 
 
 def parse_toml(text: str) -> dict[str, Any]:

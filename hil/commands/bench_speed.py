@@ -23,6 +23,7 @@ from hil.teleop import optimise
 from hil.teleop.architecture import Realisation
 from hil.teleop.hybrid import Impedance
 from hil.teleop.optimise import DesignProblem
+from hil.userfile import write_text
 
 COMMAND = "hil bench identify"
 TITLE = "# Speed of identification and diagnosis"
@@ -174,7 +175,7 @@ def _identify(args: argparse.Namespace) -> Found:
     report = identify.run(figaroh=args.figaroh, report=lambda what: common.log(f"measuring {what}"))
     if args.report:
         with outputs.writing(args.report):
-            Path(args.report).write_text(page(report), encoding="utf-8")
+            write_text(args.report, page(report))
     return text(report), data(report)
 
 

@@ -18,7 +18,7 @@ from hil.models.param_text import in_words, without_error
 from hil.record.recording import Recording
 from hil.record.sources import find, load_sources, stand_elsewhere
 from hil.report import columns
-from hil.userfile import parse_toml, read_text
+from hil.userfile import parse_toml, read_text, write_text
 
 
 def add_sessions(parser: argparse.ArgumentParser, model: bool = True) -> None:
@@ -266,4 +266,4 @@ def check_page(path: str | None) -> None:
 def write_page(path: str | None, text: str) -> None:
     """Write the page, if one is asked for."""
     if path:
-        Path(path).write_text(text, encoding="utf-8")
+        write_text(path, text)

@@ -32,7 +32,7 @@ from hil.teleop.rig_designs import ArmImpedances
 from hil.teleop.sampled_loop import SampledLoop
 from hil.teleop.summary import DesignSummary, summarise
 from hil.toml import parse
-from hil.userfile import read_text
+from hil.userfile import read_text, write_text
 
 TITLE = "Design of a teleoperation controller"
 #: Figure of merit -> format, unit and what it should be.
@@ -264,7 +264,7 @@ def run(args: argparse.Namespace) -> int:
     trouble = _trouble(loops, period) or _with_estimators(config, parameters)
     if args.report:
         with outputs.writing(args.report):
-            Path(args.report).write_text(page(loops, found, trouble), encoding="utf-8")
+            write_text(args.report, page(loops, found, trouble))
     if args.json:
         common.emit(_json(parameters, found, trouble) | {"active": notes})
     else:
@@ -403,7 +403,7 @@ def _write(path: str, config: RigConfig, parameters: Mapping[str, Any]) -> None:
     law = dataclasses.replace(config.controller, name="lawrence", parameters=parameters, arms=arms)
     text = session.to_toml(session.plain(dataclasses.replace(config, controller=law)))
     with outputs.writing(path):
-        Path(path).write_text(text, encoding="utf-8")
+        write_text(path, text)
 
 
 def _is_rig(path: Path) -> bool:

@@ -36,6 +36,7 @@ from hil.experiments.pages import PAGES, cells, means, picture
 from hil.experiments.pages import text as page_text
 from hil.experiments.replicate import FAILED, replicate
 from hil.revision import source_revision
+from hil.userfile import write_text
 
 EXAMPLE = "hil experiment elastic-ukf"
 
@@ -156,7 +157,7 @@ def _replicated(args: argparse.Namespace, many: int) -> Found:
         command = f"hil experiment {args.name}" + (f" --seeds {many}" if many != _SEEDS else "")
         common.write_page(args.report, page_text(page, found, command, told, place.name))
         if figure := picture(page, found):
-            place.write_text(figure, encoding="utf-8")
+            write_text(place, figure)
     lines = [f"{page.title}: {told}; mean and 95 % interval of the mean", ""]
     lines += [common.table(page.head, cells(found)), "", f"Thesis: {page.thesis}"]
     lines += [f"  - {line}" for line in page.read(found)]
@@ -411,7 +412,7 @@ def _hidden_effect(args: argparse.Namespace) -> Found:
         picture = Path(args.report).with_suffix(".svg")
         command = "hil experiment hidden-effect" + " --quick" * args.quick
         common.write_page(args.report, hidden_effect.page(rows, command, picture.name))
-        picture.write_text(hidden_effect.figure(found), encoding="utf-8")
+        write_text(picture, hidden_effect.figure(found))
     text = (
         f"{common.table(list(hidden_effect.HEAD), hidden_effect.cells(found))}\n"
         "  newtons with the rig file's model -> the fitted base model -> the diagnosed model, "

@@ -12,6 +12,7 @@ from hil.errors import ConfigError
 from hil.export import target
 from hil.export.target import Job, Made
 from hil.record.sources import find, load_sources
+from hil.userfile import write_text
 
 EXAMPLE = "hil export arm.toml --to mjcf -o arm.xml --data run1.mcap --holdout run2.mcap"
 
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         outputs.check(path, path.suffix, [args.model, *paths, *others], _ours, "an export of hil")
     for path, text in zip(written, made.texts.values(), strict=True):
         with outputs.writing(path):
-            path.write_text(text, encoding="utf-8")
+            write_text(path, text)
     if args.json:
         common.emit(as_dict(made, written))
     else:

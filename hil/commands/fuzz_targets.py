@@ -311,16 +311,15 @@ def _session(data: bytes, folder: Path) -> object:
     return [check(r) for r in load_arms(path)]
 
 
-def _plain_session(recording: Recording, folder: Path) -> bytes:
+def _plain_session(path: Path, chunks: bool) -> bytes:
     """A session without compression and checksums, so that a changed byte is read as it is."""
-    write_recordings(folder / "seed.mcap", [recording])
-    box, file = read(folder / "seed.mcap"), io.BytesIO()
+    box, file = read(path), io.BytesIO()
     writer = Writer(
         file,
         compression=CompressionType.NONE,
         enable_crcs=False,
         enable_data_crcs=False,
-        use_chunking=recording.wrench is None,
+        use_chunking=chunks,
     )
     writer.start(profile="ros2", library="hil")
     for name, record in box.metadata.items():
@@ -331,7 +330,7 @@ def _plain_session(recording: Recording, folder: Path) -> bytes:
         schema = writer.register_schema(topic.schema, topic.schema_encoding, topic.schema_text)
         channel = writer.register_channel(topic.name, topic.encoding, schema)
         for k, payload in enumerate(topic.data):
-            writer.add_message(channel, topic.times[k], payload, topic.times[k], k)
+            writer.add_message(channel, topic.times[k], payload, topic.times[k], topic.sequence[k])
     writer.finish()  # type: ignore[no-untyped-call]
     return file.getvalue()
 
@@ -355,23 +354,29 @@ def _sessions() -> list[bytes]:
         robot=RobotSource("", _URDF),
     )
     with tempfile.TemporaryDirectory() as folder:
-        out = [_plain_session(r, Path(folder)) for r in (plain, full)]
-        write_recordings(Path(folder) / "packed.mcap", [plain])
-        return [*out, (Path(folder) / "packed.mcap").read_bytes()]
+        out = []
+        for k, recording in enumerate((full, plain)):
+            write_recordings(Path(folder) / f"{k}.mcap", [recording])
+            out.append(_plain_session(Path(folder) / f"{k}.mcap", chunks=bool(k)))
+        packed = (Path(folder) / "1.mcap").read_bytes()
+        return [*reversed(out), packed, *_replays()[1:]]
 
 
 def _replay(data: bytes, folder: Path) -> object:
     return replay.played(read(_put(data, folder, "s.mcap")), folder)
 
 
+@cache
 def _replays() -> list[bytes]:
-    """A session of the loop of a few ticks."""
+    """A session of the loop of a few ticks and with a command, packed and plain."""
     from hil.runtime import runner
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "s.mcap"
-        runner.run(load_rig("teleop"), 0.02, clock="lockstep", output=path)
-        return [path.read_bytes()]
+        operator = runner.Operator([(0.005, "pause")], lambda text: None)
+        rig = load_rig("teleop")
+        runner.run(rig, 0.02, clock="lockstep", output=path, operator=operator)
+        return [path.read_bytes(), _plain_session(path, chunks=False)]
 
 
 def _frame(data: bytes, folder: Path) -> object:

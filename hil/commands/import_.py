@@ -33,7 +33,7 @@ from hil.record.mapfile import Rule, TableMap, builtin_maps, read_map
 from hil.record.recording import TAGS, Recording, tag_record
 from hil.record.table_files import is_dataset, open_table, run_names
 from hil.record.tables import Imported, import_table
-from hil.userfile import read_text
+from hil.userfile import read_text, write_text
 
 
 def as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[str, object]:
@@ -346,11 +346,10 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
             f"table {path}: no column's name says a position. It has: "
             f'{", ".join(table.names[:40])}. Write the map yourself: [columns] q1 = "..."'
         )
+    if place.exists():
+        raise ConfigError(f"{place} exists; give another name, or delete it first")
     try:
-        with place.open("x", encoding="utf-8") as file:
-            file.write(found.text)
-    except FileExistsError:
-        raise ConfigError(f"{place} exists; give another name, or delete it first") from None
+        write_text(place, found.text)
     except OSError as error:
         raise ConfigError(f"cannot write {place}: {error.strerror}") from error
     lacks = f"\nno column's name says {' or '.join(found.missing)}; add it" if found.missing else ""

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ from hil.record.consistency import DataFault
 from hil.record.mcap_read import ChannelSummary, SessionSummary, load, read_attachments, summary
 from hil.record.recording import Recording
 from hil.record.recovery import recover
+from hil.rig import safety
 from hil.runtime.watchdog import beside, in_words, parsed
 from hil.userfile import read_text
 
@@ -34,7 +36,14 @@ _US = (
     ("wake-up late", "late"),
     ("tick takes", "busy"),
 )
+#: Stops of a session that are printed, each.
+_STOPS = 6
 _SHARES = (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999"), ("most", "most"))
+
+#: What a loop's figures must hold to be shown.
+_FIGURES = {"ticks", "missed", "dropped", "ring_most", "longest_gap"} | {
+    f"{key}_{q}" for _, key in _US for _, q in _SHARES
+}
 
 
 def when(found: SessionSummary) -> str:
@@ -46,10 +55,14 @@ def when(found: SessionSummary) -> str:
     return f"recorded {began:%Y-%m-%d %H:%M:%S} UTC, {length:.4g} s"
 
 
-def figures(found: SessionSummary) -> dict[str, float] | None:
+def figures(session: SessionSummary) -> dict[str, float] | None:
     """Figures of the loop, where the session is of `hil run` and was closed."""
-    told = found.metadata.get("loop", {}).get("figures")
-    return dict(json.loads(told)) if told else None
+    try:
+        told = json.loads(session.metadata.get("loop", {}).get("figures", ""))
+        found = {str(name): value for name, value in told.items() if math.isfinite(value)}
+    except (ValueError, AttributeError, TypeError, RecursionError, OverflowError):
+        return None  # a record has no checksum
+    return found if found.keys() >= _FIGURES else None
 
 
 def loop_lines(found: SessionSummary) -> list[str]:
@@ -58,9 +71,9 @@ def loop_lines(found: SessionSummary) -> list[str]:
     if f is None:
         return []
     session, loop = found.metadata.get("session", {}), found.metadata["loop"]
-    clock, rate = session.get("clock", "?"), float(session.get("rate_hz", "nan"))
+    clock, rate = session.get("clock", "?"), session.get("rate_hz", "?").removesuffix(".0")
     rows = [
-        f"loop: {f['ticks']:.0f} ticks at {rate:g} Hz, clock {clock}; {f['missed']:.0f} deadlines "
+        f"loop: {f['ticks']:.0f} ticks at {rate} Hz, clock {clock}; {f['missed']:.0f} deadlines "
         f"missed, {f['dropped']:.0f} rows dropped, at most {f['ring_most']:.0f} waited in the ring"
     ]
     if clock == "lockstep":
@@ -194,6 +207,7 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
         "loop": figures(found),
         "metadata": found.metadata,
         "attachments": list(found.attachments),
+        "states": [asdict(s) for s in found.states],
         "watchdog": _trip(found),
         "executables": _executables(found),
     }
@@ -210,6 +224,23 @@ def _trip(found: SessionSummary) -> dict[str, Any] | None:
         return None
     except (OSError, UnicodeDecodeError) as error:
         return {"why": "unknown", "cut": f"{beside(Path(found.path))} cannot be read ({error})"}
+
+
+def _stops(found: SessionSummary) -> list[str]:
+    """When and why the motors of a session were without torque."""
+    before = ("", *(s.state for s in found.states))
+    changes = [s for was, s in zip(before, found.states, strict=False) if s.state != was]
+    stops = [s for s in changes if s.state in ("PAUSED", "FAULT")]
+    shown = stops if len(stops) <= _STOPS else [*stops[: _STOPS - 1], stops[-1]]
+    texts = {c.name: c.text for c in safety.TABLE}
+    rows = [
+        f"  {s.state} at {s.at_s:.4f} s (tick {s.tick}): "
+        + ("; ".join(texts.get(c, c) for c in s.causes) or "asked for by the operator")
+        for s in shown
+    ]
+    if len(stops) > len(shown):
+        rows.insert(-1, f"  ... {plural(len(stops) - len(shown), 'stop')} more")
+    return [*rows, ""] if rows else []
 
 
 def _executables(found: SessionSummary) -> list[str]:
@@ -264,7 +295,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
             "",
         ]
     part = found.metadata.get("part", {})
-    if "first" in part:
+    if {"first", "number", "before", "why"} <= part.keys():
         lines += [
             f"  part {part['number']} of the session that begins in {part['first']}, after "
             f"{part['before']} ({part['why']})",
@@ -285,6 +316,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
         for c in found.channels
     ]
     lines += [*_aligned(rows), "", *loop_lines(found)]
+    lines += _stops(found)
     trip, named = _trip(found), _executables(found)
     lines += [f"  {in_words(trip)}", ""] if trip else []
     lines += [f"  {text}; nothing of it runs because the session is read" for text in named]

@@ -10,6 +10,7 @@ from pathlib import Path
 from hil.commands import outputs
 from hil.errors import ConfigError
 from hil.rigs import NAMES, rig_path
+from hil.userfile import write_text
 
 EXAMPLE = "hil init teleop -o my-rig.toml"
 _FIRST = "teleop"
@@ -40,9 +41,9 @@ def run(args: argparse.Namespace) -> int:
         if beside.exists() and not outputs.same_text(beside, robot):
             raise ConfigError(f"{beside} is there and is another robot; choose another folder")
         with outputs.writing(beside):
-            beside.write_text(robot, encoding="utf-8")
+            write_text(beside, robot)
     with outputs.writing(output):
-        output.write_text(text, encoding="utf-8")
+        write_text(output, text)
     what = table.get("controller", {}).get("name", "")
     sys.stdout.write(
         f"{output}: rig {args.name}, controller {what}, on simulated devices\n"

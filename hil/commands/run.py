@@ -6,11 +6,13 @@ Errors in a rig file start with its name, also those that only opening it shows.
 from __future__ import annotations
 
 import argparse
+import glob
 import json
 import math
 import re
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -144,10 +146,12 @@ def run(args: argparse.Namespace) -> int:
     real = (args.clock or config.clock) == "real"
     if real and not (args.json or args.board or args.plain) and screen.is_terminal():
         return screen.show(_typed(args))
-    before = _stamp(args.output)
-    with saying(lambda: recorded(args.output, before)):
+    before, began_ns = _stamp(args.output), time.time_ns()
+    with saying(lambda: recorded(args.output, before, began_ns)):
         summary = _with_bar(config, args)
-    for line in differences(summary.path):
+    # totals are in the last file, which may have been taken away as any other
+    last = [path for path in (summary.path, *summary.parts) if Path(path).exists()][-1:]
+    for line in (line for path in last for line in differences(path)):
         sys.stderr.write(line + "\n")
     if args.json:
         sys.stdout.write(json.dumps(summary.as_dict()) + "\n")
@@ -173,12 +177,15 @@ def _stamp(path: str) -> tuple[int, int] | None:
     return (place.stat().st_ino, place.stat().st_mtime_ns) if place.exists() else None
 
 
-def recorded(path: str, before: tuple[int, int] | None) -> str:
-    """Where the record of an interrupted session is."""
-    now = _stamp(path)
-    if now is None or now == before:
+def recorded(path: str, before: tuple[int, int] | None, began_ns: int) -> str:
+    """Where the record of an interrupted session is, all its parts."""
+    now, place = _stamp(path), Path(path)
+    found = [] if now is None or now == before else [path]
+    parts = place.parent.glob(f"{glob.escape(place.stem)}.part*{glob.escape(place.suffix)}")
+    found += sorted(str(p) for p in parts if p.stat().st_mtime_ns > began_ns)
+    if not found:
         return "it had not begun to record"
-    return f"what was recorded until then is in {path}"
+    return f"what was recorded until then is in {', '.join(found)}"
 
 
 def differences(path: str) -> list[str]:
@@ -297,8 +304,13 @@ def table(summary: runner.Summary) -> str:
     """Closing table of a session."""
     speed = summary.seconds / max(summary.wall_seconds, 1e-9)
     rows = [
-        ("session", summary.path),
-        *(("", path) for path in summary.parts),
+        *(
+            (
+                "" if k else "session",
+                path + ("" if Path(path).exists() else " (not there any more)"),
+            )
+            for k, path in enumerate((summary.path, *summary.parts))
+        ),
         ("clock", f"{summary.clock}, seed {summary.seed}"),
         ("ticks", f"{summary.ticks} in {summary.seconds:.3f} s"),
         ("wall time", f"{summary.wall_seconds:.2f} s ({speed:.1f} x real time)"),

@@ -114,7 +114,7 @@ def named(attachments: Mapping[str, bytes]) -> list[str]:
 def plugins(table: Mapping[str, Any]) -> list[str]:
     """Python files that a model names."""
     names = table.get("plugins", [])
-    if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
+    if not isinstance(names, list) or any(not isinstance(n, str) or "\0" in n for n in names):
         raise ConfigError(f"plugins = {names!r}: expected a list of texts")
     return names
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from hil.userfile import parse_toml, read_text
+from hil.userfile import parse_toml, read_text, write_text
 
 FloatArray = NDArray[np.float64]
 
@@ -309,7 +309,7 @@ def _rows(values: FloatArray) -> str:
 
 def write(x: Trajectory, path: str | Path, note: str = "") -> None:
     """Write a trajectory file."""
-    Path(path).write_text(text(x, note), encoding="utf-8")
+    write_text(path, text(x, note))
 
 
 #: Lengths of the lead-in that are tried [s].

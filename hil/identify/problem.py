@@ -244,8 +244,11 @@ class Rows:
         return self.remembered(("grid", effect, j), [first], lambda: effect.search.grid(first, j))
 
     def rms(self, x: FloatArray) -> FloatArray:
-        """Root mean square over the instants at which each joint moves, (d, n) to (d,)."""
-        out: FloatArray = np.sqrt(np.sum(x**2, axis=1) / self.count)
+        """Root mean square over the instants at which each joint moves, (d, n) to (d,).
+
+        Zero for a joint without one.
+        """
+        out: FloatArray = np.sqrt(np.sum(x**2, axis=1) / np.maximum(self.count, 1.0))
         return out
 
     @property

@@ -18,7 +18,7 @@ from hil.models import catalogue
 from hil.models.model import ALL, BASE_EFFECTS, Band, Range, RobotModel, Use, Value
 from hil.models.param_text import in_words
 from hil.record.recording import RobotSource
-from hil.userfile import parse_toml, read_text
+from hil.userfile import parse_toml, read_text, write_text
 
 __all__ = ["SCHEMA", "read_model", "write_model"]
 _TOP = ("schema", "robot", "effects", "signal", "plugins", "valid")
@@ -107,7 +107,7 @@ def _base(explains: str) -> list[dict[str, str]]:
 
 
 def _texts(value: Any, what: str, example: str) -> list[str]:
-    if isinstance(value, list) and all(isinstance(x, str) for x in value):
+    if isinstance(value, list) and all(isinstance(x, str) and "\0" not in x for x in value):
         return value
     raise ConfigError(f"{what} = {value!r}: expected a list of texts, e.g. {example}")
 
@@ -248,8 +248,8 @@ def write_model(model: RobotModel, path: str | Path) -> None:
         lines += ["", f"[valid.{_toml(r.joint)}]", f"position = {list(r.position)!r}"]
         lines += [f"speed = {list(r.speed)!r}", f"load = {list(r.load)!r}"]
     if urdf and not urdf.exists():
-        urdf.write_text(model.robot.urdf, encoding="utf-8", newline="")
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_text(urdf, model.robot.urdf)
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _toml(value: object) -> str:

@@ -202,6 +202,8 @@ _UNREADABLE = (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError, 
 _ZSTD = b"\x28\xb5\x2f\xfd"
 #: Attachment with a copy of the metadata: a metadata record has no checksum, an attachment has.
 METADATA_COPY = "hil.metadata.json"
+#: Before the name of an attached file: its copy, packed with zlib.
+FILE_COPY = "hil.copy/"
 #: Records that must follow each other where the walk goes on after a damaged one, and bytes that
 #: are searched at once.
 _CHAIN, _SEARCHED = 3, 2**20
@@ -382,6 +384,8 @@ class _Reader:
         self.found = Messages(large)
         #: Where attached files have been read.
         self.walked: set[int] = set()
+        #: Copies of attached files by their names, packed.
+        self.copies: dict[str, bytes] = {}
         #: Bytes that the chunks say they unpack to.
         self.claimed = 0
 
@@ -397,6 +401,11 @@ class _Reader:
             if offset not in self.walked and offset + length <= limit:
                 self.whole(_ATTACHMENT, raw[offset + HEAD : offset + length])
         self.out.metadata = {**later, **self.out.metadata}
+        room = min(_ROOM, _RATIO * len(raw))
+        for name in [name for name in self.copies if name not in self.out.attachments]:
+            if text := _unpacked(self.copies[name], room) if room else b"":
+                self.out.attachments[name] = text
+                room -= len(text)
         self.found.hand_out(self.channels)
         self.out.truncated = not (ended and raw.endswith(MAGIC))
         self.out.unread = 0 if ended else len(raw) - stop
@@ -545,9 +554,36 @@ class _Reader:
         content = data[at + 8 : at + 8 + n]
         if name == METADATA_COPY:
             # all until here, of which one may be damaged
-            self.out.metadata = json.loads(content)
+            self.out.metadata = _records(content)
+        elif name.startswith(FILE_COPY):
+            self.copies[name.removeprefix(FILE_COPY)] = content
         else:
             self.out.attachments[name] = content
+
+
+def _records(content: bytes) -> dict[str, dict[str, str]]:
+    """Metadata from its copy, which anybody may have written."""
+    try:
+        found = json.loads(content)
+    except RecursionError as error:
+        raise ValueError("a copy of the metadata that nests too deep") from error
+    if not isinstance(found, dict):
+        raise ValueError("a copy of the metadata that is no table")
+    return {
+        str(name): {str(key): str(text) for key, text in record.items()}
+        for name, record in found.items()
+        if isinstance(record, dict)
+    }
+
+
+def _unpacked(content: bytes, most: int) -> bytes:
+    """An attached file from its copy; empty where it is damaged, or larger than `most` bytes."""
+    unpack = zlib.decompressobj()
+    try:
+        text = unpack.decompress(content, most)
+    except zlib.error:
+        return b""
+    return text if unpack.eof else b""
 
 
 def _same(one: Topic, other: Topic) -> bool:

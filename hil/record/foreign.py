@@ -246,6 +246,8 @@ def _parquet(path: str, most: int) -> Iterator[tuple[str, Array]]:
 
     file = parquet.ParquetFile(path, memory_map=True)
     head = file.metadata
+    if head.num_columns > MOST_ARRAYS:
+        raise DataError(f"holds {head.num_columns} arrays; at most {MOST_ARRAYS} are read")
     sizes = (head.row_group(k).total_byte_size for k in range(head.num_row_groups))
     if (total := sum(sizes)) > most:
         raise DataError(

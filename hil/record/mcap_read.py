@@ -5,6 +5,7 @@ From the topics of one arm to its recording: on common ticks, in the order of th
 
 from __future__ import annotations
 
+import contextlib
 import json
 import struct
 from collections.abc import Iterator
@@ -150,6 +151,16 @@ class ChannelSummary:
 
 
 @dataclass(frozen=True)
+class StateChange:
+    """State of the loop and its causes from a time [s] and tick on, where either is new."""
+
+    state: str
+    at_s: float
+    tick: int
+    causes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class SessionSummary:
     """What a session holds; times of channels count from `zero_ns`, see `Container.zero_ns`."""
 
@@ -163,6 +174,7 @@ class SessionSummary:
     attachments: tuple[str, ...]
     arms: tuple[str, ...]
     zero_ns: int = 0
+    states: tuple[StateChange, ...] = ()
 
 
 def summary(path: str | Path) -> SessionSummary:
@@ -186,7 +198,22 @@ def summary(path: str | Path) -> SessionSummary:
         tuple(box.attachments),
         _arms(box),
         box.zero_ns,
+        tuple(_states(box)),
     )
+
+
+def _states(box: Container) -> Iterator[StateChange]:
+    """Changes of state among the events; what is no such event is left out, whoever wrote it."""
+    topic = box.topics.get("/events")
+    if topic is None:
+        return
+    for at, raw in zip(box.seconds(topic), topic.data, strict=True):
+        with contextlib.suppress(ValueError, KeyError, TypeError, RecursionError):
+            event = json.loads(raw)
+            if event["name"] == "state":
+                told = event["data"]
+                causes = tuple(str(cause) for cause in told["conditions"])
+                yield StateChange(str(told["state"]), float(at), int(event["tick"]), causes)
 
 
 def _channel(topic: Topic, box: Container) -> ChannelSummary:

@@ -509,8 +509,10 @@ class SessionWriter:
     def abandon(self) -> None:
         """Give up after an error: cut the file off behind its last whole chunk, and close it.
 
-        A file without a message is removed.
+        A file without a message is removed; one that is closed stays as it is.
         """
+        if self._file.closed:
+            return
         if self._file.kept <= self._head:
             self._file.discard()
             return
@@ -524,8 +526,8 @@ class SessionWriter:
 
     @property
     def gone(self) -> bool:
-        """Whether the file was removed or renamed while it is written."""
-        return self._file.gone
+        """Whether the file was removed, renamed or shortened while it is written."""
+        return not self._file.closed and self._file.gone
 
     def release(self) -> None:
         """Let go of the file without a byte more: another process writes it."""

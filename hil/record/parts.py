@@ -101,9 +101,8 @@ class SessionParts:
         if t_ns - self._looked_ns >= LOOKED_S * 1e9:
             self._looked_ns = t_ns
             if self._writer.gone:
-                self._say(f"{self.paths[-1]} is not there any more")
-                self._writer.close()  # renamed, it is a proper session
-                self._next(tick, t_ns, "the file before was removed or renamed")
+                self._close()  # renamed, it is a proper session
+                self._next(tick, t_ns, "the file before was removed, renamed or shortened")
                 return
         if 0 < self._length_ns <= t_ns - self._begun_ns:
             self._writer.close()
@@ -149,4 +148,9 @@ class SessionParts:
 
     def close(self) -> None:
         """Write the index of the last file and close it."""
+        self._close()
+
+    def _close(self) -> None:
+        if self._writer.gone:
+            self._say(f"{self.paths[-1]} is not there any more, or was shortened")
         self._writer.close()

@@ -22,7 +22,7 @@ from mcap.records import Channel, ChunkIndex, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 from hil.errors import ConfigError, DataError
-from hil.record.container import METADATA_COPY, Container, read
+from hil.record.container import FILE_COPY, METADATA_COPY, Container, read
 
 LIBRARY = "hil"
 CHUNK_BYTES = 64 * 1024
@@ -86,9 +86,10 @@ class ChunkIndices:
 def describe(
     writer: Writer, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
 ) -> None:
-    """What a session is, before its first message: metadata, attached files, and a copy.
+    """What a session is, before its first message: metadata, attached files, and copies.
 
-    A metadata record has no checksum; its copy is an attachment, which has one.
+    A metadata record has no checksum; its copy is an attachment, which has one.  An attached file
+    that is damaged is read from its own copy.
     """
     for name, record in metadata.items():
         writer.add_metadata(name, dict(record))
@@ -96,6 +97,8 @@ def describe(
         writer.add_attachment(0, 0, name, "application/octet-stream", data)
     copy = json.dumps({name: dict(record) for name, record in metadata.items()}, sort_keys=True)
     writer.add_attachment(0, 0, METADATA_COPY, "application/json", copy.encode())
+    for name, data in attachments.items():
+        writer.add_attachment(0, 0, FILE_COPY + name, "application/zlib", zlib.compress(data, 9))
 
 
 def define_schema(writer: Writer, name: str, encoding: str, text: bytes) -> int:
@@ -194,11 +197,12 @@ class SessionFile:
 
     @property
     def gone(self) -> bool:
-        """Whether another file, or none, stands at the name of this one."""
+        """Whether another file, or none, stands at the name of this one, or it was shortened."""
         if not self._is_regular:
             return False
+        ours = os.fstat(self._raw.fileno())
         try:
-            return not os.path.samestat(self._path.stat(), os.fstat(self._raw.fileno()))
+            return ours.st_size < self.kept or not os.path.samestat(self._path.stat(), ours)
         except OSError:
             return True
 
@@ -215,8 +219,10 @@ class SessionFile:
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        if kind is None:
-            self.flush()
+        if kind is not None:
+            self.discard()  # no stub of what failed
+            return
+        self.flush()
         self.close()
 
 
@@ -229,7 +235,8 @@ def create(path: str | Path, overwrite: bool) -> SessionFile:
         If it cannot be created, exists and must not be overwritten, or another process is
         writing it.
     """
-    flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | (0 if overwrite else os.O_EXCL)
+    # where another program shortens the file, appending leaves no hole that hides it
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | (0 if overwrite else os.O_EXCL)
     try:
         raw = FileIO(os.open(path, flags, 0o666), "r+b")
         _lock(raw, path)
@@ -305,6 +312,7 @@ def recover(source: str | Path, target: str | Path) -> int:
             writer.add_message(numbers[name], t.times[k], t.data[k], t.times[k], t.sequence[k])
         chunk_closer(writer)()
         writer.finish()  # type: ignore[no-untyped-call]
+        file.flush()
     return kept
 
 

@@ -43,6 +43,7 @@ from hil.report.figures import (
 )
 from hil.report.text import LEADING, Files, command
 from hil.revision import source_revision
+from hil.userfile import write_text
 
 #: What the title of every report ends in, and where it stands at the latest [byte].
 TITLE, HEAD = "of a robot model with measurements", 4096
@@ -97,8 +98,7 @@ def _write(m: Material, path: str | Path, files: Files | None = None) -> None:
             (ladder(m), fails(m), _tried(m), effects(m), traces(m), parameters(m), further(m))
         )
     body += provenance(m)
-    with open(path, "w", encoding="utf-8") as file:
-        file.write(document(title, body, figures=bool(m.rungs)))
+    write_text(path, document(title, body, figures=bool(m.rungs)))
 
 
 def top(m: Material, files: Files | None = None) -> str:

@@ -53,8 +53,11 @@ class RecordConfig:
             value = getattr(self, name)
             if not 0.0 <= value < math.inf:
                 raise ConfigError(f"[record]: {name} = {value:g}; 0 or more is needed.")
-        if 0.0 < self.split_seconds < 1.0 or 0.0 < self.split_megabytes < 1.0:
-            raise ConfigError("[record]: a file holds 1 s and 1 MB at least; 0 splits never.")
+            if name != "sync" and 0.0 < value < 1.0:
+                raise ConfigError(
+                    f"[record]: {name} = {value:g}; a file holds 1 s and 1 MB at least. Give 1 or "
+                    "more, or 0 to record into one file."
+                )
 
 
 #: Rows of the ring [1]: an hour and more at 1 kHz.

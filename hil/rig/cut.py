@@ -13,9 +13,12 @@ from pathlib import Path
 
 from hil.errors import ConfigError
 from hil.rig.config import SafetyConfig
+from hil.userfile import open_regular
 
 #: Times without a tick that a watchdog can tell from ordinary delays, and that make sense [s].
 SHORTEST, LONGEST = 0.02, 10.0
+#: Largest program that is taken for one, most that its words may have together [byte].
+LARGEST, LONGEST_WORDS = 2**28, 2**14
 #: How a compiled program begins: Linux and BSD, macOS (three kinds).
 _MAGIC = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xfe\xed\xfa\xcf")
 
@@ -47,7 +50,19 @@ def proven(safety: SafetyConfig) -> tuple[str, ...]:
             f"[safety]: watchdog = {safety.watchdog:g} s; {SHORTEST} to {LONGEST:g} s is needed: "
             "an ordinary process is kept waiting for milliseconds, and no arm may run on for long"
         )
+    _words(words)
     return (str(_program(words[0], f"[safety] cut: {words[0]!r}")), *words[1:])
+
+
+def _words(words: tuple[str, ...]) -> None:
+    """Refuse what no program can be given: a zero byte, or more than the system passes on."""
+    long = sum(len(word.encode()) for word in words)
+    held = next((word for word in words if "\0" in word), "")
+    if held or long > LONGEST_WORDS:
+        why = f"{held!r} holds a zero byte, which no program can be given"
+        if not held:
+            why = f"its words have {long} bytes, at most {LONGEST_WORDS}; put them into a script"
+        raise ConfigError(f"[safety] cut: {why}. The watchdog could not take the power off.")
 
 
 def _program(name: str, what: str) -> Path:
@@ -65,8 +80,14 @@ def _program(name: str, what: str) -> Path:
             why = "is not found in any folder of PATH; give its whole path or install it"
         raise ConfigError(f"{what} {why}. The watchdog could not take the power off.")
     path = Path(found).resolve()
-    with path.open("rb") as file:
-        head = file.readline(256)
+    try:
+        with open_regular(path, LARGEST) as file:
+            head = file.readline(256)
+    except OSError as error:
+        raise ConfigError(
+            f"{what} cannot be read ({error.strerror}), so it cannot be known what would run. "
+            "The watchdog could not take the power off."
+        ) from error
     if head.startswith(b"#!"):
         _interpreter(head[2:].decode("utf-8", "replace").split(), what)
     elif not head.startswith(_MAGIC):

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import struct
 import tempfile
 from collections import defaultdict
 from collections.abc import Mapping
@@ -81,7 +82,13 @@ def played(box: Container, folder: Path) -> RecordedInputs:
     n = min(len(box.topics[name]) for name in needed)
     if any(box.topics[name].sequence[:n] != box.topics[needed[0]].sequence[:n] for name in needed):
         raise DataError(f"session {box.path}: its channels do not hold the same ticks")
-    return _arrays(box, config, n)
+    try:
+        return _arrays(box, config, n)
+    except (struct.error, IndexError, ValueError, TypeError, KeyError, RecursionError) as error:
+        raise DataError(
+            f"session {box.path}: its records cannot be decoded, so it cannot be replayed "
+            f"({type(error).__name__}: {error})"
+        ) from error
 
 
 def _with_robots(box: Container, config: RigConfig, folder: Path) -> RigConfig:
@@ -114,6 +121,8 @@ def _arrays(box: Container, config: RigConfig, n: int) -> RecordedInputs:
     columns = decode_numbers(box.topics["/loop/timing"])[:n]
     timing = {name: columns[:, k] for k, name in enumerate(TIMING[: columns.shape[1]])}
     timing.setdefault("state", np.full(n, float(_ENABLED)))
+    if not all(np.isfinite(timing[name]).all() for name in ("missed", "state")):
+        raise ValueError("a state or a count of missed periods is not a number")
     states = {}
     if "/controller/state" in box.topics and len(box.topics["/controller/state"]):
         topic = box.topics["/controller/state"]
@@ -139,7 +148,10 @@ def _scales(box: Container) -> dict[str, FloatArray]:
     found = {}
     for name, record in box.metadata.items():
         if name.startswith("calibration/") and "scales" in record:
-            found[name.removeprefix("calibration/")] = np.array(json.loads(record["scales"]))
+            scales = np.array(json.loads(record["scales"]), np.float64)
+            if scales.ndim != 2 or scales.shape[1] != 3 or not np.all(scales > 0):
+                raise ValueError(f"{name}: three scales above zero for every drive are needed")
+            found[name.removeprefix("calibration/")] = scales
     return found
 
 
@@ -155,7 +167,7 @@ def _commands(box: Container) -> dict[int, list[str]]:
     for raw in box.topics["/events"].data if "/events" in box.topics else ():
         event = json.loads(raw)
         if event["name"] == "command":
-            found[event["tick"]].append(event["data"]["text"])
+            found[int(event["tick"])].append(str(event["data"]["text"]))
     return found
 
 
@@ -282,7 +294,10 @@ def _driver(config: RigConfig, arm: str, scales: Mapping[str, FloatArray]) -> Se
         if device.arm == arm and hasattr(kind.open_device, "servo_jf"):
             options = parse(kind.Config, device.options, f"devices.{name}.options")
             d = len(config.arms[arm].joints)
-            wire = _Nowhere(d, scales.get(name, np.ones((d, 3))))
+            its = scales.get(name, np.ones((d, 3)))
+            if len(its) != d:
+                raise DataError(f"{name} has scales of {len(its)} drives for {d} joints of {arm}")
+            wire = _Nowhere(d, its)
             driver = kind.open_device(name, wire, options, config.loop.period_ns * 1e-9)
             driver.enable()
             return driver  # type: ignore[no-any-return]

@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import mmap
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -64,7 +65,7 @@ def cut(words: Sequence[str]) -> tuple[bool, str]:
             code = subprocess.run(
                 words, stdin=none, stdout=none, stderr=none, timeout=LIMIT
             ).returncode
-        except (OSError, subprocess.SubprocessError) as error:
+        except (OSError, ValueError, subprocess.SubprocessError) as error:
             done = f"{name} failed: {error}"
             continue
         done = f"{name} returned {code}"
@@ -102,7 +103,7 @@ def parsed(text: str) -> dict[str, Any]:
     """Report from its text, which anybody may have written; empty where there is none."""
     try:
         found = json.loads(text or "{}")
-    except ValueError:
+    except (ValueError, RecursionError):
         found = text
     return found if isinstance(found, dict) else {"why": "unknown", "cut": f"report {text[:80]!r}"}
 
@@ -144,6 +145,10 @@ def _written(places: Sequence[Path], report: Mapping[str, object]) -> list[str]:
 
 def main(argv: Sequence[str]) -> int:
     """Answer the loop, watch, and cut the power where the loop stops."""
+    # it ends when the session does, not before; handlers, because the cut program would go on
+    # ignoring what is ignored here
+    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
     told = json.loads(argv[1])
     with mmap.mmap(int(argv[0]), mmap.PAGESIZE) as raw, memoryview(raw).cast("q") as page:
         if not os.access(told["cut"][0], os.X_OK):

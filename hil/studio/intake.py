@@ -24,6 +24,7 @@ from hil.record.table_files import ForeignTable, open_table
 from hil.record.tables import Imported, import_table
 from hil.record.units import FACTORS
 from hil.report.json import number
+from hil.userfile import write_text
 
 #: Rows of a column that are shown.
 FIRST = 3
@@ -233,7 +234,7 @@ def write(found: Imported, picked: Picked, table: Path, output: Path) -> tuple[R
         if place.exists():
             raise ConfigError(f"cannot write {place}: a file is there; choose another name")
     try:
-        beside.write_text(_toml(picked.table()), encoding="utf-8")
+        write_text(beside, _toml(picked.table()))
         write_recordings(output, found.recordings, {"import": {"table": table.name}}, found.extras)
     except OSError as error:
         raise ConfigError(f"cannot write {output}: {error.strerror}") from error

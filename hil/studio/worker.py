@@ -16,6 +16,7 @@ from typing import Any
 
 from hil import progress
 from hil.errors import ConfigError, HilError
+from hil.interrupt import held_back
 from hil.studio.session import VERBS, StudioSession
 from hil.studio.workbench import Inputs, StudioRung
 
@@ -169,7 +170,8 @@ class Worker:
     def _start(self) -> None:
         ours, theirs = _SPAWN.Pipe()
         self._process = _SPAWN.Process(target=_serve, args=(theirs, self._kept), daemon=True)
-        self._process.start()
+        with held_back():  # an interruption is for the server, which ends this process
+            self._process.start()
         theirs.close()
         self._pipe = ours
 

@@ -244,6 +244,7 @@ BAD = {
     "bounds": (VALUE + '"fc" = { value = 1, bounds = 0 }\n', r"bounds = 0: expected \[lower"),
     "bound": (VALUE + '"fc" = { value = 1, bounds = [0, "x"] }\n', "bounds = 'x': expected a"),
     "plugins": ('plugins = "a.py"\n' + HEAD + COULOMB, "plugins = 'a.py': expected a list"),
+    "zero byte": ('plugins = ["a\\u0000"]\n' + HEAD + COULOMB, "expected a list of texts"),
     "plugin": ('plugins = ["a.py"]\n' + HEAD + COULOMB, r"plugin .*a\.py: no such Python file"),
 }
 

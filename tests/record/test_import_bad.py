@@ -348,6 +348,9 @@ def test_a_header_of_many_columns(tmp_path, refuse):
     refuse(tmp_path / "run.csv", "5000 characters")
     np.savez(tmp_path / "run.npz", t=np.arange(9.0), q=np.zeros((2, 9000)))
     refuse(tmp_path / "run.npz", "'q'", "9000 columns", "exchanged")
+    pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    parquet.write_table(pa.table({f"c{k}": [0.0] for k in range(5000)}), tmp_path / "run.parquet")
+    refuse(tmp_path / "run.parquet", "5000 arrays", "at most 4096")
 
 
 def test_what_is_no_regular_file(tmp_path, refuse):

@@ -15,6 +15,7 @@ import pytest
 from hil.cli import main
 from hil.record.export import write_recordings
 from hil.record.mcap_read import load
+from hil.record.mcap_write import SessionWriter
 
 
 @pytest.fixture
@@ -32,6 +33,42 @@ def test_text_for_a_stranger(session, capsys):
     assert "/leader/measured_js" in text
     assert "arm leader: 2 joints, 3000 samples, 5.998 s at 500 Hz" in text
     assert text.count("data faults: none found") == 2
+
+
+def test_stops_are_told_with_their_causes(tmp_path, capsys):
+    path = tmp_path / "s.mcap"
+    events = [(9, "PAUSED", []), (20, "ENABLED", [])] * 4 + [(30, "FAULT", ["position", "new\x1b"])]
+    with SessionWriter(path, [], {}) as writer:
+        for tick, state, conditions in events:
+            told = {"state": state, "conditions": conditions}
+            writer.event(tick, tick * 1_000_000, "state", told)
+            writer.event(tick, tick * 1_000_000, "state", {**told, "conditions": ["overrun"]})
+            writer.event(tick, tick * 1_000_000, "state", {"conditions": 1, "state": {}})
+    assert main(["info", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert text.count("PAUSED at 0.0090 s (tick 9): asked for by the operator") == 4
+    assert "FAULT at 0.0300 s (tick 30): a joint is outside of its range; new\\x1b\n" in text
+    assert main(["info", str(path), "--json"]) == 0
+    states = json.loads(capsys.readouterr().out)["sessions"][0]["states"]
+    assert len(states) == 18 and states[0]["causes"] == [] and states[0]["tick"] == 9
+
+
+RECORDS = (
+    {"loop": {"figures": "{"}},
+    {"loop": {"figures": "[1]"}},
+    {"loop": {"figures": '{"ticks": NaN}'}, "session": {"rate_hz": "abc"}},
+    {"loop": {"figures": "[" * 10**5}},
+    {"part": {"first": "a"}, "watchdog": {"report": "[" * 10**5}},
+)
+
+
+@pytest.mark.parametrize("records", RECORDS, ids=range(len(RECORDS)))
+def test_records_that_no_checksum_covers_are_read_whatever_they_say(tmp_path, records, capsys):
+    with SessionWriter(tmp_path / "s.mcap", [], records):
+        pass
+    assert main(["info", str(tmp_path / "s.mcap")]) == 0
+    assert main(["info", str(tmp_path / "s.mcap"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["sessions"][0]["loop"] is None
 
 
 def test_json(session, capsys):

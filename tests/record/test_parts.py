@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -89,7 +90,7 @@ def test_a_file_that_is_deleted_is_noticed_within_a_second(tmp_path):
     kept = loaded(parts.paths[1])
     assert kept == list(range(int(kept[0]), 3000))
     assert 1000 <= kept[0] <= 2000
-    assert said[0].endswith("s.mcap is not there any more")
+    assert said[0].endswith("s.mcap is not there any more, or was shortened")
     assert "removed" in read_metadata(parts.paths[1])["part"]["why"]
 
 
@@ -116,6 +117,53 @@ def test_a_run_whose_output_is_deleted_goes_on(tmp_path):
     assert found.parts == [str(tmp_path / "s.part2.mcap")]
     assert load(found.parts[0], "leader").n > 900
     assert any("not there any more" in text for text in said)
+
+
+def test_a_file_that_another_program_shortens_is_noticed(tmp_path):
+    path = tmp_path / "s.mcap"
+    parts = SessionParts(path, opened)
+    fill(parts, 3000, at=1000, do=lambda: os.truncate(path, 0))
+    parts.close()
+    assert len(parts.paths) == 2
+    kept = loaded(parts.paths[1])
+    assert kept == list(range(int(kept[0]), 3000)) and kept[0] <= 2000
+
+
+def test_a_file_that_is_deleted_at_the_end_is_told(tmp_path):
+    path, said = tmp_path / "s.mcap", []
+    parts = SessionParts(path, opened, say=said.append)
+    fill(parts, 400, at=300, do=path.unlink)
+    parts.close()
+    assert said == [f"{path} is not there any more, or was shortened"]
+
+
+def at_row(monkeypatch, ticks, do):
+    """Do something once, when the rows from tick `ticks` on are to be written."""
+    write, todo = SessionParts.write_rows, [do]
+
+    def wrapped(self, topics, stamps, data):
+        if len(stamps) and stamps[0, 0] >= ticks and todo:
+            todo.pop()()
+        return write(self, topics, stamps, data)
+
+    monkeypatch.setattr(SessionParts, "write_rows", wrapped)
+
+
+def test_a_folder_that_is_deleted_ends_the_record_and_not_the_run(tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "f"
+    folder.mkdir()
+    at_row(monkeypatch, 100, lambda: shutil.rmtree(folder))
+    assert main([*RUN, "1.2", "-o", str(folder / "s.mcap")]) == 2
+    said = capsys.readouterr().err
+    assert "not recorded any more" in said and "to its end" in said and "internal" not in said
+
+
+def test_the_command_ends_well_where_its_output_was_deleted(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "s.mcap"
+    at_row(monkeypatch, 100, path.unlink)
+    assert main([*RUN, "1.2", "-o", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert f"{path} (not there any more)" in told and "s.part2.mcap" in told
 
 
 def test_a_second_writer_is_refused(tmp_path):

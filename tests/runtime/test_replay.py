@@ -4,10 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from test_run_session import RIGS, record
 
 from hil.cli import main
 from hil.errors import DataError
+from hil.record.container import read
 from hil.rig.config import load_rig
 from hil.rig.operator import Shop
 from hil.runtime.replay import replay
@@ -187,3 +189,49 @@ def test_a_table_cannot_be_replayed(tmp_path):
     write_recordings(path, [Recording("s", "arm", ("a", "b", "c"), t, q, 0 * q)])
     with pytest.raises(DataError, match="only sessions of 'hil run' replay"):
         replay(path)
+
+
+def _bad_events(box):
+    return {**box.metadata}, {"/events": [b"[1]"]}, "TypeError"
+
+
+def _torn_events(box):
+    return {**box.metadata}, {"/events": [b'{"name": "comm\xe9']}, "UnicodeDecodeError"
+
+
+def _short_wrench(box):
+    force = box.topics["/leader/measured_cf"]
+    return {**box.metadata}, {force.name: [d[:40] for d in force.data]}, "ends before its numbers"
+
+
+def _bad_scales(box):
+    scales = {"scales": "[[1, 2, 0]]"}
+    return {**box.metadata, "calibration/drives": scales}, {}, "three scales above zero"
+
+
+def _no_scales(box):
+    return {**box.metadata, "calibration/drives": {"scales": "["}}, {}, "JSONDecodeError"
+
+
+@pytest.mark.parametrize(
+    "change", [_bad_events, _torn_events, _short_wrench, _bad_scales, _no_scales]
+)
+def test_a_session_that_anybody_wrote_is_replayed_or_refused(tmp_path, change, capsys):
+    run(load_rig("teleop"), 0.02, clock="lockstep", output=tmp_path / "s.mcap")
+    box = read(tmp_path / "s.mcap")
+    metadata, payloads, why = change(box)
+    with (tmp_path / "t.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "hil")
+        for name, record in metadata.items():
+            writer.add_metadata(name, dict(record))
+        for name, data in box.attachments.items():
+            writer.add_attachment(0, 0, name, "", data)
+        for t in box.topics.values():
+            schema = writer.register_schema(t.schema, t.schema_encoding, t.schema_text)
+            channel = writer.register_channel(t.name, t.encoding, schema)
+            for k, data in enumerate(payloads.get(t.name, t.data)):
+                writer.add_message(channel, t.times[k], data, t.times[k], t.sequence[k])
+        writer.finish()
+    assert main(["replay", str(tmp_path / "t.mcap")]) == 2
+    assert why in capsys.readouterr().err

@@ -88,6 +88,16 @@ def test_an_answer_is_to_a_number_that_is_new_each_time(tmp_path, safe, monkeypa
             pass
 
 
+@pytest.mark.real_time
+def test_a_watchdog_ends_when_the_session_does_whatever_it_is_sent(tmp_path, safe, capfd):
+    with guarded(safe, tmp_path / "s.mcap") as dog:
+        for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+            os.kill(dog.pid, number)
+        time.sleep(0.15)
+        assert dog.alive and dog.beat(1) == 0
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @pytest.mark.real_time
 def test_a_watchdog_that_is_gone_is_a_fault(tmp_path, safe, number):
@@ -133,6 +143,8 @@ def test_a_cut_is_a_fault_in_record_and_info_and_latched(tmp_path, rig_file, saf
     said = capsys.readouterr().out
     assert "after tick 49, because the loop does not tick: touch returned 0" in said
     assert "STILL BE ON" not in said
+    assert said.count("FAULT at ") == 1
+    assert "FAULT at 0.0500 s (tick 50): the watchdog cut the power\n" in said
     assert main(["info", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["sessions"][0]["watchdog"] == found
     # latched, whatever the session is called, until the operator asks for a new watchdog
@@ -183,6 +195,7 @@ def test_a_cut_that_fails_is_tried_again_and_said(tmp_path):
     script.unlink()
     worked, said = watchdog.cut([str(script)])
     assert not worked and "cut.sh failed: [Errno 2]" in said
+    assert not watchdog.cut([str(script), "\0"])[0]
     assert "THE POWER MAY STILL BE ON" in watchdog.in_words({"cut": said, "why": "x"})
 
 
@@ -211,7 +224,9 @@ def test_a_full_disk_does_not_stop_the_cut(tmp_path, capsys):
     assert capsys.readouterr().err.count("cannot be written") == 3
 
 
-@pytest.mark.parametrize("text", ["", "null", "[1]", "{", '{"silent_s": "x"}', "\xff", '{"a": 1}'])
+@pytest.mark.parametrize(
+    "text", ["", "null", "[1]", "{", '{"silent_s": "x"}', "\xff", '{"a": 1}', "[" * 10**5]
+)
 def test_any_report_is_read(tmp_path, text):
     (tmp_path / "r.json").write_bytes(text.encode("latin-1"))
     assert "STILL BE ON" in watchdog.in_words(tripped(tmp_path / "r.json"))
@@ -235,6 +250,10 @@ def bad_programs(folder):
     yield [executable(folder / "b", b"#!/usr/bin/env -S no-such-thing\n")], "script for no-such"
     yield [executable(folder / "c", b"#!\n")], "script for nothing"
     yield [executable(folder / "d", b"")], "neither"
+    os.mkfifo(folder / "pipe", 0o700)
+    yield [str(folder / "pipe")], "cannot be read (it is a device or a pipe"
+    yield ["touch", "a\0b"], r"'a\x00b' holds a zero byte"
+    yield ["touch", "x" * 2**15], "its words have 32773 bytes, at most 16384"
     yield [""], "has no program to run"
     yield [], "has no program to run"
 
@@ -284,6 +303,8 @@ def test_programs_and_scripts_are_found(tmp_path, monkeypatch):
     for name in ("touch", "./ok", str(tmp_path / "ok")):
         words = cut.proven(SafetyConfig(watchdog=1.0, cut=(name, "x")))
         assert os.path.isabs(words[0]) and words[1:] == ("x",)
+    # a script as a word, longer than a name of a file may be
+    assert consent.cut_program(("/bin/sh", "-c", "true;" * 100)).digest
     assert cut.proven(SafetyConfig()) == ()
     with pytest.raises(ConfigError, match="is never run, because watchdog = 0"):
         cut.proven(SafetyConfig(cut=("touch", "x")))

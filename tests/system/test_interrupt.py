@@ -51,6 +51,23 @@ def test_during_an_import(tmp_path, when):
     assert done.stderr == "hil: interrupted\n" and not done.stdout
 
 
+def test_before_the_handler_of_the_program_is_there(tmp_path):
+    # what the program's first module imports
+    script = "import sys\nsys.modules.pop('contextlib', None)\nWHEN = 'contextlib'\n" + IMPORTING
+    done = run(script, "effects", folder=tmp_path)
+    assert (done.returncode, done.stderr, done.stdout) == (130, "hil: interrupted\n", "")
+
+
+def test_when_all_is_said_the_process_ends_with_its_own_code(tmp_path):
+    script = (
+        "import signal, sys, weakref\nfrom hil.__main__ import program\n"
+        "class Late:\n    def __del__(self):\n        signal.raise_signal(signal.SIGINT)\n"
+        "kept = Late()\nkept.circle = kept\nprogram()\n"
+    )
+    done = run(script, "effects", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "") and "stribeck" in done.stdout
+
+
 def test_during_an_import_of_a_command_that_runs(tmp_path):
     script = "WHEN = 'pinocchio'\n" + IMPORTING
     (tmp_path / "one.urdf").write_text(

@@ -12,6 +12,8 @@ from hil.cli import main
 from hil.record.export import write_recordings
 from hil.record.mcap_read import load, read_metadata, summary
 from hil.record.mcap_write import SessionWriter
+from hil.record.recovery import SessionFile
+from hil.userfile import open_regular, write_text
 
 RIG = Path(__file__).parents[2] / "rigs" / "teleop.toml"
 BASE = 'schema = "hil.model/1"\n[robot]\npreset = "single-axis"\n[[effects]]\ntype = "viscous"\n'
@@ -123,6 +125,50 @@ def test_a_full_disk_is_one_sentence(folder, capsys, words, name):
     assert main([*words.split(), name]) == 2
     said = capsys.readouterr().err
     assert name in said and os.strerror(errno.ENOSPC) in said and "Traceback" not in said
+
+
+def taken(place, data):
+    """A disk that takes a hundred bytes of every file."""
+    with place.open("wb") as file:
+        file.write(data[:100])
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "fit s.mcap -o m.toml",
+        "compare s.mcap --model m.toml --report r.html",
+        "info s.mcap --recover r.mcap",
+        "import run.csv --propose-map map.toml",
+        "import run.csv -o t.mcap",
+        "init teleop",
+    ],
+)
+def test_a_full_disk_leaves_no_stub_and_takes_no_file_away(folder, capsys, monkeypatch, words):
+    before = {p: p.read_bytes() for p in folder.iterdir()}
+    monkeypatch.setattr(Path, "write_bytes", taken)
+    monkeypatch.setattr(SessionFile, "flush", lambda self: taken(self._path, self._waiting))
+    assert main(words.split()) == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert {p: p.read_bytes() for p in folder.iterdir()} == before
+
+
+def test_a_text_file_keeps_its_mode_and_its_links_and_a_pipe_is_written_to(tmp_path):
+    place, link = tmp_path / "a.toml", tmp_path / "b.toml"
+    place.write_text("old")
+    place.chmod(0o640)
+    link.symlink_to(place)
+    write_text(link, "new")
+    assert link.is_symlink() and place.read_text() == "new"
+    assert place.stat().st_mode & 0o777 == 0o640
+    write_text("/dev/null", "x")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.toml", "b.toml"]
+
+
+def test_a_name_with_a_zero_byte_is_no_files():
+    with pytest.raises(OSError, match="zero byte"):
+        open_regular("a\0b", 9)
 
 
 def test_a_full_disk_during_a_session_tells_what_is_kept(folder, capsys, monkeypatch):
