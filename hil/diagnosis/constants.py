@@ -178,6 +178,10 @@ FOLDS = 8
 #: 3 %.  Simulated arms, axes and foams, judged on other motions than they were fitted to.  Half:
 #: corrections of slow disturbances pass; double: hardly any correction does.
 PARTS = 5
+#: Levels of effort by which whole runs are dealt where there are two of each: what holds between
+#: runs of one level may not hold at the next.  Double: with eight runs and more, levels that lie
+#: close to each other, which forgive more.
+LEVELS = 2
 #: Rise of a simulated error from which a model that foretells the effort better is no better
 #: model, as a factor.  Judgement: what has no law must not cost the simulation.  Half (any rise):
 #: corrections of noisy recordings are lost by chance; double: models that swing stay.

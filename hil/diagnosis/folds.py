@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import BINS, FEWEST, FOLDS, GUARD, MOST, PARTS, PERIODS
+from hil.diagnosis.constants import BINS, FEWEST, FOLDS, GUARD, LEVELS, MOST, PARTS, PERIODS
 from hil.identify.problem import Problem
 
 FloatArray = NDArray[np.float64]
@@ -90,6 +90,21 @@ def split(problem: Problem, seed: int = 0, whole_runs: bool = True) -> Split:
 def parts(dealt: Split) -> Split:
     """The same blocks in `PARTS` folds, each of which is one piece of the recording."""
     fold = np.arange(dealt.blocks) * PARTS // dealt.blocks
+    return replace(dealt, fold=fold, tested=dealt.tested | dealt.extrapolated, by_run=False)
+
+
+def levels(problem: Problem, dealt: Split) -> Split | None:
+    """The same blocks in `LEVELS` folds: runs of little effort, and of much; None with few runs."""
+    if problem.runs < 2 * LEVELS:
+        return None
+    whole = np.asarray(problem.whole)
+    size = np.maximum(problem.rms(problem.effort), 1e-300)
+    power = np.sum((problem.effort / size[:, None]) ** 2, axis=0)
+    run = whole[problem.run]
+    mean = np.bincount(run, power, problem.runs) / np.maximum(np.bincount(run), 1)
+    order = np.argsort(np.argsort(mean))
+    first = np.flatnonzero(np.diff(dealt.block, prepend=-1))
+    fold = order[run[first]] * LEVELS // problem.runs
     return replace(dealt, fold=fold, tested=dealt.tested | dealt.extrapolated, by_run=False)
 
 

@@ -38,6 +38,7 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.evidence import in_time
 from hil.diagnosis.floor import practical
+from hil.diagnosis.folds import levels, parts
 from hil.diagnosis.types import CheckResult, Evidence
 from hil.identify.context import SOLID
 from hil.identify.design import head
@@ -368,17 +369,25 @@ def _transfers(case: Refit) -> str:
 
     No law keeps it from following what is special to one part; neighbouring blocks share that.  It
     must lower the error of its joint, and on each part that of the robot, in shares of the efforts:
-    by chance all of five parts are better once in thirty times.
+    by chance all of five parts are better once in thirty times.  Of several runs those of little
+    effort must be served by those of much, and the other way round.
     """
     traits = case.rated.candidate.term.effect.traits
     if Trait.CORRECTION not in traits or case.before.step.heldout.kind != "folds":
         return ""
     j, search = case.rated.joint, case.search
-    old, new = (search.parted(rung.result) for rung in (case.before, case.after))
     size = search.problem.rms(search.problem.effort)
     weight = np.where(search.problem.holds, 0.0, 1.0 / np.maximum(size, 1e-300) ** 2)
-    good = new[:, j].sum() < old[:, j].sum() and np.all(new @ weight < old @ weight)
-    return "" if good else "it does not hold from one part of the recording to the next"
+    dealings = {
+        "part of the recording": parts(search.split),
+        "level of effort": levels(search.problem, search.split),
+    }
+    for what, dealt in dealings.items():
+        if dealt is not None:
+            old, new = (search.parted(x.result, dealt) for x in (case.before, case.after))
+            if new[:, j].sum() >= old[:, j].sum() or np.any(new @ weight >= old @ weight):
+                return f"it does not hold from one {what} to the next"
+    return ""
 
 
 @_fit("coefficients")

@@ -27,7 +27,7 @@ from hil.diagnosis.evidence import (
     priced,
     terms_to_try,
 )
-from hil.diagnosis.folds import Split, parts
+from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import BlockErrors, GramTable
 from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
@@ -161,10 +161,10 @@ class Search:
             heldout = of_blocks(table.left_out(keys), self.problem, self.split)
         return Visited(Step(label, result, heldout), errors)
 
-    def parted(self, result: FitResult) -> FloatArray:
-        """Squared errors (parts, d) on each part of the recording, fitted to the others."""
+    def parted(self, result: FitResult, dealt: Split) -> FloatArray:
+        """Squared errors (folds, d) on each fold of a dealing, fitted to the others."""
         renew(result)  # columns may depend on what another fit has found since
-        groups, dealt = model_groups(result), parts(self.split)
+        groups = model_groups(result)
         errors = GramTable(self.problem, dealt, result.sigma, groups).errors(
             [g.key for g in groups]
         )

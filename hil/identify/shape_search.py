@@ -184,7 +184,7 @@ def present(
     accuracy: float,
 ) -> tuple[Term, float]:
     """The shape that the term has already, climbed from there, where it leaves clearly less."""
-    if not term.shape or term.shape == found[0].shape:
+    if not term.effect.search.rounds or not term.shape or term.shape == found[0].shape:
         return found
     gain = projector.gain(term)
     if gain - found[1] <= (CLOSE - 1) * left(projector, term, gain):

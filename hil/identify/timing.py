@@ -206,9 +206,12 @@ def sample_shift(result: FitResult) -> float:
 
     Of the slow motion, for noise in a closed loop looks like a delay where it is fast; and told
     apart from friction that turns before the speed does.  The median over joints, weighted by what
-    each can tell, so that one joint's real delay or hysteresis does not shift the others.  0 as
-    well where it is within `CLEAR` standard errors of none: a shift that is not there costs more
-    than one that is not taken out.
+    each can tell, so that one joint's real delay or hysteresis does not shift the others.
+
+    Any alignment within one sample is as likely as another before the data are seen, with a
+    standard deviation s of half a sample.  Of an estimate T with error e what is taken out is
+
+        T s^2 / (s^2 + e^2).
     """
     problem = result.problem
     if result.model.explains != "motor":
@@ -218,8 +221,11 @@ def sample_shift(result: FitResult) -> float:
     seen = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
     seen = [(value, error) for value, error in seen if error < KNOWN * longest]
     shift, error = _middle(seen, longest / FINEST) if seen else (0.0, 0.0)
-    clear = abs(shift) > CLEAR * error
-    return shift if clear and longest / FINEST <= abs(shift) <= longest else 0.0
+    if abs(shift) > longest:
+        return 0.0
+    spread = KNOWN * longest
+    shift *= spread**2 / (spread**2 + error**2)
+    return shift if abs(shift) >= longest / FINEST else 0.0
 
 
 def _middle(seen: Sequence[tuple[float, float]], finest: float) -> tuple[float, float]:

@@ -185,6 +185,8 @@ KNEES = {0.0: ("clipped", 0.98, 10), 4.0: ("a round knee", 1.8, 9), 2.0: ("gradu
 FREE = 0.8
 #: Share of the effort that a limit that acts takes at the largest command, at least.
 LIMIT_SHARE = 0.01
+#: Limit, as a share of the largest effort, beyond which it is none: a law that bends everywhere.
+LIMIT_REACH = 2.0
 #: Rows by which the command must be beyond a limit.
 ROWS_BEYOND = 10
 #: Share of the joint's largest command that a leak from the other one's largest is, at least.
@@ -207,14 +209,13 @@ def _torque_saturation_grid(motion: Motion, j: int) -> Shapes:
 def _torque_saturation_felt(f: Fitted) -> bool:
     """It takes something of the largest efforts, and more than a few rows meet it.
 
-    At the ends of what was tried another law is meant: one that bends everywhere.
+    At the least limit that was tried another law is meant: one that bends everywhere.
     """
     limit, order = float(f.shape[0]), float(f.shape[1])
     size = np.sort(np.abs(f.motion.tau[:, f.j]))
     met = size[-ROWS_BEYOND:][:1]
     felt = bool(np.all(met - given(met, limit, order) > LIMIT_SHARE * met))
-    most = KNEES[order][1] * float(size[-1]) if order else np.inf  # a clip is felt, or is none
-    inside = 1.02 * least_limit(size, order) < limit < 0.98 * most
+    inside = 1.02 * least_limit(size, order) < limit < LIMIT_REACH * size[-1]
     return felt and inside
 
 
@@ -233,7 +234,7 @@ class TorqueSaturation(Effect):
             "Krause, Wasynczuk, Sudhoff, Pekarek, Analysis of Electric Machinery, 2013 (saturation)"
         ),
     )
-    params = (Param("a", "1", "share of what the limit takes: 1 but for errors", 0.9, 1.11),)
+    params = (Param("a", "1", "share of what the limit takes: 1 but for errors", 0.75, 1.33),)
     shape = (
         Param("L", "{F}", "limit", 0.0),
         Param(

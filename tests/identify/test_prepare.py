@@ -27,6 +27,7 @@ from hil.identify.timing import (
     reading_notes,
     readings,
     real_delay,
+    sample_shift,
     slow_delay,
 )
 from hil.models.model import Band, RobotModel, base_model
@@ -380,14 +381,16 @@ def test_degrees_in_one_position() -> None:
     assert "upper" in found[0].text
 
 
-def test_a_missing_effect_is_no_lateness() -> None:
-    """Friction that sticks looks early in one part of a motion and late in another."""
-    for seed in (1, 2, 3):
-        run = plants.stiction_axis(seed)
-        problem = Problem([run], AXIS.robot)
-        fit_aligned(problem, AXIS)
-        late, error = slow_delay(fit(problem, AXIS), 0, turns=True)
-        assert problem.shift == 0.0 or abs(late) < CLEAR * error
+@pytest.mark.parametrize(("error", "share"), [(0.0, 1.0), (0.5, 0.5), (0.25, 0.8)])
+def test_what_is_hardly_known_of_a_lateness_is_hardly_taken_out(
+    monkeypatch: pytest.MonkeyPatch, error: float, share: float
+) -> None:
+    """By its error in samples, against half a sample before the data are seen."""
+    problem = Problem([plants.counted_axis(20.0)], AXIS.robot)
+    result, longest = fit(problem, AXIS), longest_shift(problem)
+    late = 0.6 * longest, max(error * longest, 1e-9) * 0.999
+    monkeypatch.setattr("hil.identify.timing.slow_delay", lambda *_, **__: late)
+    assert sample_shift(result) == pytest.approx(0.6 * share * longest, rel=2e-3)
 
 
 def test_parts_that_contradict_each_other_know_little() -> None:
