@@ -21,7 +21,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import geometry
+from hil.controllers import dynamics
 from hil.controllers.lawrence_config import AXES, ChannelConfig, schedule
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
@@ -261,8 +261,8 @@ def law(
     x_next[0] = 1.0
     x_next[1] = x[1] if x[0] > 0.0 else tick
     for a in range(2):
-        geometry.forward(u[a], p.lengths, w.place[a])
-        geometry.jacobian(u[a], p.lengths, w.jacobian[a])
+        dynamics.forward(u[a], p.lengths, w.place[a])
+        dynamics.jacobian(u[a], p.lengths, w.jacobian[a])
         for i in range(3):
             at = HEAD + FIELDS * (3 * a + i)
             x_next[at : at + FIELDS] = x[at : at + FIELDS]
@@ -393,7 +393,7 @@ class DelayedConfig:
     stiffest: float = 500.0
     brake: float = 1.0
     wall: WallConfig = field(default_factory=WallConfig)
-    lengths: tuple[float, float] = geometry.LENGTHS
+    lengths: tuple[float, float] = dynamics.LENGTHS
     leader_gravity: tuple[float, float] = (0.12, 0.03)
     follower_gravity: tuple[float, float] = (0.0, -0.06)
 

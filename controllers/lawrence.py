@@ -14,7 +14,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import dynamics, geometry, lawrence_config
+from hil.controllers import dynamics, lawrence_config
 from hil.controllers.lawrence_config import (
     FIRST_ESTIMATE,
     FIRST_FILTER,
@@ -40,8 +40,8 @@ from hil.teleop.law_parameters import loops_of
 @nb.njit(cache=True, nogil=True)
 def measure(a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
     """Tip of arm `a` into w.jacobian, w.tip, and its filtered signals into w.signals (3, 4)."""
-    geometry.forward(q, c.lengths, w.tip[a])
-    geometry.jacobian(q, c.lengths, w.jacobian[a])
+    dynamics.forward(q, c.lengths, w.tip[a])
+    dynamics.jacobian(q, c.lengths, w.jacobian[a])
     for i in range(3):
         at = FIRST_FILTER + 18 * a + 6 * i
         speed = 0.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.controllers import geometry, joint_tracking
+from hil.controllers import dynamics, joint_tracking
 from hil.controllers.joint_tracking import JointTracking, JointTrackingConfig
 from hil.controllers.position_force import PositionForce, PositionForceConfig
 from hil.errors import ConfigError
@@ -68,7 +68,7 @@ def test_the_leader_feels_the_force_on_the_follower():
         if not loaded:
             rest = y[0].copy()
     jacobian = np.zeros((3, 3))
-    geometry.jacobian(u[0], LENGTHS, jacobian)
+    dynamics.jacobian(u[0], LENGTHS, jacobian)
     np.testing.assert_allclose(y[0] - rest, 0.7 * jacobian.T @ force, atol=1e-6)
 
 
@@ -119,16 +119,16 @@ def test_geometry_there_and_back():
     for _ in range(50):
         pose = np.array([rng.uniform(-1, 1), rng.uniform(-0.5, 1), 0.0])
         pose[2] = pose[1] + rng.uniform(-0.9, 0.9)
-        geometry.forward(pose, LENGTHS, p)
+        dynamics.forward(pose, LENGTHS, p)
         if np.hypot(p[0], p[1]) < 0.02 or LENGTHS @ [np.cos(pose[1]), np.sin(pose[2])] < 0:
             continue
-        geometry.inverse(p, LENGTHS, q)
+        dynamics.inverse(p, LENGTHS, q)
         np.testing.assert_allclose(q, pose, atol=1e-9)
-        geometry.jacobian(pose, LENGTHS, jacobian)
+        dynamics.jacobian(pose, LENGTHS, jacobian)
         for i in range(3):
             moved = pose.copy()
             moved[i] += 1e-6
-            geometry.forward(moved, LENGTHS, ahead)
+            dynamics.forward(moved, LENGTHS, ahead)
             np.testing.assert_allclose((ahead - p) / 1e-6, jacobian[:, i], atol=1e-6)
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hil.bench import teleop
 from hil.controllers import delayed as k
-from hil.controllers import geometry
+from hil.controllers import dynamics
 from hil.controllers.delayed import SCHEMES, Delayed, DelayedConfig, WallConfig
 from hil.controllers.lawrence_config import ChannelConfig
 from hil.errors import ConfigError
@@ -108,20 +108,20 @@ def test_the_follower_comes_to_the_leaders_place_whatever_was_lost(scheme):
         arms.step(end * min(n / 500, 1.0))
     tip = np.zeros((2, 3))
     for a in range(2):
-        geometry.forward(arms.u[a], np.array(geometry.LENGTHS), tip[a])
+        dynamics.forward(arms.u[a], np.array(dynamics.LENGTHS), tip[a])
     assert np.linalg.norm(tip[1] - tip[0]) < 2e-3
 
 
 def test_the_model_learns_what_the_follower_presses_into():
     config = DelayedConfig("model", forward=ChannelConfig(0.1), backward=ChannelConfig(0.1))
     arms = Arms(Delayed(config, "lf", T))
-    lengths, start = np.array(geometry.LENGTHS), np.zeros(3)
-    geometry.forward(HOME, lengths, start)
+    lengths, start = np.array(dynamics.LENGTHS), np.zeros(3)
+    dynamics.forward(HOME, lengths, start)
 
     def gel(u):
         tip, jacobian = np.zeros(3), np.zeros((3, 3))
-        geometry.forward(u, lengths, tip)
-        geometry.jacobian(u, lengths, jacobian)
+        dynamics.forward(u, lengths, tip)
+        dynamics.jacobian(u, lengths, jacobian)
         u[6:9] = 0.0
         u[8] = 300.0 * max(start[2] - 0.004 - tip[2], 0.0)
         return jacobian.T @ u[6:9]
@@ -158,8 +158,8 @@ def test_a_wall_pushes_along_its_normal_and_never_pulls():
     for n in range(200):
         arms.step(np.array([0.0, -8e-4 * n if n < 100 else -8e-4 * (200 - n), 0.0]))
         tip, jacobian = np.zeros(3), np.zeros((3, 3))
-        geometry.forward(arms.u[0], np.array(geometry.LENGTHS), tip)
-        geometry.jacobian(arms.u[0], np.array(geometry.LENGTHS), jacobian)
+        dynamics.forward(arms.u[0], np.array(dynamics.LENGTHS), tip)
+        dynamics.jacobian(arms.u[0], np.array(dynamics.LENGTHS), jacobian)
         torque = arms.y[0] + law.config.leader_damping * arms.u[0, 3:6]
         heights.append((tip[2], np.linalg.solve(jacobian.T, torque)[2]))
     z, force = np.array(heights).T

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hil.cli import main
-from hil.controllers import dynamics, geometry, lawrence, lawrence_config
+from hil.controllers import dynamics, lawrence, lawrence_config
 from hil.controllers.lawrence import Lawrence, LawrenceConfig
 from hil.controllers.lawrence_config import ChannelConfig
 from hil.errors import ConfigError, DeviceError
@@ -116,7 +116,7 @@ def test_the_follower_is_pulled_and_the_force_comes_back():
     force = np.array([0.3, -0.2, 1.0])
     pushed, x = drive(law, np.stack([np.zeros(3), force]))
     jacobian = np.zeros((3, 3))
-    geometry.jacobian(HOME, LENGTHS, jacobian)
+    dynamics.jacobian(HOME, LENGTHS, jacobian)
     # the environment pushes the follower by +F, so f_s = -F and the leader gets +c2 F
     np.testing.assert_allclose(pushed[-1, 0] - rest[-1, 0], 0.5 * jacobian.T @ force, atol=1e-9)
     assert x.size == len(law.state_names)

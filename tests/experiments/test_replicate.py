@@ -4,48 +4,29 @@ from __future__ import annotations
 
 import json
 import math
-import os
+import multiprocessing
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
 import pytest
+from jobs import digits, lost_always, lost_once, odd, process
 from scipy import stats
 
 from hil.cli import main
 from hil.commands import experiment
-from hil.errors import ConfigError, DataError, DeviceError
+from hil.errors import ConfigError, DeviceError
 from hil.experiments.charts import SeedMean, bars
 from hil.experiments.pages import PAGES, means
-from hil.experiments.replicate import FAILED, TRIES, replicate
+from hil.experiments.replicate import FAILED, TRIES, Where, replicate, spread
 
 SEEDS = [3, 1, 2]
 
 
-def job(name, seed):
-    """Digits that only the same arithmetic gives."""
-    rng = np.random.default_rng(seed)
-    a = rng.normal(size=(60, 60))
-    return {"name": name, "seed": seed, "value": float(np.linalg.norm(np.linalg.inv(a) @ a.T))}
-
-
-def lost_once(name, seed):
-    """Ends its process the first time that it runs; `name` is a folder."""
-    mark = Path(name) / f"seen{seed}"
-    if seed == 2 and not mark.exists():
-        mark.write_text("")
-        os._exit(1)
-    return {"seed": seed}
-
-
-def lost_always(name, seed):
-    os._exit(1)
-
-
 def test_processes_and_this_one_give_the_same_digits_in_the_order_of_the_seeds():
-    here, there = (replicate(job, "x", SEEDS, workers=w) for w in (1, 2))
+    here, there = (replicate(digits, "x", SEEDS, workers=w) for w in (1, 2))
     assert list(here) == list(there) == SEEDS
-    assert here == there == {s: job("x", s) for s in SEEDS}
+    assert here == there == {s: digits("x", s) for s in SEEDS}
 
 
 def test_a_dask_cluster_gives_the_same_digits():
@@ -54,21 +35,33 @@ def test_a_dask_cluster_gives_the_same_digits():
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
         done = []
-        found = replicate(job, "x", SEEDS, cluster=cluster.scheduler_address, done=done.append)
-    assert found == {s: job("x", s) for s in SEEDS}
+        found = replicate(digits, "x", SEEDS, cluster=cluster.scheduler_address, done=done.append)
+    assert found == {s: digits("x", s) for s in SEEDS}
     assert sorted(done) == sorted(SEEDS)
 
 
 def test_a_lost_worker_is_survived(tmp_path):
     assert replicate(lost_once, str(tmp_path), SEEDS, workers=2) == {s: {"seed": s} for s in SEEDS}
-    with pytest.raises(DeviceError, match=f"ended their process {TRIES} times"):
-        replicate(lost_always, "x", [1, 2], workers=2)
+    with pytest.raises(DeviceError, match=f"seed 2: it ended its process {TRIES} times"):
+        replicate(lost_always, "x", SEEDS, workers=2, folder=tmp_path / "kept")
+    # the run that loses its process loses no other one
+    kept = sorted(p.name for p in (tmp_path / "kept").iterdir())
+    assert kept == ["x-1.json", "x-3.json"]
 
 
-def odd(name, seed):
-    if seed == 2:
-        raise DataError("the session ended PAUSED")
-    return {"seed": seed}
+def test_processes_are_replaced_so_that_they_do_not_grow(monkeypatch):
+    monkeypatch.setattr("hil.experiments.replicate.RUNS_OF_A_PROCESS", 1)
+    found = dict(spread(process, [1, 2, 3, 4], Where(2)))
+    assert sorted(found) == [0, 1, 2, 3]
+    assert {found[0], found[1]}.isdisjoint({found[2], found[3]})
+
+
+def test_work_that_is_no_longer_wanted_ends_its_processes():
+    before = multiprocessing.active_children()
+    results = spread(process, list(range(4)), Where(2))
+    next(results)
+    results.close()
+    assert multiprocessing.active_children() == before
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -78,7 +71,7 @@ def test_a_seed_that_fails_is_told_and_the_others_count(workers):
 
 
 def test_finished_runs_of_the_same_version_are_not_run_again(tmp_path):
-    first = replicate(job, "x", [1, 2], folder=tmp_path, version="a")
+    first = replicate(digits, "x", [1, 2], folder=tmp_path, version="a")
 
     def never(name, seed):
         assert seed == 3
@@ -94,7 +87,7 @@ def test_finished_runs_of_the_same_version_are_not_run_again(tmp_path):
 def test_a_folder_that_is_a_file_is_refused(tmp_path):
     (tmp_path / "f").write_text("")
     with pytest.raises(ConfigError, match="a folder is needed"):
-        replicate(job, "x", [1], folder=tmp_path / "f")
+        replicate(digits, "x", [1], folder=tmp_path / "f")
 
 
 def test_a_mean_and_its_interval_are_those_of_student():
