@@ -428,7 +428,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", choices=sorted(BENCHES), metavar="NAME", help="which benchmark")
     common.list_names(parser, BENCHES)
     parser.add_argument(
-        "--seeds", type=int, help="seeds per hidden effect (hidden: 3, diagnosis: 10)"
+        "--seeds", type=int, help="seeds per hidden effect (hidden: 3, diagnosis: 10, fleet: 1)"
     )
     parser.add_argument(
         "--quick",
@@ -465,7 +465,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--turns", type=int, default=5, help="of all runs (loop, ui); default 5")
     parser.add_argument("--hours", type=float, default=2.0, help="length of the session (soak)")
     parser.add_argument("--starts", type=int, default=1000, help="starts and stops (soak)")
-    common.add_workers(parser, " (diagnosis, real)", "--jobs")
+    common.add_workers(parser, " (diagnosis, real, fleet)", "--jobs")
     parser.add_argument(
         "--resume",
         metavar="R.jsonl",

@@ -221,6 +221,14 @@ def _words(args: argparse.Namespace, group: Group) -> argparse.Namespace:
     )
 
 
+def alone(path: str, arm: str) -> argparse.Namespace:
+    """The command line of one arm of one session, with the base model."""
+    parser = argparse.ArgumentParser()
+    common.add_sessions(parser)
+    args = parser.parse_args([path, "--arm", arm])
+    return _words(args, Group(path, None, [Path(path)]))
+
+
 def _name(args: argparse.Namespace, group: Group) -> str:
     """File of an answer: of these very sessions, by size and time, this model and these options."""
     told = {
