@@ -31,6 +31,8 @@ from hil.teleop import lawrence_filters
 from hil.teleop.gate import refuse
 from hil.teleop.law_parameters import loops_of
 
+#: Numbers that the observer of one arm remembers.
+_OBSERVER = 12
 # Kernels of the Lawrence law: both arms measured, heard, commanded, and turned into torques.
 #
 # `c`, `w` and `tables` are made by `hil.controllers.lawrence`; `x` is laid out by
@@ -149,13 +151,17 @@ def believe(u: Any, c: Any, w: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
+def observe(
+    a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, y: Any, x_next: Any
+) -> None:
     """Momentum observer of arm `a`: the force ON its tip without a sensor.
 
     F = J^-T r with r of `hil.controllers.dynamics`.  Memory per arm: integral (3,),
-    torque sent (3,), force (3,); the torque of this tick is written by `law`.
+    torque sent (3,), force (3,), measured force behind the same low-pass (3,); the torque of this
+    tick is written by `law`.  What r holds beyond the measured force is a disturbance: its share
+    is taken from `y` (3,) [N m].
     """
-    at = FIRST_OBSERVED + 9 * a
+    at = FIRST_OBSERVED + _OBSERVER * a
     dynamics.advance(
         x[0] > 0.0,
         q,
@@ -172,6 +178,16 @@ def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None
         w.goal,
         w.bend,
     )
+    # f <- (f + K T F) / (1 + K T), as r
+    rise = c.observer * c.period / (1.0 + c.observer * c.period)
+    for i in range(3):
+        past = x[at + 9 + i] if x[0] > 0.0 else 0.0
+        x_next[at + 9 + i] = past + rise * (wrench[i] - past)
+    for j in range(3):
+        left = w.bend[j]
+        for i in range(3):
+            left -= w.jacobian[a, i, j] * x_next[at + 9 + i]
+        y[j] -= c.disturbance * left
     dynamics.solve_transposed(w.jacobian[a], w.bend, w.square, x_next[at + 6 : at + 9])
 
 
@@ -239,9 +255,9 @@ def law(
         command(a, c, w, x_next)
         torque(a, u[a, :3], u[a, 3:6], w.force, c, w, y[a])
         rub(a, u[a, :3], u[a, 3:6], tick * c.period, x, c, tables, w, y[a], x_next)
-        observe(a, u[a, :3], u[a, 3:6], x, c, w, x_next)
+        observe(a, u[a, :3], u[a, 3:6], u[a, 6:9], x, c, w, y[a], x_next)
         for j in range(3):
-            x_next[FIRST_OBSERVED + 9 * a + 3 + j] = y[a, j]
+            x_next[FIRST_OBSERVED + _OBSERVER * a + 3 + j] = y[a, j]
 
 
 _F = np.float64
@@ -279,6 +295,7 @@ def constants(config: LawrenceConfig, period: float) -> Any:
             ("period", _F),
             ("shape", np.int64),
             ("observer", _F),
+            ("disturbance", _F),
             ("share", _F),
             ("estimated", np.int64),
             ("speeds", _F, (max(n, 1),)),
@@ -290,6 +307,7 @@ def constants(config: LawrenceConfig, period: float) -> Any:
     c["models"] = np.stack([config.leader_model, config.follower_model])
     c["shares"], c["lengths"], c["period"] = config.shares(period), config.lengths, period
     c["observer"] = 2 * np.pi * config.observer_hz
+    c["disturbance"] = config.disturbance
     c["share"], c["estimated"] = config.friction_share, config.forces == "estimated"
     c["shape"] = SHAPES.index(config.shape)
     if n:

@@ -130,6 +130,9 @@ class LawrenceConfig:
         Corners of the filters; 0 = none.
     observer_hz : float
         Corner of the momentum observer, which is recorded beside the law's own estimates.
+    disturbance : float
+        Share, 0 to 1, of what the observer finds beyond the measured force that the motors take
+        away (disturbance observers of both arms): friction that no model holds, wrong gravity.
     forward, backward : table
         Channels leader -> follower and back: delay, jitter [s], loss.
     seed : int
@@ -191,6 +194,7 @@ class LawrenceConfig:
     forward: ChannelConfig = field(default_factory=ChannelConfig)
     backward: ChannelConfig = field(default_factory=ChannelConfig)
     observer_hz: float = 10.0
+    disturbance: float = 0.0
     seed: int = 0
     leader_model: tuple[float, ...] = PREMIUM
     follower_model: tuple[float, ...] = PREMIUM
@@ -236,6 +240,15 @@ class LawrenceConfig:
             raise ConfigError("lawrence: friction_speeds must rise, two knots at least.")
         if not 0.0 <= self.friction_share <= 1.0:
             raise ConfigError("lawrence: friction_share must lie within 0 and 1.")
+        if not 0.0 <= self.disturbance <= 1.0:
+            raise ConfigError(
+                f"lawrence: disturbance = {self.disturbance:g}; a share within 0 and 1 is needed."
+            )
+        if self.disturbance and (self.forces == "estimated" or not self.observer_hz):
+            raise ConfigError(
+                "lawrence: a disturbance is what is beyond the measured force: it needs "
+                'forces = "measured" and an observer_hz above 0.'
+            )
         self._physical()
 
     def _physical(self) -> None:
@@ -333,11 +346,12 @@ _ARMS = ("leader", "follower")
 _JOINTS = (1, 2, 3)
 #: Of one axis: where it started, and the memory of `lawrence_filters.sense`.
 _FILTERS = ("origin", "velocity", "raw", "acceleration", "force", "on")
-#: Of one arm: the momentum observer of `hil.controllers.dynamics`.
+#: Of one arm: the momentum observer of `hil.controllers.dynamics`, the sensor behind its corner.
 _OBSERVER = (
     *(f"impulse{j}" for j in _JOINTS),
     *(f"sent{j}" for j in _JOINTS),
     *(f"observed_{axis}" for axis in AXES),
+    *(f"sensed_{axis}" for axis in AXES),
 )
 #: Of one arm: friction with a state, `hil.estimate.compensation`.
 _SLIP = (

@@ -58,9 +58,19 @@ class Link:
 
 
 LINKS = (Link(0.0), Link(0.01), Link(0.03), Link(0.1), Link(0.3), Link(0.1, 0.05, 0.1))
+#: Four channels without accelerations: c4 = -c8 and c2 = c3 = 1 are transparent at low frequencies.
+FOUR: Mapping[str, Any] = {
+    "c1": [250.0, 1.5, 0.0], "c2": [1.0], "c3": [1.0], "c4": [0.0, -0.3, 0.0],
+    "c7": [250.0, 1.5, 0.0], "c8": [0.0, 0.3, 0.0], "force_hz": 100.0,
+}  # fmt: skip
+#: Disturbance observers that the cables of the rig bear.
+OBSERVED: Mapping[str, Any] = {"disturbance": 1.0, "observer_hz": 5.0}
 #: Laws: name, controller, parameters.
 LAWS: tuple[tuple[str, str, Mapping[str, Any]], ...] = (
     ("position-force, share 0.5 (no protection)", "lawrence", {}),
+    ("position-force, disturbance observers", "lawrence", OBSERVED),
+    ("four-channel (no protection)", "lawrence", FOUR),
+    ("four-channel, disturbance observers", "lawrence", {**FOUR, **OBSERVED}),
     ("passivity observer", "delayed", {"scheme": "passivity"}),
     ("wave variables", "delayed", {"scheme": "waves"}),
     ("energy tanks", "delayed", {"scheme": "tanks"}),

@@ -212,7 +212,7 @@ def test_a_hand_presses_into_a_gel_over_a_tenth_of_a_second(scheme, tmp_path):
 
 
 def test_model_mediated_feels_the_gel_that_is_there(tmp_path):
-    found = teleop.row(*teleop.LAWS[4], teleop.Link(0.1), tmp_path, 1)
+    found = teleop.row(*teleop.LAWS[-1], teleop.Link(0.1), tmp_path, 1)
     assert found.share == pytest.approx(1.0, abs=0.1)
     refused = teleop.row(*teleop.LAWS[0], teleop.Link(0.1), tmp_path, 1)
     assert refused.why == "refused: not stable"
