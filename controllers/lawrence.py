@@ -14,7 +14,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import dynamics, lawrence_config
+from hil.controllers import dynamics, fixtures, lawrence_config
 from hil.controllers.lawrence_config import (
     FIRST_ESTIMATE,
     FIRST_FILTER,
@@ -202,13 +202,16 @@ def hear(a: int, tick: int, line: Any, ages: Any, w: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def command(a: int, c: Any, w: Any, x_next: Any) -> None:
+def command(a: int, c: Any, walls: Any, w: Any, x_next: Any) -> None:
     """Tip force that arm `a` is to have, into w.force; the force that the law believes, kept."""
     for i in range(3):
         if a == 0:
             w.force[i] = lawrence_filters.master(c.gains[i], w.signals[0, i], w.heard[i])
         else:
             w.force[i] = lawrence_filters.slave(c.gains[i], w.heard[i], w.signals[1, i])
+    if a == 0:
+        fixtures.push(walls, w.signals[0, :, 0], w.signals[0, :, 1], w.bend, w.force)
+    for i in range(3):
         # what the law believes: f_m = m a_m - f_cm, f_s = f_cs - m a_s
         pull = c.masses[a, i] * w.signals[a, i, 2] - w.force[i]
         at = FIRST_ESTIMATE + 3 * a + i
@@ -224,6 +227,7 @@ def law(
     u: Any,
     c: Any,
     tables: Any,
+    walls: Any,
     w: Any,
     line: Any,
     ages: Any,
@@ -238,6 +242,8 @@ def law(
         Number of the tick, from 1.
     tables : tuple of (terms, slips, values)
         Friction of leader, follower; see `hil.estimate.compensation`.
+    walls : ndarray (k, fixtures.SIZE)
+        Virtual fixtures of the leader.
     line : ndarray (2, length, 3, 4)
         What each arm has sent; slot tick % length.
     ages : ndarray (2, CYCLE)
@@ -252,7 +258,7 @@ def law(
         line[a, tick % line.shape[1]] = w.signals[a]
     for a in range(2):
         hear(a, tick, line, ages, w)
-        command(a, c, w, x_next)
+        command(a, c, walls, w, x_next)
         torque(a, u[a, :3], u[a, 3:6], w.force, c, w, y[a])
         rub(a, u[a, :3], u[a, 3:6], tick * c.period, x, c, tables, w, y[a], x_next)
         observe(a, u[a, :3], u[a, 3:6], u[a, 6:9], x, c, w, y[a], x_next)
@@ -363,6 +369,7 @@ class Lawrence:
         self._line = np.zeros((2, int(self._ages.max()) + 2, 3, lawrence_filters.SIGNALS))
         self._c = constants(config, period)
         self._tables = friction_of(config)
+        self._walls = fixtures.table(config.fixtures)
         self._w = np.zeros(1, WORK)[0]
 
     def judge(self, corner_hz: float) -> None:
@@ -387,7 +394,19 @@ class Lawrence:
         The channel's memory is filled by tick number: the same call gives the same answer.
         """
         tick = round(t / self.period)
-        law(tick, x, u, self._c, self._tables, self._w, self._line, self._ages, x_next, y)
+        law(
+            tick,
+            x,
+            u,
+            self._c,
+            self._tables,
+            self._walls,
+            self._w,
+            self._line,
+            self._ages,
+            x_next,
+            y,
+        )
 
 
 Config = LawrenceConfig

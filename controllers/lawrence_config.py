@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.controllers.fixtures import FixtureConfig
 from hil.errors import ConfigError, unknown
 from hil.estimate import compensation_tables
 from hil.models import catalogue
@@ -153,6 +154,8 @@ class LawrenceConfig:
         Files with a user's own effects.
     friction_share : float
         Share of all this friction that is compensated.
+    fixtures : list of tables
+        Virtual fixtures of the leader, see `hil.controllers.fixtures`.
     lengths : tuple of 2 floats
         l1, l2 [m].
     operator, environment, free : tuple of 3 floats
@@ -207,6 +210,7 @@ class LawrenceConfig:
     follower_span: tuple[float, ...] = ()
     plugins: tuple[str, ...] = ()
     friction_share: float = 1.0
+    fixtures: tuple[FixtureConfig, ...] = ()
     lengths: tuple[float, float] = (0.215, 0.170)
     operator: tuple[float, float, float] = (0.4, 4.0, 150.0)
     free: tuple[float, float, float] = (0.0, 1.0, 0.0)
@@ -243,6 +247,11 @@ class LawrenceConfig:
         if not 0.0 <= self.disturbance <= 1.0:
             raise ConfigError(
                 f"lawrence: disturbance = {self.disturbance:g}; a share within 0 and 1 is needed."
+            )
+        if self.fixtures and self.forces == "estimated":
+            raise ConfigError(
+                "lawrence: a fixture's force is none of the gains from which forces are estimated; "
+                'with fixtures, forces = "measured" is needed.'
             )
         if self.disturbance and (self.forces == "estimated" or not self.observer_hz):
             raise ConfigError(
@@ -286,6 +295,10 @@ class LawrenceConfig:
         corners = ("velocity_hz", "acceleration_hz", "force_hz", "observer_hz")
         share = {"friction_share": SettableRange(0.0, 1.0)}
         return {**force, **share, **dict.fromkeys(corners, SettableRange(1.0, 400.0, "Hz"))}
+
+    def fixture(self) -> tuple[float, float]:
+        """Stiffness and damping of all fixtures at once, for the check before the start."""
+        return sum(f.stiffness for f in self.fixtures), sum(f.damping for f in self.fixtures)
 
     def _both_at_once(self) -> bool:
         """Whether both sites know each other's motion at once, and no shape needs a sensor."""

@@ -257,16 +257,22 @@ def _doors(args: argparse.Namespace) -> Found:
 
 
 def _teleop(args: argparse.Namespace) -> Found:
-    """Teleoperation over delay: drag, stiffness that is felt, and the stiffest walls."""
+    """Teleoperation over delay: drag, stiffness that is felt, stiffest walls, virtual fixtures."""
     common.check_page(args.report)
     total = teleop.steps(args.quick)
     with tqdm(total=total, unit="row", disable=not sys.stderr.isatty()) as bar:
-        rows, walls = teleop.study(quick=args.quick, report=bar.update)
+        found = teleop.study(quick=args.quick, report=bar.update)
     command = "hil bench teleop" + " --quick" * args.quick
-    common.write_page(args.report, teleop.page(rows, walls, command))
-    text = common.table(list(teleop.HEAD), teleop.cells(rows))
-    text += "\n\n" + common.table(list(teleop.WALL_HEAD), teleop.wall_cells(walls))
-    return text, {"laws": [asdict(r) for r in rows], "walls": [asdict(r) for r in walls]}
+    common.write_page(args.report, teleop.page(found, command))
+    tables = (
+        (teleop.HEAD, teleop.cells(found.laws)),
+        (teleop.WALL_HEAD, teleop.wall_cells(found.walls)),
+        (teleop.LIMIT_HEAD, teleop.limit_cells(found.limits)),
+        (teleop.FIXTURE_HEAD, teleop.fixture_cells(found.fixtures)),
+    )
+    text = "\n\n".join(common.table(list(head), body) for head, body in tables)
+    text += f"\n\n  the motors of the leader hold {found.holds:.1f} N at home"
+    return text, finite(asdict(found))
 
 
 def _determinism(args: argparse.Namespace) -> Found:

@@ -85,6 +85,9 @@ class LawParameters(Protocol):
     def masses(self) -> FloatArray:
         """Design masses, (2, 3) [kg]."""
 
+    def fixture(self) -> tuple[float, float]:
+        """Stiffness [N/m] and damping [N s/m] of all virtual fixtures."""
+
     def friction(self, arm: int, speed: float) -> FloatArray:
         """Friction of the arm's joints as declared, moving alone at a speed [rad/s], (3,) [N m]."""
 
@@ -223,6 +226,7 @@ def loops_of(law: LawParameters) -> list[SampledLoop]:
             (float(compensated[0, i]), float(compensated[1, i])),
             law.disturbance,
             law.observer_hz if law.disturbance else 0.0,
+            law.fixture(),
         )
         for i, design in enumerate(designs)
     ]

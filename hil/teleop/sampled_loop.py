@@ -8,7 +8,7 @@ that a session shows.  What must not run is decided in `hil.teleop.gate`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.linalg import expm
 
 from hil.errors import ConfigError
 from hil.teleop import lawrence_filters
-from hil.teleop.architecture import IDEAL, Design, Realisation
+from hil.teleop.architecture import IDEAL, Design, MotionTerm, Realisation
 from hil.teleop.hybrid import FREE, GEL, HAND, ComplexArray, FloatArray, Impedance
 
 #: Longest delay line that is checked exactly [ticks].
@@ -92,6 +92,8 @@ class SampledLoop:
         force against it [N s/m].
     disturbance, observer_hz : float
         Share of the observed disturbance that the law takes away, and the observer's corner.
+    fixture : tuple of 2 floats
+        Stiffness [N/m] and damping [N s/m] of virtual fixtures, in which the master may be or not.
     """
 
     design: Design
@@ -107,6 +109,12 @@ class SampledLoop:
     compensated: tuple[float, float] = (0.0, 0.0)
     disturbance: float = 0.0
     observer_hz: float = 0.0
+    fixture: tuple[float, float] = (0.0, 0.0)
+
+    def within(self) -> SampledLoop:
+        """The loop while the master is in its fixtures: a local gain more."""
+        c8 = self.design.c8 + MotionTerm(*self.fixture)
+        return replace(self, design=replace(self.design, c8=c8), fixture=(0.0, 0.0))
 
     def masses(self) -> tuple[float, float]:
         """Natural masses of master and slave [kg]."""
