@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import multiprocessing
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -159,6 +160,16 @@ def test_every_page_is_in_the_documentation_with_its_command(name):
     assert f"`hil experiment {name}" in told
     assert PAGES[name].thesis in told
     assert (docs / f"{name}.svg").exists() == bool(PAGES[name].figure)
+
+
+@pytest.mark.parametrize("name", experiment.EXPERIMENTS)
+def test_the_results_say_the_seeds_of_every_study(name):
+    docs = Path(__file__).parents[2] / "docs"
+    page = (docs / "experiments" / f"{name}.md").read_text(encoding="utf-8")
+    command, seeds = re.search(r"Printed by `([^`]+)`.*?: (\d+(?: of \d+)? seeds)", page).groups()
+    title = page.partition("\n")[0].removeprefix("# ")
+    row = f"| [{title}](experiments/{name}.md) | {seeds} | `{command}` |"
+    assert row in (docs / "results.md").read_text(encoding="utf-8").splitlines()
 
 
 def test_all_studies_after_one_another_with_their_times(capsys, monkeypatch):
