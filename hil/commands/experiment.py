@@ -299,15 +299,27 @@ def _palpation(args: argparse.Namespace) -> Found:
     """Share of a bolt in a gel that the operator feels, against the prediction."""
     rows, p = palpation.study(args.seed, common.log)
     cells = [
-        [r.controller, f"{r.predicted:.3f}", f"{r.mean:.3f}", f"{r.std:.3f}", f"{r.designed:.3f}"]
+        [
+            r.controller,
+            f"{r.predicted:.3f}",
+            f"{r.mean:.3f}",
+            f"{r.std:.3f}",
+            f"{r.designed:.3f}",
+            f"{r.stroke_predicted:.3f}",
+            f"{sum(r.stroked) / len(r.stroked):.3f}",
+        ]
         for r in rows
     ]
-    head = ["controller", "predicted", "measured", "+- a trial", "design, 0.2-5 Hz"]
+    head = [
+        *("controller", "predicted", "measured", "+- a trial", "design, 0.2-5 Hz"),
+        *("stroke: predicted", "measured"),
+    ]
     text = (
         "Sensitivity by palpation of a bolt in a gel: share of the change of the environment's "
         f"impedance\nthat reaches the operator, {palpation.HZ:g} Hz, {len(rows[0].measured)} "
         f"trials (a pen in the hand: 1)\n{common.table(head, cells)}\n"
         "  design: weighted tangent at the law's environment, 300 N/m, another measure\n"
+        "  stroke: across a bolt in the gel with a constant force down, force over depth\n"
         "  exact two-sided Mann-Whitney p, corrected after Holm:\n"
     )
     text += "\n".join(f"    {k}: {v:.2g}" for k, v in p.items())
