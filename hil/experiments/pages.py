@@ -378,8 +378,8 @@ def _palpation_read(found: Means) -> list[str]:
         "transformation leaves as sensitive in theory.",
         f"The benchmark reaches {low[0].mean:.3f}: {100 * low[0].mean / best[0].mean:.0f} % of SO.",
         f"Strokes across a bolt in the gel, with a constant force down: {best[3].mean:.3f} for SO "
-        f"({best[4].mean:.3f} predicted), {with_sensors[3].mean:.3f} and {without[3].mean:.3f} with "
-        f"four channels, {low[3].mean:.3f} for the benchmark. The largest difference to the "
+        f"({best[4].mean:.3f} predicted), {with_sensors[3].mean:.3f} and {without[3].mean:.3f} "
+        f"with four channels, {low[3].mean:.3f} for the benchmark. The largest difference to the "
         f"prediction is {100 * max(abs(r[3].mean / r[4].mean - 1) for r in found.values()):.0f} %: "
         "the theory is linear, and the gel is stiffer where one sinks in deeper.",
     ]

@@ -7,6 +7,7 @@ import math
 import multiprocessing
 import re
 import xml.etree.ElementTree as ET
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from hil.commands import experiment
 from hil.errors import ConfigError, DeviceError
 from hil.experiments.charts import SeedMean, bars
 from hil.experiments.pages import PAGES, means
-from hil.experiments.replicate import FAILED, TRIES, Where, replicate, spread
+from hil.experiments.replicate import FAILED, TRIES, Lost, Where, replicate, spread
 
 SEEDS = [3, 1, 2]
 
@@ -30,13 +31,18 @@ def test_processes_and_this_one_give_the_same_digits_in_the_order_of_the_seeds()
     assert here == there == {s: digits("x", s) for s in SEEDS}
 
 
-def test_a_dask_cluster_gives_the_same_digits():
+def test_a_dask_cluster_gives_the_same_digits_and_its_lost_workers_are_survived(tmp_path):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
         done = []
-        found = replicate(digits, "x", SEEDS, cluster=cluster.scheduler_address, done=done.append)
+        far = Where(cluster=cluster.scheduler_address)
+        found = replicate(digits, "x", SEEDS, cluster=far.cluster, done=done.append)
+        survived = replicate(lost_once, str(tmp_path), SEEDS, cluster=far.cluster)
+        others = dict(spread(partial(lost_always, "x"), [1, 2], far))
+    assert survived == {s: {"seed": s} for s in SEEDS}
+    assert others == {0: {"seed": 1}, 1: Lost()}
     assert found == {s: digits("x", s) for s in SEEDS}
     assert sorted(done) == sorted(SEEDS)
 
