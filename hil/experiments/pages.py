@@ -562,7 +562,7 @@ PAGES: dict[str, StudyPage] = {
         "A machine presses on a gel, and on a stiffer spot of it. The sensitivity is the share of "
         "the change of impedance that reaches the operator; a pen in the hand has 1. *Stroke*: a "
         "machine strokes across a bolt of 6 mm, 8 mm below the surface of a gel of 20 mm, and "
-        "presses down with 1 N; the tip climbs over it.",
+        "presses down with 0.8 N; the tip climbs over it.",
         "Paper VI: 0.285 with force sensors, 0.202 without, 0.211 predicted; the difference is "
         "significant (p = 0.00002).",
         (

@@ -160,7 +160,7 @@ def palpate(
 
 #: Strokes across the bolt: their frequency [Hz], how far to either side [m], force down [N],
 #: length of a session [s], and the gel without the bolt [N/m^1.3].
-STROKE_HZ, _REACH, _PRESSED, _STROKES_S, _SOFT = 0.25, 0.02, 1.0, 8.0, 250.0
+STROKE_HZ, _REACH, _PRESSED, _STROKES_S, _SOFT = 0.25, 0.02, 0.8, 8.0, 250.0
 #: Above the bolt and beside it: distance from its middle [m].
 _ABOVE, _BESIDE = 0.002, (0.014, 0.018)
 #: Force from which the follower touches [N].
