@@ -7,8 +7,8 @@ operator -> leader --place, speed, energy--> follower -> environment
 the goal's drift made up for (Coelho, Singh, Kanoulas & Hulin 2018).  `"waves"`: wave variables as
 sums (Niemeyer & Slotine 2004), limited to the energy that arrived (Yokokohji, Imaida & Yoshikawa
 1999).  `"tanks"`: two layers with energy tanks (Franken et al. 2011).  `"model"`: model-mediated
-(Mitra & Niemeyer 2008), the environment identified at the follower, rendered at the leader.  A
-virtual fixture, a wall that the leader must not pass, can stand beside any of them.
+(Mitra & Niemeyer 2008), the environment identified at the follower, rendered at the leader.
+Virtual fixtures (`hil.controllers.fixtures`) can stand beside any of them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import geometry
+from hil.controllers import dynamics, fixtures
+from hil.controllers.fixtures import FixtureConfig
 from hil.controllers.lawrence_config import AXES, ChannelConfig, schedule
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
@@ -218,25 +219,12 @@ def side(a: int, i: int, u: Any, heard: Any, s: Any, n: Any, p: Any, w: Any) -> 
 
 
 @nb.njit(cache=True, nogil=True)
-def fixture(p: Any, w: Any) -> None:
-    """Wall that the leader must not pass: f = n (K d - B n v) where its depth d is positive."""
-    depth, speed = -p.wall_place, 0.0
-    for i in range(3):
-        depth -= p.wall_normal[i] * w.place[0, i]
-        speed += p.wall_normal[i] * w.speed[0, i]
-    if depth <= 0.0 or p.wall_stiffness == 0.0:
-        return
-    push = max(p.wall_stiffness * depth - p.wall_damping * speed, 0.0)
-    for i in range(3):
-        w.force[0, i] += p.wall_normal[i] * push
-
-
-@nb.njit(cache=True, nogil=True)
 def law(
     tick: int,
     x: Any,
     u: Any,
     p: Any,
+    walls: Any,
     line: Any,
     ages: Any,
     w: Any,
@@ -253,6 +241,8 @@ def law(
         State: started, tick of the start, then the fields of every axis of leader and follower.
     u : ndarray (2, 12)
         Leader, follower.
+    walls : ndarray (k, fixtures.SIZE)
+        Virtual fixtures of the leader.
     line : ndarray (2, length, 3, PACKET)
         What each arm has sent; slot tick % length.
     ages : ndarray (2, CYCLE)
@@ -261,8 +251,8 @@ def law(
     x_next[0] = 1.0
     x_next[1] = x[1] if x[0] > 0.0 else tick
     for a in range(2):
-        geometry.forward(u[a], p.lengths, w.place[a])
-        geometry.jacobian(u[a], p.lengths, w.jacobian[a])
+        dynamics.forward(u[a], p.lengths, w.place[a])
+        dynamics.jacobian(u[a], p.lengths, w.jacobian[a])
         for i in range(3):
             at = HEAD + FIELDS * (3 * a + i)
             x_next[at : at + FIELDS] = x[at : at + FIELDS]
@@ -298,7 +288,7 @@ def law(
             # what hardly grows with the depth is friction along a wall, and has no surface
             if n[TOUCH] != 0.0 and n[STIFFNESS] < SOFTEST * p.expected:
                 out[SIDE] = NO_WALL
-    fixture(p, w)
+    fixtures.push(walls, w.place[0], w.speed[0], w.out, w.force[0])
     for a in range(2):
         for j in range(3):
             y[a, j] = w.gravity[a, j] - (p.leader_damping * u[0, 3 + j] if a == 0 else 0.0)
@@ -330,6 +320,12 @@ class WallConfig:
     place: float = 0.01
     stiffness: float = 0.0
     damping: float = 0.0
+
+    def fixture(self) -> FixtureConfig:
+        """The same among the other fixtures."""
+        behind = -self.place * np.asarray(self.normal) / np.linalg.norm(self.normal)
+        place = float(behind[0]), float(behind[1]), float(behind[2])
+        return FixtureConfig("wall", place, self.normal, 0.0, self.stiffness, self.damping)
 
 
 @dataclass(frozen=True)
@@ -365,7 +361,9 @@ class DelayedConfig:
         contact begins with [N/m], time in which the leader's model follows the follower's [s], and
         the stiffest that it renders [N/m] and the damping beside it [N s/m] (``"model"``).
     wall : table
-        A virtual fixture.
+        One wall beside the fixtures.
+    fixtures : list of tables
+        Virtual fixtures of the leader, see `hil.controllers.fixtures`.
     lengths : tuple of 2 floats
         Nominal l1, l2 [m].
     leader_gravity, follower_gravity : tuple of 2 floats
@@ -393,7 +391,8 @@ class DelayedConfig:
     stiffest: float = 500.0
     brake: float = 1.0
     wall: WallConfig = field(default_factory=WallConfig)
-    lengths: tuple[float, float] = geometry.LENGTHS
+    fixtures: tuple[FixtureConfig, ...] = ()
+    lengths: tuple[float, float] = dynamics.LENGTHS
     leader_gravity: tuple[float, float] = (0.12, 0.03)
     follower_gravity: tuple[float, float] = (0.0, -0.06)
 
@@ -445,8 +444,6 @@ def constants(config: DelayedConfig, period: float) -> Any:
     kind = np.dtype(
         [(name, _F) for name in numbers]
         + [("scheme", np.int64), ("scale", _F), ("period", _F), ("lengths", _F, (2,))]
-        + [("wall_normal", _F, (3,))]
-        + [(name, _F) for name in ("wall_place", "wall_stiffness", "wall_damping")]
     )
     c = np.zeros(1, kind)[0]
     for name in numbers:
@@ -456,9 +453,6 @@ def constants(config: DelayedConfig, period: float) -> Any:
         c["smooth"] = max(way.jitter for way in ways) + GATHERED
     c["scheme"], c["scale"] = SCHEMES.index(config.scheme), config.force_scale
     c["period"], c["lengths"] = period, config.lengths
-    c["wall_normal"] = np.asarray(config.wall.normal) / np.linalg.norm(config.wall.normal)
-    c["wall_place"] = config.wall.place
-    c["wall_stiffness"], c["wall_damping"] = config.wall.stiffness, config.wall.damping
     return c
 
 
@@ -470,6 +464,7 @@ WORK = np.dtype(
         ("jacobian", _F, (2, 3, 3)),
         ("force", _F, (2, 3)),
         ("gravity", _F, (2, 3)),
+        ("out", _F, (3,)),
         ("heard", _F, (3, PACKET)),
         ("past", _F, (FIELDS,)),
     ]
@@ -518,6 +513,7 @@ class Delayed:
             ("fill level, the leader's brake,", 0.0, config.fill * config.level),
             ("stiffest and brake", *((config.stiffest, config.brake) if model else (0.0, 0.0))),
             ("wall.stiffness and wall.damping", config.wall.stiffness, config.wall.damping),
+            *((f"fixture {f.kind}", f.stiffness, f.damping) for f in config.fixtures),
         ):
             if k * period + 2.0 * b >= most:
                 raise ConfigError(
@@ -527,10 +523,14 @@ class Delayed:
                 )
         self.config, self.period = config, period
         ways = enumerate((config.backward, config.forward))
-        self._ages = np.stack([schedule(way, period, config.seed + k) for k, way in ways])
+        # what is sent at the end of a tick is heard at the next one, at the earliest
+        sent = [schedule(way, period, config.seed + k) for k, way in ways]
+        self._ages = np.maximum(np.stack(sent), 1)
         self._line = np.zeros((2, int(self._ages.max()) + 2, 3, PACKET))
         self._c = constants(config, period)
         self._w = np.zeros(1, WORK)[0]
+        wall = (config.wall.fixture(),) if config.wall.stiffness else ()
+        self._walls = fixtures.table((*wall, *config.fixtures))
         self._gravity = np.array([config.leader_gravity, config.follower_gravity])
 
     def update(
@@ -543,7 +543,8 @@ class Delayed:
         gravity = self._w["gravity"]
         gravity[:, 1] = self._gravity[:, 0] * np.cos(u[:, 1])
         gravity[:, 2] = self._gravity[:, 1] * np.sin(u[:, 2])
-        law(round(t / self.period), x, u, self._c, self._line, self._ages, self._w, x_next, y)
+        tick = round(t / self.period)
+        law(tick, x, u, self._c, self._walls, self._line, self._ages, self._w, x_next, y)
 
 
 Config = DelayedConfig

@@ -19,9 +19,8 @@ from hil.excite.trajectory import grid, sample
 from hil.models.bodies import inverse_dynamics, loop_room
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
-from hil.signals.arms import ArmDescription
 from hil.signals.device import FloatArray
-from hil.signals.settable import SettableRange
+from hil.signals.settable import ArmDescription, SettableRange
 
 #: Speed over which friction fed forward changes its side [rad/s].
 EDGE = 0.05

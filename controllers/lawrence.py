@@ -14,7 +14,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import dynamics, geometry, lawrence_config
+from hil.controllers import dynamics, fixtures, lawrence_config
 from hil.controllers.lawrence_config import (
     FIRST_ESTIMATE,
     FIRST_FILTER,
@@ -31,6 +31,8 @@ from hil.teleop import lawrence_filters
 from hil.teleop.gate import refuse
 from hil.teleop.law_parameters import loops_of
 
+#: Numbers that the observer of one arm remembers.
+_OBSERVER = 12
 # Kernels of the Lawrence law: both arms measured, heard, commanded, and turned into torques.
 #
 # `c`, `w` and `tables` are made by `hil.controllers.lawrence`; `x` is laid out by
@@ -40,8 +42,8 @@ from hil.teleop.law_parameters import loops_of
 @nb.njit(cache=True, nogil=True)
 def measure(a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
     """Tip of arm `a` into w.jacobian, w.tip, and its filtered signals into w.signals (3, 4)."""
-    geometry.forward(q, c.lengths, w.tip[a])
-    geometry.jacobian(q, c.lengths, w.jacobian[a])
+    dynamics.forward(q, c.lengths, w.tip[a])
+    dynamics.jacobian(q, c.lengths, w.jacobian[a])
     for i in range(3):
         at = FIRST_FILTER + 18 * a + 6 * i
         speed = 0.0
@@ -149,13 +151,17 @@ def believe(u: Any, c: Any, w: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
+def observe(
+    a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, y: Any, x_next: Any
+) -> None:
     """Momentum observer of arm `a`: the force ON its tip without a sensor.
 
     F = J^-T r with r of `hil.controllers.dynamics`.  Memory per arm: integral (3,),
-    torque sent (3,), force (3,); the torque of this tick is written by `law`.
+    torque sent (3,), force (3,), measured force behind the same low-pass (3,); the torque of this
+    tick is written by `law`.  What r holds beyond the measured force is a disturbance: its share
+    is taken from `y` (3,) [N m].
     """
-    at = FIRST_OBSERVED + 9 * a
+    at = FIRST_OBSERVED + _OBSERVER * a
     dynamics.advance(
         x[0] > 0.0,
         q,
@@ -172,6 +178,16 @@ def observe(a: int, q: Any, v: Any, x: Any, c: Any, w: Any, x_next: Any) -> None
         w.goal,
         w.bend,
     )
+    # f <- (f + K T F) / (1 + K T), as r
+    rise = c.observer * c.period / (1.0 + c.observer * c.period)
+    for i in range(3):
+        past = x[at + 9 + i] if x[0] > 0.0 else 0.0
+        x_next[at + 9 + i] = past + rise * (wrench[i] - past)
+    for j in range(3):
+        left = w.bend[j]
+        for i in range(3):
+            left -= w.jacobian[a, i, j] * x_next[at + 9 + i]
+        y[j] -= c.disturbance * left
     dynamics.solve_transposed(w.jacobian[a], w.bend, w.square, x_next[at + 6 : at + 9])
 
 
@@ -186,13 +202,16 @@ def hear(a: int, tick: int, line: Any, ages: Any, w: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def command(a: int, c: Any, w: Any, x_next: Any) -> None:
+def command(a: int, c: Any, walls: Any, w: Any, x_next: Any) -> None:
     """Tip force that arm `a` is to have, into w.force; the force that the law believes, kept."""
     for i in range(3):
         if a == 0:
             w.force[i] = lawrence_filters.master(c.gains[i], w.signals[0, i], w.heard[i])
         else:
             w.force[i] = lawrence_filters.slave(c.gains[i], w.heard[i], w.signals[1, i])
+    if a == 0:
+        fixtures.push(walls, w.signals[0, :, 0], w.signals[0, :, 1], w.bend, w.force)
+    for i in range(3):
         # what the law believes: f_m = m a_m - f_cm, f_s = f_cs - m a_s
         pull = c.masses[a, i] * w.signals[a, i, 2] - w.force[i]
         at = FIRST_ESTIMATE + 3 * a + i
@@ -208,6 +227,7 @@ def law(
     u: Any,
     c: Any,
     tables: Any,
+    walls: Any,
     w: Any,
     line: Any,
     ages: Any,
@@ -222,6 +242,8 @@ def law(
         Number of the tick, from 1.
     tables : tuple of (terms, slips, values)
         Friction of leader, follower; see `hil.estimate.compensation`.
+    walls : ndarray (k, fixtures.SIZE)
+        Virtual fixtures of the leader.
     line : ndarray (2, length, 3, 4)
         What each arm has sent; slot tick % length.
     ages : ndarray (2, CYCLE)
@@ -236,12 +258,12 @@ def law(
         line[a, tick % line.shape[1]] = w.signals[a]
     for a in range(2):
         hear(a, tick, line, ages, w)
-        command(a, c, w, x_next)
+        command(a, c, walls, w, x_next)
         torque(a, u[a, :3], u[a, 3:6], w.force, c, w, y[a])
         rub(a, u[a, :3], u[a, 3:6], tick * c.period, x, c, tables, w, y[a], x_next)
-        observe(a, u[a, :3], u[a, 3:6], x, c, w, x_next)
+        observe(a, u[a, :3], u[a, 3:6], u[a, 6:9], x, c, w, y[a], x_next)
         for j in range(3):
-            x_next[FIRST_OBSERVED + 9 * a + 3 + j] = y[a, j]
+            x_next[FIRST_OBSERVED + _OBSERVER * a + 3 + j] = y[a, j]
 
 
 _F = np.float64
@@ -279,6 +301,7 @@ def constants(config: LawrenceConfig, period: float) -> Any:
             ("period", _F),
             ("shape", np.int64),
             ("observer", _F),
+            ("disturbance", _F),
             ("share", _F),
             ("estimated", np.int64),
             ("speeds", _F, (max(n, 1),)),
@@ -290,6 +313,7 @@ def constants(config: LawrenceConfig, period: float) -> Any:
     c["models"] = np.stack([config.leader_model, config.follower_model])
     c["shares"], c["lengths"], c["period"] = config.shares(period), config.lengths, period
     c["observer"] = 2 * np.pi * config.observer_hz
+    c["disturbance"] = config.disturbance
     c["share"], c["estimated"] = config.friction_share, config.forces == "estimated"
     c["shape"] = SHAPES.index(config.shape)
     if n:
@@ -345,6 +369,7 @@ class Lawrence:
         self._line = np.zeros((2, int(self._ages.max()) + 2, 3, lawrence_filters.SIGNALS))
         self._c = constants(config, period)
         self._tables = friction_of(config)
+        self._walls = fixtures.table(config.fixtures)
         self._w = np.zeros(1, WORK)[0]
 
     def judge(self, corner_hz: float) -> None:
@@ -369,7 +394,19 @@ class Lawrence:
         The channel's memory is filled by tick number: the same call gives the same answer.
         """
         tick = round(t / self.period)
-        law(tick, x, u, self._c, self._tables, self._w, self._line, self._ages, x_next, y)
+        law(
+            tick,
+            x,
+            u,
+            self._c,
+            self._tables,
+            self._walls,
+            self._w,
+            self._line,
+            self._ages,
+            x_next,
+            y,
+        )
 
 
 Config = LawrenceConfig

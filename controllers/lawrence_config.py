@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.controllers.fixtures import FixtureConfig
 from hil.errors import ConfigError, unknown
 from hil.estimate import compensation_tables
 from hil.models import catalogue
@@ -130,6 +131,9 @@ class LawrenceConfig:
         Corners of the filters; 0 = none.
     observer_hz : float
         Corner of the momentum observer, which is recorded beside the law's own estimates.
+    disturbance : float
+        Share, 0 to 1, of what the observer finds beyond the measured force that the motors take
+        away (disturbance observers of both arms): friction that no model holds, wrong gravity.
     forward, backward : table
         Channels leader -> follower and back: delay, jitter [s], loss.
     seed : int
@@ -150,6 +154,8 @@ class LawrenceConfig:
         Files with a user's own effects.
     friction_share : float
         Share of all this friction that is compensated.
+    fixtures : list of tables
+        Virtual fixtures of the leader, see `hil.controllers.fixtures`.
     lengths : tuple of 2 floats
         l1, l2 [m].
     operator, environment, free : tuple of 3 floats
@@ -191,6 +197,7 @@ class LawrenceConfig:
     forward: ChannelConfig = field(default_factory=ChannelConfig)
     backward: ChannelConfig = field(default_factory=ChannelConfig)
     observer_hz: float = 10.0
+    disturbance: float = 0.0
     seed: int = 0
     leader_model: tuple[float, ...] = PREMIUM
     follower_model: tuple[float, ...] = PREMIUM
@@ -203,6 +210,7 @@ class LawrenceConfig:
     follower_span: tuple[float, ...] = ()
     plugins: tuple[str, ...] = ()
     friction_share: float = 1.0
+    fixtures: tuple[FixtureConfig, ...] = ()
     lengths: tuple[float, float] = (0.215, 0.170)
     operator: tuple[float, float, float] = (0.4, 4.0, 150.0)
     free: tuple[float, float, float] = (0.0, 1.0, 0.0)
@@ -236,6 +244,20 @@ class LawrenceConfig:
             raise ConfigError("lawrence: friction_speeds must rise, two knots at least.")
         if not 0.0 <= self.friction_share <= 1.0:
             raise ConfigError("lawrence: friction_share must lie within 0 and 1.")
+        if not 0.0 <= self.disturbance <= 1.0:
+            raise ConfigError(
+                f"lawrence: disturbance = {self.disturbance:g}; a share within 0 and 1 is needed."
+            )
+        if self.fixtures and self.forces == "estimated":
+            raise ConfigError(
+                "lawrence: a fixture's force is none of the gains from which forces are estimated; "
+                'with fixtures, forces = "measured" is needed.'
+            )
+        if self.disturbance and (self.forces == "estimated" or not self.observer_hz):
+            raise ConfigError(
+                "lawrence: a disturbance is what is beyond the measured force: it needs "
+                'forces = "measured" and an observer_hz above 0.'
+            )
         self._physical()
 
     def _physical(self) -> None:
@@ -273,6 +295,10 @@ class LawrenceConfig:
         corners = ("velocity_hz", "acceleration_hz", "force_hz", "observer_hz")
         share = {"friction_share": SettableRange(0.0, 1.0)}
         return {**force, **share, **dict.fromkeys(corners, SettableRange(1.0, 400.0, "Hz"))}
+
+    def fixture(self) -> tuple[float, float]:
+        """Stiffness and damping of all fixtures at once, for the check before the start."""
+        return sum(f.stiffness for f in self.fixtures), sum(f.damping for f in self.fixtures)
 
     def _both_at_once(self) -> bool:
         """Whether both sites know each other's motion at once, and no shape needs a sensor."""
@@ -333,11 +359,12 @@ _ARMS = ("leader", "follower")
 _JOINTS = (1, 2, 3)
 #: Of one axis: where it started, and the memory of `lawrence_filters.sense`.
 _FILTERS = ("origin", "velocity", "raw", "acceleration", "force", "on")
-#: Of one arm: the momentum observer of `hil.controllers.dynamics`.
+#: Of one arm: the momentum observer of `hil.controllers.dynamics`, the sensor behind its corner.
 _OBSERVER = (
     *(f"impulse{j}" for j in _JOINTS),
     *(f"sent{j}" for j in _JOINTS),
     *(f"observed_{axis}" for axis in AXES),
+    *(f"sensed_{axis}" for axis in AXES),
 )
 #: Of one arm: friction with a state, `hil.estimate.compensation`.
 _SLIP = (

@@ -13,7 +13,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import geometry
+from hil.controllers import dynamics
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
 from hil.signals.settable import SettableRange
@@ -52,7 +52,7 @@ class PositionForceConfig:
     force_scale: float = 0.7
     force_filter: float = 0.004
     leader_damping: float = 0.004
-    lengths: tuple[float, float] = geometry.LENGTHS
+    lengths: tuple[float, float] = dynamics.LENGTHS
     leader_gravity: tuple[float, ...] = (0.12, 0.03)
     follower_gravity: tuple[float, ...] = (0.0, -0.06)
 
@@ -127,8 +127,8 @@ def law(
         Room for the Jacobians and, in the last row, the positions.
     """
     for a in range(2):
-        geometry.forward(u[a], lengths, work[a, 3])
-        geometry.jacobian(u[a], lengths, work[a])
+        dynamics.forward(u[a], lengths, work[a, 3])
+        dynamics.jacobian(u[a], lengths, work[a])
     x_next[0] = 1.0
     for i in range(3):
         gap, rate = apart(i, u, workspace, work)

@@ -47,7 +47,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "foaw-best-fit": "hil.signals.velocity:FoawBestFit",
         "kalman": "hil.signals.velocity:Kalman",
     },
-    "hil.kinematics": {"phantom-premium-1.5": "hil.controllers.geometry:premium"},
+    "hil.kinematics": {"phantom-premium-1.5": "hil.controllers.dynamics:premium"},
     "hil.exports": {
         "urdf": "hil.export.urdf:TARGET",
         "mjcf": "hil.export.mjcf:TARGET",

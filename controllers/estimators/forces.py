@@ -12,7 +12,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import dynamics, geometry
+from hil.controllers import dynamics
 from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError, unknown
 from hil.estimate import compensation, compensation_tables
@@ -57,7 +57,7 @@ class ForcesConfig:
     effects: Mapping[str, float] = field(default_factory=dict)
     span: tuple[float, ...] = ()
     plugins: tuple[str, ...] = ()
-    lengths: tuple[float, float] = geometry.LENGTHS
+    lengths: tuple[float, float] = dynamics.LENGTHS
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -128,7 +128,7 @@ def estimate(
         )
     else:
         differentiate(phase == 2, q, v, sent, c, w, past, now)
-    geometry.jacobian(q, c.lengths, w.jacobian)
+    dynamics.jacobian(q, c.lengths, w.jacobian)
     dynamics.solve_transposed(w.jacobian, w.r, w.square, out)
     for j in range(3):
         now[3 + j] = out[3 + j] = w.r[j]

@@ -14,7 +14,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import dynamics, geometry
+from hil.controllers import dynamics
 from hil.controllers.estimators import wavelets
 from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
@@ -151,7 +151,7 @@ class NetworkConfig:
     learn_until: float = float("inf")
     touch: float = 0.3
     network: WaveletConfig = WaveletConfig()
-    lengths: tuple[float, float] = geometry.LENGTHS
+    lengths: tuple[float, float] = dynamics.LENGTHS
 
     def __post_init__(self) -> None:
         if len(self.model) != 8 or self.corner_hz <= 0.0 or self.touch <= 0.0:
@@ -204,7 +204,7 @@ def estimate(
         wavelets.learn(w.goal, w.seen, n, m)
         if m.size > wavelets.HEAD:
             wavelets.adapt(v, n, m)
-    geometry.jacobian(q, c.lengths, w.jacobian)
+    dynamics.jacobian(q, c.lengths, w.jacobian)
     for j in range(3):
         w.r[j] += w.seen[j]
         out[3 + j], out[6 + j] = w.r[j], w.rub[j]

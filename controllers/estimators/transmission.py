@@ -26,7 +26,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers import dynamics, geometry
+from hil.controllers import dynamics
 from hil.controllers.estimators import network, wavelets
 from hil.controllers.estimators.network import WaveletConfig
 from hil.controllers.lawrence_config import PREMIUM
@@ -114,7 +114,7 @@ class TransmissionConfig:
     learn_until: float = float("inf")
     touch: float = 0.3
     network: WaveletConfig = field(default_factory=lambda: WaveletConfig(nodes=0))
-    lengths: tuple[float, float] = geometry.LENGTHS
+    lengths: tuple[float, float] = dynamics.LENGTHS
 
     def __post_init__(self) -> None:
         if len(self.model) != 8 or len(self.start) not in (6, 18):
@@ -291,7 +291,7 @@ def estimate(
         w.speed[j] = f[j].x[3]
     unexplained(phase, c, w, now)
     rub(free, n, nets, psi, w, now)
-    geometry.jacobian(u[:3], c.lengths, w.jacobian)
+    dynamics.jacobian(u[:3], c.lengths, w.jacobian)
     dynamics.solve_transposed(w.jacobian, w.r, w.square, out)
     tell(f, w, out)
     out[NAMED - 2], out[NAMED - 1] = free, network.count(nets)

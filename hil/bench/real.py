@@ -12,7 +12,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
@@ -24,6 +24,7 @@ import hil
 from hil.bench import least_squares_script
 from hil.diagnosis.heldout import Examiner
 from hil.errors import DataError, unknown
+from hil.experiments.replicate import Lost, Where, spread
 from hil.identify.context import renew
 from hil.identify.parallel import alone
 from hil.identify.problem import Problem
@@ -37,6 +38,7 @@ FloatArray = NDArray[np.float64]
 Split = tuple[list[Recording], list[Recording]]
 #: A case that has said nothing after this time has failed [s].
 _LIMIT_S = 3600.0
+_HERE = Where()
 
 
 @dataclass(frozen=True)
@@ -251,16 +253,25 @@ def _tried(work: Callable[[], Any]) -> Any:
 
 
 def run(
-    todo: Sequence[RealCase], jobs: int = 1, work: Callable[[RealCase], RealRow] = examine
+    todo: Sequence[RealCase],
+    where: Where = _HERE,
+    work: Callable[[RealCase], RealRow] = examine,
 ) -> Iterator[RealRow]:
-    """Each case in a process of its own, `jobs` at a time; rows in the order in which they end.
+    """Rows in the order in which they end.
+
+    Here each case has a process of its own, `where.workers` at a time.  On a cluster it has a
+    worker, whose largest memory is that of all that it did so far.
 
     Raises
     ------
     DataError
         If a recording is not there.
     """
-    with ThreadPoolExecutor(max(1, jobs)) as pool:
+    if where.cluster:
+        for k, found in spread(partial(_answer, work), todo, where):
+            yield _row(todo[k], found.text if isinstance(found, Lost) else found)
+        return
+    with ThreadPoolExecutor(max(1, where.workers)) as pool:
         waiting = [pool.submit(_apart, case, work) for case in todo]
         try:
             for done in as_completed(waiting):
@@ -288,20 +299,52 @@ def _apart(case: RealCase, work: Callable[[RealCase], RealRow]) -> RealRow:
         process.join()
         process.close()
         receive.close()
+    return _row(case, found)
+
+
+def _row(case: RealCase, found: RealRow | DataError | str) -> RealRow:
+    """Row of an answer; one that is a sentence is why there is none."""
     if isinstance(found, DataError):
         raise found
     if isinstance(found, str):
         return RealRow(case.name, case.kind, case.complete, [], [], found, found, float("nan"))
-    row: RealRow = found
-    return row
+    return found
 
 
 def _child(send: Connection, case: RealCase, work: Callable[[RealCase], RealRow]) -> None:
-    """Answer with a row, or with the error of a recording that is not there."""
+    send.send(_answer(work, case))
+
+
+def _answer(work: Callable[[RealCase], RealRow], case: RealCase) -> RealRow | DataError:
+    """A row, or the error of a recording that is not there."""
     try:
-        send.send(work(case))
+        return work(case)
     except DataError as error:
-        send.send(error)
+        return error
+
+
+def to_data(row: RealRow) -> dict[str, Any]:
+    """A row as plain data; `from_data` makes it again, to the last digit."""
+    return asdict(row)
+
+
+def from_data(data: dict[str, Any]) -> RealRow:
+    """A row of plain data.
+
+    Raises
+    ------
+    DataError
+        If they are not those of a row.
+    """
+    try:
+        own, script = data["ours"], data["script"]
+        if isinstance(own, dict):
+            named = [(str(n), float(x)) for n, x in own["names"]]
+            own = Ours(**{**own, "names": named, "blind": tuple(own["blind"])})
+        script = ScriptErrors(**script) if isinstance(script, dict) else script
+        return RealRow(**{**data, "ours": own, "script": script})
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"these are no results of 'hil bench real': {error}") from error
 
 
 def _set(name: str) -> Split:

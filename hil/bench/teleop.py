@@ -13,20 +13,30 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
 
+from hil.controllers.fixtures import FixtureConfig
+from hil.controllers.lawrence_config import LawrenceConfig
 from hil.errors import ConfigError, DeviceError, HilError
 from hil.models.phantom import Premium
 from hil.record.mcap_read import load
 from hil.rig.config import ControllerConfig, RigConfig, load_rig
 from hil.rigs import rig_path
 from hil.runtime import runner
+from hil.teleop import hybrid, law_parameters
+from hil.teleop.architecture import Design
+from hil.teleop.gate import GROWTH
+from hil.teleop.sampled_loop import SampledLoop, dominant_mode
+from hil.toml import parse
 
+FloatArray = NDArray[np.float64]
 HZ, SETTLE, PERIODS, PERIOD = 1.0, 3.0, 3, 1e-3
 _UP, _GEL, _ABOVE = 0.008, 400.0, -0.02
 _HAND_SECONDS = 6.0
@@ -58,9 +68,19 @@ class Link:
 
 
 LINKS = (Link(0.0), Link(0.01), Link(0.03), Link(0.1), Link(0.3), Link(0.1, 0.05, 0.1))
+#: Four channels without accelerations: c4 = -c8 and c2 = c3 = 1 are transparent at low frequencies.
+FOUR: Mapping[str, Any] = {
+    "c1": [250.0, 1.5, 0.0], "c2": [1.0], "c3": [1.0], "c4": [0.0, -0.3, 0.0],
+    "c7": [250.0, 1.5, 0.0], "c8": [0.0, 0.3, 0.0], "force_hz": 100.0,
+}  # fmt: skip
+#: Disturbance observers that the cables of the rig bear.
+OBSERVED: Mapping[str, Any] = {"disturbance": 1.0, "observer_hz": 5.0}
 #: Laws: name, controller, parameters.
 LAWS: tuple[tuple[str, str, Mapping[str, Any]], ...] = (
     ("position-force, share 0.5 (no protection)", "lawrence", {}),
+    ("position-force, disturbance observers", "lawrence", OBSERVED),
+    ("four-channel (no protection)", "lawrence", FOUR),
+    ("four-channel, disturbance observers", "lawrence", {**FOUR, **OBSERVED}),
     ("passivity observer", "delayed", {"scheme": "passivity"}),
     ("wave variables", "delayed", {"scheme": "waves"}),
     ("energy tanks", "delayed", {"scheme": "tanks"}),
@@ -171,8 +191,9 @@ def _short(error: HilError) -> str:
 #: Dampings of the virtual wall [N s/m], and stiffnesses that are tried [N/m].
 WALL_DAMPING = (0.0, 0.5, 1.0, 1.5)
 WALL_STIFFNESS = (100.0, 200.0, 400.0, 700.0, 1000.0, 1400.0, 2000.0, 2800.0, 4000.0)
-#: Speed beyond which a tip that a hand presses against a wall vibrates: rms above 10 Hz [m/s].
-_VIBRATES = 0.02
+#: A tip rings that moves so many times as fast as without a wall, above this frequency [Hz], within
+#: a quarter of a second.  A hand, and its impact, are slower; an encoder's counts make the rest.
+_RINGS, _FAST_HZ, _WINDOW = 2.0, 60.0, 250
 
 
 @dataclass(frozen=True)
@@ -197,15 +218,21 @@ class WallRow:
     limit: str
 
 
-def walls(folder: Path, seed: int = 1) -> list[WallRow]:
+def walls(folder: Path, seed: int = 1, dampings: Sequence[float] = WALL_DAMPING) -> list[WallRow]:
     """Stiffest wall that a hand can press against, for every damping."""
-    return [_stiffest(damping, folder, seed) for damping in WALL_DAMPING]
+    path = folder / "wall.mcap"
+    _pressed(0.0, 0.0, path, seed)
+    free, _ = ringing(path)
+    return [_stiffest(damping, free, path, seed) for damping in dampings]
 
 
-def _stiffest(damping: float, folder: Path, seed: int) -> WallRow:
+def _stiffest(damping: float, free: float, path: Path, seed: int) -> WallRow:
     calm = 0.0
     for stiffness in WALL_STIFFNESS:
-        why = _pressed(stiffness, damping, folder / "wall.mcap", seed)
+        why = _pressed(stiffness, damping, path, seed)
+        if not why:
+            speed, hz = ringing(path)
+            why = f"it rings at {hz:.0f} Hz" if speed > _RINGS * free else ""
         if why:
             return WallRow(damping, calm, stiffness, why)
         calm = stiffness
@@ -213,7 +240,7 @@ def _stiffest(damping: float, folder: Path, seed: int) -> WallRow:
 
 
 def _pressed(stiffness: float, damping: float, path: Path, seed: int) -> str:
-    """What speaks against a wall when a hand presses the leader onto it; empty: nothing."""
+    """Why a session ends in which a hand presses the leader onto a wall; empty: it does not."""
     wall = {"normal": [0.0, 0.0, 1.0], "place": 0.005, "stiffness": stiffness, "damping": damping}
     law = {"scheme": "model", "wall": wall, "seed": seed}
     try:
@@ -222,21 +249,197 @@ def _pressed(stiffness: float, damping: float, path: Path, seed: int) -> str:
     except ConfigError:
         return "K T + 2 B is too much for the period"
     except DeviceError:
-        return "it vibrates until an encoder is too fast"
-    if state != "ENABLED":
-        return f"{state}: torque or speed at its limit"
+        return "it rings until an encoder is too fast"
+    return "" if state == "ENABLED" else f"{state}: torque or speed at its limit"
+
+
+def ringing(path: Path) -> tuple[float, float]:
+    """Largest fast speed (rms) of the leader's tip up and down [m/s], and its tone [Hz]."""
     place = Premium(()).tip(load(path, "leader").q)[:, 2]
-    speed = np.gradient(place, PERIOD)
-    slow = np.convolve(speed, np.full(100, 0.01), "same")
-    parts = (speed - slow)[100:-100]
-    rms = np.sqrt(np.convolve(parts**2, np.full(250, 1 / 250), "valid"))
-    return "it vibrates" if float(rms.max()) > _VIBRATES else ""
+    high = signal.butter(4, _FAST_HZ, "high", fs=1.0 / PERIOD, output="sos")
+    fast = signal.sosfiltfilt(high, np.gradient(place, PERIOD))[100:-100]
+    rms = np.sqrt(np.convolve(fast**2, np.full(_WINDOW, 1.0 / _WINDOW), "valid"))
+    worst = fast[rms.argmax() : rms.argmax() + _WINDOW] * np.hanning(_WINDOW)
+    tone = np.abs(np.fft.rfft(worst)).argmax() / (_WINDOW * PERIOD)
+    return float(rms.max()), float(tone)
+
+
+@dataclass(frozen=True)
+class WallLimit:
+    """Stiffest wall by the sampled loop, with one thing of the rig changed.
+
+    Parameters
+    ----------
+    what : str
+        What is changed.
+    stiffness : float
+        Stiffest that is stable for every operator of the check before the start [N/m].
+    hz : float
+        Mode that grows beyond it [Hz].
+    """
+
+    what: str
+    stiffness: float
+    hz: float
+
+
+#: Damping of the wall whose limits are told [N s/m], and stiffest that is looked at [N/m].
+_TOLD, _STIFFEST = 1.0, 1e5
+
+
+def wall_limits() -> list[WallLimit]:
+    """Why a wall ends where it does: the vertical axis of the rig's leader, alone, linear."""
+    law = parse(LawrenceConfig, dict(load_rig("lawrence").controller.parameters), "lawrence")
+    axis = law_parameters.loops_of(law)[2]
+    alone = Design(master=axis.design.master, slave=axis.design.slave)
+    loop = dataclasses.replace(axis, design=alone, environments=(hybrid.FREE,))
+    quick = dataclasses.replace(loop.real, velocity_hz=0.0)
+    changed = (
+        ("the rig as it is", loop, PERIOD),
+        ("rigid in place of the cables", dataclasses.replace(loop, cable=None), PERIOD),
+        ("a period of 0.25 ms", loop, PERIOD / 4),
+        ("damping from speeds without a filter", dataclasses.replace(loop, real=quick), PERIOD),
+        ("no friction in the arm", dataclasses.replace(loop, friction=(0.0, 0.0)), PERIOD),
+    )
+    return [WallLimit(what, *_limit(one, period)) for what, one, period in changed]
+
+
+def _limit(loop: SampledLoop, period: float) -> tuple[float, float]:
+    """Stiffest wall that is stable [N/m], and the mode beyond it [Hz]."""
+    low, high, hz = 0.0, _STIFFEST, float("nan")
+    while high - low > 1e-3 * high:
+        middle = 0.5 * (low + high)
+        within = dataclasses.replace(loop, fixture=(middle, _TOLD)).within()
+        size, mode = max(dominant_mode(within, zh, hybrid.FREE, period) for zh in loop.operators)
+        if size <= 1.0 + GROWTH:
+            low = middle
+        else:
+            high, hz = middle, mode
+    return low, hz
+
+
+def motors_hold() -> float:
+    """Force that the leader's motors hold downwards at home [N], by their torque limits."""
+    config = load_rig("lawrence")
+    lever = np.abs(Premium(()).jacobian(np.asarray([config.simulation["home"]], float))[0][2])
+    limits = np.asarray(config.arms["leader"].torque_limit)
+    return float(np.min(limits[lever > 1e-9] / lever[lever > 1e-9]))
+
+
+LIMIT_HEAD = ("changed", "stiffest stable wall [N/m]", "beyond it a mode of [Hz]")
+
+
+def limit_cells(rows: list[WallLimit]) -> list[list[str]]:
+    """Cells of the table of reasons."""
+    return [[r.what, f"{r.stiffness:.0f}", f"{r.hz:.0f}"] for r in rows]
+
+
+#: Virtual fixtures by name: a guide along y, a region and a half-space that are forbidden.
+FIXTURES: Mapping[str, FixtureConfig] = {
+    "line along y": FixtureConfig("line", direction=(0.0, 1.0, 0.0)),
+    "ball of 10 mm": FixtureConfig("ball", (0.012, -0.01, 0.005), radius=0.01),
+    "wall 10 mm below": FixtureConfig("wall", (0.0, 0.0, -0.01)),
+}
+#: Laws that they are shown with: name, controller, parameters.
+GUIDED: tuple[tuple[str, str, Mapping[str, Any]], ...] = (
+    ("position-force", "lawrence", {}),
+    (
+        "model-mediated, 100 ms",
+        "delayed",
+        {"scheme": "model", "forward": {"delay": 0.1}, "backward": {"delay": 0.1}},
+    ),
+)
+
+
+@dataclass(frozen=True)
+class FixtureRow:
+    """What a virtual fixture does to a hand that does not know of it.
+
+    Parameters
+    ----------
+    law, fixture : str
+        Which.
+    without, guided : tuple of 2 floats
+        How far leader and follower are beyond it, rms of a guide and most of a region [m],
+        without it and with it.
+    state : str
+        In which the session ended.
+    """
+
+    law: str
+    fixture: str
+    without: tuple[float, float]
+    guided: tuple[float, float]
+    state: str
+
+
+def fixture_rows(
+    folder: Path, seed: int = 1, laws: Sequence[tuple[str, str, Mapping[str, Any]]] = GUIDED
+) -> list[FixtureRow]:
+    """A hand's sessions in free space, without and with each fixture."""
+    rows = []
+    for law, controller, parameters in laws:
+        free, _ = _by_fixture(controller, parameters, folder, seed)
+        for name, fixture in FIXTURES.items():
+            plain = dataclasses.asdict(fixture)
+            with_it = {**parameters, "fixtures": [{**plain, "place": list(plain["place"])}]}
+            guided, state = _by_fixture(controller, with_it, folder, seed)
+            rows.append(
+                FixtureRow(law, name, beyond(fixture, free), beyond(fixture, guided), state)
+            )
+    return rows
+
+
+def _by_fixture(
+    controller: str, parameters: Mapping[str, Any], folder: Path, seed: int
+) -> tuple[list[FloatArray], str]:
+    """Places of leader and follower from the start (n, 3) [m], and how the session ended."""
+    path = folder / "fixture.mcap"
+    config = config_of(controller, parameters, {"kind": "hand", "arm": "leader"}, None)
+    state = runner.run(config, _HAND_SECONDS, seed, "lockstep", path).state
+    tips = [Premium(()).tip(load(path, arm).q) for arm in ("leader", "follower")]
+    return [tip - tip[0] for tip in tips], state
+
+
+def beyond(fixture: FixtureConfig, places: Sequence[FloatArray]) -> tuple[float, float]:
+    """How far tips are beyond a fixture [m]: rms of a guide, most of a region."""
+    out = []
+    for x in places:
+        r, n = x - fixture.place, np.asarray(fixture.direction) / np.linalg.norm(fixture.direction)
+        along = r @ n
+        if fixture.kind == "line":
+            out.append(float(np.sqrt(np.mean(np.sum((r - np.outer(along, n)) ** 2, axis=1)))))
+        else:
+            deep = -along if fixture.kind == "wall" else fixture.radius - np.linalg.norm(r, axis=1)
+            out.append(float(max(deep.max(), 0.0)))
+    return out[0], out[1]
+
+
+FIXTURE_HEAD = ("law", "fixture", "leader beyond it [mm]", "follower beyond it [mm]", "by hand")
+
+
+def fixture_cells(rows: list[FixtureRow]) -> list[list[str]]:
+    """Cells of the table of fixtures."""
+    ends = [zip(r.without, r.guided, strict=True) for r in rows]
+    both = [[f"{1e3 * a:.1f} -> {1e3 * b:.1f}" for a, b in pairs] for pairs in ends]
+    return [[r.law, r.fixture, *far, r.state] for r, far in zip(rows, both, strict=True)]
+
+
+@dataclass(frozen=True)
+class TeleopStudy:
+    """Everything that `hil bench teleop` prints."""
+
+    laws: list[DelayRow]
+    walls: list[WallRow]
+    limits: list[WallLimit]
+    holds: float
+    fixtures: list[FixtureRow]
 
 
 def study(
     seed: int = 1, quick: bool = False, report: Callable[[int], object] = lambda n: None
-) -> tuple[list[DelayRow], list[WallRow]]:
-    """All laws over all channels, and the walls; `quick`: three channels, one damping."""
+) -> TeleopStudy:
+    """Laws over channels, walls, fixtures; `quick`: three channels, one damping, one law."""
     links = (LINKS[0], LINKS[3], LINKS[5]) if quick else LINKS
     with tempfile.TemporaryDirectory() as name:
         folder, rows = Path(name), []
@@ -244,14 +447,16 @@ def study(
             for link in links:
                 rows.append(row(*law, link, folder, seed))
                 report(1)
-        found = [_stiffest(1.0, folder, seed)] if quick else walls(folder, seed)
+        found = walls(folder, seed, (1.0,) if quick else WALL_DAMPING)
         report(1)
-    return rows, found
+        guided = fixture_rows(folder, seed, GUIDED[: 1 if quick else 2])
+        report(1)
+    return TeleopStudy(rows, found, wall_limits(), motors_hold(), guided)
 
 
 def steps(quick: bool) -> int:
     """How often `study` reports."""
-    return len(LAWS) * (3 if quick else len(LINKS)) + 1
+    return len(LAWS) * (3 if quick else len(LINKS)) + 2
 
 
 HEAD = ("law", "one way", "drag [N s/m]", "felt [N/m]", "there [N/m]", "share", "by hand")
@@ -289,7 +494,7 @@ def wall_cells(rows: list[WallRow]) -> list[list[str]]:
     ]
 
 
-def page(rows: list[DelayRow], found: list[WallRow], command: str) -> str:
+def page(found: TeleopStudy, command: str) -> str:
     """Page for the documentation."""
 
     def table(head: tuple[str, ...], body: list[list[str]]) -> list[str]:
@@ -312,15 +517,36 @@ def page(rows: list[DelayRow], found: list[WallRow], command: str) -> str:
             "against delay: where it would be unstable, the check in front of the motors refuses "
             "it.",
             "",
-            *table(HEAD, cells(rows)),
+            *table(HEAD, cells(found.laws)),
             "",
             "## Walls",
             "",
             "Virtual walls at the leader (`wall` of the controller `delayed`): the stiffest that a "
             "hand can press against",
-            "without vibration, at 1 kHz with the encoders, drives and cables of the rig.",
+            "without ringing, at 1 kHz with the encoders, drives and cables of the rig. It rings "
+            "where the tip moves",
+            f"{_RINGS:g} times as fast as without a wall, above {_FAST_HZ:g} Hz.",
             "",
-            *table(WALL_HEAD, wall_cells(found)),
+            *table(WALL_HEAD, wall_cells(found.walls)),
+            "",
+            "Why they end there: the vertical axis of the leader alone, sampled as it runs, with "
+            f"{_TOLD:g} N s/m of damping, for",
+            "every operator of the check before the start; then with one thing changed. The "
+            f"motors hold {found.holds:.1f} N at home, so that",
+            f"a wall of 1000 N/m gives way {found.holds:.1f} mm behind its surface, a stiffer one "
+            "sooner.",
+            "",
+            *table(LIMIT_HEAD, limit_cells(found.limits)),
+            "",
+            "## Virtual fixtures",
+            "",
+            "A soft hand moves in free space for six seconds and knows nothing of the fixture at "
+            "the leader (400 N/m, 0.5",
+            "N s/m). How far each tip is beyond it, without and with it: rms of the distance from "
+            "the line, deepest place in",
+            "the ball or behind the wall.",
+            "",
+            *table(FIXTURE_HEAD, fixture_cells(found.fixtures)),
             "",
         ]
     )

@@ -38,6 +38,7 @@ from hil.commands.common import Found
 from hil.commands.design import finite
 from hil.commands.fuzz_targets import TARGETS
 from hil.errors import ConfigError, unknown
+from hil.experiments.replicate import counted
 from hil.rigs import rig_path
 
 #: Folder for inputs that were not refused properly.
@@ -52,17 +53,17 @@ def _diagnosis(args: argparse.Namespace) -> Found:
     plants = _plants(args.plants)
     todo = _only([c for plant in plants for c in PLANS[plant](args.quick, seeds)], args.only)
     todo = halving.small(todo) if args.halve else todo
-    rows = runner.run(todo, args.jobs, kept)
+    rows = runner.run(todo, common.where(args), kept)
     quick = " --quick" if args.quick else f" --seeds {seeds}"
     which = f" --plants {plants[0]}" if len(plants) == 1 else ""
     which += "".join(f" --only {word}" for word in args.only)
     data: dict[str, object] = {"cases": rows}
     if args.ablate:
-        again = ablation.run(todo, rows, args.jobs, kept)
+        again = ablation.run(todo, rows, common.where(args), kept)
         text = ablation.report(rows, again, f"hil bench diagnosis --ablate{quick}{which}")
         data |= {"without": again}
     elif args.halve:
-        again = halving.run(todo, rows, args.jobs, kept)
+        again = halving.run(todo, rows, common.where(args), kept)
         text = halving.report(rows, again, f"hil bench diagnosis --halve{quick}{which}")
         data |= {"changed": again}
     else:
@@ -256,16 +257,22 @@ def _doors(args: argparse.Namespace) -> Found:
 
 
 def _teleop(args: argparse.Namespace) -> Found:
-    """Teleoperation over delay: drag, stiffness that is felt, and the stiffest walls."""
+    """Teleoperation over delay: drag, stiffness that is felt, stiffest walls, virtual fixtures."""
     common.check_page(args.report)
     total = teleop.steps(args.quick)
     with tqdm(total=total, unit="row", disable=not sys.stderr.isatty()) as bar:
-        rows, walls = teleop.study(quick=args.quick, report=bar.update)
+        found = teleop.study(quick=args.quick, report=bar.update)
     command = "hil bench teleop" + " --quick" * args.quick
-    common.write_page(args.report, teleop.page(rows, walls, command))
-    text = common.table(list(teleop.HEAD), teleop.cells(rows))
-    text += "\n\n" + common.table(list(teleop.WALL_HEAD), teleop.wall_cells(walls))
-    return text, {"laws": [asdict(r) for r in rows], "walls": [asdict(r) for r in walls]}
+    common.write_page(args.report, teleop.page(found, command))
+    tables = (
+        (teleop.HEAD, teleop.cells(found.laws)),
+        (teleop.WALL_HEAD, teleop.wall_cells(found.walls)),
+        (teleop.LIMIT_HEAD, teleop.limit_cells(found.limits)),
+        (teleop.FIXTURE_HEAD, teleop.fixture_cells(found.fixtures)),
+    )
+    text = "\n\n".join(common.table(list(head), body) for head, body in tables)
+    text += f"\n\n  the motors of the leader hold {found.holds:.1f} N at home"
+    return text, finite(asdict(found))
 
 
 def _determinism(args: argparse.Namespace) -> Found:
@@ -398,17 +405,23 @@ def _wrist(args: argparse.Namespace) -> Found:
 def _real(args: argparse.Namespace) -> Found:
     """Every public recording: the given model, a person's script, and the tool beside them."""
     common.check_page(args.report)
-    todo = real.cases(args.only)
-    found: dict[str, real.RealRow] = {}
-    with tqdm(total=len(todo), unit="case", disable=not sys.stderr.isatty()) as bar:
-        for row in real.run(todo, args.jobs):
-            found[row.case] = row
-            bar.update()
-    rows, made_by = [found[c.name] for c in todo], revision()
+    todo, kept, made_by = real.cases(args.only), _resumed(args.resume), revision()
+    names = {c.name for c in todo}
+    before = runner.read(kept) if kept else []
+    found = {
+        r["case"]["case"]: real.from_data(r["case"])
+        for r in before
+        if r["revision"] == made_by and r["case"]["case"] in names
+    }
+    left = [c for c in todo if c.name not in found]
+    for row in counted(real.run(left, common.where(args)), len(left), "case"):
+        found[row.case] = row
+        if kept:
+            runner.append(kept, {"revision": made_by, "case": real.to_data(row)})
+    rows = [found[c.name] for c in todo]
     only = "".join(f" --only {word}" for word in args.only)
-    common.write_page(
-        args.report, real_table.page(rows, f"hil bench real{only} --jobs {args.jobs}", made_by)
-    )
+    command = f"hil bench real{only} --workers {args.workers}"
+    common.write_page(args.report, real_table.page(rows, command, made_by))
     data: dict[str, object] = {"revision": made_by, "cases": real_table.data(rows)}
     return real_table.text(rows, common.table), data
 
@@ -421,7 +434,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", choices=sorted(BENCHES), metavar="NAME", help="which benchmark")
     common.list_names(parser, BENCHES)
     parser.add_argument(
-        "--seeds", type=int, help="seeds per hidden effect (hidden: 3, diagnosis: 10)"
+        "--seeds", type=int, help="seeds per hidden effect (hidden: 3, diagnosis: 10, fleet: 1)"
     )
     parser.add_argument(
         "--quick",
@@ -458,12 +471,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--turns", type=int, default=5, help="of all runs (loop, ui); default 5")
     parser.add_argument("--hours", type=float, default=2.0, help="length of the session (soak)")
     parser.add_argument("--starts", type=int, default=1000, help="starts and stops (soak)")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (diagnosis, real)")
+    common.add_workers(parser, " (diagnosis, real, fleet)", "--jobs")
     parser.add_argument(
         "--resume",
         metavar="R.jsonl",
-        help="keep every result in this file, and do not do again what it holds (diagnosis); add "
-        "the turns to those of this file (fuzz; with --minutes 0 only their table)",
+        help="keep every result in this file, and do not do again what it holds (diagnosis, real); "
+        "add the turns to those of this file (fuzz; with --minutes 0 only their table)",
     )
     parser.add_argument(
         "--report",

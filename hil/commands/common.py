@@ -12,6 +12,7 @@ from typing import Any
 
 from hil.commands import bag_options, outputs, plugins, terminal
 from hil.errors import ConfigError
+from hil.experiments.replicate import Where
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Value, base_model
 from hil.models.param_text import in_words, without_error
@@ -36,6 +37,42 @@ def add_sources(parser: argparse.ArgumentParser) -> None:
         "--robot", default="", metavar="URDF", help="robot; default: that of the session or bag"
     )
     bag_options.add(parser)
+
+
+def add_workers(parser: argparse._ActionsContainer, what: str = "", *also: str) -> None:
+    """--workers and --cluster.
+
+    Parameters
+    ----------
+    parser : ArgumentParser or group of it
+        Of the command.
+    what : str
+        Where they count, if not everywhere, e.g. ``" (diagnosis)"``.
+    *also : str
+        Older names of --workers.
+    """
+    parser.add_argument(
+        "--workers", *also, type=int, default=2, metavar="N", help=f"processes (default 2){what}"
+    )
+    parser.add_argument(
+        "--cluster",
+        default="",
+        metavar="ADDRESS",
+        help=f"a Dask scheduler in place of processes, e.g. tcp://host:8786{what}",
+    )
+
+
+def where(args: argparse.Namespace) -> Where:
+    """Who computes, as --workers and --cluster say.
+
+    Raises
+    ------
+    ConfigError
+        If there is no worker.
+    """
+    if args.workers < 1:
+        raise ConfigError(f"--workers {args.workers}: one or more is needed")
+    return Where(args.workers, args.cluster)
 
 
 def add_tags(parser: argparse.ArgumentParser) -> None:

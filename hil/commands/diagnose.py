@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.commands import bag_options, common
+from hil.commands import bag_options, common, groups
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import blurred_above
 from hil.diagnosis.equivalence import at_issue_of
@@ -26,6 +26,7 @@ from hil.models import catalogue
 from hil.models.effect import VALUE_DEVIATIONS
 from hil.models.model import Value
 from hil.models.param_text import remark
+from hil.record.sources import find
 from hil.report.data import from_diagnosis
 from hil.report.json import diagnosis_json, ladder_json
 from hil.report.text import (
@@ -267,7 +268,8 @@ def ladder_text(d: Diagnosis) -> str:
         [s.label, *(f"{x:.2f}" for x in (*s.heldout.relative, *(s.heldout.rms / d.noise)))]
         for s in d.ladder
     ]
-    floor = 100 * d.noise / d.ladder[-1].heldout.effort_rms
+    with np.errstate(divide="ignore", invalid="ignore"):  # a motor that never moved
+        floor = 100 * d.noise / d.ladder[-1].heldout.effort_rms
     rows.append(["noise floor", *(f"{x:.2f}" for x in (*floor, *np.ones(len(joints))))])
     head = ["held-out error", *(f"{j} %" for j in joints), *(f"{j}/floor" for j in joints)]
     band = d.result.problem.rates.effort
@@ -313,6 +315,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common.add_sessions(parser)
     common.add_report(parser)
     add_verbose(parser)
+    groups.configure(parser)
 
 
 def add_verbose(parser: argparse.ArgumentParser) -> None:
@@ -325,11 +328,35 @@ def add_verbose(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Diagnose and print."""
+    """Diagnose and print: one robot's sessions together, those of several group by group."""
+    found = groups.groups(args) if _many(args) else []
+    if found and groups.several(args, found):
+        return groups.run(args, found, answer)
     runs, held, model = common.load(args)
     result = engine.diagnose(runs, model, held)
     show(args, result)
     return code(result)
+
+
+def _many(args: argparse.Namespace) -> bool:
+    """Whether there may be several groups: what one path means is not looked at twice."""
+    asked = bool(args.by or args.cluster or args.keep)
+    return asked or len(find([*args.sessions, *args.holdout])) > 1
+
+
+def answer(args: argparse.Namespace) -> dict[str, Any]:
+    """JSON and short answer of one group of sessions, see `hil.commands.groups`."""
+    runs, held, model = common.load(args)
+    result = engine.diagnose(runs, model, held)
+    rungs = verbs.ladder(result)
+    files = Files(
+        tuple(args.typed), tuple(args.holdout), args.model or "", args.arm or "",
+        bag_options.typed(args),
+    )  # fmt: skip
+    return {
+        "diagnosis": _json(result, rungs, rising(rungs)),
+        "text": short(result, rungs, files),
+    }
 
 
 def show(args: argparse.Namespace, result: Diagnosis) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-import os
 import re
 import time
 from collections.abc import Callable
@@ -14,7 +13,6 @@ from typing import Any
 
 from tqdm import tqdm
 
-import hil
 from hil.commands import common
 from hil.commands.common import Found
 from hil.commands.design import finite
@@ -34,8 +32,7 @@ from hil.experiments import (
 )
 from hil.experiments.pages import PAGES, cells, means, picture
 from hil.experiments.pages import text as page_text
-from hil.experiments.replicate import FAILED, replicate
-from hil.revision import source_revision
+from hil.experiments.replicate import FAILED, made_by, replicate
 from hil.userfile import write_text
 
 EXAMPLE = "hil experiment elastic-ukf"
@@ -55,10 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seeds", type=int, default=0, help="so many seeds; means with their 95 %% intervals"
     )
     parser.add_argument("--quick", action="store_true", help="two seeds; a part of hidden-effect")
-    parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
-    parser.add_argument(
-        "--cluster", default="", metavar="ADDRESS", help="a Dask scheduler in place of processes"
-    )
+    common.add_workers(parser)
     parser.add_argument(
         "--keep",
         metavar="FOLDER",
@@ -72,8 +66,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run one study and print its table."""
-    if args.workers < 1:
-        raise ConfigError(f"--workers {args.workers}: one or more is needed")
+    common.where(args)
     if args.seeds < 0:
         raise ConfigError(f"--seeds {args.seeds}: one or more is needed")
     if args.all == bool(args.name):
@@ -142,7 +135,7 @@ def _replicated(args: argparse.Namespace, many: int) -> Found:
             workers=args.workers,
             cluster=args.cluster,
             folder=args.keep,
-            version=_version(),
+            version=made_by(),
             done=lambda _: bar.update(),
         )
     good = [run for run in runs.values() if FAILED not in run]
@@ -169,12 +162,6 @@ def _replicated(args: argparse.Namespace, many: int) -> Found:
 def _reason(text: str) -> str:
     """Why a run failed, without folders that are gone and what to do about it."""
     return re.sub(r"\S*/([^/\s]+)", r"\1", text.partition(";")[0]).rstrip(".")
-
-
-def _version() -> str:
-    """What finished runs were made by; of a source that was changed, this very process."""
-    revision, dirty = source_revision()
-    return f"{hil.__version__} {revision}" + (f" {os.getpid()}" if dirty == "true" else "")
 
 
 def data_of(name: str, seed: int) -> dict[str, Any]:
@@ -313,15 +300,27 @@ def _palpation(args: argparse.Namespace) -> Found:
     """Share of a bolt in a gel that the operator feels, against the prediction."""
     rows, p = palpation.study(args.seed, common.log)
     cells = [
-        [r.controller, f"{r.predicted:.3f}", f"{r.mean:.3f}", f"{r.std:.3f}", f"{r.designed:.3f}"]
+        [
+            r.controller,
+            f"{r.predicted:.3f}",
+            f"{r.mean:.3f}",
+            f"{r.std:.3f}",
+            f"{r.designed:.3f}",
+            f"{r.stroke_predicted:.3f}",
+            f"{sum(r.stroked) / len(r.stroked):.3f}",
+        ]
         for r in rows
     ]
-    head = ["controller", "predicted", "measured", "+- a trial", "design, 0.2-5 Hz"]
+    head = [
+        *("controller", "predicted", "measured", "+- a trial", "design, 0.2-5 Hz"),
+        *("stroke: predicted", "measured"),
+    ]
     text = (
         "Sensitivity by palpation of a bolt in a gel: share of the change of the environment's "
         f"impedance\nthat reaches the operator, {palpation.HZ:g} Hz, {len(rows[0].measured)} "
         f"trials (a pen in the hand: 1)\n{common.table(head, cells)}\n"
         "  design: weighted tangent at the law's environment, 300 N/m, another measure\n"
+        "  stroke: across a bolt in the gel with a constant force down, force over depth\n"
         "  exact two-sided Mann-Whitney p, corrected after Holm:\n"
     )
     text += "\n".join(f"    {k}: {v:.2g}" for k, v in p.items())

@@ -10,12 +10,12 @@ from pathlib import Path
 
 from hil import progress
 from hil.commands import common
-from hil.errors import DataError, HilError, plural
+from hil.errors import HilError, plural
 from hil.record.bags import is_bag
 from hil.record.checks import check
 from hil.record.mcap_read import SessionSummary, summary
 from hil.record.recording import TAGS, Recording, tags_of
-from hil.record.sources import every_arm, find
+from hil.record.sources import below, every_arm
 
 EXAMPLE = "hil list sessions --tag needle"
 
@@ -68,7 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print a row a session."""
-    paths = _below(args.paths)
+    paths = below(args.paths)
     rows = []
     for k, path in enumerate(paths):
         progress.at(path.name, k / len(paths))
@@ -89,24 +89,6 @@ def run(args: argparse.Namespace) -> int:
 def _cells(r: ListedSession) -> list[str]:
     seconds = f"{r.seconds:.4g}"
     return [r.path, r.of, ", ".join(r.arms), r.recorded, seconds, ", ".join(r.tags), r.verdict]
-
-
-def _below(paths: Sequence[str]) -> list[Path]:
-    """Sessions and bags of folders and of the folders in them, in the order of their names."""
-    out: list[Path] = []
-    for path in map(Path, paths):
-        if not path.exists():
-            raise DataError(f"{path}: no such folder or file")
-        inside = sorted(p for p in path.rglob("*") if p.is_dir()) if path.is_dir() else []
-        folders = [p for p in inside if not is_bag(p) and not is_bag(p.parent)]
-        for place in (path, *folders):
-            try:
-                out += find([place])
-            except DataError:  # a folder without any; that no folder has one is said below
-                continue
-    if not out:
-        raise DataError(f"{', '.join(paths)} holds no session and no ROS bag")
-    return out
 
 
 def _row(path: Path) -> ListedSession:

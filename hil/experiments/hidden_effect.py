@@ -28,7 +28,7 @@ import numpy as np
 from hil import registry
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
-from hil.errors import ConfigError, DataError, DeviceError
+from hil.errors import ConfigError, DataError, DeviceError, plural
 from hil.estimate import compensation_tables
 from hil.experiments import transparency as rig
 from hil.experiments import without_force_sensors
@@ -367,11 +367,11 @@ def figure(found: Sequence[CircleSummary]) -> str:
 def page(rows: Sequence[CircleRow], command: str, picture: str) -> str:
     """Page for the documentation."""
     found = summaries(rows)
-    shares = sorted({r.share for r in rows})
+    shares, seeds = sorted({r.share for r in rows}), {r.seed for r in rows}
     lines = [
         "# A hidden effect, found, added and felt no more",
         "",
-        f"Printed by `{command}` on the simulated rig.",
+        f"Printed by `{command}` on the simulated rig: {plural(len(seeds), 'seed')} an effect.",
         "",
         "An effect is hidden in both arms. Each arm is identified from one session of "
         f"{IDENTIFIED_S:g} s and judged on another.",

@@ -349,7 +349,13 @@ def _best(
 
 def _palpation_rows(data: Data) -> Rows:
     return {
-        r["controller"]: (float(np.mean(r["measured"])), r["predicted"], r["designed"])
+        r["controller"]: (
+            float(np.mean(r["measured"])),
+            r["predicted"],
+            r["designed"],
+            float(np.mean(r["stroked"])),
+            r["stroke_predicted"],
+        )
         for r in data["rows"]
     }
 
@@ -371,6 +377,11 @@ def _palpation_read(found: Means) -> list[str]:
         f"{100 * abs(without[0].mean / with_sensors[0].mean - 1):.1f} % apart, for a law that the "
         "transformation leaves as sensitive in theory.",
         f"The benchmark reaches {low[0].mean:.3f}: {100 * low[0].mean / best[0].mean:.0f} % of SO.",
+        f"Strokes across a bolt in the gel, with a constant force down: {best[3].mean:.3f} for SO "
+        f"({best[4].mean:.3f} predicted), {with_sensors[3].mean:.3f} and {without[3].mean:.3f} "
+        f"with four channels, {low[3].mean:.3f} for the benchmark. The largest difference to the "
+        f"prediction is {100 * max(abs(r[3].mean / r[4].mean - 1) for r in found.values()):.0f} %: "
+        "the theory is linear, and the gel is stiffer where one sinks in deeper.",
     ]
 
 
@@ -549,10 +560,14 @@ PAGES: dict[str, StudyPage] = {
     "palpation": StudyPage(
         "A bolt in a gel",
         "A machine presses on a gel, and on a stiffer spot of it. The sensitivity is the share of "
-        "the change of impedance that reaches the operator; a pen in the hand has 1.",
+        "the change of impedance that reaches the operator; a pen in the hand has 1. *Stroke*: a "
+        "machine strokes across a bolt of 6 mm, 8 mm below the surface of a gel of 20 mm, and "
+        "presses down with 0.8 N; the tip climbs over it.",
         "Paper VI: 0.285 with force sensors, 0.202 without, 0.211 predicted; the difference is "
         "significant (p = 0.00002).",
-        ("controller", "measured", "predicted", "design, 0.2-5 Hz"),
+        (
+            "controller", "measured", "predicted", "design, 0.2-5 Hz", "stroke", "stroke predicted",
+        ),
         _palpation_rows,
         _palpation_read,
         "Sensitivity, measured and predicted",

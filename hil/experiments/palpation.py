@@ -8,13 +8,17 @@ motion's frequency
 
 which the theory gives exactly as  |h12 h21 / ((1 + h22 z_e,gel)(1 + h22 z_e,bolt))|  with the
 hybrid matrix of the sampled loop.  1 is a pen in the hand.
+
+A second machine strokes across a bolt *in* the gel, a stiff inclusion at depth, and presses down
+with a constant force (thesis appendix A).  Then z is what a tip meets that has sunk in by d,
+z = f / (j w d), beside the bolt and above it, with w of the time that a crossing takes.
 """
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +28,10 @@ from scipy import stats
 from hil import registry
 from hil.experiments import transparency as rig
 from hil.experiments import without_force_sensors
+from hil.models.phantom import Premium
+from hil.record.mcap_read import load
+from hil.rig.config import ControllerConfig, RigConfig, load_rig
+from hil.rigs import rig_path
 from hil.runtime import runner
 from hil.teleop import force_sensor_free, hybrid, law_parameters, rig_designs, summary
 from hil.teleop.architecture import Design
@@ -60,12 +68,18 @@ class PalpationRow:
         Sigma at the motion's frequency for the measured environments.
     measured : tuple of float
         Sigma of every trial.
+    stroked : tuple of float
+        Sigma of every stroke across a bolt in the gel.
+    stroke_predicted : float
+        The same, predicted for the stiffnesses that the follower met.
     """
 
     controller: str
     designed: float
     predicted: float
     measured: tuple[float, ...]
+    stroked: tuple[float, ...] = ()
+    stroke_predicted: float = float("nan")
 
     @property
     def mean(self) -> float:
@@ -89,7 +103,9 @@ def study(
         for controller, designs in controllers(given, axes).items():
             report(controller)
             law = given | law_parameters.table(designs)
-            rows.append(palpate(controller, designs, law, folder, seed, trials))
+            row = palpate(controller, designs, law, folder, seed, trials)
+            found, expected = stroke(law, folder, seed, max(1, trials // 2))
+            rows.append(replace(row, stroked=found, stroke_predicted=expected))
     return rows, differences(rows)
 
 
@@ -140,6 +156,64 @@ def palpate(
     near = hybrid.sensitivity(hybrid.hybrid(design, s), environment(s))
     designed = summary.weighted(near, summary.band())
     return PalpationRow(controller, designed, float(np.mean(expected)), tuple(found))
+
+
+#: Strokes across the bolt: their frequency [Hz], how far to either side [m], force down [N],
+#: length of a session [s], and the gel without the bolt [N/m^1.3].
+STROKE_HZ, _REACH, _PRESSED, _STROKES_S, _SOFT = 0.25, 0.02, 0.8, 8.0, 250.0
+#: Above the bolt and beside it: distance from its middle [m].
+_ABOVE, _BESIDE = 0.002, (0.014, 0.018)
+#: Force from which the follower touches [N].
+_TOUCHES = 0.05
+
+
+def stroke(
+    law: Mapping[str, Any], folder: Path, seed: int, trials: int
+) -> tuple[tuple[float, ...], float]:
+    """Sigma of strokes at constant force across a bolt in the gel, and what is predicted."""
+    h = rig.predicted(law, np.array([HZ]))[0]
+    found, expected = [], []
+    for trial in range(trials):
+        zt, ze = stroked(law, folder, seed + 10 * trial)
+        found.append(float(abs((zt[1] - zt[0]) / (ze[1] - ze[0]))))
+        crossed = np.array(ze) / (2j * np.pi * HZ)
+        expected.append(float(abs(h[0, 1] * h[1, 0] / np.prod(1 + h[1, 1] * crossed))))
+    return tuple(found), float(np.mean(expected))
+
+
+def stroked(
+    law: Mapping[str, Any], folder: Path, seed: int
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Force over depth [N/m] at the leader and at the follower, each beside and above the bolt."""
+    path, sides = folder / "stroke.mcap", []
+    runner.run(stroking(law), _STROKES_S, seed, "lockstep", path).enabled()
+    runs = [load(path, name) for name in ("leader", "follower")]
+    tips = [Premium(()).tip(r.q) for r in runs]
+    pushed = [-runs[0].wrench[:, 2], runs[1].wrench[:, 2]]  # type: ignore[index]
+    first = int(np.argmax(pushed[1] > _TOUCHES))
+    across = np.abs(tips[1][:, 1] - tips[1][0, 1])
+    settled = np.arange(across.size) > rig.SETTLE / rig.PERIOD
+    above, beside = across < _ABOVE, (across > _BESIDE[0]) & (across < _BESIDE[1])
+    for tip, force in zip(tips, pushed, strict=True):
+        depth = tip[first, 2] - tip[:, 2]
+        met = [
+            float(force[settled & p].mean() / depth[settled & p].mean()) for p in (beside, above)
+        ]
+        sides.append((met[0], met[1]))
+    return sides[0], sides[1]
+
+
+def stroking(law: Mapping[str, Any]) -> RigConfig:
+    """Rig with a machine that strokes across a bolt in the gel and presses down."""
+    operator = {
+        "kind": "stroking", "frequency": 2 * STROKE_HZ, "size": [0.0, _REACH, 0.0],
+        "force": _PRESSED,
+    }  # fmt: skip
+    gel = {"below_home": 0.005, "stiffness": _SOFT, "bolt": {"place": 0.0}}
+    simulation = {"operator": operator, "gel": gel}
+    config = load_rig(rig_path("lawrence"), {"simulation": simulation})
+    controller = ControllerConfig("lawrence", config.controller.arms, dict(law))
+    return replace(config, controller=controller)
 
 
 def impedances(

@@ -259,6 +259,30 @@ def load(path: str | Path, arm: str | None = None) -> Recording:
     return _load(read(path), arm)
 
 
+def robot_of(path: str | Path, arm: str | None = None) -> tuple[tuple[str, ...], RobotSource]:
+    """Joints and robot of an arm, without its samples where the metadata say them.
+
+    Raises
+    ------
+    DataError
+        As `load`.
+    """
+    box = read(path, messages=False)
+    names = _arms(box)
+    chosen = arm or next(iter(names), "")
+    info = box.metadata.get(f"robot/{chosen}", {})
+    if chosen not in names or "joints" not in info:
+        found = load(path, arm)
+        return found.joints, found.robot
+    urdf = box.attachments.get(f"robot/{chosen}.urdf", b"").decode(errors="replace")
+    try:
+        joints = tuple(map(str, json.loads(info["joints"])))
+    except (ValueError, TypeError) as error:
+        raise DataError(f"session {path}: the joints of arm {chosen!r} cannot be read") from error
+    preset = "" if urdf else info.get("preset", "single-axis")
+    return joints, RobotSource(preset, urdf, info.get("tip", ""))
+
+
 def load_arms(path: str | Path) -> list[Recording]:
     """Read all arms of a session in one pass, in file order."""
     box = read(path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,8 @@ from hil.userfile import read_text
 
 #: A joint that stands elsewhere by more [rad or m] makes another robot of a run.
 ELSEWHERE = 0.05
+#: Joints from which on they are counted, not named.
+_MANY = 5
 _ENDINGS = (".mcap", ".bag", ".db3")
 
 
@@ -43,6 +45,86 @@ def find(paths: Iterable[str | Path]) -> list[Path]:
             )
         out += inside
     return out
+
+
+def below(paths: Iterable[str | Path]) -> list[Path]:
+    """Sessions and bags of folders and of the folders in them, in the order of their names.
+
+    Raises
+    ------
+    DataError
+        If there is none, or no such folder.
+    """
+    given, out = list(map(Path, paths)), []
+    for path in given:
+        if not path.exists():
+            raise DataError(f"{path}: no such folder or file")
+        inside = sorted(p for p in path.rglob("*") if p.is_dir()) if path.is_dir() else []
+        folders = [p for p in inside if not is_bag(p) and not is_bag(p.parent)]
+        for place in (path, *folders):
+            try:
+                out += find([place])
+            except DataError:  # a folder without any; that no folder has one is said below
+                continue
+    if not out:
+        raise DataError(f"{', '.join(map(str, given))} holds no session and no ROS bag")
+    return out
+
+
+@dataclass(frozen=True)
+class RobotName:
+    """By what the robots of recordings are told apart.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Names.
+    name : str
+        Preset, or name in the URDF; empty where neither is known.
+    by_motion : bool
+        Whether the joints are those that a bag shows moving, which another bag need not show.
+    """
+
+    joints: tuple[str, ...]
+    name: str = ""
+    by_motion: bool = False
+
+    def same(self, other: RobotName) -> bool:
+        """Whether two recordings can be of one robot."""
+        if self.name and self.name == other.name and (self.by_motion or other.by_motion):
+            return True
+        unknown = not (self.name and other.name)
+        return self.joints == other.joints and (unknown or self.name == other.name)
+
+    def __str__(self) -> str:
+        joints = ", ".join(self.joints) if len(self.joints) < _MANY else ""
+        return f"{self.name or 'robot'}: {joints or plural(len(self.joints), 'joint')}"
+
+
+def robot_of(
+    path: str | Path, arm: str | None = None, choice: BagChoice | None = None
+) -> RobotName:
+    """Robot of a session or a bag; samples are read only where nothing else says it.
+
+    Parameters
+    ----------
+    path, arm, choice
+        As in `load_source`.
+
+    Raises
+    ------
+    DataError, ConfigError
+        As `load_source`.
+    """
+    chosen = choice or BagChoice()
+    if is_bag(path) or chosen.joints or chosen.robot or chosen.lock:
+        found = load_source(path, arm, chosen)
+        joints, robot = found.joints, found.robot
+    else:
+        joints, robot = mcap_read.robot_of(path, arm)
+    named = re.search(r"<robot\b[^>]*?\bname\s*=\s*[\"']([^\"']*)", robot.urdf)
+    preset = "" if robot.preset == "single-axis" and len(joints) > 1 else robot.preset
+    return RobotName(joints, named[1] if named else preset, is_bag(path) and not chosen.joints)
 
 
 def _is_file(path: Path) -> bool:

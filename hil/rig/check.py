@@ -17,7 +17,7 @@ from hil.record.recording import RobotSource
 from hil.rig import boxes
 from hil.rig.boxes import check_roles
 from hil.rig.config import ArmConfig, RigConfig, robot_source
-from hil.signals.arms import ArmDescription
+from hil.signals.settable import ArmDescription
 
 
 def check_tables(config: RigConfig) -> None:

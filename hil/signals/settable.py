@@ -1,4 +1,4 @@
-"""What an operator may change of a law while it runs, and how far."""
+"""What a law is told of an arm, and what an operator may change of it while it runs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,35 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from hil.errors import ConfigError, unknown
+
+
+@dataclass(frozen=True)
+class ArmDescription:
+    """An arm of d joints.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Names, in kinematic order, length d.
+    urdf : str
+        URDF text; empty for a preset.
+    low, high, center : tuple of float
+        Range of every joint and the posture in its middle [rad or m], length d.
+    torque_limit : tuple of float
+        [N m or N], length d.
+    """
+
+    joints: tuple[str, ...]
+    urdf: str
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    center: tuple[float, ...]
+    torque_limit: tuple[float, ...]
+
+    @property
+    def d(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
 
 
 @dataclass(frozen=True)

@@ -71,6 +71,7 @@ class _Member:
     tip: tuple[float, float]
     radius: float
     delay_s: float
+    within: bool = False
 
     @property
     def unstable(self) -> bool:
@@ -78,7 +79,9 @@ class _Member:
 
     @property
     def text(self) -> str:
-        return f"{_pair_text(self.zh, self.ze)}, tips of {self.tip[0]:.3g} and {self.tip[1]:.3g} kg"
+        tips = f"tips of {self.tip[0]:.3g} and {self.tip[1]:.3g} kg"
+        where = ", in the virtual fixtures" if self.within else ""
+        return f"{_pair_text(self.zh, self.ze)}, {tips}{where}"
 
 
 @dataclass(frozen=True)
@@ -115,22 +118,34 @@ def _sides(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> tu
 
 
 def _members(loop: SampledLoop, period: float) -> list[_Member]:
-    """The whole set, judged: slow modes with the arms' friction, fast ones with little of it.
+    """The whole set, judged, beside and within the virtual fixtures."""
+    out = _beside(loop, period)
+    if any(loop.fixture):
+        out += [replace(m, within=True) for m in _beside(loop.within(), period)]
+    return out
+
+
+def _beside(loop: SampledLoop, period: float) -> list[_Member]:
+    """The set without fixtures: slow modes with the arms' friction, fast ones with little of it.
 
     While an arm slides, Coulomb friction damps no small oscillation about the sliding.
     """
     if max(*loop.friction, *loop.compensated) == 0.0:
         return _judged(loop, period, 0.0)
-    sliding = replace(
-        loop,
-        friction=(_SLIDING * loop.friction[0], _SLIDING * loop.friction[1]),
-        compensated=(_SLIDING * loop.compensated[0], _SLIDING * loop.compensated[1]),
-    )
-    fast = _judged(sliding, period, 2 * np.pi * _FAST_HZ * period)
+    fast = _judged(_sliding(loop), period, 2 * np.pi * _FAST_HZ * period)
     return [
         a if (a.delay_s, -a.radius) <= (b.delay_s, -b.radius) else b
         for a, b in zip(_judged(loop, period, 0.0), fast, strict=True)
     ]
+
+
+def _sliding(loop: SampledLoop) -> SampledLoop:
+    """The loop with the friction that is left while the arms slide."""
+    return replace(
+        loop,
+        friction=(_SLIDING * loop.friction[0], _SLIDING * loop.friction[1]),
+        compensated=(_SLIDING * loop.compensated[0], _SLIDING * loop.compensated[1]),
+    )
 
 
 #: Part of the friction that damps while the arm slides, and from where modes count as fast [Hz].
@@ -249,7 +264,8 @@ def _refusal(loop: SampledLoop, period: float) -> str:
     found = _members(loop, period)
     for member in found:
         if member.unstable:
-            return f"{member.text}: {_why(loop, member, period)}"
+            here = loop.within() if member.within else loop
+            return f"{member.text}: {_why(here, member, period)}"
     total = loop.real.forward_s + loop.real.backward_s
     least = min(found, key=lambda m: m.delay_s)
     if total <= min(least.delay_s, _LONGEST):
@@ -269,7 +285,9 @@ def _why(loop: SampledLoop, member: _Member, period: float) -> str:
             "run 'hil design RIG.toml' for the margins"
         )
     here = replace(loop, real=now, tip=member.tip)
-    size, hz = dominant_mode(here, member.zh, member.ze, period)
+    size, hz = max(
+        dominant_mode(one, member.zh, member.ze, period) for one in (here, _sliding(here))
+    )
     return (
         f"this pair is stable on paper, with its rightmost pole at {pole:.3g} rad/s, "
         f"but not when sampled every {1e3 * period:.3g} ms with these "

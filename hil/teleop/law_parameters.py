@@ -71,6 +71,10 @@ class LawParameters(Protocol):
     @property
     def friction_share(self) -> float: ...  # noqa: D102
     @property
+    def disturbance(self) -> float: ...  # noqa: D102
+    @property
+    def observer_hz(self) -> float: ...  # noqa: D102
+    @property
     def motion_scale(self) -> float: ...  # noqa: D102
     @property
     def force_scale(self) -> float: ...  # noqa: D102
@@ -80,6 +84,9 @@ class LawParameters(Protocol):
 
     def masses(self) -> FloatArray:
         """Design masses, (2, 3) [kg]."""
+
+    def fixture(self) -> tuple[float, float]:
+        """Stiffness [N/m] and damping [N s/m] of all virtual fixtures."""
 
     def friction(self, arm: int, speed: float) -> FloatArray:
         """Friction of the arm's joints as declared, moving alone at a speed [rad/s], (3,) [N m]."""
@@ -217,6 +224,9 @@ def loops_of(law: LawParameters) -> list[SampledLoop]:
             tuple(dict.fromkeys((round(m, 5), round(s, 5)) for m, s in over[:, :, i].tolist())),
             (float(own[0, i]), float(own[1, i])),
             (float(compensated[0, i]), float(compensated[1, i])),
+            law.disturbance,
+            law.observer_hz if law.disturbance else 0.0,
+            law.fixture(),
         )
         for i, design in enumerate(designs)
     ]

@@ -30,6 +30,8 @@ REAL = (
     "backward",
     "friction_share",
     "friction_damping",
+    "disturbance",
+    "observer_hz",
 )
 #: Bounds and tolerances of an optimised design, as in `hil.teleop.optimise.DesignProblem`.
 TASK = ("max_stiffness", "max_force", "corner", "free", "contact", "kappa", "weight")

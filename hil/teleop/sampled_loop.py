@@ -8,7 +8,7 @@ that a session shows.  What must not run is decided in `hil.teleop.gate`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.linalg import expm
 
 from hil.errors import ConfigError
 from hil.teleop import lawrence_filters
-from hil.teleop.architecture import IDEAL, Design, Realisation
+from hil.teleop.architecture import IDEAL, Design, MotionTerm, Realisation
 from hil.teleop.hybrid import FREE, GEL, HAND, ComplexArray, FloatArray, Impedance
 
 #: Longest delay line that is checked exactly [ticks].
@@ -90,6 +90,10 @@ class SampledLoop:
     friction, compensated : tuple of 2 floats
         Damping of the arms' own friction on the motor side, and what the law adds to the motors'
         force against it [N s/m].
+    disturbance, observer_hz : float
+        Share of the observed disturbance that the law takes away, and the observer's corner.
+    fixture : tuple of 2 floats
+        Stiffness [N/m] and damping [N s/m] of virtual fixtures, in which the master may be or not.
     """
 
     design: Design
@@ -103,6 +107,14 @@ class SampledLoop:
     tips: tuple[tuple[float, float], ...] = ()
     friction: tuple[float, float] = (0.0, 0.0)
     compensated: tuple[float, float] = (0.0, 0.0)
+    disturbance: float = 0.0
+    observer_hz: float = 0.0
+    fixture: tuple[float, float] = (0.0, 0.0)
+
+    def within(self) -> SampledLoop:
+        """The loop while the master is in its fixtures: a local gain more."""
+        c8 = self.design.c8 + MotionTerm(*self.fixture)
+        return replace(self, design=replace(self.design, c8=c8), fixture=(0.0, 0.0))
 
     def masses(self) -> tuple[float, float]:
         """Natural masses of master and slave [kg]."""
@@ -120,7 +132,8 @@ class Axis:
     """One axis in sampled time, as a map from one tick to the next.
 
     State: position and speed of each robot (with a cable: motor side, then tip), held forces
-    u_m, u_s, two filter memories, last positions, two delay lines.
+    u_m, u_s, two filter memories, last positions, with disturbance observers two memories of
+    them, two delay lines.
 
     Parameters
     ----------
@@ -150,6 +163,9 @@ class Axis:
         ]
         n = len(both[0][0])
         self.plant, self._tip = 2 * n, n - 2
+        self._gain = 2 * np.pi * loop.observer_hz
+        #: Where the delay lines start.
+        self.first_line = 2 * n + 12 + (4 if loop.disturbance else 0)
         a = np.zeros((2 * n + 3, 2 * n + 3))
         for r, (inner, push) in enumerate(both):
             a[r * n : (r + 1) * n, r * n : (r + 1) * n] = inner
@@ -162,7 +178,7 @@ class Axis:
     @property
     def size(self) -> int:
         """Number of states."""
-        return self.plant + 4 + 2 * 4 + lawrence_filters.SIGNALS * sum(self.ages)
+        return self.first_line + lawrence_filters.SIGNALS * sum(self.ages)
 
     def ports(self, z: FloatArray, push: float = 0.0) -> tuple[float, float]:
         """Measured f_m and f_s [N] at state z, with the operator's own force f_h* [N].
@@ -180,48 +196,68 @@ class Axis:
     def advance(self, z: FloatArray, push: float = 0.0) -> FloatArray:
         """State after one period; f_h* = `push` [N] is held."""
         out, n = np.empty_like(z), self.plant
-        sent, speeds = self._measured(z, push, out)
+        sent, speeds, forces = self._measured(z, push, out)
         forth, back, lines = self._lines(z, sent)
-        out[n + 12 :] = lines
+        out[self.first_line :] = lines
         asked = (
             lawrence_filters.master(self._g, sent[0], back),
             lawrence_filters.slave(self._g, forth, sent[1]),
         )
         for r, f in enumerate(asked):
             out[n + r] = self._shaped(r, f, sent[r]) + self.loop.compensated[r] * speeds[r]
+            out[n + r] -= self._disturbed(r, z, speeds[r], forces[r], out)
         out[:n] = self._step @ np.array([*z[:n], out[n], out[n + 1], push])
         return out
 
-    def _measured(self, z: FloatArray, push: float, out: FloatArray) -> tuple[FloatArray, Any]:
-        """Signals of both robots and their raw speeds; the filters' memory goes into `out`."""
-        n, speeds = self.plant, [0.0, 0.0]
+    def _disturbed(self, r: int, z: FloatArray, v: float, force: float, out: FloatArray) -> float:
+        """Force that the law takes for a disturbance of robot r; the memory goes into `out`.
+
+        As `hil.controllers.dynamics.advance` of a mass, beside the sensor behind the same low-pass.
+        """
+        if not self.loop.disturbance:
+            return 0.0
+        at, gain = self.plant + 12 + 2 * r, self._gain * self.period
+        known = z[at] + self.period * (z[self.plant + r] - self.loop.compensated[r] * v)
+        seen = self._gain * (self.loop.masses()[r] * v - known) / (1.0 + gain)
+        out[at] = known + self.period * seen
+        # f_m = +F, f_s = -F with F ON the robot
+        on_robot = force if r == 0 else -force
+        out[at + 1] = z[at + 1] + gain / (1.0 + gain) * (on_robot - z[at + 1])
+        return self.loop.disturbance * float(seen - out[at + 1])
+
+    def _measured(
+        self, z: FloatArray, push: float, out: FloatArray
+    ) -> tuple[FloatArray, list[float], tuple[float, float]]:
+        """Signals of both robots, raw speeds, forces; the filters' memory goes into `out`."""
+        n, speeds, forces = self.plant, [0.0, 0.0], self.ports(z, push)
         now, sent = np.zeros((2, lawrence_filters.MEMORY)), np.zeros((2, lawrence_filters.SIGNALS))
-        for r, f in enumerate(self.ports(z, push)):
+        for r, f in enumerate(forces):
             at, own = n + 2 + 4 * r, r * n // 2
             past = np.append(z[at : at + 4], 1.0)
             # encoders: the speed is a difference of positions
             v = speeds[r] = (z[own] - z[n + 10 + r]) / self.period
             lawrence_filters.sense(z[own], v, f, self._shares, self.period, past, now[r], sent[r])
             out[at : at + 4], out[n + 10 + r] = now[r, :4], z[own]
-        return sent, speeds
+        return sent, speeds, forces
 
     def apart(self) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
         """Master and slave alone, without delay: a, b, c of z' = a z + b heard, asked = c z.
 
         `heard` is the force that the other arm asks for [N], `asked` what this one asks of it.
         """
-        n, g = self.plant, self._g
+        n, g, size = self.plant, self._g, self.first_line
         nothing = np.zeros(lawrence_filters.SIGNALS)
-        a = np.zeros((n + 12, n + 12))
-        asked = np.zeros((2, n + 12))
-        for k, e in enumerate(np.eye(n + 12)):
-            sent, speeds = self._measured(e, 0.0, a[:, k])
+        a = np.zeros((size, size))
+        asked = np.zeros((2, size))
+        for k, e in enumerate(np.eye(size)):
+            sent, speeds, forces = self._measured(e, 0.0, a[:, k])
             own = (
                 lawrence_filters.master(g, sent[0], nothing),
                 lawrence_filters.slave(g, nothing, sent[1]),
             )
             for r, f in enumerate(own):
                 a[n + r, k] = self._shaped(r, f, sent[r]) + self.loop.compensated[r] * speeds[r]
+                a[n + r, k] -= self._disturbed(r, e, speeds[r], forces[r], a[:, k])
             a[:n, k] = self._step @ np.array([*e[:n], a[n, k], a[n + 1, k], 0.0])
             asked[0, k] = lawrence_filters.slave(g, sent[0], nothing)
             asked[1, k] = lawrence_filters.master(g, nothing, sent[1])
@@ -229,7 +265,8 @@ class Axis:
         for r in range(2):
             at = [*range(r * n // 2, (r + 1) * n // 2), n + r, *range(n + 2 + 4 * r, n + 6 + 4 * r)]
             at.append(n + 10 + r)
-            push = np.zeros(n + 12)
+            at += range(n + 12 + 2 * r, n + 14 + 2 * r) if size > n + 12 else ()
+            push = np.zeros(size)
             push[n + r] = self._shaped(r, 1.0, nothing)
             push[:n] = self._step[:, n + r] * push[n + r]
             out.append((a[np.ix_(at, at)], push[at], asked[r, at]))
@@ -242,7 +279,7 @@ class Axis:
 
     def _lines(self, z: FloatArray, sent: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What arrives of master and slave, and the delay lines moved on."""
-        n, heard, kept, at = lawrence_filters.SIGNALS, [], [], self.plant + 12
+        n, heard, kept, at = lawrence_filters.SIGNALS, [], [], self.first_line
         for r, age in enumerate(self.ages):
             line = z[at : at + n * age].reshape(age, n)
             heard.append(line[0] if age else sent[r])

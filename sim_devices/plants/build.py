@@ -163,11 +163,15 @@ OPERATOR_KEYS: dict[str, Any] = {
     "frequency": 0.4,
     "tremor": 4e-5,
     "onset": 1.0,
+    "force": 1.0,
 }
-GEL_KEYS: dict[str, Any] = {"arm": "", "below_home": 0.02, "stiffness": None}
+GEL_KEYS: dict[str, Any] = {"arm": "", "below_home": 0.02, "stiffness": None, "bolt": {}}
+#: A stiff inclusion along x: place across it from the tip's home, cover above it, radius, and what
+#: the gel is thick without it [m].
+BOLT_KEYS: dict[str, Any] = {"place": 0.01, "depth": 0.008, "radius": 0.003, "thickness": 0.02}
 #: Of a number, in SI units.
 LARGEST = 1e12
-KINDS = {"none": 0, "hand": 1, "mechanical": 2}
+KINDS = {"none": 0, "hand": 1, "mechanical": 2, "stroking": 3}
 
 
 @dataclass
@@ -261,6 +265,8 @@ def _operators(
     else:
         h["rate"][:, 0] = 2 * np.pi * table["frequency"] * np.array([1.0, 0.5, 1.0])
         h["size"][:, 0] = table["size"]
+        if table["kind"] == "stroking":
+            h["limit"] = table["force"]
     return records
 
 
@@ -292,4 +298,17 @@ def _gels(
     if table["stiffness"] is not None:
         records[k]["stiffness"] = table["stiffness"]
     records[k]["on"], records[k]["surface"] = 1, state[k]["tip"][2] - table["below_home"]
+    if table["bolt"]:
+        bolt = with_defaults("simulation.gel.bolt", table["bolt"], BOLT_KEYS)
+        if not 0.0 < bolt["depth"] < bolt["thickness"] or not bolt["radius"] > 0.0:
+            raise ConfigError(
+                f"[simulation.gel.bolt]: depth = {bolt['depth']:g} m and radius = "
+                f"{bolt['radius']:g} m; a depth within 0 and the thickness of "
+                f"{bolt['thickness']:g} m, and a radius above 0, are needed"
+            )
+        # a column of gel on a stiff ground: stiffness over its height
+        records[k]["bolt"] = bolt["thickness"] / bolt["depth"] - 1.0
+        records[k]["bolt_y"] = state[k]["tip"][1] + bolt["place"]
+        # what lies deeper shows wider at the surface
+        records[k]["bolt_width"] = bolt["radius"] + 0.5 * bolt["depth"]
     return records

@@ -82,5 +82,6 @@ GEL = np.dtype([
     ("on", np.int64), ("surface", _F),
     ("stiffness", _F), ("power", _F), ("damping", _F),
     ("branch", _F), ("relaxation", _F), ("drag", _F),
+    ("bolt", _F), ("bolt_y", _F), ("bolt_width", _F),
     ("flow", _F),  # state: deflection of the dashpot of the Maxwell arm [m]
 ])  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, fabs, floor, hypot, sin, sqrt
+from math import cos, exp, fabs, floor, hypot, sin, sqrt
 from typing import Any
 
 import numba as nb
@@ -13,7 +13,9 @@ from hil.sim_devices.plants.layout import SINES
 
 # Gel under the tip: Hunt-Crossley with one Maxwell arm and wet lateral drag.
 #
-# Hunt & Crossley, J. Appl. Mech. 42(2) 1975.  The surface is the plane z = `surface`.
+# Hunt & Crossley, J. Appl. Mech. 42(2) 1975.  The surface is the plane z = `surface`.  A bolt along
+# x below the surface stiffens the layer above it, U = k d^(n+1) / (n+1) (1 + a g(y)) with
+# g = exp(-(y - y0)^2 / 2 w^2); what its flank pushes sideways is -dU/dy.
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -26,7 +28,13 @@ def press(gel: Any, x: Any, dt: float) -> None:
         return
     rate = -x.tip_v[2]
     # f = k d^n (1 + 1.5 c d') + k b (d - flow),  flow' = (d - flow) / tau
-    normal = gel.stiffness * depth**gel.power * (1.0 + 1.5 * gel.damping * rate)
+    near = 0.0
+    if gel.bolt > 0.0:
+        off = (x.tip[1] - gel.bolt_y) / gel.bolt_width
+        near = gel.bolt * exp(-0.5 * off * off)
+        energy = gel.stiffness * depth ** (gel.power + 1.0) / (gel.power + 1.0)
+        x.force[1] += energy * near * off / gel.bolt_width
+    normal = gel.stiffness * depth**gel.power * (1.0 + 1.5 * gel.damping * rate) * (1.0 + near)
     normal += gel.branch * (depth - gel.flow)
     gel.flow += dt * (depth - gel.flow) / gel.relaxation
     if normal <= 0.0:
@@ -37,7 +45,8 @@ def press(gel: Any, x: Any, dt: float) -> None:
         x.force[k] -= gel.drag * fabs(normal) * x.tip_v[k] / speed
 
 
-# Who moves the leader: a hand (mass, arm and grip impedance, tremor) or a machine.
+# Who moves the leader: a hand (mass, arm and grip impedance, tremor), a machine that follows a
+# path, or one that strokes along a path and presses down with a constant force.
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -55,6 +64,9 @@ def aim(h: Any, t: float) -> None:
             speed += ramp * h.size[k, n] * h.rate[k, n] * cos(angle)
         h.aim[k] = place
         h.aim_v[k] = speed
+    if h.kind == 3:
+        # in place of a height: the force downwards [N]
+        h.aim[2], h.aim_v[2] = ramp * h.limit, 0.0
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -79,6 +91,11 @@ def hold(h: Any, x: Any, dt: float) -> None:
         scale = min(1.0, h.limit / (sqrt(size) + 1e-12))
         for k in range(3):
             x.force[k] += scale * push[k]
+    elif h.kind == 3:
+        for k in range(2):
+            x.force[k] += h.arm_k * (h.aim[k] - x.tip[k]) + h.arm_b * (h.aim_v[k] - x.tip_v[k])
+            h.aim[k] += dt * h.aim_v[k]
+        x.force[2] -= h.aim[2] + h.arm_b * x.tip_v[2]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

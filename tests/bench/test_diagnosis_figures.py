@@ -7,6 +7,7 @@ import pytest
 
 from hil.bench.diagnosis import cases, runner, session, tables
 from hil.errors import DataError
+from hil.experiments.replicate import Where
 
 
 def row(kind, hidden, named, verdict, excess=2.0):
@@ -57,7 +58,8 @@ def test_wilson_interval():
 
 
 def test_progress_is_told_in_a_file_too(capsys: pytest.CaptureFixture[str]) -> None:
-    assert sorted(runner.spread(abs, list(range(-25, 0)), 2, "session")) == list(range(1, 26))
+    found = runner.results(abs, list(range(-25, 0)), Where(2), "session")
+    assert sorted(found) == [(-k, k) for k in range(25, 0, -1)]
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 10 and lines[-1] == "25 of 25 sessions"
 

@@ -1,13 +1,18 @@
 """Control laws: pure, within the arm's limits, geometry right."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from hil.controllers import geometry, joint_tracking
+from hil import registry
+from hil.controllers import dynamics, joint_tracking
 from hil.controllers.joint_tracking import JointTracking, JointTrackingConfig
 from hil.controllers.position_force import PositionForce, PositionForceConfig
 from hil.errors import ConfigError
 from hil.rig import safety
+from hil.rig.config import ControllerConfig, load_rig
+from hil.rig.open import build_controller
 
 ARMS = ("leader", "follower")
 LENGTHS = np.array([0.215, 0.170])
@@ -68,7 +73,7 @@ def test_the_leader_feels_the_force_on_the_follower():
         if not loaded:
             rest = y[0].copy()
     jacobian = np.zeros((3, 3))
-    geometry.jacobian(u[0], LENGTHS, jacobian)
+    dynamics.jacobian(u[0], LENGTHS, jacobian)
     np.testing.assert_allclose(y[0] - rest, 0.7 * jacobian.T @ force, atol=1e-6)
 
 
@@ -119,16 +124,16 @@ def test_geometry_there_and_back():
     for _ in range(50):
         pose = np.array([rng.uniform(-1, 1), rng.uniform(-0.5, 1), 0.0])
         pose[2] = pose[1] + rng.uniform(-0.9, 0.9)
-        geometry.forward(pose, LENGTHS, p)
+        dynamics.forward(pose, LENGTHS, p)
         if np.hypot(p[0], p[1]) < 0.02 or LENGTHS @ [np.cos(pose[1]), np.sin(pose[2])] < 0:
             continue
-        geometry.inverse(p, LENGTHS, q)
+        dynamics.inverse(p, LENGTHS, q)
         np.testing.assert_allclose(q, pose, atol=1e-9)
-        geometry.jacobian(pose, LENGTHS, jacobian)
+        dynamics.jacobian(pose, LENGTHS, jacobian)
         for i in range(3):
             moved = pose.copy()
             moved[i] += 1e-6
-            geometry.forward(moved, LENGTHS, ahead)
+            dynamics.forward(moved, LENGTHS, ahead)
             np.testing.assert_allclose((ahead - p) / 1e-6, jacobian[:, i], atol=1e-6)
 
 
@@ -144,3 +149,47 @@ def test_limits_clamp_and_stop():
     ):
         assert safety.limit(effort, speed, *limits) == safety.INVALID
         assert not effort.any()
+
+
+#: Parameters with all that a law can do beside its defaults, for the suite below.
+GIVEN = {
+    "lawrence": {
+        **load_rig("lawrence").controller.parameters,
+        "disturbance": 1.0,
+        "observer_hz": 5.0,
+        "fixtures": [{"kind": "line", "stiffness": 100.0, "damping": 0.1}],
+    },
+    "delayed": {"fixtures": [{"kind": "plane"}], "wall": {"stiffness": 200.0}},
+}
+
+
+@pytest.mark.parametrize("name", sorted(registry.names("hil.controllers")))
+def test_every_registered_law_keeps_the_contract(name):
+    """`hil.signals.device.Controller`: pure, finite, and all of its state and efforts written."""
+    law = registry.load("hil.controllers", name)
+    config = load_rig("arm6" if getattr(law, "ANY_JOINTS", False) else "lawrence")
+    arms = ("one", "two") if name == "joint-coupling" else config.controller.arms
+    table = dict.fromkeys(arms, next(iter(config.arms.values())))
+    own = ControllerConfig(name, arms, GIVEN.get(name, {}))
+    changes = {"arms": table, "devices": {}} if name == "joint-coupling" else {}
+    config = dataclasses.replace(config, controller=own, **changes)
+    built = build_controller(config)
+    rng, n, d = np.random.default_rng(0), len(built.state_names), len(config.arms[arms[0]].joints)
+    assert len(set(built.state_names)) == n
+    x, u = np.zeros(n), np.zeros((len(arms), 2 * d + 6))
+    u[:, :d] = 0.3
+    for k in range(1, 50):
+        u[:, : 2 * d] += 1e-3 * rng.normal(size=(len(arms), 2 * d))
+        u[:, 2 * d :] = 0.1 * rng.normal(size=(len(arms), 6))
+        kept = x.copy(), u.copy()
+        answers = []
+        for _ in range(2):
+            following, y = np.full(n, np.nan), np.full((len(arms), d), np.nan)
+            built.update(k * 1e-3, x, u, following, y)
+            answers.append((following, y))
+        np.testing.assert_array_equal(answers[0][0], answers[1][0])
+        np.testing.assert_array_equal(answers[0][1], answers[1][1])
+        assert np.isfinite(answers[0][0]).all() and np.isfinite(answers[0][1]).all()
+        np.testing.assert_array_equal(x, kept[0])
+        np.testing.assert_array_equal(u, kept[1])
+        x = answers[0][0]

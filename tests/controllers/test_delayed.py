@@ -8,14 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.bench import teleop
+from hil.cli import main
 from hil.controllers import delayed as k
-from hil.controllers import geometry
+from hil.controllers import dynamics, fixtures
 from hil.controllers.delayed import SCHEMES, Delayed, DelayedConfig, WallConfig
+from hil.controllers.fixtures import FixtureConfig
 from hil.controllers.lawrence_config import ChannelConfig
 from hil.errors import ConfigError
 from hil.rig.config import ControllerConfig, load_rig
 from hil.runtime import runner
 from hil.runtime.replay import replay
+from hil.runtime.session import plain, to_toml
 
 T, HOME = 1e-3, np.array([0.0, 0.4, 0.3])
 
@@ -108,20 +111,20 @@ def test_the_follower_comes_to_the_leaders_place_whatever_was_lost(scheme):
         arms.step(end * min(n / 500, 1.0))
     tip = np.zeros((2, 3))
     for a in range(2):
-        geometry.forward(arms.u[a], np.array(geometry.LENGTHS), tip[a])
+        dynamics.forward(arms.u[a], np.array(dynamics.LENGTHS), tip[a])
     assert np.linalg.norm(tip[1] - tip[0]) < 2e-3
 
 
 def test_the_model_learns_what_the_follower_presses_into():
     config = DelayedConfig("model", forward=ChannelConfig(0.1), backward=ChannelConfig(0.1))
     arms = Arms(Delayed(config, "lf", T))
-    lengths, start = np.array(geometry.LENGTHS), np.zeros(3)
-    geometry.forward(HOME, lengths, start)
+    lengths, start = np.array(dynamics.LENGTHS), np.zeros(3)
+    dynamics.forward(HOME, lengths, start)
 
     def gel(u):
         tip, jacobian = np.zeros(3), np.zeros((3, 3))
-        geometry.forward(u, lengths, tip)
-        geometry.jacobian(u, lengths, jacobian)
+        dynamics.forward(u, lengths, tip)
+        dynamics.jacobian(u, lengths, jacobian)
         u[6:9] = 0.0
         u[8] = 300.0 * max(start[2] - 0.004 - tip[2], 0.0)
         return jacobian.T @ u[6:9]
@@ -158,8 +161,8 @@ def test_a_wall_pushes_along_its_normal_and_never_pulls():
     for n in range(200):
         arms.step(np.array([0.0, -8e-4 * n if n < 100 else -8e-4 * (200 - n), 0.0]))
         tip, jacobian = np.zeros(3), np.zeros((3, 3))
-        geometry.forward(arms.u[0], np.array(geometry.LENGTHS), tip)
-        geometry.jacobian(arms.u[0], np.array(geometry.LENGTHS), jacobian)
+        dynamics.forward(arms.u[0], np.array(dynamics.LENGTHS), tip)
+        dynamics.jacobian(arms.u[0], np.array(dynamics.LENGTHS), jacobian)
         torque = arms.y[0] + law.config.leader_damping * arms.u[0, 3:6]
         heights.append((tip[2], np.linalg.solve(jacobian.T, torque)[2]))
     z, force = np.array(heights).T
@@ -212,7 +215,7 @@ def test_a_hand_presses_into_a_gel_over_a_tenth_of_a_second(scheme, tmp_path):
 
 
 def test_model_mediated_feels_the_gel_that_is_there(tmp_path):
-    found = teleop.row(*teleop.LAWS[4], teleop.Link(0.1), tmp_path, 1)
+    found = teleop.row(*teleop.LAWS[-1], teleop.Link(0.1), tmp_path, 1)
     assert found.share == pytest.approx(1.0, abs=0.1)
     refused = teleop.row(*teleop.LAWS[0], teleop.Link(0.1), tmp_path, 1)
     assert refused.why == "refused: not stable"
@@ -225,3 +228,97 @@ def test_a_law_for_two_arms():
     law = ControllerConfig("delayed", config.controller.arms, {"scheme": "tank"})
     with pytest.raises(ConfigError, match="Did you mean 'tanks'"):
         runner.run(dataclasses.replace(config, controller=law), 0.1, 0, "lockstep", "never.mcap")
+
+
+# --- virtual fixtures ------------------------------------------------------------------------
+
+KINDS = {
+    "wall": FixtureConfig("wall", (0.0, 0.0, -0.01), (0.0, 0.0, 2.0)),
+    "ball": FixtureConfig("ball", (0.01, 0.0, 0.0), radius=0.005),
+    "line": FixtureConfig("line", (0.0, 0.0, 0.001), (0.0, 1.0, 0.0)),
+    "plane": FixtureConfig("plane", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), radius=0.002),
+}
+
+
+def pushed(fixture, x, v=(0.0, 0.0, 0.0)):
+    force = np.zeros(3)
+    where = np.asarray(x, float), np.asarray(v, float)
+    fixtures.push(fixtures.table([fixture]), *where, np.zeros(3), force)
+    return force
+
+
+@pytest.mark.parametrize(
+    ("kind", "x", "depth", "out"),
+    [
+        ("wall", (0.3, 0.2, -0.013), 0.003, (0, 0, 1)),
+        ("wall", (0.3, 0.2, -0.009), 0.0, (0, 0, 1)),
+        ("ball", (0.013, 0.0, 0.0), 0.002, (1, 0, 0)),
+        ("ball", (0.0, 0.0, 0.0), 0.0, (-1, 0, 0)),
+        ("line", (0.0, 5.0, 0.004), 0.003, (0, 0, -1)),
+        ("line", (0.0, 5.0, 0.001), 0.0, (0, 0, -1)),
+        ("plane", (0.005, 1.0, 1.0), 0.003, (-1, 0, 0)),
+        ("plane", (-0.001, 1.0, 1.0), 0.0, (1, 0, 0)),
+    ],
+)
+def test_a_fixture_pushes_out_of_what_is_forbidden(kind, x, depth, out):
+    wanted = 400.0 * depth * np.array(out, float)
+    np.testing.assert_allclose(pushed(KINDS[kind], x), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_fixture_never_pulls_and_gives_out_no_more_than_its_spring_holds(kind):
+    rng = np.random.default_rng(1)
+    w, phase = 2 * np.pi * rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 6.0, 3)
+    t = np.arange(0.0, 20.0, 1e-3)
+    x = 0.02 * np.sin(t[:, None] * w + phase)
+    v = 0.02 * w * np.cos(t[:, None] * w + phase)
+    f, n, work, least = KINDS[kind], np.zeros(3), 0.0, 0.0
+    numbers = f.numbers()
+    first = max(fixtures.off(numbers, x[0], n), 0.0)
+    for a, b in zip(x, v, strict=True):
+        depth = fixtures.off(numbers, a, n)
+        force = pushed(f, a, b)
+        assert force @ n >= -1e-12 and (depth > 0.0 or not force.any())
+        work += float(force @ b) * 1e-3
+        least = max(least, work)
+    # what it has given back is at most what was stored in it when this began
+    assert least <= 0.5 * f.stiffness * first**2 + 1e-4
+    assert work < -1e-3
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ({"kind": "bal"}, "Did you mean 'ball'"),
+        ({"direction": (0.0, 0.0, 0.0)}, "a direction is needed"),
+        ({"kind": "ball"}, "radius = 0 forbids nothing"),
+        ({"stiffness": -1.0}, "must not be negative"),
+        ({"place": (0.0, float("nan"), 0.0)}, "must be finite"),
+    ],
+)
+def test_a_fixture_that_cannot_be_is_refused(words, said):
+    with pytest.raises(ConfigError, match=said):
+        FixtureConfig(**words)
+
+
+def test_fixtures_guide_a_hand_and_its_follower(tmp_path):
+    for row in teleop.fixture_rows(tmp_path, laws=teleop.GUIDED[:1]):
+        assert row.state == "ENABLED", row
+        assert max(row.guided) < 0.6 * min(row.without), row
+
+
+def test_a_fixture_that_the_rig_cannot_render_is_refused_before_the_start(tmp_path, capsys):
+    hard = [{"kind": "wall", "place": [0.0, 0.0, -0.01], "stiffness": 9000.0, "damping": 0.5}]
+    with pytest.raises(ConfigError, match="fixture wall ask for"):
+        Delayed(DelayedConfig(fixtures=(FixtureConfig(**hard[0]),)), ("leader", "follower"), T)
+    config = load_rig("lawrence", {"controller": {"parameters": {"fixtures": hard}}})
+    rig = tmp_path / "rig.toml"
+    rig.write_text(to_toml(plain(config)))
+    assert main(["design", str(rig)]) == 2
+    assert "in the virtual fixtures" in capsys.readouterr().err
+    rig.write_text(rig.read_text().replace("9000.0", "400.0"))
+    assert main(["design", str(rig), "-o", str(tmp_path / "own.toml")]) == 0
+    law = load_rig(tmp_path / "own.toml").controller.parameters
+    assert law["fixtures"][0]["stiffness"] == 400.0
+    words = ["--seconds", "0.1", "-o", str(tmp_path / "s.mcap")]
+    assert main(["run", str(tmp_path / "own.toml"), *words]) == 0

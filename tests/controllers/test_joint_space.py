@@ -8,7 +8,7 @@ from hil import registry
 from hil.controllers.joint_space import Chain
 from hil.errors import ConfigError
 from hil.rigs import rig_path
-from hil.signals.arms import ArmDescription
+from hil.signals.settable import ArmDescription
 
 URDF = rig_path("arm6").with_name("arm6.urdf").read_text()
 JOINTS = ("base_turn", "shoulder_lift", "elbow", "wrist_roll", "wrist_pitch", "wrist_turn")

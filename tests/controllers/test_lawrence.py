@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.bench import teleop
 from hil.cli import main
-from hil.controllers import dynamics, geometry, lawrence, lawrence_config
+from hil.controllers import dynamics, lawrence, lawrence_config
 from hil.controllers.lawrence import Lawrence, LawrenceConfig
 from hil.controllers.lawrence_config import ChannelConfig
 from hil.errors import ConfigError, DeviceError
@@ -19,6 +20,7 @@ from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
+from hil.runtime import runner
 from hil.runtime.session import plain, to_toml
 from hil.teleop import (
     architecture,
@@ -116,7 +118,7 @@ def test_the_follower_is_pulled_and_the_force_comes_back():
     force = np.array([0.3, -0.2, 1.0])
     pushed, x = drive(law, np.stack([np.zeros(3), force]))
     jacobian = np.zeros((3, 3))
-    geometry.jacobian(HOME, LENGTHS, jacobian)
+    dynamics.jacobian(HOME, LENGTHS, jacobian)
     # the environment pushes the follower by +F, so f_s = -F and the leader gets +c2 F
     np.testing.assert_allclose(pushed[-1, 0] - rest[-1, 0], 0.5 * jacobian.T @ force, atol=1e-9)
     assert x.size == len(law.state_names)
@@ -543,3 +545,78 @@ def test_forces_from_the_motion_are_refused_where_they_cannot_be():
         LawrenceConfig(**FOUR, forces="estimated", forward=ChannelConfig(0.002))
     with pytest.raises(ConfigError, match="without a filter"):
         Lawrence(LawrenceConfig(**{**FOUR, "acceleration_hz": 0.0}, forces="estimated"), ARMS, T)
+
+
+def four_channel(**changes):
+    """Parameters of the rig with four channels, see `hil.bench.teleop`."""
+    given = dict(load_rig("lawrence").controller.parameters)
+    return parse(LawrenceConfig, {**given, **teleop.FOUR, **changes}, "test")
+
+
+def drag_on_the_rig(folder, law):
+    """Force over speed of the leader in free space at 1 Hz [N s/m], as `hil bench teleop`."""
+    machine = {"kind": "mechanical", "frequency": 1.0, "size": [0.0, 0.0, 0.008], "onset": 1.0}
+    config = teleop.config_of("lawrence", law, machine, None)
+    path = folder / "s.mcap"
+    runner.run(config, teleop.SETTLE + teleop.PERIODS, 1, "lockstep", path).enabled()
+    return teleop.impedances(path)[0].real
+
+
+def test_disturbance_observers_take_friction_away_that_no_model_holds(tmp_path):
+    bare, observed = (
+        drag_on_the_rig(tmp_path, {**teleop.FOUR, **more}) for more in ({}, teleop.OBSERVED)
+    )
+    assert bare > 1.5
+    assert abs(observed) < 0.25 * bare
+
+
+def test_the_gate_knows_the_disturbance_observers():
+    rubbing = [
+        replace(loop, friction=(2.0, 1.0))
+        for loop in law_parameters.loops_of(four_channel(**teleop.OBSERVED))
+    ]
+    w = 2 * np.pi * np.array([0.3])
+    for loop in rubbing:
+        with_, without = (
+            sampled_loop.hybrid_at(replace(loop, disturbance=d), w, T)[0, 0, 0].real
+            for d in (1.0, 0.0)
+        )
+        assert without > 2.0 and abs(with_) < 0.2 * without
+        # a fast observer drives the light rotor before its cable
+        assert gate.passes(loop, T)
+        assert not gate.passes(replace(loop, observer_hz=20.0), T)
+
+
+def test_no_disturbance_is_seen_in_a_force_that_is_measured():
+    """What the observer finds equals what the sensor says, to the low-pass that both have."""
+    law = Lawrence(four_channel(disturbance=1.0, observer_hz=5.0), ARMS, T)
+    n = len(law.state_names)
+    x, following, y = np.zeros(n), np.zeros(n), np.zeros((2, 3))
+    pi = np.array(law.config.leader_model)
+    q, v = HOME.copy(), np.zeros(3)
+    push = np.array([0.3, -0.2, 0.1])
+    u = np.zeros((2, 12))
+    for k in range(1, 60):
+        u[0, :3], u[0, 3:6], u[0, 6:9] = q, v, push
+        u[1, :3] = HOME
+        law.update(k * T, x, u, following, y)
+        x, following = following, x
+        a, _ = accelerated(q, v, y[0], push, pi)
+        q, v = q + T * v, v + T * a
+    at = law.state_names.index("leader_observed_x")
+    found, sensed = x[at : at + 3], x[at + 3 : at + 6]
+    assert np.abs(sensed).max() > 0.2
+    np.testing.assert_allclose(found, sensed, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"disturbance": 1.5}, "disturbance = 1.5; a share"),
+        ({"disturbance": 1.0, "observer_hz": 0.0}, "observer_hz above 0"),
+        ({"disturbance": 1.0, "forces": "estimated"}, "beyond the measured force"),
+    ],
+)
+def test_a_disturbance_needs_a_sensor_and_an_observer(change, said):
+    with pytest.raises(ConfigError, match=said):
+        config(**change)

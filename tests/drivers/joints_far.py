@@ -6,7 +6,7 @@ from hil.drivers.damiao import DamiaoArm, DamiaoArmConfig
 from hil.drivers.damiao_can import DamiaoBusConfig, open_box
 from hil.rig.boxes import BoxPlace, CanDrives
 from hil.rigs import rig_path
-from hil.signals.arms import ArmDescription
+from hil.signals.settable import ArmDescription
 from hil.sim_devices.bench import open_bench
 from hil.sim_devices.joints.bench import PARTS
 from hil.testing import FarEnd

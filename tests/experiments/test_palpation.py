@@ -26,6 +26,17 @@ def test_a_bolt_in_the_gel_is_felt_as_much_as_predicted(tmp_path):
     assert rows["measure"].mean < 0.6 * rows["four"].mean
 
 
+def test_strokes_across_a_bolt_in_the_gel_are_felt(tmp_path):
+    given, axes = transparency.arms(transparency.identified(tmp_path, 1), without_force_sensors.LAW)
+    law = given | law_parameters.table(without_force_sensors.designs(axes))
+    (gel, bolt), (there, under) = palpation.stroked(law, tmp_path, 1)
+    # 20 mm of gel over 8 mm of cover: up to 2.5 times as stiff, blurred over the tip's way
+    assert 1.3 < under / there < 2.5
+    assert 1.1 < bolt / gel < under / there
+    (found,), expected = palpation.stroke(law, tmp_path, 1, 1)
+    assert found == pytest.approx(expected, rel=0.25)
+
+
 def test_differences_are_those_asked_beforehand_after_holm():
     names = (palpation.MEASURE, "a", "a" + palpation.FREE_FORM)
     size = {palpation.MEASURE: 0.1, "a": 0.2, "a" + palpation.FREE_FORM: 0.2}

@@ -4,71 +4,71 @@ from __future__ import annotations
 
 import json
 import math
-import os
+import multiprocessing
+import re
 import xml.etree.ElementTree as ET
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from jobs import digits, lost_always, lost_once, odd, process
 from scipy import stats
 
 from hil.cli import main
 from hil.commands import experiment
-from hil.errors import ConfigError, DataError, DeviceError
+from hil.errors import ConfigError, DeviceError
 from hil.experiments.charts import SeedMean, bars
 from hil.experiments.pages import PAGES, means
-from hil.experiments.replicate import FAILED, TRIES, replicate
+from hil.experiments.replicate import FAILED, TRIES, Lost, Where, replicate, spread
 
 SEEDS = [3, 1, 2]
 
 
-def job(name, seed):
-    """Digits that only the same arithmetic gives."""
-    rng = np.random.default_rng(seed)
-    a = rng.normal(size=(60, 60))
-    return {"name": name, "seed": seed, "value": float(np.linalg.norm(np.linalg.inv(a) @ a.T))}
-
-
-def lost_once(name, seed):
-    """Ends its process the first time that it runs; `name` is a folder."""
-    mark = Path(name) / f"seen{seed}"
-    if seed == 2 and not mark.exists():
-        mark.write_text("")
-        os._exit(1)
-    return {"seed": seed}
-
-
-def lost_always(name, seed):
-    os._exit(1)
-
-
 def test_processes_and_this_one_give_the_same_digits_in_the_order_of_the_seeds():
-    here, there = (replicate(job, "x", SEEDS, workers=w) for w in (1, 2))
+    here, there = (replicate(digits, "x", SEEDS, workers=w) for w in (1, 2))
     assert list(here) == list(there) == SEEDS
-    assert here == there == {s: job("x", s) for s in SEEDS}
+    assert here == there == {s: digits("x", s) for s in SEEDS}
 
 
-def test_a_dask_cluster_gives_the_same_digits():
+def test_a_dask_cluster_gives_the_same_digits_and_its_lost_workers_are_survived(tmp_path):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
         done = []
-        found = replicate(job, "x", SEEDS, cluster=cluster.scheduler_address, done=done.append)
-    assert found == {s: job("x", s) for s in SEEDS}
+        far = Where(cluster=cluster.scheduler_address)
+        found = replicate(digits, "x", SEEDS, cluster=far.cluster, done=done.append)
+        survived = replicate(lost_once, str(tmp_path), SEEDS, cluster=far.cluster)
+        others = dict(spread(partial(lost_always, "x"), [1, 2], far))
+    assert survived == {s: {"seed": s} for s in SEEDS}
+    assert others == {0: {"seed": 1}, 1: Lost()}
+    assert found == {s: digits("x", s) for s in SEEDS}
     assert sorted(done) == sorted(SEEDS)
 
 
 def test_a_lost_worker_is_survived(tmp_path):
     assert replicate(lost_once, str(tmp_path), SEEDS, workers=2) == {s: {"seed": s} for s in SEEDS}
-    with pytest.raises(DeviceError, match=f"ended their process {TRIES} times"):
-        replicate(lost_always, "x", [1, 2], workers=2)
+    with pytest.raises(DeviceError, match=f"seed 2: it ended its process {TRIES} times"):
+        replicate(lost_always, "x", SEEDS, workers=2, folder=tmp_path / "kept")
+    # the run that loses its process loses no other one
+    kept = sorted(p.name for p in (tmp_path / "kept").iterdir())
+    assert kept == ["x-1.json", "x-3.json"]
 
 
-def odd(name, seed):
-    if seed == 2:
-        raise DataError("the session ended PAUSED")
-    return {"seed": seed}
+def test_processes_are_replaced_so_that_they_do_not_grow(monkeypatch):
+    monkeypatch.setattr("hil.experiments.replicate.RUNS_OF_A_PROCESS", 1)
+    found = dict(spread(process, [1, 2, 3, 4], Where(2)))
+    assert sorted(found) == [0, 1, 2, 3]
+    assert {found[0], found[1]}.isdisjoint({found[2], found[3]})
+
+
+def test_work_that_is_no_longer_wanted_ends_its_processes():
+    before = multiprocessing.active_children()
+    results = spread(process, list(range(4)), Where(2))
+    next(results)
+    results.close()
+    assert multiprocessing.active_children() == before
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -78,7 +78,7 @@ def test_a_seed_that_fails_is_told_and_the_others_count(workers):
 
 
 def test_finished_runs_of_the_same_version_are_not_run_again(tmp_path):
-    first = replicate(job, "x", [1, 2], folder=tmp_path, version="a")
+    first = replicate(digits, "x", [1, 2], folder=tmp_path, version="a")
 
     def never(name, seed):
         assert seed == 3
@@ -94,7 +94,7 @@ def test_finished_runs_of_the_same_version_are_not_run_again(tmp_path):
 def test_a_folder_that_is_a_file_is_refused(tmp_path):
     (tmp_path / "f").write_text("")
     with pytest.raises(ConfigError, match="a folder is needed"):
-        replicate(job, "x", [1], folder=tmp_path / "f")
+        replicate(digits, "x", [1], folder=tmp_path / "f")
 
 
 def test_a_mean_and_its_interval_are_those_of_student():
@@ -166,6 +166,16 @@ def test_every_page_is_in_the_documentation_with_its_command(name):
     assert f"`hil experiment {name}" in told
     assert PAGES[name].thesis in told
     assert (docs / f"{name}.svg").exists() == bool(PAGES[name].figure)
+
+
+@pytest.mark.parametrize("name", experiment.EXPERIMENTS)
+def test_the_results_say_the_seeds_of_every_study(name):
+    docs = Path(__file__).parents[2] / "docs"
+    page = (docs / "experiments" / f"{name}.md").read_text(encoding="utf-8")
+    command, seeds = re.search(r"Printed by `([^`]+)`.*?: (\d+(?: of \d+)? seeds)", page).groups()
+    title = page.partition("\n")[0].removeprefix("# ")
+    row = f"| [{title}](experiments/{name}.md) | {seeds} | `{command}` |"
+    assert row in (docs / "results.md").read_text(encoding="utf-8").splitlines()
 
 
 def test_all_studies_after_one_another_with_their_times(capsys, monkeypatch):

@@ -216,7 +216,7 @@ def test_leaving_the_range_pauses_once_and_the_way_back_is_open(bench):
 
 
 def test_the_workspace_is_watched_where_the_rig_file_gives_one():
-    from hil.controllers.geometry import premium
+    from hil.controllers.dynamics import premium
 
     forward, lengths = premium()
     box = np.array([[0.1, -0.05, -0.3], [0.4, 0.05, 0.3]])

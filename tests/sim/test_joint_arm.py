@@ -6,7 +6,7 @@ import pytest
 
 from hil.errors import ConfigError
 from hil.rigs import rig_path
-from hil.signals.arms import ArmDescription
+from hil.signals.settable import ArmDescription
 from hil.sim_devices.bench import open_bench
 from hil.sim_devices.joints import bodies, motion
 from hil.sim_devices.joints.bench import HIDDEN

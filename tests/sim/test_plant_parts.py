@@ -29,6 +29,41 @@ def test_nested_elements_remember():
     assert friction.slip(z, limit, weight, 1.0, 3e-3) == pytest.approx(before)
 
 
+def test_a_bolt_stiffens_the_gel_above_it_and_its_flank_makes_no_energy():
+    gel, x = np.zeros(1, GEL), np.zeros(1, STATE)
+    gel["stiffness"], gel["power"], gel["relaxation"], gel["on"] = 250.0, 1.3, 1.0, 1
+    gel["bolt"], gel["bolt_y"], gel["bolt_width"] = 1.5, 0.01, 0.007
+
+    def pushed(y, z):
+        x["tip"][0], x["force"] = (0.0, y, z), 0.0
+        world.press(gel[0], x[0], 1e-6)
+        return x["force"][0].copy()
+
+    above, beside = pushed(0.01, -0.005), pushed(0.05, -0.005)
+    assert above[2] == pytest.approx(2.5 * beside[2], rel=1e-6)
+    assert above[1] == pytest.approx(0.0, abs=1e-12) and beside[1] == pytest.approx(0.0, abs=1e-6)
+    assert pushed(0.005, -0.005)[1] < -0.05 and pushed(0.015, -0.005)[1] > 0.05
+    # around a closed way without speed: no work
+    angle = np.linspace(0.0, 2 * np.pi, 2001)
+    way = np.stack([0.01 + 0.008 * np.cos(angle), -0.006 + 0.004 * np.sin(angle)], 1)
+    forces = np.array([pushed(*p)[1:] for p in 0.5 * (way[1:] + way[:-1])])
+    parts = np.sum(forces * np.diff(way, axis=0), axis=1)
+    assert abs(parts.sum()) < 1e-5 * np.abs(parts).sum()
+
+
+@pytest.mark.parametrize(
+    ("bolt", "said"),
+    [
+        ({"depth": 0.03}, "depth = 0.03 m"),
+        ({"radius": 0.0}, "radius = 0 m"),
+        ({"deep": 0.01}, "Did you mean 'depth'"),
+    ],
+)
+def test_a_bolt_that_cannot_be_is_refused(bolt, said):
+    with pytest.raises(ValueError, match=said):
+        open_bench(ARMS, {"gel": {"arm": "follower", "bolt": bolt}}, 1_000_000, 0)
+
+
 def test_gel_pushes_only_and_dissipates():
     gel, x = np.zeros(1, GEL), np.zeros(1, STATE)
     gel["stiffness"], gel["power"], gel["damping"] = 700.0, 1.3, 0.8

@@ -17,6 +17,7 @@ from hil.bench.diagnosis.cases import SessionCase
 from hil.bench.diagnosis.tables import PLANTS, revisions, table
 from hil.diagnosis import rules
 from hil.errors import DataError
+from hil.experiments.replicate import Where
 
 Row = dict[str, Any]
 #: The sessions of a case serve all its rules.
@@ -36,7 +37,7 @@ class Again:
         return f"{self.case.name} without {self.code}"
 
 
-def run(todo: list[SessionCase], rows: list[Row], jobs: int, path: Path | None) -> list[Row]:
+def run(todo: list[SessionCase], rows: list[Row], where: Where, path: Path | None) -> list[Row]:
     """Diagnose again without each rule that matters to a case.
 
     Parameters
@@ -45,8 +46,8 @@ def run(todo: list[SessionCase], rows: list[Row], jobs: int, path: Path | None) 
         The plan.
     rows : list of dict
         Its results with all rules, of this revision.
-    jobs : int
-        Processes.
+    where : Where
+        Who computes.
     path : Path or None
         File of `rows`; what is found goes to one beside it, ``.ablate.jsonl``.
 
@@ -57,9 +58,9 @@ def run(todo: list[SessionCase], rows: list[Row], jobs: int, path: Path | None) 
     """
     kept = path.with_suffix(".ablate.jsonl") if path else None
     same(rows, path)
-    found = runner.run(repeated(todo, rows), jobs, kept, again, "again")
+    found = runner.run(repeated(todo, rows), where, kept, again, "again")
     same(found, kept)
-    return found + runner.run(together(todo, rows, found), jobs, kept, again, "again")
+    return found + runner.run(together(todo, rows, found), where, kept, again, "again")
 
 
 def repeated(todo: list[SessionCase], rows: list[Row]) -> list[Again]:

@@ -23,6 +23,7 @@ from hil.bench.diagnosis.cases import SessionCase
 from hil.bench.diagnosis.tables import revisions, table
 from hil.diagnosis import constants
 from hil.errors import ConfigError, unknown
+from hil.experiments.replicate import Where
 
 Row = dict[str, Any]
 #: Sessions of the quick plan that are diagnosed with every number changed: of both plants, short,
@@ -126,7 +127,7 @@ def small(todo: list[SessionCase]) -> list[SessionCase]:
     return found
 
 
-def run(todo: list[SessionCase], rows: list[Row], jobs: int, path: Path | None) -> list[Row]:
+def run(todo: list[SessionCase], rows: list[Row], where: Where, path: Path | None) -> list[Row]:
     """Diagnose every case with every number halved and doubled.
 
     Parameters
@@ -135,8 +136,8 @@ def run(todo: list[SessionCase], rows: list[Row], jobs: int, path: Path | None) 
         The small plan.
     rows : list of dict
         Its results as things are, of this revision.
-    jobs : int
-        Processes.
+    where : Where
+        Who computes.
     path : Path or None
         File of `rows`; what is found goes to one beside it, ``.halve.jsonl``.
 
@@ -148,7 +149,7 @@ def run(todo: list[SessionCase], rows: list[Row], jobs: int, path: Path | None) 
     kept = path.with_suffix(".halve.jsonl") if path else None
     ablation.same(rows, path)
     tasks = [Changed(c, n, x) for c in todo for n in numbers() for x in FACTORS]
-    found = runner.run(tasks, jobs, kept, again, "again")
+    found = runner.run(tasks, where, kept, again, "again")
     ablation.same(found, kept)
     return found
 

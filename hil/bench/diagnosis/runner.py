@@ -6,26 +6,22 @@ Results are written line by line, so that a run can be resumed.
 from __future__ import annotations
 
 import json
-import multiprocessing
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from hil.bench.diagnosis import amplitudes, cases, session
 from hil.bench.diagnosis.cases import Hidden, SessionCase, suspected
 from hil.bench.diagnosis.tables import accepted
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
-from hil.errors import DataError
-from hil.identify.parallel import alone
-from hil.interrupt import held_back
+from hil.errors import DataError, DeviceError
+from hil.experiments.replicate import Lost, Where, counted, spread
 from hil.record.recording import Recording
 
 #: Between the seeds of two runs of one motion: no noise comes twice.
@@ -59,17 +55,7 @@ def judge(case: SessionCase) -> dict[str, Any]:
     began = time.process_time()
     train, other = recordings(case)
     simulated = time.process_time()
-    row: dict[str, Any] = {
-        "case": case.name,
-        "plant": case.plant,
-        "kind": case.kind,
-        "robot": case.robot,
-        "noise": case.noise,
-        "excitation": case.excitation,
-        "seed": case.seed,
-        "force": case.force,
-        "hidden": [[h.effect, h.label, h.level] for h in case.hidden],
-    }
+    row = told(case)
     if case.plant == "test":
         row["lost"] = session.lost_share(2 * case.seed)
     if not all(session.sane(r) for r in (*train, *other)):
@@ -90,6 +76,21 @@ def judge(case: SessionCase) -> dict[str, Any]:
     if row["outcome"] != "crashed":
         row["cpu"] = [round(simulated - began, 3), round(time.process_time() - started, 3)]
     return row
+
+
+def told(case: SessionCase) -> dict[str, Any]:
+    """What a row says of its case."""
+    return {
+        "case": case.name,
+        "plant": case.plant,
+        "kind": case.kind,
+        "robot": case.robot,
+        "noise": case.noise,
+        "excitation": case.excitation,
+        "seed": case.seed,
+        "force": case.force,
+        "hidden": [[h.effect, h.label, h.level] for h in case.hidden],
+    }
 
 
 def answer(case: SessionCase, train: list[Recording], other: list[Recording]) -> dict[str, Any]:
@@ -180,9 +181,17 @@ def read(path: Path) -> list[Row]:
     return rows
 
 
+def append(path: Path, row: Row) -> None:
+    """Add a row to a file; half a line that a killed run left there is taken out first."""
+    if path.is_file() and not path.read_bytes().endswith(b"\n"):
+        path.write_text("".join(json.dumps(r) + "\n" for r in read(path)), encoding="utf-8")
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
+
+
 def run(
     todo: Sequence[Any],
-    jobs: int,
+    where: Where,
     path: Path | None,
     work: Callable[[Any], Row] = judge,
     key: str = "case",
@@ -193,8 +202,8 @@ def run(
     ----------
     todo : sequence
         Cases, or other things with a name.
-    jobs : int
-        Processes.
+    where : Where
+        Who computes.
     path : Path or None
         File of the rows.
     work : callable
@@ -204,36 +213,31 @@ def run(
     """
     done = {r[key]: r for r in (read(path) if path else [])}
     left = [c for c in todo if c.name not in done]
-    if path and path.is_file() and not path.read_bytes().endswith(b"\n"):
-        path.write_text("".join(json.dumps(r) + "\n" for r in done.values()), encoding="utf-8")
     made_by = revision()
-    for row in spread(work, left, jobs, "session"):
+    for thing, made in results(work, left, where, "session"):
+        # a lost process is a crash of the diagnosis: a result, with its case
+        row = made if not isinstance(made, Lost) else _lost(thing, key, made)
         row["revision"] = made_by
         done[row[key]] = row
         if path:
-            with path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
+            append(path, row)
     return [done[c.name] for c in todo]
 
 
-def spread(work: Callable[[Any], Any], todo: list[Any], jobs: int, unit: str) -> Iterator[Any]:
-    """Results of `work` in any order, with progress on stderr: a bar, or in a file ten lines."""
-    terminal = sys.stderr.isatty()
-    bar = tqdm(total=len(todo), unit=unit, disable=not terminal)
-    with held_back():  # an interruption is for this process, which ends the others
-        pool = multiprocessing.get_context("spawn").Pool(max(1, min(jobs, len(todo) or 1)))
-    with bar, pool:
-        for k, result in enumerate(pool.imap_unordered(partial(_single_threaded, work), todo), 1):
-            bar.update()
-            if not terminal and 10 * k // len(todo) > 10 * (k - 1) // len(todo):
-                sys.stderr.write(f"{k} of {len(todo)} {unit}s\n")
-            yield result
+def _lost(thing: Any, key: str, lost: Lost) -> Row:
+    if not isinstance(thing, SessionCase):
+        raise DeviceError(f"{thing.name}: {lost.text}")
+    crashed = {"outcome": "crashed", "named": [], "verdict": lost.text}
+    return {key: thing.name, **told(thing), **crashed}
 
 
-def _single_threaded(work: Callable[[Any], Any], thing: Any) -> Any:
-    """One of several processes: the others have the other processors."""
-    with alone():
-        return work(thing)
+def results(
+    work: Callable[[Any], Any], todo: list[Any], where: Where, unit: str
+) -> Iterator[tuple[Any, Any]]:
+    """Things and what `work` made of them, as they are finished, with progress on stderr."""
+    found = spread(work, todo, where)
+    for k, result in counted(found, len(todo), unit):
+        yield todo[k], result
 
 
 def revision() -> str:
@@ -264,11 +268,14 @@ def _keys(plant: str) -> list[tuple[str, int, str, str]]:
     ]
 
 
-def calibrate(plant: str, jobs: int, todo: list[tuple[str, int, str, str]] | None = None) -> None:
+def calibrate(
+    plant: str, workers: int, todo: list[tuple[str, int, str, str]] | None = None
+) -> None:
     """Find the amplitudes of `todo` (all of a plant's) and write them to its file."""
     known = amplitudes.table(plant) if todo is not None else {}
     work = _keys(plant) if todo is None else todo
-    found = dict(sorted((known | dict(spread(_calibrated, work, jobs, "effect"))).items()))
+    found = dict(made for _, made in results(_calibrated, work, Where(workers), "effect"))
+    found = dict(sorted((known | found).items()))
     lines = [f"{json.dumps(k)}: {json.dumps(v)}" for k, v in found.items()]
     Path(amplitudes.__file__).with_name(amplitudes.FILES[plant]).write_text(
         "{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8"
