@@ -19,6 +19,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from hil.errors import DataError
 from hil.record import consistency as physics
@@ -64,8 +65,8 @@ def balance(t: FloatArray, q: FloatArray, tau: FloatArray, ext: FloatArray | Non
     period = float(np.median(np.diff(t)))
     width = max(int(0.02 / period), 3)
     position, effort = smooth(q, width), smooth(tau, width)
-    speed = np.gradient(position, t)
-    acceleration = smooth(np.gradient(speed, t), width)
+    speed = physics.rate_of(t, q, width)
+    acceleration = physics.rate_of(t, speed, width)
     scale = 0.1 * float(np.sqrt(np.mean(speed**2))) or 1.0
     direction = smooth(np.tanh(speed / scale), width)
     trim = slice(3 * width, -3 * width, max(width // 2, 1))
@@ -126,11 +127,12 @@ def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[DataFau
     q = r.q[:, k]
     # no mean over steps is faster than the fastest of them
     if float(np.abs(np.diff(q)).max()) > joint.velocity * float(np.diff(r.t).min()):
-        mean = physics.smooth(q, max(round(_WIDTH_S / r.period), 1))
+        width = max(round(_WIDTH_S / r.period), 1)
+        whole = ~maximum_filter1d(np.diff(r.t, append=r.t[-1]) > _GAP * r.period, 2 * width + 3)
         yield from _beyond(
             "velocity-limit",
             f"the speed of q{k + 1}",
-            np.gradient(mean, r.t),
+            physics.rate_of(r.t, q, width)[whole],
             joint.velocity,
             f"{joint.unit}/s",
             r.joints[k],
