@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 
 from hil.commands import outputs, trust
 from hil.errors import ConfigError, DataError, plural
-from hil.record.checks import check, columns, joint_units
+from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
 from hil.record.mcap_read import ChannelSummary, SessionSummary, load, read_attachments, summary
 from hil.record.recording import Recording
@@ -356,7 +356,7 @@ def _arm_text(r: Recording) -> list[str]:
     units = dict(zip(r.joints, joint_units(r), strict=True))
     rows: list[tuple[str, ...]] = [("column", "joint", "least", "most", "unit")]
     rows += [
-        (n, j or "-", f"{v.min():.4g}", f"{v.max():.4g}", _unit(n, units.get(j, "")))
+        (n, j or "-", f"{v.min():.4g}", f"{v.max():.4g}", column_unit(n, units.get(j, "")))
         for n, j, v in columns(r)
     ]
     head = (
@@ -365,12 +365,6 @@ def _arm_text(r: Recording) -> list[str]:
         f"robot: {_robot(r)}"
     )
     return [head, *_aligned(rows)]
-
-
-def _unit(column: str, axis: str) -> str:
-    effort = "N" if axis == "m" or column[0] == "f" else "N m"
-    units = {"q": axis, "qd": f"{axis}/s", "i": "A", "temp": "degC"}
-    return units.get(column.rstrip("0123456789"), effort)
 
 
 def _faults_text(faults: list[DataFault]) -> list[str]:

@@ -360,7 +360,7 @@ _GAP, _JITTER = 3.0, 0.5
 #: No measured quantity reaches this in any unit; NaN and infinity do not pass it either.
 _ABSURD = 1e50
 
-__all__ = ["DataFault", "check", "columns", "joint_units"]
+__all__ = ["DataFault", "check", "column_unit", "columns", "joint_units"]
 
 
 @np.errstate(all="ignore")  # sums of values near the absurd are infinite, and no finding
@@ -400,6 +400,13 @@ def joint_units(recording: Recording) -> tuple[str, ...]:
     if listed:
         return tuple(j.unit for j in listed)
     return (recording.metadata.get("unit", "rad"),) * recording.d
+
+
+def column_unit(column: str, axis: str) -> str:
+    """SI unit of a column by its table name, of a joint in ``"rad"`` or ``"m"``."""
+    effort = "N" if axis == "m" or column[0] == "f" else "N m"
+    units = {"q": axis, "qd": f"{axis}/s", "i": "A", "temp": "degC"}
+    return units.get(column.rstrip("0123456789"), effort)
 
 
 _STEMS = {
