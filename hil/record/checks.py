@@ -349,6 +349,10 @@ def _signs(r: Recording) -> Iterator[DataFault]:
 
 FloatArray = NDArray[np.float64]
 
+#: Warnings under which all values of a fit may be in a wrong unit or of a wrong sign.
+OF_UNITS = frozenset(
+    ("unit", "limits", "velocity-limit", "effort-limit", "velocity-scale", "velocity-sign", "sign")
+)
 #: Below these rates [Hz] an identification is doubtful, or hopeless (with room for stamps of a
 #: nominal 20 Hz).
 SLOW_HZ, HOPELESS_HZ = 100.0, 19.5
@@ -360,7 +364,7 @@ _GAP, _JITTER = 3.0, 0.5
 #: No measured quantity reaches this in any unit; NaN and infinity do not pass it either.
 _ABSURD = 1e50
 
-__all__ = ["DataFault", "check", "column_unit", "columns", "joint_units"]
+__all__ = ["OF_UNITS", "DataFault", "check", "column_unit", "columns", "joint_units"]
 
 
 @np.errstate(all="ignore")  # sums of values near the absurd are infinite, and no finding

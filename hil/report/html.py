@@ -140,7 +140,7 @@ def _numbers(m: Material) -> str:
     rows.append(["noise floor", *floor])
     for r in [] if m.external else m.rungs:
         cells = [_percent(float(x)) for x in r.multi_step.relative]
-        rows.append([f"multi-step, {r.step.label}", *cells])
+        rows.append([f"simulated, {r.step.label}", *cells])
         if r.multi_step.closed_loop is not None:
             cells = [_percent(float(x)) for x in r.multi_step.closed_loop.relative]
             rows.append([f"closed-loop replay, {r.step.label}", *cells])
@@ -161,8 +161,7 @@ def _alarms(m: Material) -> list[str]:
         return []
     diverged = [
         f"{r.step.label}: {r.multi_step.diverged} of {r.multi_step.windows} simulations left the "
-        "recorded range"
-        + (": no multi-step error" if r.multi_step.lost else " and are not counted")
+        "recorded range" + (": no simulated error" if r.multi_step.lost else " and are not counted")
         for r in m.rungs
         if r.multi_step.diverged
     ]

@@ -15,7 +15,7 @@ from hil.diagnosis.artefacts import BLURRED, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT, WHOLE
 from hil.diagnosis.floor import known_to
 from hil.diagnosis.preconditions import GRAVITY
-from hil.diagnosis.residual_tests import CHANGED, UNLIKE
+from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import Finding, UnnamedCorrection
 from hil.diagnosis.unnamed import told
@@ -53,6 +53,12 @@ BOTH_ERRORS = (
     "measured one, and the motion follows from it; an error of the effort is integrated twice, so "
     "that slow and constant errors count most and fast ones hardly. An effect can therefore lower "
     "one and not the other."
+)
+#: The same in one line, below a table of both.
+TWO_ERRORS = (
+    "error %: of the effort, with the motion as measured; simulated %: of the position simulated "
+    "for {horizon:g} s, in which errors of the effort add up: it may be large though the model is "
+    "adequate (docs/diagnosis.md)"
 )
 #: Codes of warnings that stand beside the verdict.
 LEADING = (NO_GEOMETRY, GRAVITY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
@@ -305,6 +311,8 @@ def value(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
 
 
 AGAIN = "Diagnose again."
+#: The step to which the commands belong.
+ACCEPT = "Accept"
 #: Where what is left acts by itself.
 ELSEWHERE = (
     "Record this joint at rest with its motor on. A disturbance that does not depend on the motion "
@@ -339,7 +347,7 @@ def next_steps(m: Material) -> list[str]:
     motions = [f"{' or '.join(s.effects)}: record {s.experiment}." for s in rivals]
     if m.verdict == "missing-effect":
         sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
-        steps = [f"Accept {listed(sure)} as shown below; all parameters are fitted again."]
+        steps = [f"{ACCEPT} {listed(sure)}; all parameters are fitted again."]
         steps += [
             f"Confirm {where(f)} on a new recording: {shown_by(f.effect)}." for f in m.findings
         ]
@@ -350,7 +358,8 @@ def next_steps(m: Material) -> list[str]:
     if m.verdict == "unexplained" and only_there(m.after, m.last, m.floor):
         return [f"{BOTH}: the fitted motion hardly shows what acts there.", AGAIN]
     if m.verdict == "unexplained" and changed(m):
-        return ["Give what was recorded before and after that instant as two sessions.", AGAIN]
+        told = " ".join(changed(m))
+        return [*(f"{what}." for what in (CUT_THERE, FIT_APART) if what in told), AGAIN]
     if m.verdict == "unexplained" and unlike(m) and not m.network:
         return [ELSEWHERE, AGAIN]
     if m.verdict == "ambiguous":
