@@ -36,6 +36,7 @@ from hil.report.text import (
     Files,
     command,
     corrections,
+    doubts,
     explains,
     floor_says,
     laws,
@@ -58,6 +59,8 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     lines = [f"Verdict: {verdict(d)}"]
     if d.verdict == "not-identifiable":
         lines += [f"  {w}." for _, w in d.warnings]
+    else:
+        lines += [f"  {w}" for w in doubts(d.warnings) if d.ladder]
     lines += [f"  {w}." for code, w in d.warnings if code == NO_GEOMETRY]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
@@ -102,8 +105,8 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
         return text(d, rungs)
     m = from_diagnosis(d)
     lines = [f"Verdict: {verdict(d)}"]
-    if doubts := _doubts(d):
-        lines += ["", *(f"  Check first: {text}" for text in doubts)]
+    if doubtful := doubts(d.warnings):
+        lines += ["", *(f"  {text}" for text in doubtful)]
     if d.findings:
         lines += ["", _names_table(d)]
         with_rivals = [f for f in d.findings if f.rivals and d.verdict == "ambiguous"]
@@ -133,20 +136,6 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
 
 #: Steps that a short answer proposes.
 _STEPS = 3
-
-
-def _doubts(d: Diagnosis) -> list[str]:
-    """What says that a value may be in another unit or of another sign, once for several runs."""
-    told: dict[tuple[str, str], list[str]] = {}
-    for code, said in d.warnings:
-        if code in OF_UNITS:
-            column = said.partition(": ")[2].split(" ")[0]
-            told.setdefault((code, f"{said.partition(':')[0]} {column}"), []).append(said)
-    return [
-        f"{runs[0]}{f' (so in {len(runs)} sessions)' if len(runs) > 1 else ''}. Where it is so, "
-        "the values below are wrong."
-        for runs in told.values()
-    ]
 
 
 def _sure(v: Value, deviations: float) -> bool:
@@ -291,6 +280,7 @@ def _notes(d: Diagnosis) -> list[str]:
         for code, text in d.warnings
         if not code.startswith("impossible")
         and code not in LEADING
+        and code not in OF_UNITS
         and not (code == "at-bound" and text.split()[1] in shown)
     ]
 

@@ -198,7 +198,7 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
                 "rate_hz": c.rate_hz if _periodic(c) else None,
                 "first_s": c.first_s,
                 "last_s": c.last_s,
-                "missing": c.missing if _periodic(c) else 0,
+                "missing": _missing(c, arms),
             }
             for c in found.channels
         ],
@@ -311,7 +311,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
             f"{c.rate_hz:.5g}" if _periodic(c) else "-",
             f"{c.first_s:.4f}",
             f"{c.last_s:.4f}",
-            str(c.missing) if c.missing and _periodic(c) else "-",
+            str(_missing(c, arms) or "-"),
         )
         for c in found.channels
     ]
@@ -374,6 +374,20 @@ def _faults_text(faults: list[DataFault]) -> list[str]:
     for f in faults:
         lines.append(f"  {f.severity} [{f.code}] {f.sentence}")
     return lines
+
+
+def _missing(channel: ChannelSummary, arms: list[_Arm]) -> int:
+    """Messages that are missing by their count, or by the stamps of the arm's rows."""
+    if not _periodic(channel):
+        return 0
+    by_stamps = [
+        sum(gap.rows for gap in arm.prepared.timing.gaps)
+        for arm in arms
+        if arm.prepared
+        and channel.topic.startswith(f"/{arm.recording.arm}/")
+        and channel.count == arm.recording.n
+    ]
+    return max([channel.missing, *by_stamps])
 
 
 def _periodic(channel: ChannelSummary) -> bool:

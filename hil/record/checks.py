@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from hil.errors import DataError
+from hil.errors import DataError, plural
 from hil.record import consistency as physics
 from hil.record.consistency import DataFault, check_spikes, smooth
 from hil.record.jumps import described
@@ -360,7 +360,7 @@ SLOW_HZ, HOPELESS_HZ = 100.0, 19.5
 FASTEST_HZ = 1e6
 #: A run from which alone no effect is named (`hil.diagnosis.preconditions`) [s], and no fit made.
 SHORT_S, HOPELESS_SAMPLES = 4.0, 20
-_GAP, _JITTER = 3.0, 0.5
+_GAP, _LOST, _JITTER = 3.0, 1.5, 0.5
 #: No measured quantity reaches this in any unit; NaN and infinity do not pass it either.
 _ABSURD = 1e50
 
@@ -482,6 +482,8 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[DataFault]:
         text = f"{rate:.4g} Hz is slow for dynamics (from {SLOW_HZ:.0f} Hz on it is fine)"
         text += hint if severity == "error" else ""
         yield DataFault("sample-rate", severity, "", text)
+    low, high = np.quantile(dt[~gaps], (0.05, 0.95)) if not gaps.all() else (period, period)
+    uneven = high - low > _JITTER * period
     if t[-1] - t[0] < SHORT_S:
         text = (
             f"{t[-1] - t[0]:.3g} s of data: parameters will be uncertain, and no effect is named "
@@ -489,19 +491,18 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[DataFault]:
         )
         yield DataFault("too-short", "warning", "", text)
     if gaps.any():
-        first = t[np.flatnonzero(np.diff(t) > _GAP * period)[0]]
+        # of even rows, a step of one row and a half is a lost row, too
+        lost = np.diff(t) > (_GAP if uneven else _LOST) * period
+        first = t[np.flatnonzero(lost)[0]]
         yield DataFault(
             "gap",
             "warning",
             "",
-            f"{gaps.sum()} gaps, the longest {dt.max():.3g} s, the first after {first:.6g} s; "
-            "an analysis bridges short ones and splits the run at long ones: nothing is "
-            "differentiated across them",
+            f"{plural(int(lost.sum()), 'gap')}, the longest {dt.max():.3g} s, the first after "
+            f"{first:.6g} s; an analysis bridges short ones and splits the run at long ones: nothing "
+            "is differentiated across them",
         )
-    if gaps.all():
-        return
-    low, high = np.quantile(dt[~gaps], (0.05, 0.95))
-    if high - low > _JITTER * period:
+    if uneven:
         yield DataFault(
             "irregular-time",
             "warning",

@@ -16,6 +16,7 @@ from hil.models import catalogue, param_text
 from hil.models.effect import Trait
 from hil.models.model import Value
 from hil.models.param_text import in_words, without_error
+from hil.record.checks import OF_UNITS
 from hil.record.recording import Recording
 from hil.report import text
 from hil.report.data import COMPARED, Material, from_comparison, from_diagnosis
@@ -280,6 +281,7 @@ def further(m: Material) -> str:
         if m.verdict != "not-identifiable"
         and not code.startswith("impossible")
         and code not in LEADING
+        and code not in OF_UNITS
     ]
     if notes:
         parts += ["<h3>Notes</h3>", items(notes)]

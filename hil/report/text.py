@@ -25,6 +25,7 @@ from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import Value
 from hil.models.param_text import in_words, without_error
+from hil.record.checks import OF_UNITS
 from hil.report.data import COMPARED, Material
 from hil.report.elements import number
 
@@ -159,6 +160,26 @@ def apart(m: Material) -> list[str]:
     return _said(m, DIFFER)
 
 
+def doubts(warnings: Sequence[tuple[str, str]]) -> list[str]:
+    """What says that a value may be in another unit or of another sign, once for several runs.
+
+    Parameters
+    ----------
+    warnings : sequence of (code, str)
+        Of a diagnosis.
+    """
+    told: dict[tuple[str, str], list[str]] = {}
+    for code, said in warnings:
+        if code in OF_UNITS:
+            joint, _, what = said.partition(": ")
+            told.setdefault((code, f"{joint} {what.split(' ')[0]}"), []).append(said)
+    return [
+        f"Check first: {runs[0]}{f' (so in {len(runs)} sessions)' if len(runs) > 1 else ''}. "
+        "Where it is so, the values below are wrong."
+        for runs in told.values()
+    ]
+
+
 def changed(m: Material) -> list[str]:
     """Sentences on values that changed at once."""
     return _said(m, CHANGED)
@@ -221,7 +242,12 @@ def explains(blurred: bool, model: str) -> str:
 
 def details(m: Material) -> list[str]:
     """Sentences below the headline: effect, confidence, error before and after, floor."""
-    out = _said(m, NO_GEOMETRY) + _said(m, GRAVITY) + [_finding(m, f) for f in m.findings]
+    out = (
+        (doubts(m.warnings) if m.rungs and m.verdict != "not-identifiable" else [])
+        + _said(m, NO_GEOMETRY)
+        + _said(m, GRAVITY)
+        + [_finding(m, f) for f in m.findings]
+    )
     out += _said(m, BLURRED) + apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
     for f in m.partial:
         out.append(

@@ -86,7 +86,7 @@ def test_gap():
     r = with_time(lambda t: t.__setitem__(slice(900, None), t[900:] + 0.5))
     (found,) = check(r)
     assert found.code == "gap"
-    assert "1 gaps, the longest 0.502 s, the first after 1.798 s" in found.text
+    assert "1 gap, the longest 0.502 s, the first after 1.798 s" in found.text
 
 
 def test_a_position_that_changes_across_a_gap_alone():

@@ -14,6 +14,7 @@ from hil.diagnosis.equivalence import at_issue_of
 from hil.diagnosis.types import Finding
 from hil.diagnosis.verbs import compare, ladder
 from hil.models.model import Value
+from hil.report.html import diagnosis_report
 from hil.report.json import diagnosis_json
 from hil.report.text import Files
 
@@ -142,16 +143,19 @@ def test_a_value_that_is_not_determined_is_shown_only_where_there_is_no_other():
     assert _telling(found) == "t0 = 0.02 N m, undetermined"
 
 
-def test_degrees_taken_for_radians_are_told_before_any_value(plain):
+def test_degrees_taken_for_radians_are_told_before_any_value(plain, tmp_path):
     own = plain.warnings
     told = "joint1: q1 runs from 1.36 to 48.4 rad; is it in degrees? Scale it in a map"
     try:
         plain.warnings = [*own, ("unit", told), ("unit", told.replace("1.36", "1.11"))]
-        said = short(plain, ladder(plain), Files())
+        said, long = short(plain, ladder(plain), Files()), text(plain, ladder(plain))
+        diagnosis_report(plain, tmp_path / "r.html")
     finally:
         plain.warnings = own
     assert f"Check first: {told} (so in 2 sessions)" in said and "1.11" not in said
     assert said.index("Check first") < said.index("error %")
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert long.count(told) == page.count(told) == 1
 
 
 def test_both_errors_have_one_name_and_a_sentence(plain, tmp_path):
