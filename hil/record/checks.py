@@ -499,8 +499,8 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[DataFault]:
             "warning",
             "",
             f"{plural(int(lost.sum()), 'gap')}, the longest {dt.max():.3g} s, the first after "
-            f"{first:.6g} s; an analysis bridges short ones and splits the run at long ones: nothing "
-            "is differentiated across them",
+            f"{first:.6g} s; an analysis bridges short ones and splits the run at long ones: "
+            "nothing is differentiated across them",
         )
     if uneven:
         yield DataFault(
