@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from hil.commands import bag_options, common
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import blurred_above
-from hil.diagnosis.equivalence import at_issue_of
+from hil.diagnosis.equivalence import at_issue_of, sets_of
 from hil.diagnosis.sessions import DIFFER
 from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.unnamed import told
@@ -43,6 +44,7 @@ from hil.report.text import (
     next_steps,
     remains,
     where,
+    with_model,
 )
 
 SENTENCES = {
@@ -391,6 +393,8 @@ def run(args: argparse.Namespace) -> int:
 def show(args: argparse.Namespace, result: Diagnosis) -> None:
     """Report, then JSON or text, of a diagnosis with both errors of every rung."""
     rungs = verbs.ladder(result)
+    if args.model and result.ladder:
+        _motions_with(result, args.model)
     worse = rising(rungs)
     common.deliver(
         args,
@@ -398,6 +402,15 @@ def show(args: argparse.Namespace, result: Diagnosis) -> None:
         lambda: _json(result, rungs, worse),
         lambda: _words(args, result, rungs),
     )
+
+
+def _motions_with(d: Diagnosis, model: str) -> None:
+    """Let the motions that are proposed take the model that was analysed."""
+    d.unseen = [replace(u, command=with_model(u.command, model)) for u in d.unseen]
+    d.sets = [
+        replace(s, experiment=with_model(s.experiment, model), command=with_model(s.command, model))
+        for s in sets_of(d)
+    ]
 
 
 def _words(args: argparse.Namespace, result: Diagnosis, rungs: list[Rung]) -> str:

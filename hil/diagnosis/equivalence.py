@@ -364,9 +364,9 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     words += model_words(c.term.effect for c in s.among)
     words += [] if whole else ["--joint", joint]
     command = " ".join([*words, "--motion", motion, *output_words(problem)])
-    where = "" if whole else f" of {joint}"
+    where, about = "" if whole else f" of {joint}", menu.describe(motion, problem.d)
     text = (
-        f"{motion}{where}: {menu.describe(motion)} (log odds {best.verdict.odds:.1f} foreseen{now}"
+        f"{motion}{where}: {about} (log odds {best.verdict.odds:.1f} foreseen{now}"
         + ("" if best.verdict.decided else "; not enough to decide, with the values fitted here")
         + f"): {command}"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -443,6 +444,23 @@ class Files:
     def better(self, k: int) -> str:
         """Name of the k-th improved model, beside the model or the first session."""
         return str(Path(self.model or self.sessions[0]).with_suffix(f".plus{k}.toml"))
+
+
+def with_model(said: str, model: str) -> str:
+    """A text in which each command of `hil excite` takes the model that was analysed.
+
+    Parameters
+    ----------
+    said : str
+        With commands or without.
+    model : str
+        Model file; empty for none.
+    """
+    if not model:
+        return said
+    bare = said.replace(" --model M.toml", "")
+    named = shlex.join(["--model", model])
+    return re.sub(r"hil excite (?:'[^']*'|\S+)", lambda found: f"{found[0]} {named}", bare)
 
 
 def command(m: Material, files: Files | None = None) -> str:

@@ -99,7 +99,7 @@ def test_what_cannot_be_played_by_hil_run_is_said(session, capsys):
 
 def test_a_motion_of_another_length_than_asked_says_so(session, capsys):
     assert main(["excite", str(session), "-o", "m.toml", "--seconds", "30"]) == 0
-    assert "shorter than the 30 s asked for: it repeats every 10 s" in capsys.readouterr().out
+    assert "one round takes 10 s: 3 whole rounds in the 30 s asked for" in capsys.readouterr().out
     words = ["--for", "stribeck", "--motion", "rests", "--seconds", "5"]
     assert main(["excite", str(session), "-o", "m.toml", *words]) == 0
     assert "longer than the 5 s asked for" in capsys.readouterr().out
