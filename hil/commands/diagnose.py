@@ -58,7 +58,7 @@ SENTENCES = {
 
 def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     """The diagnosis for a terminal; `verbose` also explains what no motion could ever tell."""
-    lines = [f"Verdict: {verdict(d)}"]
+    lines = [f"Verdict: {_of_arm(d, verdict(d))}"]
     if d.verdict == "not-identifiable":
         lines += [f"  {w}." for _, w in d.warnings]
     else:
@@ -106,7 +106,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
     if not d.ladder or d.verdict == "not-identifiable":
         return text(d, rungs)
     m = from_diagnosis(d)
-    lines = [f"Verdict: {verdict(d)}"]
+    lines = [f"Verdict: {_of_arm(d, verdict(d))}"]
     if doubtful := doubts(d.warnings):
         lines += ["", *(f"  {text}" for text in doubtful)]
     if d.findings:
@@ -251,6 +251,12 @@ def _left(d: Diagnosis) -> list[str]:
 def _corrections(d: Diagnosis) -> list[str]:
     """What the improved model holds without a name."""
     return ["", f"  {corrections(d.corrections)}"] if d.corrections else []
+
+
+def _of_arm(d: Diagnosis, sentence: str) -> str:
+    """The verdict with the arm of the rig; as it is where a recording says only that it is one."""
+    arm = d.result.problem.recordings[0].arm if d.ladder else ""
+    return sentence if arm in ("", "arm") else f"{sentence.removesuffix('.')} (arm {arm})."
 
 
 def verdict(d: Diagnosis) -> str:

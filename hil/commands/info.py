@@ -169,9 +169,11 @@ def _arm(r: Recording) -> _Arm:
     faults = check(r)
     if any(f.severity == "error" for f in faults):
         return _Arm(r, faults, None)
+    from hil.commands.common import note_compiling
     from hil.identify.prepare import prepared
     from hil.identify.timing import lateness
 
+    note_compiling()
     told: list[tuple[str, str]] = []
     try:
         if any(f.code == "velocity-scale" for f in faults):

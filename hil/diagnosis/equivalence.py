@@ -530,7 +530,7 @@ def _of_all(problem: Problem) -> list[Unseen]:
     out = []
     length = max(float(r.t[-1] - r.t[0]) for r in problem.recordings)
     if length < WARMING:
-        why = f"the longest recording lasts {length:.3g} s; warming takes minutes"
+        why = f"the longest recording lasts {length:.3g} s; a drift over minutes would not show"
         out.append(Unseen(_richest(Sight.MINUTES), (), why))
     if not any(np.any(m.tau_ext) or np.any(m.wrench) for m in problem.motions):
         why = "no external force was measured; without it a gain scales all parameters alike"

@@ -7,16 +7,20 @@ import plants
 import pytest
 from test_report import model
 
+from hil.commands import terminal
+from hil.commands.common import note_compiling
 from hil.commands.compare import text as compare_text
 from hil.commands.diagnose import _telling, short, text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import at_issue_of
 from hil.diagnosis.types import Finding
 from hil.diagnosis.verbs import compare, ladder
+from hil.identify import bands
 from hil.models.model import Value
+from hil.report.elements import paragraph
 from hil.report.html import diagnosis_report
 from hil.report.json import diagnosis_json
-from hil.report.text import Files
+from hil.report.text import Files, with_model
 
 
 @pytest.fixture(scope="module")
@@ -176,3 +180,38 @@ def test_what_is_to_be_accepted_is_a_command():
     assert lines[at].endswith("all parameters are fitted again:")
     assert lines[at + 1].startswith("    hil add ")
     assert not any("Accept" in line for line in short(d, ladder(d), None).splitlines())
+
+
+def test_a_rig_s_arm_stands_in_the_verdict():
+    run = replace(plants.tanh_axes(), arm="leader")
+    d = diagnose([run], model(run))
+    for said in (short(d, ladder(d), None), text(d, ladder(d))):
+        assert said.splitlines()[0].endswith("down to the noise floor (arm leader).")
+
+
+def test_motions_that_are_proposed_take_the_model():
+    said = "log odds 3: hil excite 'a b.mcap' --for x --model M.toml --joint j; hil excite r.toml"
+    named = with_model(said, "my arm.toml")
+    assert named == (
+        "log odds 3: hil excite 'a b.mcap' --model 'my arm.toml' --for x --joint j; "
+        "hil excite r.toml --model 'my arm.toml'"
+    )
+    assert with_model(said, "") == said
+
+
+def test_an_arrow_and_its_numbers_stay_on_one_line():
+    assert "2.49\u00a0%\u00a0-&gt;\u00a00.60\u00a0%" in paragraph("(2.49 % -> 0.60 %)")
+
+
+def test_the_first_analysis_says_once_that_it_compiles(monkeypatch, capsys):
+    monkeypatch.setattr(bands, "compiled", lambda: False)
+    note_compiling.cache_clear()
+    note_compiling()
+    note_compiling()
+    assert capsys.readouterr().err == "compiling (once per installation), about 15 s\n"
+    note_compiling.cache_clear()
+    with terminal.silent():
+        note_compiling()
+    assert capsys.readouterr().err == ""
+    monkeypatch.undo()
+    assert bands.compiled()
