@@ -200,7 +200,7 @@ def test_motions_that_are_proposed_take_the_model():
 
 
 def test_an_arrow_and_its_numbers_stay_on_one_line():
-    assert "2.49\u00a0%\u00a0-&gt;\u00a00.60\u00a0%" in paragraph("(2.49 % -> 0.60 %)")
+    assert "2.49\u00a0%\u00a0\u2192\u00a00.60\u00a0%" in paragraph("(2.49 % -> 0.60 %)")
 
 
 def test_the_first_analysis_says_once_that_it_compiles(monkeypatch, capsys):
