@@ -93,7 +93,7 @@ def _table(before: Rung, after: Rung) -> str:
     head = ["held-out error", *(f"{j} %" for j in joints)]
     rows = [[r.step.label, *(f"{x:.2f}" for x in r.step.heldout.relative)] for r in (before, after)]
     if after.step.result.model.explains == "motor":
-        head += [f"{j} multi-step %" for j in joints]
+        head += [f"{j} simulated %" for j in joints]
         for row, r in zip(rows, (before, after), strict=True):
             row += ["-" if r.multi_step.lost else f"{x:.2f}" for x in r.multi_step.relative]
     return common.table(head, rows)

@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -147,6 +148,7 @@ def load(
     others = find(getattr(args, "holdout", []))
     check_outputs(args, [*paths, *others, *([args.model] if args.model else [])])
     plugins.load_installed()
+    note_compiling()
     model = model_file(args.model) if args.model else None
     arm = args.arm or (model.arm if model else "") or None
     runs, held = load_sources(paths, others, arm, bag_options.choice(args))
@@ -164,6 +166,19 @@ def load(
     _refuse_robots([*paths, *others], [*runs, *held])
     model.check_joints(runs[0].joints)
     return _distinct(runs), _distinct(held), model
+
+
+#: What compiles on the first use [s].
+COMPILING_S = 15
+
+
+@cache
+def note_compiling() -> None:
+    """Say once, at the first analysis of an installation, why it takes so long."""
+    from hil.identify import bands
+
+    if not bands.compiled():
+        log(f"compiling (once per installation), about {COMPILING_S} s")
 
 
 def check_outputs(args: argparse.Namespace, inputs: Iterable[str | Path]) -> None:

@@ -84,7 +84,7 @@ def _errors(c: Comparison) -> str:
         "relative %",
         "noise floor",
         "error/floor",
-        "multi-step %",
+        "simulated %",
         "replay %",
     ]
     return common.table(head, rows)
@@ -96,16 +96,15 @@ def _judged(c: Comparison) -> str:
         "repeats": "repeated motion",
         "largest-model": "the residual of the largest model on left-out data",
     }
-    judged = (
-        "held-out sessions"
-        if c.heldout.kind == "holdout"
-        else "blocks of the same sessions, held out"
-    )
     fixed = all(t.fixed for t in c.result.terms)
-    values = "values of the model file" if fixed else "all values fitted to these data"
+    own = "these sessions" if fixed else "blocks of the same sessions, held out"
+    judged = "held-out sessions" if c.heldout.kind == "holdout" else own
+    values = "all values fitted to these data"
+    if fixed:
+        values = "values of the model file; nothing was fitted"
     return (
         f"  {values}; errors on {judged}; noise floor from {method[c.evidence.floor.method]}; "
-        f"multi-step: simulated position over {c.multi_step.horizon:g} s; replay: over "
+        f"simulated: position simulated over {c.multi_step.horizon:g} s; replay: over "
         f"{_horizon(c)} with a soft servo to the measured motion"
     )
 

@@ -6,7 +6,8 @@ Its text serves `hil improve` and `hil demo` too: verdict, findings, error ladde
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from hil.commands import bag_options, common, groups
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import blurred_above
-from hil.diagnosis.equivalence import at_issue_of
+from hil.diagnosis.equivalence import at_issue_of, sets_of
 from hil.diagnosis.sessions import DIFFER
 from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.unnamed import told
@@ -26,20 +27,25 @@ from hil.models import catalogue
 from hil.models.effect import VALUE_DEVIATIONS
 from hil.models.model import Value
 from hil.models.param_text import remark
+from hil.record.checks import OF_UNITS
 from hil.record.sources import find
 from hil.report.data import from_diagnosis
 from hil.report.json import diagnosis_json, ladder_json
 from hil.report.text import (
+    ACCEPT,
     LEADING,
+    TWO_ERRORS,
     Files,
     command,
     corrections,
+    doubts,
     explains,
     floor_says,
     laws,
     next_steps,
     remains,
     where,
+    with_model,
 )
 
 SENTENCES = {
@@ -53,9 +59,11 @@ SENTENCES = {
 
 def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     """The diagnosis for a terminal; `verbose` also explains what no motion could ever tell."""
-    lines = [f"Verdict: {verdict(d)}"]
+    lines = [f"Verdict: {_of_arm(d, verdict(d))}"]
     if d.verdict == "not-identifiable":
         lines += [f"  {w}." for _, w in d.warnings]
+    else:
+        lines += [f"  {w}" for w in doubts(d.warnings) if d.ladder]
     lines += [f"  {w}." for code, w in d.warnings if code == NO_GEOMETRY]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
@@ -99,7 +107,9 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
     if not d.ladder or d.verdict == "not-identifiable":
         return text(d, rungs)
     m = from_diagnosis(d)
-    lines = [f"Verdict: {verdict(d)}"]
+    lines = [f"Verdict: {_of_arm(d, verdict(d))}"]
+    if doubtful := doubts(d.warnings):
+        lines += ["", *(f"  {text}" for text in doubtful)]
     if d.findings:
         lines += ["", _names_table(d)]
         with_rivals = [f for f in d.findings if f.rivals and d.verdict == "ambiguous"]
@@ -112,11 +122,17 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
         said.append(f"The improved model also holds {count} without a name")
         said += laws(d.corrections)
     lines += ["", *(f"  {w.rstrip('.')}." for w in said)] if said else []
-    lines += ["", "Next", *(f"  - {step}" for step in next_steps(m)[:_STEPS])]
-    commands = command(m, files).splitlines() if files else []
-    if commands and d.verdict != "missing-effect":
+    lines += ["", "Next"]
+    commands = [f"    {line}" for line in command(m, files).splitlines()] if files else []
+    for step in next_steps(m)[:_STEPS]:
+        if step.startswith(ACCEPT):
+            lines += [f"  - {step.removesuffix('.')}:", *commands] if commands else []
+            commands = []
+        else:
+            lines.append(f"  - {step}")
+    if commands:
         lines.append("  - For a model that predicts motions like these, without a new name:")
-    lines += [f"    {line}" for line in commands]
+    lines += commands
     lines.append("  - All parameters, every step, what stays unclear: --verbose, --report R.html")
     return "\n".join(lines)
 
@@ -125,31 +141,70 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
 _STEPS = 3
 
 
-def _telling(parameters: Mapping[str, Value]) -> tuple[str, Value | None]:
-    """The first parameter, or the most certain one where that is no larger than its doubt."""
+def _sure(v: Value, deviations: float) -> bool:
+    """Whether the data determine a value to so many standard errors."""
+    fixed = not v.identifiable or v.at_bound or not v.stderr > 0
+    return not fixed and abs(v.value) > deviations * v.stderr
 
-    def certainty(v: Value) -> float:
-        return abs(v.value) / v.stderr if v.stderr > 0 and not v.at_bound else 0.0
 
-    first = next(iter(parameters.items()), ("", None))
-    if first[1] is None or certainty(first[1]) > VALUE_DEVIATIONS or not first[1].stderr > 0:
-        return first
-    return max(parameters.items(), key=lambda item: certainty(item[1]))
+def _telling(f: Finding) -> str:
+    """The value that says how large an effect is.
+
+    Of a wave its amplitude and period; else a coefficient that the data determine, the largest of
+    one unit; else the shape; one that is not determined only where there is no other.
+    """
+    if wave := _wave(f):
+        return wave
+    short = {n.rpartition(".")[2]: v for n, v in f.parameters.items()}
+    kind = catalogue.get(f.effect)
+    # a share of one says nothing of the size: that of a delay or a gap is in its shape
+    own = [n for p in kind.params for n in short if n.split("[")[0] == p.name]
+    sized = [n for n in own if not (n == "a" and short[n].unit == "1" and kind.shape)]
+    for deviations in (VALUE_DEVIATIONS, 1.0):
+        if sure := [n for n in sized if _sure(short[n], deviations)]:
+            like = [n for n in sure if short[n].unit == short[sure[0]].unit]
+            best = max(like, key=lambda n: abs(short[n].value))
+            return common.value_line(best, short[best])
+    shaped = [p.name for p in kind.shape if p.name in short and p.unit != "1"]
+    found = [n for n in shaped if _sure(short[n], 1.0)]
+    found += [n for n in own if _sure(short[n], 1.0)]
+    found += [n for n in (*shaped, *own) if short[n].identifiable and not short[n].at_bound]
+    name = next(iter([*found, *short]), "")
+    return common.value_line(name, short[name]) if name else ""
+
+
+def _wave(f: Finding) -> str:
+    """Amplitude and period of the strongest harmonic of a wave; empty where it is none."""
+    short = {n.rpartition(".")[2]: v for n, v in f.parameters.items()}
+    kind = catalogue.get(f.effect)
+    names = [p.name for p in kind.params]
+    number = next((p.name for p in kind.shape if p.unit in ("1/{x}", "Hz")), "")
+    if not names or len(names) % 2 or not {number, *names} <= set(short):
+        return ""
+    pairs = [(short[s], short[c]) for s, c in zip(names[::2], names[1::2], strict=True)]
+    sizes = [math.hypot(s.value, c.value) for s, c in pairs]
+    k = sizes.index(max(sizes))
+    s, c = pairs[k]
+    if not sizes[k] > 0 or not short[number].value > 0 or not (s.identifiable and c.identifiable):
+        return ""
+    # A = |(s, c)|,   se(A) = |(s se_s, c se_c)| / A
+    error = math.hypot(s.value * s.stderr, c.value * c.stderr) / sizes[k]
+    size = common.value_line("amplitude", Value(sizes[k], error, s.unit))
+    unit = short[number].unit.removeprefix("1/").replace("Hz", "s")
+    return f"{size}, period = {1 / (short[number].value * (k + 1)):.4g} {unit}"
 
 
 def _names_table(d: Diagnosis) -> str:
-    """Effects that were found, a row each, with the most telling of their parameters."""
+    """Effects that were found, a row each, with the value that tells their size."""
     rows = []
     for f in d.findings:
-        name, value = _telling(f.parameters)
-        said = common.value_line(name.rpartition(".")[2], value) if value else ""
         rows.append(
             [
                 f"{f.effect} on {f.joint}" if f.joint else f.effect,
                 f"{f.confidence:.2f}",
                 f"{f.relative_before:.2f} -> {f.relative_after:.2f}",
                 f"{100 * f.excess_explained:.0f}",
-                said,
+                _telling(f),
             ]
         )
     head = ["missing effect", "confidence", "error %", "explains %", "value"]
@@ -174,6 +229,8 @@ def _joints_table(d: Diagnosis, rungs: list[Rung]) -> str:
     head = ["joint", "error %", *(["improved %"] if grew else []), "floor %", "error/floor"]
     if d.result.model.explains == "motor":
         head.append("simulated %")
+        said = TWO_ERRORS.format(horizon=rungs[0].multi_step.horizon)
+        return f"{common.table(head, rows)}\n  {said}"
     return common.table(head, rows)
 
 
@@ -195,6 +252,12 @@ def _left(d: Diagnosis) -> list[str]:
 def _corrections(d: Diagnosis) -> list[str]:
     """What the improved model holds without a name."""
     return ["", f"  {corrections(d.corrections)}"] if d.corrections else []
+
+
+def _of_arm(d: Diagnosis, sentence: str) -> str:
+    """The verdict with the arm of the rig; as it is where a recording says only that it is one."""
+    arm = d.result.problem.recordings[0].arm if d.ladder else ""
+    return sentence if arm in ("", "arm") else f"{sentence.removesuffix('.')} (arm {arm})."
 
 
 def verdict(d: Diagnosis) -> str:
@@ -226,6 +289,7 @@ def _notes(d: Diagnosis) -> list[str]:
         for code, text in d.warnings
         if not code.startswith("impossible")
         and code not in LEADING
+        and code not in OF_UNITS
         and not (code == "at-bound" and text.split()[1] in shown)
     ]
 
@@ -287,11 +351,11 @@ def _cells(m: MultiStep | None) -> list[str]:
 
 
 def multi_text(rungs: list[Rung]) -> str:
-    """Multi-step error of the same ladder: the simulated position, by joint."""
+    """Simulated error of the same ladder: of the position, by joint."""
     first = rungs[0]
     joints = first.step.result.problem.joints
     rows = [[r.step.label, *_cells(r.multi_step), *_cells(r.multi_step.closed_loop)] for r in rungs]
-    head = [f"multi-step error, {first.multi_step.horizon:g} s", *(f"{j} %" for j in joints)]
+    head = [f"simulated error, {first.multi_step.horizon:g} s", *(f"{j} %" for j in joints)]
     meaning = "rms error of the simulated position, in % of its motion; starts from measured states"
     if first.multi_step.closed_loop is not None:
         head += [f"{j} replay %" for j in joints]
@@ -302,7 +366,7 @@ def multi_text(rungs: list[Rung]) -> str:
         if m.diverged:
             lines.append(
                 f"  {r.step.label}: {m.diverged} of {m.windows} simulations left the recorded range"
-                f"{': no multi-step error' if m.lost else ' and are not counted'}"
+                f"{': no simulated error' if m.lost else ' and are not counted'}"
             )
     return "\n".join(lines)
 
@@ -362,6 +426,8 @@ def answer(args: argparse.Namespace) -> dict[str, Any]:
 def show(args: argparse.Namespace, result: Diagnosis) -> None:
     """Report, then JSON or text, of a diagnosis with both errors of every rung."""
     rungs = verbs.ladder(result)
+    if args.model and result.ladder:
+        _motions_with(result, args.model)
     worse = rising(rungs)
     common.deliver(
         args,
@@ -369,6 +435,15 @@ def show(args: argparse.Namespace, result: Diagnosis) -> None:
         lambda: _json(result, rungs, worse),
         lambda: _words(args, result, rungs),
     )
+
+
+def _motions_with(d: Diagnosis, model: str) -> None:
+    """Let the motions that are proposed take the model that was analysed."""
+    d.unseen = [replace(u, command=with_model(u.command, model)) for u in d.unseen]
+    d.sets = [
+        replace(s, experiment=with_model(s.experiment, model), command=with_model(s.command, model))
+        for s in sets_of(d)
+    ]
 
 
 def _words(args: argparse.Namespace, result: Diagnosis, rungs: list[Rung]) -> str:
@@ -391,7 +466,7 @@ def code(result: Diagnosis) -> int:
 
 
 def _json(result: Diagnosis, rungs: list[Rung], worse: list[str]) -> dict[str, Any]:
-    """The diagnosis with its ladder and the warnings of the multi-step error."""
+    """The diagnosis with its ladder and the warnings of the simulated error."""
     data = diagnosis_json(result)
     more = [{"code": "multi-step", "text": w} for w in worse]
     return {

@@ -12,14 +12,14 @@ from typing import Any
 
 from hil import progress
 from hil.commands import common, outputs, plugins
-from hil.errors import ConfigError, unknown
+from hil.errors import ConfigError, plural, unknown
 from hil.excite import fourier, menu, trajectory
 from hil.excite.choose import NOISE, SIZE, Choice, decide, question, survey
 from hil.excite.foresee import BAND
 from hil.excite.limits import Limits, Margin, of_robot
 from hil.excite.question import Question, Rival
 from hil.excite.stage import Stage, explore, foreseen, stage_of
-from hil.excite.trajectory import Played, Trajectory, header
+from hil.excite.trajectory import Played, Trajectory, header, rounds
 from hil.identify.fit import fit
 from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
@@ -55,7 +55,7 @@ def given_stage(args: argparse.Namespace) -> tuple[RobotModel, Stage]:
         robot = bare_robot(source, joints)
     model = _model(args, given, source, robot)
     quantum = RESOLUTION * (limits.high - limits.low)
-    return model, Stage(explore(limits, robot), source, BAND, quantum, args.seconds)
+    return model, Stage(explore(limits, robot), source, BAND, quantum, _seconds(args))
 
 
 def _model(
@@ -86,8 +86,8 @@ def _session(args: argparse.Namespace, given: RobotModel | None) -> tuple[RobotM
     problem = Problem([run], source)
     model = _model(args, given, source, problem.robot)
     # without values the effort that a motion needs cannot be foreseen
-    known = model if given is not None else fit(problem, model).model
-    return known, stage_of(problem, args.seconds)
+    known = model if given is not None and given.values() else fit(problem, model).model
+    return known, stage_of(problem, _seconds(args))
 
 
 def _urdf(path: str) -> tuple[RobotSource, Limits]:
@@ -132,7 +132,7 @@ def as_dict(
         "motion": motion.name,
         "for": list(motion.purpose),
         "period_s": motion.period,
-        "asked_s": args.seconds,
+        "asked_s": _seconds(args),
         "margins": limits,
         "table": None if rows is None else _table(args, rows),
     }
@@ -149,20 +149,24 @@ def _table(args: argparse.Namespace, p: Played) -> dict[str, Any]:
     }
 
 
+def _seconds(args: argparse.Namespace) -> float:
+    """Length that the motion should have [s]."""
+    return float(SECONDS if args.seconds is None else args.seconds)
+
+
 def length(args: argparse.Namespace, motion: Trajectory) -> str:
-    """Where the motion is not as long as was asked, why; else nothing."""
+    """Where the motion is not as long as was asked, why; nothing where nothing was asked."""
     asked, period = args.seconds, motion.period
-    if abs(period - asked) < 0.01 * asked:
+    if asked is None or abs(period - asked) < 0.01 * asked:
         return ""
     if period > asked:
         return (
             f"  longer than the {asked:g} s asked for: one round takes {period:.3g} s at the "
             "speeds that it needs and the limits allow\n"
         )
-    times = asked / period
     return (
-        f"  shorter than the {asked:g} s asked for: it repeats every {period:.3g} s; play it "
-        f"{times:.2g} times\n"
+        f"  one round takes {period:.3g} s: {plural(rounds(period, asked), 'whole round')} in the "
+        f"{asked:g} s asked for\n"
     )
 
 
@@ -175,13 +179,15 @@ def menu_table(found: Choice) -> str:
     return common.table(["menu", "log odds", "cannot be imitated"], rows)
 
 
-def assumed(question: Question, units: tuple[str, ...]) -> str:
-    """What the menu takes for granted, as nothing has been measured; units of the joints."""
-    shapes = "; ".join(filter(None, (_shape(r, units) for r in question.rivals)))
-    return (
-        f"  assumed: an effect of {100 * SIZE:g} % of the torque limit, a noise of "
-        f"{100 * NOISE:g} %{f'; {shapes}' if shapes else ''}"
-    )
+def assumed(question: Question, units: tuple[str, ...], model: RobotModel) -> str:
+    """What the menu takes for granted of what was not measured; units of the joints."""
+    fitted = [r for r in question.rivals if r.name in model.names()]
+    guessed = [r for r in question.rivals if r.name not in model.names()]
+    size = f"an effect of {100 * SIZE:g} % of the torque limit, " if guessed else ""
+    said = [f"{size}a noise of {100 * NOISE:g} %", *(_shape(r, units) for r in guessed)]
+    own = [_shape(r, units) or r.name for r in fitted]
+    lines = [f"  of the model: {'; '.join(own)}"] if own else []
+    return "\n".join([*lines, f"  assumed: {'; '.join(filter(None, said))}"])
 
 
 def _shape(rival: Rival, units: tuple[str, ...]) -> str:
@@ -213,8 +219,8 @@ def play(args: argparse.Namespace, rows: Played | None) -> str:
     lines = (
         [
             f"{args.csv}: {', '.join(header(rows.q.shape[1]))} in SI units, {rows.t.size} rows, "
-            f"{rows.t[-1]:.4g} s: {rows.rounds} x the motion, with {rows.lead:g} s before it and "
-            "behind it to come from rest and back"
+            f"{rows.t[-1]:.4g} s: {plural(rows.rounds, 'round')} of the motion, with "
+            f"{rows.lead:g} s before and behind to come from rest and back"
         ]
         if rows is not None
         else []
@@ -231,9 +237,9 @@ def play(args: argparse.Namespace, rows: Played | None) -> str:
     return "\n".join(lines)
 
 
-def beside(args: argparse.Namespace) -> str:
-    """What to do with the session of a motion of one joint."""
-    if not args.joint:
+def beside(args: argparse.Namespace, joints: int) -> str:
+    """What to do with the session of a motion of one of several joints."""
+    if not args.joint or joints == 1:
         return ""
     return (
         "\nJoints that only hold their place beside it say little: diagnose it together with a "
@@ -247,6 +253,8 @@ EXAMPLE = (
 )
 #: Rows a second of the table that --csv writes [Hz].
 RATE = 1000.0
+#: Length of a motion where none is asked for [s].
+SECONDS = 30.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -286,8 +294,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds",
         type=float,
-        default=30.0,
-        help="length [s] (default 30); what needs longer at the speeds allowed takes longer",
+        help=f"length [s] (default {SECONDS:g}); what needs longer at the speeds allowed takes it",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the search (default 0)")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
@@ -299,7 +306,7 @@ def run(args: argparse.Namespace) -> int:
     given = [args.rig, *([args.model] if args.model else [])]
     outputs.check(args.output, ".toml", given, trajectory.is_trajectory, "a trajectory file")
     outputs.check(args.csv, ".csv", given, trajectory.is_table, "a table of a motion")
-    if not 5.0 <= args.seconds <= 600.0 or args.seed < 0:
+    if not 5.0 <= _seconds(args) <= 600.0 or args.seed < 0:
         raise ConfigError("--seconds must be 5 to 600, --seed 0 or more")
     plugins.load_installed()
     model, stage = given_stage(args)
@@ -348,7 +355,7 @@ def _separate(
 ) -> int:
     for name in names:
         catalogue.get(name)
-    joint = _joint(args, stage)
+    joint, joints = _joint(args, stage), len(stage.space.robot.joints)
     progress.at("rate the motions", 0.0)
     asked = question(model, names, joint, stage)
     found = decide(survey(asked, stage, joint), asked, ())
@@ -356,7 +363,7 @@ def _separate(
     if found.structural:
         raise ConfigError(_inseparable(names))
     motion = _named(best.motion, names)
-    what = f"separates {_versus(names)}: {menu.describe(best.motion.name)}"
+    what = f"separates {_versus(names)}: {menu.describe(best.motion.name, joints)}"
     rows = _write(args, motion, stage, what)
     if args.json:
         listed = [
@@ -365,13 +372,14 @@ def _separate(
         ]
         common.emit(as_dict(args, motion, best.margins, rows) | {"menu": listed})
         return 0
+    about = menu.describe(motion.name, joints)
     common.out(
-        f"{args.output}: {motion.name}, {motion.period:.3g} s: {menu.describe(motion.name)}\n"
-        f"  for {_versus(names)}\n{assumed(asked, tuple(stage.space.robot.units))}\n"
+        f"{args.output}: {motion.name}, {motion.period:.3g} s: {about}\n"
+        f"  for {_versus(names)}\n{assumed(asked, tuple(stage.space.robot.units), model)}\n"
         f"{length(args, motion)}\n"
         f"{menu_table(found)}\n\n"
         f"{limits(best.margins)}\n\n{play(args, rows)}"
-        f"{beside(args)}"
+        f"{beside(args, joints)}"
     )
     return 0
 
@@ -399,7 +407,7 @@ def _write(args: argparse.Namespace, motion: Trajectory, stage: Stage, what: str
         trajectory.write(motion, args.output, f"Written by 'hil excite'; {what}.")
     if not args.csv:
         return None
-    rows = trajectory.played(motion, args.seconds, RATE, stage.space.limits.speed)
+    rows = trajectory.played(motion, _seconds(args), RATE, stage.space.limits.speed)
     with outputs.writing(args.csv):
         trajectory.write_csv(rows, args.csv)
     return rows

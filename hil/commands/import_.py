@@ -24,7 +24,7 @@ from hil.models.model import base_model
 from hil.models.robots import make_robot, undescribed
 from hil.record import datasets
 from hil.record.bags import is_bag, read_bag
-from hil.record.checks import check
+from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
 from hil.record.export import write_recordings
 from hil.record.guess import propose
@@ -343,8 +343,9 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
     found = propose(table.names, joints)
     if found is None:
         raise DataError(
-            f"table {path}: no column's name says a position. It has: "
-            f'{", ".join(table.names[:40])}. Write the map yourself: [columns] q1 = "..."'
+            f"table {path}: no column's name says a quantity or a unit. It has: "
+            f"{', '.join(table.names[:40])}. Write the map yourself (docs/import.md): "
+            '[columns] t = "...", q1 = "...", tau1 = "..."'
         )
     if place.exists():
         raise ConfigError(f"{place} exists; give another name, or delete it first")
@@ -352,7 +353,12 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
         write_text(place, found.text)
     except OSError as error:
         raise ConfigError(f"cannot write {place}: {error.strerror}") from error
-    lacks = f"\nno column's name says {' or '.join(found.missing)}; add it" if found.missing else ""
+    lacks = ""
+    if found.missing:
+        lacks = (
+            f"\nno column's name says {', '.join(found.missing)}: fill in {', '.join(found.fill)} "
+            "under [columns] (docs/import.md)"
+        )
     robot = f" --robot {args.robot}" if args.robot else ""
     sys.stdout.write(
         f"{found.text}\n{place}: written, check it{lacks}\nnext:\n"
@@ -413,11 +419,10 @@ def _formula(rule: Rule) -> str:
 
 def first_rows(r: Recording) -> tuple[list[str], list[list[str]]]:
     """Names of the columns of a recording, with units, and its first rows."""
-    length = r.metadata.get("unit", "rad")
-    effort = "N" if length == "m" else "N m"
-    head = ["t [s]", *(f"q{k + 1} [{length}]" for k in range(r.d))]
-    head += [f"tau{k + 1} [{effort}]" for k in range(r.d)]
-    values = np.column_stack([r.t, r.q, r.tau])[:FIRST_ROWS]
+    axes = dict(zip(r.joints, joint_units(r), strict=True))
+    every = list(columns(r))
+    head = ["t [s]", *(f"{name} [{column_unit(name, axes.get(j, ''))}]" for name, j, _ in every)]
+    values = np.column_stack([r.t, *(v for _, _, v in every)])[:FIRST_ROWS]
     return head, [[f"{x:.6g}" for x in row] for row in values]
 
 

@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 
 from hil.commands import outputs, trust
 from hil.errors import ConfigError, DataError, plural
-from hil.record.checks import check, columns, joint_units
+from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
 from hil.record.mcap_read import ChannelSummary, SessionSummary, load, read_attachments, summary
 from hil.record.recording import Recording
@@ -169,9 +169,11 @@ def _arm(r: Recording) -> _Arm:
     faults = check(r)
     if any(f.severity == "error" for f in faults):
         return _Arm(r, faults, None)
+    from hil.commands.common import note_compiling
     from hil.identify.prepare import prepared
     from hil.identify.timing import lateness
 
+    note_compiling()
     told: list[tuple[str, str]] = []
     try:
         if any(f.code == "velocity-scale" for f in faults):
@@ -198,7 +200,7 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
                 "rate_hz": c.rate_hz if _periodic(c) else None,
                 "first_s": c.first_s,
                 "last_s": c.last_s,
-                "missing": c.missing if _periodic(c) else 0,
+                "missing": _missing(c, arms),
             }
             for c in found.channels
         ],
@@ -311,7 +313,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
             f"{c.rate_hz:.5g}" if _periodic(c) else "-",
             f"{c.first_s:.4f}",
             f"{c.last_s:.4f}",
-            str(c.missing) if c.missing and _periodic(c) else "-",
+            str(_missing(c, arms) or "-"),
         )
         for c in found.channels
     ]
@@ -356,7 +358,7 @@ def _arm_text(r: Recording) -> list[str]:
     units = dict(zip(r.joints, joint_units(r), strict=True))
     rows: list[tuple[str, ...]] = [("column", "joint", "least", "most", "unit")]
     rows += [
-        (n, j or "-", f"{v.min():.4g}", f"{v.max():.4g}", _unit(n, units.get(j, "")))
+        (n, j or "-", f"{v.min():.4g}", f"{v.max():.4g}", column_unit(n, units.get(j, "")))
         for n, j, v in columns(r)
     ]
     head = (
@@ -367,12 +369,6 @@ def _arm_text(r: Recording) -> list[str]:
     return [head, *_aligned(rows)]
 
 
-def _unit(column: str, axis: str) -> str:
-    effort = "N" if axis == "m" or column[0] == "f" else "N m"
-    units = {"q": axis, "qd": f"{axis}/s", "i": "A", "temp": "degC"}
-    return units.get(column.rstrip("0123456789"), effort)
-
-
 def _faults_text(faults: list[DataFault]) -> list[str]:
     if not faults:
         return ["  data faults: none found"]
@@ -380,6 +376,20 @@ def _faults_text(faults: list[DataFault]) -> list[str]:
     for f in faults:
         lines.append(f"  {f.severity} [{f.code}] {f.sentence}")
     return lines
+
+
+def _missing(channel: ChannelSummary, arms: list[_Arm]) -> int:
+    """Messages that are missing by their count, or by the stamps of the arm's rows."""
+    if not _periodic(channel):
+        return 0
+    by_stamps = [
+        sum(gap.rows for gap in arm.prepared.timing.gaps)
+        for arm in arms
+        if arm.prepared
+        and channel.topic.startswith(f"/{arm.recording.arm}/")
+        and channel.count == arm.recording.n
+    ]
+    return max([channel.missing, *by_stamps])
 
 
 def _periodic(channel: ChannelSummary) -> bool:

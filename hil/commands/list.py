@@ -80,7 +80,10 @@ def run(args: argparse.Namespace) -> int:
         return 0
     head = ["session", "of", "arms", "recorded (UTC)", "length [s]", "tags", "verdict"]
     cells = [_cells(r) for r in rows]
-    common.out(common.table(head, cells, (0, 1, 2, 3, 5, 6)))
+    shown = [k for k in range(len(head)) if not rows or any(row[k] for row in cells)]
+    left = [place for place, k in enumerate(shown) if head[k] != "length [s]"]
+    table = [[row[k] for k in shown] for row in cells]
+    common.out(common.table([head[k] for k in shown], table, left))
     tagged = f" with {', '.join(args.tag)}" if args.tag else ""
     common.out(f"\n{plural(len(rows), 'session')}{tagged} of {len(paths)}")
     return 0

@@ -364,9 +364,9 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     words += model_words(c.term.effect for c in s.among)
     words += [] if whole else ["--joint", joint]
     command = " ".join([*words, "--motion", motion, *output_words(problem)])
-    where = "" if whole else f" of {joint}"
+    where, about = "" if whole else f" of {joint}", menu.describe(motion, problem.d)
     text = (
-        f"{motion}{where}: {menu.describe(motion)} (log odds {best.verdict.odds:.1f} foreseen{now}"
+        f"{motion}{where}: {about} (log odds {best.verdict.odds:.1f} foreseen{now}"
         + ("" if best.verdict.decided else "; not enough to decide, with the values fitted here")
         + f"): {command}"
     )
@@ -530,7 +530,7 @@ def _of_all(problem: Problem) -> list[Unseen]:
     out = []
     length = max(float(r.t[-1] - r.t[0]) for r in problem.recordings)
     if length < WARMING:
-        why = f"the longest recording lasts {length:.3g} s; warming takes minutes"
+        why = f"the longest recording lasts {length:.3g} s; a drift over minutes would not show"
         out.append(Unseen(_richest(Sight.MINUTES), (), why))
     if not any(np.any(m.tau_ext) or np.any(m.wrench) for m in problem.motions):
         why = "no external force was measured; without it a gain scales all parameters alike"

@@ -38,6 +38,7 @@ from hil.diagnosis.constants import (
     CERTAIN,
     HALF,
     LEVEL,
+    LITTLE,
     NEAR_FLOOR,
     SURE,
     SWINGS,
@@ -56,9 +57,11 @@ CHANGED = "changed"
 INSTANTS, AROUND = 15, 16
 #: Share of a column below which it is the model's own.
 OWN_SHARE = 1e-4
-ADVICE = (
-    "a gain that was set, a screw come loose, something that leans on it? Give what was recorded "
-    "before and after as two sessions"
+CAUSE = "a gain that was set, a screw come loose, something that leans on it?"
+#: What to do where a value changed within a run, and where a whole run has another one.
+CUT_THERE = "Give what was recorded before and after that instant as two sessions"
+FIT_APART = (
+    "Fit the sessions of one state of the rig together, and leave that one out or fit it by itself"
 )
 #: What may change, and its unit.
 VALUES = (
@@ -77,7 +80,9 @@ VALUES = (
 def changes_told(found: Sequence[Change]) -> list[tuple[str, str]]:
     """Notes (code, sentence), the last with what to do."""
     texts = [c.text for c in found]
-    return [(CHANGED, t) for t in [*texts[:-1], *(f"{t}; {ADVICE}" for t in texts[-1:])]]
+    what = [CUT_THERE] * any(c.at for c in found) + [FIT_APART] * any(not c.at for c in found)
+    last = [f"{t}; {CAUSE} {'. '.join(what)}" for t in texts[-1:]]
+    return [(CHANGED, t) for t in [*texts[:-1], *last]]
 
 
 def changes(result: FitResult, projector: Projector | None = None) -> tuple[Change, ...]:
@@ -108,6 +113,8 @@ def _change_of(projector: Projector, result: FitResult, j: int) -> Change | None
     if cut[1]:
         # the instant itself, between its neighbours
         gain, value, what, cut = _best(projector, j, columns, [what], _fine(result, cut))
+        if _at_an_end(problem, columns[:, what], cut):
+            return None
     rows = slice(j * problem.n, (j + 1) * problem.n)
     r = projector.residual[rows]
     left = r - value * _beside(projector, j, columns[:, what] * _later(problem, cut))
@@ -146,6 +153,16 @@ def _later(problem: Problem, cut: Cut) -> NDArray[np.bool_]:
     own = problem.run == cut[0]
     out: NDArray[np.bool_] = own & (problem.t >= float(problem.t[own].min()) + cut[1])
     return out
+
+
+def _at_an_end(problem: Problem, c: FloatArray, cut: Cut) -> bool:
+    """Whether a column (n,) has next to nothing in its run on one side of an instant.
+
+    What changes there is how the run begins or ends, and no other state of the rig.
+    """
+    later, own = _later(problem, cut), problem.run == cut[0]
+    whole, after = float(c[own] @ c[own]), float(c[later] @ c[later])
+    return min(after, whole - after) < LITTLE * whole
 
 
 def _columns(result: FitResult, j: int) -> FloatArray:

@@ -171,7 +171,7 @@ def _covariance(f: FitResult) -> FloatArray:
 
 
 DIFFER, SAID = "sessions-differ", "the sessions differ"
-BOTH = "Give both to the fit and hold out a third one"
+BOTH = "Give the held-out session to the fit, too, and hold out another one"
 ADVICE = (
     f"{BOTH}, set what belongs to a day under [offsets] in "
     "the map file, or record anew in one state of the rig"

@@ -152,7 +152,7 @@ def compare(
     simulate: bool = True,
     fitted: Callable[[HeldOut], None] = lambda held: None,
 ) -> Comparison:
-    """Model against measurement: error, noise floor, where it fails, one-step and multi-step.
+    """Model against measurement: error, noise floor, where it fails, one-step and simulated.
 
     Parameters
     ----------
@@ -218,12 +218,12 @@ class Rung:
     def __repr__(self) -> str:
         errors = (self.step.heldout.relative, self.multi_step.relative)
         one, several = (", ".join(f"{x:.2f}" for x in e) for e in errors)
-        return f"Rung({self.step.label}: held-out error {one} %, multi-step error {several} %)"
+        return f"Rung({self.step.label}: held-out error {one} %, simulated error {several} %)"
 
 
 @single_threaded
 def ladder(diagnosis: Diagnosis) -> list[Rung]:
-    """Every accepted step with its multi-step error (motor efforts only)."""
+    """Every accepted step with its simulated error (motor efforts only)."""
     steps = diagnosis.ladder
     if diagnosis.multi_steps is None:
         progress.at("simulate the models", 0.7)
@@ -300,7 +300,7 @@ def rising(rungs: list[Rung], factor: float = 1.01) -> list[str]:
     rungs : list of Rung
         The ladder.
     factor : float
-        Rise of the multi-step error that counts.
+        Rise of the simulated error that counts.
     """
     out = []
     for before, after in pairwise(rungs):

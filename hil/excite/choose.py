@@ -19,8 +19,9 @@ from hil.excite.stage import Stage, fitted
 from hil.excite.trajectory import Trajectory
 from hil.identify.design import Term
 from hil.identify.problem import Problem
+from hil.identify.solve import slices_of
 from hil.models import catalogue
-from hil.models.model import RobotModel
+from hil.models.model import BASE_EFFECTS, RobotModel
 
 FloatArray = NDArray[np.float64]
 
@@ -171,7 +172,7 @@ def question(
     """Question about rivals (or one effect) of which nothing has been measured.
 
     Each gets the middle of its shapes and coefficients that make it 0.5 % of the torque limit
-    (rms, on strokes at all speeds); the noise is 0.1 % of it.
+    (rms, on strokes at all speeds), or what the model has fitted; the noise is 0.1 % of it.
 
     Raises
     ------
@@ -188,11 +189,27 @@ def question(
     complete(problem, base, theta)
     torque = _scale(space.limits.torque, problem)
     j = 0 if joint is None else joint
-    rivals = [_unknown(name, j, problem, SIZE * float(torque[j])) for name in effects]
+    unknown = {name: _unknown(name, j, problem, SIZE * float(torque[j])) for name in effects}
+    known, base, theta = _of_model(base, theta, set(effects) - set(BASE_EFFECTS), j, problem)
+    rivals = [known.get(name, rival) for name, rival in unknown.items()]
     _lacking(base, rivals)
     asked = _question(base, theta, _near(rivals, problem), NOISE * torque, problem)
     instants = problem.n * stage.seconds / motion.period
     return replace(asked, floor=NOTICED_SHARE * instants)
+
+
+def _of_model(
+    base: list[Term], theta: FloatArray, effects: set[str], j: int, problem: Problem
+) -> tuple[dict[str, Rival], list[Term], FloatArray]:
+    """Effects on joint j that the model has fitted, as rivals, and the model without them."""
+    known, rest, left = {}, [], []
+    for term, where in zip(base, slices_of(problem, base), strict=True):
+        if term.effect.name in effects and term.joint == j and np.any(theta[where]):
+            known[term.effect.name] = Rival(term, theta[where])
+        else:
+            rest.append(term)
+            left.append(theta[where])
+    return known, rest, np.concatenate([np.zeros(0), *left])
 
 
 def _lacking(base: list[Term], rivals: list[Rival]) -> None:

@@ -319,7 +319,9 @@ MENU: dict[str, Maker] = {
 SEVERAL = ("pairs", "one-at-a-time", "postures")
 
 
-def describe(name: str) -> str:
-    """One sentence about a motion of the menu, without its full stop."""
+def describe(name: str, joints: int) -> str:
+    """One sentence about a motion of the menu for so many joints, without its full stop."""
     text = (MENU[name].__doc__ or "").strip().rstrip(".")
+    if joints == 1:
+        text = text.removeprefix("All joints at once, ")
     return text[:1].lower() + text[1:]

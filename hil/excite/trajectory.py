@@ -354,16 +354,20 @@ def played(x: Trajectory, seconds: float, rate: float, speed: FloatArray) -> Pla
     speed : ndarray (d,)
         Limits that the lead-in keeps to as well [rad/s or m/s].
     """
-    rounds = max(1, int(seconds / x.period + 1e-9))
     for lead in LEADS:
-        out = _from_rest(x, rounds, lead, rate)
+        out = _from_rest(x, rounds(x.period, seconds), lead, rate)
         if np.all(np.abs(out.qd) <= speed):
             break
     return out
 
 
-def _from_rest(x: Trajectory, rounds: int, lead: float, rate: float) -> Played:
-    whole = rounds * x.period + 2 * lead
+def rounds(period: float, seconds: float) -> int:
+    """Whole periods [s] that so many seconds hold, one at least."""
+    return max(1, int(seconds / period + 1e-9))
+
+
+def _from_rest(x: Trajectory, times: int, lead: float, rate: float) -> Played:
+    whole = times * x.period + 2 * lead
     t = np.arange(int(whole * rate + 1e-6) + 1) / rate
     q, qd, qdd = sample(x, t - lead)
     at = sample(x, np.zeros(1))[0]
@@ -379,7 +383,7 @@ def _from_rest(x: Trajectory, rounds: int, lead: float, rate: float) -> Played:
         ds * (q - at) + s * qd,
         dds * (q - at) + 2 * ds * qd + s * qdd,
         lead,
-        rounds,
+        times,
     )
 
 

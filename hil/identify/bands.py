@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -307,6 +308,12 @@ def _edge(sos: FloatArray) -> int:
 def _odd(x: FloatArray, edge: int) -> FloatArray:
     """A signal with its ends turned round their last values."""
     return np.concatenate([2 * x[0] - x[edge:0:-1], x, 2 * x[-1] - x[-2 : -edge - 2 : -1]])
+
+
+def compiled() -> bool:
+    """Whether the compiled loops of this installation are there; the first analysis makes them."""
+    place = _cascade.stats.cache_path
+    return place is not None and any(Path(place).glob("*.nbi"))
 
 
 @numba.njit(cache=True, nogil=True)

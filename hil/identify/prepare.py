@@ -305,11 +305,11 @@ def _gaps(t: Timing) -> str:
     """What is missing, and what was done about it."""
     rows, longest = sum(g.rows for g in t.gaps), max(t.gaps, key=lambda g: g.length)
     split = sum(g.split for g in t.gaps)
-    done = f"; the run is split at {split} of them" if split else ""
+    done = f"; the run is split at {split} of them; the others" if split else "; they"
     return (
         f"{_rows(rows)} missing in {plural(len(t.gaps), 'gap')}, the longest {longest.length:.3g} "
-        f"s after {longest.after:.6g} s{done}; the others are interpolated, and samples near an "
-        "inexact interpolation are not used"
+        f"s after {longest.after:.6g} s{done} are interpolated, and samples near an inexact "
+        "interpolation are not used"
     )
 
 

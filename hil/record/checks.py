@@ -19,8 +19,9 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
-from hil.errors import DataError
+from hil.errors import DataError, plural
 from hil.record import consistency as physics
 from hil.record.consistency import DataFault, check_spikes, smooth
 from hil.record.jumps import described
@@ -64,8 +65,8 @@ def balance(t: FloatArray, q: FloatArray, tau: FloatArray, ext: FloatArray | Non
     period = float(np.median(np.diff(t)))
     width = max(int(0.02 / period), 3)
     position, effort = smooth(q, width), smooth(tau, width)
-    speed = np.gradient(position, t)
-    acceleration = smooth(np.gradient(speed, t), width)
+    speed = physics.rate_of(t, q, width)
+    acceleration = physics.rate_of(t, speed, width)
     scale = 0.1 * float(np.sqrt(np.mean(speed**2))) or 1.0
     direction = smooth(np.tanh(speed / scale), width)
     trim = slice(3 * width, -3 * width, max(width // 2, 1))
@@ -126,11 +127,12 @@ def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[DataFau
     q = r.q[:, k]
     # no mean over steps is faster than the fastest of them
     if float(np.abs(np.diff(q)).max()) > joint.velocity * float(np.diff(r.t).min()):
-        mean = physics.smooth(q, max(round(_WIDTH_S / r.period), 1))
+        width = max(round(_WIDTH_S / r.period), 1)
+        whole = ~maximum_filter1d(np.diff(r.t, append=r.t[-1]) > _GAP * r.period, 2 * width + 3)
         yield from _beyond(
             "velocity-limit",
             f"the speed of q{k + 1}",
-            np.gradient(mean, r.t),
+            physics.rate_of(r.t, q, width)[whole],
             joint.velocity,
             f"{joint.unit}/s",
             r.joints[k],
@@ -347,6 +349,10 @@ def _signs(r: Recording) -> Iterator[DataFault]:
 
 FloatArray = NDArray[np.float64]
 
+#: Warnings under which all values of a fit may be in a wrong unit or of a wrong sign.
+OF_UNITS = frozenset(
+    ("unit", "limits", "velocity-limit", "effort-limit", "velocity-scale", "velocity-sign", "sign")
+)
 #: Below these rates [Hz] an identification is doubtful, or hopeless (with room for stamps of a
 #: nominal 20 Hz).
 SLOW_HZ, HOPELESS_HZ = 100.0, 19.5
@@ -354,11 +360,11 @@ SLOW_HZ, HOPELESS_HZ = 100.0, 19.5
 FASTEST_HZ = 1e6
 #: A run from which alone no effect is named (`hil.diagnosis.preconditions`) [s], and no fit made.
 SHORT_S, HOPELESS_SAMPLES = 4.0, 20
-_GAP, _JITTER = 3.0, 0.5
+_GAP, _LOST, _JITTER = 3.0, 1.5, 0.5
 #: No measured quantity reaches this in any unit; NaN and infinity do not pass it either.
 _ABSURD = 1e50
 
-__all__ = ["DataFault", "check", "columns", "joint_units"]
+__all__ = ["OF_UNITS", "DataFault", "check", "column_unit", "columns", "joint_units"]
 
 
 @np.errstate(all="ignore")  # sums of values near the absurd are infinite, and no finding
@@ -398,6 +404,13 @@ def joint_units(recording: Recording) -> tuple[str, ...]:
     if listed:
         return tuple(j.unit for j in listed)
     return (recording.metadata.get("unit", "rad"),) * recording.d
+
+
+def column_unit(column: str, axis: str) -> str:
+    """SI unit of a column by its table name, of a joint in ``"rad"`` or ``"m"``."""
+    effort = "N" if axis == "m" or column[0] == "f" else "N m"
+    units = {"q": axis, "qd": f"{axis}/s", "i": "A", "temp": "degC"}
+    return units.get(column.rstrip("0123456789"), effort)
 
 
 _STEMS = {
@@ -469,6 +482,8 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[DataFault]:
         text = f"{rate:.4g} Hz is slow for dynamics (from {SLOW_HZ:.0f} Hz on it is fine)"
         text += hint if severity == "error" else ""
         yield DataFault("sample-rate", severity, "", text)
+    low, high = np.quantile(dt[~gaps], (0.05, 0.95)) if not gaps.all() else (period, period)
+    uneven = high - low > _JITTER * period
     if t[-1] - t[0] < SHORT_S:
         text = (
             f"{t[-1] - t[0]:.3g} s of data: parameters will be uncertain, and no effect is named "
@@ -476,19 +491,18 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[DataFault]:
         )
         yield DataFault("too-short", "warning", "", text)
     if gaps.any():
-        first = t[np.flatnonzero(np.diff(t) > _GAP * period)[0]]
+        # of even rows, a step of one row and a half is a lost row, too
+        lost = np.diff(t) > (_GAP if uneven else _LOST) * period
+        first = t[np.flatnonzero(lost)[0]]
         yield DataFault(
             "gap",
             "warning",
             "",
-            f"{gaps.sum()} gaps, the longest {dt.max():.3g} s, the first after {first:.6g} s; "
-            "an analysis bridges short ones and splits the run at long ones: nothing is "
-            "differentiated across them",
+            f"{plural(int(lost.sum()), 'gap')}, the longest {dt.max():.3g} s, the first after "
+            f"{first:.6g} s; an analysis bridges short ones and splits the run at long ones: "
+            "nothing is differentiated across them",
         )
-    if gaps.all():
-        return
-    low, high = np.quantile(dt[~gaps], (0.05, 0.95))
-    if high - low > _JITTER * period:
+    if uneven:
         yield DataFault(
             "irregular-time",
             "warning",

@@ -121,6 +121,17 @@ def smooth(values: FloatArray, width: int) -> FloatArray:
     return np.asarray(uniform_filter1d(once, max(width, 1), axis=0, mode="nearest"))
 
 
+def rate_of(t: FloatArray, x: FloatArray, width: int) -> FloatArray:
+    """Rate of change of a smoothed signal (n,); times are smoothed alike.
+
+    It is a mean of the rates between rows, with positive weights: never beyond the fastest of
+    them, however irregular the times are and wherever rows are lost.
+    """
+    return np.asarray(
+        np.gradient(smooth(x, width)) / np.gradient(smooth(t - t[0], width)), dtype=np.float64
+    )
+
+
 def velocity_factor(t: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[float, float]:
     """Measured velocity over derivative of the position: factor and correlation.
 
@@ -139,7 +150,7 @@ def velocity_factor(t: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[float
         return float("nan"), float("nan")
     width = max(int(0.05 / period), 3)
     trim = slice(2 * width, -2 * width or None)
-    derivative = np.gradient(smooth(q, width), t)[trim]
+    derivative = rate_of(t, q, width)[trim]
     measured = smooth(qd, width)[trim]
     steps_q = np.abs(np.diff(q))
     count = float(np.min(steps_q[steps_q > 0], initial=np.inf))
@@ -163,8 +174,8 @@ def moves(t: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
     At constant speed a constant effort is nothing strange.
     """
     width = max(int(0.02 / float(np.median(np.diff(t)))), 3)
-    speed = np.gradient(smooth(q, width), t)
-    rate = np.abs(np.gradient(smooth(speed, width), t))
+    speed = rate_of(t, q, width)
+    rate = np.abs(rate_of(t, speed, width))
     fast = np.abs(speed) > 0.01 * float(np.abs(speed).max())
     return np.asarray(fast & (rate > 0.01 * float(rate.max())))
 

@@ -1,9 +1,10 @@
 """A map proposed from the names of a table's columns, for a person to check.
 
 A name is cut into words: ``pos_shoulder_deg`` says what is measured (pos), of which joint
-(shoulder) and in which unit (deg).  Columns that differ in the joint alone are a family.  For
-each quantity one family is proposed: a measured one before a commanded one, the complete one before
-another.  Nothing is taken that a name does not say, and nothing is read from the values.
+(shoulder) and in which unit (deg).  Where no word says what is measured, the unit does.  Columns
+that differ in the joint alone are a family.  For each quantity one family is proposed: a measured
+one before a commanded one, the complete one before another.  Nothing is taken that a name does not
+say, and nothing is read from the values.  What is not understood stays a comment of the map.
 """
 
 from __future__ import annotations
@@ -30,30 +31,51 @@ _OTHER = (
     "hat est estimate estimated"
 )
 #: Words of external efforts.
-_EXTERNAL = "ext external contact env"
+_EXTERNAL = "ext external contact env loadcell"
 #: Words of what was asked for, not measured.
-_COMMAND = "target desired des cmd command commanded commands ref reference setpoint goal d"
+_COMMAND = "target desired des cmd command commanded commands ref reference setpoint goal d soll"
 #: Words that say nothing here.
 _EMPTY = (
     "joint joints j axis ax motor mot link actual act measured meas msr state states robot arm "
-    "observation data the of in filtered filt raw value val sensor input present feedback"
+    "observation data the of in filtered filt raw value val sensor input present feedback ist"
 )
-#: Units, as names write them.
-_UNITS = {
-    **{u.lower(): u for u in ("rad", "mrad", "deg", "rev", "m", "cm", "mm", "um", "rpm")},
-    **{u.lower(): u for u in ("Nm", "mNm", "Nmm", "Ncm", "kNm", "N", "mN", "kN", "A", "mA")},
-    **{"degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "dps": "deg/s"},
-    **{"milliamp": "mA", "milliamps": "mA", "degc": "degC", "celsius": "degC", "kelvin": "K"},
-    **{"rads": "rad/s", "degs": "deg/s", "ms": "m/s", "mms": "mm/s"},
-}
 _SETS = {stem: frozenset(words.split()) for stem, words in _WORDS.items()}
 _NONE, _OUTSIDE, _ASKED, _NOTHING = (
     frozenset(words.split()) for words in (_OTHER, _EXTERNAL, _COMMAND, _EMPTY)
 )
+#: Units as a map writes them, by what is measured in them; a force may be an effort.
+_BY_KIND = {
+    "t": "s ms us ns",
+    "q": "rad mrad deg rev m cm mm um",
+    "qd": "rad/s mrad/s deg/s rev/s m/s cm/s mm/s um/s rpm",
+    "tau": "Nm mNm Nmm Ncm kNm",
+    "force": "N mN kN",
+    "i": "A mA",
+    "temp": "degC K",
+    "": "V mV kV W kW Hz kHz bar mbar Pa kPa MPa g kg % m/s2 rad/s2 deg/s2 pulses",
+}
+_KIND = {unit: kind for kind, units in _BY_KIND.items() for unit in units.split()}
+#: Other spellings, in small letters and without spaces, points and stars.
+_SPELT = {
+    **{u.lower(): u for u in _KIND if len(u) > 1 and u not in ("mN", "mV")},
+    **{"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad"},
+    **{"°/s": "deg/s", "dps": "deg/s", "degs": "deg/s", "rads": "rad/s", "mms": "mm/s"},
+    **{"µs": "us", "μs": "us", "µm": "um", "sec": "s", "msec": "ms", "usec": "us"},
+    **{"°c": "degC", "celsius": "degC", "kelvin": "K", "1/min": "rpm", "u/min": "rpm"},
+    **{"milliamp": "mA", "milliamps": "mA", "rad/s^2": "rad/s2", "m/s^2": "m/s2"},
+}
+#: Words that are a unit wherever they stand in a name; others only in brackets and at its end.
+_ANYWHERE = frozenset(_SPELT) - {"ms", "us", "ns", "cm", "kg", "bar", "sec"}
 #: A capital after a small letter, and digits beside letters, begin a word.
 _CUT = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
-_SPEED = {"rad": "rad/s", "deg": "deg/s", "m": "m/s", "mm": "mm/s", "cm": "cm/s", "rev": "rev/s"}
+_BRACKETS = re.compile(r"[\[(]([^\[\]()0-9][^\[\]()]*)[\])]")
+_END = re.compile(r"(?<=[ _.\-/0-9])(?:[A-Za-zµμ°]+[_/ ])?[A-Za-zµμ°%]+$")
+_SPEED = {u.removesuffix("/s"): u for u in _BY_KIND["qd"].split()}
+_LENGTHS = frozenset(("m", "cm", "mm", "um"))
 _WRENCH = frozenset(f"{kind}{axis}" for kind in "ft" for axis in "xyz")
+#: What a person calls a column, by stem.
+_OF_NONE = "no column of a recording"
+_CALLED = {"q": "position", "tau": "motor effort"}
 
 
 @dataclass(frozen=True)
@@ -61,12 +83,15 @@ class _Column:
     """What the name of a column says."""
 
     name: str
+    #: Empty where nothing says what is measured, or it is nothing of a recording.
     stem: str
-    joint: str
-    unit: str
-    asked: bool
-    #: What is left of the name without the joint: columns of one family share it.
-    family: str
+    joint: str = ""
+    unit: str = ""
+    asked: bool = False
+    #: What is left of the name without joint and unit: columns of one family share it.
+    family: str = ""
+    #: Why it is no column of a recording; empty where the name says nothing at all.
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -81,15 +106,18 @@ class Proposal:
         Quantities that no name says, e.g. ``"motor efforts (tau)"``: the map lacks them.
     columns : mapping of str to str
         Column of the table by column of the recording, e.g. ``pos_shoulder`` by ``q1``.
+    fill : tuple of str
+        Columns of a recording that the map lacks, e.g. ``tau2``.
     """
 
     text: str
     missing: tuple[str, ...]
     columns: Mapping[str, str]
+    fill: tuple[str, ...] = ()
 
 
 def propose(names: Sequence[str], joints: Sequence[str] = ()) -> Proposal | None:
-    """Map from the names of columns.
+    """Map from the names of columns; a part of one where some are not understood.
 
     Parameters
     ----------
@@ -101,24 +129,30 @@ def propose(names: Sequence[str], joints: Sequence[str] = ()) -> Proposal | None
     Returns
     -------
     Proposal or None
-        None where no name says a position.
+        None where no name says anything.
     """
-    columns = [c for c in (_understood(n, joints) for n in names) if c is not None]
-    positions = _best([c for c in columns if c.stem == "q"])
-    if not positions:
+    said = [_understood(n, joints, _series(names)) for n in dict.fromkeys(names)]
+    columns = _joints_alone([c for c in said if c.stem], joints)
+    timed = _timed(columns)
+    columns = _efforts(columns)
+    families = {s: _best([c for c in columns if c.stem == s]) for s in (*_WORDS, "tauext")}
+    base = families["q"] or max(families.values(), key=len)
+    order = _ordered(base, families, joints)
+    if not order and timed is None:
         return None
-    order, taken = _ordered(positions, joints), _quantities(columns, positions)
-    timed = [n for n in names if time_unit(n) is not None]
-    lacks = {"motor efforts (tau)": "tau" in taken, "the time (t)": bool(timed)}
-    used = {c.name for some in taken.values() for c in some.values()}
-    proposed = {"t": timed[0]} if timed else {}
+    taken = _quantities(columns, order)
+    proposed = {"t": timed} if timed else {}
     for stem, some in taken.items():
-        proposed |= {f"{stem}{k}": some[j].name for k, j in enumerate(order, 1)}
-    proposed |= {n: n for n in names if n in _WRENCH and n not in used}
-    units = {stem: _unit_of(stem, some) for stem, some in taken.items()}
-    named = order if all(j in joints for j in order) else []
-    missing = tuple(what for what, there in lacks.items() if not there)
-    return Proposal(_written(proposed, units, named), missing, proposed)
+        proposed |= {f"{stem}{k}": some[j] for k, j in enumerate(order, 1) if j in some}
+    used = {c.name for c in proposed.values()}
+    wrench = [n for n in names if n in _WRENCH and n not in used]
+    proposed |= {n: _Column(n, n) for n in wrench}
+    used |= set(wrench)
+    fill, missing = _lacks(proposed, order, joints)
+    left = [c for c in {c.name: c for c in (*said, *columns)}.values() if c.name not in used]
+    named = order if order and all(j in joints for j in order) else []
+    text = _written(proposed, named, order, fill, left, taken)
+    return Proposal(text, missing, {k: c.name for k, c in proposed.items()}, fill)
 
 
 def quantity(name: str) -> tuple[str, str]:
@@ -129,66 +163,197 @@ def quantity(name: str) -> tuple[str, str]:
     name : str
         E.g. ``"Encoder angle (deg)"``, which gives ``("q", "deg")``.
     """
-    unit = time_unit(name)
-    if unit is not None:
-        return "t", unit
-    c = _understood(name, ())
-    if c is None:
-        return "", ""
-    said = _SPEED.get(c.unit, c.unit) if c.stem == "qd" else c.unit
-    return c.stem, said
+    c = _understood(name, (), frozenset())
+    return ("", "") if c.stem in ("", "force") else (c.stem, c.unit)
 
 
-def _quantities(
-    columns: Sequence[_Column], positions: dict[str, _Column]
-) -> dict[str, dict[str, _Column]]:
-    """Families by stem that have a column for each joint of the positions."""
-    taken = {"q": positions}
-    for stem in ("qd", "tau", "tauext", "i", "temp"):
+def _timed(columns: Sequence[_Column]) -> _Column | None:
+    """The column of time: one that is called so, else the only one in a unit of time."""
+    timed = [c for c in columns if c.stem == "t"]
+    called = [c for c in timed if time_unit(c.name) is not None]
+    return called[0] if called else timed[0] if len(timed) == 1 else None
+
+
+def _efforts(columns: Sequence[_Column]) -> list[_Column]:
+    """Columns with each force and torque an effort of its joint, or of no joint."""
+    slides = {c.joint: c.unit in _LENGTHS for c in columns if c.stem == "q" and c.unit}
+    alone = next(iter(slides.values())) if len(slides) == 1 else None
+    out = []
+    for c in columns:
+        slide = slides.get(c.joint, alone)
+        if c.stem == "force":
+            lever = ", where the joints turn: as an effort it needs its lever arm as scale"
+            why = "" if slide else f"a force in {c.unit}{lever if slide is False else ''}"
+            stem = ("tauext" if "ext" in c.family.split() else "tau") if slide else ""
+            c = replace(c, stem=stem, why=why)
+        elif slide and c.stem in ("tau", "tauext") and _KIND.get(c.unit) == "tau":
+            c = replace(c, stem="", why=f"a torque in {c.unit}, where the joint slides")
+        out.append(c)
+    return out
+
+
+def _quantities(columns: Sequence[_Column], order: Sequence[str]) -> dict[str, dict[str, _Column]]:
+    """Families by stem, by joint; a family may lack some joints of the order."""
+    taken: dict[str, dict[str, _Column]] = {}
+    for stem in ("q", "qd", "tau", "tauext", "i", "temp"):
         every = [c for c in columns if c.stem == stem]
-        if len(every) == len(positions) == 1:  # of one joint, whatever each name calls it
-            every = [replace(every[0], joint=next(iter(positions)))]
-        found = _best([c for c in every if c.joint in positions])
-        if set(found) == set(positions):
+        if len(every) == len(order) == 1:  # of one joint, whatever each name calls it
+            every = [replace(every[0], joint=order[0])]
+        if found := _best([c for c in every if c.joint in order]):
             taken[stem] = found
     asked = any(c.asked for c in taken.get("tau", {}).values())
-    if "i" in taken and ("tau" not in taken or asked):
+    whole = set(taken.get("i", ())) == set(order)
+    if whole and (asked or not set(order) <= set(taken.get("tau", ()))):
         # a motor's measured current says more of its effort than what somebody asked for
         taken["tau"] = taken.pop("i")
     return taken
 
 
-def _understood(name: str, joints: Sequence[str]) -> _Column | None:
-    """Quantity, joint and unit that a name says; None where it says no quantity."""
-    named = max((j for j in joints if j and j in name), key=len, default="")
-    rest = name.replace(named, " ") if named else name
-    words = _words(rest)
+def _lacks(
+    proposed: Mapping[str, _Column], order: Sequence[str], joints: Sequence[str]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Columns that a recording needs and the map has not, and the same in words."""
+    fill, missing = [], []
+    known = max(len(order), 1)
+    for stem, what in (("q", "positions (q)"), ("tau", "motor efforts (tau)")):
+        absent = [k for k in range(1, known + 1) if f"{stem}{k}" not in proposed]
+        fill += [f"{stem}{k}" for k in absent]
+        whole = len(absent) == known
+        named = [order[k - 1] if order[k - 1] in joints else str(k) for k in absent if order]
+        missing += [what] if whole else [f"{_CALLED[stem]} of joint {j}" for j in named]
+    if "t" not in proposed:
+        missing.append("the time (t)")
+        fill.append("t")
+    return tuple(fill), tuple(missing)
+
+
+def _series(names: Sequence[str]) -> frozenset[str]:
+    """Names that differ in a last letter: it counts (leg_A, leg_B) and is no unit."""
+    ends = [n for n in dict.fromkeys(names) if re.search(r"[ _.\-][A-Za-z]$", n)]
+    stems = [n[:-1] for n in ends]
+    return frozenset(n for n in ends if stems.count(n[:-1]) > 1)
+
+
+def _understood(name: str, joints: Sequence[str], series: frozenset[str]) -> _Column:
+    """Quantity, joint and unit that a name says."""
+    timed = time_unit(name)
+    if timed is not None:
+        return _Column(name, "t", unit=timed)
+    named = _joint_named(name, joints)
+    rest = re.sub(re.escape(named), " ", name, flags=re.IGNORECASE) if named else name
+    if named and rest == name:  # named by its words alone
+        own = set(_words(named))
+        rest = " ".join(["", *(w for w in re.split(r"[ _.\-]+", name) if w.lower() not in own)])
+    bare, unit = (rest, "") if name in series else _unit_at(rest)
+    words = _words(bare)
     if is_target(name) or any(w in _NONE for w in words):
         stem = name.rstrip("0123456789") if is_target(name) else ""
         known = stem in (*_WORDS, "tauext")
-        return _Column(name, stem, name[len(stem) :], "", False, stem) if known else None
-    said = [(k, stem) for k, w in enumerate(words) for stem, own in _SETS.items() if w in own]
-    if not said:
-        return None
-    # an abbreviation of one letter says less than a word: motor_current_q1 is a current
-    at, stem = max(said, key=lambda item: (len(words[item[0]]) > 1, -item[0]))
+        if known:
+            return _Column(name, stem, name[len(stem) :], "", False, stem)
+        return _Column(name, "", why="" if is_target(name) else _OF_NONE)
+    if not unit:
+        said = [w for w in words if w in _ANYWHERE]
+        unit = _SPELT[said[-1]] if said else ""
+        words = [w for w in words if w not in said]
+    at, stem = _meant(words, unit)
+    if not stem:
+        why = f"in {unit}: {_OF_NONE}" if _KIND.get(unit) == "" else ""
+        return _Column(name, "", named, unit, why=why)
+    if stem == "t":
+        return _Column(name, "t", unit=unit)
     rest_of = [w for k, w in enumerate(words) if k != at]
-    unit = next((w for w in reversed(rest_of) if w in _UNITS), "")
-    others = [w for w in rest_of if w not in _NOTHING | _ASKED | _OUTSIDE and w != unit]
+    others = [w for w in rest_of if w not in _NOTHING | _ASKED | _OUTSIDE]
     numbers = [w for w in others if w.isdigit()]
     joint = named or (numbers[-1] if numbers else "_".join(others))
-    if stem == "tau" and _OUTSIDE & set(words):
+    outside = bool(_OUTSIDE & set(words))
+    if stem == "tau" and outside:
         stem = "tauext"
-    family = " ".join(w for w in words if w not in (joint, *joint.split("_")))
+    left = [w for w in words if w not in (joint, *joint.split("_")) and w not in _SPELT]
+    family = " ".join([*left, *(["ext"] if outside else [])])
     asked = bool(_ASKED & set(rest_of))
-    return _Column(name, stem, joint, _UNITS.get(unit, ""), asked, f"{stem} {family}")
+    unit = _SPEED.get(unit, unit) if stem == "qd" else unit
+    fits = stem == "force" or _KIND.get(unit) in (stem, "force" if "tau" in stem else stem)
+    fits = fits or (stem == "tauext" and _KIND.get(unit) == "tau")
+    return _Column(name, stem, joint, unit if fits else "", asked, family)
+
+
+def _meant(words: Sequence[str], unit: str) -> tuple[int, str]:
+    """Place of the word that says what is measured, and the stem; of the unit alone, place -1."""
+    kind = _KIND.get(unit)
+    said = [(k, stem) for k, w in enumerate(words) for stem, own in _SETS.items() if w in own]
+    if not said:
+        return -1, kind or ""
+    # an abbreviation of one letter says less than a word: motor_current_q1 is a current
+    at, stem = max(said, key=lambda item: (len(words[item[0]]) > 1, -item[0]))
+    if kind == "" or (kind and kind != stem and len(words[at]) == 1):
+        return (at, stem) if (stem, kind) == ("tau", "force") else (-1, kind)
+    return at, "i" if (stem, kind) == ("tau", "i") else stem
+
+
+def _unit_at(name: str) -> tuple[str, str]:
+    """A name without the unit in brackets or at its end, and that unit."""
+    for found in _BRACKETS.finditer(name):
+        if unit := _spelt(found[1]):
+            return name[: found.start()] + " " + name[found.end() :], unit
+    found_end = _END.search(name)
+    while found_end:
+        if unit := _spelt(found_end[0]):
+            return name[: found_end.start()], unit
+        cut = re.search(r"[_/ ]", found_end[0])
+        if not cut:
+            break
+        found_end = _END.search(name, found_end.start() + cut.end())
+    return name, ""
+
+
+def _spelt(text: str) -> str:
+    """Unit that a text is, as a map writes it; empty where it is none."""
+    near = re.sub(r"[ ·*]", "", text.strip()).replace("_", "/")
+    plain = re.sub(r"[ ·*._]", "", text.strip())
+    for form in (near, plain):
+        if form in _KIND:
+            return form
+        if len(form) > 1 and (unit := _SPELT.get(form.lower())):
+            return unit
+    return "deg" if plain == "°" else ""
 
 
 def _words(name: str) -> list[str]:
     """Words of a name; a unit such as mA is one, though its capital stands within."""
-    parts = re.findall(r"[A-Za-z]+|[0-9]+", name)
-    cut = [[p] if _UNITS.get(p.lower()) == p else _CUT.findall(p) for p in parts]
+    parts = re.findall(r"[^\W\d_]+|[0-9]+", name)
+    cut = [[p] if _SPELT.get(p.lower()) == p or not p.isascii() else _CUT.findall(p) for p in parts]
     return [w.lower() for some in cut for w in some]
+
+
+def _joint_named(name: str, joints: Sequence[str]) -> str:
+    """The joint of the robot that a name holds, whole or in all of its words; empty for none."""
+    whole = [
+        j
+        for j in joints
+        if j and re.search(rf"(?<![^\W_]){re.escape(j)}(?![^\W_])", name, re.IGNORECASE)
+    ]
+    within = [j for j in joints if len(j) > 1 and re.search(rf"{re.escape(j)}(?!\d)", name)]
+    if found := whole or within:
+        return max(found, key=len)
+    words, keys = set(_words(name)), {j: set(_words(j)) - _NOTHING for j in joints}
+    by_word = [j for j, key in keys.items() if key <= words and any(not w.isdigit() for w in key)]
+    return max(by_word, key=lambda j: len(keys[j]), default="")
+
+
+def _joints_alone(columns: Sequence[_Column], joints: Sequence[str]) -> list[_Column]:
+    """Columns whose joint is a word, without the words that all of one quantity share."""
+    out = []
+    for c in columns:
+        alike = [o for o in columns if o.stem == c.stem and o.asked == c.asked and not o.why]
+        words = [set(o.joint.split("_")) for o in alike]
+        shared = set.intersection(*words) if len(words) > 1 else set()
+        joint = "_".join(w for w in c.joint.split("_") if w not in shared)
+        if joint and joint != c.joint and c.joint not in joints:
+            more = [w for w in c.joint.split("_") if w in shared]
+            c = replace(c, joint=joint, family=" ".join([c.family, *more]))
+        out.append(c)
+    return out
 
 
 def _best(columns: Sequence[_Column]) -> dict[str, _Column]:
@@ -200,16 +365,28 @@ def _best(columns: Sequence[_Column]) -> dict[str, _Column]:
     return ranked[0] if ranked else {}
 
 
-def _ordered(positions: dict[str, _Column], joints: Sequence[str]) -> list[str]:
+def _ordered(
+    base: Mapping[str, _Column],
+    families: Mapping[str, Mapping[str, _Column]],
+    joints: Sequence[str],
+) -> list[str]:
     """Joints in the order of the robot, else of their numbers, else of the columns."""
-    if all(j in joints for j in positions):
-        return [j for j in joints if j in positions]
-    if all(j.isdigit() for j in positions):
-        return sorted(positions, key=int)
-    return list(positions)
+    named = {j for some in families.values() for j in some if j in joints}
+    if base and all(j in joints for j in base):
+        return [j for j in joints if j in named]
+    if all(j.isdigit() for j in base):
+        return sorted(base, key=int)
+    return list(base)
 
 
-def _written(columns: Mapping[str, str], units: Mapping[str, str], named: Sequence[str]) -> str:
+def _written(
+    columns: Mapping[str, _Column],
+    named: Sequence[str],
+    order: Sequence[str],
+    fill: Sequence[str],
+    left: Sequence[_Column],
+    taken: Mapping[str, Mapping[str, _Column]],
+) -> str:
     """Text of the map file; `named` joints are those of the robot."""
     lines = [
         "# Proposed from the names of the columns.  Check each column, its unit and its sign:",
@@ -217,21 +394,42 @@ def _written(columns: Mapping[str, str], units: Mapping[str, str], named: Sequen
         f'schema = "{SCHEMA}"',
         "",
     ]
+    lengths = {c.unit in _LENGTHS for c in taken.get("q", {}).values()}
+    if lengths == {True} and not named:
+        lines += ["[robot]", 'unit = "m"', ""]
     if named:
         lines += ["[robot]", f"joints = [{', '.join(map(_quoted, named))}]", ""]
+    units = {stem: _unit_of(stem, some) for stem, some in taken.items()}
     if said := [f"{stem} = {text}" for stem, text in units.items() if text]:
         lines += ["[units]", *said, ""]
-    lines += ["[columns]", *(f"{target} = {_quoted(name)}" for target, name in columns.items())]
+    lines.append("[columns]")
+    for target, c in columns.items():
+        stem = target.rstrip("0123456789")
+        alone = c.unit and not units.get(stem) and c.unit in FACTORS.get(stem, {})
+        alone = alone and time_unit(c.name) is None  # a name of time says its unit by itself
+        lines.append(f"{target} = {_rule(c) if alone else _quoted(c.name)}")
+    if fill:
+        lines += [
+            "# Fill in the names of these columns, or say what else they are (docs/import.md):"
+        ]
+        lines += [f'# {target} = "..."' for target in fill]
+    for c in left:
+        known = c.stem == "t" or c.joint in order or c.why.endswith(_OF_NONE)
+        why = c.why or ("" if known or not c.stem else "of which joint?")
+        kind = "not taken" if known and (c.stem or c.why) else "not understood"
+        lines.append(f"# {kind}: {_quoted(c.name)}{f' ({why})' if why else ''}")
     return "\n".join(lines) + "\n"
 
 
-def _unit_of(stem: str, columns: dict[str, _Column]) -> str:
+def _rule(c: _Column) -> str:
+    return f'{{ from = {_quoted(c.name)}, unit = "{c.unit}" }}'
+
+
+def _unit_of(stem: str, columns: Mapping[str, _Column]) -> str:
     """Entry of [units] for a quantity; empty where no name says a unit, or not the same one."""
     units = {c.unit for c in columns.values()}
     unit = units.pop() if len(units) == 1 else ""
     current = {c.stem for c in columns.values()} == {"i"}
-    if stem == "qd":
-        unit = _SPEED.get(unit, unit)
     if stem == "tau" and current:
         return f'{{ unit = "{unit or "A"}" }}  # add torque_constant = [..], or --torque-constant'
     return f'"{unit}"' if unit in FACTORS.get(stem, {}) else ""

@@ -276,11 +276,12 @@ def _whole_wrench(table: ForeignTable, rules: Mapping[str, Rule]) -> None:
 def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError:
     reason = f" ({why})" if why else ""
     found = propose(table.names)
-    offer = (
-        f"'hil import {table.path.name} --propose-map MAP.toml' writes a map from these names"
-        if found is not None and names[0] in found.columns
-        else f'Rename in a map file: [columns] {names[0]} = "..."'
-    )
+    propose_it = f"'hil import {table.path.name} --propose-map MAP.toml' writes"
+    offer = f'Rename in a map file (docs/import.md): [columns] {names[0]} = "..."'
+    if found is not None and names[0] in found.columns:
+        offer = f"{propose_it} a map from these names"
+    elif found is not None:
+        offer += f"; {propose_it} one to complete"
     return DataError(
         f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It has: "
         f"{', '.join(table.names[:40])}. {offer}"

@@ -183,7 +183,7 @@ def from_comparison(c: Comparison) -> Material:
 
 
 def _honest(rung: Rung) -> Rung:
-    """Rung without a multi-step error where most simulations left the recorded range."""
+    """Rung without a simulated error where most simulations left the recorded range."""
     multi = rung.multi_step
     if not multi.windows or not multi.lost:
         return rung

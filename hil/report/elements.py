@@ -131,8 +131,8 @@ def table(
 
 
 def _words(text: str) -> str:
-    """Escaped text that never breaks the line before a percent sign."""
-    return escape(text).replace(" %", "\u00a0%")
+    """Escaped text that never breaks the line before a percent sign, at or within an arrow."""
+    return escape(text).replace(" %", "\u00a0%").replace(" -&gt; ", "\u00a0\u2192\u00a0")
 
 
 def paragraph(text: str, kind: str = "") -> str:

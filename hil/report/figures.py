@@ -62,8 +62,8 @@ def ladder_figure(m: Material) -> Figure:
     """Held-out error over the noise floor, and the simulated position error beside it."""
     multi = np.array([r.multi_step.relative for r in m.rungs])
     both = not m.external and bool(np.isfinite(multi).any())
-    titles = ["one-step: error of the predicted effort"]
-    titles += [f"multi-step: position error in {m.rungs[0].multi_step.horizon:g} s simulations"]
+    titles = ["error of the predicted effort"]
+    titles += [f"simulated: position error in {m.rungs[0].multi_step.horizon:g} s simulations"]
     fig = grid(1, 2 if both else 1, titles[: 1 + both], 300, sideways=0.1)
     values = np.array([m.ratio(r.step) for r in m.rungs])
     labels = [r.step.label for r in m.rungs]

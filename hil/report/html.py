@@ -16,6 +16,7 @@ from hil.models import catalogue, param_text
 from hil.models.effect import Trait
 from hil.models.model import Value
 from hil.models.param_text import in_words, without_error
+from hil.record.checks import OF_UNITS
 from hil.record.recording import Recording
 from hil.report import text
 from hil.report.data import COMPARED, Material, from_comparison, from_diagnosis
@@ -140,7 +141,7 @@ def _numbers(m: Material) -> str:
     rows.append(["noise floor", *floor])
     for r in [] if m.external else m.rungs:
         cells = [_percent(float(x)) for x in r.multi_step.relative]
-        rows.append([f"multi-step, {r.step.label}", *cells])
+        rows.append([f"simulated, {r.step.label}", *cells])
         if r.multi_step.closed_loop is not None:
             cells = [_percent(float(x)) for x in r.multi_step.closed_loop.relative]
             rows.append([f"closed-loop replay, {r.step.label}", *cells])
@@ -161,8 +162,7 @@ def _alarms(m: Material) -> list[str]:
         return []
     diverged = [
         f"{r.step.label}: {r.multi_step.diverged} of {r.multi_step.windows} simulations left the "
-        "recorded range"
-        + (": no multi-step error" if r.multi_step.lost else " and are not counted")
+        "recorded range" + (": no simulated error" if r.multi_step.lost else " and are not counted")
         for r in m.rungs
         if r.multi_step.diverged
     ]
@@ -281,6 +281,7 @@ def further(m: Material) -> str:
         if m.verdict != "not-identifiable"
         and not code.startswith("impossible")
         and code not in LEADING
+        and code not in OF_UNITS
     ]
     if notes:
         parts += ["<h3>Notes</h3>", items(notes)]

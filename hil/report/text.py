@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from hil.diagnosis.artefacts import BLURRED, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT, WHOLE
 from hil.diagnosis.floor import known_to
 from hil.diagnosis.preconditions import GRAVITY
-from hil.diagnosis.residual_tests import CHANGED, UNLIKE
+from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import Finding, UnnamedCorrection
 from hil.diagnosis.unnamed import told
@@ -25,6 +26,7 @@ from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import Value
 from hil.models.param_text import in_words, without_error
+from hil.record.checks import OF_UNITS
 from hil.report.data import COMPARED, Material
 from hil.report.elements import number
 
@@ -53,6 +55,12 @@ BOTH_ERRORS = (
     "measured one, and the motion follows from it; an error of the effort is integrated twice, so "
     "that slow and constant errors count most and fast ones hardly. An effect can therefore lower "
     "one and not the other."
+)
+#: The same in one line, below a table of both.
+TWO_ERRORS = (
+    "error %: of the effort, with the motion as measured; simulated %: of the position simulated "
+    "for {horizon:g} s, in which errors of the effort add up: it may be large though the model is "
+    "adequate (docs/diagnosis.md)"
 )
 #: Codes of warnings that stand beside the verdict.
 LEADING = (NO_GEOMETRY, GRAVITY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
@@ -153,6 +161,26 @@ def apart(m: Material) -> list[str]:
     return _said(m, DIFFER)
 
 
+def doubts(warnings: Sequence[tuple[str, str]]) -> list[str]:
+    """What says that a value may be in another unit or of another sign, once for several runs.
+
+    Parameters
+    ----------
+    warnings : sequence of (code, str)
+        Of a diagnosis.
+    """
+    told: dict[tuple[str, str], list[str]] = {}
+    for code, said in warnings:
+        if code in OF_UNITS:
+            joint, _, what = said.partition(": ")
+            told.setdefault((code, f"{joint} {what.split(' ')[0]}"), []).append(said)
+    return [
+        f"Check first: {runs[0]}{f' (so in {len(runs)} sessions)' if len(runs) > 1 else ''}. "
+        "Where it is so, the values below are wrong."
+        for runs in told.values()
+    ]
+
+
 def changed(m: Material) -> list[str]:
     """Sentences on values that changed at once."""
     return _said(m, CHANGED)
@@ -215,7 +243,12 @@ def explains(blurred: bool, model: str) -> str:
 
 def details(m: Material) -> list[str]:
     """Sentences below the headline: effect, confidence, error before and after, floor."""
-    out = _said(m, NO_GEOMETRY) + _said(m, GRAVITY) + [_finding(m, f) for f in m.findings]
+    out = (
+        (doubts(m.warnings) if m.rungs and m.verdict != "not-identifiable" else [])
+        + _said(m, NO_GEOMETRY)
+        + _said(m, GRAVITY)
+        + [_finding(m, f) for f in m.findings]
+    )
     out += _said(m, BLURRED) + apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
     for f in m.partial:
         out.append(
@@ -305,6 +338,8 @@ def value(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
 
 
 AGAIN = "Diagnose again."
+#: The step to which the commands belong.
+ACCEPT = "Accept"
 #: Where what is left acts by itself.
 ELSEWHERE = (
     "Record this joint at rest with its motor on. A disturbance that does not depend on the motion "
@@ -339,7 +374,7 @@ def next_steps(m: Material) -> list[str]:
     motions = [f"{' or '.join(s.effects)}: record {s.experiment}." for s in rivals]
     if m.verdict == "missing-effect":
         sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
-        steps = [f"Accept {listed(sure)} as shown below; all parameters are fitted again."]
+        steps = [f"{ACCEPT} {listed(sure)}; all parameters are fitted again."]
         steps += [
             f"Confirm {where(f)} on a new recording: {shown_by(f.effect)}." for f in m.findings
         ]
@@ -350,7 +385,8 @@ def next_steps(m: Material) -> list[str]:
     if m.verdict == "unexplained" and only_there(m.after, m.last, m.floor):
         return [f"{BOTH}: the fitted motion hardly shows what acts there.", AGAIN]
     if m.verdict == "unexplained" and changed(m):
-        return ["Give what was recorded before and after that instant as two sessions.", AGAIN]
+        told = " ".join(changed(m))
+        return [*(f"{what}." for what in (CUT_THERE, FIT_APART) if what in told), AGAIN]
     if m.verdict == "unexplained" and unlike(m) and not m.network:
         return [ELSEWHERE, AGAIN]
     if m.verdict == "ambiguous":
@@ -408,6 +444,23 @@ class Files:
     def better(self, k: int) -> str:
         """Name of the k-th improved model, beside the model or the first session."""
         return str(Path(self.model or self.sessions[0]).with_suffix(f".plus{k}.toml"))
+
+
+def with_model(said: str, model: str) -> str:
+    """A text in which each command of `hil excite` takes the model that was analysed.
+
+    Parameters
+    ----------
+    said : str
+        With commands or without.
+    model : str
+        Model file; empty for none.
+    """
+    if not model:
+        return said
+    bare = said.replace(" --model M.toml", "")
+    named = shlex.join(["--model", model])
+    return re.sub(r"hil excite (?:'[^']*'|\S+)", lambda found: f"{found[0]} {named}", bare)
 
 
 def command(m: Material, files: Files | None = None) -> str:

@@ -1,12 +1,17 @@
 """What changes at once in a run: said with its value and its instant, and not called a hum."""
 
+from dataclasses import replace
+
 import plants
 import pytest
 
 import hil
 from hil.commands.diagnose import text
-from hil.diagnosis.residual_tests import CHANGED, changes
+from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, changes, changes_told
 from hil.diagnosis.verbs import ladder
+from hil.identify.problem import Problem
+from hil.identify.timing import fit_aligned
+from hil.models.model import base_model
 from hil.record.recording import Recording
 from hil.report.html import diagnosis_report
 
@@ -50,6 +55,21 @@ def test_of_two_sessions_the_other_one_as_a_whole():
     (found,) = changes(answer(plants.belt((0, 0, 0)), other).result)
     assert found.what == "inertia" and found.run == "friday" and found.at == 0.0
     assert found.value == pytest.approx(1.2, rel=0.1) and "in friday (+1.2 " in found.text
+    ((_, told),) = changes_told([found])
+    assert FIT_APART in told and CUT_THERE not in told
+    ((_, told),) = changes_told([replace(found, at=3.0)])
+    assert CUT_THERE in told and FIT_APART not in told
+
+
+def test_how_a_run_begins_is_no_other_state_of_the_rig():
+    run = plants.two_axes("", 1, "lead")
+    for until, expected in ((0.15, []), (2.0, ["effort at rest"])):
+        tau = run.tau.copy()
+        tau[run.t < until, 1] += 0.6
+        result = fit_aligned(
+            Problem([run := replace(run, tau=tau)], run.robot), base_model(run.robot)
+        )
+        assert [c.what for c in changes(result)] == expected
 
 
 @pytest.mark.parametrize("seed", range(1, 6))

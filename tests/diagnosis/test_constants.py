@@ -23,6 +23,7 @@ _ARITHMETIC = {
     "naming": {"DRAWS"},
     "residual_tests": {"INSTANTS", "AROUND", "OWN_SHARE", "PARTS", "LAGS", "NAMED", "PADDED"},
     "residuals": {"HIGHEST_ORDER"},
+    "search": {"HINTS"},
     "types": {"FLIPS"},
     "unnamed": {
         "FOLDS", "SECONDS", "STRENGTHS", "MAX_ROWS", "FINE", "COARSE", "NEAR", "POSES",

@@ -22,7 +22,7 @@ def test_results_print_as_one_line(run):
     assert "relative error joint1" in repr(printed[1]) and "joint1" in repr(printed[2])
     assert repr(printed[3]) == "Diagnosis(adequate)"
     before, after = map(repr, hil.add([run], model, "stribeck"))
-    assert before.startswith("Rung(before: held-out error ") and "multi-step error" in after
+    assert before.startswith("Rung(before: held-out error ") and "simulated error" in after
     step = repr(printed[3].ladder[0])
     assert step.startswith("Step(") and max(map(len, (before, after, step))) < 200
 
@@ -66,7 +66,7 @@ def test_the_headline_keeps_apart_what_is_sure(run):
     d = replace(d, verdict="missing-effect", findings=[sure, perhaps])
     m = from_diagnosis(d)
     assert headline(m) == "The model lacks stribeck on joint1, and perhaps cogging on joint1."
-    assert next_steps(m)[0].startswith("Accept stribeck on joint1 as shown")
+    assert next_steps(m)[0].startswith("Accept stribeck on joint1; all")
 
 
 def test_a_model_whose_friction_was_replaced_is_compared_as_it_is(run):

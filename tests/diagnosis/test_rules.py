@@ -11,6 +11,7 @@ import pytest
 from hil.diagnosis import rules
 from hil.diagnosis.candidates import paired
 from hil.diagnosis.constants import HALF, LEVEL, OPEN, PARTS, WORTH
+from hil.diagnosis.folds import Split, levels
 from hil.diagnosis.types import Candidate, HeldOut
 from hil.identify.design import Term
 from hil.identify.multistep import MultiStep
@@ -88,17 +89,24 @@ def refit(before: np.ndarray, after: np.ndarray, kind: str, effect: str = "strib
         return SimpleNamespace(step=SimpleNamespace(heldout=held), errors=errors, result=residual)
 
     problem = SimpleNamespace(
-        holds=np.zeros(1, dtype=bool), effort=np.ones((1, before.size)), rms=lambda x: np.ones(1)
+        holds=np.zeros(1, dtype=bool),
+        effort=np.ones((1, before.size)),
+        rms=lambda x: np.ones(1),
+        runs=1,
     )
     one.search = SimpleNamespace(
         problem=problem,
-        parted=lambda residual: np.sum(residual.reshape(PARTS, -1) ** 2, axis=1)[:, None],
+        split=Split(
+            np.arange(before.size) // 10, np.zeros(before.size // 10, int), ALL, ~ALL, False
+        ),
+        parted=lambda residual, _: np.sum(residual.reshape(PARTS, -1) ** 2, axis=1)[:, None],
     )
     one.before, one.after = visited(before), visited(after)
     return one
 
 
 NOISE = np.random.default_rng(3).normal(size=400)
+ALL, BLOCK = np.ones(NOISE.size, dtype=bool), np.arange(NOISE.size) // 10
 
 
 @pytest.mark.parametrize(("factor", "stopped"), [(1 - WORTH, False), (1 - WORTH / 4, True)])
@@ -122,6 +130,25 @@ def test_a_correction_transfers_from_part_to_part(effect: str, factor: float, ri
     one = refit(NOISE, factor * NOISE, "folds", effect)
     reason = rules.FIT["transfers"](one)
     assert ("from one part" in reason) is (rises and effect != "stribeck")
+
+
+def test_a_correction_holds_from_one_level_of_effort_to_the_next() -> None:
+    """Parts that hold both levels do not show it; runs of one alone do."""
+    one = refit(NOISE, 0.9 * NOISE, "folds", CORRECTION)
+    problem, run = one.search.problem, np.repeat(np.arange(4), 100)
+    problem.runs, problem.run, problem.whole = 4, run, np.arange(4)
+    problem.effort = np.where(run % 2, 3.0, 1.0)[None]
+    assert rules.FIT["transfers"](one) == ""
+    dealt = levels(problem, one.search.split)
+    assert dealt is not None and dealt.fold.tolist() == np.repeat([0, 1, 0, 1], 10).tolist()
+
+    def parted(residual: np.ndarray, dealt: Split) -> np.ndarray:
+        worse = residual * (2.0 if dealt.folds == 2 and residual is one.after.result else 1.0)
+        power = np.add.reduceat(worse**2, np.arange(0, residual.size, 10))
+        return np.bincount(dealt.fold, power)[:, None]
+
+    one.search.parted = parted
+    assert "from one level of effort to the next" in rules.FIT["transfers"](one)
 
 
 def fitted(*theta: float) -> Any:

@@ -52,7 +52,7 @@ def test_what_only_one_session_holds_is_said_with_its_effect(ours, theirs, says)
     d = answer(ours, theirs)
     (sentence,) = said(d)
     assert sentence.startswith("joint2: the sessions differ: ") and says in sentence
-    assert "Give both to the fit" in sentence and "[offsets]" in sentence
+    assert "Give the held-out session to the fit, too" in sentence and "[offsets]" in sentence
     assert sentence in [w["text"] for w in diagnosis_json(d)["warnings"]]
     shown = text(d, ladder(d))
     assert shown.count(sentence) == 1 and shown.index(sentence) < shown.index("held-out error")

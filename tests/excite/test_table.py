@@ -9,6 +9,9 @@ import pytest
 from hil.cli import main
 from hil.excite import trajectory
 from hil.excite.trajectory import Trajectory, sample
+from hil.models.files import write_model
+from hil.models.model import Use, Value, base_model
+from hil.record.recording import RobotSource
 
 RATE = 500.0
 
@@ -99,10 +102,40 @@ def test_what_cannot_be_played_by_hil_run_is_said(session, capsys):
 
 def test_a_motion_of_another_length_than_asked_says_so(session, capsys):
     assert main(["excite", str(session), "-o", "m.toml", "--seconds", "30"]) == 0
-    assert "shorter than the 30 s asked for: it repeats every 10 s" in capsys.readouterr().out
+    assert "one round takes 10 s: 3 whole rounds in the 30 s asked for" in capsys.readouterr().out
     words = ["--for", "stribeck", "--motion", "rests", "--seconds", "5"]
     assert main(["excite", str(session), "-o", "m.toml", *words]) == 0
     assert "longer than the 5 s asked for" in capsys.readouterr().out
+
+
+def test_where_no_length_was_asked_for_none_is_missed(session, capsys):
+    words = ["--for", "stribeck", "--motion", "multisine", "--joint", "joint1"]
+    assert main(["excite", str(session), "-o", "m.toml", "--csv", "m.csv", *words]) == 0
+    out = capsys.readouterr().out
+    assert "asked for" not in out and "all joints" not in out and "beside it" not in out
+    assert "multisine, 30 s: many frequencies" in out and "1 round of the motion, with 2 s" in out
+
+
+def test_a_shape_that_the_model_has_fitted_is_taken(session, capsys):
+    words = ["--for", "stribeck", "--motion", "speed-ladder", "--seconds", "10"]
+    fitted = base_model(RobotSource("single-axis")) + Use(
+        "stribeck",
+        values={
+            "j1.stribeck.fs": Value(0.3, 0.01, "N m"),
+            "j1.stribeck.vs": Value(0.0123, 0.001, "rad/s"),
+            "j1.stribeck.n": Value(2.0),
+        },
+    )
+    write_model(fitted, "fitted.toml")
+    assert main(["excite", str(session), "-o", "m.toml", "--model", "fitted.toml", *words]) == 0
+    out = capsys.readouterr().out
+    assert "of the model: stribeck with vs = 0.0123 rad/s, n = 2\n  assumed: a noise" in out
+    # a model without values is fitted to the session, as the base model is
+    assert main(["excite", str(session), "-o", "m.toml", "--model", "s.model.toml", *words]) == 0
+    own = capsys.readouterr().out
+    assert main(["excite", str(session), "-o", "m.toml", *words]) == 0
+    assert capsys.readouterr().out.split("largest")[1] == own.split("largest")[1]
+    assert "assumed: an effect of 0.5 %" in own
 
 
 def test_a_recording_is_never_replaced_by_a_table(session, capsys):

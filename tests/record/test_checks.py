@@ -86,7 +86,7 @@ def test_gap():
     r = with_time(lambda t: t.__setitem__(slice(900, None), t[900:] + 0.5))
     (found,) = check(r)
     assert found.code == "gap"
-    assert "1 gaps, the longest 0.502 s, the first after 1.798 s" in found.text
+    assert "1 gap, the longest 0.502 s, the first after 1.798 s" in found.text
 
 
 def test_a_position_that_changes_across_a_gap_alone():
@@ -318,3 +318,18 @@ def test_a_speed_just_beyond_its_limit_is_seen(joint):
         listed = UrdfJoint("j", "rad", velocity=share * fastest)
         found = [f.code for f in speed_and_effort(r, joint, listed)]
         assert ("velocity-limit" in found) == beyond
+
+
+@pytest.mark.parametrize("lost", [(700, 705), (700, 709), (300, 301)])
+def test_lost_rows_are_no_speed(lost):
+    """A gap of some rows, and a slower row within the usual jitter: no row is faster than 9."""
+    r = plants.joints(2, 6.0, 250.0, 1)
+    fastest = np.abs(np.diff(r.q, axis=0) / np.diff(r.t)[:, None]).max(axis=0)
+    r = replace(r, **{n: np.delete(getattr(r, n), slice(*lost), 0) for n in ("t", "q", "tau")})
+    for joint in (0, 1):
+        listed = UrdfJoint("j", "rad", velocity=float(fastest[joint]) / 1.05)
+        assert list(speed_and_effort(r, joint, listed)) == []
+        middle = float(np.median(np.abs(np.diff(r.q[:, joint]) / np.diff(r.t))))
+        told = [f.text for f in speed_and_effort(r, joint, UrdfJoint("j", "rad", velocity=middle))]
+        said = float(told[0].split("reaches ")[1].split()[0])
+        assert said <= 1.001 * fastest[joint]

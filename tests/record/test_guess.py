@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 
+import numpy as np
 import plants
 import pytest
 from hypothesis import given
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from record_tables import columns, write_csv
 
 from hil.cli import main
-from hil.record.guess import propose
+from hil.record.guess import propose, quantity
 from hil.record.mapfile import parse_map
 from hil.record.mcap_read import load
 
@@ -96,17 +97,102 @@ def test_joints_of_the_robot_are_matched_by_name_and_in_its_order():
 def test_what_no_name_says_is_told():
     assert propose(["x", "y", "status"]) is None
     found = propose(["pos1", "pos2", "torque1"])
-    assert found.missing == ("motor efforts (tau)", "the time (t)")
-    assert "tau" not in found.text.split("[columns]")[1]
+    assert found.missing == ("motor effort of joint 2", "the time (t)")
+    assert found.fill == ("tau2", "t")
+    assert found.columns == {"q1": "pos1", "q2": "pos2", "tau1": "torque1"}
 
 
-@given(st.lists(st.text(max_size=30), max_size=12))
+GERMAN = (
+    *("Zeit_ms", "Schulter Winkel [deg]", "Ellbogen Winkel [deg]"),
+    *("Drehmoment Schulter (Nm)", "Drehmoment Ellbogen (Nm)"),
+)
+
+
+@pytest.mark.parametrize("joints", [("Schulter", "Ellbogen"), ()])
+def test_units_say_what_no_word_says(joints):
+    found, units = _read(GERMAN, joints)
+    assert found == {
+        "t": {"from": "Zeit_ms", "unit": "ms"},
+        **{"q1": GERMAN[1], "q2": GERMAN[2], "tau1": GERMAN[3], "tau2": GERMAN[4]},
+    }
+    assert units == {"q": "deg", "tau": "Nm"}
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("jaw_deg", ("q", "deg")),
+        ("motor_mNm", ("tau", "mNm")),
+        ("wrist [N m]", ("tau", "Nm")),
+        ("wrist (N·m)", ("tau", "Nm")),
+        ("slide [mm]", ("q", "mm")),
+        ("slide_m", ("q", "m")),
+        ("drive (mA)", ("i", "mA")),
+        ("drive_A", ("i", "A")),
+        ("drive rpm", ("qd", "rpm")),
+        ("shoulder [°/s]", ("qd", "deg/s")),
+        ("Zeit [µs]", ("t", "us")),
+        ("Zeit_s", ("t", "s")),
+        ("torque_J1_mA", ("i", "mA")),
+        ("supply [V]", ("", "")),
+        ("u [V]", ("", "")),
+        ("loadcell_N", ("", "")),
+        ("pump", ("", "")),
+    ],
+)
+def test_a_unit_tells_the_quantity(name, said):
+    assert quantity(name) == said
+
+
+def test_a_force_is_an_effort_of_what_slides_alone():
+    found, units = _read(["time_s", "slide_mm", "motor_N", "loadcell_N"])
+    assert (found["tau1"], found["tauext1"]) == ("motor_N", "loadcell_N")
+    assert units == {"q": "mm", "tau": "N", "tauext": "N"}
+    turning = propose(["time_s", "jaw_deg", "motor_mNm", "loadcell_N"])
+    assert '# not understood: "loadcell_N" (a force in N, where the joints turn' in turning.text
+    assert turning.fill == ()
+
+
+def test_joints_of_several_units_and_one_without_an_effort():
+    names = ["t", "shoulder_deg", "lift_mm", "shoulder_Nm", "pump"]
+    found = propose(names, ["shoulder_joint", "lift_joint"])
+    data = tomllib.loads(found.text)
+    assert data["columns"]["q2"] == {"from": "lift_mm", "unit": "mm"}
+    assert data["columns"]["q1"] == {"from": "shoulder_deg", "unit": "deg"}
+    assert found.fill == ("tau2",)
+    assert '# tau2 = "..."' in found.text and '# not understood: "pump"' in found.text
+
+
+def test_letters_that_count_are_no_units():
+    assert propose(["leg_A", "leg_B"]) is None
+    assert _read(["t", "pos_A", "pos_N", "torque_A", "torque_N"])[0]["tau2"] == "torque_N"
+
+
+def test_nothing_understood_is_an_error_that_says_where_to_read_on(tmp_path, capsys):
+    two = np.arange(2.0)
+    run = write_csv(tmp_path / "run.csv", {"foo": two, "bar": two})
+    place = tmp_path / "map.toml"
+    assert main(["import", str(run), "--propose-map", str(place)]) == 2
+    assert "docs/import.md" in capsys.readouterr().err
+    assert not place.exists()
+    run = write_csv(tmp_path / "part.csv", {"jaw_deg": two, "bar": two})
+    assert main(["import", str(run), "-o", str(tmp_path / "s.mcap")]) == 2
+    assert "--propose-map MAP.toml' writes one to complete" in capsys.readouterr().err
+    assert main(["import", str(run), "--propose-map", str(place)]) == 0
+    assert "fill in tau1, t under [columns] (docs/import.md)" in capsys.readouterr().out
+
+
+_PARTS = st.sampled_from(["pos", "j1", "a", "[deg]", "(Nm)", "_N", " mm", "A", "target", "t", "°"])
+
+
+@given(st.lists(st.text(max_size=30) | st.lists(_PARTS, max_size=5).map("".join), max_size=12))
 def test_any_proposal_is_a_map_of_columns_that_are_there(names):
     found = propose(names)
     if found is not None:
         taken = tomllib.loads(found.text)["columns"]
         parse_map(tomllib.loads(found.text), (1.0,))
-        assert set(taken.values()) <= set(names)
+        assert set(found.columns.values()) <= set(names)
+        assert set(taken) == set(found.columns)
 
 
 def test_from_a_strange_header_to_a_session(tmp_path, capsys):

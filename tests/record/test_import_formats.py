@@ -112,10 +112,12 @@ def test_degrees_and_currents_from_the_command_line(tmp_path, frame, capsys):
 
 
 def test_a_dry_run_shows_and_writes_nothing(tmp_path, frame, capsys):
+    frame = frame.assign(tauext1=0.25, tauext2=0.5)
     table = write_csv(tmp_path / "run.csv", frame.rename(columns={"t": "time_s"}).assign(pump=1.0))
     assert main(["import", str(table), "--dry-run"]) == 0
     out = capsys.readouterr().out
     assert "the column 'time_s' is taken as the time" in out and "not used: pump" in out
+    assert "tauext2 [N m]" in out and "0.25" in out
     assert "q1 [rad]" in out and f"{frame['tau1'][0]:.6g}" in out and "nothing was written" in out
     assert [p.name for p in tmp_path.iterdir()] == ["run.csv"]
     assert main(["import", str(table)]) == 2

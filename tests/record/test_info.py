@@ -84,6 +84,24 @@ def test_json(session, capsys):
     assert leader["faults"] == []
 
 
+def test_lost_rows_are_counted_once_and_alike(tmp_path, capsys):
+    r = plants.tanh_axes()
+    keep = np.ones(r.n, bool)
+    keep[[400, 900, 901, 902, 1300]] = False
+    kept = {n: getattr(r, n)[keep] for n in ("t", "q", "tau")}
+    write_recordings(tmp_path / "s.mcap", [replace(r, **kept, qd=None)])
+    assert main(["info", str(tmp_path / "s.mcap")]) == 0
+    text = capsys.readouterr().out
+    rows = [line.split() for line in text.splitlines() if "measured_js" in line]
+    assert rows[0][-1] == "5"
+    assert "5 rows missing in 3 gaps" in text and "[gap] 3 gaps, the longest" in text
+    assert "they are interpolated" in text
+    assert "efforts against positions: in time, as far as seen\n" in text
+    assert main(["info", str(tmp_path / "s.mcap"), "--json"]) == 0
+    channels = json.loads(capsys.readouterr().out)["sessions"][0]["channels"]
+    assert {c["missing"] for c in channels} == {5}
+
+
 def test_faults_are_told_and_exit_is_zero(tmp_path, capsys):
     r = plants.joints()
     tau = r.tau.copy()

@@ -93,3 +93,10 @@ def test_a_folder_without_sessions_is_an_error(folder, capsys):
     assert "holds no session and no ROS bag" in capsys.readouterr().err
     assert main(["list", "sessions", "nowhere"]) == 2
     assert "nowhere: no such folder or file" in capsys.readouterr().err
+
+
+def test_a_column_that_is_empty_throughout_is_left_out(folder, capsys):
+    shutil.copy("sessions/day2/a.mcap", "a.mcap")
+    assert main(["list", "a.mcap"]) == 0
+    head = capsys.readouterr().out.splitlines()[0]
+    assert "tags" in head and "recorded" not in head

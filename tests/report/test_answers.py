@@ -1,17 +1,26 @@
 """What an answer says in words: nothing that it is not about, and everything that it is."""
 
 import re
+from dataclasses import replace
 
 import plants
 import pytest
 from test_report import model
 
-from hil.commands.diagnose import short, text
+from hil.commands import terminal
+from hil.commands.common import note_compiling
+from hil.commands.compare import text as compare_text
+from hil.commands.diagnose import _telling, short, text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import at_issue_of
-from hil.diagnosis.verbs import ladder
+from hil.diagnosis.types import Finding
+from hil.diagnosis.verbs import compare, ladder
+from hil.identify import bands
+from hil.models.model import Value
+from hil.report.elements import paragraph
+from hil.report.html import diagnosis_report
 from hil.report.json import diagnosis_json
-from hil.report.text import Files
+from hil.report.text import Files, with_model
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +86,132 @@ def test_an_adequate_model_has_one_error_and_no_command(plain):
     assert "Use the model within the range of motion that was recorded." in said
 
 
-def finding(effect):
-    from hil.diagnosis.types import Finding
+def finding(effect, **parameters):
+    values = {f"j1.{effect}.{n}": Value(*v) for n, v in parameters.items()}
+    return Finding(effect, "joint1", 0.5, 2.0, 1.0, 0.1, 0.6, values, [])
 
-    return Finding(effect, "joint1", 0.5, 2.0, 1.0, 0.1, 0.6, {}, [])
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "shown"),
+    [
+        (
+            "presliding",
+            {
+                **{"f0": (0.0, 8e-5, "N m"), "f1": (0.0, 3e-4, "N m")},
+                **{"f2": (0.0, 8e-4, "N m"), "f3": (0.012, 5e-4, "N m")},
+                **{"s": (0.0057, 1e-4, "rad"), "form": (1.0, NAN, "1")},
+            },
+            "f3 = 0.012 +- 0.0005 N m",
+        ),
+        (
+            "cogging",
+            {
+                **{"a1": (0.001, 0.002, "N m"), "b1": (-0.01, 0.005, "N m")},
+                **{"a2": (0.3, 0.003, "N m"), "b2": (0.4, 0.004, "N m")},
+                "p": (0.8, NAN, "1/rad"),
+            },
+            "amplitude = 0.5 +- 0.0037 N m, period = 0.625 rad",
+        ),
+        (
+            "periodic-disturbance",
+            {"a": (0.3, 0.03, "N m"), "b": (0.4, 0.03, "N m"), "f": (4.0, 0.01, "Hz")},
+            "amplitude = 0.5 +- 0.03 N m, period = 0.25 s",
+        ),
+        (
+            "stribeck",
+            {"fs": (0.9, 0.6, "N m"), "vs": (0.06, 0.001, "rad/s"), "n": (2.0, NAN, "1")},
+            "fs = 0.9 +- 0.6 N m",
+        ),
+        (
+            "friction-drift",
+            {"dc": (-0.26, 0.001, "N m"), "dv": (-0.9, 0.001, "N m s/rad"), "T": (9.0, 0.1, "s")},
+            "dc = -0.26 +- 0.001 N m",
+        ),
+        ("delay", {"a": (1.0, 0.01, "1"), "T": (0.012, 1e-4, "s")}, "T = 0.012 +- 0.0001 s"),
+        ("load-friction", {"mu": (0.16, 0.001, "1"), "of": (0.0, NAN, "1")}, "mu = 0.16 +- 0.001"),
+    ],
+)
+def test_the_value_shown_says_how_large_an_effect_is(effect, values, shown):
+    assert _telling(finding(effect, **values)) == shown
+
+
+def test_a_value_that_is_not_determined_is_shown_only_where_there_is_no_other():
+    found = finding("position-torque", t0=(0.02, NAN, "N m"), c1=(0.3, 0.01, "N m"))
+    name = "j1.position-torque.t0"
+    found.parameters[name] = replace(found.parameters[name], identifiable=False)
+    assert _telling(found) == "c1 = 0.3 +- 0.01 N m"
+    del found.parameters["j1.position-torque.c1"]
+    assert _telling(found) == "t0 = 0.02 N m, undetermined"
+
+
+def test_degrees_taken_for_radians_are_told_before_any_value(plain, tmp_path):
+    own = plain.warnings
+    told = "joint1: q1 runs from 1.36 to 48.4 rad; is it in degrees? Scale it in a map"
+    try:
+        plain.warnings = [*own, ("unit", told), ("unit", told.replace("1.36", "1.11"))]
+        said, long = short(plain, ladder(plain), Files()), text(plain, ladder(plain))
+        diagnosis_report(plain, tmp_path / "r.html")
+    finally:
+        plain.warnings = own
+    assert f"Check first: {told} (so in 2 sessions)" in said and "1.11" not in said
+    assert said.index("Check first") < said.index("error %")
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert long.count(told) == page.count(told) == 1
+
+
+def test_both_errors_have_one_name_and_a_sentence(plain, tmp_path):
+    said, long = short(plain, ladder(plain), Files()), text(plain, ladder(plain))
+    assert "simulated %: of the position simulated for 0.5 s" in said
+    assert "simulated error, 0.5 s" in long and "multi-step" not in said + long
+    run = plants.tanh_axes()
+    compared = compare_text(compare([run], plain.result.model.as_it_is()))
+    assert "simulated %" in compared and "multi-step" not in compared
+    assert "values of the model file; nothing was fitted; errors on these sessions" in compared
+
+
+def test_what_is_to_be_accepted_is_a_command():
+    run = plants.late_axes((4, 12))
+    d = diagnose([run], model(run))
+    lines = short(d, ladder(d), Files(("a.mcap",), model="m.toml")).splitlines()
+    at = next(k for k, line in enumerate(lines) if line.startswith("  - Accept"))
+    assert lines[at].endswith("all parameters are fitted again:")
+    assert lines[at + 1].startswith("    hil add ")
+    assert not any("Accept" in line for line in short(d, ladder(d), None).splitlines())
+
+
+def test_a_rig_s_arm_stands_in_the_verdict():
+    run = replace(plants.tanh_axes(), arm="leader")
+    d = diagnose([run], model(run))
+    for said in (short(d, ladder(d), None), text(d, ladder(d))):
+        assert said.splitlines()[0].endswith("down to the noise floor (arm leader).")
+
+
+def test_motions_that_are_proposed_take_the_model():
+    said = "log odds 3: hil excite 'a b.mcap' --for x --model M.toml --joint j; hil excite r.toml"
+    named = with_model(said, "my arm.toml")
+    assert named == (
+        "log odds 3: hil excite 'a b.mcap' --model 'my arm.toml' --for x --joint j; "
+        "hil excite r.toml --model 'my arm.toml'"
+    )
+    assert with_model(said, "") == said
+
+
+def test_an_arrow_and_its_numbers_stay_on_one_line():
+    assert "2.49\u00a0%\u00a0\u2192\u00a00.60\u00a0%" in paragraph("(2.49 % -> 0.60 %)")
+
+
+def test_the_first_analysis_says_once_that_it_compiles(monkeypatch, capsys):
+    monkeypatch.setattr(bands, "compiled", lambda: False)
+    note_compiling.cache_clear()
+    note_compiling()
+    note_compiling()
+    assert capsys.readouterr().err == "compiling (once per installation), about 15 s\n"
+    note_compiling.cache_clear()
+    with terminal.silent():
+        note_compiling()
+    assert capsys.readouterr().err == ""
+    monkeypatch.undo()
+    assert bands.compiled()

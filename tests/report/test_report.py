@@ -233,4 +233,4 @@ def test_contact_law(tmp_path: Path) -> None:
     page = written(d, tmp_path)
     assert "The model lacks contact-damping" in page.text
     assert "accuracy of the force sensor" in page.text
-    assert "multi-step" not in page.text
+    assert "simulated" not in page.text

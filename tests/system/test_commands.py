@@ -53,7 +53,7 @@ def test_diagnose_json_names_the_drag(session, capsys):
 @pytest.mark.parametrize("name", ["diagnose", "improve"])
 def test_both_errors_of_every_rung_are_shown(session, capsys, name):
     assert main([name, str(session[0]), "--holdout", str(session[1]), "--verbose"]) == 0
-    one, multi = capsys.readouterr().out.split("multi-step error, 0.5 s")
+    one, multi = capsys.readouterr().out.split("simulated error, 0.5 s")
     for text in (one, multi):
         assert "base model" in text and "+ quadratic-drag on joint1" in text
     code, out = run(capsys, name, session[0], "--holdout", session[1], "--json")
@@ -76,7 +76,7 @@ def test_a_law_of_contact_has_no_multi_step_error(tmp_path, capsys):
     words = ["add", "contact-damping", "--model", str(model), "--session", str(path)]
     assert main(words) == 0
     said = capsys.readouterr().out
-    assert "multi-step" not in said and "inf" not in said
+    assert "simulated error" not in said and "inf" not in said
 
 
 def test_improve_writes_a_model_that_is_adequate(session, tmp_path, capsys):
