@@ -288,10 +288,18 @@ def _beyond(case: RuleCase) -> str:
 
 @_candidate("at-floor")
 def _at_floor(case: RuleCase) -> str:
-    """Many coefficients on many joints find something in any floor."""
-    c, evidence = case.rated.candidate, case.evidence
-    above = evidence.floor.exceeded(case.search.now.result.rms, case.rated.joint)
-    met = c.term.effect.scope.tip and not above
+    """A joint whose error is at its floor lacks nothing: what lowers it further gets no name.
+
+    Many coefficients on many joints find something in any floor.  Held-out runs have the last word,
+    where there are some: they may be above theirs.
+    """
+    c, search, j = case.rated.candidate, case.search, case.rated.joint
+    if Trait.CORRECTION in c.term.effect.traits:
+        return ""
+    held = search.now.step.heldout
+    size = held.rms if held.kind == "holdout" else search.now.result.rms
+    rms = np.maximum(size, search.now.result.rms)
+    met = not case.evidence.floor.exceeded(rms, j)
     return "the error of its joint is at the noise floor" if met else ""
 
 

@@ -12,7 +12,7 @@ from hil.diagnosis import rules
 from hil.diagnosis.candidates import paired
 from hil.diagnosis.constants import HALF, LEVEL, OPEN, PARTS, WORTH
 from hil.diagnosis.folds import Split, levels
-from hil.diagnosis.types import Candidate, HeldOut
+from hil.diagnosis.types import Candidate, Floor, HeldOut
 from hil.identify.design import Term
 from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
@@ -199,3 +199,23 @@ def test_a_correction_must_not_ruin_the_simulation(
     assert bool(rules.FIT["simulates"](one)) is bool(stopped)
     one.rated = case("stribeck").rated  # a law is judged by what it says, and told to the user
     assert not rules.FIT["simulates"](one)
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held", "stopped"), [(1.05, 1.05, True), (1.3, 1.05, False), (1.05, 1.3, False)]
+)
+def test_nothing_is_named_on_a_joint_at_its_floor(
+    fitted: float, held: float, stopped: bool
+) -> None:
+    """Unless the held-out runs are above it: at-floor."""
+    one = case("presliding")
+    one_each = np.ones(1)
+    floor = Floor(one_each, "largest-model", np.zeros((1, 10)), one_each, one_each)
+    rung = SimpleNamespace(
+        result=SimpleNamespace(rms=np.array([fitted])),
+        step=SimpleNamespace(heldout=SimpleNamespace(kind="holdout", rms=np.array([held]))),
+    )
+    one.search, one.evidence = SimpleNamespace(now=rung), SimpleNamespace(floor=floor)
+    assert bool(rules.CANDIDATE["at-floor"](one)) is stopped
+    one.rated.candidate.term.effect = catalogue.get(CORRECTION)  # the verdict keeps those away
+    assert not rules.CANDIDATE["at-floor"](one)
