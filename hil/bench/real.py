@@ -24,7 +24,7 @@ import hil
 from hil.bench import least_squares_script
 from hil.diagnosis.heldout import Examiner
 from hil.errors import DataError, unknown
-from hil.experiments.replicate import Lost, Where, spread
+from hil.experiments.replicate import LostRun, Where, spread
 from hil.identify.context import renew
 from hil.identify.parallel import alone
 from hil.identify.problem import Problem
@@ -269,7 +269,7 @@ def run(
     """
     if where.cluster:
         for k, found in spread(partial(_answer, work), todo, where):
-            yield _row(todo[k], found.text if isinstance(found, Lost) else found)
+            yield _row(todo[k], found.text if isinstance(found, LostRun) else found)
         return
     with ThreadPoolExecutor(max(1, where.workers)) as pool:
         waiting = [pool.submit(_apart, case, work) for case in todo]

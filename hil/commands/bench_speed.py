@@ -22,7 +22,7 @@ from hil.bench.identify import DATA, Report
 from hil.commands import common, diagnose, groups, outputs, terminal
 from hil.commands.common import Found
 from hil.errors import DeviceError, plural
-from hil.experiments.replicate import Lost, counted, spread
+from hil.experiments.replicate import LostRun, counted, spread
 from hil.record.mcap_read import load
 from hil.record.sources import robot_of
 from hil.rigs import rig_path
@@ -211,10 +211,10 @@ def _fleet(args: argparse.Namespace) -> Found:
         began = time.perf_counter()
         results = spread(_timed, list(map(str, paths)), where)
         found = [cost for _, cost in counted(results, len(paths), "session")]
-        costs = [cost for cost in found if not isinstance(cost, Lost)]
+        costs = [cost for cost in found if not isinstance(cost, LostRun)]
         wall = time.perf_counter() - began
     if not costs:
-        raise DeviceError(f"no session was diagnosed: {Lost().text}")
+        raise DeviceError(f"no session was diagnosed: {LostRun().text}")
     return _fleet_text(costs, size, naming, wall)
 
 

@@ -23,7 +23,7 @@ from hil import progress
 from hil.commands import bag_options, common
 from hil.commands.terminal import settings, silent
 from hil.errors import ConfigError, HilError, plural
-from hil.experiments.replicate import FAILED, Kept, Lost, counted, made_by, spread
+from hil.experiments.replicate import FAILED, KeptRuns, LostRun, counted, made_by, spread
 from hil.record.sources import RobotName, below, find, robot_of
 from hil.userfile import read_text
 
@@ -40,7 +40,7 @@ _WORDS = ("arm", "robot", "topic", "effort_topic", "force_topic", "joints", "loc
 
 
 @dataclass
-class Group:
+class RobotGroup:
     """Sessions that are diagnosed together.
 
     Parameters
@@ -92,7 +92,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def groups(args: argparse.Namespace) -> list[Group]:
+def groups(args: argparse.Namespace) -> list[RobotGroup]:
     """Groups of the sessions of a command line, in the order of their first session.
 
     With --by a session that cannot be read is a group that says why; without, it is an error.
@@ -113,7 +113,7 @@ def groups(args: argparse.Namespace) -> list[Group]:
         except (HilError, OSError) as error:
             if not args.by:
                 raise
-            out.append(Group(str(path), None, [path], failed=_line(error)))
+            out.append(RobotGroup(str(path), None, [path], failed=_line(error)))
             continue
         _place(out, path, robot, kind)
     for path in find(args.holdout):
@@ -128,7 +128,7 @@ def groups(args: argparse.Namespace) -> list[Group]:
     return out
 
 
-def _place(out: list[Group], path: Path, robot: RobotName, kind: str) -> None:
+def _place(out: list[RobotGroup], path: Path, robot: RobotName, kind: str) -> None:
     """Add a session to its group, or to a new one."""
     label = {"robot": str(robot), "folder": str(path.parent), "session": str(path)}[kind]
     for group in out if kind != "session" else ():
@@ -136,17 +136,17 @@ def _place(out: list[Group], path: Path, robot: RobotName, kind: str) -> None:
         if here and group.robot is not None and group.robot.same(robot):
             group.sessions.append(path)
             return
-    out.append(Group(label, robot, [path]))
+    out.append(RobotGroup(label, robot, [path]))
 
 
-def several(args: argparse.Namespace, found: Sequence[Group]) -> bool:
+def several(args: argparse.Namespace, found: Sequence[RobotGroup]) -> bool:
     """Whether the answer is of groups, and not of one robot's sessions as ever."""
     return bool(args.by or args.cluster or args.keep or len(found) > 1)
 
 
 def run(
     args: argparse.Namespace,
-    found: Sequence[Group],
+    found: Sequence[RobotGroup],
     work: Callable[[argparse.Namespace], Data],
 ) -> int:
     """Diagnose every group and print what came out.
@@ -155,7 +155,7 @@ def run(
     ----------
     args : Namespace
         Of the command.
-    found : sequence of Group
+    found : sequence of RobotGroup
         As `groups` gives them.
     work : callable
         Gives ``{"diagnosis": JSON, "text": short answer}`` of a command line of one group; a
@@ -177,14 +177,14 @@ def run(
     began = time.perf_counter()
     with ExitStack() as stack:
         folder = args.keep or stack.enter_context(tempfile.TemporaryDirectory())
-        kept = Kept(folder, made_by())
+        kept = KeptRuns(folder, made_by())
         names = [_name(args, g) for g in found]
         left = [k for k, g in enumerate(found) if not g.failed and kept.read(names[k]) is None]
         jobs = [(work, _words(args, found[k])) for k in left]
         shown = not (settings.quiet or args.json)
         results = spread(_one, jobs, where)
         for k, data in counted(results, len(jobs), args.by or "robot", shown):
-            kept.write(names[left[k]], {FAILED: data.text} if isinstance(data, Lost) else data)
+            kept.write(names[left[k]], {FAILED: data.text} if isinstance(data, LostRun) else data)
         answers = (
             {FAILED: g.failed} if g.failed else kept.read(name) or {}
             for g, name in zip(found, names, strict=True)
@@ -209,7 +209,7 @@ def _line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def _words(args: argparse.Namespace, group: Group) -> argparse.Namespace:
+def _words(args: argparse.Namespace, group: RobotGroup) -> argparse.Namespace:
     """The command line of one group; paths that hold in any folder of any machine that has them."""
     return argparse.Namespace(
         **{name: getattr(args, name) for name in _WORDS if name != "robot"},
@@ -226,10 +226,10 @@ def alone(path: str, arm: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     common.add_sessions(parser)
     args = parser.parse_args([path, "--arm", arm])
-    return _words(args, Group(path, None, [Path(path)]))
+    return _words(args, RobotGroup(path, None, [Path(path)]))
 
 
-def _name(args: argparse.Namespace, group: Group) -> str:
+def _name(args: argparse.Namespace, group: RobotGroup) -> str:
     """File of an answer: of these very sessions, by size and time, this model and these options."""
     told = {
         "sessions": [_stamp(p) for p in group.sessions],
@@ -251,7 +251,9 @@ def _stamp(path: Path) -> list[list[str | int]]:
 _NOT = "not diagnosed"
 
 
-def _said(args: argparse.Namespace, found: Sequence[Group], answers: Iterator[Data]) -> list[_Row]:
+def _said(
+    args: argparse.Namespace, found: Sequence[RobotGroup], answers: Iterator[Data]
+) -> list[_Row]:
     """Rows of all groups; their JSON or short answers go out one by one."""
     rows = []
     if args.json:
@@ -276,7 +278,7 @@ def _said(args: argparse.Namespace, found: Sequence[Group], answers: Iterator[Da
     return rows
 
 
-def _row(group: Group, data: Data) -> _Row:
+def _row(group: RobotGroup, data: Data) -> _Row:
     robot, count = str(group.robot) if group.robot else "-", len(group.sessions)
     if FAILED in data:
         return _Row(robot, group.label, count, _NOT, (data[FAILED],))

@@ -96,10 +96,8 @@ def try_all(projector: Projector, result: FitResult, terms: list[Term]) -> list[
 
 
 def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | None:
-    reduced = _reduced(projector, result, term)
     if not term.shape:
-        # in the place of what it replaces: beside that another shape may do more
-        term, _ = best_shape(reduced, term, accuracy=COARSE)
+        term, _ = best_shape(projector, term, accuracy=COARSE)
     if not term.shape and term.effect.shape:
         return None
     gain, beta, inverse, qc = projector.score(term)
@@ -109,7 +107,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
         return None
     absorbed = float(np.sum(qc**2)) / size
     dof = _directions(columns) + _free(term, projector)
-    net = gain if reduced is projector else _net(projector, reduced, term)
+    net = _net(projector, result, term, gain)
     parts = _parts(projector, term, net, columns @ beta, qc @ beta)
     return Candidate(
         term,
@@ -154,25 +152,20 @@ def _parts(
     return np.where(projector.problem.holds, 0.0, fall)
 
 
-def _reduced(projector: Projector, result: FitResult, term: Term) -> Projector:
-    """The projector without what a candidate replaces, e.g. presliding Coulomb friction."""
+def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> float:
+    """Gain when the candidate replaces what it stands for, e.g. presliding for Coulomb."""
     gone = [
         t
         for t in result.terms
         if t.joint == term.joint and t.effect.name in term.effect.relations.replaces
     ]
     if not gone:
-        return projector
+        return gain
     key = ("without", *(t.key for t in gone))
     if key not in projector.memo:
         rest = [t for t in result.terms if t not in gone]
         projector.memo[key] = Projector(projector.problem, rest, projector.sigma)
     reduced: Projector = projector.memo[key]
-    return reduced
-
-
-def _net(projector: Projector, reduced: Projector, term: Term) -> float:
-    """Gain when the candidate stands in the place of what it replaces."""
     return projector.rss - (reduced.rss - reduced.gain(term))
 
 

@@ -288,17 +288,19 @@ def _beyond(case: RuleCase) -> str:
 
 @_candidate("at-floor")
 def _at_floor(case: RuleCase) -> str:
-    """A joint whose error is at its floor lacks nothing: what lowers it further gets no name.
+    """A joint whose error is at its floor lacks nothing that lowers it by less than a tenth.
 
-    Many coefficients on many joints find something in any floor.  Held-out runs have the last word,
-    where there are some: they may be above theirs.
+    That is how well a floor is known; what does more shows that the floor holds it.  Held-out runs
+    have the last word, where there are some: they may be above theirs.  An effect at the tip has
+    so many coefficients on so many joints that it finds something in any floor.
     """
-    c, search, j = case.rated.candidate, case.search, case.rated.joint
-    if Trait.CORRECTION in c.term.effect.traits:
+    r, search, j = case.rated, case.search, case.rated.joint
+    effect, held = r.candidate.term.effect, search.now.step.heldout
+    large = r.after < (1 - TENTH) ** 2 * r.before
+    if Trait.CORRECTION in effect.traits or (large and not effect.scope.tip):
         return ""
-    held = search.now.step.heldout
-    size = held.rms if held.kind == "holdout" else search.now.result.rms
-    rms = np.maximum(size, search.now.result.rms)
+    own = search.now.result.rms
+    rms = own if effect.scope.tip or held.kind != "holdout" else np.maximum(held.rms, own)
     met = not case.evidence.floor.exceeded(rms, j)
     return "the error of its joint is at the noise floor" if met else ""
 

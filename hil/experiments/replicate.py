@@ -46,7 +46,7 @@ RUNS_OF_A_PROCESS = 50
 
 
 @dataclass(frozen=True)
-class Lost:
+class LostRun:
     """What stands for the result of a run that ended its process time after time."""
 
     text: str = (
@@ -73,11 +73,11 @@ class Where:
 
 def spread(
     work: Callable[[T], R], things: Sequence[T], where: Where
-) -> Iterator[tuple[int, R | Lost]]:
+) -> Iterator[tuple[int, R | LostRun]]:
     """Number of a thing and what `work` made of it, in the order in which they are finished.
 
     Every run has one thread, so that all ways there give the same digits.  A run whose process or
-    worker is lost is done again; one that loses it `TRIES` times gives `Lost`, the others go on.
+    worker is lost is done again; one that loses it `TRIES` times gives `LostRun`, the others go on.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _one_thread(work: Callable[[T], R], thing: T) -> R:
 
 def _in_processes(
     run: Callable[[T], R], things: Sequence[T], workers: int
-) -> Iterator[tuple[int, R | Lost]]:
+) -> Iterator[tuple[int, R | LostRun]]:
     """Results of processes; what was under way where one was lost is done again, one by one."""
     left = deque(range(len(things)))
     while left:
@@ -157,12 +157,12 @@ def _given(pool: ProcessPoolExecutor, run: Callable[[T], R], thing: T) -> Future
         return pool.submit(run, thing)
 
 
-def _again(run: Callable[[T], R], thing: T) -> R | Lost:
+def _again(run: Callable[[T], R], thing: T) -> R | LostRun:
     """Result of a run in a process of its own, where an earlier one was lost."""
     for _ in range(TRIES - 1):
         with _pool(1) as pool, contextlib.suppress(BrokenProcessPool):
             return _given(pool, run, thing).result()
-    return Lost()
+    return LostRun()
 
 
 # ------------------------------------------------------------ a Dask cluster
@@ -170,7 +170,7 @@ def _again(run: Callable[[T], R], thing: T) -> R | Lost:
 
 def _on_cluster(
     run: Callable[[T], R], things: Sequence[T], address: str
-) -> Iterator[tuple[int, R | Lost]]:
+) -> Iterator[tuple[int, R | LostRun]]:
     """Results of a Dask cluster; the scheduler gives the runs of lost workers to other ones."""
     distributed = _dask()
     with _client(distributed, address) as client:
@@ -189,7 +189,7 @@ def _on_cluster(
             try:
                 version, result = job.result()
             except distributed.KilledWorker:
-                version, result = hil.__version__, Lost()
+                version, result = hil.__version__, LostRun()
             except (CancelledError, distributed.comm.CommClosedError) as error:
                 raise DeviceError(
                     f"cluster {address} went away before all was done; start it again, then type "
@@ -275,7 +275,7 @@ def made_by() -> str:
     return f"{hil.__version__} {revision}" + (f" {os.getpid()}" if dirty == "true" else "")
 
 
-class Kept:
+class KeptRuns:
     """Finished runs of a version in a folder, a file each.
 
     Parameters
@@ -364,7 +364,7 @@ def replicate(
     ConfigError, DeviceError
         As `spread`; also if the folder is none, or the worker of one run is lost time after time.
     """
-    kept = Kept(folder, version)
+    kept = KeptRuns(folder, version)
     found = {s: data for s in seeds if (data := kept.read(f"{name}-{s}")) is not None}
     left = [seed for seed in seeds if seed not in found]
     for seed in found:
@@ -372,14 +372,14 @@ def replicate(
     lost = []
     for k, text in spread(partial(_run, job, name), left, Where(workers, cluster)):
         seed = left[k]
-        if isinstance(text, Lost):
+        if isinstance(text, LostRun):
             lost.append(str(seed))
             continue
         found[seed] = json.loads(text)
         kept.write(f"{name}-{seed}", found[seed])
         done(seed)
     if lost:
-        raise DeviceError(f"seed {', '.join(lost)}: {Lost().text}")
+        raise DeviceError(f"seed {', '.join(lost)}: {LostRun().text}")
     return {seed: found[seed] for seed in seeds}
 
 

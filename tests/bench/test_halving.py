@@ -43,7 +43,7 @@ def test_every_module_sees_it_and_gets_its_own_back():
 
 
 def test_a_number_that_is_none_is_refused():
-    with pytest.raises(ConfigError, match="LEVEL"), halving.changed("LEVELS", 2.0):
+    with pytest.raises(ConfigError, match="LEVEL"), halving.changed("LEVELZ", 2.0):
         pass
 
 

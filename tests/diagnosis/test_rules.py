@@ -216,6 +216,10 @@ def test_nothing_is_named_on_a_joint_at_its_floor(
         step=SimpleNamespace(heldout=SimpleNamespace(kind="holdout", rms=np.array([held]))),
     )
     one.search, one.evidence = SimpleNamespace(now=rung), SimpleNamespace(floor=floor)
+    one.rated.before, one.rated.after = 1.0, 0.96**2
     assert bool(rules.CANDIDATE["at-floor"](one)) is stopped
+    one.rated.after = 0.8**2  # more than a floor is known to: it holds what the model lacks
+    assert not rules.CANDIDATE["at-floor"](one)
+    one.rated.after = 0.96**2
     one.rated.candidate.term.effect = catalogue.get(CORRECTION)  # the verdict keeps those away
     assert not rules.CANDIDATE["at-floor"](one)

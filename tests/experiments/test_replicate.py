@@ -20,7 +20,7 @@ from hil.commands import experiment
 from hil.errors import ConfigError, DeviceError
 from hil.experiments.charts import SeedMean, bars
 from hil.experiments.pages import PAGES, means
-from hil.experiments.replicate import FAILED, TRIES, Lost, Where, replicate, spread
+from hil.experiments.replicate import FAILED, TRIES, LostRun, Where, replicate, spread
 
 SEEDS = [3, 1, 2]
 
@@ -42,7 +42,7 @@ def test_a_dask_cluster_gives_the_same_digits_and_its_lost_workers_are_survived(
         survived = replicate(lost_once, str(tmp_path), SEEDS, cluster=far.cluster)
         others = dict(spread(partial(lost_always, "x"), [1, 2], far))
     assert survived == {s: {"seed": s} for s in SEEDS}
-    assert others == {0: {"seed": 1}, 1: Lost()}
+    assert others == {0: {"seed": 1}, 1: LostRun()}
     assert found == {s: digits("x", s) for s in SEEDS}
     assert sorted(done) == sorted(SEEDS)
 

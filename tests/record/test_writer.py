@@ -76,8 +76,8 @@ def test_events_are_json_with_a_schema(tmp_path):
 
 def test_metadata_and_attachments_come_first(tmp_path):
     path = write(tmp_path / "s.mcap")
-    files, definitions = ["Attachment"] * 2, ["Schema", "Channel", "Channel"]
-    assert kinds(path)[:8] == ["Header", "Metadata", *files, *definitions, "Chunk"]
+    files, definitions = ["Attachment"] * 3, ["Schema", "Channel", "Channel"]
+    assert kinds(path)[:9] == ["Header", "Metadata", *files, *definitions, "Chunk"]
     assert read_metadata(path) == {"session": {"seed": "1"}}
     assert read_attachments(path) == {"a.toml": b"x = 1"}
 

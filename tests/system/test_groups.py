@@ -15,7 +15,7 @@ from hil.bench.real import Ours, RealCase, RealRow, ScriptErrors
 from hil.cli import main
 from hil.commands import common, diagnose, groups
 from hil.errors import ConfigError, DataError
-from hil.experiments.replicate import Lost, Where
+from hil.experiments.replicate import LostRun, Where
 from hil.record.export import write_recordings
 from hil.record.sources import RobotName
 
@@ -118,7 +118,7 @@ def test_a_session_that_loses_its_process_is_a_row(folder, capsys, monkeypatch):
     args = words_of(folder / "monday")
     assert groups.run(args, groups.groups(args), told) == 0
     assert "stribeck on joint1" in capsys.readouterr().out
-    monkeypatch.setattr(groups, "spread", lambda work, jobs, where: [(0, Lost())])
+    monkeypatch.setattr(groups, "spread", lambda work, jobs, where: [(0, LostRun())])
     assert groups.run(args, groups.groups(args), told) == 2
     assert "it ended its process 3 times" in capsys.readouterr().out
 
@@ -126,7 +126,7 @@ def test_a_session_that_loses_its_process_is_a_row(folder, capsys, monkeypatch):
 def test_many_sessions_are_counted_by_robot(capsys):
     args = words_of("x")
     robots = [RobotName((f"j{k % 2}",), "arm") for k in range(60)]
-    found = [groups.Group(f"{k}", r, [Path(f"{k}")]) for k, r in enumerate(robots)]
+    found = [groups.RobotGroup(f"{k}", r, [Path(f"{k}")]) for k, r in enumerate(robots)]
     rows = [
         groups._Row(str(g.robot), g.label, 1, "adequate" if k % 3 else "missing-effect", ("x",))
         for k, g in enumerate(found)

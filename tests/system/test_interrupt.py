@@ -163,14 +163,14 @@ import os, signal, sys, threading, time
 from hil.interrupt import interrupts
 interrupts.arm()
 from tqdm import tqdm
-from hil.bench.diagnosis.runner import spread
+from hil.experiments.replicate import Where, spread
 if __name__ == "__main__":
     os.setpgrp()
     bar = tqdm(total=1, file=open(os.devnull, "w"))
     threading.Timer(3.0, os.killpg, (os.getpgrp(), signal.SIGINT)).start()
     try:
         with interrupts.unwinding("bench"):
-            for _ in spread(time.sleep, [100.0] * 4, 2, "session"):
+            for _ in spread(time.sleep, [100.0] * 4, Where(2)):
                 pass
     except KeyboardInterrupt:
         sys.stderr.write(interrupts.line())

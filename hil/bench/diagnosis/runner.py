@@ -21,7 +21,7 @@ from hil.bench.diagnosis.tables import accepted
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
 from hil.errors import DataError, DeviceError
-from hil.experiments.replicate import Lost, Where, counted, spread
+from hil.experiments.replicate import LostRun, Where, counted, spread
 from hil.record.recording import Recording
 
 #: Between the seeds of two runs of one motion: no noise comes twice.
@@ -216,7 +216,7 @@ def run(
     made_by = revision()
     for thing, made in results(work, left, where, "session"):
         # a lost process is a crash of the diagnosis: a result, with its case
-        row = made if not isinstance(made, Lost) else _lost(thing, key, made)
+        row = made if not isinstance(made, LostRun) else _lost(thing, key, made)
         row["revision"] = made_by
         done[row[key]] = row
         if path:
@@ -224,7 +224,7 @@ def run(
     return [done[c.name] for c in todo]
 
 
-def _lost(thing: Any, key: str, lost: Lost) -> Row:
+def _lost(thing: Any, key: str, lost: LostRun) -> Row:
     if not isinstance(thing, SessionCase):
         raise DeviceError(f"{thing.name}: {lost.text}")
     crashed = {"outcome": "crashed", "named": [], "verdict": lost.text}
