@@ -63,17 +63,6 @@ def nothing_of_the_user(tmp_path_factory):
         yield
 
 
-@pytest.fixture(autouse=True, scope="module")
-def effects_of_others():
-    """Effects that a file of tests loads stay in it: the next one has the catalogue alone."""
-    from hil.models import catalogue
-
-    before = set(catalogue.table())
-    yield
-    for name in set(catalogue.table()) - before:
-        del catalogue.table()[name]
-
-
 @pytest.fixture
 def agreed():
     """Agree to what a model file, or the cut program of a rig, would run."""

@@ -16,6 +16,7 @@ from hil.cli import main
 from hil.commands import common, diagnose, groups
 from hil.errors import ConfigError, DataError
 from hil.experiments.replicate import LostRun, Where
+from hil.models import catalogue
 from hil.record.export import write_recordings
 from hil.record.sources import RobotName
 
@@ -66,7 +67,12 @@ def test_sessions_of_several_robots_are_diagnosed_group_by_group(folder, capsys)
     assert found[1]["diagnosis"] == alone
 
 
-def test_a_cluster_gives_the_same_digits(folder, cluster, capsys):
+def test_a_cluster_gives_the_same_digits(folder, cluster, capsys, monkeypatch):
+    for name, effect in dict(
+        catalogue.table()
+    ).items():  # what other tests loaded into this process
+        if type(effect).__module__.startswith("hil_plugin_"):
+            monkeypatch.delitem(catalogue.table(), name)
     day = folder / "tuesday"
     here, far = (
         answers(capsys, day, "--by", "session", *words)
