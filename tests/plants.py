@@ -430,6 +430,21 @@ def smooth_friction_axes(
     return Recording("axes", "arm", names, t, np.stack(q, axis=1), np.stack(tau, axis=1))
 
 
+def grasping_axis(seed: int = 3, spring: float = 0.0) -> Recording:
+    """A cable tool against a measured load: Dahl's hysteresis with the load, and a weak spring."""
+    t = np.arange(6000) / 200.0
+    w = 2 * np.pi * np.array([0.13, 0.31, 0.7]) * (1 + 0.07 * (seed - 3))
+    q, v, a = sines(t, w, np.array([0.3, 0.2, 0.05]), np.array([0.0, 1.0, 2.0]))
+    state = np.zeros(t.size)
+    for k in range(1, t.size):  # dz/dq = (1 - z sgn v) / s
+        side = np.sign(q[k] - q[k - 1])
+        state[k] = side + (state[k - 1] - side) * np.exp(-abs(q[k] - q[k - 1]) / 0.05)
+    load = 0.12 * (1 + np.sin(2 * np.pi * 0.17 * t)) + 0.3 * np.maximum(q, 0)
+    tau = 1e-4 * a + 0.002 * v + (0.012 + 0.16 * load) * state + load + spring * q
+    noise = 5e-4 * np.random.default_rng(seed).standard_normal(t.size)
+    return replace(single(f"grasp{seed}", t, q, tau + noise), tau_ext=-load[:, None])
+
+
 def slow_axes(seed: int, vs: float = 0.0, d: int = 3) -> Recording:
     """Axes without inertia: smooth friction and, if asked, a Stribeck curve of speed vs."""
     rng, t = np.random.default_rng(seed), np.arange(5000) / 250.0

@@ -38,7 +38,7 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.evidence import in_time
 from hil.diagnosis.floor import practical
-from hil.diagnosis.folds import levels, parts
+from hil.diagnosis.folds import Split, levels, parts
 from hil.diagnosis.types import CheckResult, Evidence
 from hil.identify.context import SOLID
 from hil.identify.design import head
@@ -388,10 +388,10 @@ def _transfers(case: Refit) -> str:
     j, search = case.rated.joint, case.search
     size = search.problem.rms(search.problem.effort)
     weight = np.where(search.problem.holds, 0.0, 1.0 / np.maximum(size, 1e-300) ** 2)
-    dealings = {
-        "part of the recording": parts(search.split),
-        "level of effort": levels(search.problem, search.split),
-    }
+    dealings: dict[str, Split | None] = {"part of the recording": parts(search.split)}
+    # no run determines the coefficients that another one has of its own
+    if not any(t.per_run for t in case.after.result.terms):
+        dealings["level of effort"] = levels(search.problem, search.split)
     for what, dealt in dealings.items():
         if dealt is not None:
             old, new = (search.parted(x.result, dealt) for x in (case.before, case.after))

@@ -193,7 +193,8 @@ def compare(
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
     level = evidence.floor.rms if floor is None else floor
-    notes = _undescribed(problem) + other_robot(model, recordings) + differences(alike, examine)
+    notes = _undescribed(problem) + other_robot(model, recordings) + contradicted(result)
+    notes += differences(alike, examine)
     notes += noticed(evidence, result)
     notes += examine.own(result)
     notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))

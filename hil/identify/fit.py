@@ -124,9 +124,10 @@ class _Given:
 
         What terms refer to is found beside all others, and may lead away from where they began.
         """
-        now = problem.rms(solve(problem, terms, model, sigma)[-1])
-        moves = ~problem.holds
-        if float(np.mean(np.log(now[moves] / self.sigma[moves]))) < np.log(CLOSE):
+        moves, now = ~problem.holds, problem.rms(solve(problem, terms, model, sigma)[-1])
+        ratio = np.maximum(now[moves], 1e-300) / self.sigma[moves]
+        # the geometric mean of the joints, each in its own effort's scale
+        if not ratio.size or float(np.sum(np.log(ratio))) < ratio.size * np.log(CLOSE):
             return terms, sigma
         problem.motions = self.motions
         set_context(problem, self.terms)

@@ -19,7 +19,7 @@ from hil.models.param_text import in_words
 #: Fields of an indistinguishable set, and of what a motion could not show.
 SETS = ("effects", "why", "experiment", "reason", "motion", "command")
 UNSEEN_KEYS = ("effects", "joints", "why", "command")
-CORRECTION = ("effect", "of", "joint", "relative_before", "relative_after", "se")
+CORRECTION = ("effect", "of", "joint", "relative_before", "relative_after", "se", "alike")
 
 
 def number(x: float, digits: int = 6) -> float | None:

@@ -145,8 +145,9 @@ def laws(which: Sequence[UnnamedCorrection]) -> list[str]:
         first, *rest = c.alike
         more = f", so would {listed(rest)}" if rest else ""
         out.append(
-            f"On {c.joint} {first} would do as much in their place{more}: too small a part of the "
-            f"effort to be named. To try it: hil add {first} --joint {c.joint}."
+            f"On {c.joint} {first} would do as much instead{more}: too small a part of the effort "
+            "to be named. To try it, add it to a model without the corrections: "
+            f"hil add {first} --joint {c.joint}."
         )
     return out
 

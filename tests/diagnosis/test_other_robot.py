@@ -7,7 +7,7 @@ import plants
 import pytest
 
 from hil.diagnosis.engine import diagnose
-from hil.diagnosis.preconditions import OTHER_ROBOT, other_robot
+from hil.diagnosis.preconditions import GRAVITY, OTHER_ROBOT, contradicted, other_robot
 from hil.diagnosis.verbs import compare, fit
 from hil.models.model import base_model
 from hil.record.recording import RobotSource
@@ -50,3 +50,17 @@ def test_a_run_of_fewer_instants_than_coefficients_has_noise() -> None:
     assert (floor.scale > 0.1 * floor.rms).all()
     strengths = [x.strength for regions in found.where.values() for x in regions]
     assert max(strengths, default=0.0) < 100
+
+
+def test_gravity_by_the_data_is_set_against_the_description() -> None:
+    """A link drawn 40 % too heavy is said on the joints that carry it; a right one is not."""
+    run = plants.spatial(1)
+    wrong = RobotSource("", plants.spatial_urdf((3.0, 1.6, 1.4 * 0.8)))
+    assert contradicted(fit([run], base_model(run.robot))) == []
+    told = contradicted(fit([run], base_model(wrong)))
+    assert {text.split(":")[0] for _, text in told} == {"gravity of upper", "gravity of fore"}
+    assert all(code == GRAVITY and "Check the masses" in text for code, text in told)
+    ratio = float(told[-1][1].split("give ")[1].split()[0])
+    assert ratio == pytest.approx(1 / 1.4, abs=0.02)
+    seen = compare([run], base_model(wrong), simulate=False)
+    assert GRAVITY in {f.code for f in seen.faults}

@@ -86,7 +86,8 @@ def refit(before: np.ndarray, after: np.ndarray, kind: str, effect: str = "strib
         blocks = np.arange(residual.size) // 10
         held = HeldOut(residual[None], np.ones((1, residual.size)), blocks, kind)
         errors = SimpleNamespace(power=np.array([np.mean(residual**2)]))
-        return SimpleNamespace(step=SimpleNamespace(heldout=held), errors=errors, result=residual)
+        result = SimpleNamespace(residual=residual, terms=[SimpleNamespace(per_run=False)])
+        return SimpleNamespace(step=SimpleNamespace(heldout=held), errors=errors, result=result)
 
     problem = SimpleNamespace(
         holds=np.zeros(1, dtype=bool),
@@ -99,7 +100,7 @@ def refit(before: np.ndarray, after: np.ndarray, kind: str, effect: str = "strib
         split=Split(
             np.arange(before.size) // 10, np.zeros(before.size // 10, int), ALL, ~ALL, False
         ),
-        parted=lambda residual, _: np.sum(residual.reshape(PARTS, -1) ** 2, axis=1)[:, None],
+        parted=lambda fit, _: np.sum(fit.residual.reshape(PARTS, -1) ** 2, axis=1)[:, None],
     )
     one.before, one.after = visited(before), visited(after)
     return one
@@ -142,13 +143,15 @@ def test_a_correction_holds_from_one_level_of_effort_to_the_next() -> None:
     dealt = levels(problem, one.search.split)
     assert dealt is not None and dealt.fold.tolist() == np.repeat([0, 1, 0, 1], 10).tolist()
 
-    def parted(residual: np.ndarray, dealt: Split) -> np.ndarray:
-        worse = residual * (2.0 if dealt.folds == 2 and residual is one.after.result else 1.0)
-        power = np.add.reduceat(worse**2, np.arange(0, residual.size, 10))
+    def parted(fit: Any, dealt: Split) -> np.ndarray:
+        worse = fit.residual * (2.0 if dealt.folds == 2 and fit is one.after.result else 1.0)
+        power = np.add.reduceat(worse**2, np.arange(0, worse.size, 10))
         return np.bincount(dealt.fold, power)[:, None]
 
     one.search.parted = parted
     assert "from one level of effort to the next" in rules.FIT["transfers"](one)
+    one.after.result.terms[0].per_run = True  # an offset a run, which no other run determines
+    assert rules.FIT["transfers"](one) == ""
 
 
 def fitted(*theta: float) -> Any:

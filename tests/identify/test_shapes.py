@@ -137,19 +137,7 @@ def test_a_wave_at_the_end_of_the_grid_gets_its_own_order() -> None:
 
 def test_a_fit_keeps_the_form_of_a_file_where_it_leaves_less() -> None:
     """Beside the load that belongs to it: without, another form of hysteresis looks better."""
-    t = np.arange(6000) / 200.0
-    w = 2 * np.pi * np.array([0.13, 0.31, 0.7])
-    q, v, a = plants.sines(t, w, np.array([0.3, 0.2, 0.05]), np.array([0.0, 1.0, 2.0]))
-    state = np.zeros(t.size)
-    for k in range(1, t.size):  # Dahl: dz/dq = (1 - z sgn v) / s
-        step = q[k] - q[k - 1]
-        rest = np.exp(-abs(step) / 0.05)
-        state[k] = np.sign(step) + (state[k - 1] - np.sign(step)) * rest
-    load = 0.12 * (1 + np.sin(2 * np.pi * 0.17 * t)) + 0.3 * np.maximum(q, 0)
-    tau = 1e-4 * a + 0.002 * v + (0.012 + 0.16 * load) * state + load
-    rng = np.random.default_rng(3)
-    run = plants.single("grasp", t, q, tau + 5e-4 * rng.standard_normal(t.size))
-    run = replace(run, tau_ext=-load[:, None])
+    run = plants.grasping_axis()
     dahl = {"s": 0.0056, "form": 1.0, "v0": 0.0087, "vs": 0.0}
     shape = {f"j1.presliding.{name}": Value(x) for name, x in dahl.items()}
     model = base_model(run.robot) + Use("presliding", ("joint1",), {}, shape) + "load-friction"

@@ -8,8 +8,6 @@ from hil.cli import main
 from hil.record.mcap_read import load
 from hil.rigs import rig_path
 
-pytestmark = pytest.mark.slow
-
 HIDDEN = '\n[[simulation.hidden]]\neffect = "spring"\njoint = "elbow"\n'
 
 

@@ -63,7 +63,6 @@ def test_wrist_coupling_is_found_in_the_first_half_and_holds_in_the_second():
     assert d.ladder[0].heldout.relative[4] > 100 and d.ladder[-1].heldout.relative[4] < 22
 
 
-@pytest.mark.slow
 def test_wrist_coupling_is_found():
     d = recordings.wrist().diagnosis
     first = d.findings[0]
