@@ -54,6 +54,8 @@ def test_few_numbers_decide():
     plain = [n for n in made if len(leaves(n)) == 1 and not names(n.value)]
     derived = [n for n in made if n not in plain]
     assert 20 < len(plain) <= _MOST
+    page = (Path(__file__).parents[2] / "docs" / "diagnosis.md").read_text()
+    assert f"every number that decides something: {len(plain)}," in page
     # what is derived from them brings no number of its own, but squares, halves and differences
     assert all(names(n.value) and set(leaves(n.value)) <= {1, 2} for n in derived)
 
