@@ -6,6 +6,7 @@ types it, and compared with what was written.  Public recordings are taken where
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import json
 import os
@@ -15,15 +16,18 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 import hil
+from hil import terminal
 from hil.record.datasets import VARIABLE
+from hil.terminal import Found
 
 FloatArray = NDArray[np.float64]
 N, HZ = 2000, 500.0
@@ -471,3 +475,13 @@ def page(rows: list[DoorRow], command: str) -> str:
         row[1] = f"`{row[1]}`"
         lines.append("| " + " | ".join(x.replace("|", "\\|") for x in row) + " |")
     return "\n".join([*lines, ""])
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Sources as labs have them, the command that takes each, and what comes out."""
+    terminal.check_page(args.report)
+    with tqdm(total=steps(), unit="source", disable=not sys.stderr.isatty()) as bar:
+        rows = list(study(bar.update))
+    terminal.write_page(args.report, page(rows, "hil bench doors"))
+    text = terminal.table(list(HEAD), cells(rows), (0, 1, 3, 4))
+    return text, {"doors": [terminal.finite(asdict(r)) for r in rows]}
