@@ -9,6 +9,7 @@ import plants
 import pytest
 
 import hil
+from hil.bench.diagnosis import cases, runner
 from hil.commands.diagnose import short
 from hil.diagnosis import rules
 from hil.diagnosis.verbs import ladder
@@ -71,6 +72,34 @@ def test_a_second_effect_is_judged_by_what_is_left_now():
 
     d = said(plants.smooth_axis(3, extra=extra))
     assert set(named(d)) == {"asymmetric-viscous", "spring"}
+
+
+def test_what_did_not_hold_may_hold_beside_a_larger_model(monkeypatch):
+    """The first of two effects that is asked holds beside the other one alone: it comes second."""
+    asked = []
+
+    def extra(t, q, v, a):
+        return 0.4 * q + 0.15 * np.abs(v)
+
+    def alone(case):
+        asked.append(case.rated.candidate.term.effect.name)
+        others = {"spring", "asymmetric-viscous"} - {asked[0]}
+        terms = {t.effect.name for t in case.after.result.terms}
+        return "only beside the other one" if asked[-1] == asked[0] and others - terms else ""
+
+    monkeypatch.setitem(rules.FIT, "alone", alone)
+    d = said(plants.smooth_axis(3, extra=extra))
+    assert asked.count(asked[0]) == 2
+    assert set(named(d)) == {"asymmetric-viscous", "spring"}
+
+
+def test_what_replaces_friction_has_the_shape_that_does_most_in_its_place():
+    """Beside Coulomb friction the best shape of presliding is another one, and worth nothing."""
+    pytest.importorskip("mujoco")
+    case = next(c for c in cases.mujoco_plan(True, cases.SEEDS) if "presliding@1x1.5" in c.name)
+    train, holdout = runner.recordings(case)
+    d = hil.diagnose(train, cases.suspected(case, train[0].robot), holdout)
+    assert named(d) == ["presliding"]
 
 
 def test_friction_with_load_is_a_level_of_the_state_that_presliding_has():
