@@ -1,8 +1,11 @@
-"""Alignment of effort and position within one sample.
+"""Alignment of effort and position within one sample, and of efforts that were recorded late.
 
 A command that is held over its period acts half a period late, and position and effort of one
 row are rarely taken at the same instant.  Up to one sample that is how the recording was made,
 not a physical delay; left in, it imitates small effects at every reversal.
+
+Efforts that are early by more may be a delay of the drive.  Efforts that are late by more cannot be
+one: no joint moves before its motor pushes.  They came by a slower bus, or through a filter.
 
 Stamps, positions or velocities wrong by a factor: both readings, and which the dynamics support.
 
@@ -52,6 +55,12 @@ CLEAR = 3.0
 PIECES = 6
 #: Time by which friction turns early in the column that keeps its turns out of the lateness [s].
 TURN = 0.005
+
+
+#: Largest lateness of recorded efforts that is looked for [s]: a filter of 5 Hz, a message missed.
+LATEST = 0.05
+#: Share by which the error must fall where efforts are taken earlier by more than a sample.
+LESS = 0.1
 
 
 class _Rate(Effect):
@@ -212,20 +221,38 @@ def sample_shift(result: FitResult) -> float:
     standard deviation s of half a sample.  Of an estimate T with error e what is taken out is
 
         T s^2 / (s^2 + e^2).
+
+    Efforts that are late by more than a sample are so on all joints that can tell.
     """
     problem = result.problem
     if result.model.explains != "motor":
         return 0.0
     late = {t.joint for t in result.terms if Trait.SHIFTS in t.effect.traits}
     longest = longest_shift(problem)
-    seen = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
-    seen = [(value, error) for value, error in seen if error < KNOWN * longest]
+    told = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
+    if recorded := _recorded_late(told, longest):
+        return recorded
+    seen = [(value, error) for value, error in told if error < KNOWN * longest]
     shift, error = _middle(seen, longest / FINEST) if seen else (0.0, 0.0)
     if abs(shift) > longest:
         return 0.0
     spread = KNOWN * longest
     shift *= spread**2 / (spread**2 + error**2)
     return shift if abs(shift) >= longest / FINEST else 0.0
+
+
+def _recorded_late(told: Sequence[tuple[float, float]], longest: float) -> float:
+    """Delay (negative) of efforts that are surely late by more than a sample, or 0.
+
+    All joints that know theirs to a half must have the same, within what they know and a sample.
+    """
+    sure = [(value, error) for value, error in told if value + CLEAR * error < -longest]
+    if not sure:
+        return 0.0
+    shift, _ = _middle(sure, longest / FINEST)
+    others = [(value, error) for value, error in told if error < KNOWN * abs(shift)]
+    alike = all(abs(value - shift) <= CLEAR * error + longest for value, error in others)
+    return shift if alike and shift >= -LATEST else 0.0
 
 
 def _middle(seen: Sequence[tuple[float, float]], finest: float) -> tuple[float, float]:
@@ -241,9 +268,10 @@ def _middle(seen: Sequence[tuple[float, float]], finest: float) -> tuple[float, 
 
 
 def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = None) -> FitResult:
-    """Fit, align the effort within one sample, fit again; leaves the problem aligned.
+    """Fit, align the effort, fit again; leaves the problem aligned.
 
-    `scale` as in `fit`.
+    Within one sample, and beyond it where efforts are late and the error falls with it.  `scale` as
+    in `fit`.
     """
     given = problem.given_shift
     if given is not None and problem.shift != given:
@@ -251,16 +279,26 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
     result = fit(problem, model, scale=scale)
     if given is not None:
         return result
-    longest = longest_shift(problem)
+    longest, start = longest_shift(problem), (problem.shift, result)
     for _ in range(STEPS):
         shift = sample_shift(result)
-        if not shift or abs(problem.shift + shift) > longest:
+        if not shift or not -LATEST <= problem.shift + shift <= longest:
             break
         problem.shift_effort(shift)  # tau(t) = model(t) + T tau'(t)
         result = fit(problem, model, scale=scale)
         if abs(shift) < AGAIN * longest:
             break
+    if problem.shift < -longest and start[0] >= -longest and not _lower(result, start[1]):
+        problem.shift_effort(start[0] - problem.shift)
+        return fit(problem, model, scale=scale)
     return result
+
+
+def _lower(result: FitResult, before: FitResult) -> bool:
+    """Whether the joints that move have a clearly lower error than before, by geometric mean."""
+    moves = ~result.problem.holds
+    ratio = result.rms[moves] / np.maximum(before.rms[moves], 1e-300)
+    return bool(np.exp(np.mean(np.log(np.maximum(ratio, 1e-300)))) < 1 - LESS)
 
 
 @dataclass(frozen=True)
@@ -329,17 +367,26 @@ def lateness(recording: Recording) -> Lateness:
     )
 
 
+#: Codes of notes on the alignment: within a sample, and efforts that were recorded later than that.
+ALIGNED, RECORDED_LATE = "late-effort", "recorded-late"
+
+
 def late_effort(problem: Problem) -> list[tuple[str, str]]:
     """Note (code, sentence) on the lateness of the effort that was taken out; none for none."""
-    if abs(problem.shift) < longest_shift(problem) / FINEST:
+    shift, longest = problem.shift, longest_shift(problem)
+    if abs(shift) < longest / FINEST:
         return []
-    shift = problem.shift
     later, share = ("late" if shift < 0 else "early"), abs(shift) * min(problem.sources)
+    size = f"the efforts are {abs(shift) * 1e3:.3g} ms {later} against the positions"
+    said = f"{size} ({share:.2g} samples) and were shifted"
+    if shift >= -longest or problem.given_shift is not None:
+        return [(ALIGNED, f"{said} (to change it, set shift_s under [signal])")]
     return [
         (
-            "late-effort",
-            f"the efforts are {abs(shift) * 1e3:.3g} ms {later} against the positions "
-            f"({share:.2g} samples) and were shifted (to change it, set shift_s under [signal])",
+            RECORDED_LATE,
+            f"{said}. No drive moves a joint before it pushes, so they were recorded late: by a "
+            "slower bus, or through a filter. To use another value, set shift_s under [signal]; "
+            "to change nothing, set it to 0",
         )
     ]
 

@@ -21,6 +21,7 @@ from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import Finding, UnnamedCorrection
 from hil.diagnosis.unnamed import told
 from hil.diagnosis.verdict import COMMON, NO_GEOMETRY, only_there
+from hil.identify.timing import RECORDED_LATE
 from hil.errors import ConfigError
 from hil.models import catalogue
 from hil.models.effect import Trait
@@ -63,7 +64,7 @@ TWO_ERRORS = (
     "adequate (docs/diagnosis.md)"
 )
 #: Codes of warnings that stand beside the verdict.
-LEADING = (NO_GEOMETRY, GRAVITY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
+LEADING = (NO_GEOMETRY, RECORDED_LATE, GRAVITY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
 
 
 # ------------------------------------------------------------ verdict
@@ -247,6 +248,7 @@ def details(m: Material) -> list[str]:
     out = (
         (doubts(m.warnings) if m.rungs and m.verdict != "not-identifiable" else [])
         + _said(m, NO_GEOMETRY)
+        + _said(m, RECORDED_LATE)
         + _said(m, GRAVITY)
         + [_finding(m, f) for f in m.findings]
     )
