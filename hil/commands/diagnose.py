@@ -67,10 +67,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     lines += [f"  {w}." for code, w in d.warnings if code == NO_GEOMETRY]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
-    partial = [f"{f.effect} on {f.joint}" if f.joint else f.effect for f in d.partial]
-    if partial:
-        why = "explains too little to be the cause"
-        lines += [f"  best partial explanation: {', '.join(partial)} ({why})"]
+    lines += [f"  partial explanation: {where(f)} (no name: {f.reason})" for f in d.partial]
     lines += _left(d) + _corrections(d)
     beside = set(LEADING) - {NO_GEOMETRY}
     lines += [f"  {w}." for code, w in d.warnings if code in beside]

@@ -402,6 +402,8 @@ class Finding:
         Its parameters after the joint refit.
     rivals : list of str
         Effects that these data cannot tell from it.
+    reason : str
+        What holds its confidence down most.
     """
 
     effect: str
@@ -413,6 +415,7 @@ class Finding:
     excess_explained: float
     parameters: dict[str, Value]
     rivals: list[str]
+    reason: str = ""
 
 
 @dataclass(frozen=True, repr=False)

@@ -175,7 +175,7 @@ def _remaining(d: Diagnosis) -> dict[str, object]:
         "noise_floor_from": d.last.floor.method,
         "structure": structure,
         "any_function": None if d.beyond is None else number(d.beyond, 3),
-        "best_partial": [finding_json(f) for f in d.partial],
+        "best_partial": [{**finding_json(f), "reason": f.reason} for f in d.partial],
     }
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.artefacts import BLURRED, blurred_above
-from hil.diagnosis.constants import ADEQUATE, CONFIDENT, WHOLE
+from hil.diagnosis.constants import ADEQUATE, CONFIDENT
 from hil.diagnosis.floor import known_to
 from hil.diagnosis.preconditions import GRAVITY
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, UNLIKE
@@ -21,8 +21,8 @@ from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import Finding, UnnamedCorrection
 from hil.diagnosis.unnamed import told
 from hil.diagnosis.verdict import COMMON, NO_GEOMETRY, only_there
-from hil.identify.timing import RECORDED_LATE
 from hil.errors import ConfigError
+from hil.identify.timing import RECORDED_LATE
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import Value
@@ -256,8 +256,8 @@ def details(m: Material) -> list[str]:
     for f in m.partial:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it explains "
-            f"{100 * f.excess_explained:.0f} % of the squared error above the noise floor; less "
-            f"than {100 * WHOLE:.0f} % is explained in all, so it is not named as the cause)."
+            f"{100 * f.excess_explained:.0f} % of the squared error above the noise floor). It is "
+            f"not named as the cause: {f.reason}."
         )
     if m.findings and (left := remains(m.ratio(m.explained), m.joints)):
         out.append(left)
