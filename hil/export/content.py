@@ -393,7 +393,7 @@ class _Translation:
     def _stroke(self, j: int, v: float) -> Motion:
         """A long stroke of one joint at a constant speed, far beyond any displacement."""
         n, d = 8, len(self.robot.joints)
-        t: FloatArray = np.arange(n) * STROKE / abs(v)
+        t = np.linspace(0.0, (n - 1) * STROKE / abs(v), n)
         q, qd, none = np.zeros((n, d)), np.zeros((n, d)), np.zeros((n, d))
         q[:, j], qd[:, j] = v * t, v
         signs = np.array([self.signs.get(k) or abs(v) * 1e-3 for k in range(d)])
