@@ -146,7 +146,8 @@ def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]
         table = config.arms[arm]
         records[f"robot/{arm}"] = {
             "preset": "" if table.own else table.robot,
-            "tip": table.tip,
+            # a URDF may have no frame of the default's name: its last one is then the tip
+            "tip": robot_source(table).tip,
             "joints": json.dumps(list(table.joints)),
         }
     if config.record.tags:
