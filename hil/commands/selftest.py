@@ -37,6 +37,12 @@ SMALLEST, LARGEST, USUAL = 0.02, 0.2, 0.1
 PULSE, REST, WATCH = 25, 100, 500
 #: Least change of speed [rad/s]; largest rest of counts and of force [N] without power.
 MOVES, STILL_COUNTS, STILL_FORCE = 0.03, 4, 1.0
+#: Why arms of a URDF get no pulses.
+UNDRIVEN = (
+    "not driven: pulses are for arms that balance themselves, and nothing would bear this one's "
+    "weight between them; hold a posture with 'hil run RIG.toml --seconds 5', one hand at the "
+    "emergency stop"
+)
 #: Largest rest of drives that measure finer than an encoder [rad or m].
 STILL = 1e-3
 
@@ -115,6 +121,10 @@ def selftest(
             passed &= step.passed
             yield step
         if not passed:
+            return
+        own = [name for name, arm in config.arms.items() if arm.own]
+        if own:
+            yield TestStep(", ".join(own), "motors", True, UNDRIVEN)
             return
         if allowed():
             with (

@@ -21,7 +21,7 @@ from hil.rigs import rig_path
 from hil.runtime.runner import run
 from hil.signals.bus import Bus
 from hil.signals.device import Status
-from hil.sim_devices.joints.haply import SimInverse, alone, serve
+from hil.sim_devices.joints.haply import SimInverse, alone, main, serve
 from hil.testing import Tolerance, check_driver
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -211,13 +211,18 @@ def test_joints_are_read_in_radians_and_driven_in_the_unit_that_is_given():
     box.close()
 
 
-def test_over_a_real_socket():
+def test_over_a_real_socket(monkeypatch, capsys):
     done = threading.Event()
     with socket.create_server(("localhost", 0)) as listener:
         service, world = alone()
         thread = threading.Thread(target=serve, args=(service, listener, world, done))
         thread.start()
+        monkeypatch.setattr(haply, "PORT", listener.getsockname()[1])
         try:
+            (seen,) = BOX.attached(Bus("ws"))
+            assert seen.usable and seen.address == f"localhost:{haply.PORT}/0A1B"
+            assert main(["--port", str(haply.PORT)]) == 3
+            assert "in use" in capsys.readouterr().err
             bus = Bus("ws")
             box = BOX.open_box(
                 "inverse",
