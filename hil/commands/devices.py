@@ -67,7 +67,7 @@ def _on_the_bus(name: str, module: ModuleType) -> Iterator[Row]:
 
 
 #: What a box whose library is missing needs.
-EXTRA = "pip install 'hil-teleop[hardware,haply]' brings the libraries of the buses"
+EXTRA = "pip install 'hil-teleop[hardware]' brings the libraries of the buses"
 UNLISTED = "{bus} does not list what is on it; 'hil devices RIG.toml' asks for those of a rig"
 NOTHING = (
     "none is attached, as far as {bus} shows; plug it in, and if this machine is virtual, hand "
