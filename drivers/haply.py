@@ -359,6 +359,8 @@ class Inverse3:
         Last answer, in `scales`.
     scales : ndarray (3, 3)
         Size of a step: position [m or rad], speed [m/s or rad/s], effort [N or N m].
+    settings : dict
+        What the service does to the device, as it says; it goes into the session.
     trouble : str
         Why the device is lost; empty while it is not.
     malformed, skipped : int
@@ -394,7 +396,7 @@ class Inverse3:
         self._stale_ns, self._lost_ns = round(config.stale_ms * 1e6), round(config.lost_ms * 1e6)
         self.serial, self._row = device, {}
         self._row = self._found()
-        self.serial, self._settings = str(self._row["device_id"]), self._row.get("config") or {}
+        self.serial, self.settings = str(self._row["device_id"]), self._row.get("config") or {}
         self._command = command(self.serial, config.space, config.format)
         self._zero = self._command % (0.0, 0.0, 0.0)
         self._take(self._row)
@@ -535,7 +537,7 @@ class Inverse3:
 
     def describe(self) -> str:
         """What the device is and what its service does to forces, for `hil devices`."""
-        return f"Inverse3 {self.serial} by the service at {self.place}" + told(self._settings)
+        return f"Inverse3 {self.serial} by the service at {self.place}" + told(self.settings)
 
     def close(self) -> None:
         """Zeros, then leave the service."""

@@ -78,6 +78,7 @@ class Opened:
 
     def __init__(self, name: str, bus: Bus, product: str, serial: str) -> None:
         self.ul, self.name = library(name, bus), name
+        self.device: Any = None
         try:
             found = self.ul.get_daq_device_inventory(self.ul.InterfaceType.USB)
             mine = [d for d in found if d.product_name.upper() == product.upper()]
@@ -92,6 +93,7 @@ class Opened:
             self.device = self.ul.DaqDevice(fits[0])
             self.device.connect()
         except self.ul.ULException as error:
+            self.close()
             raise self.trouble(error) from error
 
     def trouble(self, error: Exception) -> DeviceError:
@@ -100,7 +102,8 @@ class Opened:
 
     def close(self) -> None:
         """Release the box, as far as it is still there."""
-        for leave in (self.device.disconnect, self.device.release):
+        device = self.device
+        for leave in (device.disconnect, device.release) if device is not None else ():
             with suppress(self.ul.ULException):  # it may be gone
                 leave()
 

@@ -349,10 +349,11 @@ class _Translation:
                 )
                 continue
             own = [c for c in columns if c.joint == j and c.text in _FRICTION]
-            v = top * np.linspace(1.0 / SPEEDS, 1.0, SPEEDS)
-            force = sum((self._steady(u, j, v) for u in uses), np.zeros(SPEEDS))
-            force += sum(c.value * (v if c.text == "v" else np.ones(SPEEDS)) for c in own)
-            (fc, fv), _ = scipy.optimize.nnls(np.stack([np.ones(SPEEDS), v], axis=1), force)
+            v = np.tile(top * np.linspace(1.0 / SPEEDS, 1.0, SPEEDS), 2)
+            ones = np.ones(v.size)
+            force = sum((self._steady(u, j, v[:SPEEDS]) for u in uses), np.zeros(v.size))
+            force += sum(c.value * (v if c.text == "v" else ones) for c in own)
+            (fc, fv), _ = scipy.optimize.nnls(np.stack([ones, v], axis=1), force)
             rest = float(np.sqrt(np.mean((force - fc - fv * v) ** 2)))
             known = {"v0": self.signs.get(j) or top / SPEEDS}
             both = Column(names, j, "sign", float(fc), known), Column(names, j, "v", float(fv))
@@ -379,16 +380,16 @@ class _Translation:
         return sliding and known and bool(self._values(use, effect, j))
 
     def _steady(self, use: Use, j: int, speeds: FloatArray) -> FloatArray:
-        """Effort against steady sliding at speeds (n,): half of what it is there and back."""
+        """Effort against steady sliding at speeds (n,), there and then back (2 n,)."""
         effect = catalogue.get(use.type)
         shape, values = list(self._shape(use, effect, j).values()), self._values(use, effect, j)
-        out = np.zeros(speeds.size)
-        for k, v in enumerate(speeds):
-            for way in (1.0, -1.0):
+        out = []
+        for way in (1.0, -1.0):
+            for v in speeds:
                 stroke = self._stroke(j, way * v)
                 columns = effect.columns(stroke, j, shape)[-1, : len(values)]
-                out[k] += 0.5 * way * float(columns @ values)
-        return out
+                out.append(way * float(columns @ values))
+        return np.array(out)
 
     def _stroke(self, j: int, v: float) -> Motion:
         """A long stroke of one joint at a constant speed, far beyond any displacement."""

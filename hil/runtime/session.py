@@ -152,6 +152,9 @@ def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]
         }
     if config.record.tags:
         records[TAGS] = tag_record(config.record.tags)
+    for name, box in rig.boxes.items():
+        if settings := getattr(box, "settings", None):
+            records[f"box/{name}"] = {"settings": json.dumps(settings, sort_keys=True)}
     for name, device in rig.devices.items():
         scales = getattr(device, "scales", None)
         if scales is not None:

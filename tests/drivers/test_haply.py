@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from hil.drivers import haply
 from hil.drivers.haply import BOX, InverseConfig
 from hil.errors import ConfigError, DeviceError
+from hil.record.container import read
 from hil.record.decode import read_fields
 from hil.rig.config import RecordConfig, load_rig
 from hil.rigs import rig_path
@@ -252,6 +253,8 @@ def test_a_session_with_frames_answers_for_the_service(tmp_path):
     run(replace(config, record=RecordConfig(frames=True)), 0.2, 0, output=first)
     replayed = replace(config, backend="replay", record=RecordConfig(replay=str(first)))
     run(replayed, 0.2, 0, output=again)
+    told = json.loads(read(first).metadata["box/inverse"]["settings"])
+    assert told["gravity_compensation"] == {"enabled": True, "scaling_factor": 1.0}
     one, other = (read_fields(str(p), "/rig/raw")[1] for p in (first, again))
     for axis in ("1", "2", "3"):
         assert np.ptp(one[f"arm_count{axis}"]) > 0
