@@ -60,7 +60,7 @@ from hil.diagnosis.verdict import (
 )
 from hil.identify.context import renew
 from hil.identify.parallel import single_threaded
-from hil.identify.problem import Problem
+from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
@@ -115,7 +115,7 @@ def diagnose(
     if errors:
         return Diagnosis("bad-data", warnings=errors)
     progress.at("fit the given model", 0.0)
-    problem = Problem(recordings, model.robot, model.explains, model.band)
+    problem = of_model(recordings, model)
     result = fit_aligned(problem, model)
     folds = split(problem, seed, not any(t.per_run for t in result.terms))
     wrong, doubtful = doubts(result, folds)

@@ -271,7 +271,8 @@ class _Translation:
     def __init__(
         self, model: RobotModel, robot: Robot, words: Vocabulary, span: FloatArray | None
     ) -> None:
-        self.model, self.robot, self.words, self.span = model, robot, words, span
+        self.model, self.robot, self.words = model, robot, words
+        self.span = model.spans(robot.joints) if span is None else span
         self.signs = {
             j: use.values[name].value
             for use in model.effects

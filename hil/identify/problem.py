@@ -21,7 +21,7 @@ from hil.identify.clock import Timing, even
 from hil.identify.column_cache import Kept, Seen, watched
 from hil.identify.prepare import Decimator, prepare, signal, timing_notes
 from hil.models.effect import Effect, Trait, terms_of
-from hil.models.model import Band
+from hil.models.model import Band, RobotModel
 from hil.models.motion import Motion
 from hil.models.robots import Robot, make_robot
 from hil.record.recording import Recording, RobotSource
@@ -493,3 +493,9 @@ class Problem(Rows):
         runs = range(first, self.runs)
         mask = self.whole[self.run].reshape(-1, *[1] * (x.ndim - 1))
         return np.concatenate([np.where(mask == k, x, 0.0) for k in runs] or [x[..., :0]], axis=-1)
+
+
+def of_model(recordings: Sequence[Recording], model: RobotModel) -> Problem:
+    """Runs as a model is fitted to them; values that it keeps refer to the range that it states."""
+    span = model.spans(recordings[0].joints) if model.keeps and recordings else None
+    return Problem(list(recordings), model.robot, model.explains, model.band, span=span)

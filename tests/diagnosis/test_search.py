@@ -93,6 +93,34 @@ def test_what_did_not_hold_may_hold_beside_a_larger_model(monkeypatch):
     assert set(named(d)) == {"asymmetric-viscous", "spring"}
 
 
+def test_the_weight_of_an_axis_without_a_description_is_no_spring():
+    """The commonest bench: one axis with a load beside it, swung through half a turn and more."""
+
+    def weight(t, q, v, a):
+        return 0.8 * np.sin(1.0 + q)
+
+    run = plants.smooth_axis(3, extra=weight)
+    assert np.ptp(run.q) > 2.0
+    d = said(run)
+    assert named(d) == ["unbalance"] and d.findings[0].confidence > 0.9
+    size = [v.value for v in d.findings[0].parameters.values()]
+    assert np.hypot(*size) == pytest.approx(0.8, rel=0.02)
+
+
+def test_a_rival_is_fitted_again_before_it_counts():
+    """Beside a limit that was found without either of them, a spring and the weight look alike."""
+
+    def both(t, q, v, a):
+        wanted = 0.1 * a + 0.3 * np.tanh(v / 0.02) + 0.1 * v + 0.05 + 0.8 * np.sin(1.0 + q)
+        return np.where(np.abs(wanted) > 1.1, 3.0 * (wanted - np.clip(wanted, -1.1, 1.1)), 0.0) + (
+            0.8 * np.sin(1.0 + q)
+        )
+
+    d = said(plants.smooth_axis(3, seconds=60.0, extra=both))
+    assert set(named(d)) == {"unbalance", "torque-saturation"}
+    assert all(not f.rivals for f in d.findings)
+
+
 def test_what_replaces_friction_has_the_shape_that_does_most_in_its_place():
     """Beside Coulomb friction the best shape of presliding is another one, and worth nothing."""
     pytest.importorskip("mujoco")

@@ -151,11 +151,18 @@ def test_without_data_a_law_in_the_place_of_coulomb_friction_is_written(folder, 
     assert friction_of(folder / "said.urdf", "fore") == (0.0, 0.0)
 
 
-def test_without_data_a_spring_is_lost_with_its_offset(folder, made, capsys):
-    write_model(made("c").steps[-1].result.model, folder / "bare.toml")
-    words = ["export", folder / "bare.toml", "--to", "sdf", "-o", folder / "bare.sdf"]
-    assert main([*map(str, words), "--feasible"]) == 0
-    said = capsys.readouterr().out
-    assert "lost: spring on upper: its law is about the recorded span; give the recording" in said
-    assert "lost: torque-offset on upper: the target can say it only beside an effect" in said
-    assert "spring" not in (folder / "bare.sdf").read_text().split("<sdf")[1]
+def test_without_data_a_spring_needs_the_range_that_it_refers_to(folder, made, capsys):
+    """The model states it; a file of an earlier version does not."""
+    model = made("c").steps[-1].result.model
+    old = replace(model, valid=tuple(replace(r, span=None) for r in model.valid))
+    for name, kept in (("new", model), ("old", old)):
+        write_model(kept, folder / f"{name}.toml")
+        words = ["export", folder / f"{name}.toml", "--to", "sdf", "-o", folder / f"{name}.sdf"]
+        assert main([*map(str, words), "--feasible"]) == 0
+        said = capsys.readouterr().out
+        lost = "lost: spring on upper: its law is about the recorded span; give the recording"
+        assert (lost in said) == (name == "old")
+        beside = "lost: torque-offset on upper: the target can say it only beside an effect"
+        assert (beside in said) == (name == "old")
+        written = (folder / f"{name}.sdf").read_text().split("<sdf")[1]
+        assert ("spring_stiffness" in written) == (name == "new")
