@@ -33,7 +33,7 @@ KEPT = 2**27
 ROW_BATCH = 2**22
 
 
-def _later(x: FloatArray, t: FloatArray, seconds: float) -> FloatArray:
+def later(x: FloatArray, t: FloatArray, seconds: float) -> FloatArray:
     """Columns (n, d) so much later; the ends are kept."""
     spline = scipy.interpolate.CubicSpline(t, x, axis=0)
     return np.asarray(spline(np.clip(t - seconds, t[0], t[-1])))
@@ -358,7 +358,7 @@ class Problem(Rows):
     def shift_effort(self, seconds: float) -> None:
         """Take the motor effort `seconds` later: tau(t) <- tau(t - s), by cubic splines."""
         self.shift += seconds
-        self.motions = [m.with_(tau=_later(m.tau, m.t, seconds)) for m in self.motions]
+        self.motions = [m.with_(tau=later(m.tau, m.t, seconds)) for m in self.motions]
         self._target()
         self._kept = self._kept.pruned(self.motions)
 

@@ -30,7 +30,7 @@ from hil.errors import HilError
 from hil.identify.bands import Rates
 from hil.identify.design import Term, block
 from hil.identify.fit import fit
-from hil.identify.problem import Problem
+from hil.identify.problem import Problem, later
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
 from hil.models.effect import Doc, Effect, Param, Trait
@@ -59,7 +59,11 @@ TURN = 0.005
 
 #: Largest lateness of recorded efforts that is looked for [s]: a filter of 5 Hz, a message missed.
 LATEST = 0.05
-#: Share by which the error must fall where efforts are taken earlier by more than a sample.
+#: Shifts that are tried up to it, at most, and how often: late efforts blunt the sign of friction,
+#: which then asks for too small a shift.
+MOST_SHIFTS, TURNS = 25, 8
+#: Share by which the error must fall where efforts are taken earlier by more than a sample, and by
+#: which that of one joint may rise.
 LESS = 0.1
 
 
@@ -135,7 +139,7 @@ def _slow_delay(result: FitResult, j: int, whole: bool, turns: bool) -> tuple[fl
     more = [block(problem, Term(_Turn(), j))] if turns else []
     own = [x[:, np.any(x != 0, axis=0)], *more]
     rows = np.concatenate([*own, late, problem.y[j][:, None]], axis=1)
-    rows = np.concatenate([_slow(rows[problem.run == k], problem) for k in np.unique(problem.run)])
+    rows = _slow_runs(rows, problem)
     dealt = _dealt(rows[:, -2])
     columns = np.concatenate([rows[:, :-2], dealt], axis=1)
     b = basis(columns)
@@ -221,18 +225,14 @@ def sample_shift(result: FitResult) -> float:
     standard deviation s of half a sample.  Of an estimate T with error e what is taken out is
 
         T s^2 / (s^2 + e^2).
-
-    Efforts that are late by more than a sample are so on all joints that can tell.
     """
     problem = result.problem
     if result.model.explains != "motor":
         return 0.0
     late = {t.joint for t in result.terms if Trait.SHIFTS in t.effect.traits}
     longest = longest_shift(problem)
-    told = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
-    if recorded := _recorded_late(told, longest):
-        return recorded
-    seen = [(value, error) for value, error in told if error < KNOWN * longest]
+    seen = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
+    seen = [(value, error) for value, error in seen if error < KNOWN * longest]
     shift, error = _middle(seen, longest / FINEST) if seen else (0.0, 0.0)
     if abs(shift) > longest:
         return 0.0
@@ -241,18 +241,48 @@ def sample_shift(result: FitResult) -> float:
     return shift if abs(shift) >= longest / FINEST else 0.0
 
 
-def _recorded_late(told: Sequence[tuple[float, float]], longest: float) -> float:
-    """Delay (negative) of efforts that are surely late by more than a sample, or 0.
+def recorded_late(result: FitResult) -> float:
+    """Delay (negative) [s] of efforts that were recorded late by more than a sample, or 0.
 
-    All joints that know theirs to a half must have the same, within what they know and a sample.
+    Some joint must be so beyond its error; by how much, the joints say together: of all shifts up
+    to `LATEST` the one whose slow motion leaves least,
+
+        min_T  sum_j log |(1 - Q_j Q_j') y_j(t + T)|,
+
+    Q_j the columns of the model on joint j, all coefficients free.  No joint may lose by it.
     """
-    sure = [(value, error) for value, error in told if value + CLEAR * error < -longest]
-    if not sure:
-        return 0.0
-    shift, _ = _middle(sure, longest / FINEST)
-    others = [(value, error) for value, error in told if error < KNOWN * abs(shift)]
-    alike = all(abs(value - shift) <= CLEAR * error + longest for value, error in others)
-    return shift if alike and shift >= -LATEST else 0.0
+    problem = result.problem
+    longest, moves = longest_shift(problem), np.flatnonzero(~problem.holds).tolist()
+    if problem.shift >= -longest:
+        told = [slow_delay(result, j, turns=True) for j in moves]
+        if not any(value + CLEAR * error < -longest for value, error in told):
+            return 0.0
+    step = max(1.0 / min(problem.sources), LATEST / MOST_SHIFTS)
+    shifts = -step * np.arange(int(LATEST / step) + 1)
+    left = np.array([[_left(result, j, s) for j in moves] for s in shifts])
+    best = int(np.argmin(np.log(np.maximum(left, 1e-300)).sum(axis=1)))
+    return float(shifts[best]) if best and np.all(left[best] < (1 + LESS) * left[0]) else 0.0
+
+
+def _left(result: FitResult, j: int, shift: float) -> float:
+    """Norm of what the model leaves of joint j's slow effort when its motor's is shifted."""
+    problem = result.problem
+    key = ("slow basis", j)
+    x = result.x.reshape(problem.d, problem.n, -1)[j]
+
+    def made() -> FloatArray:
+        own = _slow_runs(x[:, np.any(x != 0, axis=0)], problem)
+        return np.asarray(scipy.linalg.qr(own, mode="economic")[0])
+
+    q = problem.remembered(key, [result.x], made)
+    late = [later(m.tau[:, j : j + 1], m.t, shift) - m.tau[:, j : j + 1] for m in problem.motions]
+    y = _slow_runs(problem.y[j][:, None] + problem.gated(late, j), problem)[:, 0]
+    return float(np.linalg.norm(y - q @ (q.T @ y)))
+
+
+def _slow_runs(x: FloatArray, problem: Problem) -> FloatArray:
+    """Columns (n, m) of several runs, slow part of each run by itself."""
+    return np.concatenate([_slow(x[problem.run == k], problem) for k in np.unique(problem.run)])
 
 
 def _middle(seen: Sequence[tuple[float, float]], finest: float) -> tuple[float, float]:
@@ -280,6 +310,8 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
     if given is not None:
         return result
     longest, start = longest_shift(problem), (problem.shift, result)
+    if start[0] >= -longest and model.explains == "motor":
+        result = _taken_earlier(problem, model, result, scale)
     for _ in range(STEPS):
         shift = sample_shift(result)
         if not shift or not -LATEST <= problem.shift + shift <= longest:
@@ -292,6 +324,25 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
         problem.shift_effort(start[0] - problem.shift)
         return fit(problem, model, scale=scale)
     return result
+
+
+def _taken_earlier(
+    problem: Problem, model: RobotModel, result: FitResult, scale: FloatArray | None
+) -> FitResult:
+    """The fit with late efforts taken earlier; as it was where no shift up to `LATEST` is best."""
+    start = problem.shift, result
+    for _ in range(TURNS):
+        late = recorded_late(result)
+        if not late:
+            return result
+        if problem.shift + late <= -LATEST:
+            break
+        problem.shift_effort(late)
+        result = fit(problem, model, scale=scale)
+    if problem.shift == start[0]:
+        return start[1]
+    problem.shift_effort(start[0] - problem.shift)
+    return fit(problem, model, scale=scale)
 
 
 def _lower(result: FitResult, before: FitResult) -> bool:
