@@ -35,6 +35,7 @@ from hil.report.text import (
     ACCEPT,
     LEADING,
     TWO_ERRORS,
+    UNDESCRIBED,
     Files,
     command,
     corrections,
@@ -44,6 +45,7 @@ from hil.report.text import (
     laws,
     next_steps,
     remains,
+    undescribed,
     where,
     with_model,
 )
@@ -272,7 +274,10 @@ def verdict(d: Diagnosis) -> str:
     if d.verdict == "adequate":
         error = d.ladder[-1].heldout.rms / d.noise
         ratio = dict(zip(d.result.problem.joints, error.tolist(), strict=True))
-        return f"adequate: {explains(blurred_above(d.warnings, ratio), 'the model')}"
+        blurred = blurred_above(d.warnings, ratio)
+        return f"adequate: {explains(blurred, 'the model', max(ratio.values()))}"
+    if not d.partial and undescribed(d.verdict, d.warnings, d.corrections):
+        return f"unexplained: {UNDESCRIBED[0].lower()}{UNDESCRIBED[1:]}"
     return SENTENCES[d.verdict]
 
 
