@@ -174,7 +174,7 @@ class DamiaoArm:
 
         Not a number: no torque, and the arm goes to FAULT.  Not ENABLED: no torque.
         """
-        status = _STATUS[codes(effort, self._effort, self.codes, sent)]
+        status = _STATUS[self._encode(effort, sent)]
         if status is _INVALID:
             self.fault()
         if self._machine.state is not _ENABLED:
@@ -182,6 +182,10 @@ class DamiaoArm:
             sent[:] = 0.0
         self._wire.send(self.codes)
         return _INVALID if self._machine.state is _FAULT else status
+
+    def _encode(self, effort: FloatArray, sent: FloatArray) -> int:
+        status: int = codes(effort, self._effort, self.codes, sent)
+        return status
 
     def enable(self) -> None:
         """Switch the drives on.

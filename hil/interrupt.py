@@ -150,6 +150,26 @@ def held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def with_its_parent() -> None:
+    """End this process when the one that started it ends, however that happens.
+
+    For workers of a pool: a parent that is killed closes nothing, and they would work on for hours.
+    """
+    from multiprocessing import parent_process
+
+    parent = parent_process()
+    if parent is not None:
+        threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
+
+
+def _follow(sentinel: int) -> None:
+    from multiprocessing.connection import wait
+
+    wait([sentinel])
+    # nobody is left who could take a result
+    os._exit(CODE)
+
+
 @contextlib.contextmanager
 def saying(where: Callable[[], str]) -> Iterator[None]:
     """Add to an interruption where the record is.

@@ -16,11 +16,13 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "premium": "hil.drivers.premium",
         "ft-sensor": "hil.drivers.ft_sensor",
         "damiao": "hil.drivers.damiao",
+        "haply": "hil.drivers.haply",
     },
     "hil.boxes": {
         "usb-quad08": "hil.drivers.usb_quad08",
         "usb-31xx": "hil.drivers.usb_31xx",
         "damiao-can": "hil.drivers.damiao_can",
+        "haply-inverse": "hil.drivers.haply:BOX",
         "netcanoem": "hil.drivers.netcanoem",
         "netft-can": "hil.drivers.netft_can",
         "netft-rdt": "hil.drivers.netft_rdt",

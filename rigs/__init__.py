@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hil.errors import ConfigError, unknown
 
-NAMES = ("identify", "teleop", "mechanical-operator", "lawrence", "delayed", "arm6")
+NAMES = ("identify", "teleop", "mechanical-operator", "lawrence", "delayed", "arm6", "inverse3")
 
 
 def rig_path(name: str) -> Path:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -43,3 +45,11 @@ def odd(name, seed):
     if seed == 2:
         raise DataError("the session ended PAUSED")
     return {"seed": seed}
+
+
+def for_ever(name, seed):
+    """Kills the process that is named, and never ends by itself."""
+    if seed == 1:
+        os.write(1, b"at work")
+        os.kill(int(name), signal.SIGKILL)
+    threading.Event().wait()

@@ -17,6 +17,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
+from hil.drivers.links.uldaq import OWN, check_route
 from hil.drivers.usb_31xx import codec
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError, unknown
 from hil.signals.bus import Attached, Bus
@@ -41,14 +42,18 @@ class Usb31xxConfig:
         Digital line that is turned over while all is well, for the watchdog of an amplifier.
     heartbeat_ms : float
         Time between its edges; 0 = no heartbeat from this box [ms].
+    route : str
+        ``"own"``, or ``"uldaq"``, the vendor's library (`hil.drivers.links.uldaq`).
     """
 
     model: str = "usb-3101"
     staged: bool = True
     heartbeat_bit: int = 0
     heartbeat_ms: float = 20.0
+    route: str = OWN
 
     def __post_init__(self) -> None:
+        check_route(self.route)
         if self.model not in codec.MODELS:
             raise ConfigError(unknown("model", self.model, codec.MODELS))
         if not 0 <= self.heartbeat_bit <= 7:

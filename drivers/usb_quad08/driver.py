@@ -15,6 +15,7 @@ from math import inf
 
 import numpy as np
 
+from hil.drivers.links.uldaq import OWN, check_route
 from hil.drivers.usb_quad08 import codec, link
 from hil.drivers.usb_quad08.link import UsbLink
 from hil.errors import ConfigError, DeviceError, unknown
@@ -50,6 +51,8 @@ class Quad08Config:
         nothing else shows.  A motor's 4860 turns a minute at 4096 counts are 332000.
     stale_ms, lost_ms : float
         Time without data from which the counts are STALE, and the box is LOST [ms].
+    route : str
+        ``"own"``, or ``"uldaq"``, the vendor's library (`hil.drivers.links.uldaq`).
     """
 
     rate_hz: float = 50_000.0
@@ -61,8 +64,10 @@ class Quad08Config:
     fastest: float = 500_000.0
     stale_ms: float = 4.0
     lost_ms: float = 50.0
+    route: str = OWN
 
     def __post_init__(self) -> None:
+        check_route(self.route)
         if self.bits not in WORDS:
             raise ConfigError(unknown("number of bits", str(self.bits), map(str, WORDS)))
         if self.edges not in codec.RESOLUTIONS:

@@ -1,5 +1,7 @@
 """Every door of the house: sources as labs have them, the command that takes them, what comes out.
 
+Beside them ways out and devices: a model for another program, an arm of another make.
+
 One motion is written by the libraries that own the formats, brought in by the program as a user
 types it, and compared with what was written.  Public recordings are taken where they are.
 """
@@ -15,8 +17,9 @@ import subprocess
 import sys
 import tempfile
 import time
+import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +29,13 @@ from tqdm import tqdm
 
 import hil
 from hil import terminal
+from hil.models.files import write_model
+from hil.models.model import Range, RobotModel, Use, Value
+from hil.models.robots import bare_robot
 from hil.record.datasets import VARIABLE
+from hil.record.export import write_recordings
+from hil.record.recording import RobotSource
+from hil.rigs import rig_path
 from hil.terminal import Found
 
 FloatArray = NDArray[np.float64]
@@ -69,6 +78,8 @@ class DoorRow:
     good : bool
         Whether that is what was written; None where it was read and there is nothing to compare
         with, or where it did not run.
+    source : bool
+        Whether something comes in; a way out, or a device, otherwise.
     """
 
     name: str
@@ -76,6 +87,7 @@ class DoorRow:
     seconds: float
     out: str
     good: bool | None
+    source: bool = True
 
 
 def motion() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -357,6 +369,118 @@ PUBLIC = (
 )  # fmt: skip
 
 
+#: A stiffness [N m/rad], and the friction of a presliding law in steady sliding [N m].
+STIFFNESS, SLIDING = 1.5, (0.04, 0.03, 0.02, 0.01)
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way out of the house, or a device that it drives.
+
+    Parameters
+    ----------
+    name : str
+        What it is.
+    words : callable
+        Writes what the command needs into a folder; gives its words.
+    look : callable
+        ``look(folder)`` tells what came out, and whether it is right.
+    needs : str
+        Module without which it does not run.
+    """
+
+    name: str
+    words: Callable[[Path], list[str]]
+    look: Callable[[Path], tuple[str, bool]]
+    needs: str = ""
+
+
+def _model(folder: Path, *uses: Use) -> None:
+    """The arm with its description's masses and some effects as a file, its motion as a session."""
+    source = RobotSource("", URDF.replace('type="prismatic"', 'type="fixed"'))
+    robot = bare_robot(source, JOINTS)
+    friction = [
+        Use(n, ("shoulder",), values={f"j1.{n}.{p}": Value(v, unit=u)})
+        for n, p, v, u in (("coulomb", "fc", 0.1, "N m"), ("viscous", "fv", 0.2, "N m s/rad"))
+    ]
+    valid = tuple(Range(j, (-1.0, 1.0), (-7.0, 7.0), (-9.0, 9.0)) for j in JOINTS)
+    model = RobotModel(source, (Use("rigid-body"), *friction, *uses), valid=valid)
+    write_model(model, folder / "m.toml")
+    t = np.arange(N) / HZ
+    w = 2 * np.pi * np.array([[0.35, 0.9, 1.7], [0.5, 1.1, 2.3]])
+    size = np.array([0.5, 0.25, 0.1])
+    q, qd, qdd = (
+        np.stack([f(np.outer(t, row)) @ (size * row**k) for row in w], axis=1)
+        for f, k in ((np.sin, 0), (np.cos, 1), (lambda x: -np.sin(x), 2))
+    )
+    tree: Any = robot.tree
+    tau = tree.regressor(q, qd, qdd) @ (tree.spread @ robot.prior)
+    tau[:, 0] += 0.1 * np.sign(qd[:, 0]) + 0.2 * qd[:, 0]
+    tau[:, 1] += STIFFNESS * q[:, 1]
+    tau += 1e-3 * np.random.default_rng(1).standard_normal(tau.shape)
+    run = replace(hil.from_arrays(t, q, tau, qd=qd, joints=JOINTS), robot=source)
+    write_recordings(folder / "s.mcap", [run])
+
+
+def _spring(folder: Path) -> list[str]:
+    _model(folder, Use("spring", ("elbow",)))
+    return ["export", "m.toml", "--to", "sdf", "-o", "arm.sdf", "--data", "s.mcap", "--feasible"]
+
+
+def _stiffness(folder: Path) -> tuple[str, bool]:
+    found = ET.parse(folder / "arm.sdf").find(".//joint[@name='elbow']//spring_stiffness")
+    k = float(found.text or 0.0) if found is not None else 0.0
+    said = f"spring_stiffness {k:.3f} N m/rad, that of the motion is {STIFFNESS}"
+    return said, abs(k - STIFFNESS) < 0.02 * STIFFNESS
+
+
+def _presliding(folder: Path) -> list[str]:
+    values = dict(zip(("f0", "f1", "f2", "f3"), SLIDING, strict=True))
+    values |= {"s": 1e-3, "form": 1.0, "v0": 0.01, "vs": 0.0}
+    told = {f"j2.presliding.{k}": Value(v) for k, v in values.items()}
+    _model(folder, Use("presliding", ("elbow",), values=told))
+    return ["export", "m.toml", "--to", "urdf", "-o", "arm.urdf"]
+
+
+def _friction(folder: Path) -> tuple[str, bool]:
+    found = ET.parse(folder / "arm.urdf").find("joint[@name='elbow']/dynamics")
+    f = float(found.get("friction", 0.0)) if found is not None else 0.0
+    said = f"friction {f:.3f} N m, that of the law in steady sliding is {sum(SLIDING):.3f}"
+    return said, abs(f - sum(SLIDING)) < 0.01 * sum(SLIDING)
+
+
+def _inverse(folder: Path) -> tuple[str, bool]:
+    run = hil.load(folder / "s.mcap")
+    held = float(np.ptp(run.q, axis=0).max())
+    said = f"joints {', '.join(run.joints)}, {run.n} samples; the cursor stays within {held:.0e} m"
+    return said, run.joints == ("x", "y", "z") and run.n == 1000 and 0.0 < held < 5e-3
+
+
+def _uldaq(folder: Path) -> list[str]:
+    text = rig_path("teleop").read_text("utf-8")
+    text = text.replace('driver = "usb-quad08"', 'driver = "usb-quad08"\noptions.route = "uldaq"')
+    (folder / "rig.toml").write_text(text)
+    return ["devices", "rig.toml"]
+
+
+WAYS: tuple[Way, ...] = (
+    Way("SDF, a joint with a spring", _spring, _stiffness),
+    Way("URDF without data, presliding in the place of Coulomb friction", _presliding, _friction),
+    Way(
+        "Haply Inverse3 at its simulated service",
+        lambda folder: ["run", "inverse3", "--seconds", "1", "-o", "s.mcap"],
+        _inverse,
+        "websockets",
+    ),
+    Way(
+        "USB-QUAD08 by the vendor's library",
+        _uldaq,
+        lambda folder: ("the rig's boxes are listed", True),
+        "uldaq",
+    ),
+)
+
+
 def study(done: Callable[[], object] = lambda: None) -> Iterator[DoorRow]:
     """Every door, then the public recordings where they are."""
     for door in DOORS:
@@ -369,11 +493,27 @@ def study(done: Callable[[], object] = lambda: None) -> Iterator[DoorRow]:
     for name, words in PUBLIC:
         yield _public(name, words)
         done()
+    for way in WAYS:
+        with tempfile.TemporaryDirectory() as folder:
+            yield _went(way, Path(folder))
+        done()
 
 
 def steps() -> int:
     """How often `study` says that one is done."""
-    return len(DOORS) + len(PUBLIC)
+    return len(DOORS) + len(PUBLIC) + len(WAYS)
+
+
+def _went(way: Way, folder: Path) -> DoorRow:
+    words = way.words(folder)
+    if way.needs and importlib.util.find_spec(way.needs) is None:
+        missing = f"{way.needs} is not installed"
+        return DoorRow(way.name, _shown(words), float("nan"), missing, None, False)
+    seconds, code, said = _typed(words, folder)
+    good = code == 0
+    if good:
+        said, good = way.look(folder)
+    return DoorRow(way.name, _shown(words), seconds, said, good, False)
 
 
 def _through(door: Door, folder: Path) -> DoorRow:
@@ -453,7 +593,8 @@ def cells(rows: list[DoorRow]) -> list[list[str]]:
 
 def page(rows: list[DoorRow], command: str) -> str:
     """Page for the documentation."""
-    marks = [row[-1] for row in cells(rows)]
+    into, others = ([r for r in rows if r.source is way] for way in (True, False))
+    marks = [row[-1] for row in cells(into)]
     compared = marks.count("yes") + marks.count("NO")
     lines = [
         "# Doors: what comes in, and how",
@@ -468,13 +609,24 @@ def page(rows: list[DoorRow], command: str) -> str:
         f"recordings are taken from the folder that `{VARIABLE}` names; of those the first line "
         "of the answer is shown.",
         "",
-        "| " + " | ".join(HEAD) + " |",
-        "|" + "---|" * len(HEAD),
+        *_table(into),
+        "",
+        "## What goes out, and what is driven",
+        "",
+        "Models are exported for another program and read back; a device is driven at its "
+        "simulated end.",
+        "",
+        *_table(others),
     ]
+    return "\n".join([*lines, ""])
+
+
+def _table(rows: list[DoorRow]) -> list[str]:
+    lines = ["| " + " | ".join(HEAD) + " |", "|" + "---|" * len(HEAD)]
     for row in cells(rows):
         row[1] = f"`{row[1]}`"
         lines.append("| " + " | ".join(x.replace("|", "\\|") for x in row) + " |")
-    return "\n".join([*lines, ""])
+    return lines
 
 
 def command(args: argparse.Namespace) -> Found:

@@ -29,7 +29,7 @@ from types import CodeType, FrameType
 from typing import Any
 
 from hil.errors import ConfigError, HilError, plural
-from hil.interrupt import held_back
+from hil.interrupt import held_back, with_its_parent
 
 #: Longest input [byte]; time for one input [s]; memory beyond what the program itself takes [byte].
 LONGEST, SLOW_S, MEMORY = 2**20, 20.0, 2**31
@@ -303,6 +303,7 @@ def _one_process(target: Target, seconds: float, seed: int) -> Explored:
 
 def _work(send: Connection, name: str, target: Target, seconds: float, seed: int) -> None:
     """In the process: each input is written down before it runs, and what came of it told."""
+    with_its_parent()
     _limit()
     with open(name, "r+b") as file, mmap.mmap(file.fileno(), LONGEST + 8) as page:
         told = time.monotonic() - _REPORT_S

@@ -28,7 +28,7 @@ from hil.experiments.replicate import LostRun, Where, spread
 from hil.identify.context import renew
 from hil.identify.parallel import alone
 from hil.identify.problem import Problem
-from hil.interrupt import held_back
+from hil.interrupt import held_back, with_its_parent
 from hil.models.model import RobotModel, Use, base_model
 from hil.record import datasets
 from hil.record.recording import Recording
@@ -312,6 +312,7 @@ def _row(case: RealCase, found: RealRow | DataError | str) -> RealRow:
 
 
 def _child(send: Connection, case: RealCase, work: Callable[[RealCase], RealRow]) -> None:
+    with_its_parent()
     send.send(_answer(work, case))
 
 

@@ -36,6 +36,7 @@ from hil.report.text import (
     ACCEPT,
     LEADING,
     TWO_ERRORS,
+    UNDESCRIBED,
     Files,
     command,
     corrections,
@@ -45,6 +46,7 @@ from hil.report.text import (
     laws,
     next_steps,
     remains,
+    undescribed,
     where,
     with_model,
 )
@@ -68,10 +70,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     lines += [f"  {w}." for code, w in d.warnings if code == NO_GEOMETRY]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
-    partial = [f"{f.effect} on {f.joint}" if f.joint else f.effect for f in d.partial]
-    if partial:
-        why = "explains too little to be the cause"
-        lines += [f"  best partial explanation: {', '.join(partial)} ({why})"]
+    lines += [f"  partial explanation: {where(f)} (no name: {f.reason})" for f in d.partial]
     lines += _left(d) + _corrections(d)
     beside = set(LEADING) - {NO_GEOMETRY}
     lines += [f"  {w}." for code, w in d.warnings if code in beside]
@@ -276,7 +275,10 @@ def verdict(d: Diagnosis) -> str:
     if d.verdict == "adequate":
         error = d.ladder[-1].heldout.rms / d.noise
         ratio = dict(zip(d.result.problem.joints, error.tolist(), strict=True))
-        return f"adequate: {explains(blurred_above(d.warnings, ratio), 'the model')}"
+        blurred = blurred_above(d.warnings, ratio)
+        return f"adequate: {explains(blurred, 'the model', max(ratio.values()))}"
+    if not d.partial and undescribed(d.verdict, d.warnings, d.corrections):
+        return f"unexplained: {UNDESCRIBED[0].lower()}{UNDESCRIBED[1:]}"
     return SENTENCES[d.verdict]
 
 

@@ -37,6 +37,14 @@ SMALLEST, LARGEST, USUAL = 0.02, 0.2, 0.1
 PULSE, REST, WATCH = 25, 100, 500
 #: Least change of speed [rad/s]; largest rest of counts and of force [N] without power.
 MOVES, STILL_COUNTS, STILL_FORCE = 0.03, 4, 1.0
+#: Why arms of a URDF get no pulses.
+UNDRIVEN = (
+    "not driven: pulses are for arms that balance themselves, and nothing would bear this one's "
+    "weight between them; hold a posture with 'hil run RIG.toml --seconds 5', one hand at the "
+    "emergency stop"
+)
+#: Largest rest of drives that measure finer than an encoder [rad or m].
+STILL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -101,8 +109,9 @@ def selftest(
     if found is not None:
         passed, text = found
         yield TestStep("watchdog", "program", passed, text)
-    # a simulated operator keeps off, as the user is told to
-    config = replace(config, simulation={**config.simulation, "operator": {}})
+    # a simulated operator keeps off, as the user is told to; arms of a URDF have none
+    if not any(arm.own for arm in config.arms.values()):
+        config = replace(config, simulation={**config.simulation, "operator": {}})
     rig = opener(config, 0)
     try:
         bench = _Bench(rig, config)
@@ -112,6 +121,10 @@ def selftest(
             passed &= step.passed
             yield step
         if not passed:
+            return
+        own = [name for name, arm in config.arms.items() if arm.own]
+        if own:
+            yield TestStep(", ".join(own), "motors", True, UNDRIVEN)
             return
         if allowed():
             with (
@@ -172,11 +185,13 @@ class _Bench:
             return
         moved, noise = np.ptp(counts, axis=0), np.std(force, axis=0)
         for i, (arm, port) in enumerate(self.arms.items()):
-            most = int(moved[i].max())
+            most, scales = int(moved[i].max()), getattr(port.joints, "scales", None)
+            fine = 0.0 if scales is None else STILL / scales[:, 0]
+            still = bool(np.all(moved[i] <= np.maximum(STILL_COUNTS, fine)))
             text = f"counts moved by {most} at rest"
-            if most > STILL_COUNTS:
+            if not still:
                 text += "; rest the arm in its dock and keep off it, or look for bad cables"
-            yield TestStep(arm, "encoders", most <= STILL_COUNTS, text)
+            yield TestStep(arm, "encoders", still, text)
             if port.force is not None:
                 most_n = float(noise[i].max())
                 text = f"force has a noise of {most_n:.2g} N"

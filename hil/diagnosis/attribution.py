@@ -89,7 +89,8 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
     """Probability of each of `best` and its rivals, by index (0 = best).
 
     exp(-delta / 2T) of the score difference, tempered by T = 1 + DISCREPANCY of the best chi2:
-    real effects do not follow a library's equation exactly.  A richer rival (more values) gets
+    real effects do not follow a library's equation exactly.  No law misses more than it leaves
+    above the noise floor, which bounds every allowance.  A richer rival (more values) gets
     an eighth of that allowance if it explains less all the same, and none if it explains little
     more: then it merely contains the best one.  A rival whose columns coincide with the best
     one's to a cosine of 0.98 gets eight times the allowance: the data hardly see the difference.
@@ -110,7 +111,7 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
         if twins(best, r, projector):
             logs.append(0.0)
             continue
-        share = DISCREPANCY
+        share, most = DISCREPANCY, best.missed
         if dof > copies:
             share = DISCREPANCY / ALLOWANCE if r.chi2 <= best.chi2 else 0.0
         elif late(best, r):
@@ -119,9 +120,10 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
             dof == copies and overlap(best, r, projector) > SAME_COSINE
         ):
             share = ALLOWANCE * DISCREPANCY
-        if mirrored(best, r):
-            share = 1.0  # which of the two joints it is was decided by the base model's errors
-        logs.append(-delta / (2 * (1.0 + share * best.chi2)))
+        if mirrored(best, r, projector):
+            # which of the two joints it is was decided by the base model's errors
+            share, most = 1.0, np.inf
+        logs.append(-delta / (2 * (1.0 + min(share * best.chi2, most))))
     heads = [
         k for k, r in enumerate((best, *rivals)) if r.dof <= best.dof and logs[k] > np.log(RIVAL)
     ]
@@ -175,14 +177,15 @@ def late(a: Candidate, b: Candidate) -> bool:
     return Trait.LATE in both and a.term.joint == b.term.joint
 
 
-def mirrored(a: Candidate, b: Candidate) -> bool:
-    """Whether two candidates are one effect on two joints, both nearly absorbed by the base.
+def mirrored(a: Candidate, b: Candidate, projector: Projector) -> bool:
+    """Whether two candidates are one effect on two joints that the base model makes look alike.
 
-    Of two torque gains, for example, only the ratio is determined: inertias absorb the rest.
+    Of two torque gains, for example, only the ratio is determined: inertias absorb the rest, and
+    what is left of one is on the other joint, too.  Friction of two joints shares no parameters.
     """
     same = a.name == b.name and a.term.joint != b.term.joint
-    alike = min(a.chi2, b.chi2) > HALF * max(a.chi2, b.chi2)
-    return same and alike and min(a.absorbed, b.absorbed) > 1 - TENTH
+    near = same and min(a.chi2, b.chi2) > HALF * max(a.chi2, b.chi2)
+    return near and overlap(a, b, projector) > HALF
 
 
 # ------------------------------------------------------------ choice
@@ -268,7 +271,7 @@ def choose(
         if anywhere
         or c.term.joint == best.term.joint
         or c.term.effect.scope.whole
-        or mirrored(best, c)
+        or mirrored(best, c, projector)
     ]
     p = weights(best, same[:12], projector)
     rivals = [c for k, c in enumerate(same[:12], start=1) if p[k] >= RIVAL]

@@ -60,7 +60,7 @@ from hil.diagnosis.verdict import (
 )
 from hil.identify.context import renew
 from hil.identify.parallel import single_threaded
-from hil.identify.problem import Problem
+from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
@@ -115,7 +115,7 @@ def diagnose(
     if errors:
         return Diagnosis("bad-data", warnings=errors)
     progress.at("fit the given model", 0.0)
-    problem = Problem(recordings, model.robot, model.explains, model.band)
+    problem = of_model(recordings, model)
     result = fit_aligned(problem, model)
     folds = split(problem, seed, not any(t.per_run for t in result.terms))
     wrong, doubtful = doubts(result, folds)
@@ -315,10 +315,10 @@ def finding(
     rungs = search.rungs
     k = next((k for k, r in enumerate(rungs) if c.term.key in r.keys), len(rungs) - 1)
     before, after = rungs[max(k - 1, 0)].step, rungs[k].step
-    share = min(
-        taken.get(c.term.key, (1.0, ""))[0], here(search, j, floor), there(search, c, other)
-    )
+    shares, own = _shares(search, c, (floor, other), taken), n.confidence
+    share = min(value for value, _ in shares)
     worth = float(np.clip((share - HALF) / max(WHOLE - HALF, 1e-300), 0.0, 1.0))
+    least_sure = [*shares, (own, "other effects explain the same error about as well")]
     head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
     one = [
         float((s.result if other is None else s.heldout).rms[j] ** 2)
@@ -336,14 +336,38 @@ def finding(
         float(np.clip(explained, 0.0, 1.0)),
         {name: v for name, v in search.now.result.values.items() if name.startswith(head)},
         list(dict.fromkeys(rival_name(r, c, problem) for r in n.rivals)),
+        min(least_sure)[1],
     )
 
 
-def here(search: Search, j: int, floor: FloatArray) -> float:
-    """Share of joint j's excess over its floor that all its names take, on the fitted runs."""
-    first, last = search.base.result.rms[j] ** 2, search.now.result.rms[j] ** 2
-    excess = first - min(float(floor[j]) ** 2, float(last))
-    return float((first - last) / max(excess, 1e-300))
+def _shares(
+    search: Search, c: Candidate, floors: tuple[FloatArray, FloatArray | None], taken: Shares
+) -> list[tuple[float, str]]:
+    """What a name explains, by three measures, and what to say where one of them is the least."""
+    own, what = taken.get(c.term.key, (1.0, ""))
+    all_, held = here(search, c.joint, *floors), there(search, c, floors[1])
+    above = "of the squared error above the noise floor"
+    return [
+        (own, f"a function of {what} without a name explains much of the same error better"),
+        (all_, f"the names explain {100 * max(all_, 0.0):.0f} % {above}"),
+        (held, f"on the held-out runs the names explain {100 * max(held, 0.0):.0f} % {above}"),
+    ]
+
+
+def here(search: Search, j: int, floor: FloatArray, other: FloatArray | None = None) -> float:
+    """Share of joint j's excess over its floor that all its names take.
+
+    Fitted and held-out runs together, where there are such: values that are fitted beside an effect
+    hide it on the fitted ones.
+    """
+    first, last = [search.base.result.rms[j]], [search.now.result.rms[j]]
+    least = [min(float(floor[j]), float(last[0]))]
+    if other is not None:
+        first.append(search.base.step.heldout.rms[j])
+        last.append(search.now.step.heldout.rms[j])
+        least.append(min(float(other[j]), float(last[1])))
+    before, after, noise = (float(np.sum(np.square(x))) for x in (first, last, least))
+    return (before - after) / max(before - noise, 1e-300)
 
 
 def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:

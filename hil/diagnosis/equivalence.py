@@ -19,6 +19,7 @@ evidence for it is no evidence against it; each limit is one of mechanics:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -315,6 +316,12 @@ def _collinear(evidence: Evidence, known: list[_Set], named: set[str]) -> list[_
     return out
 
 
+def _surely(odds: float) -> str:
+    """Log odds of the right effect against the other as a probability, in words at its ends."""
+    sure = 1.0 / (1.0 + math.exp(-min(abs(odds), 700.0)))
+    return f"{sure:.2f}" if sure < 0.995 else "above 0.99"
+
+
 def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguishable | None:
     """The set with its reason and the motion that separates it best; None if it is told apart."""
     choice = None
@@ -359,14 +366,14 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     joint = problem.joints[s.among[0].term.joint]
     whole = all(c.term.effect.scope.whole for c in s.among)
     motion = best.motion.name
-    now = "" if choice.now is None else f", {choice.now.odds:.1f} now"
+    now = "" if choice.now is None else f"; {_surely(choice.now.odds)} now"
     words = ["hil", "excite", robot_word(problem), "--for", ",".join(names)]
     words += model_words(c.term.effect for c in s.among)
     words += [] if whole else ["--joint", joint]
     command = " ".join([*words, "--motion", motion, *output_words(problem)])
     where, about = "" if whole else f" of {joint}", menu.describe(motion, problem.d)
     text = (
-        f"{motion}{where}: {about} (log odds {best.verdict.odds:.1f} foreseen{now}"
+        f"{motion}{where}: {about} (confidence {_surely(best.verdict.odds)} foreseen{now}"
         + ("" if best.verdict.decided else "; not enough to decide, with the values fitted here")
         + f"): {command}"
     )

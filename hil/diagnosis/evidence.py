@@ -96,8 +96,9 @@ def try_all(projector: Projector, result: FitResult, terms: list[Term]) -> list[
 
 
 def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | None:
+    reduced = _reduced(projector, result, term)
     if not term.shape:
-        term, _ = best_shape(projector, term, accuracy=COARSE)
+        term = _shaped(projector, reduced, term)
     if not term.shape and term.effect.shape:
         return None
     gain, beta, inverse, qc = projector.score(term)
@@ -107,7 +108,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
         return None
     absorbed = float(np.sum(qc**2)) / size
     dof = _directions(columns) + _free(term, projector)
-    net = _net(projector, result, term, gain)
+    net = _net(projector, reduced, term)
     parts = _parts(projector, term, net, columns @ beta, qc @ beta)
     return Candidate(
         term,
@@ -120,6 +121,16 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
         joint=int(np.argmax(parts)) if term.effect.scope.of_robot else term.joint,
         parts=parts,
     )
+
+
+def _shaped(projector: Projector, reduced: Projector, term: Term) -> Term:
+    """The term with the shape that nets most: beside what it replaces or in its place."""
+    found, _ = best_shape(projector, term, accuracy=COARSE)
+    if reduced is projector:
+        return found
+    other, _ = best_shape(reduced, term, accuracy=COARSE)
+    both = [t for t in (found, other) if t.shape or not t.effect.shape]
+    return max(both, key=lambda t: reduced.gain(t), default=found)
 
 
 def _directions(columns: FloatArray) -> int:
@@ -152,20 +163,25 @@ def _parts(
     return np.where(projector.problem.holds, 0.0, fall)
 
 
-def _net(projector: Projector, result: FitResult, term: Term, gain: float) -> float:
-    """Gain when the candidate replaces what it stands for, e.g. presliding for Coulomb."""
+def _reduced(projector: Projector, result: FitResult, term: Term) -> Projector:
+    """The projector without what a candidate replaces, e.g. presliding Coulomb friction."""
     gone = [
         t
         for t in result.terms
         if t.joint == term.joint and t.effect.name in term.effect.relations.replaces
     ]
     if not gone:
-        return gain
+        return projector
     key = ("without", *(t.key for t in gone))
     if key not in projector.memo:
         rest = [t for t in result.terms if t not in gone]
         projector.memo[key] = Projector(projector.problem, rest, projector.sigma)
     reduced: Projector = projector.memo[key]
+    return reduced
+
+
+def _net(projector: Projector, reduced: Projector, term: Term) -> float:
+    """Gain when the candidate stands in the place of what it replaces."""
     return projector.rss - (reduced.rss - reduced.gain(term))
 
 

@@ -17,7 +17,7 @@ from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import as_use, choose, kindred, physical
 from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
 from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
-from hil.diagnosis.constants import ABSORBED, BEATEN, DISCREPANCY, HALF, RISEN, RIVAL, SURE
+from hil.diagnosis.constants import ABSORBED, BEATEN, DISCREPANCY, HALF, RISEN, RIVAL, SURE, WORTH
 from hil.diagnosis.evidence import (
     in_time,
     priced,
@@ -76,7 +76,7 @@ def exchange(search: Search) -> list[Named]:
                 changed = True
                 named.clear()
                 break
-            named[c.term.key] = _weighed(search, c, rated, projector)
+            named[c.term.key] = _refitted_rivals(search, c, rated, projector)
         if not changed:
             break
     return [named.get(c.term.key) or Named(c, HALF, []) for c in search.found]
@@ -187,6 +187,36 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
     return best.candidate
 
 
+def _refitted_rivals(
+    search: Search, c: Candidate, rated: list[Rated], projector: Projector
+) -> Named:
+    """Confidence and rivals, without those that do surely worse once everything is fitted again.
+
+    Where another effect of the joint has a shape, that was found without either of the two; beside
+    it they may look alike though one leaves much more with the shape that suits it.
+    """
+    named = _weighed(search, c, rated, projector)
+    others = [f for f in search.found if f is not c and f.joint == c.joint and f.term.effect.shape]
+    if not others:
+        return named
+    keys = {r.term.key for r in named.rivals}
+    worse = [r for r in rated if r.candidate.term.key in keys and _surely_worse(search, c, r)]
+    if not worse:
+        return named
+    return _weighed(search, c, [r for r in rated if all(r is not w for w in worse)], projector)
+
+
+def _surely_worse(search: Search, c: Candidate, rival: Rated) -> bool:
+    """Whether the model with a rival in the place of an effect foretells left-out blocks worse."""
+    now, problem, j = search.now, search.problem, c.joint
+    model = without(now.result.model, c, problem) + as_use(rival.candidate, problem)
+    rung = search.rung("in place", model, now.result.sigma)
+    weight = ~problem.holds / np.maximum(now.errors.power, 1e-300)
+    rise = paired((rung.errors.squared - now.errors.squared) @ weight)
+    renew(now.result)
+    return rise > SURE and rung.errors.power[j] > (1 + WORTH) ** 2 * now.errors.power[j]
+
+
 def _weighed(search: Search, c: Candidate, rated: list[Rated], projector: Projector) -> Named:
     """Confidence and rivals of an effect among those that could stand in its place.
 
@@ -219,6 +249,7 @@ def _in_noise(search: Search, c: Candidate, rated: list[Rated]) -> list[Rated]:
         return []
     noise = np.minimum.reduce([r.errors.power for r in rated])
     colour = search.first.floor.inflation if search.first else np.ones(search.problem.d)
+    floor = search.first.floor.rms**2 if search.first else np.zeros(search.problem.d)
     out = []
     for r in rated:
         count = r.now.count.sum(axis=0) / colour
@@ -226,7 +257,10 @@ def _in_noise(search: Search, c: Candidate, rated: list[Rated]) -> list[Rated]:
         chi2 = float(np.sum((count * fall)[~search.problem.holds])) + 2.0 * r.candidate.dof
         size = float(np.log(max(float(count[r.joint]), 2.0)))
         net = max(r.candidate.dof - search.replaced(r.candidate), 1)
-        out.append(replace(r, candidate=replace(r.candidate, chi2=chi2, price=net * size)))
+        above = np.maximum(r.errors.power - floor, 0.0) / np.maximum(noise, 1e-300)
+        missed = float(np.sum((count * above)[~search.problem.holds]))
+        own = replace(r.candidate, chi2=chi2, price=net * size, missed=missed)
+        out.append(replace(r, candidate=own))
     return [r for r in out if r.candidate.score > 0]
 
 

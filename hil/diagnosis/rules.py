@@ -232,9 +232,15 @@ def _line(case: RuleCase) -> str:
 
 @_candidate("geometry")
 def _geometry(case: RuleCase) -> str:
-    """Without a robot description springs and masses are names for what gravity may be."""
-    effect = case.rated.candidate.term.effect
+    """Without a robot description springs and masses are names for what gravity may be.
+
+    What takes most of what sums of sines and cosines leave on its joint is no gravity.
+    """
+    effect, r, j = case.rated.candidate.term.effect, case.rated, case.rated.joint
     if Trait.CORRECTION in effect.traits or not case.search.blind or effect.family not in SOLID:
+        return ""
+    there = [t for t in case.search.now.result.terms if t.joint == j]
+    if any(Trait.GEOMETRY in t.effect.traits for t in there) and r.after < OPEN**2 * r.before:
         return ""
     return "gravity of an unknown geometry would explain it as well"
 

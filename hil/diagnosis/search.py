@@ -118,6 +118,8 @@ class Search:
     examine: Examiner
     seed: int = 0
     refused: set[tuple[str, int]] = field(default_factory=set)
+    #: Of these the ones that did not hold beside the present model of a joint, and which joint.
+    beside: dict[tuple[str, int], int] = field(default_factory=dict)
     #: Why what might have been added was not, by effect and joint.
     stops: dict[tuple[str, int], CheckResult] = field(default_factory=dict)
     #: Rules that stopped something -> whether of one thing at least no other would have.
@@ -212,8 +214,8 @@ class Search:
     def pays(self, r: Rated, evidence: Evidence) -> bool:
         """Whether a candidate passes every rule; the first that stops it is kept.
 
-        What was fitted and did not hold is no rule's matter: it is not tried again, so that the
-        search ends.
+        What was fitted and did not hold is no rule's matter: it is not tried again until the model
+        of its joint has grown, so that the search ends.
         """
         tried = (r.candidate.name, r.candidate.term.joint) in self.refused
         stop = rules.refused(r) if tried else rules.stopped(rules.RuleCase(self, r, evidence))
@@ -374,7 +376,8 @@ class Search:
             single = sorted(picks, key=lambda p: -self.score(p))
             bad = [p for p in single if self.now is not before or self._fitted([p], before)]
             bad = [] if self.now is not before else bad
-        self.refused |= {(p.candidate.name, p.candidate.term.joint) for p in bad}
+        self.beside |= {(p.candidate.name, p.candidate.term.joint): p.joint for p in bad}
+        self.refused |= self.beside.keys()
         if self.now is before:
             renew(before.result)
         return joints
@@ -391,7 +394,14 @@ class Search:
             rung.added = tuple(p.candidate for p in picks)
             self.rungs.append(rung)
             self.found += list(rung.added)
+            self._asked_again({p.joint for p in picks})
         return bad
+
+    def _asked_again(self, joints: set[int]) -> None:
+        """What did not hold may hold beside a model that has grown."""
+        again = {key for key, j in self.beside.items() if j in joints}
+        self.refused -= again
+        self.beside = {key: j for key, j in self.beside.items() if key not in again}
 
     def _holds(self, p: Rated, before: Visited, after: Visited) -> bool:
         """Whether an effect stands after everything was fitted again."""

@@ -88,6 +88,8 @@ class Candidate:
         dof * log(effective instants).
     spare : float
         What a rival may lack in chi2 and still leave less than 1.1 times the noise floor.
+    missed : float
+        chi2 of what it leaves above the noise floor: its law misses no more than that.
     absorbed : float
         Share of its columns that the base model imitates (1 = indistinguishable from it).
     p_value : float
@@ -111,6 +113,7 @@ class Candidate:
     dof: int = 1
     price: float = 0.0
     spare: float = 0.0
+    missed: float = np.inf
     absorbed: float = 0.0
     p_value: float = 1.0
     coefficients: tuple[float, ...] = (0.0,)
@@ -402,6 +405,8 @@ class Finding:
         Its parameters after the joint refit.
     rivals : list of str
         Effects that these data cannot tell from it.
+    reason : str
+        What holds its confidence down most.
     """
 
     effect: str
@@ -413,6 +418,7 @@ class Finding:
     excess_explained: float
     parameters: dict[str, Value]
     rivals: list[str]
+    reason: str = ""
 
 
 @dataclass(frozen=True, repr=False)

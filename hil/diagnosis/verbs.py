@@ -25,7 +25,7 @@ from hil.identify.errors import complete
 from hil.identify.fit import fit as fit_problem
 from hil.identify.multistep import MultiStep, both, each
 from hil.identify.parallel import single_threaded
-from hil.identify.problem import Problem
+from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.identify.validity import outside
@@ -109,7 +109,7 @@ def make_problem(recordings: list[Recording], model: RobotModel) -> Problem:
             + "; ".join(f.text for f in errors[:3])
             + ". Run 'hil info' on it, mend or cut the recording, then try again."
         )
-    return Problem(recordings, model.robot, model.explains, model.band)
+    return of_model(recordings, model)
 
 
 @single_threaded

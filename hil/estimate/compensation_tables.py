@@ -86,8 +86,8 @@ def effects(model: RobotModel) -> dict[str, float]:
 
 
 def span(model: RobotModel) -> list[float]:
-    """Lowest and highest position of each joint on which it was identified; empty if unknown."""
-    known = {r.joint: r.position for r in model.valid}
+    """Lowest and highest position of each joint that its laws refer to; empty if unknown."""
+    known = {r.joint: r.span or r.position for r in model.valid}
     joints = tuple(bare_robot(model.robot, JOINTS).joints)
     return [x for j in joints for x in known[j]] if set(joints) <= set(known) else []
 

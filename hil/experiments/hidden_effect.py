@@ -35,6 +35,7 @@ from hil.experiments import transparency as rig
 from hil.experiments import without_force_sensors
 from hil.experiments.pages import SeedMean, bars
 from hil.identify.parallel import alone
+from hil.interrupt import with_its_parent
 from hil.models.files import write_model
 from hil.models.model import RobotModel, base_model
 from hil.record.mcap_read import load
@@ -266,7 +267,8 @@ def study(
     seeds = range(seed, seed + (QUICK_SEEDS if quick else SEEDS))
     todo = [(e, j, s) for e, j in (*effects, ("", "")) for s in seeds]
     rows = []
-    with multiprocessing.get_context("spawn").Pool(min(workers, len(todo))) as pool:
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(min(workers, len(todo)), with_its_parent) as pool:
         for row in pool.imap(_case, todo):
             rows.append(row)
             report(f"{row.effect or 'nothing hidden'}, seed {row.seed}: {', '.join(row.named)}")

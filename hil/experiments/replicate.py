@@ -29,7 +29,7 @@ from tqdm import tqdm
 import hil
 from hil.errors import ConfigError, DataError, DeviceError, HilError
 from hil.identify.parallel import alone
-from hil.interrupt import held_back
+from hil.interrupt import held_back, with_its_parent
 from hil.revision import source_revision
 
 Data = dict[str, Any]
@@ -154,7 +154,7 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """Processes; where this one is interrupted they end at once, their runs are of no use."""
     others = multiprocessing.active_children()
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, context)
+    pool = ProcessPoolExecutor(workers, context, with_its_parent)
     try:
         yield pool
     except BaseException:

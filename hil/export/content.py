@@ -7,21 +7,27 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
 from hil.identify.design import head
 from hil.models import catalogue, formula
 from hil.models.bodies import Tree
-from hil.models.effect import Effect, Trait
+from hil.models.effect import Effect, Over, Trait
 from hil.models.model import ALL, RobotModel, Use
+from hil.models.motion import Motion
 from hil.models.param import JOINT
 from hil.models.robots import Robot
 
 FloatArray = NDArray[np.float64]
+#: Formulas of friction that simulators have.
+_FRICTION = ("sign", "v")
+#: Speeds at which laws of friction are compared; way between two instants of a stroke [rad or m].
+SPEEDS, STROKE = 40, 100.0
 
 
 @dataclass(frozen=True)
@@ -36,11 +42,14 @@ class Vocabulary:
         Formulas that it has a word for; None: any.
     follows : bool
         Joints that follow another one.
+    beside : mapping of str to str
+        Formulas that it can say only on joints that have another one, too.
     """
 
     bodies: bool = True
     columns: tuple[str, ...] | None = None
     follows: bool = True
+    beside: Mapping[str, str] = field(default_factory=dict)
 
     def lacks(self, effect: Effect) -> str:
         """Why an effect cannot be said; empty if it can."""
@@ -53,6 +62,20 @@ class Vocabulary:
         words = {_same(text) for text in self.columns}
         known = all(_same(text) in words for text in effect.doc.formulas)
         return "" if known else f"the target has no term for  {effect.doc.equation}"
+
+    def alone(self, use: Use, model: RobotModel, joint: str) -> str:
+        """Why an effect cannot be said on one joint, for what stands beside it; empty if it can."""
+        for text in catalogue.get(use.type).doc.formulas:
+            needed = self.beside.get(text)
+            beside = [
+                catalogue.get(other.type)
+                for other in model.effects
+                if other.joints == ALL or joint in other.joints
+            ]
+            if needed and not any(needed in e.doc.formulas for e in beside):
+                effect = next(e for e in catalogue.table().values() if needed in e.doc.formulas)
+                return f"the target can say it only on a joint that has a {effect.name}"
+        return ""
 
 
 def _same(text: str) -> str:
@@ -83,6 +106,15 @@ class Lost:
         """One line."""
         where = f" on {', '.join(self.joints)}" if self.joints and self.joints != ALL else ""
         return f"{self.effect}{where}: {self.reason}"
+
+
+def _grouped(lost: list[Lost]) -> list[Lost]:
+    """One for all joints of which the same is lost for the same reason."""
+    out: dict[tuple[str, str], Lost] = {}
+    for x in lost:
+        key = (x.effect, x.reason)
+        out[key] = replace(out[key], joints=(*out[key].joints, *x.joints)) if key in out else x
+    return list(out.values())
 
 
 @dataclass(frozen=True)
@@ -181,6 +213,19 @@ class Content:
         return out
 
 
+def slid(
+    content: Content, model: RobotModel, robot: Robot, words: Vocabulary
+) -> tuple[Content, list[str]]:
+    """A content without data whose lost friction is put into Coulomb and viscous friction.
+
+    Returns
+    -------
+    Content, list of str
+        The content, and sentences on what was done or is missing.
+    """
+    return _Translation(model, robot, words, None).sliding(content)
+
+
 def translate(
     model: RobotModel, robot: Robot, words: Vocabulary, span: FloatArray | None = None
 ) -> Content:
@@ -226,7 +271,8 @@ class _Translation:
     def __init__(
         self, model: RobotModel, robot: Robot, words: Vocabulary, span: FloatArray | None
     ) -> None:
-        self.model, self.robot, self.words, self.span = model, robot, words, span
+        self.model, self.robot, self.words = model, robot, words
+        self.span = model.spans(robot.joints) if span is None else span
         self.signs = {
             j: use.values[name].value
             for use in model.effects
@@ -236,8 +282,7 @@ class _Translation:
         self.stops: dict[int, list[tuple[float, float]]] = {}
 
     def _joints(self, use: Use) -> list[int]:
-        every = self.robot.joints
-        return [j for j, name in enumerate(every) if use.joints == ALL or name in use.joints]
+        return self._named(use.joints)
 
     def content(self) -> Content:
         columns: list[Column] = []
@@ -251,14 +296,112 @@ class _Translation:
                 bodies = self._bodies(use)
             else:
                 for j in self._joints(use):
-                    if found := self._gap(use, effect, j):
-                        lost.append(Lost(use.type, (self.robot.joints[j],), found))
+                    name = self.robot.joints[j]
+                    alone = self.words.alone(use, self.model, name)
+                    if found := alone or self._gap(use, effect, j):
+                        lost.append(Lost(use.type, (name,), found))
                     else:
                         columns.extend(self._columns(use, effect, j))
             if Trait.STOP in effect.traits:
                 self._stop(use, effect)
         source = self.model.robot.urdf
+        lost = _grouped([*lost, *self._orphans(columns)])
         return Content(self.robot, source, bodies, tuple(columns), self.stops, tuple(lost))
+
+    def _orphans(self, columns: list[Column]) -> list[Lost]:
+        """Take out columns whose companion on the joint was lost; what they were."""
+        gone = [
+            c
+            for c in columns
+            if (needed := self.words.beside.get(c.text))
+            and not any(x.joint == c.joint and x.text == needed for x in columns)
+        ]
+        columns[:] = [c for c in columns if c not in gone]
+        why = "the target can say it only beside an effect that is lost"
+        return [Lost(c.effect, (self.robot.joints[c.joint],), why) for c in gone]
+
+    def sliding(self, content: Content) -> tuple[Content, list[str]]:
+        """The content with what it loses of friction put into its Coulomb and viscous parts.
+
+        Lost laws of speed and of displacement have an effort F(v) in steady sliding.  With what
+        the content already has of ``sign`` and ``v`` it becomes the nearest fc sign(v) + fv v,
+        fc, fv >= 0, in the mean square over the speeds that the model was identified at.
+
+        Returns
+        -------
+        Content, list of str
+            The content, and a sentence for every joint whose friction was changed or could not be.
+        """
+        fits = all(self.words.columns is None or text in self.words.columns for text in _FRICTION)
+        lost = {(x.effect, j) for x in content.lost for j in self._named(x.joints)}
+        columns, said = list(content.columns), []
+        for j, joint in enumerate(self.robot.joints if fits else ()):
+            uses = [u for u in self.model.effects if (u.type, j) in lost and self._slides(u, j)]
+            if not uses:
+                continue
+            names = " + ".join(u.type for u in uses)
+            top = max(
+                (abs(x) for r in self.model.valid if r.joint == joint for x in r.speed), default=0.0
+            )
+            if not top:
+                said.append(
+                    f"no friction of {names} on {joint} is written: the model does not state the "
+                    "speeds that it was identified at; give a recording with --data"
+                )
+                continue
+            own = [c for c in columns if c.joint == j and c.text in _FRICTION]
+            v = np.tile(top * np.linspace(1.0 / SPEEDS, 1.0, SPEEDS), 2)
+            ones = np.ones(v.size)
+            force = sum((self._steady(u, j, v[:SPEEDS]) for u in uses), np.zeros(v.size))
+            force += sum(c.value * (v if c.text == "v" else ones) for c in own)
+            (fc, fv), _ = scipy.optimize.nnls(np.stack([ones, v], axis=1), force)
+            rest = float(np.sqrt(np.mean((force - fc - fv * v) ** 2)))
+            known = {"v0": self.signs.get(j) or top / SPEEDS}
+            both = Column(names, j, "sign", float(fc), known), Column(names, j, "v", float(fv))
+            columns = [*(c for c in columns if c not in own), *both]
+            x = self.robot.units[j]
+            f = "N" if x == "m" else "N m"
+            said.append(
+                f"friction of {joint} is {fc:.3g} {f} and {fv:.3g} {f} s/{x}, the nearest to "
+                f"{names} in steady sliding up to {top:.3g} {x}/s, the speeds of its "
+                f"identification (rms difference {rest:.2g} {f}); small motions and reversals "
+                "differ more"
+            )
+        return replace(content, columns=tuple(columns)), said
+
+    def _named(self, joints: tuple[str, ...]) -> list[int]:
+        every = self.robot.joints
+        return [j for j, name in enumerate(every) if joints == ALL or name in joints]
+
+    def _slides(self, use: Use, j: int) -> bool:
+        """Whether an effect is friction that speed alone decides in steady sliding, with values."""
+        effect = catalogue.get(use.type)
+        sliding = effect.family == "friction" and effect.doc.over in (Over.SPEED, Over.DISPLACEMENT)
+        known = len(self._shape(use, effect, j)) == len(effect.shape)
+        return sliding and known and bool(self._values(use, effect, j))
+
+    def _steady(self, use: Use, j: int, speeds: FloatArray) -> FloatArray:
+        """Effort against steady sliding at speeds (n,), there and then back (2 n,)."""
+        effect = catalogue.get(use.type)
+        shape, values = list(self._shape(use, effect, j).values()), self._values(use, effect, j)
+        out = []
+        for way in (1.0, -1.0):
+            for v in speeds:
+                stroke = self._stroke(j, way * v)
+                columns = effect.columns(stroke, j, shape)[-1, : len(values)]
+                out.append(way * float(columns @ values))
+        return np.array(out)
+
+    def _stroke(self, j: int, v: float) -> Motion:
+        """A long stroke of one joint at a constant speed, far beyond any displacement."""
+        n, d = 8, len(self.robot.joints)
+        t = np.linspace(0.0, (n - 1) * STROKE / abs(v), n)
+        q, qd, none = np.zeros((n, d)), np.zeros((n, d)), np.zeros((n, d))
+        q[:, j], qd[:, j] = v * t, v
+        signs = np.array([self.signs.get(k) or abs(v) * 1e-3 for k in range(d)])
+        span: FloatArray = np.tile(np.array([-1.0, 1.0]), (d, 1))
+        away: FloatArray = np.full((d, 2), np.nan)
+        return Motion(t, q, qd, none, none, none, none, none, signs, signs, span, away, self.robot)
 
     def _unsaid(self, use: Use, effect: Effect) -> str:
         """Why an effect is lost on all joints."""

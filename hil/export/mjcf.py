@@ -57,18 +57,10 @@ def _joint(content: Content, k: int) -> dict[str, str]:
     }
     if math.isfinite(low) and math.isfinite(high):
         out["range"] = trees.numbers([low, high])
-    stiffness, rest = _spring(content, k)
+    stiffness, rest = trees.spring(content, k)
     if stiffness:
         out |= {"stiffness": repr(stiffness), "springref": repr(rest)}
     return out
-
-
-def _spring(content: Content, k: int) -> tuple[float, float]:
-    """Stiffness, and the middle of the span, where the spring's own part is zero."""
-    found = [c for c in content.columns if c.joint == k and c.text == SPRING]
-    if not found:
-        return 0.0, 0.0
-    return found[0].value, (found[0].known["low"] + found[0].known["high"]) / 2
 
 
 def _offset(content: Content) -> trees.FloatArray:

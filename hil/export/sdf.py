@@ -1,4 +1,7 @@
-"""SDF 1.9: bodies, damping, friction and limits of joints."""
+"""SDF 1.9: bodies, damping, friction, springs and limits of joints.
+
+A constant effort has no word; on a joint with a spring it moves the spring's reference.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from hil.errors import ConfigError
 from hil.export import trees
 from hil.export.content import Content, Vocabulary
 from hil.export.target import Program
+from hil.models.mass import SPRING
 
 
 def _write(content: Content, name: str, head: tuple[str, ...]) -> dict[str, str]:
@@ -61,11 +65,16 @@ def _joint(model: ET.Element, content: Content, k: int, parent: str) -> None:
     dynamics = ET.SubElement(about, "dynamics")
     _leaf(dynamics, "damping", [content.each("v")[k]])
     _leaf(dynamics, "friction", [content.each("sign")[k]])
+    stiffness, rest = trees.spring(content, k)
+    if stiffness:
+        # k (q - rest) + t0 = k (q - reference)
+        _leaf(dynamics, "spring_reference", [rest - content.each("1")[k] / stiffness])
+        _leaf(dynamics, "spring_stiffness", [stiffness])
 
 
 TARGET = Program(
-    "Gazebo and others: bodies, damping, friction",
+    "Gazebo and others: bodies, damping, friction, springs",
     ".sdf",
-    Vocabulary(True, ("v", "sign"), follows=False),
+    Vocabulary(True, ("v", "sign", "1", SPRING), follows=False, beside={"1": SPRING}),
     _write,
 )

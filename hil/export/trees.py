@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.export.content import Content
+from hil.models.mass import SPRING
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
 
 FloatArray = NDArray[np.float64]
@@ -63,6 +64,14 @@ def ends(content: Content, j: int) -> tuple[float, float]:
     for place, side in content.stops.get(j, []):
         low, high = (low, min(high, place)) if side > 0 else (max(low, place), high)
     return low, high
+
+
+def spring(content: Content, j: int) -> tuple[float, float]:
+    """Stiffness, and the middle of the span, where the spring's own part is zero."""
+    found = [c for c in content.columns if c.joint == j and c.text == SPRING]
+    if not found:
+        return 0.0, 0.0
+    return found[0].value, (found[0].known["low"] + found[0].known["high"]) / 2
 
 
 def skeleton(content: Content) -> ET.Element:

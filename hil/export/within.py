@@ -16,7 +16,7 @@ from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.types import Step
 from hil.diagnosis.verbs import make_problem
 from hil.errors import ConfigError
-from hil.export.content import Content, Lost, Vocabulary, translate
+from hil.export.content import Content, Lost, Vocabulary, slid, translate
 from hil.identify.errors import complete
 from hil.identify.fit import fit
 from hil.identify.parallel import single_threaded
@@ -24,7 +24,7 @@ from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
-from hil.models.model import RobotModel
+from hil.models.model import ALL, RobotModel
 from hil.models.robots import Robot, bare_robot
 from hil.record.recording import Recording
 
@@ -259,15 +259,16 @@ def within(
     if runs:
         return _refitted(model, words, runs, holdout, mended)
     robot = bare_robot(model.robot, _names(model))
-    content = translate(model, robot, words)
+    content, friction = slid(translate(model, robot, words), model, robot, words)
     note = "translated only, not refitted: give a recording with --data to see what the loss costs"
+    notes = (*friction, note)
     if content.bodies is None or not words.bodies:
-        return Within(content, model, notes=(note,))
+        return Within(content, model, notes=notes)
     rows = _anywhere(model, robot, content)
     found = _feasible(content, rows, mended)
     if found is None:
-        return Within(content, model, notes=(note,))
-    return Within(replace(content, bodies=found.bodies), model, (), (note, _said(found)))
+        return Within(content, model, notes=notes)
+    return Within(replace(content, bodies=found.bodies), model, (), (*notes, _said(found)))
 
 
 def _names(model: RobotModel) -> tuple[str, ...]:
@@ -291,7 +292,7 @@ def _refitted(
     problem = make_problem(runs, model)
     examine = Examiner(problem, holdout)
     before = settled(fit_aligned(problem, model), examine, "whole model")
-    left, lost = reduced(model, words)
+    left, lost = reduced(model, words, problem.robot.joints)
     after = before
     if left != model:
         result = complete(fit(problem, left, scale=before.result.sigma))
@@ -316,8 +317,10 @@ def _refitted(
     return Within(content, result.model, steps, (*notes,))
 
 
-def reduced(model: RobotModel, words: Vocabulary) -> tuple[RobotModel, list[Lost]]:
-    """A model without what a target cannot say, and that.
+def reduced(
+    model: RobotModel, words: Vocabulary, joints: tuple[str, ...]
+) -> tuple[RobotModel, list[Lost]]:
+    """A model without what a target cannot say, and that; `joints` are all of the robot.
 
     Coefficients that every run has of its own become one for all.
 
@@ -331,6 +334,13 @@ def reduced(model: RobotModel, words: Vocabulary) -> tuple[RobotModel, list[Lost
         if reason := words.lacks(catalogue.get(use.type)):
             lost.append(Lost(use.type, use.joints, reason))
             continue
+        every = [j for j in joints if use.joints == ALL or j in use.joints]
+        said = {j: words.alone(use, model, j) for j in every}
+        if gone := tuple(j for j in every if said[j]):
+            lost.append(Lost(use.type, gone, said[gone[0]]))
+            if len(gone) == len(every):
+                continue
+            use = replace(use, joints=tuple(j for j in every if not said[j]))
         options = {k: v for k, v in use.options.items() if k != "per_run"}
         once = {k: v for k, v in use.values.items() if "[" not in k}
         kept.append(replace(use, options=options, values=once))

@@ -21,7 +21,7 @@ from hil.identify.clock import Timing, even
 from hil.identify.column_cache import Kept, Seen, watched
 from hil.identify.prepare import Decimator, prepare, signal, timing_notes
 from hil.models.effect import Effect, Trait, terms_of
-from hil.models.model import Band
+from hil.models.model import Band, RobotModel
 from hil.models.motion import Motion
 from hil.models.robots import Robot, make_robot
 from hil.record.recording import Recording, RobotSource
@@ -33,7 +33,7 @@ KEPT = 2**27
 ROW_BATCH = 2**22
 
 
-def _later(x: FloatArray, t: FloatArray, seconds: float) -> FloatArray:
+def later(x: FloatArray, t: FloatArray, seconds: float) -> FloatArray:
     """Columns (n, d) so much later; the ends are kept."""
     spline = scipy.interpolate.CubicSpline(t, x, axis=0)
     return np.asarray(spline(np.clip(t - seconds, t[0], t[-1])))
@@ -358,7 +358,7 @@ class Problem(Rows):
     def shift_effort(self, seconds: float) -> None:
         """Take the motor effort `seconds` later: tau(t) <- tau(t - s), by cubic splines."""
         self.shift += seconds
-        self.motions = [m.with_(tau=_later(m.tau, m.t, seconds)) for m in self.motions]
+        self.motions = [m.with_(tau=later(m.tau, m.t, seconds)) for m in self.motions]
         self._target()
         self._kept = self._kept.pruned(self.motions)
 
@@ -493,3 +493,9 @@ class Problem(Rows):
         runs = range(first, self.runs)
         mask = self.whole[self.run].reshape(-1, *[1] * (x.ndim - 1))
         return np.concatenate([np.where(mask == k, x, 0.0) for k in runs] or [x[..., :0]], axis=-1)
+
+
+def of_model(recordings: Sequence[Recording], model: RobotModel) -> Problem:
+    """Runs as a model is fitted to them; values that it keeps refer to the range that it states."""
+    span = model.spans(recordings[0].joints) if model.keeps and recordings else None
+    return Problem(list(recordings), model.robot, model.explains, model.band, span=span)

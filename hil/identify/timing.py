@@ -1,8 +1,11 @@
-"""Alignment of effort and position within one sample.
+"""Alignment of effort and position within one sample, and of efforts that were recorded late.
 
 A command that is held over its period acts half a period late, and position and effort of one
 row are rarely taken at the same instant.  Up to one sample that is how the recording was made,
 not a physical delay; left in, it imitates small effects at every reversal.
+
+Efforts that are early by more may be a delay of the drive.  Efforts that are late by more cannot be
+one: no joint moves before its motor pushes.  They came by a slower bus, or through a filter.
 
 Stamps, positions or velocities wrong by a factor: both readings, and which the dynamics support.
 
@@ -27,7 +30,7 @@ from hil.errors import HilError
 from hil.identify.bands import Rates
 from hil.identify.design import Term, block
 from hil.identify.fit import fit
-from hil.identify.problem import Problem
+from hil.identify.problem import Problem, later
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
 from hil.models.effect import Doc, Effect, Param, Trait
@@ -52,6 +55,16 @@ CLEAR = 3.0
 PIECES = 6
 #: Time by which friction turns early in the column that keeps its turns out of the lateness [s].
 TURN = 0.005
+
+
+#: Largest lateness of recorded efforts that is looked for [s]: a filter of 5 Hz, a message missed.
+LATEST = 0.05
+#: Shifts that are tried up to it, at most, and how often: late efforts blunt the sign of friction,
+#: which then asks for too small a shift.
+MOST_SHIFTS, TURNS = 25, 8
+#: Share by which the error must fall where efforts are taken earlier by more than a sample, and by
+#: which that of one joint may rise.
+LESS = 0.1
 
 
 class _Rate(Effect):
@@ -126,7 +139,7 @@ def _slow_delay(result: FitResult, j: int, whole: bool, turns: bool) -> tuple[fl
     more = [block(problem, Term(_Turn(), j))] if turns else []
     own = [x[:, np.any(x != 0, axis=0)], *more]
     rows = np.concatenate([*own, late, problem.y[j][:, None]], axis=1)
-    rows = np.concatenate([_slow(rows[problem.run == k], problem) for k in np.unique(problem.run)])
+    rows = _slow_runs(rows, problem)
     dealt = _dealt(rows[:, -2])
     columns = np.concatenate([rows[:, :-2], dealt], axis=1)
     b = basis(columns)
@@ -228,6 +241,50 @@ def sample_shift(result: FitResult) -> float:
     return shift if abs(shift) >= longest / FINEST else 0.0
 
 
+def recorded_late(result: FitResult) -> float:
+    """Delay (negative) [s] of efforts that were recorded late by more than a sample, or 0.
+
+    Some joint must be so beyond its error; by how much, the joints say together: of all shifts up
+    to `LATEST` the one whose slow motion leaves least,
+
+        min_T  sum_j log |(1 - Q_j Q_j') y_j(t + T)|,
+
+    Q_j the columns of the model on joint j, all coefficients free.  No joint may lose by it.
+    """
+    problem = result.problem
+    longest, moves = longest_shift(problem), np.flatnonzero(~problem.holds).tolist()
+    if problem.shift >= -longest:
+        told = [slow_delay(result, j, turns=True) for j in moves]
+        if not any(value + CLEAR * error < -longest for value, error in told):
+            return 0.0
+    step = max(1.0 / min(problem.sources), LATEST / MOST_SHIFTS)
+    shifts = -step * np.arange(int(LATEST / step) + 1)
+    left = np.array([[_left(result, j, s) for j in moves] for s in shifts])
+    best = int(np.argmin(np.log(np.maximum(left, 1e-300)).sum(axis=1)))
+    return float(shifts[best]) if best and np.all(left[best] < (1 + LESS) * left[0]) else 0.0
+
+
+def _left(result: FitResult, j: int, shift: float) -> float:
+    """Norm of what the model leaves of joint j's slow effort when its motor's is shifted."""
+    problem = result.problem
+    key = ("slow basis", j)
+    x = result.x.reshape(problem.d, problem.n, -1)[j]
+
+    def made() -> FloatArray:
+        own = _slow_runs(x[:, np.any(x != 0, axis=0)], problem)
+        return np.asarray(scipy.linalg.qr(own, mode="economic")[0])
+
+    q = problem.remembered(key, [result.x], made)
+    late = [later(m.tau[:, j : j + 1], m.t, shift) - m.tau[:, j : j + 1] for m in problem.motions]
+    y = _slow_runs(problem.y[j][:, None] + problem.gated(late, j), problem)[:, 0]
+    return float(np.linalg.norm(y - q @ (q.T @ y)))
+
+
+def _slow_runs(x: FloatArray, problem: Problem) -> FloatArray:
+    """Columns (n, m) of several runs, slow part of each run by itself."""
+    return np.concatenate([_slow(x[problem.run == k], problem) for k in np.unique(problem.run)])
+
+
 def _middle(seen: Sequence[tuple[float, float]], finest: float) -> tuple[float, float]:
     """Median of values, each with the weight of its standard error, and its own standard error.
 
@@ -241,9 +298,10 @@ def _middle(seen: Sequence[tuple[float, float]], finest: float) -> tuple[float, 
 
 
 def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = None) -> FitResult:
-    """Fit, align the effort within one sample, fit again; leaves the problem aligned.
+    """Fit, align the effort, fit again; leaves the problem aligned.
 
-    `scale` as in `fit`.
+    Within one sample, and beyond it where efforts are late and the error falls with it.  `scale` as
+    in `fit`.
     """
     given = problem.given_shift
     if given is not None and problem.shift != given:
@@ -251,16 +309,47 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
     result = fit(problem, model, scale=scale)
     if given is not None:
         return result
-    longest = longest_shift(problem)
+    longest, start = longest_shift(problem), (problem.shift, result)
+    if start[0] >= -longest and model.explains == "motor":
+        result = _taken_earlier(problem, model, result, scale)
     for _ in range(STEPS):
         shift = sample_shift(result)
-        if not shift or abs(problem.shift + shift) > longest:
+        if not shift or not -LATEST <= problem.shift + shift <= longest:
             break
         problem.shift_effort(shift)  # tau(t) = model(t) + T tau'(t)
         result = fit(problem, model, scale=scale)
         if abs(shift) < AGAIN * longest:
             break
+    if problem.shift < -longest and start[0] >= -longest and not _lower(result, start[1]):
+        problem.shift_effort(start[0] - problem.shift)
+        return fit(problem, model, scale=scale)
     return result
+
+
+def _taken_earlier(
+    problem: Problem, model: RobotModel, result: FitResult, scale: FloatArray | None
+) -> FitResult:
+    """The fit with late efforts taken earlier; as it was where no shift up to `LATEST` is best."""
+    start = problem.shift, result
+    for _ in range(TURNS):
+        late = recorded_late(result)
+        if not late:
+            return result
+        if problem.shift + late <= -LATEST:
+            break
+        problem.shift_effort(late)
+        result = fit(problem, model, scale=scale)
+    if problem.shift == start[0]:
+        return start[1]
+    problem.shift_effort(start[0] - problem.shift)
+    return fit(problem, model, scale=scale)
+
+
+def _lower(result: FitResult, before: FitResult) -> bool:
+    """Whether the joints that move have a clearly lower error than before, by geometric mean."""
+    moves = ~result.problem.holds
+    ratio = result.rms[moves] / np.maximum(before.rms[moves], 1e-300)
+    return bool(np.exp(np.mean(np.log(np.maximum(ratio, 1e-300)))) < 1 - LESS)
 
 
 @dataclass(frozen=True)
@@ -329,17 +418,26 @@ def lateness(recording: Recording) -> Lateness:
     )
 
 
+#: Codes of notes on the alignment: within a sample, and efforts that were recorded later than that.
+ALIGNED, RECORDED_LATE = "late-effort", "recorded-late"
+
+
 def late_effort(problem: Problem) -> list[tuple[str, str]]:
     """Note (code, sentence) on the lateness of the effort that was taken out; none for none."""
-    if abs(problem.shift) < longest_shift(problem) / FINEST:
+    shift, longest = problem.shift, longest_shift(problem)
+    if abs(shift) < longest / FINEST:
         return []
-    shift = problem.shift
     later, share = ("late" if shift < 0 else "early"), abs(shift) * min(problem.sources)
+    size = f"the efforts are {abs(shift) * 1e3:.3g} ms {later} against the positions"
+    said = f"{size} ({share:.2g} samples) and were shifted"
+    if shift >= -longest or problem.given_shift is not None:
+        return [(ALIGNED, f"{said} (to change it, set shift_s under [signal])")]
     return [
         (
-            "late-effort",
-            f"the efforts are {abs(shift) * 1e3:.3g} ms {later} against the positions "
-            f"({share:.2g} samples) and were shifted (to change it, set shift_s under [signal])",
+            RECORDED_LATE,
+            f"{said}. No drive moves a joint before it pushes, so they were recorded late: by a "
+            "slower bus, or through a filter. To use another value, set shift_s under [signal]; "
+            "to change nothing, set it to 0",
         )
     ]
 

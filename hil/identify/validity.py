@@ -44,10 +44,12 @@ def _ends(problem: Problem, j: int, what: str) -> tuple[float, float]:
 
 def identified(problem: Problem) -> tuple[Range, ...]:
     """Range of every joint over the runs of a fit, the load as the fit has it."""
-    return tuple(
-        Range(joint, *(_ends(problem, j, what) for what in QUANTITIES))
-        for j, joint in enumerate(problem.joints)
-    )
+    out = []
+    for j, joint in enumerate(problem.joints):
+        place, speed, load = (_ends(problem, j, what) for what in QUANTITIES)
+        low, high = problem.span[j].tolist()
+        out.append(Range(joint, place, speed, load, (low, high)))
+    return tuple(out)
 
 
 def limits(known: Range, what: str) -> tuple[float, float]:

@@ -141,9 +141,10 @@ def _valid(table: Any) -> tuple[Range, ...]:
         raise ConfigError("[valid.JOINT] must be a table with position, speed and load")
     out = []
     for joint, entry in table.items():
-        _keys(entry, _RANGES, f"[valid.{joint}]")
-        ends = [_ends(entry.get(key), f"valid.{joint}.{key}") for key in _RANGES]
-        out.append(Range(str(joint), *ends))
+        _keys(entry, (*_RANGES, "span"), f"[valid.{joint}]")
+        place, speed, load = (_ends(entry.get(key), f"valid.{joint}.{key}") for key in _RANGES)
+        span = _ends(entry["span"], f"valid.{joint}.span") if "span" in entry else None
+        out.append(Range(str(joint), place, speed, load, span))
     return tuple(out)
 
 
@@ -247,6 +248,7 @@ def write_model(model: RobotModel, path: str | Path) -> None:
     for r in model.valid:
         lines += ["", f"[valid.{_toml(r.joint)}]", f"position = {list(r.position)!r}"]
         lines += [f"speed = {list(r.speed)!r}", f"load = {list(r.load)!r}"]
+        lines += [f"span = {list(r.span)!r}"] if r.span else []
     if urdf and not urdf.exists():
         write_text(urdf, model.robot.urdf)
     write_text(path, "\n".join(lines) + "\n")

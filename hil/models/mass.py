@@ -23,6 +23,7 @@ from hil.models.effect import (
     Trait,
 )
 from hil.models.motion import FloatArray, Motion
+from hil.models.robots import IndependentAxes
 
 #: Share of an effort at mid-range by which it must vary over the range to depend on the position.
 VARIES = 0.1
@@ -115,6 +116,40 @@ class Spring(Effect):
         """[q - mid-range, 1]."""
         centred = motion.q[:, j] - motion.span[j].mean()
         return np.stack([centred, np.ones_like(centred)], axis=1)
+
+
+def _unbalance_lacks(motion: Motion, j: int) -> str:
+    """One turning axis of which no description holds the weight."""
+    if not isinstance(motion.robot, IndependentAxes):
+        return "the robot description holds the weight of the links"
+    if motion.robot.units[j] != "rad":
+        return "the weight of a sliding axis does not change: it is in the offset"
+    return "" if motion.d == 1 else "the weight of several links without a description has no name"
+
+
+class Unbalance(Effect):
+    """Weight of a turning axis whose centre of mass lies beside it, as of a pendulum."""
+
+    name, family = "unbalance", "mass"
+    doc = Doc(
+        equation="tau = gs sin q + gc cos q",
+        signature="an effort at rest that repeats after one turn",
+        confused_with=("spring", "position-torque", "cogging"),
+        shown_by="static poses over half a turn and more",
+        source="Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, 9.3",
+        over=Over.POSITION,
+        formulas=("sin(q)", "cos(q)"),
+    )
+    params = (
+        Param("gs", "{F}", "weight times lever, part of the sine of the position"),
+        Param("gc", "{F}", "weight times lever, part of the cosine of the position"),
+    )
+    scope = Scope(lacks=_unbalance_lacks)
+    traits = Trait.MOTION
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """[sin q, cos q]."""
+        return np.stack([np.sin(motion.q[:, j]), np.cos(motion.q[:, j])], axis=1)
 
 
 def _position_torque_varies(f: Fitted) -> bool:
@@ -255,6 +290,7 @@ EFFECTS: tuple[Effect, ...] = (
     RigidBody(),
     Armature(),
     Spring(),
+    Unbalance(),
     PositionTorque(),
     EndStop(),
 )

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
@@ -104,12 +108,16 @@ class Range:
         Joint.
     position, speed, load : (float, float)
         Ends [rad, rad/s, N m or m, m/s, N].
+    span : (float, float), optional
+        First and last position of all, which laws over the range refer to [rad or m]; None in files
+        of earlier versions.
     """
 
     joint: str
     position: tuple[float, float]
     speed: tuple[float, float]
     load: tuple[float, float]
+    span: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -150,6 +158,19 @@ class RobotModel(Shown):
     def __repr__(self) -> str:
         robot = self.robot.preset or ("URDF" if self.robot.urdf else "robot of the session")
         return f"RobotModel({robot}: {' + '.join(self.names())}; {len(self.values())} values)"
+
+    def spans(self, joints: Sequence[str]) -> NDArray[np.float64] | None:
+        """Positions (d, 2) that its laws over the range refer to, [rad or m].
+
+        None where it does not say so for all of the joints.
+        """
+        known = {r.joint: r.span for r in self.valid if r.span}
+        return np.array([known[j] for j in joints]) if set(joints) <= set(known) else None
+
+    @property
+    def keeps(self) -> bool:
+        """Whether some of its values are kept as they are when it is fitted."""
+        return any(u.options.get("fixed") for u in self.effects)
 
     def as_it_is(self) -> RobotModel:
         """The model with all its values kept: a fit of it fits nothing.

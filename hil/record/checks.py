@@ -25,7 +25,7 @@ from hil.errors import DataError, plural
 from hil.record import consistency as physics
 from hil.record.consistency import DataFault, check_spikes, smooth
 from hil.record.jumps import described
-from hil.record.recording import Recording
+from hil.record.recording import STATED, Recording
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
 
 
@@ -221,10 +221,11 @@ def _units(r: Recording) -> Iterator[DataFault]:
     listed = described_joints(r)
     described = bool(listed)
     unit = r.metadata.get("unit", "rad")
+    stated = r.metadata.get(STATED, "").split()
     for k, name in enumerate(r.joints):
         joint = listed[k] if described else UrdfJoint(name, unit)
         q = r.q[:, k]
-        if physics.unit_doubt(q, joint, described):
+        if str(k + 1) not in stated and physics.unit_doubt(q, joint, described):
             what = "degrees" if joint.unit == "rad" else "millimetres"
             yield DataFault(
                 "unit",

@@ -11,8 +11,11 @@ import numpy as np
 from hil.errors import DataError
 from hil.record.mapfile import SIGNAL
 from hil.record.mcap_write import SessionWriter
-from hil.record.recording import LOCKED, Recording
+from hil.record.recording import LOCKED, STATED, Recording
 from hil.record.schema import LAST_S, Channel
+
+#: What a session keeps of the metadata of a recording, beside what a map says of its signals.
+_KEPT = (LOCKED, STATED)
 
 
 def robot_record(recording: Recording) -> dict[str, str]:
@@ -23,7 +26,11 @@ def robot_record(recording: Recording) -> dict[str, str]:
         "joints": json.dumps(list(recording.joints)),
         "unit": recording.metadata.get("unit", "rad"),
         "name": recording.name,
-        **{k: v for k, v in recording.metadata.items() if k.startswith(SIGNAL) or k == LOCKED},
+        **{
+            k: v
+            for k, v in recording.metadata.items()
+            if k.startswith(SIGNAL) or k in (LOCKED, STATED)
+        },
     }
 
 

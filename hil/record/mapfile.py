@@ -35,10 +35,14 @@ SIGNAL = "signal_"
 
 @dataclass(frozen=True)
 class Rule:
-    """One column of the recording from those of the table: sum of weight * source, + shift."""
+    """One column of the recording from those of the table: sum of weight * source, + shift.
+
+    `stated`: its unit was said, or a scale, so that nobody doubts it.
+    """
 
     terms: Mapping[str, float]
     shift: float = 0.0
+    stated: bool = False
 
     def apply(self, columns: Mapping[str, FloatArray], n: int) -> FloatArray:
         """Values (n,) of the column."""
@@ -375,7 +379,8 @@ def _rule(target: str, entry: Any, units: Mapping[str, Unit]) -> Rule:
     factor, zero = _to_si(target, entry, units)
     factor *= sign * _number(entry.get("scale", 1.0), f"{target}.scale")
     weights = {str(k): factor * _number(v, f"{target}.sum.{k}") for k, v in terms.items()}
-    return Rule(weights, zero + _number(entry.get("shift", 0.0), f"{target}.shift"))
+    stated = "unit" in entry or "scale" in entry or stem_of(target) in units
+    return Rule(weights, zero + _number(entry.get("shift", 0.0), f"{target}.shift"), stated)
 
 
 def _to_si(target: str, entry: Mapping[str, Any], units: Mapping[str, Unit]) -> tuple[float, float]:

@@ -20,7 +20,7 @@ from hil.errors import DataError, unknown
 from hil.record.container import Container, Topic, read
 from hil.record.decode import decode, decode_joint_state
 from hil.record.mapfile import SIGNAL
-from hil.record.recording import LOCKED, Recording, RobotSource
+from hil.record.recording import LOCKED, STATED, Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
 #: Topics of an arm beside its state that become columns of a recording.
@@ -59,7 +59,8 @@ def recording(box: Container, arm: str) -> Recording:
         )
     urdf = box.attachments.get(f"robot/{arm}.urdf", b"").decode(errors="replace")
     preset = "" if urdf else info.get("preset", "single-axis")
-    metadata = {k: v for k, v in info.items() if k in ("unit", LOCKED) or k.startswith(SIGNAL)}
+    kept = ("unit", LOCKED, STATED)
+    metadata = {k: v for k, v in info.items() if k in kept or k.startswith(SIGNAL)}
     metadata |= {f"session.{k}": v for k, v in box.metadata.get("session", {}).items()}
     t = box.seconds(topics["measured_js"])
     return Recording(

@@ -60,6 +60,8 @@ PRESETS = ("single-axis", "phantom-premium-1.5", "phantom-omni")
 BAG = "bag"
 #: Key of a recording's metadata: joints that are locked, and where, as JSON.
 LOCKED = "locked"
+#: Metadata: numbers of the joints whose unit was said, so that nobody doubts it.
+STATED = "units_stated"
 #: Metadata record of a session: the tags that it was given.
 TAGS = "tags"
 #: Measured channels, a column a joint or component.

@@ -22,7 +22,7 @@ from hil.record.consistency import unit_doubt, velocity_factor
 from hil.record.guess import propose
 from hil.record.locked import ColumnsRobot, columns_robot, free_joints
 from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import STATED, Recording, RobotSource
 from hil.record.schema import LAST_S, Channel
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.units import FACTORS, epoch_unit, time_unit
@@ -153,8 +153,24 @@ def from_zero(table: ForeignTable, recordings: Sequence[Recording]) -> list[Reco
     ]
 
 
-def refuse_units(table: ForeignTable, recording: Recording, joints: tuple[UrdfJoint, ...]) -> None:
+def refuse_units(
+    table: ForeignTable,
+    recording: Recording,
+    joints: tuple[UrdfJoint, ...],
+    rules: Sequence[Rule],
+) -> None:
     """Refuse positions that are certainly degrees or millimetres.
+
+    Parameters
+    ----------
+    table : Table
+        For messages.
+    recording : Recording
+        What was read, in the order of `joints`.
+    joints : tuple of UrdfJoint
+        Joints of the robot, if it is described.
+    rules : sequence of Rule
+        Where each joint's position came from; one whose unit was said is not doubted.
 
     Raises
     ------
@@ -162,6 +178,8 @@ def refuse_units(table: ForeignTable, recording: Recording, joints: tuple[UrdfJo
         If they are; `unit` in the map's [robot] overrules it.
     """
     for k, name in enumerate(recording.joints):
+        if rules[k].stated:
+            continue
         q = recording.q[:, k]
         joint = joints[k] if joints else UrdfJoint(name, recording.metadata["unit"])
         bounded = math.isfinite(joint.upper) and math.isfinite(joint.lower)
@@ -169,10 +187,11 @@ def refuse_units(table: ForeignTable, recording: Recording, joints: tuple[UrdfJo
             degrees = joint.unit == "rad"
             what, scale = ("degrees", "0.0174532925199433") if degrees else ("millimetres", "0.001")
             limits = f" (limits {joint.lower:.4g} to {joint.upper:.4g})" if bounded else ""
+            source = next(iter(rules[k].terms), f"q{k + 1}")
             raise DataError(
                 f"table {table.path}: q{k + 1} ({name}) runs from {q.min():.4g} to {q.max():.4g} "
                 f"{joint.unit}{limits}; these look like {what}. Scale them in a map: [columns] "
-                f'q{k + 1} = {{ from = "q{k + 1}", scale = {scale} }}; if they truly are '
+                f'q{k + 1} = {{ from = "{source}", scale = {scale} }}; if they truly are '
                 f'{joint.unit}, say unit = "{joint.unit}" in its [robot] (or --unit {joint.unit})'
             )
     for k in range(recording.d):
@@ -614,11 +633,13 @@ def _arm(
     keep = clean_time(table, values["t"], given.gaps, given.repeated)
     values = {k: v[keep] for k, v in values.items()}
     said = {SIGNAL + k: repr(v) for k, v in given.signal.items()}
-    recording = _recording(
-        arm, table, values, fitted.order or range(d), fitted, given.unit, {**said, **fitted.said}
-    )
+    order = fitted.order or range(d)
+    positions = [rules[f"q{k + 1}"] for k in order]
+    stated = " ".join(str(k + 1) for k, rule in enumerate(positions) if rule.stated)
+    said |= {STATED: stated} if stated else {}
+    recording = _recording(arm, table, values, order, fitted, given.unit, {**said, **fitted.said})
     if not given.unit:
-        refuse_units(table, recording, joints)
+        refuse_units(table, recording, joints, positions)
     return _Arm(recording, rules, {n: values[n] for n in given.extras}, notes)
 
 

@@ -159,6 +159,21 @@ def diagnosis_json(d: Diagnosis) -> dict[str, object]:
         "indistinguishable": [_fields(s, SETS) for s in sets_of(d)],
         "could_not_show": [_fields(u, UNSEEN_KEYS) for u in d.unseen],
         "warnings": [{"code": code, "text": text} for code, text in d.warnings],
+        "signal": _signal(d),
+    }
+
+
+def _signal(d: Diagnosis) -> dict[str, object] | None:
+    """Band, rate and shift of the efforts of all errors, and the runs that were fitted."""
+    if not d.ladder:
+        return None
+    problem = d.ladder[-1].result.problem
+    return {
+        "position_hz": number(problem.rates.position),
+        "effort_hz": number(problem.rates.effort),
+        "rate_hz": number(problem.rate),
+        "shift_s": number(problem.shift),
+        "runs": list(dict.fromkeys(r.name for r in problem.recordings)),
     }
 
 
@@ -175,7 +190,7 @@ def _remaining(d: Diagnosis) -> dict[str, object]:
         "noise_floor_from": d.last.floor.method,
         "structure": structure,
         "any_function": None if d.beyond is None else number(d.beyond, 3),
-        "best_partial": [finding_json(f) for f in d.partial],
+        "best_partial": [{**finding_json(f), "reason": f.reason} for f in d.partial],
     }
 
 

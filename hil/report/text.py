@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.artefacts import BLURRED, blurred_above
-from hil.diagnosis.constants import ADEQUATE, CONFIDENT, WHOLE
+from hil.diagnosis.constants import ADEQUATE, CONFIDENT
 from hil.diagnosis.floor import known_to
 from hil.diagnosis.preconditions import GRAVITY
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, UNLIKE
@@ -22,6 +22,7 @@ from hil.diagnosis.types import Finding, UnnamedCorrection
 from hil.diagnosis.unnamed import told
 from hil.diagnosis.verdict import COMMON, NO_GEOMETRY, only_there
 from hil.errors import ConfigError
+from hil.identify.timing import RECORDED_LATE
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import Value
@@ -63,7 +64,7 @@ TWO_ERRORS = (
     "adequate (docs/diagnosis.md)"
 )
 #: Codes of warnings that stand beside the verdict.
-LEADING = (NO_GEOMETRY, GRAVITY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
+LEADING = (NO_GEOMETRY, RECORDED_LATE, GRAVITY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
 
 
 # ------------------------------------------------------------ verdict
@@ -216,7 +217,10 @@ def headline(m: Material) -> str:
         return "The model is adequate for the fitted data, but not for the held-out data."
     if m.verdict == "adequate":
         errors = dict(zip(m.joints, m.ratio(m.after).tolist(), strict=True))
-        return f"The model is adequate: {explains(blurred_above(m.warnings, errors), 'it')}"
+        most = max(errors.values())
+        return f"The model is adequate: {explains(blurred_above(m.warnings, errors), 'it', most)}"
+    if m.verdict == "unexplained" and _undescribed(m):
+        return UNDESCRIBED
     if m.verdict == "unexplained":
         joint = m.joints[m.concerned(1)[0]]
         if only_there(m.after, m.last, m.floor):
@@ -232,12 +236,47 @@ def headline(m: Material) -> str:
     return f"Held-out error is up to {ratio:.2f} times the noise floor: {tail}."
 
 
-def explains(blurred: bool, model: str) -> str:
-    """What an adequate model explains, whether or not reversals leave an error above its floor."""
+#: Verdict where free functions for the missing description are all that was added.
+UNDESCRIBED = (
+    "The robot's description is missing. Free functions stand for it, and whether an effect is "
+    "missing as well cannot be told."
+)
+
+
+def undescribed(
+    verdict: str, warnings: Sequence[tuple[str, str]], corrections_: Sequence[UnnamedCorrection]
+) -> bool:
+    """Whether all that the data ask for is the description of the robot."""
+    stand = all(Trait.GEOMETRY in catalogue.get(c.effect).traits for c in corrections_)
+    lacks = any(code == NO_GEOMETRY for code, _ in warnings)
+    return verdict == "unexplained" and lacks and bool(corrections_) and stand
+
+
+def _undescribed(m: Material) -> bool:
+    return undescribed(m.verdict, m.warnings, m.corrections) and not m.partial
+
+
+def explains(blurred: bool, model: str, ratio: float = 1.0) -> str:
+    """What an adequate model explains, whether or not something leaves an error above its floor.
+
+    Parameters
+    ----------
+    blurred : bool
+        Whether reversals do.
+    model : str
+        What to call the model.
+    ratio : float
+        Largest error of a joint over its noise floor.
+    """
     if blurred:
         return (
             "the error above the noise floor is a filter artifact at reversals, not a missing "
             "effect."
+        )
+    if ratio > ADEQUATE:
+        return (
+            f"{model} explains the data up to what noise of the positions leaves "
+            f"({ratio:.2f} times the noise floor)."
         )
     return f"{model} explains the data down to the noise floor."
 
@@ -247,6 +286,7 @@ def details(m: Material) -> list[str]:
     out = (
         (doubts(m.warnings) if m.rungs and m.verdict != "not-identifiable" else [])
         + _said(m, NO_GEOMETRY)
+        + _said(m, RECORDED_LATE)
         + _said(m, GRAVITY)
         + [_finding(m, f) for f in m.findings]
     )
@@ -254,8 +294,8 @@ def details(m: Material) -> list[str]:
     for f in m.partial:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it explains "
-            f"{100 * f.excess_explained:.0f} % of the squared error above the noise floor; less "
-            f"than {100 * WHOLE:.0f} % is explained in all, so it is not named as the cause)."
+            f"{100 * f.excess_explained:.0f} % of the squared error above the noise floor). It is "
+            f"not named as the cause: {f.reason}."
         )
     if m.findings and (left := remains(m.ratio(m.explained), m.joints)):
         out.append(left)

@@ -323,7 +323,7 @@ SCHEMA = "hil.rig/1"
 #: sim: ideal wires.  sim-wire: the same drivers as on hardware, on simulated buses.  The others
 #: are the hardware: "hardware" every box on its own bus, or the name of that bus; and "replay",
 #: the frames of a session.
-BACKENDS = ("sim", "sim-wire", "hardware", "usb", "hid", "can", "udp", "replay")
+BACKENDS = ("sim", "sim-wire", "hardware", "usb", "hid", "can", "udp", "ws", "replay")
 SIMULATED = ("sim", "sim-wire")
 
 

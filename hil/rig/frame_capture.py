@@ -13,7 +13,7 @@ from hil.rig.config import RigConfig
 from hil.signals.bus import Bus
 
 #: Kinds of buses whose drivers can be recorded and replayed.
-FRAME_KINDS = ("can", "udp", "usb", "hid")
+FRAME_KINDS = ("can", "udp", "ws", "usb", "hid")
 #: Those whose tap is in what the bus hands to the library; the others have it in their link.
 HANDLES = ("usb", "hid")
 

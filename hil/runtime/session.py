@@ -146,11 +146,15 @@ def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]
         table = config.arms[arm]
         records[f"robot/{arm}"] = {
             "preset": "" if table.own else table.robot,
-            "tip": table.tip,
+            # a URDF may have no frame of the default's name: its last one is then the tip
+            "tip": robot_source(table).tip,
             "joints": json.dumps(list(table.joints)),
         }
     if config.record.tags:
         records[TAGS] = tag_record(config.record.tags)
+    for name, box in rig.boxes.items():
+        if settings := getattr(box, "settings", None):
+            records[f"box/{name}"] = {"settings": json.dumps(settings, sort_keys=True)}
     for name, device in rig.devices.items():
         scales = getattr(device, "scales", None)
         if scales is not None:

@@ -96,11 +96,11 @@ class Bus:
     Parameters
     ----------
     kind : str
-        ``"usb"``, ``"hid"``, ``"can"`` or ``"udp"``.
+        ``"usb"``, ``"hid"``, ``"can"``, ``"udp"`` or ``"ws"``.
     handle : object
         usb: back end for `usb.core.find`, None for libusb.  hid: what stands for the module
         ``hid``.  can: in a simulation, python-can's interface and what stands before the name of
-        a channel.  udp: what opens a socket.
+        a channel.  udp, ws: what opens a socket.
     run : callable
         ``run(name, step)`` calls `step` as often as data may come and returns what stops it: a
         thread, or in virtual time once a tick.

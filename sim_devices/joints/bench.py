@@ -1,4 +1,4 @@
-"""Bench of simulated arms of any URDF: ideal wires, or drives on simulated CAN lines."""
+"""Bench of simulated arms of any URDF: ideal wires, drives on CAN lines, or a WebSocket."""
 
 from __future__ import annotations
 
@@ -76,6 +76,12 @@ class SimArm:
         self.codes, self.counts, self.rates = (np.zeros(d, np.int64) for _ in range(3))
         self.powered = np.zeros(d, np.bool_)
         self.sense()
+
+    def slide(self, masses: Sequence[float], steps: Sequence[float]) -> None:
+        """Its axes move so much [kg] whatever the posture; `steps` are those of its words."""
+        self.p["rotor"] = self._rotor[:] = masses
+        self.scales[:] = steps
+        self.p["count"], self.p["rate"], self.p["code"] = self.scales.T
 
     def _set_up(self, most: NDArray[np.float64], rng: np.random.Generator) -> None:
         """Drives and friction by the torque limits, each its own."""
@@ -197,6 +203,8 @@ class JointBench:
         self._prefix = f"joints{next(self._number)}:"
         self.lines: dict[str, CanLine] = {}
         self.drives: dict[str, list[SimDrive]] = {}
+        #: Inverse Services by HOST:PORT.
+        self.services: dict[str, Any] = {}
         self._pumps: dict[str, Step] = {}
 
     def wire(self, arm: str) -> JointWire:
@@ -206,27 +214,60 @@ class JointBench:
         return JointWire(self, self.arms[arm])
 
     def buses(self, plan: Mapping[str, Mapping[str, Any]]) -> dict[str, Bus]:
-        """Simulated CAN bus with the drives of `plan` on its lines."""
+        """Simulated buses with what `plan` has on them."""
         for name, row in plan.items():
-            if row["driver"] != "damiao-can":
-                missing = unknown("simulated box", row["driver"], ("damiao-can",))
+            if row["driver"] not in BUILDERS:
+                missing = unknown("simulated box", row["driver"], BUILDERS)
                 raise ConfigError(f"box {name!r}: {missing}")
-            line = self._line(row["address"] or "can0")
-            options, self.drives[name] = row["options"], []
-            for channel, _, arm, joint, sign in row["cables"]:
-                drive = SimDrive(
-                    channel,
-                    int(options.get("master", 0x10)),
-                    int(options.get("bit_rate", 1_000_000)),
-                    self.arms[arm],
-                    joint,
-                    sign,
-                )
-                line.attach(drive)
-                self.drives[name].append(drive)
-        handle = {"interface": "hil-sim", "prefix": self._prefix}
-        bus = Bus("can", handle, self._run, self._pause, lambda: self.now_ns, self.at, True)
-        return {"can": bus}
+            BUILDERS[row["driver"]](self, name, row)
+        can = {"interface": "hil-sim", "prefix": self._prefix}
+        return {"can": self._bus("can", can), "ws": self._bus("ws", self._socket)}
+
+    def _bus(self, kind: str, handle: Any) -> Bus:
+        return Bus(kind, handle, self._run, self._pause, lambda: self.now_ns, self.at, True)
+
+    def _socket(self, host: str, port: int) -> Any:
+        """Stand-in of a connection to a service."""
+        if f"{host}:{port}" not in self.services:
+            raise OSError(111, "Connection refused")
+        return self.services[f"{host}:{port}"].open()
+
+    def put_drives(self, name: str, row: Mapping[str, Any]) -> None:
+        """Damiao drives on a CAN line."""
+        line = self._line(row["address"] or "can0")
+        options, self.drives[name] = row["options"], []
+        for channel, _, arm, joint, sign in row["cables"]:
+            drive = SimDrive(
+                channel,
+                int(options.get("master", 0x10)),
+                int(options.get("bit_rate", 1_000_000)),
+                self.arms[arm],
+                joint,
+                sign,
+            )
+            line.attach(drive)
+            self.drives[name].append(drive)
+
+    def put_inverse(self, name: str, row: Mapping[str, Any]) -> None:
+        """A Haply Inverse3 at its service.
+
+        Raises
+        ------
+        ConfigError
+            If the library websockets is missing, or its axes are not three of one arm.
+        """
+        try:
+            from hil.sim_devices.joints import haply  # its library, where a rig asks for it
+        except ImportError as error:
+            raise ConfigError(
+                f"box {name!r}: its simulation needs the library websockets; "
+                "pip install 'hil-teleop[haply]'"
+            ) from error
+        server, _, device = row["address"].partition("/")
+        host, _, port = server.partition(":")
+        at = f"{host or 'localhost'}:{port or haply.PORT}"
+        service = self.services.setdefault(at, haply.SimService())
+        service.devices.append(haply.inverse_of(name, row, device, self.arms))
 
     def _line(self, channel: str) -> CanLine:
         if channel not in self.lines:
@@ -248,7 +289,7 @@ class JointBench:
 
     def advance(self, t_ns: int) -> None:
         """Run the world up to `t_ns`, in whole ticks."""
-        parts = PARTS if self.lines else 1
+        parts = PARTS if self.lines or self.services else 1
         while self.now_ns + self.period_ns <= t_ns:
             if self._left == 0:
                 self._rng.standard_normal(out=self._noise)
@@ -270,6 +311,8 @@ class JointBench:
             for row in self.drives.values():
                 for drive in row:
                     drive.tick(self._time.now_ns)
+        for service in self.services.values():
+            service.tick(end_ns - 1)
         for k, arm in enumerate(self.arms.values()):
             arm.run(noise[k], self.period_ns * 1e-9 / parts)
             arm.sense()
@@ -318,5 +361,11 @@ class JointWire:
     def close(self) -> None:
         """Nothing to release."""
 
+
+#: Driver of a box -> what stands at the other end of its cable.
+BUILDERS: dict[str, Callable[[JointBench, str, Mapping[str, Any]], None]] = {
+    "damiao-can": JointBench.put_drives,
+    "haply-inverse": JointBench.put_inverse,
+}
 
 __all__ = ["HIDDEN", "JointBench", "JointWire", "SimArm"]

@@ -73,9 +73,21 @@ def test_a_fall_in_a_single_block_is_chance(blocks: int, stopped: bool) -> None:
 def test_geometry_may_be_a_spring_where_it_is_unknown(
     blind: bool, effect: str, solid: bool
 ) -> None:
-    one = case(effect)
-    one.search = SimpleNamespace(blind=blind)
-    assert ("unknown geometry" in rules.CANDIDATE["geometry"](one)) is (blind and solid)
+    """Not where it takes most of what sums of sines and cosines on its joint leave."""
+
+    def stopped(terms: list[Any], after: float) -> bool:
+        one = case(effect)
+        one.search = SimpleNamespace(
+            blind=blind, now=SimpleNamespace(result=SimpleNamespace(terms=terms))
+        )
+        one.rated = SimpleNamespace(candidate=one.rated.candidate, joint=0, before=1.0, after=after)
+        return "unknown geometry" in rules.CANDIDATE["geometry"](one)
+
+    gravity = [Term(catalogue.get("generic-gravity"), j) for j in (0, 1)]
+    assert stopped([], 0.05) is (blind and solid)
+    assert stopped(gravity[1:], 0.05) is (blind and solid)
+    assert stopped(gravity[:1], OPEN) is (blind and solid)
+    assert not stopped(gravity[:1], 0.05)
 
 
 def refit(before: np.ndarray, after: np.ndarray, kind: str, effect: str = "stribeck") -> Any:

@@ -9,6 +9,7 @@ import plants
 import pytest
 
 import hil
+from hil.bench.diagnosis import cases, runner
 from hil.commands.diagnose import short
 from hil.diagnosis import rules
 from hil.diagnosis.verbs import ladder
@@ -71,6 +72,48 @@ def test_a_second_effect_is_judged_by_what_is_left_now():
 
     d = said(plants.smooth_axis(3, extra=extra))
     assert set(named(d)) == {"asymmetric-viscous", "spring"}
+
+
+def test_what_did_not_hold_may_hold_beside_a_larger_model(monkeypatch):
+    """The first of two effects that is asked holds beside the other one alone: it comes second."""
+    asked = []
+
+    def extra(t, q, v, a):
+        return 0.2 * np.sin(9 * q) + 0.15 * np.abs(v)
+
+    def alone(case):
+        asked.append(case.rated.candidate.term.effect.name)
+        others = {"cogging", "asymmetric-viscous"} - {asked[0]}
+        terms = {t.effect.name for t in case.after.result.terms}
+        return "only beside the other one" if asked[-1] == asked[0] and others - terms else ""
+
+    monkeypatch.setitem(rules.FIT, "alone", alone)
+    d = said(plants.smooth_axis(3, extra=extra))
+    assert asked.count(asked[0]) == 2
+    assert set(named(d)) == {"asymmetric-viscous", "cogging"}
+
+
+def test_the_weight_of_an_axis_without_a_description_is_no_spring():
+    """The commonest bench: one axis with a load beside it, swung through half a turn and more."""
+
+    def weight(t, q, v, a):
+        return 0.8 * np.sin(1.0 + q)
+
+    run = plants.smooth_axis(3, extra=weight)
+    assert np.ptp(run.q) > 2.0
+    d = said(run)
+    assert named(d) == ["unbalance"] and d.findings[0].confidence > 0.9
+    size = [v.value for v in d.findings[0].parameters.values()]
+    assert np.hypot(*size) == pytest.approx(0.8, rel=0.02)
+
+
+def test_what_replaces_friction_has_the_shape_that_does_most_in_its_place():
+    """Beside Coulomb friction the best shape of presliding is another one, and worth nothing."""
+    pytest.importorskip("mujoco")
+    case = next(c for c in cases.mujoco_plan(True, cases.SEEDS) if "presliding@1x1.5" in c.name)
+    train, holdout = runner.recordings(case)
+    d = hil.diagnose(train, cases.suspected(case, train[0].robot), holdout)
+    assert named(d) == ["presliding"]
 
 
 def test_friction_with_load_is_a_level_of_the_state_that_presliding_has():
@@ -189,9 +232,9 @@ def test_a_correction_is_told_with_the_law_that_would_do_as_much():
     found = said(run, holdout=[other])
     assert named(found) == ["cogging"]
     (one,) = found.corrections
-    assert one.effect == "correction-position" and one.alike == ("spring",)
+    assert one.effect == "correction-position" and "spring" in one.alike
     words = short(found, ladder(found), None)
-    assert "On joint1 spring would do as much" in words
-    assert "hil add spring --joint joint1" in words
+    assert "On joint1 " in words and "would do as much" in words
+    assert f"hil add {one.alike[0]} --joint joint1" in words
     after = hil.add([run], found.explained.result.model, "spring", holdout=[other])[1]
     assert after.step.heldout.rms[0] < 1.1 * found.ladder[-1].heldout.rms[0]

@@ -59,11 +59,14 @@ def test_a_mass_that_is_an_eighth_of_the_link_hangs_on_it_and_is_not_the_link() 
     assert d.findings[0].parameters["j1.vibration-mode.m"].value == pytest.approx(0.01, rel=0.2)
 
 
-def test_a_short_lag_may_be_a_delay() -> None:
-    run = plants.transmission(1, lag=0.005)
+def test_a_short_lag_may_be_a_delay_and_a_longer_one_is_none() -> None:
+    run = plants.transmission(1, lag=0.003)
     d = diagnose([run], base_model(run.robot))
     assert d.verdict == "ambiguous"
     assert {d.findings[0].effect, *d.findings[0].rivals} == {"actuator-lag", "delay"}
+    run = plants.transmission(1, lag=0.008)
+    (found,) = diagnose([run], base_model(run.robot)).findings
+    assert found.effect == "actuator-lag" and found.confidence > 0.9
 
 
 @pytest.mark.parametrize(("frequency", "harden"), [(15.0, 3.0), (6.0, 3.0)], ids=["stiff", "soft"])

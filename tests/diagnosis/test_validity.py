@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import plants
 import pytest
 
@@ -76,3 +77,22 @@ def test_files_without_a_range_and_with_a_wrong_one(tmp_path):
     path.write_text(text.replace("speed = [-1, 1]", "speed = [1, -1]"), encoding="utf-8")
     with pytest.raises(ConfigError, match="lowest, highest"):
         read_model(path)
+
+
+@pytest.mark.parametrize("effect", ["spring", "position-torque"])
+def test_a_law_over_the_range_foretells_a_session_of_another_range(tmp_path, effect):
+    """Its values refer to the range that it was fitted on, which the file keeps."""
+
+    def cable(t, q, v, a):
+        return 0.3 * (q - 0.2)
+
+    run, path = plants.smooth_axis(3, extra=cable), tmp_path / "fitted.toml"
+    write_model(hil.fit([run], hil.base_model(run.robot) + effect).model, path)
+    model = read_model(path)
+    half = plants.smooth_axis(3, extra=cable).slice(0, 5000)
+    keep = half.q[:, 0] > np.quantile(half.q[:, 0], 0.3)
+    narrow = half.slice(int(np.argmax(keep)), int(np.argmax(keep)) + 2500)
+    assert np.ptp(narrow.q) < 0.8 * np.ptp(run.q)
+    known = hil.compare([narrow], model.as_it_is()).heldout.relative[0]
+    fitted = hil.compare([run], model.as_it_is()).heldout.relative[0]
+    assert known < 1.6 * fitted

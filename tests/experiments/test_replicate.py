@@ -6,6 +6,9 @@ import json
 import math
 import multiprocessing
 import re
+import signal
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from functools import partial
 from pathlib import Path
@@ -55,6 +58,24 @@ def test_a_lost_worker_is_survived(tmp_path):
     # the run that loses its process loses no other one
     kept = sorted(p.name for p in (tmp_path / "kept").iterdir())
     assert kept == ["x-1.json", "x-3.json"]
+
+
+def test_processes_end_with_the_one_that_started_them():
+    """However it ends: a bench that is killed leaves nothing that works on for hours."""
+    lines = [
+        "import os, signal, sys; sys.path.insert(0, sys.argv[1])",
+        "from jobs import for_ever",
+        "from hil.experiments.replicate import replicate",
+        "replicate(for_ever, str(os.getpid()), [1, 2], workers=2)",
+    ]
+    command = [sys.executable, "-c", "\n".join(lines), str(Path(__file__).parents[1])]
+    killed = subprocess.Popen(command, stdout=subprocess.PIPE)
+    # the workers hold the other end of the pipe
+    try:
+        told, _ = killed.communicate(timeout=30)
+    finally:
+        killed.kill()
+    assert (killed.returncode, told) == (-signal.SIGKILL, b"at work")
 
 
 def test_processes_are_replaced_so_that_they_do_not_grow(monkeypatch):

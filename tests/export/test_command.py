@@ -2,12 +2,16 @@
 
 import hashlib
 import json
+import xml.etree.ElementTree as ET
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from hil.cli import main
 from hil.export import target
 from hil.models.files import write_model
+from hil.models.model import Use, Value
 from hil.record.export import write_recordings
 
 
@@ -97,3 +101,68 @@ def test_every_target_says_what_it_is():
     for name in target.names():
         found = target.get(name)
         assert found.what and found.ending.startswith(".")
+
+
+def friction_of(path, joint):
+    """Friction and damping that a URDF has of a joint."""
+    found = ET.parse(path).find(f"joint[@name='{joint}']/dynamics").attrib
+    return float(found["friction"]), float(found["damping"])
+
+
+def without_data(folder, model, capsys):
+    """What the export of a model to a URDF without a recording says; the file is said.urdf."""
+    write_model(model, folder / "bare.toml")
+    words = ["export", folder / "bare.toml", "--to", "urdf", "-o", folder / "said.urdf"]
+    assert main([*map(str, words), "--feasible"]) == 0
+    return capsys.readouterr().out
+
+
+def test_without_data_a_lost_peak_goes_into_friction_and_damping(folder, made, capsys):
+    model = made("c").steps[-1].result.model
+    said = without_data(folder, model, capsys)
+    x = {k: v.value for k, v in model.values().items()}
+    (top,) = (max(map(abs, r.speed)) for r in model.valid if r.joint == "base")
+    v = top * np.linspace(1 / 40, 1, 40)
+    peak = x["j1.stribeck.fs"] * np.exp(-((v / x["j1.stribeck.vs"]) ** x["j1.stribeck.n"]))
+    law = x["j1.coulomb.fc"] + x["j1.viscous.fv"] * v + peak
+    nearest = np.linalg.lstsq(np.stack([np.ones(40), v], 1), law)[0]
+    assert nearest[0] > 1.2 * x["j1.coulomb.fc"]
+    assert friction_of(folder / "said.urdf", "base") == pytest.approx(nearest, rel=2e-2)
+    assert "friction of base is" in said and "the nearest to stribeck in steady sliding" in said
+    # joints whose friction is all said keep it
+    assert friction_of(folder / "said.urdf", "upper")[0] == pytest.approx(x["j2.coulomb.fc"])
+
+
+def test_without_data_a_law_in_the_place_of_coulomb_friction_is_written(folder, made, capsys):
+    model = made("c").steps[-1].result.model
+    unit = dict.fromkeys(("f0", "f1", "f2", "f3"), 0.1) | {"f3": 0.0}
+    shape = {"s": 1e-3, "form": 1.0, "v0": 0.02, "vs": 0.0}
+    values = {f"j3.presliding.{k}": Value(v, unit="N m") for k, v in (unit | shape).items()}
+    effects = tuple(
+        replace(u, joints=("base", "upper")) if u.type in ("coulomb", "viscous") else u
+        for u in model.effects
+    )
+    model = replace(model, effects=(*effects, Use("presliding", ("fore",), values=values)))
+    said = without_data(folder, model, capsys)
+    assert "the nearest to presliding in steady sliding" in said
+    assert friction_of(folder / "said.urdf", "fore") == pytest.approx((0.3, 0.0), abs=1e-3)
+    said = without_data(folder, replace(model, valid=()), capsys)
+    assert "no friction of presliding on fore is written" in said and "--data" in said
+    assert friction_of(folder / "said.urdf", "fore") == (0.0, 0.0)
+
+
+def test_without_data_a_spring_needs_the_range_that_it_refers_to(folder, made, capsys):
+    """The model states it; a file of an earlier version does not."""
+    model = made("c").steps[-1].result.model
+    old = replace(model, valid=tuple(replace(r, span=None) for r in model.valid))
+    for name, kept in (("new", model), ("old", old)):
+        write_model(kept, folder / f"{name}.toml")
+        words = ["export", folder / f"{name}.toml", "--to", "sdf", "-o", folder / f"{name}.sdf"]
+        assert main([*map(str, words), "--feasible"]) == 0
+        said = capsys.readouterr().out
+        lost = "lost: spring on upper: its law is about the recorded span; give the recording"
+        assert (lost in said) == (name == "old")
+        beside = "lost: torque-offset on upper: the target can say it only beside an effect"
+        assert (beside in said) == (name == "old")
+        written = (folder / f"{name}.sdf").read_text().split("<sdf")[1]
+        assert ("spring_stiffness" in written) == (name == "new")

@@ -62,15 +62,18 @@ def _sdf_model(text):
         body = pin.Inertia(float(own.find("mass").text), at[:3], np.array(rows))
         model.appendBodyToJoint(ids[child], body, pin.SE3.Identity())
     dynamics = [j.find("axis/dynamics") for j in sdf.findall("joint")]
-    both = [[float(x.find(k).text) for x in dynamics] for k in ("damping", "friction")]
-    return model, *np.array(both)
+    keys = ("damping", "friction", "spring_stiffness", "spring_reference")
+    return model, *np.array([[float(x.findtext(k, "0")) for x in dynamics] for k in keys])
 
 
 def test_sdf_by_its_own_rules(made, states):
     found = made("sdf")
-    model, damping, friction = _sdf_model(found.texts[".sdf"])
+    model, damping, friction, stiffness, reference = _sdf_model(found.texts[".sdf"])
+    assert np.count_nonzero(stiffness) == 1
     q, v, a = states
+    v = 3.0 * v  # without its offset and ripple the last joint's reversal is fitted wider
     efforts = rnea(model, q, v, a) + damping * v + friction * np.sign(v)
+    efforts += stiffness * (q - reference)
     np.testing.assert_allclose(efforts, evaluated(found.steps[-1], q, v, a), atol=1e-6)
 
 
@@ -112,6 +115,12 @@ def test_what_is_lost_is_said_and_costs(made):
     assert left[1] > 1.5 * whole[1]
     # where there is a spring, that is not lost
     assert mjcf.steps[-1].heldout.relative[1] < 0.25 * left[1]
+    sdf = made("sdf")
+    assert sdf.steps[-1].heldout.relative[1] < 0.25 * left[1]
+    # a constant effort is a spring's reference there, and has no word on the other joints
+    assert [x for x in sdf.lost if x.startswith("torque-offset")] == [
+        "torque-offset on base, fore: the target can say it only on a joint that has a spring"
+    ]
 
 
 def test_the_error_is_that_of_the_bodies_that_are_written(made):

@@ -239,6 +239,21 @@ def test_lateness_within_a_sample_is_found(late: float) -> None:
     assert longest_shift(problem) == pytest.approx(1.05 / fs)
 
 
+def test_efforts_that_were_recorded_late_are_taken_earlier_and_early_ones_are_not() -> None:
+    """No drive acts before its command: by more than a sample only the recording can be late."""
+    run = plants.smooth_axis(7, extra=lambda t, q, v, a: 0.8 * np.sin(q))
+    model = base_model(run.robot) + "spring"
+    errors = {}
+    for late in (0, 12, -12):
+        problem = Problem([replace(run, tau=np.roll(run.tau, late, axis=0))], run.robot)
+        errors[late] = float(fit_aligned(problem, model).rms[0])
+        expected = -late / 500.0 if late > 0 else 0.0
+        assert problem.shift == pytest.approx(expected, abs=0.001)
+        said = late_effort(problem)
+        assert [code for code, _ in said] == (["recorded-late"] if late > 0 else [])
+    assert errors[12] < 1.3 * errors[0] < errors[-12]
+
+
 def test_lateness_is_told_before_a_diagnosis() -> None:
     fs = 200.0
     t = np.arange(int(40 * fs)) / fs

@@ -49,6 +49,7 @@ ANY = {
     "cogging",
     "payload",
     "spring",
+    "unbalance",
     "position-torque",
     "periodic-disturbance",
     "force-bias",

@@ -146,6 +146,7 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
         (),
         lambda m, i, j, s: [m.q[i, j] - (min(m.q[:, j]) + max(m.q[:, j])) / 2, 1.0],
     ),
+    "unbalance": ((), lambda m, i, j, s: [sin(m.q[i, j]), cos(m.q[i, j])]),
     "position-torque": ((), chebyshev),
     "end-stop": ((0.5, -1.0), stop),
     "torque-offset": ((), lambda m, i, j, s: [1.0]),

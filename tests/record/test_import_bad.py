@@ -21,6 +21,7 @@ from hil.cli import main
 from hil.errors import ConfigError, DataError
 from hil.models.urdf import UrdfRobot
 from hil.record import foreign
+from hil.record.mcap_read import load
 from hil.record.tables import import_table
 from hil.record.urdf_joints import urdf_joints
 
@@ -146,6 +147,27 @@ def test_time_in_milliseconds(tmp_path, refuse):
 def test_degrees_without_a_robot(tmp_path, refuse):
     table = changed(tmp_path, lambda c: c.update(q1=57.3 * c["q1"]))
     refuse(table, "q1", "degrees", "scale = 0.01745", 'unit = "rad"')
+
+
+def test_a_wide_range_whose_unit_was_said_is_not_doubted(tmp_path, capsys):
+    """A turntable turns more than once; the same numbers without a unit are refused."""
+
+    def turning(c):
+        turned = {"t": c["t"], "table (deg)": np.degrees(9.0 * c["q1"]), "tau1": c["tau1"]}
+        c.clear()
+        c.update(turned)
+
+    table, said = changed(tmp_path, turning), tmp_path / "m.toml"
+    start = "schema = 'hil.map/1'\n[columns]\nt = 't'\ntau1 = 'tau1'\nq1 = "
+    said.write_text(start + "{ from = 'table (deg)' }")
+    words = ["import", str(table), "--map", str(said), "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 2
+    assert 'from = "table (deg)", scale' in capsys.readouterr().err
+    said.write_text(start + "{ from = 'table (deg)', unit = 'deg' }")
+    assert main(words) == 0
+    assert np.ptp(load(tmp_path / "s.mcap").q[:, 0]) > 2 * np.pi
+    assert main(["info", str(tmp_path / "s.mcap")]) == 0
+    assert "is it in degrees" not in capsys.readouterr().out
 
 
 def test_degrees_against_the_limits(tmp_path, refuse):

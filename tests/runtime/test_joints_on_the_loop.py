@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hil.errors import ConfigError, DeviceError
+from hil.models.robots import bare_robot
 from hil.record.container import read
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
@@ -191,3 +192,10 @@ def test_the_packaged_rig_brings_its_robot():
     assert config.arms["arm"].joints[2] == "elbow"
     assert config.arms["arm"].torque_limit == (26.0, 50.0, 26.0, 9.0, 9.0, 9.0)
     assert rig_path("arm6").with_name("arm6.urdf").is_file()
+
+
+def test_a_robot_without_a_frame_called_tip_is_recorded_with_its_last_one(tmp_path):
+    config = rig(tmp_path, 2)
+    run(config, 0.05, output=tmp_path / "s.mcap")
+    robot = load(tmp_path / "s.mcap", "arm").robot
+    assert robot.tip == "" and bare_robot(robot).joints == ("axis_0", "axis_1")

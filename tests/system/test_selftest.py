@@ -126,3 +126,10 @@ def test_the_command_asks_for_the_name_of_the_rig(typed, code, says, monkeypatch
 def test_without_the_motors_nothing_is_asked(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     assert main(["selftest", str(RIGS / "identify.toml"), "--no-motors"]) == 0
+
+
+@pytest.mark.parametrize("name", ["arm6", "inverse3"])
+def test_arms_of_a_urdf_are_read_at_rest(name, capsys):
+    assert main(["selftest", name]) == 0  # and nobody is asked
+    said = capsys.readouterr().out
+    assert "at rest" in said and "not driven" in said

@@ -25,19 +25,30 @@ function arrow(g, from, to, color) {
   g.closePath(); g.fill();
 }
 
+// where an arm has been, as a box that only grows: the view follows what moves, and does not shake
+function grown(view, name, points) {
+  const box = ((view.boxes ||= {})[name] ||= { low: [...points[0]], high: [...points[0]] });
+  for (const p of points) p.forEach((x, i) => { box.low[i] = Math.min(box.low[i], x); box.high[i] = Math.max(box.high[i], x); });
+  return { ...box, middle: box.low.map((x, i) => (x + box.high[i]) / 2), radius: Math.hypot(...box.low.map((x, i) => box.high[i] - x)) / 2 };
+}
+
 // a view from the front and above; the user turns it by dragging or with the arrow keys
 export function space(canvas, arms, forces, view) {
   const { g, wide, high } = prepare(canvas), names = Object.keys(arms);
   if (!names.length) { g.fillStyle = style("--quiet"); g.fillText("The arms appear when a session runs.", 12, 24); return; }
-  const reach = Math.max(0.1, ...names.flatMap((n) => arms[n].map((p) => Math.hypot(...p))));
-  const scale = Math.min(high / (1.7 * reach), wide / (2.1 * reach * names.length));
+  const boxes = names.map((name) => grown(view, name, arms[name]));
+  const radius = Math.max(0.05, ...boxes.map((box) => box.radius)), room = (high - 24) / 2;
+  const scale = Math.min(room, wide / (2 * names.length)) / (1.1 * radius);
   const [c, s, ce, se] = [Math.cos(view.turn), Math.sin(view.turn), Math.cos(view.lift), Math.sin(view.lift)];
   names.forEach((name, k) => {
-    const middle = [(wide * (k + 0.5)) / names.length, high * 0.58];
-    const at = ([x, y, z]) => { const u = -s * x + c * y, d = c * x + s * y; return [middle[0] + scale * u, middle[1] - scale * (ce * z - se * d)]; };
+    const { low, middle } = boxes[k], place = [(wide * (k + 0.5)) / names.length, room];
+    const at = (p) => {
+      const [x, y, z] = p.map((value, i) => value - middle[i]), u = -s * x + c * y, d = c * x + s * y;
+      return [place[0] + scale * u, place[1] - scale * (ce * z - se * d)];
+    };
     g.strokeStyle = style("--line"); g.lineWidth = 1;
     for (let i = -2; i <= 2; i++) for (const line of [[[i, -2], [i, 2]], [[-2, i], [2, i]]]) {
-      const [a, b] = line.map(([x, y]) => at([(x * reach) / 2, (y * reach) / 2, -0.45 * reach]));
+      const [a, b] = line.map(([x, y]) => at([middle[0] + 0.4 * x * radius, middle[1] + 0.4 * y * radius, low[2] - 0.05 * radius]));
       g.beginPath(); g.moveTo(...a); g.lineTo(...b); g.stroke();
     }
     g.strokeStyle = style(COLORS[k % 2]); g.lineWidth = 5; g.beginPath();
@@ -46,7 +57,7 @@ export function space(canvas, arms, forces, view) {
     for (const p of arms[name]) { g.beginPath(); g.arc(...at(p), 3.5, 0, 7); g.fill(); }
     const tip = arms[name][arms[name].length - 1], f = forces[name] || [0, 0, 0];
     arrow(g, at(tip), at(tip.map((x, i) => x + ARROW * (f[i] || 0))), style("--bad"));
-    g.fillStyle = style("--ink"); g.textAlign = "center"; g.fillText(name, middle[0], high - 10); g.textAlign = "left";
+    g.fillStyle = style("--ink"); g.textAlign = "center"; g.fillText(name, place[0], high - 8); g.textAlign = "left";
   });
 }
 
