@@ -15,7 +15,7 @@ from hil.bench.real import Ours, RealCase, RealRow, ScriptErrors
 from hil.cli import main
 from hil.commands import common, diagnose, groups
 from hil.errors import ConfigError, DataError
-from hil.experiments.replicate import LostRun, Where
+from hil.experiments.replicate import LostRun, Where, where
 from hil.models import catalogue
 from hil.record.export import write_recordings
 from hil.record.sources import RobotName
@@ -235,4 +235,4 @@ def test_real_recordings_are_resumed(tmp_path, monkeypatch, capsys):
 def test_workers_have_one_name_everywhere():
     parser = argparse.ArgumentParser()
     common.add_workers(parser, " (x)", "--jobs")
-    assert common.where(parser.parse_args(["--jobs", "3"])) == Where(3, "")
+    assert where(parser.parse_args(["--jobs", "3"])) == Where(3, "")
