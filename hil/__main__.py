@@ -31,7 +31,7 @@ def program() -> NoReturn:
     """Run the command line and end the process."""
     interrupts.arm()
     from hil.cli import main
-    from hil.commands.terminal import Quoting
+    from hil.terminal import Quoting
 
     # for good: the interpreter prints the traceback of --debug after this
     sys.stdout, sys.stderr = Quoting(sys.stdout), Quoting(sys.stderr)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import hil
-from hil.commands import terminal
+from hil import terminal
 from hil.errors import HilError, unknown
 from hil.interrupt import CODE, interrupts
 

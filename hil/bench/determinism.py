@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from hil import terminal
 from hil.errors import ConfigError
 from hil.record.difference import Difference, first_difference
 from hil.rigs import rig_path
+from hil.terminal import Found
 
 #: Packages whose versions decide about the last bit of a number.
 _PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "pin", "mcap", "zstandard")
@@ -120,3 +124,16 @@ def page(found: Sequence[Same], command: str) -> str:
             "",
         ]
     )
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Lockstep sessions by several Pythons: the same bytes, or the first difference."""
+    terminal.check_page(args.report)
+    found = compare([sys.executable, *args.python], args.seconds)
+    others = " --python PYTHON" * len(args.python)
+    terminal.write_page(
+        args.report,
+        page(found, f"hil bench determinism --seconds {args.seconds:g}{others}"),
+    )
+    text = terminal.table(list(HEAD), rows(found))
+    return text, {"sessions": [asdict(s) for s in found]}

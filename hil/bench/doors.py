@@ -8,6 +8,7 @@ types it, and compared with what was written.  Public recordings are taken where
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import json
 import os
@@ -18,14 +19,16 @@ import tempfile
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 import hil
+from hil import terminal
 from hil.models.files import write_model
 from hil.models.model import Range, RobotModel, Use, Value
 from hil.models.robots import bare_robot
@@ -33,6 +36,7 @@ from hil.record.datasets import VARIABLE
 from hil.record.export import write_recordings
 from hil.record.recording import RobotSource
 from hil.rigs import rig_path
+from hil.terminal import Found
 
 FloatArray = NDArray[np.float64]
 N, HZ = 2000, 500.0
@@ -623,3 +627,13 @@ def _table(rows: list[DoorRow]) -> list[str]:
         row[1] = f"`{row[1]}`"
         lines.append("| " + " | ".join(x.replace("|", "\\|") for x in row) + " |")
     return lines
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Sources as labs have them, the command that takes each, and what comes out."""
+    terminal.check_page(args.report)
+    with tqdm(total=steps(), unit="source", disable=not sys.stderr.isatty()) as bar:
+        rows = list(study(bar.update))
+    terminal.write_page(args.report, page(rows, "hil bench doors"))
+    text = terminal.table(list(HEAD), cells(rows), (0, 1, 3, 4))
+    return text, {"doors": [terminal.finite(asdict(r)) for r in rows]}

@@ -6,20 +6,27 @@ trace of what was hidden.
 
 from __future__ import annotations
 
+import argparse
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 
 import numpy as np
+from tqdm import tqdm
 
+from hil import terminal
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
 from hil.models.model import base_model
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
+from hil.rigs import rig_path
 from hil.runtime import runner
+from hil.terminal import Found
 
 #: Ten effects that motion in free space can show, and the joint each is hidden in.
 EFFECTS: tuple[tuple[str, str], ...] = (
@@ -124,3 +131,45 @@ def run(
                 if report:
                     report(out[-1])
     return out
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Effects hidden in the simulated arms, named from the session alone."""
+    count = args.seeds or 3
+    seeds = range(1, count + 1)
+    total = (len(EFFECTS) + 1) * count
+    with tqdm(total=total, unit="session", disable=not sys.stderr.isatty()) as bar:
+        found = run(Path(rig_path("identify")), list(seeds), report=lambda _: bar.update())
+    rows = [
+        [
+            f"{c.effect or 'none'}{'@' + c.joint if c.effect else ''}",
+            str(c.seed),
+            c.verdict,
+            ", ".join(c.named) or "-",
+            f"{c.confidence:.2f}",
+            f"{c.before:.2f}",
+            f"{c.after:.2f}",
+            "right" if c.right else "undecided" if c.undecided else "WRONG",
+        ]
+        for c in found
+    ]
+    head = ["hidden", "seed", "verdict", "named", "confidence", "before/floor", "after/floor", ""]
+    data = {"cases": [vars(c) | {"right": c.right, "undecided": c.undecided} for c in found]}
+    return terminal.table(head, rows) + _named_right(found), dict(data)
+
+
+def _named_right(found: Sequence[HiddenCase]) -> str:
+    """How many were named right, and what of the error is left."""
+    present = [c for c in found if c.effect]
+    right = sum(c.right for c in present)
+    alarms = sum(c.false_alarm for c in found)
+    return (
+        f"\n  {right} of {len(present)} hidden effects named right "
+        f"({100 * right / len(present):.0f} %), {sum(c.undecided for c in present)} named first of "
+        f"two that the data cannot tell apart, {alarms} false alarms in "
+        f"{len(found) - len(present)} sessions with none\n"
+        f"  held-out error over its noise floor, worst joint: median "
+        f"{median([c.before for c in present]):.2f} before, "
+        f"{median([c.after for c in present]):.2f} after, "
+        f"worst {max(c.after for c in present):.2f}"
+    )

@@ -8,15 +8,17 @@ recordings are diagnosed as a user would, by the wall clock and with both thread
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import json
+import math
 import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -25,12 +27,15 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from hil import outputs, terminal
 from hil.diagnosis.verbs import fit
 from hil.errors import ConfigError
 from hil.identify.result import FitResult
 from hil.models.model import base_model
 from hil.record.export import write_recordings
 from hil.record.recording import Recording, RobotSource
+from hil.terminal import Found
+from hil.userfile import write_text
 
 FloatArray = NDArray[np.float64]
 LINK_JOINTS = ("base", "upper", "fore")
@@ -409,3 +414,159 @@ def _length(folder: Path, seconds: float, stribeck: bool) -> Length:
     found = _oneshot(folder, 0, [path], {"OPENBLAS_NUM_THREADS": "1"})
     times, peak = (found["seconds"][0], found["wall"][0]), found["peak"] / 2**20
     return Length(seconds, *times, peak, found["verdict"], DATA[stribeck])
+
+
+# ------------------------------------------------------------ tables and page
+
+COMMAND = "hil bench identify"
+TITLE = "# Speed of identification and diagnosis"
+#: Most that a peer may take, in units of the reference, without and with the missing effect.
+GOALS = (
+    ("hil.fit", False, 0.8),
+    ("hil.fit", True, 0.8),
+    ("hil diagnose", False, 6.0),
+    ("hil diagnose", True, 15.0),
+)
+#: Most memory of the longest recording [MiB].
+PEAK_MIB = 1024.0
+
+
+def text(r: Report) -> str:
+    """Both tables with what they were measured on."""
+    lines = [
+        f"3 joints, {r.recorded:g} s at 1 kHz, 42 parameters, on a {machine()}",
+        f"processor seconds on one thread, median of {r.repeats} after a warm-up; ratio to the "
+        "reference of the same run",
+        "",
+        _peers(r),
+        "",
+        "held-out / floor: rms error on the second motion, at 1 kHz, over the effort's noise of "
+        "5 mN m;\nof hil diagnose: in its own band, over the floor that it measured itself. The "
+        "reference and\nFIGAROH get the exact motion, hil only positions.",
+    ]
+    if r.lengths:
+        lines += [
+            "",
+            "hil diagnose, one cold run each in a process of its own, as a user runs it",
+            "",
+            _lengths(r),
+        ]
+    return "\n".join(lines)
+
+
+def _peers(r: Report) -> str:
+    """Times of all peers on the same data."""
+    rows = [
+        [
+            row.peer,
+            row.data,
+            _number(row.seconds),
+            _number(row.ratio),
+            " ".join(f"{x:.3f}" for x in row.floor) or "-",
+            row.note,
+        ]
+        for row in r.rows
+    ]
+    return terminal.table(["peer", "data", "seconds", "ratio", "held-out / floor", ""], rows)
+
+
+def _lengths(r: Report) -> str:
+    """Time and memory of the diagnosis over the length of the recording."""
+    grown = [
+        [
+            f"{x.recorded:g}",
+            x.data,
+            f"{x.wall:.2f}",
+            f"{x.seconds:.2f}",
+            f"{x.peak_mib:.0f}",
+            f"{1e3 * x.wall / x.recorded:.0f}",
+            x.verdict,
+        ]
+        for x in r.lengths
+    ]
+    names = [
+        "recorded s",
+        "data",
+        "wall s",
+        "processor s",
+        "peak MiB",
+        "wall ms per s",
+        "verdict",
+    ]
+    return terminal.table(names, grown)
+
+
+def _number(x: float) -> str:
+    return "-" if math.isnan(x) else f"{x:.2f}"
+
+
+def data(r: Report) -> dict[str, Any]:
+    """The same as JSON; what did not run is null."""
+    rows: list[dict[str, Any]] = [asdict(row) for row in r.rows]
+    for row in rows:
+        for key in ("seconds", "wall", "ratio"):
+            row[key] = None if math.isnan(row[key]) else row[key]
+    return {
+        "machine": machine(),
+        "recorded_s": r.recorded,
+        "repeats": r.repeats,
+        "rows": rows,
+        "lengths": [asdict(x) for x in r.lengths],
+    }
+
+
+def machine() -> str:
+    """Class of this machine, without its name."""
+    info = Path("/proc/cpuinfo")
+    guest = info.exists() and " hypervisor" in info.read_text(encoding="utf-8")
+    return f"{os.cpu_count()}-core {'virtual ' if guest else ''}machine"
+
+
+def page(r: Report) -> str:
+    """Markdown page with the printed result."""
+    return (
+        f"{TITLE}\n\n"
+        f"Printed by `{COMMAND} --figaroh PYTHON --report docs/bench/identify.md`, where\n"
+        "PYTHON is an interpreter that has `figaroh` (the extra `bench`). It measures speed: the\n"
+        "data come from the same rigid-body equations that are fitted.\n\n"
+        f"```\n{text(r)}\n```\n\n"
+        f"{goals(r)}\n"
+    )
+
+
+def goals(r: Report) -> str:
+    """Which goals hold in this run, a line each."""
+    ratios = {(row.peer, row.data): row.ratio for row in r.rows}
+    found = [
+        (f"{peer}, {DATA[missing]}", ratios.get((peer, DATA[missing]), float("nan")), most)
+        for peer, missing, most in GOALS
+    ]
+    rows = [
+        f"- {what}: {ratio:.2f} times the reference, goal {most:g}" for what, ratio, most in found
+    ]
+    met = [ratio <= most for _, ratio, most in found]
+    if r.lengths:
+        longest = max(r.lengths, key=lambda x: (x.recorded, x.peak_mib))
+        rows.append(f"- {longest.recorded:g} s: {longest.peak_mib:.0f} MiB, goal {PEAK_MIB:g}")
+        met.append(longest.peak_mib <= PEAK_MIB)
+    said = (f"{row}: {'met' if ok else 'missed'}" for row, ok in zip(rows, met, strict=True))
+    return "Goals:\n\n" + "\n".join(said)
+
+
+def is_page(path: Path) -> bool:
+    """Whether a file is such a page, or empty."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return False
+    return not text.strip() or text.startswith(TITLE)
+
+
+def command(args: argparse.Namespace) -> Found:
+    """How long identification and diagnosis take, beside peers."""
+    outputs.check(args.report, ".md", (), is_page, "a page of this benchmark")
+    report = run(figaroh=args.figaroh, report=lambda what: terminal.log(f"measuring {what}"))
+    if args.report:
+        with outputs.writing(args.report):
+            write_text(args.report, page(report))
+    return text(report), data(report)

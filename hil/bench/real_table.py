@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from hil import terminal
+from hil.bench import real
+from hil.bench.diagnosis import runner
 from hil.bench.real import Ours, RealRow, ScriptErrors
+from hil.experiments.replicate import counted, where
+from hil.terminal import Found
 
 #: Largest ratio of our error to the person's that is aimed at.
 _AIM = 1.1
@@ -199,12 +205,12 @@ def _plain_data(x: Any) -> Any:
     return None if isinstance(x, float) and not math.isfinite(x) else x
 
 
-def text(rows: Sequence[RealRow], table: Callable[[list[str], list[list[str]]], str]) -> str:
+def text(rows: Sequence[RealRow]) -> str:
     """For the terminal; `table` lays out a head and its rows."""
     parts = []
     for kind, some in _kinds(rows).items():
-        parts += [kind, table(list(HEAD), [line(r) for r in some]), ""]
-    parts += [table(list(KIND_HEAD), by_kind(rows)), ""]
+        parts += [kind, terminal.table(list(HEAD), [line(r) for r in some]), ""]
+    parts += [terminal.table(list(KIND_HEAD), by_kind(rows)), ""]
     return "\n".join([*parts, *(f"  {x}" for x in (*aims(rows), *failures(rows)))])
 
 
@@ -267,3 +273,26 @@ def _number(x: float) -> str:
 
 def _some(names: Sequence[str]) -> str:
     return f"{len(names)} ({', '.join(names)})" if names else "0"
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Every public recording: the given model, a person's script, and the tool beside them."""
+    terminal.check_page(args.report)
+    todo, kept, made_by = real.cases(args.only), runner.resumed(args.resume), runner.revision()
+    names = {c.name for c in todo}
+    before = runner.read(kept) if kept else []
+    found = {
+        r["case"]["case"]: real.from_data(r["case"])
+        for r in before
+        if r["revision"] == made_by and r["case"]["case"] in names
+    }
+    left = [c for c in todo if c.name not in found]
+    for row in counted(real.run(left, where(args)), len(left), "case"):
+        found[row.case] = row
+        if kept:
+            runner.append(kept, {"revision": made_by, "case": real.to_data(row)})
+    rows = [found[c.name] for c in todo]
+    only = "".join(f" --only {word}" for word in args.only)
+    command = f"hil bench real{only} --workers {args.workers}"
+    terminal.write_page(args.report, page(rows, command, made_by))
+    return text(rows), {"revision": made_by, "cases": data(rows)}

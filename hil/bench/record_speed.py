@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from hil.record.schema import Channel
 from hil.rig.config import load_rig
 from hil.rigs import rig_path
 from hil.runtime import runner
+from hil.terminal import Found
 
 
 @dataclass(frozen=True)
@@ -139,3 +141,9 @@ def table(m: RecordSpeed, d: Damage) -> str:
             f"  read back at       {m.read_ratio:.0f} x real time (both arms into arrays)",
         ]
     )
+
+
+def command(args: argparse.Namespace) -> Found:
+    """What recording costs, and what a flipped bit or a cut file loses."""
+    found, lost = measure(args.seconds), damage()
+    return table(found, lost), {**asdict(found), "damage": asdict(lost)}

@@ -7,6 +7,7 @@ message at a time.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
@@ -20,12 +21,15 @@ from pathlib import Path
 
 import numpy as np
 from mcap.reader import make_reader
+from tqdm import tqdm
 
-from hil.errors import DeviceError
+from hil import terminal
+from hil.errors import ConfigError, DeviceError
 from hil.rig.config import load_rig
 from hil.rigs import rig_path
 from hil.runtime import runner
 from hil.runtime.statistics import Histogram
+from hil.terminal import Found
 
 _RIG, _TIMING = "teleop", "/loop/timing"
 #: Length of one start and stop [s], and after how many memory is read.
@@ -246,3 +250,17 @@ def page(found: Soak, command: str) -> str:
 def as_dict(found: Soak) -> dict[str, object]:
     """For JSON."""
     return asdict(found)
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Hours in real time with recording, then starts and stops: memory, latency, lost rows."""
+    terminal.check_page(args.report)
+    if not (args.hours > 0.0 and args.starts > 0):
+        raise ConfigError(f"--hours {args.hours:g} --starts {args.starts}: both must be above zero")
+    total = steps(args.hours, args.starts)
+    with tqdm(total=total, unit="part", disable=not sys.stderr.isatty()) as bar:
+        found = soak(args.hours, args.starts, bar.update)
+    command = f"hil bench soak --hours {args.hours:g} --starts {args.starts}"
+    terminal.write_page(args.report, page(found, command))
+    text = terminal.table(list(HEAD), rows(found))
+    return f"{text}\n\n{verdict(found)}", as_dict(found)

@@ -11,17 +11,21 @@ session still ENABLED at its end?  Nothing of the simulator is read.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
+import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
+from tqdm import tqdm
 
+from hil import terminal
 from hil.controllers.fixtures import FixtureConfig
 from hil.controllers.lawrence_config import LawrenceConfig
 from hil.errors import ConfigError, DeviceError, HilError
@@ -34,6 +38,7 @@ from hil.teleop import hybrid, law_parameters
 from hil.teleop.architecture import Design
 from hil.teleop.gate import GROWTH
 from hil.teleop.sampled_loop import SampledLoop, dominant_mode
+from hil.terminal import Found
 from hil.toml import parse
 
 FloatArray = NDArray[np.float64]
@@ -550,3 +555,22 @@ def page(found: TeleopStudy, command: str) -> str:
             "",
         ]
     )
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Teleoperation over delay: drag, stiffness that is felt, stiffest walls, virtual fixtures."""
+    terminal.check_page(args.report)
+    total = steps(args.quick)
+    with tqdm(total=total, unit="row", disable=not sys.stderr.isatty()) as bar:
+        found = study(quick=args.quick, report=bar.update)
+    command = "hil bench teleop" + " --quick" * args.quick
+    terminal.write_page(args.report, page(found, command))
+    tables = (
+        (HEAD, cells(found.laws)),
+        (WALL_HEAD, wall_cells(found.walls)),
+        (LIMIT_HEAD, limit_cells(found.limits)),
+        (FIXTURE_HEAD, fixture_cells(found.fixtures)),
+    )
+    text = "\n\n".join(terminal.table(list(head), body) for head, body in tables)
+    text += f"\n\n  the motors of the leader hold {found.holds:.1f} N at home"
+    return text, terminal.finite(asdict(found))

@@ -6,6 +6,7 @@ floor(q / resolution) at 1 kHz, with the resolution of joint 1 of a PHANTOM Prem
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -14,8 +15,10 @@ from math import pi
 
 import numpy as np
 
+from hil import terminal
 from hil.signals.device import FloatArray
 from hil.signals.velocity import FilteredAcceleration, estimator
+from hil.terminal import Found
 
 PERIOD = 1e-3
 #: Joint 1: 4096 counts a motor turn, gear 13.3 [rad].
@@ -230,3 +233,19 @@ def cost_ns(name: str, options: dict[str, object], ticks: int = 20_000) -> float
             method.update(row, 1, rate)
         runs.append((time.perf_counter_ns() - began) / ticks)
     return float(np.median(runs))
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Velocity estimators: error and delay of each, and what an update costs here."""
+    terminal.check_page(args.report)
+    text = report()
+    terminal.write_page(args.report, text)
+    rows = [[label, f"{cost_ns(name, options):.0f}"] for label, name, options in CASES]
+    cost = terminal.table(["estimator", "ns"], rows)
+    data = {
+        "rows": [
+            vars(r) | {"delay_ms": None if r.delay_ms != r.delay_ms else r.delay_ms}
+            for r in compare()
+        ]
+    }
+    return f"{text}\nOne update of three channels on this machine\n{cost}", dict(data)

@@ -6,6 +6,7 @@ of the others; the world that the simulated boxes stand in is a row of its own.
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 import time
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from hil import terminal
 from hil.record.decode import read_fields
 from hil.record.ring import Ring
 from hil.rig.config import RigConfig, load_rig
@@ -27,6 +29,7 @@ from hil.runtime.runner import run
 from hil.signals.bus import Bus, Step
 from hil.signals.device import FloatArray
 from hil.signals.frame import FrameLayout
+from hil.terminal import Found
 
 #: Ticks that are measured, after as many that are not; length of a lockstep session [s].
 _TICKS, _WARM_UP, SECONDS = 5000, 500, 20.0
@@ -226,3 +229,40 @@ def speed(backend: str, rig_name: str = "teleop", seconds: float = SECONDS) -> S
         return Speed(
             backend, seconds / (time.perf_counter() - wall), seconds / (time.process_time() - cpu)
         )
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Microseconds a tick of every driver on its simulated wire; speed of lockstep sessions."""
+    ticks = [*costs(), session()]
+    speeds = [speed(backend) for backend in SPEEDS]
+    rows = [[c.name, f"{c.median:.1f}", f"{c.p99:.1f}"] for c in ticks]
+    whole, real = ticks[-2].p99, ticks[-1].p99
+    text = terminal.table(["a tick of rigs/teleop.toml, sim-wire", "median us", "p99 us"], rows)
+    with arranged() as found:
+        text += f"\n  arranged as a session in real time: {found.as_text()}"
+    text += (
+        f"\n  p99 of the whole tick: {_met(whole <= TICK_US)} ({TICK_US:g} us), after a "
+        f"sleep: {_met(real <= TICK_US)}\n\n"
+    )
+    rows = [
+        [
+            s.backend,
+            f"{s.wall:.1f}",
+            f"{s.cpu:.1f}",
+            f"{SPEEDS[s.backend]:g}",
+            _met(s.wall >= SPEEDS[s.backend]),
+        ]
+        for s in speeds
+    ]
+    head = [f"lockstep, {SECONDS:g} s", "x real time", "x processor time", "wanted", ""]
+    data = {
+        "costs": [vars(c) for c in ticks],
+        "speeds": [vars(s) for s in speeds],
+        "tick_us_wanted": TICK_US,
+        "speeds_wanted": SPEEDS,
+    }
+    return text + terminal.table(head, rows), data
+
+
+def _met(reached: bool) -> str:
+    return "met" if reached else "NOT met"

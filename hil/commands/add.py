@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from hil import terminal
 from hil.commands import common
 from hil.diagnosis import verbs
 from hil.diagnosis.attribution import impossible
@@ -60,19 +61,19 @@ def run(args: argparse.Namespace) -> int:
         warnings += [{"code": "multi-step", "text": w} for w in worse]
         warnings += [{"code": "no-physics", "text": w} for w in odd]
         warnings += [{"code": code, "text": w} for code, w in rungs[1].step.result.warnings]
-        common.emit({**data, "warnings": warnings})
+        terminal.emit({**data, "warnings": warnings})
         return 0
-    common.out(_table(*rungs))
+    terminal.out(_table(*rungs))
     for name, value in _new(*rungs).items():
-        common.out(f"  {common.value_line(name, value, rungs[1].step.result.problem.joints)}")
+        terminal.out(f"  {common.value_line(name, value, rungs[1].step.result.problem.joints)}")
     for line in (*odd, *(text for _, text in rungs[1].step.result.warnings)):
-        common.out(f"  warning: {line}")
+        terminal.out(f"  warning: {line}")
     for line in idle:
-        common.out(f"  {line}")
+        terminal.out(f"  {line}")
     for warning in worse:
-        common.out(f"  warning: {warning}")
+        terminal.out(f"  warning: {warning}")
     if args.output:
-        common.out(f"\nnew model: {args.output}")
+        terminal.out(f"\nnew model: {args.output}")
     return 0
 
 
@@ -96,4 +97,4 @@ def _table(before: Rung, after: Rung) -> str:
         head += [f"{j} simulated %" for j in joints]
         for row, r in zip(rows, (before, after), strict=True):
             row += ["-" if r.multi_step.lost else f"{x:.2f}" for x in r.multi_step.relative]
-    return common.table(head, rows)
+    return terminal.table(head, rows)

@@ -1,26 +1,25 @@
-"""What the analysis commands share: options, loading, terminal output, and bench report pages."""
+"""What the analysis commands share: options, loading, and how results go out."""
 
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from hil.commands import bag_options, outputs, plugins, terminal
+from hil import outputs, terminal
+from hil.commands import bag_options, plugins
 from hil.errors import ConfigError
-from hil.experiments.replicate import Where
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Value, base_model
 from hil.models.param_text import in_words, without_error
 from hil.record.recording import Recording
 from hil.record.sources import find, load_sources, stand_elsewhere
-from hil.report import columns
-from hil.userfile import parse_toml, read_text, write_text
+from hil.terminal import Found
+from hil.userfile import parse_toml, read_text
 
 
 def add_sessions(parser: argparse.ArgumentParser, model: bool = True) -> None:
@@ -61,19 +60,6 @@ def add_workers(parser: argparse._ActionsContainer, what: str = "", *also: str) 
         metavar="ADDRESS",
         help=f"a Dask scheduler in place of processes, e.g. tcp://host:8786{what}",
     )
-
-
-def where(args: argparse.Namespace) -> Where:
-    """Who computes, as --workers and --cluster say.
-
-    Raises
-    ------
-    ConfigError
-        If there is no worker.
-    """
-    if args.workers < 1:
-        raise ConfigError(f"--workers {args.workers}: one or more is needed")
-    return Where(args.workers, args.cluster)
 
 
 def add_tags(parser: argparse.ArgumentParser) -> None:
@@ -128,12 +114,33 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 
-def list_names(parser: argparse.ArgumentParser, functions: Mapping[str, object]) -> None:
-    """Add the names that a command takes to its help, each with what its function is for."""
-    wide = max(map(len, functions))
-    told = {name: (f.__doc__ or "").partition("\n")[0].rstrip(".") for name, f in functions.items()}
-    rows = [f"  {name:{wide}s}  {text}".rstrip() for name, text in told.items()]
-    parser.description = "\n".join([parser.description or "", "", "NAME is one of", *rows])
+@dataclass(frozen=True)
+class NamedFunction:
+    """Row of a table of names: what runs, loaded when it is asked for, and what it is for.
+
+    Parameters
+    ----------
+    place : str
+        ``"module:function"``; the function takes the command line and gives a `Found`.
+    help : str
+        What the help says of it.
+    """
+
+    place: str
+    help: str
+
+    def load(self) -> Callable[[argparse.Namespace], Found]:
+        """Import the function."""
+        module, _, name = self.place.partition(":")
+        found: Callable[[argparse.Namespace], Found] = getattr(import_module(module), name)
+        return found
+
+
+def list_names(parser: argparse.ArgumentParser, rows: Mapping[str, NamedFunction]) -> None:
+    """Add the names that a command takes to its help, each with what it is for."""
+    wide = max(map(len, rows))
+    told = [f"  {name:{wide}s}  {row.help}" for name, row in rows.items()]
+    parser.description = "\n".join([parser.description or "", "", "NAME is one of", *told])
 
 
 def load(
@@ -153,13 +160,15 @@ def load(
     arm = args.arm or (model.arm if model else "") or None
     runs, held = load_sources(paths, others, arm, bag_options.choice(args))
     if note := runs[0].metadata.get("note"):
-        log(note)
+        terminal.log(note)
     for text in stand_elsewhere([*runs, *held]):
-        log(text)
+        terminal.log(text)
     robot = runs[0].robot
     if model is None:
         model = base_model(robot, runs[0].arm)
-        log(f"no --model given: base model ({' + '.join(model.names())}) of the session's robot")
+        terminal.log(
+            f"no --model given: base model ({' + '.join(model.names())}) of the session's robot"
+        )
     elif not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=robot)
     outputs.refuse_urdf(getattr(args, "output", None), model.robot.urdf)
@@ -178,7 +187,7 @@ def note_compiling() -> None:
     from hil.identify import bands
 
     if not bands.compiled():
-        log(f"compiling (once per installation), about {COMPILING_S} s")
+        terminal.log(f"compiling (once per installation), about {COMPILING_S} s")
 
 
 def check_outputs(args: argparse.Namespace, inputs: Iterable[str | Path]) -> None:
@@ -233,23 +242,6 @@ def _distinct(runs: list[Recording]) -> list[Recording]:
     ]
 
 
-def log(text: str) -> None:
-    """One line to stderr, unless it is to be quiet."""
-    if terminal.settings.quiet:
-        return
-    sys.stderr.write(text + "\n")
-
-
-def out(text: str) -> None:
-    """Text to stdout."""
-    sys.stdout.write(text + "\n")
-
-
-def emit(data: dict[str, Any]) -> None:
-    """JSON to stdout."""
-    out(json.dumps(data, indent=2, allow_nan=False))
-
-
 def deliver(
     args: argparse.Namespace,
     report: Callable[[str], None],
@@ -261,11 +253,11 @@ def deliver(
         with outputs.writing(args.report):
             report(args.report)
     if args.json:
-        emit(data())
+        terminal.emit(data())
         return
-    out(text())
+    terminal.out(text())
     if args.report:
-        out(f"\nreport: {args.report}")
+        terminal.out(f"\nreport: {args.report}")
 
 
 def save_model(model: RobotModel, path: str | Path) -> None:
@@ -292,30 +284,3 @@ def value_line(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
     text += f" ({said})" if said else ""
     text += f" (no standard error: {why})" if why and v.identifiable and not v.at_bound else ""
     return text + (", on its bound" if v.at_bound else "" if v.identifiable else ", undetermined")
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> str:
-    """Aligned text table, no wider than the terminal; words stand in the columns `left`."""
-    return columns.table(head, rows, left, terminal.width())
-
-
-#: Text for the terminal, and data for JSON.
-Found = tuple[str, dict[str, object]]
-
-
-def check_page(path: str | None) -> None:
-    """Refuse a page that is not Markdown by its name.
-
-    Raises
-    ------
-    ConfigError
-        Names the path.
-    """
-    if path and Path(path).suffix != ".md":
-        raise ConfigError(f"--report {path}: a file that ends in .md is needed")
-
-
-def write_page(path: str | None, text: str) -> None:
-    """Write the page, if one is asked for."""
-    if path:
-        write_text(path, text)

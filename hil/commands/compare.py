@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from hil import terminal
 from hil.commands import common
 from hil.diagnosis import verbs
 from hil.diagnosis.verbs import Comparison
@@ -87,7 +88,7 @@ def _errors(c: Comparison) -> str:
         "simulated %",
         "replay %",
     ]
-    return common.table(head, rows)
+    return terminal.table(head, rows)
 
 
 def _judged(c: Comparison) -> str:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from hil.commands import common
+from hil import terminal
 
 EXAMPLE = 'eval "$(hil completion bash)"'
 
@@ -55,7 +55,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the script of a shell."""
     rows = {name: _words(text, actions) for name, (text, actions) in args.every_command().items()}
-    common.out(_SHELLS[args.shell](rows))
+    terminal.out(_SHELLS[args.shell](rows))
     return 0
 
 

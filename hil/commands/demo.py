@@ -8,8 +8,9 @@ import random
 import time
 from pathlib import Path
 
+from hil import outputs, terminal
 from hil.bench import hidden
-from hil.commands import common, outputs, plugins
+from hil.commands import common, plugins
 from hil.commands.diagnose import short
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.types import Diagnosis
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     """Record, compare, diagnose, add, report, and only then reveal."""
     began = time.perf_counter()
     plugins.load_installed()
-    say = common.log if args.json else common.out
+    say = terminal.log if args.json else terminal.out
     folder = Path(args.output)
     _check(folder)
     effect, joint = random.Random(args.seed).choice(hidden.EFFECTS)
@@ -97,10 +98,10 @@ def _end(args: argparse.Namespace, d: Diagnosis, truth: str, folder: Path, secon
     if args.json:
         rungs = verbs.ladder(d)
         truth_json = {"effect": truth.split(" on ")[0], "joint": truth.split(" on ")[1]}
-        common.emit({**diagnosis_json(d), "ladder": ladder_json(rungs), "hidden": truth_json})
+        terminal.emit({**diagnosis_json(d), "ladder": ladder_json(rungs), "hidden": truth_json})
         return 0
     right = named == [truth]
-    common.out(
+    terminal.out(
         f"\n3. What was hidden: {truth}. {'Named right.' if right else 'Not what was named.'}\n"
         f"   held-out error of that joint: {ratio[0]:.2f} -> {ratio[-1]:.2f} times its floor\n"
         f"\n   report          {folder / REPORT}"

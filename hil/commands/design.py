@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hil import registry
-from hil.commands import common, outputs, plugins
+from hil import outputs, registry, terminal
+from hil.commands import plugins
 from hil.errors import ConfigError, unknown
 from hil.report import elements as html
 from hil.report.html import written_by
@@ -65,8 +65,8 @@ DECIDES = (
 def text(loops: Sequence[SampledLoop], found: Sequence[DesignSummary], trouble: str) -> str:
     """Everything for a terminal."""
     head = ["", *(f"axis {loop.axis}" for loop in loops)]
-    lines = [f"design {found[0].name}", "", common.table(head, gains(loops)), ""]
-    lines.append(common.table([*head, "goal"], merits(found)))
+    lines = [f"design {found[0].name}", "", terminal.table(head, gains(loops)), ""]
+    lines.append(terminal.table([*head, "goal"], merits(found)))
     told = missed(found)
     lines += ["", f"  {DECIDES}", "  transparent: " + ("yes" if not told else "no")]
     lines += [f"    {m}" for m in told]
@@ -194,15 +194,6 @@ def embed(figure: Any, name: str, caption: str) -> str:
     )
 
 
-def finite(value: Any) -> Any:
-    """`value` with null in place of what JSON cannot hold."""
-    if isinstance(value, dict):
-        return {k: finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 EXAMPLE = (
     "hil design rigs/lawrence.toml --design position-force --set stiffness=200 -o own.toml\n"
     "  hil run own.toml -o s.mcap"
@@ -266,15 +257,15 @@ def run(args: argparse.Namespace) -> int:
         with outputs.writing(args.report):
             write_text(args.report, page(loops, found, trouble))
     if args.json:
-        common.emit(_json(parameters, found, trouble) | {"active": notes})
+        terminal.emit(_json(parameters, found, trouble) | {"active": notes})
     else:
-        common.out(text(loops, found, trouble) + "".join(f"\n  {n}" for n in notes))
+        terminal.out(text(loops, found, trouble) + "".join(f"\n  {n}" for n in notes))
     if trouble:
         raise ConfigError(f"{args.output or 'this design'} is {_not(args.output)}: {trouble}")
     if args.output:
         _write(args.output, config, parameters)
         if not args.json:
-            common.out(f"\n{args.output}: run it with 'hil run {args.output} -o s.mcap'")
+            terminal.out(f"\n{args.output}: run it with 'hil run {args.output} -o s.mcap'")
     return 0
 
 
@@ -394,7 +385,7 @@ def _json(
         "schema": "hil.design/1",
         "parameters": session.plain(parameters),
         "refused": trouble,
-        "axes": [finite(dataclasses.asdict(s)) for s in found],
+        "axes": [terminal.finite(dataclasses.asdict(s)) for s in found],
     }
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from hil import terminal
 from hil.commands import bag_options, common, groups
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import blurred_above
@@ -207,7 +208,7 @@ def _names_table(d: Diagnosis) -> str:
             ]
         )
     head = ["missing effect", "confidence", "error %", "explains %", "value"]
-    return common.table(head, rows, (0, 4))
+    return terminal.table(head, rows, (0, 4))
 
 
 def _joints_table(d: Diagnosis, rungs: list[Rung]) -> str:
@@ -229,8 +230,8 @@ def _joints_table(d: Diagnosis, rungs: list[Rung]) -> str:
     if d.result.model.explains == "motor":
         head.append("simulated %")
         said = TWO_ERRORS.format(horizon=rungs[0].multi_step.horizon)
-        return f"{common.table(head, rows)}\n  {said}"
-    return common.table(head, rows)
+        return f"{terminal.table(head, rows)}\n  {said}"
+    return terminal.table(head, rows)
 
 
 def _worse(lines: list[str]) -> list[str]:
@@ -339,7 +340,7 @@ def ladder_text(d: Diagnosis) -> str:
     rows.append(["noise floor", *(f"{x:.2f}" for x in (*floor, *np.ones(len(joints))))])
     head = ["held-out error", *(f"{j} %" for j in joints), *(f"{j}/floor" for j in joints)]
     band = d.result.problem.rates.effort
-    return common.table(head, rows) + (
+    return terminal.table(head, rows) + (
         f"\n  Errors are of efforts up to {band:.3g} Hz. The band follows the fitted motion: "
         "compare "
         "two reports only if their bands are equal."
@@ -362,7 +363,7 @@ def multi_text(rungs: list[Rung]) -> str:
     if first.multi_step.closed_loop is not None:
         head += [f"{j} replay %" for j in joints]
         meaning += "; replay: longer windows with a 1 Hz servo"
-    lines = [common.table(head, rows), f"  {meaning}"]
+    lines = [terminal.table(head, rows), f"  {meaning}"]
     for r in rungs:
         m = r.multi_step
         if m.diverged:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from hil.commands import common, plugins
+from hil import terminal
+from hil.commands import plugins
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
 from hil.models.effect import Effect
@@ -34,16 +35,16 @@ def run(args: argparse.Namespace) -> int:
         catalogue.load_plugin(Path(plugin))
     chosen = [_named(args)] if args.name else list(catalogue.table().values())
     if args.json:
-        common.emit({"schema": "hil.effects/1", "effects": [as_dict(e) for e in chosen]})
+        terminal.emit({"schema": "hil.effects/1", "effects": [as_dict(e) for e in chosen]})
     elif args.name:
-        common.out(describe(chosen[0]))
+        terminal.out(describe(chosen[0]))
     else:
         rows = [
             [e.name, e.family, e.doc.equation]
             for e in sorted(chosen, key=lambda e: (e.family, e.name))
         ]
         width = max(len(r[0]) for r in rows)
-        common.out("\n".join(f"  {r[0].ljust(width)}  {r[1].ljust(12)}  {r[2]}" for r in rows))
+        terminal.out("\n".join(f"  {r[0].ljust(width)}  {r[1].ljust(12)}  {r[2]}" for r in rows))
     return 0
 
 

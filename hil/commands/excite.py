@@ -10,8 +10,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from hil import progress
-from hil.commands import common, outputs, plugins
+from hil import outputs, progress, terminal
+from hil.commands import common, plugins
 from hil.errors import ConfigError, plural, unknown
 from hil.excite import fourier, menu, trajectory
 from hil.excite.choose import NOISE, SIZE, Choice, decide, question, survey
@@ -114,17 +114,13 @@ def _rig(
     return source, limits_of_arm(arm, source, tuple(map(float, center))), arm.joints
 
 
-def finite(x: float) -> float | None:
-    """A number for JSON; None where it is not finite."""
-    return x if math.isfinite(x) else None
-
-
 def as_dict(
     args: argparse.Namespace, motion: Trajectory, margins: list[Margin], rows: Played | None
 ) -> dict[str, Any]:
     """`hil excite --json`; `table` is what --csv wrote."""
     limits = [
-        {"what": m.what, "used": m.used, "limit": finite(m.limit), "unit": m.unit} for m in margins
+        {"what": m.what, "used": m.used, "limit": terminal.finite(m.limit), "unit": m.unit}
+        for m in margins
     ]
     return {
         "schema": "hil.excite/1",
@@ -176,7 +172,7 @@ def menu_table(found: Choice) -> str:
         [o.motion.name, f"{o.verdict.odds:.1f}", f"{100 * o.verdict.share:.1f} %"]
         for o in found.options
     ]
-    return common.table(["menu", "log odds", "cannot be imitated"], rows)
+    return terminal.table(["menu", "log odds", "cannot be imitated"], rows)
 
 
 def assumed(question: Question, units: tuple[str, ...], model: RobotModel) -> str:
@@ -210,7 +206,7 @@ def limits(margins: list[Margin]) -> str:
             rows.append([m.what, f"{m.used:.3g} of {m.limit:.3g} {m.unit}", share])
         else:
             rows.append([m.what, f"{m.used:.3g} {m.unit} to the limit", ""])
-    return common.table(["limit", "largest", "left"], rows)
+    return terminal.table(["limit", "largest", "left"], rows)
 
 
 def play(args: argparse.Namespace, rows: Played | None) -> str:
@@ -334,14 +330,14 @@ def _identify(args: argparse.Namespace, model: RobotModel, stage: Stage) -> int:
     rows = _write(args, motion, stage, "identifies the model")
     if args.json:
         extra = {
-            "condition": finite(found.condition),
-            "condition_naive": finite(found.naive),
+            "condition": terminal.finite(found.condition),
+            "condition_naive": terminal.finite(found.naive),
             "columns": found.columns,
         }
-        common.emit(as_dict(args, motion, margins, rows) | extra)
+        terminal.emit(as_dict(args, motion, margins, rows) | extra)
         return 0
     naive = f"{found.naive:.3g}" if math.isfinite(found.naive) else "without limit (rank lost)"
-    common.out(
+    terminal.out(
         f"{args.output}: identifies {found.columns} base and friction parameters, period "
         f"{motion.period:g} s\n  condition number {found.condition:.3g}; with one sine a joint "
         f"{naive}\n{length(args, motion)}\n{limits(margins)}\n\n"
@@ -370,10 +366,10 @@ def _separate(
             {"motion": o.motion.name, "log_odds": o.verdict.odds, "share": o.verdict.share}
             for o in found.options
         ]
-        common.emit(as_dict(args, motion, best.margins, rows) | {"menu": listed})
+        terminal.emit(as_dict(args, motion, best.margins, rows) | {"menu": listed})
         return 0
     about = menu.describe(motion.name, joints)
-    common.out(
+    terminal.out(
         f"{args.output}: {motion.name}, {motion.period:.3g} s: {about}\n"
         f"  for {_versus(names)}\n{assumed(asked, tuple(stage.space.robot.units), model)}\n"
         f"{length(args, motion)}\n"

@@ -6,8 +6,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from hil import progress
-from hil.commands import bag_options, common, outputs, plugins
+from hil import outputs, progress, terminal
+from hil.commands import bag_options, common, plugins
 from hil.errors import ConfigError
 from hil.export import target
 from hil.export.target import Job, Made
@@ -71,9 +71,9 @@ def run(args: argparse.Namespace) -> int:
         with outputs.writing(path):
             write_text(path, text)
     if args.json:
-        common.emit(as_dict(made, written))
+        terminal.emit(as_dict(made, written))
     else:
-        common.out(text_of(made, written))
+        terminal.out(text_of(made, written))
     return 0
 
 
@@ -95,7 +95,7 @@ def text_of(made: Made, written: list[Path]) -> str:
     if made.steps:
         joints = made.steps[0].result.problem.joints
         rows = [[s.label, *(f"{x:.2f}" for x in s.heldout.relative)] for s in made.steps]
-        lines += [common.table(["held-out error", *(f"{j} %" for j in joints)], rows), ""]
+        lines += [terminal.table(["held-out error", *(f"{j} %" for j in joints)], rows), ""]
     lines += [f"  lost: {x}" for x in made.lost]
     lines += [f"  {x}" for x in made.notes]
     if lines:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from hil import terminal
 from hil.commands import common
 from hil.diagnosis import verbs
 from hil.diagnosis.heldout import Examiner
@@ -61,17 +62,17 @@ def run(args: argparse.Namespace) -> int:
     result, found = verbs.fit(runs, model), None
     if args.simulate:
         Examiner(result.problem, held)  # refuses sessions that cannot be held out
-        found = single_threaded(refine)(result, held, args.window, args.free_run, common.log)
+        found = single_threaded(refine)(result, held, args.window, args.free_run, terminal.log)
         result = found.result
     if args.output:
         common.save_model(result.model, args.output)
     if args.json:
         more = {"simulated": found.as_dict()} if found else {}
-        common.emit(result.as_dict() | more)
+        terminal.emit(result.as_dict() | more)
     else:
-        common.out(text(result) + (simulated(found) if found else ""))
+        terminal.out(text(result) + (simulated(found) if found else ""))
         if args.output:
-            common.out(f"\nfitted model: {args.output}")
+            terminal.out(f"\nfitted model: {args.output}")
     return 0
 
 
@@ -88,7 +89,7 @@ def simulated(fit: SimulatedFit) -> str:
         else "no refinement was better on held-out windows; the one-step fit stays"
     )
     head = ["judged on", "joint", "one-step %", "refined", "simulated rms", "refined"]
-    return f"\n\n{common.table(head, rows, left=(0, 1))}\n\n  {what} simulated; {said}"
+    return f"\n\n{terminal.table(head, rows, left=(0, 1))}\n\n  {what} simulated; {said}"
 
 
 def _pair(
@@ -128,7 +129,7 @@ def text(result: FitResult) -> str:
         unit = "" if v.unit == "1" else v.unit
         rows.append([name, f"{v.value:.5g}", error, unit, _remark(name, v, result.problem.joints)])
     head = ["parameter", "value", "std error", "unit", "remark"]
-    out = common.table(head, rows, left=(0, 3, 4))
+    out = terminal.table(head, rows, left=(0, 3, 4))
     relative = ", ".join(
         f"{j} {x:.2f} %" for j, x in zip(result.problem.joints, result.relative, strict=True)
     )

@@ -18,11 +18,15 @@ from typing import Any
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from hil import terminal
+from hil.bench import fuzz
+from hil.bench.diagnosis.runner import resumed, revision
 from hil.bench.fuzz import Target
 from hil.commands import info
 from hil.drivers.netcanoem import codec as netcanoem
 from hil.drivers.usb_31xx import codec as usb_31xx
 from hil.drivers.usb_quad08 import codec as usb_quad08
+from hil.errors import ConfigError, unknown
 from hil.excite import trajectory
 from hil.models.files import read_model
 from hil.models.urdf import UrdfRobot
@@ -42,6 +46,7 @@ from hil.rig.config import RigConfig, load_rig
 from hil.rig.operator import Shop
 from hil.rigs import rig_path
 from hil.runtime import commands, replay
+from hil.terminal import Found
 
 #: Samples of a seed: enough for every check, small enough for many inputs a second.
 _SAMPLES = 40
@@ -452,3 +457,40 @@ TARGETS: Sequence[Target] = (
     Target("answer", _answer, _answers),
     Target("command", _command, _commands),
 )
+
+
+#: Folder for inputs that were not refused properly.
+FINDINGS = "fuzz-findings"
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Every parser under mutated input; inputs that are not refused properly are kept."""
+    terminal.check_page(args.report)
+    targets = [t for t in TARGETS if not args.only or any(w in t.name for w in args.only)]
+    if not targets:
+        raise ConfigError(unknown("target", " ".join(args.only), [t.name for t in TARGETS]))
+    if not 0 <= args.minutes <= 10_000:
+        raise ConfigError(f"--minutes {args.minutes:g}: a time of 0 or more is needed")
+    kept = resumed(args.resume)
+    turns = fuzz.remembered(kept) if kept else []
+    inputs = []
+    for target in targets if args.minutes else ():
+        terminal.log(f"{target.name} ...")
+        earlier = sum(one["name"] == target.name for one in turns)
+        seed = 1000 * earlier + (args.seeds or 0)  # no turn repeats an earlier one
+        found = fuzz.guarded(target, 60 * args.minutes, seed)
+        inputs += fuzz.keep([found], Path(FINDINGS))
+        turns.append(fuzz.turn(found, revision()))
+        if kept:
+            fuzz.remember(kept, turns[-1])
+    sums = fuzz.summed(turns, [t.name for t in TARGETS])
+    again = [f"--resume {kept}"] if kept else []
+    only = [f"--only {word}" for word in args.only]
+    command = " ".join(["hil bench fuzz", f"--minutes {args.minutes:g}", *only, *again])
+    revisions = list(dict.fromkeys(one["revision"] for one in turns))
+    terminal.write_page(args.report, fuzz.page(sums, command, revisions))
+    said = f"{terminal.table(fuzz.HEAD, [e.row() for e in sums])}\n\n{fuzz.verdict(sums)}"
+    if inputs:
+        said += f"; the inputs are in {FINDINGS}/: {', '.join(p.name for p in inputs)}"
+    rows = [dict(zip(fuzz.HEAD, e.row(), strict=True)) for e in sums]
+    return said, {"targets": rows, "inputs": [str(p) for p in inputs]}

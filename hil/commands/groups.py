@@ -19,12 +19,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hil import progress
+from hil import progress, terminal
 from hil.commands import bag_options, common
-from hil.commands.terminal import settings, silent
 from hil.errors import ConfigError, HilError, plural
-from hil.experiments.replicate import FAILED, KeptRuns, LostRun, counted, made_by, spread
+from hil.experiments.replicate import FAILED, KeptRuns, LostRun, counted, made_by, spread, where
 from hil.record.sources import RobotName, below, find, robot_of
+from hil.terminal import settings, silent
 from hil.userfile import read_text
 
 Data = dict[str, Any]
@@ -171,9 +171,9 @@ def run(
             f"--report is the page of one diagnosis, and these are {plural(len(found), 'group')}; "
             "give the sessions of one, or --keep FOLDER for all answers as JSON"
         )
-    where = common.where(args)
+    who = where(args)
     if not args.model:
-        common.log("no --model given: the base model of each robot")
+        terminal.log("no --model given: the base model of each robot")
     began = time.perf_counter()
     with ExitStack() as stack:
         folder = args.keep or stack.enter_context(tempfile.TemporaryDirectory())
@@ -182,7 +182,7 @@ def run(
         left = [k for k, g in enumerate(found) if not g.failed and kept.read(names[k]) is None]
         jobs = [(work, _words(args, found[k])) for k in left]
         shown = not (settings.quiet or args.json)
-        results = spread(_one, jobs, where)
+        results = spread(_one, jobs, who)
         for k, data in counted(results, len(jobs), args.by or "robot", shown):
             kept.write(names[left[k]], {FAILED: data.text} if isinstance(data, LostRun) else data)
         answers = (
@@ -191,7 +191,7 @@ def run(
         )
         rows = _said(args, found, answers)
     if not args.json:
-        common.out(_summary(args, rows, len(left), time.perf_counter() - began))
+        terminal.out(_summary(args, rows, len(left), time.perf_counter() - began))
     return 2 if any(r.verdict in (_NOT, "bad-data") for r in rows) else 0
 
 
@@ -272,7 +272,7 @@ def _said(
         elif len(found) <= _ANSWERS or args.verbose:
             heading = f"{group.label} ({plural(len(group.sessions), 'session')})"
             text = f"{_NOT}: {data[FAILED]}" if FAILED in data else data["text"]
-            common.out(f"{heading}\n{'-' * len(heading)}\n{text}\n")
+            terminal.out(f"{heading}\n{'-' * len(heading)}\n{text}\n")
     if args.json:
         sys.stdout.write("\n]}\n")
     return rows
@@ -311,7 +311,7 @@ def _summary(args: argparse.Namespace, rows: list[_Row], fresh: int, seconds: fl
         ]
         for r in shown
     ]
-    lines.append(common.table(head, cells, (0, 2, 3)))
+    lines.append(terminal.table(head, cells, (0, 2, 3)))
     if len(shown) < len(rows):
         lines.append(f"  {len(rows) - len(shown)} rows more: --verbose, or --json")
     total = sum(r.sessions for r in rows)
@@ -336,7 +336,7 @@ def _counts(rows: list[_Row]) -> str:
         cells.append([robot, str(len(mine)), *counts, often or "-"])
     head = ["robot", "groups", *VERDICTS, _NOT, "most often missing"]
     keep = [k for k, h in enumerate(head) if h not in (*VERDICTS, _NOT) or _any(cells, k)]
-    return common.table(
+    return terminal.table(
         [head[k] for k in keep], [[c[k] for k in keep] for c in cells], (0, len(keep) - 1)
     )
 

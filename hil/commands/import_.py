@@ -17,7 +17,8 @@ from typing import TypeVar
 import numpy as np
 from tqdm import tqdm
 
-from hil.commands import bag_options, common, outputs, plugins
+from hil import outputs, terminal
+from hil.commands import bag_options, common, plugins
 from hil.errors import ConfigError, DataError, plural
 from hil.models.files import write_model
 from hil.models.model import base_model
@@ -393,8 +394,8 @@ def preview(table: Path, found: Imported) -> str:
             f"{plural(r.d, 'joint')} ({', '.join(r.joints)})"
         )
         rows = [[target, _formula(rule)] for target, rule in sorted(rules.items(), key=_place)]
-        parts.append(common.table(["column", "is read as"], rows, (0, 1)))
-        parts.append(common.table(*first_rows(r), ()))
+        parts.append(terminal.table(["column", "is read as"], rows, (0, 1)))
+        parts.append(terminal.table(*first_rows(r), ()))
         parts += [_fault(f) for f in check(r)]
     parts += found.notes
     parts += [f"not used: {', '.join(found.unused)}"] if found.unused else []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from hil import terminal
 from hil.commands import common
 from hil.commands.diagnose import add_verbose, code, show
 from hil.diagnosis import engine
@@ -29,9 +30,9 @@ def run(args: argparse.Namespace) -> int:
         common.save_model(result.model, args.output)
     show(args, result)
     if args.output and result.ladder and not args.json:
-        common.out(f"{'improved model' if result.findings else 'model, refitted'}: {args.output}")
+        terminal.out(f"{'improved model' if result.findings else 'model, refitted'}: {args.output}")
         for f in result.findings:
             if f.confidence < CONFIDENT:
                 names = " or ".join([f"{f.effect} on {f.joint or 'the robot'}", *f.rivals])
-                common.out(f"  not settled: {names}; these data fit either")
+                terminal.out(f"  not settled: {names}; these data fit either")
     return code(result)

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mcap.reader import make_reader
 
-from hil.commands import outputs, trust
+from hil import outputs
+from hil.commands import trust
 from hil.errors import ConfigError, DataError, plural
 from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault

@@ -7,7 +7,7 @@ import sys
 import tomllib
 from pathlib import Path
 
-from hil.commands import outputs
+from hil import outputs
 from hil.errors import ConfigError
 from hil.rigs import NAMES, rig_path
 from hil.userfile import write_text

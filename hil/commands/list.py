@@ -8,8 +8,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from hil import progress
-from hil.commands import common
+from hil import progress, terminal
 from hil.errors import HilError, plural
 from hil.record.bags import is_bag
 from hil.record.checks import check
@@ -76,16 +75,16 @@ def run(args: argparse.Namespace) -> int:
         if set(args.tag) <= set(row.tags):
             rows.append(row)
     if args.json:
-        common.emit({"schema": "hil.list/1", "sessions": [asdict(r) for r in rows]})
+        terminal.emit({"schema": "hil.list/1", "sessions": [asdict(r) for r in rows]})
         return 0
     head = ["session", "of", "arms", "recorded (UTC)", "length [s]", "tags", "verdict"]
     cells = [_cells(r) for r in rows]
     shown = [k for k in range(len(head)) if not rows or any(row[k] for row in cells)]
     left = [place for place, k in enumerate(shown) if head[k] != "length [s]"]
     table = [[row[k] for k in shown] for row in cells]
-    common.out(common.table([head[k] for k in shown], table, left))
+    terminal.out(terminal.table([head[k] for k in shown], table, left))
     tagged = f" with {', '.join(args.tag)}" if args.tag else ""
-    common.out(f"\n{plural(len(rows), 'session')}{tagged} of {len(paths)}")
+    terminal.out(f"\n{plural(len(rows), 'session')}{tagged} of {len(paths)}")
     return 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from hil.commands import common
+from hil import terminal
 from hil.errors import ConfigError
 from hil.record.difference import first_difference
 from hil.runtime.replay import Replayed, replay
@@ -44,9 +44,9 @@ def run(args: argparse.Namespace) -> int:
     found = [replay(path, changes) for path in args.sessions]
     if args.json:
         entries = [r.as_dict() for r in found]
-        common.emit({"schema": "hil.replay/1", "sessions": entries})
+        terminal.emit({"schema": "hil.replay/1", "sessions": entries})
     else:
-        common.out("\n".join(text(r) for r in found))
+        terminal.out("\n".join(text(r) for r in found))
     return 0
 
 
@@ -58,11 +58,11 @@ def _against(args: argparse.Namespace) -> int:
     found = first_difference(path, args.against)
     if args.json:
         told = None if found is None else asdict(found)
-        common.emit({"schema": "hil.replay/1", "identical": found is None, "first": told})
+        terminal.emit({"schema": "hil.replay/1", "identical": found is None, "first": told})
     elif found is None:
-        common.out(f"{path} and {args.against}: the same bytes")
+        terminal.out(f"{path} and {args.against}: the same bytes")
     else:
-        common.out(f"{path} and {args.against} differ, first at {found}")
+        terminal.out(f"{path} and {args.against} differ, first at {found}")
     return 0
 
 

@@ -20,7 +20,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from hil.commands import common, outputs, screen, view
+from hil import outputs
+from hil.commands import common, screen, view
 from hil.errors import ConfigError
 from hil.excite import trajectory
 from hil.interrupt import saying

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.commands import common
+from hil import terminal
 from hil.commands.run import add_rearm, opener
 from hil.errors import ConfigError, DeviceError
 from hil.rig import boxes, safety
@@ -307,10 +307,10 @@ def run(args: argparse.Namespace) -> int:
             steps.append(step)
             if not args.json:
                 mark = "ok  " if step.passed else "FAIL"
-                common.out(f"{mark}  {step.device:<16} {step.what:<10} {step.text}")
+                terminal.out(f"{mark}  {step.device:<16} {step.what:<10} {step.text}")
     if args.json:
         rows = [asdict(step) for step in steps]
-        common.out(json.dumps({"schema": "hil.runtime.selftest/1", "steps": rows}))
+        terminal.out(json.dumps({"schema": "hil.runtime.selftest/1", "steps": rows}))
     if not all(step.passed for step in steps):
         return 3
     return 0 if all(answers) else 2

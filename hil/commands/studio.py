@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hil import terminal
 from hil.commands import common
 from hil.errors import ConfigError, DataError
 from hil.record.table_files import FORMATS
@@ -66,8 +67,8 @@ def run(args: argparse.Namespace) -> int:
     app = application(worker, token, ["127.0.0.1", "localhost"], Path.cwd())
 
     def told(address: str) -> None:
-        common.out(f"The studio is open at {address}")
-        common.out("Ctrl-C ends it; models are saved on request only")
+        terminal.out(f"The studio is open at {address}")
+        terminal.out("Ctrl-C ends it; models are saved on request only")
         if not args.no_browser:
             webbrowser.open(address)
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hil.commands import common
+from hil import terminal
 from hil.commands.run import add_rearm
 from hil.errors import ConfigError
 from hil.rig.config import load_rig
@@ -55,8 +55,8 @@ def run(args: argparse.Namespace) -> int:
     threading.Thread(target=_watch, args=(desk, done), daemon=True).start()
 
     def told(address: str) -> None:
-        common.out(f"The operator's page is open at {address}")
-        common.out("Ctrl-C ends the page and the session")
+        terminal.out(f"The operator's page is open at {address}")
+        terminal.out("Ctrl-C ends the page and the session")
         if not args.no_browser:
             webbrowser.open(address)
 

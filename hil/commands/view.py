@@ -24,7 +24,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from hil.commands import common, outputs
+from hil import outputs, terminal
 from hil.errors import ConfigError, DataError
 from hil.record.container import MAGIC
 from hil.record.layouts import VIEWERS, pages
@@ -101,8 +101,8 @@ def run(args: argparse.Namespace) -> int:
     text = viewer.write(pages(path))
     with outputs.writing(target):
         target.write_text(text, encoding="utf-8")
-    common.out(f"written: {target}, for {viewer.title}")
-    common.out(f"next: {viewer.opens.format(session=path, file=target)}")
+    terminal.out(f"written: {target}, for {viewer.title}")
+    terminal.out(f"next: {viewer.opens.format(session=path, file=target)}")
     return 0
 
 
@@ -352,8 +352,8 @@ def _stream(path: Path, port: int, expected: bool) -> int:
             raise DataError(f"{path} is no session: it does not begin as one")
     _step_aside()
     sink = FoxgloveSink(f"hil {path.name}", port)
-    common.out(f"streaming {path} on ws://127.0.0.1:{port}: open this connection in Foxglove or")
-    common.out("Lichtblick; Ctrl-C ends it")
+    terminal.out(f"streaming {path} on ws://127.0.0.1:{port}: open this connection in Foxglove or")
+    terminal.out("Lichtblick; Ctrl-C ends it")
     try:
         follow(path, sink, expected)
         time.sleep(_LINGER)

@@ -9,17 +9,19 @@ estimated force on the tip is compared with the sensor's.
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hil import registry
+from hil import registry, terminal
 from hil.diagnosis.verbs import fit
 from hil.estimate import compensation_tables
+from hil.experiments.pages import Data, Means, Rows, SeedMean, StudyPage
 from hil.models.model import RobotModel, base_model
 from hil.record.container import read
 from hil.record.decode import decode_numbers
@@ -28,6 +30,7 @@ from hil.rig.config import load_rig
 from hil.rigs import rig_path
 from hil.runtime import runner
 from hil.teleop.hybrid import FloatArray
+from hil.terminal import Found
 
 _PERIOD, _CORNER = 1e-3, 10.0
 #: Length of a session and of its first part [s], and of the identifying session.
@@ -211,3 +214,77 @@ def _through(force: FloatArray) -> FloatArray:
 
 def _rms(x: FloatArray) -> float:
     return float(np.sqrt(np.mean(x**2)))
+
+
+# ------------------------------------------------------------ the command, and the page
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Force on the tip without a sensor: filters and networks together on the cable arm."""
+    s = study(args.seed, terminal.log)
+    lines = [
+        f"Force on the tip without a sensor, {ARM} of the simulated rig, after "
+        f"{LEARN:g} s of learning in the loop"
+    ]
+    for condition in CONDITIONS:
+        rows = [r for r in s.rows if r.condition == condition]
+        cells = [
+            [r.estimator, f"{1e3 * r.free:.1f}", f"{1e3 * r.touched:.1f}", str(r.nodes)]
+            for r in rows
+        ]
+        head = ["estimator", "free, rms mN", "touching, rms error mN", "nodes"]
+        lines += ["", f"{condition}:", terminal.table(head, cells)]
+        lines.append(
+            f"  force where it touches: {1e3 * rows[0].size:.0f} mN rms; learnt during "
+            f"{100 * s.learnt[condition]:.0f} % of the first part"
+        )
+    lines += ["", "Cables' stiffness by the filters [N m/rad], from a first guess of 150"]
+    lines += [f"  {k}: {', '.join(f'{x:.1f}' for x in v)}" for k, v in s.stiffness.items()]
+    return "\n".join(lines), asdict(s)
+
+
+def _page_rows(data: Data) -> Rows:
+    return {
+        f"{r['estimator']} ({r['condition']})": (
+            1e3 * r["free"],
+            1e3 * r["touched"],
+            float(r["nodes"]),
+        )
+        for r in data["rows"]
+    }
+
+
+def _page_read(found: Means) -> list[str]:
+    by: dict[str, dict[str, Sequence[SeedMean]]] = {}
+    for name, values in found.items():
+        estimator, _, condition = name.rstrip(")").partition(" (")
+        by.setdefault(condition, {})[estimator] = values
+    out = []
+    for condition, rows in by.items():
+        free, touching = (_least(rows, k) for k in (0, 1))
+        both = rows["filters and networks, learnt in the loop"]
+        out.append(
+            f"With {condition}: least error in free motion has *{free}*, {rows[free][0].mean:.0f} "
+            f"mN (filters and networks together {both[0].mean:.0f}); least where it touches has "
+            f"*{touching}*, {rows[touching][1].mean:.0f} mN (together {both[1].mean:.0f})."
+        )
+    return out
+
+
+def _least(rows: Means, k: int) -> str:
+    """Row with the smallest mean in a column."""
+    return min(rows, key=lambda name: rows[name][k].mean)
+
+
+PAGE = StudyPage(
+    "Filters and networks together on the cable arm",
+    "Force at the tip without a sensor, on the simulated arm with elastic cables, after the "
+    "estimators have learnt in the loop.",
+    "Section 3.1: filters for the cables (paper III) and networks for the friction (paper I) "
+    "are proposed to be used together; no result is given.",
+    ("estimator", "free, rms mN", "touching, error mN", "nodes"),
+    _page_rows,
+    _page_read,
+    "Error of the force where it touches [mN]",
+    (1,),
+)

@@ -15,6 +15,7 @@ Nothing of the simulator is read.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import multiprocessing
 import tempfile
@@ -25,14 +26,14 @@ from typing import Any
 
 import numpy as np
 
-from hil import registry
+from hil import registry, terminal
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
 from hil.errors import ConfigError, DataError, DeviceError, plural
 from hil.estimate import compensation_tables
 from hil.experiments import transparency as rig
 from hil.experiments import without_force_sensors
-from hil.experiments.charts import SeedMean, bars
+from hil.experiments.pages import SeedMean, bars
 from hil.identify.parallel import alone
 from hil.interrupt import with_its_parent
 from hil.models.files import write_model
@@ -43,7 +44,9 @@ from hil.rigs import rig_path
 from hil.runtime import runner
 from hil.teleop import force_sensor_free, law_parameters
 from hil.teleop.rig_designs import ArmImpedances
+from hil.terminal import Found
 from hil.toml import parse
+from hil.userfile import write_text
 
 #: Hidden in both arms: five laws of friction, and the joint.
 EFFECTS = (
@@ -423,3 +426,23 @@ def _read(found: Sequence[CircleSummary]) -> list[str]:
                 f"ones, {100 * (1 - last / first):.0f} % less."
             )
     return lines
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Effects hidden in both arms: found, added, compensated; what the operator feels falls."""
+    rows = study(args.seed, args.quick, args.workers, terminal.log)
+    found = summaries(rows)
+    if args.report:
+        place = Path(args.report).with_suffix(".svg")
+        command = "hil experiment hidden-effect" + " --quick" * args.quick
+        terminal.write_page(args.report, page(rows, command, place.name))
+        write_text(place, figure(found))
+    text = (
+        f"{terminal.table(list(HEAD), cells(found))}\n"
+        "  newtons with the rig file's model -> the fitted base model -> the diagnosed model, "
+        "+- 95 %"
+    )
+    return text, {
+        "rows": [dataclasses.asdict(r) for r in rows],
+        "summaries": [dataclasses.asdict(s) for s in found],
+    }

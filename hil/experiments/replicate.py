@@ -8,6 +8,7 @@ program or a worker ends.
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import json
 import multiprocessing
@@ -69,6 +70,19 @@ class Where:
 
     workers: int = 1
     cluster: str = ""
+
+
+def where(args: argparse.Namespace) -> Where:
+    """Who computes, as --workers and --cluster say.
+
+    Raises
+    ------
+    ConfigError
+        If there is no worker.
+    """
+    if args.workers < 1:
+        raise ConfigError(f"--workers {args.workers}: one or more is needed")
+    return Where(args.workers, args.cluster)
 
 
 def spread(

@@ -15,16 +15,21 @@ the law's kernels or of the simulated rig is in it.
 
 from __future__ import annotations
 
+import argparse
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from hil import terminal
+from hil.experiments.pages import Data, Means, Rows, SeedMean, StudyPage
 from hil.teleop import force_sensor_free, gate
 from hil.teleop.architecture import Design, MotionTerm, Realisation, RobotImpedance
 from hil.teleop.hybrid import FloatArray, Impedance
 from hil.teleop.sampled_loop import Cable, SampledLoop, dominant_mode
+from hil.terminal import Found
 
 PERIOD, _SUBSTEPS, _SECONDS = 1e-3, 8, 5.0
 #: Hand's motion [Hz], [m]; the gel's surface is at zero.
@@ -328,3 +333,93 @@ class _Lanes:
         shake, wrong, size = self.sums
         share = np.sqrt(wrong.sum(0) / np.maximum(size.sum(0), 1e-12))
         return np.sqrt(shake.max(0) / watched), share
+
+
+# ------------------------------------------------------------ the command, and the page
+
+
+def command(args: argparse.Namespace) -> Found:
+    """How close to the force estimation singularity the hardware lets a law come."""
+    rows = study(args.seed)
+    cells = [
+        [r.factor, r.level, *(f"{x:.2f}" for x in (r.stable, r.handed_back, r.accurate)),
+         "-" if math.isnan(r.linear) else f"{r.linear:.2f}"]
+        for r in rows
+    ]  # fmt: skip
+    head = ["changed", "to", *PAGE.head[1:]]
+    return terminal.table(head, cells), {"rows": [asdict(r) for r in rows]}
+
+
+def _page_rows(data: Data) -> Rows:
+    return {
+        f"{r['factor']}: {r['level']}" if r["factor"] else r["level"]: (
+            r["stable"],
+            r["handed_back"],
+            r["accurate"],
+            float("nan") if r["linear"] is None else r["linear"],
+        )
+        for r in data["rows"]
+    }
+
+
+def _page_read(found: Means) -> list[str]:
+    built = next(v for k, v in found.items() if ": " not in k)
+    levels: dict[str, dict[str, Sequence[SeedMean]]] = {}
+    for name, values in found.items():
+        factor, colon, level = name.partition(": ")
+        if colon:
+            levels.setdefault(factor, {})[level] = values
+    order = {k: _best(levels, built, k) for k in (0, 2)}
+    firm, exact = (
+        ", ".join(f"{n} ({lv}: {gain:+.2f})" for n, (lv, gain) in order[k].items()) for k in (0, 2)
+    )
+    worst = {n: min(v.items(), key=lambda x: x[1][0].mean) for n, v in levels.items()}
+    friction, acceleration = (order[0][n][1] for n in ("friction model", "acceleration"))
+    first = "acceleration" if acceleration > friction else "friction"
+    past = [v for v in found.values() if np.isfinite(v[3].mean)]
+    sooner = sum(v[0].mean < v[3].mean for v in past)
+    return [
+        f"The safe distance as built: stable up to kappa {built[0]}, so that {built[1]} of the "
+        f"force can be handed over; estimates right to a quarter up to kappa {built[2]}.",
+        f"What helps stability, ranked by the kappa that the best level gains: {firm}.",
+        f"What helps the estimates, ranked in the same way: {exact}.",
+        "What costs most, by the stable kappa of the worst level: "
+        + ", ".join(
+            f"{n} ({lv}: {v[0].mean:.2f})"
+            for n, (lv, v) in sorted(worst.items(), key=lambda x: x[1][1][0].mean)
+        )
+        + ".",
+        f"The thesis' question, friction or acceleration: the measurement of {first} counts more "
+        f"for stability ({acceleration:+.2f} against {friction:+.2f} in kappa).",
+        f"Eigenvalues of the linear loop promise more than runs keep in {sooner} of {len(past)} "
+        "conditions: they know neither the steps of the encoder nor dry friction nor the loss of "
+        "contact.",
+    ]
+
+
+def _best(
+    levels: Mapping[str, Means], built: Sequence[SeedMean], k: int
+) -> dict[str, tuple[str, float]]:
+    """Best level of each factor and what it gains in column k, the largest gain first."""
+    best = {n: max(v.items(), key=lambda x: x[1][k].mean) for n, v in levels.items()}
+    gains = {n: (lv, v[k].mean - built[k].mean) for n, (lv, v) in best.items()}
+    return dict(sorted(gains.items(), key=lambda x: -x[1][1]))
+
+
+PAGE = StudyPage(
+    "The safe distance to the force estimation singularity",
+    "One axis of two arms with elastic cables, dry friction, encoders and filters runs a law "
+    "that estimates both forces. One thing of the hardware is changed at a time. The condition "
+    "kappa of Q is raised until the arms shake or leave the workspace (stable), or the "
+    "estimated forces are wrong by more than 25 % of their rms (accurate); 1 is the farthest "
+    "from the singularity, and stands where no kappa that was tried is safe. Arms, friction, "
+    "hand and gel differ with the seed.",
+    "Section 5.2, open: which distance to the singularity is safe for given hardware, and what "
+    "makes it shorter most cheaply; for example, accurate friction estimation or accurate "
+    "acceleration measurement?",
+    ("hardware", "stable kappa", "force handed over", "accurate kappa", "by eigenvalues"),
+    _page_rows,
+    _page_read,
+    "Largest condition of Q that is safe",
+    (0, 2),
+)

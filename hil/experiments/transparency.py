@@ -8,6 +8,7 @@ cable (`hil.teleop.sampled_loop.hybrid_at`); nothing of the simulator is read.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import tempfile
 from collections.abc import Callable, Mapping
@@ -18,8 +19,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from hil import registry
+from hil import registry, terminal
 from hil.diagnosis.verbs import fit
+from hil.experiments.pages import Data, Means, Rows, StudyPage
 from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.phantom import Premium
@@ -30,6 +32,7 @@ from hil.runtime import runner
 from hil.teleop import hybrid, law_parameters, rig_designs, sampled_loop
 from hil.teleop.hybrid import ComplexArray, Experiment, FloatArray
 from hil.teleop.rig_designs import ArmImpedances
+from hil.terminal import Found
 from hil.toml import parse
 
 PERIOD = 1e-3
@@ -231,3 +234,93 @@ def compare(
 def worst(rows: list[TransparencyRow], entry: str) -> float:
     """Largest error of an entry over its own size."""
     return max(r.own for r in rows if r.entry == entry)
+
+
+# ------------------------------------------------------------ the command, and the page
+
+
+def command(args: argparse.Namespace) -> Found:
+    """The hybrid matrix that sessions show, against the prediction."""
+    rows = study(args.seed, terminal.log)
+    cells = [
+        [
+            f"{r.design} {r.entry}",
+            f"{r.hz:g}",
+            f"{r.predicted:.4g}",
+            f"{r.measured:.4g}",
+            f"{r.difference:.3g}",
+            f"{100 * r.own:.1f}",
+            f"{100 * r.bound * r.scale / r.predicted:.1f}",
+            "yes" if r.inside else "no",
+        ]
+        for r in rows
+    ]
+    head = [
+        "entry",
+        "Hz",
+        "|predicted|",
+        "|measured|",
+        "difference",
+        "of |predicted| %",
+        "scatter 95 % %",
+        "inside",
+    ]
+    text = "Hybrid matrix of sessions against the prediction (vertical axis, encoder side)\n"
+    text += terminal.table(head, cells)
+    largest = {e: worst(rows, e) for e in NAMES}
+    told = ", ".join(f"{e} {100 * x:.1f} %" for e, x in largest.items())
+    inside = sum(r.inside for r in rows)
+    text += (
+        "\n  difference: |measured - predicted| of the complex numbers, in N s/m (h11), 1 (h12,"
+        "\n  h21), m/(N s) (h22), and in % of the entry's own size"
+        "\n  scatter: 95 % bound of what the scatter of the sessions' periods allows, same scale"
+        f"\n  inside: {inside} of {len(rows)} differ by no more than the scatter; what is beyond"
+        "\n  it is the model's error (friction that is left, fitted parameters), not the data's"
+        f"\n  worst difference, of the entry's own size: {told}"
+    )
+    return text, {
+        "rows": [dataclasses.asdict(r) | {"inside": r.inside} for r in rows],
+        "worst": largest,
+        "inside": inside,
+    }
+
+
+def _page_rows(data: Data) -> Rows:
+    return {
+        f"{r['design']}, {r['entry']}, {r['hz']:g} Hz": (
+            r["predicted"],
+            r["measured"],
+            100 * r["difference"] / r["predicted"],
+        )
+        for r in data["rows"]
+    }
+
+
+def _page_read(found: Means) -> list[str]:
+    def worst(entry: str) -> float:
+        return max(v[2].mean for k, v in found.items() if f", {entry}," in k)
+
+    return [
+        "The thesis proves what a transparent design must satisfy and measures none. Here the "
+        "hybrid matrix of sessions on the simulated rig stands beside the prediction: the largest "
+        f"difference is {worst('h12'):.1f} % of h12, {worst('h21'):.1f} % of h21, "
+        f"{worst('h22'):.1f} % of h22 and {worst('h11'):.0f} % of h11.",
+        "h11 is what the operator feels in free space. Its prediction is small where the law "
+        "compensates the arm, so that friction that no model holds is large beside it.",
+    ]
+
+
+PAGE = StudyPage(
+    "The hybrid matrix of sessions",
+    "Designs of the extended Lawrence architecture run on the simulated rig. A machine moves "
+    "both sides at one frequency; the hybrid matrix of the session stands beside the "
+    "prediction.",
+    "Paper IV: conditions for transparency, their solutions, and the redundancy of the "
+    "communication gains, as theory.",
+    ("entry", "predicted", "measured", "difference %"),
+    _page_rows,
+    _page_read,
+    "Difference from the prediction at 1 Hz [% of the entry]",
+    (2,),
+    lambda name: name.endswith(", 1 Hz"),
+)

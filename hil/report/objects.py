@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from hil import terminal
 from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.verbs import Comparison
 from hil.errors import ConfigError
@@ -22,7 +23,7 @@ from hil.models.model import RobotModel, Value
 from hil.models.param_text import in_words, without_error
 from hil.record.recording import COLUMNS, Recording
 from hil.record.tables import GROUPS, WRENCH
-from hil.report import columns, elements
+from hil.report import elements
 from hil.report import text as sentences
 from hil.report.data import Material, from_comparison, from_diagnosis
 from hil.report.effects import effect_figure
@@ -189,7 +190,7 @@ def text(shown: Any) -> str:
     made = sheet(shown)
     words = made.words()
     more = [f"  ... {len(words) - MOST_ROWS} more rows"] if len(words) > MOST_ROWS else []
-    body = columns.table(made.head, words[:MOST_ROWS], made.left()) if words else ""
+    body = terminal.aligned(made.head, words[:MOST_ROWS], made.left()) if words else ""
     return "\n".join(x for x in (made.title, *(f"  {s}" for s in made.lines), body, *more) if x)
 
 

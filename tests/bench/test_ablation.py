@@ -4,8 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hil.bench.diagnosis import ablation, cases, runner, tables
-from hil.commands import bench
+from hil.bench.diagnosis import ablation, cases, command, runner, tables
 from hil.diagnosis import rules
 from hil.errors import ConfigError, DataError
 
@@ -147,11 +146,11 @@ def test_results_of_another_revision_are_refused(monkeypatch, tmp_path):
 
 def test_only_some_sessions():
     todo = cases.nothing(range(1))
-    some = bench._only(todo, ["/white/"])
+    some = command.only(todo, ["/white/"])
     assert some and {c.noise for c in some} == {"white"}
-    assert bench._only(todo, []) == todo
+    assert command.only(todo, []) == todo
     with pytest.raises(ConfigError, match="--only stribek"):
-        bench._only(todo, ["stribek"])
+        command.only(todo, ["stribek"])
 
 
 def test_rules_that_change_nothing_alone_go_together():

@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from hil.bench.diagnosis import amplitudes, cases, runner, session, tables
-from hil.commands import bench
+from hil.bench.diagnosis import amplitudes, cases, command, runner, session, tables
 from hil.errors import ConfigError
 
 needs_mujoco = pytest.mark.skipif(
@@ -57,10 +56,10 @@ def test_what_has_no_name_of_its_own_has_right_names(hidden, named, outcome):
 
 def test_without_mujoco_the_tuning_plants_are_left_and_that_is_said(monkeypatch, capsys):
     monkeypatch.setattr(session, "mujoco_available", lambda: False)
-    assert bench._plants(None) == ["tuning"]
+    assert command.chosen(None) == ["tuning"]
     assert session.MUJOCO_EXTRA in capsys.readouterr().err
     with pytest.raises(ConfigError, match="mujoco"):
-        bench._plants("test")
+        command.chosen("test")
 
 
 @needs_mujoco

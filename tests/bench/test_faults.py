@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from hil.bench.faults import cases, process, runner
+from hil.bench.faults import cases, runner
 from hil.record.container import read
 from hil.record.decode import decode_numbers
 from hil.rig.safety import BITS
@@ -15,7 +15,7 @@ SOME = [f for f in cases.FAULTS if f.wire or f.over or f.steered or "law" in f.n
 
 
 def test_there_are_at_least_forty_each_with_a_name_of_its_own():
-    names = [*(f.name for f in cases.FAULTS), *process.CASES]
+    names = [*(f.name for f in cases.FAULTS), *runner.PROCESS_CASES]
     assert len(names) == len(set(names)) >= 40
     assert {f.condition for f in cases.FAULTS} - {""} <= set(BITS)
 
@@ -78,7 +78,7 @@ def test_sensors_that_fail_stop_the_motors_within_two_ticks():
 
 @pytest.mark.real_time
 def test_a_killed_process_loses_a_tenth_of_a_second_and_its_power(tmp_path):
-    found = process.one("process killed (-9)", tmp_path)
+    found = runner.in_child("process killed (-9)", tmp_path)
     assert found.lost <= 100 and found.right, found
     assert "gone" in runner.row(found)[4]
 
@@ -93,7 +93,7 @@ def test_a_killed_process_loses_a_tenth_of_a_second_and_its_power(tmp_path):
     ],
 )
 def test_a_watchdog_that_is_attacked_is_a_fault_or_cuts(name, says, tmp_path):
-    found = process.one(name, tmp_path)
+    found = runner.in_child(name, tmp_path)
     assert found.right, found
     assert says in runner.row(found)[4]
     assert found.ticks is not None and found.ticks < 2000
@@ -101,7 +101,7 @@ def test_a_watchdog_that_is_attacked_is_a_fault_or_cuts(name, says, tmp_path):
 
 @pytest.mark.real_time
 def test_a_full_disk_stops_the_record_and_not_the_loop(tmp_path):
-    found = process.one("disk full", tmp_path)
+    found = runner.in_child("disk full", tmp_path)
     assert found.right and found.lost > 0, found
 
 

@@ -21,11 +21,12 @@ from scipy import stats
 from hil.cli import main
 from hil.commands import experiment
 from hil.errors import ConfigError, DeviceError
-from hil.experiments.charts import SeedMean, bars
-from hil.experiments.pages import PAGES, means
+from hil.experiments.pages import SeedMean, bars, means
 from hil.experiments.replicate import FAILED, TRIES, LostRun, Where, replicate, spread
 
 SEEDS = [3, 1, 2]
+#: Pages of the studies that have one over seeds.
+PAGES = {n: page for n in experiment.EXPERIMENTS if (page := experiment.page_of(n))}
 
 
 def test_processes_and_this_one_give_the_same_digits_in_the_order_of_the_seeds():

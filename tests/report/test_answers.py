@@ -7,7 +7,7 @@ import plants
 import pytest
 from test_report import model
 
-from hil.commands import terminal
+from hil import terminal
 from hil.commands.common import note_compiling
 from hil.commands.compare import text as compare_text
 from hil.commands.diagnose import _telling, short, text

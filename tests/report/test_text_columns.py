@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import pytest
 
-from hil.report.columns import table
+from hil.terminal import aligned
 
 HEAD = ["model", *(f"joint{k}" for k in range(1, 8))]
 ROWS = [["base model with a long name", *(f"{k}.25" for k in range(7))]] * 2
 
 
 def test_a_table_that_fits_is_one_block():
-    assert table(["a", "b"], [["x", "1"]], width=80).splitlines() == ["  a  b", "  -  -", "  x  1"]
+    assert aligned(["a", "b"], [["x", "1"]], width=80).splitlines() == [
+        "  a  b",
+        "  -  -",
+        "  x  1",
+    ]
 
 
 @pytest.mark.parametrize("width", [40, 60, 80])
 def test_no_line_is_beyond_the_width_and_every_cell_is_there(width):
-    text = table(HEAD, ROWS, width=width)
+    text = aligned(HEAD, ROWS, width=width)
     assert max(map(len, text.splitlines())) <= width
     for cell in (*HEAD, *ROWS[0][1:]):
         assert cell in text
 
 
 def test_words_break_before_columns_do():
-    text = table(["effect", "why", "n"], [["drag", "word " * 20, "3"]], left=(0, 1), width=50)
+    text = aligned(["effect", "why", "n"], [["drag", "word " * 20, "3"]], left=(0, 1), width=50)
     assert max(map(len, text.splitlines())) <= 50
     assert text.count("effect") == 1 and text.split().count("word") == 20

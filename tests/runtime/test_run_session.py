@@ -195,7 +195,7 @@ def test_summary_is_plain_data(tmp_path):
 
 
 def test_a_session_at_the_same_place_is_kept(tmp_path, capsys):
-    from hil.commands.outputs import keep_old
+    from hil.outputs import keep_old
 
     path = tmp_path / "s.mcap"
     for text in ("first", "second"):

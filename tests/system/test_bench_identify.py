@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from hil.bench import identify
-from hil.commands import bench_speed
 
 pytestmark = pytest.mark.slow
 
@@ -26,14 +25,14 @@ def test_parameters_predict_the_other_motion_down_to_the_noise(report: identify.
 
 
 def test_json_contract(report: identify.Report) -> None:
-    out = json.loads(json.dumps(bench_speed.data(report), allow_nan=False))
+    out = json.loads(json.dumps(identify.data(report), allow_nan=False))
     assert {"machine", "recorded_s", "repeats", "rows", "lengths"} == set(out)
     assert {"peer", "data", "seconds", "wall", "ratio", "floor", "note"} == set(out["rows"][0])
     assert {"recorded", "data", "seconds", "wall", "peak_mib", "verdict"} == set(out["lengths"][0])
     assert out["lengths"][0]["peak_mib"] > 50
     diagnosed = [r for r in out["rows"] if r["peer"] == "hil diagnose"]
     assert all("candidates" in r["note"] for r in diagnosed)
-    text = bench_speed.text(report)
+    text = identify.text(report)
     assert all(r["peer"] in text for r in out["rows"])
 
 
@@ -63,5 +62,5 @@ def test_page_says_which_goals_hold():
         )
     ]
     length = identify.Length(600.0, 1.0, 1.0, 1000.0, "adequate", "complete")
-    told = bench_speed.goals(identify.Report(60.0, 3, rows, [length])).splitlines()[2:]
+    told = identify.goals(identify.Report(60.0, 3, rows, [length])).splitlines()[2:]
     assert [line.rpartition(": ")[2] for line in told] == ["met", "missed", "met", "missed", "met"]

@@ -7,11 +7,10 @@ import time
 
 import plants
 
-from hil import progress
+from hil import progress, terminal
 from hil.cli import main
-from hil.commands import terminal
-from hil.commands.terminal import settings, working
 from hil.record.export import write_recordings
+from hil.terminal import settings, working
 
 
 class Terminal(io.StringIO):

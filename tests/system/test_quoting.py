@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from hil.cli import main
-from hil.commands.terminal import Quoting
 from hil.errors import ConfigError, printable
 from hil.record.export import write_recordings
 from hil.record.mcap_read import load
 from hil.record.recording import Recording
+from hil.terminal import Quoting
 
 #: Clears the screen (ESC), the same as one C1 character, turns the text, hides in it, ends a line.
 EVIL = "a\x1b[2Jb\x9b2Jc\u202edeg\u2066h\u200bi\ufeffj\rk\x07"

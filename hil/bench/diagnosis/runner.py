@@ -20,7 +20,7 @@ from hil.bench.diagnosis.cases import Hidden, SessionCase, suspected
 from hil.bench.diagnosis.tables import accepted
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
-from hil.errors import DataError, DeviceError
+from hil.errors import ConfigError, DataError, DeviceError
 from hil.experiments.replicate import LostRun, Where, counted, spread
 from hil.record.recording import Recording
 
@@ -179,6 +179,20 @@ def read(path: Path) -> list[Row]:
             if k + 1 < len(lines):
                 raise DataError(f"{path}, line {k + 1}: not a result of this benchmark") from error
     return rows
+
+
+def resumed(name: str) -> Path | None:
+    """File of what was done before, as --resume names it; none without.
+
+    Raises
+    ------
+    ConfigError
+        If its name is not that of such a file.
+    """
+    kept = Path(name) if name else None
+    if kept and kept.suffix != ".jsonl":
+        raise ConfigError(f"--resume {kept}: a file that ends in .jsonl is needed")
+    return kept
 
 
 def append(path: Path, row: Row) -> None:

@@ -1,26 +1,49 @@
-"""Run faults in lockstep sessions, judge what their records say, show the campaign as a table."""
+"""Faults struck, judged by what the records say, and the campaign as a table.
+
+Those of device, data and law strike lockstep sessions here; those of the process and its disk
+strike in real time, each in a process of its own.
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
 
+from hil import consent, terminal
+from hil.bench.faults import cases
 from hil.bench.faults.cases import Fault
 from hil.bench.faults.fault_injection import FaultySession
-from hil.errors import HilError
-from hil.record.container import read
+from hil.errors import DataError, HilError
+from hil.record.container import Container, read
 from hil.record.decode import decode_numbers
+from hil.record.mcap_write import SessionWriter
 from hil.rig.config import load_rig
+from hil.rig.cut import proven
 from hil.rig.safety import BITS, named
 from hil.rigs import rig_path
 from hil.runtime import runner
+from hil.runtime.guard import Watchdog
+from hil.runtime.watchdog import beside, tripped
+from hil.signals.device import Status
 from hil.signals.frame import TIMING, FrameLayout
 from hil.signals.state import OperatingState
+from hil.terminal import Found
 
 #: After the strike [s].
 _SECONDS = 0.6
@@ -124,6 +147,267 @@ def judge(fault: Fault, struck: int, path: Path) -> Outcome:
     )
 
 
+# ------------------------------------------------------------ faults of the process and its disk
+
+#: When the parent strikes [ticks], and the watchdog's time-out [s].
+_LONG, _TIMEOUT = 800, 0.25
+SECONDS = 20.0
+#: How long a session goes on that nobody strikes [s]: a busy machine may skip most of its ticks.
+_ENOUGH = 6.0
+
+
+def _limit_file(path: Path) -> None:
+    """No file may grow above 150 kB, as on a full disk."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000))
+
+
+def _slow_disk(path: Path) -> None:
+    """Every write takes 0.4 s."""
+    flush = SessionWriter.flush
+
+    def slow(self: SessionWriter) -> None:
+        time.sleep(0.4)
+        flush(self)
+
+    SessionWriter.flush = slow  # type: ignore[method-assign]
+
+
+def _dead_logger(path: Path) -> None:
+    """The slow side dies of an error of its own after 400 ticks."""
+    write = SessionWriter.write
+
+    def dying(self: SessionWriter, topic: str, tick: int, *rest: object) -> None:
+        if tick > 400:
+            raise KeyError("the slow side dies")
+        write(self, topic, tick, *rest)  # type: ignore[arg-type]
+
+    SessionWriter.write = dying  # type: ignore[method-assign, assignment]
+
+
+def _nothing(path: Path) -> None:
+    """The parent does it."""
+
+
+def _in_the_way(path: Path) -> None:
+    """Files of the names of modules lie in the working directory: who imports them is gone."""
+    folder = path.with_suffix(".cwd")
+    folder.mkdir(exist_ok=True)
+    for name in ("json", "mmap", "subprocess", "struct", "hil", "sitecustomize"):
+        (folder / f"{name}.py").write_text("raise SystemExit(0)\n")
+    os.chdir(folder)
+
+
+@dataclass(frozen=True)
+class ProcessCase:
+    """A fault of a process.
+
+    Parameters
+    ----------
+    act : callable
+        What the child does to itself before its session, given the path of the record.
+    number, code : int
+        Signal of the parent, and exit code that must follow.
+    seconds : float
+        Length of the session [s].
+    must : str
+        What must hold: ``"cut"``, ``"zero"``, ``"all"``, ``"whole"``, or a condition of
+        `hil.rig.safety` that must lead to FAULT.
+    watchdog : bool
+        The signal strikes the watchdog, not the loop.
+    wakes : bool
+        The loop goes on after the cut.
+    cut : str
+        Shell text of the cut program; ``{path}`` is the record.
+    """
+
+    act: Callable[[Path], None]
+    number: int
+    code: int
+    seconds: float
+    must: str
+    watchdog: bool = False
+    wakes: bool = False
+    cut: str = "true"
+
+
+_KILL, _STOP = signal.SIGKILL, signal.SIGSTOP
+PROCESS_CASES: dict[str, ProcessCase] = {
+    "process killed (-9)": ProcessCase(_nothing, _KILL, -_KILL, SECONDS, "cut"),
+    "process hangs": ProcessCase(_nothing, _STOP, -_KILL, SECONDS, "cut"),
+    "process hangs until the cut": ProcessCase(
+        _nothing, _STOP, 3, SECONDS, "power-cut", wakes=True
+    ),
+    "killed, json.py in its folder": ProcessCase(_in_the_way, _KILL, -_KILL, SECONDS, "cut"),
+    "killed, cut fails at first": ProcessCase(
+        _nothing, _KILL, -_KILL, SECONDS, "cut", cut="test -e {path}.on || ! touch {path}.on"
+    ),
+    "watchdog killed (-9)": ProcessCase(
+        _nothing, _KILL, 3, SECONDS, "watchdog-lost", watchdog=True
+    ),
+    "watchdog hangs": ProcessCase(_nothing, _STOP, 3, SECONDS, "watchdog-lost", watchdog=True),
+    "process terminated": ProcessCase(_nothing, signal.SIGTERM, 143, SECONDS, "zero"),
+    "terminal closed": ProcessCase(_nothing, signal.SIGHUP, 129, SECONDS, "zero"),
+    "Ctrl-C": ProcessCase(_nothing, signal.SIGINT, 130, SECONDS, "zero"),
+    "disk full": ProcessCase(_limit_file, 0, 2, _ENOUGH, "whole"),
+    "disk slow (0.4 s a write)": ProcessCase(_slow_disk, 0, 0, 2.0, "all"),
+    "logger dies": ProcessCase(_dead_logger, 0, 1, _ENOUGH, "whole"),
+}
+
+
+def _every_tenth() -> Callable[..., Status]:
+    """A hook on the encoders, read in any state, that prints the number of every tenth tick."""
+    # the self-test reads them once before the first tick
+    ticks = [-1]
+
+    def read_out(position: object, velocity: object, status: Status) -> Status:
+        ticks[0] += 1
+        if ticks[0] % 10 == 0 and ticks[0]:
+            sys.stdout.write(f"{ticks[0]}\n")
+            sys.stdout.flush()
+        return status
+
+    return read_out
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(text + "\n")
+
+
+class _Telling(runner.Session):
+    """A session that prints the process of its watchdog."""
+
+    def run(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
+        """As it is, the process first."""
+        sys.stdout.write(f"watchdog {watchdog.pid if watchdog else 0}\n")
+        sys.stdout.flush()
+        super().run(progress, watchdog)
+
+
+def child(name: str, path: Path) -> int:
+    """The session of a case; prints every tenth tick, and the power as it goes off."""
+    case = PROCESS_CASES[name]
+    # a job in the background of a script ignores it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    words = ["sh", "-c", case.cut.format(path=path)]
+    config = load_rig(rig_path("teleop"), {"safety": {"watchdog": _TIMEOUT, "cut": words}})
+    # the words of this file; what is remembered is in the folder of the bench
+    consent.give(consent.cut_program(proven(config.safety)))
+    faulty = FaultySession(lambda t: None)
+    case.act(path)
+    faulty.js = _every_tenth()
+    arranged: dict[str, Any] = {"opener": faulty.open, "operator": runner.Operator(say=_say)}
+    try:
+        done = runner.run(config, case.seconds, 1, "real", path, kind=_Telling, **arranged)
+        sys.stdout.write(f"end {done.ticks + done.missed}\n")
+    except KeyboardInterrupt:
+        return 130
+    except Exception as error:
+        sys.stderr.write(f"{type(error).__name__}: {error}\n")
+        return int(getattr(error, "exit_code", 1))
+    finally:
+        bench = faulty.rig.bench
+        off = not bench.codes.any() and bool(bench.state["parked"].all())
+        sys.stdout.write(f"off {off}\n")
+    return 0
+
+
+def in_child(name: str, folder: Path) -> Outcome:
+    """Run one case in a child, strike, and look at what is left."""
+    case, path = PROCESS_CASES[name], folder / "process.mcap"
+    beside(path).unlink(missing_ok=True)
+    path.with_name(path.name + ".on").unlink(missing_ok=True)
+    words = [sys.executable, "-m", "hil.bench.faults.runner", name, str(path)]
+    last, lines, struck, guard = 0, [], 0, 0
+    with tempfile.TemporaryDirectory(dir=folder) as state:
+        process = subprocess.Popen(
+            words,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, consent.VARIABLE: state},
+        )
+        assert process.stdout is not None  # noqa: S101  (asked for above)
+        for line in process.stdout:
+            lines.append(line.strip())
+            last = int(line) if line.strip().isdigit() else last
+            guard = int(line.split()[1]) if line.startswith("watchdog ") else guard
+            if case.number and last >= _LONG and not struck:
+                struck = last
+                os.kill(guard if case.watchdog else process.pid, case.number)
+                if case.must == "cut" or case.wakes:
+                    _await(beside(path))
+                    process.send_signal(signal.SIGCONT if case.wakes else _KILL)
+        _, said = process.communicate()
+    return _judge_child(name, path, last, struck, lines, said, process.returncode == case.code)
+
+
+def _await(report: Path) -> None:
+    until = time.monotonic() + 20.0
+    while not report.exists() and time.monotonic() < until:
+        time.sleep(0.01)
+
+
+def _judge_child(
+    name: str, path: Path, last: int, struck: int, lines: list[str], said: str, ended: bool
+) -> Outcome:
+    """Whether the motors were off, and how much is lost."""
+    must = PROCESS_CASES[name].must
+    try:
+        box = read(path)
+        sequence, torque = _rows(box)
+        timing = decode_numbers(box.topics["/loop/timing"])
+        missed = int(timing[-1, TIMING.index("missed")])
+    except DataError:
+        sequence, torque, missed = np.zeros(0, np.int64), False, 0
+        timing = np.zeros((0, len(TIMING)))
+    reached = max(int(sequence[-1]) - missed if sequence.size else 0, last)
+    lost = reached - int(sequence.size)
+    off, note, ticks = "off True" in lines, "", None
+    # a busy machine skips ticks; what counts is how far the record reaches
+    fine = lost == 0 if must == "all" else lost <= 100
+    if must == "cut":
+        told = tripped(beside(path))
+        off = told.get("cut") == "sh returned 0" and told.get("worked") is True
+        ticks = round(1e3 * told["silent_s"]) if told.get("silent_s") else None
+        note = f"watchdog: {told.get('why', 'silent')}"
+    if must in BITS:
+        first = _faulted(timing, sequence, must)
+        ticks = None if first is None else first - struck
+        note = "the record names no fault" if first is None else must
+        wrote = json.loads(box.topics["/events"].data[-1])["name"] if first is not None else ""
+        fine = fine and wrote == "fault" and (must != "power-cut" or "watchdog" in box.metadata)
+    if must == "whole":
+        about = [line for line in said.strip().splitlines() if "record" in line]
+        lost = max([lost, *map(int, re.findall(r"(\d+) rows are lost", said))])
+        note = about[0][:90] if about else "nothing was said of the record"
+        fine = bool(sequence.size) and int(sequence[-1]) > 300 and bool(about)
+    if not ended and said.strip():
+        note = said.strip().splitlines()[-1][:160]
+    right = off and ended and fine and torque
+    state = "off" if off else "POWERED"
+    how = "as it should" if ended else "wrong exit code"
+    return Outcome(name, "off", state, ticks, [], off, how, lost, right, note)
+
+
+def _faulted(
+    timing: NDArray[np.float64], sequence: NDArray[np.int64], condition: str
+) -> int | None:
+    """First tick in FAULT that names the condition."""
+    mask = timing[:, TIMING.index("conditions")].astype(int) & BITS[condition] != 0
+    found = np.flatnonzero(mask & (timing[:, TIMING.index("state")] == OperatingState.FAULT))
+    return int(sequence[found[0]]) if found.size else None
+
+
+def _rows(box: Container) -> tuple[NDArray[np.int64], bool]:
+    """Ticks that the record holds, and whether the motors had torque in it."""
+    topic = box.topics["/rig/raw"]
+    raw = decode_numbers(topic).reshape(len(topic.times), -1, FrameLayout(1, 0).words)
+    return np.array(topic.sequence, np.int64), bool(raw[:, :, 3:6].any())
+
+
+# ------------------------------------------------------------ the campaign
+
 HEAD = ("fault", "must lead to", "led to", "after", "record says", "motors", "rows lost", "")
 
 
@@ -183,3 +467,28 @@ def report(outcomes: Sequence[Outcome], command: str) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def command(args: argparse.Namespace) -> Found:
+    """Every fault of device, data and process, and the state each leads to."""
+    terminal.check_page(args.report)
+    live = [] if args.quick else list(PROCESS_CASES)
+    total = len(cases.FAULTS) + len(live)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        tqdm(total=total, unit="fault", disable=not sys.stderr.isatty()) as bar,
+    ):
+        found = run(cases.FAULTS, Path(folder), lambda _: bar.update() and None)
+        for name in live:
+            found.append(in_child(name, Path(folder)))
+            bar.update()
+    terminal.write_page(
+        args.report,
+        report(found, f"hil bench faults{' --quick' if args.quick else ''}"),
+    )
+    text = terminal.table(list(HEAD), [row(o) for o in found])
+    return f"{text}\n\n{verdict(found)}", {"faults": [asdict(o) for o in found]}
+
+
+if __name__ == "__main__":
+    raise SystemExit(child(sys.argv[1], Path(sys.argv[2])))

@@ -1,0 +1,306 @@
+"""What the program prints: results, notes, tables and progress, and nothing that a terminal obeys.
+
+The streams themselves see to the last, whoever wrote the names in a text.  A file can hold a name
+with escape sequences, or with marks that turn the direction of text; on the terminal they would
+move the cursor, hide the rest of a message or show another one.
+
+A table that is too wide first breaks the lines of its words; where that is not enough it goes on
+below, with its first column again, as those of the data-frame libraries do.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import shutil
+import sys
+import textwrap
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, TextIO
+
+from tqdm import tqdm
+
+from hil import progress
+from hil.errors import ConfigError, printable
+from hil.userfile import write_text
+
+#: What is shorter shows no progress [s]; how often a bar is drawn anew [s].
+_SHORT, _EVERY = 1.0, 0.5
+_BAR = "{desc} {percentage:3.0f} %|{bar:20}| {elapsed}, about {remaining} left"
+
+
+class Settings:
+    """What the command line said of all output.
+
+    Parameters
+    ----------
+    quiet : bool
+        Whether only results and errors are printed: no notes, no progress.
+    """
+
+    def __init__(self, quiet: bool = False) -> None:
+        self.quiet = quiet
+
+
+settings = Settings()
+
+
+@contextlib.contextmanager
+def silent() -> Iterator[None]:
+    """Print no notes, within."""
+    before, settings.quiet = settings.quiet, True
+    try:
+        yield
+    finally:
+        settings.quiet = before
+
+
+class Quoting:
+    """Text stream that shows control, bidirectional and invisible characters as escapes.
+
+    A carriage return at either end of one write stays: progress bars begin and end with it.
+
+    Parameters
+    ----------
+    stream : TextIO
+        Where to; all else is asked of it.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+    def write(self, text: str) -> int:
+        """Write text; what the encoding of the stream lacks becomes an escape too."""
+        body = text.strip("\r")
+        begin, _, end = text.partition(body) if body else (text, "", "")
+        shown = begin + printable(body) + end
+        try:
+            self.stream.write(shown)
+        except UnicodeEncodeError:
+            self.stream.write(shown.encode("ascii", "backslashreplace").decode("ascii"))
+        return len(text)
+
+    def writelines(self, lines: Iterable[str]) -> None:
+        """Write lines one by one."""
+        for line in lines:
+            self.write(line)
+
+
+@contextlib.contextmanager
+def quoted() -> Iterator[None]:
+    """Standard output and error quote what they print, within."""
+    before = sys.stdout, sys.stderr
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if not isinstance(stream, Quoting):
+            setattr(sys, name, Quoting(stream))
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+def width() -> int | None:
+    """Characters in a line of the terminal; None where the output goes into a file or a pipe."""
+    try:
+        return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    except (AttributeError, ValueError):  # no stream, or a closed one
+        return None
+
+
+@contextlib.contextmanager
+def working(shown: bool = True) -> Iterator[None]:
+    """Show on a terminal how far the work within has come, where it takes more than a second.
+
+    Parameters
+    ----------
+    shown : bool
+        Whether to show it at all.
+    """
+    if settings.quiet or not shown or not _is_terminal(sys.stderr):
+        yield
+        return
+    bar = tqdm(total=1.0, bar_format=_BAR, leave=False, delay=1e9, smoothing=0, file=sys.stderr)
+    over = threading.Event()
+
+    def told(what: str, done: float) -> None:
+        bar.desc = what
+        bar.n = max(bar.n, min(done, 0.99))
+
+    def drawn() -> None:
+        wait = _SHORT
+        while not over.wait(wait):
+            wait = _EVERY
+            if bar.desc:
+                bar.delay = 0.0  # drawn from now on, so that its end clears it
+                bar.refresh()
+
+    thread = threading.Thread(target=drawn, name="progress", daemon=True)
+    thread.start()
+    try:
+        with progress.listening(told):
+            yield
+    finally:
+        over.set()
+        thread.join()
+        bar.close()
+
+
+def _is_terminal(stream: TextIO) -> bool:
+    try:
+        return stream.isatty()
+    except (AttributeError, ValueError):  # no stream, or a closed one
+        return False
+
+
+def log(text: str) -> None:
+    """One line to stderr, unless it is to be quiet."""
+    if settings.quiet:
+        return
+    sys.stderr.write(text + "\n")
+
+
+def out(text: str) -> None:
+    """Text to stdout."""
+    sys.stdout.write(text + "\n")
+
+
+def emit(data: dict[str, Any]) -> None:
+    """JSON to stdout."""
+    out(json.dumps(data, indent=2, allow_nan=False))
+
+
+def finite(value: Any) -> Any:
+    """`value` with null in place of what JSON cannot hold."""
+    if isinstance(value, dict):
+        return {k: finite(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+#: Text for the terminal, and data for JSON.
+Found = tuple[str, dict[str, object]]
+
+
+def check_page(path: str | None) -> None:
+    """Refuse a page that is not Markdown by its name.
+
+    Raises
+    ------
+    ConfigError
+        Names the path.
+    """
+    if path and Path(path).suffix != ".md":
+        raise ConfigError(f"--report {path}: a file that ends in .md is needed")
+
+
+def write_page(path: str | None, text: str) -> None:
+    """Write the page, if one is asked for."""
+    if path:
+        write_text(path, text)
+
+
+# ------------------------------------------------------------ tables
+
+#: Spaces before a table, and between its columns.
+INDENT, GAP = 2, 2
+#: No column of words gets narrower than this [characters].
+NARROW = 16
+Row = list[str]
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> str:
+    """Aligned text table, no wider than the terminal; words stand in the columns `left`."""
+    return aligned(head, rows, left, width())
+
+
+def aligned(
+    head: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    left: Sequence[int] = (0,),
+    width: int | None = None,
+) -> str:
+    """Aligned text table.
+
+    Parameters
+    ----------
+    head, rows : sequence of str
+        Cells; line breaks in them are shown as such.
+    left : sequence of int
+        Columns of words, to the left; the others hold numbers, to the right.
+    width : int, optional
+        Characters there are in a line; without it the table is as wide as it is.
+    """
+    cells = [[c.replace("\n", "\\n") for c in r] for r in (head, *rows)]
+    wide = [max(len(r[k]) for r in cells) for k in range(len(head))]
+    if width is None or _total(wide) <= width:
+        return _lines(cells, wide, left)
+    wide = _narrowed(wide, left, width)
+    if _total(wide) <= width:
+        return _lines(cells, wide, left)
+    parts = []
+    for part in _parts(wide, width):
+        own = [[r[k] for k in part] for r in cells]
+        words = [i for i, k in enumerate(part) if k in left]
+        parts.append(_lines(own, [wide[k] for k in part], words))
+    return "\n\n".join(parts)
+
+
+def _total(wide: Sequence[int]) -> int:
+    return INDENT + sum(wide) + GAP * (len(wide) - 1)
+
+
+def _narrowed(wide: Sequence[int], left: Sequence[int], width: int) -> list[int]:
+    """Widths with the columns of words made narrower, the widest first."""
+    out = list(wide)
+    over = _total(out) - width
+    for k in sorted((k for k in left if k < len(out)), key=lambda k: -out[k]):
+        cut = min(max(over, 0), max(out[k] - NARROW, 0))
+        out[k] -= cut
+        over -= cut
+    return out
+
+
+def _parts(wide: Sequence[int], width: int) -> list[list[int]]:
+    """Columns of each part of a table, the first one in all."""
+    parts = [[0]]
+    for k in range(1, len(wide)):
+        if len(parts[-1]) > 1 and _total([wide[i] for i in (*parts[-1], k)]) > width:
+            parts.append([0])
+        parts[-1].append(k)
+    return parts
+
+
+def _lines(cells: Sequence[Sequence[str]], wide: Sequence[int], left: Sequence[int]) -> str:
+    head, *rows = ([_broken(c, w) for c, w in zip(r, wide, strict=True)] for r in cells)
+    rule = "  ".join("-" * w for w in wide)
+    lines = [*_row(head, wide, left), rule]
+    for row in rows:
+        lines += _row(row, wide, left)
+    return "\n".join(" " * INDENT + x.rstrip() for x in lines)
+
+
+def _broken(cell: str, width: int) -> Row:
+    if len(cell) <= width:
+        return [cell]
+    return textwrap.wrap(cell, max(width, 1), break_on_hyphens=False) or [""]
+
+
+def _row(cells: Sequence[Row], wide: Sequence[int], left: Sequence[int]) -> list[str]:
+    """Lines of one row, as many as its highest cell has."""
+    high = max(map(len, cells))
+    full = [c + [""] * (high - len(c)) for c in cells]
+    return [
+        (" " * GAP).join(
+            c[i].ljust(w) if k in left else c[i].rjust(w)
+            for k, (c, w) in enumerate(zip(full, wide, strict=True))
+        )
+        for i in range(high)
+    ]
