@@ -293,6 +293,15 @@ def _clipped(name: str, joint: str, clip: physics.Clipping) -> DataFault:
 def _velocity(r: Recording, k: int, joint: str) -> Iterator[DataFault]:
     if r.qd is None:
         return
+    if not np.any(r.qd[:, k]) and physics.swings(r.q[:, k]):
+        yield DataFault(
+            "velocity-empty",
+            "warning",
+            joint,
+            f"qd{k + 1} is zero throughout though q{k + 1} moves: it was never filled. Nothing is "
+            "taken from it; speeds are derivatives of the positions",
+        )
+        return
     factor, correlation = physics.velocity_factor(r.t, r.q[:, k], r.qd[:, k])
     if not abs(correlation) > 0.95:
         return

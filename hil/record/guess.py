@@ -19,11 +19,13 @@ from hil.record.units import FACTORS, time_unit
 
 #: Words of a quantity, by stem of its column.
 _WORDS = {
-    "q": "q pos posn position positions angle angles theta th jointangle jointpos qpos",
-    "qd": "qd dq qdot qvel vel velo veloc velocity velocities speed speeds omega thetadot dtheta",
-    "tau": "tau torque torques trq effort efforts moment moments u",
-    "i": "i current currents cur curr amp amps ampere amperes",
-    "temp": "temp temps temperature temperatures",
+    "q": "q pos posn position positions angle angles theta th jointangle jointpos qpos winkel "
+    "lage istposition istwinkel",
+    "qd": "qd dq qdot qvel vel velo veloc velocity velocities speed speeds omega thetadot dtheta "
+    "geschwindigkeit drehzahl istdrehzahl",
+    "tau": "tau torque torques trq effort efforts moment moments u drehmoment istmoment",
+    "i": "i current currents cur curr amp amps ampere amperes strom motorstrom iststrom",
+    "temp": "temp temps temperature temperatures temperatur",
 }
 #: Words of what is no column of a recording, or an estimate from somebody's model.
 _OTHER = (
@@ -62,6 +64,8 @@ _SPELT = {
     **{"°/s": "deg/s", "dps": "deg/s", "degs": "deg/s", "rads": "rad/s", "mms": "mm/s"},
     **{"µs": "us", "μs": "us", "µm": "um", "sec": "s", "msec": "ms", "usec": "us"},
     **{"°c": "degC", "celsius": "degC", "kelvin": "K", "1/min": "rpm", "u/min": "rpm"},
+    **{"grad": "deg", "grad/s": "deg/s", "umdr": "rev", "umdrehungen": "rev"},
+    **{"percent": "%", "prozent": "%", "pct": "%"},
     **{"milliamp": "mA", "milliamps": "mA", "rad/s^2": "rad/s2", "m/s^2": "m/s2"},
 }
 #: Words that are a unit wherever they stand in a name; others only in brackets and at its end.
@@ -167,9 +171,23 @@ def quantity(name: str) -> tuple[str, str]:
     return ("", "") if c.stem in ("", "force") else (c.stem, c.unit)
 
 
+def unit_named(text: str) -> str:
+    """Unit that a text is, in brackets or not, as a map writes it; empty where it is none."""
+    bare = text.strip()
+    pairs = {"[": "]", "(": ")", "<": ">"}
+    if len(bare) > 2 and pairs.get(bare[0]) == bare[-1]:
+        bare = bare[1:-1]
+    return _spelt(bare)
+
+
 def _timed(columns: Sequence[_Column]) -> _Column | None:
-    """The column of time: one that is called so, else the only one in a unit of time."""
+    """The column of time: one that is called so, else the only one in a unit of time.
+
+    The stamp of a message says when it was measured, its reception when it came.
+    """
     timed = [c for c in columns if c.stem == "t"]
+    if stamped := [c for c in timed if c.name.endswith("header.stamp")]:
+        return stamped[0]
     called = [c for c in timed if time_unit(c.name) is not None]
     return called[0] if called else timed[0] if len(timed) == 1 else None
 
@@ -259,6 +277,8 @@ def _understood(name: str, joints: Sequence[str], series: frozenset[str]) -> _Co
     at, stem = _meant(words, unit)
     if not stem:
         why = f"in {unit}: {_OF_NONE}" if _KIND.get(unit) == "" else ""
+        if unit == "%":
+            why = "in %: say what 100 % is, as scale = (that, in N m, N, A or rad) / 100"
         return _Column(name, "", named, unit, why=why)
     if stem == "t":
         return _Column(name, "t", unit=unit)
@@ -311,6 +331,8 @@ def _spelt(text: str) -> str:
     """Unit that a text is, as a map writes it; empty where it is none."""
     near = re.sub(r"[ ·*]", "", text.strip()).replace("_", "/")
     plain = re.sub(r"[ ·*._]", "", text.strip())
+    if plain.startswith("%"):  # of a rated torque, say
+        return "%"
     for form in (near, plain):
         if form in _KIND:
             return form

@@ -24,6 +24,9 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError, unknown
 from hil.record.foreign import BINARY, Array, Arrays, read_arrays
+from hil.record.guess import unit_named
+from hil.record.mapfile import is_target
+from hil.record.units import FACTORS, stem_of
 from hil.userfile import open_regular
 
 FloatArray = NDArray[np.float64]
@@ -89,9 +92,12 @@ def text_table(path: Path) -> ForeignTable:
     names = _header_names(path, head, header, delimiter)
     body = _Body(path, head, spaced)
     first = list(itertools.islice(body, 100))
+    if first and (units := _units_row(first[0][1], names, delimiter)):
+        names, body, first = units, _Body(path, first[0][0], spaced), first[1:]
     if not first:
         raise DataError(f"table {path} has a header row but no samples")
-    comma = delimiter == ";" and not any("." in line for _, line in first)
+    cells = [c.strip() for _, line in first for c in line.split(delimiter)]
+    comma = delimiter == ";" and not any(_is_number(c) and "." in c for c in cells)
     reader = _TextColumns(path, names, delimiter, body, comma)
     return ForeignTable(path, names, reader, first[0][0], path.stem)
 
@@ -110,6 +116,35 @@ def _header_names(path: Path, head: int, header: str, delimiter: str) -> tuple[s
     if twice:
         raise DataError(f"table {path}: column {twice[0]!r} stands twice in the header")
     return names
+
+
+def _units_row(row: str, names: Sequence[str], delimiter: str) -> tuple[str, ...]:
+    """Names with the units of a second header row; empty where the row is none.
+
+    Every cell of such a row is a unit, or says that there is none.  A column that is called as a
+    recording calls it, and is in SI units, keeps its name.
+    """
+    try:
+        cells = [c.strip() for c in next(csv.reader([row], delimiter=delimiter))]
+    except csv.Error:
+        return ()
+    units = [unit_named(c) for c in cells]
+    none = [c in ("", "-", "[-]", "()", "1") for c in cells]
+    if len(cells) != len(names) or not any(units):
+        return ()
+    if not all(u or no for u, no in zip(units, none, strict=True)):
+        return ()
+    return tuple(
+        name if not u or _in_si(name, u) else f"{name} [{u}]"
+        for name, u in zip(names, units, strict=True)
+    )
+
+
+def _in_si(name: str, unit: str) -> bool:
+    """Whether a column is one of a recording, in the unit of a recording."""
+    if not is_target(name):
+        return False
+    return FACTORS.get(stem_of(name), {}).get(unit) == 1.0 and unit != "K"
 
 
 def _refuse_columns(path: Path, names: Sequence[str]) -> None:
@@ -244,26 +279,39 @@ class _TextColumns:
             try:
                 yield float(text) if text else math.nan
             except ValueError:
-                if _DATE.match(text):
-                    yield self._date(text, where, name)
+                if (seconds := _seconds(text, where, name)) is not None:
+                    yield seconds
                     continue
                 shown = text if len(text) <= LONGEST_NAME else f"{text[:LONGEST_NAME]}..."
                 raise DataError(
-                    f"{where}: column {name!r} holds {shown!r}; expected a number"
+                    f"{where}: column {name!r} holds {shown!r}; expected a number. Names stand in "
+                    "one row, the last one before the numbers; a second row may hold their units. "
+                    "Cut what else stands before the numbers, or begin it with #"
                 ) from None
 
-    @staticmethod
-    def _date(text: str, where: str, name: str) -> float:
-        """Seconds since 1970 of a date and time as ISO 8601 writes it; UTC where it says none."""
-        try:
-            when = datetime.fromisoformat(text)
-        except ValueError as error:
-            raise DataError(f"{where}: column {name!r} holds {text!r}: {error}") from None
-        return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
+
+def _seconds(text: str, where: str, name: str) -> float | None:
+    """Seconds since 1970 of a date and time (ISO 8601, or 31.12.2024 23:59:59,5; UTC where it says
+    none), or since midnight of a time of day; None where a text is neither.
+    """
+    plain = _GERMAN.sub(r"\3-\2-\1 ", text).replace(",", ".") if _GERMAN.match(text) else text
+    if _CLOCK.fullmatch(plain):
+        hours, minutes, seconds = plain.replace(",", ".").split(":")
+        return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
+    if not _DATE.match(plain):
+        return None
+    try:
+        when = datetime.fromisoformat(plain)
+    except ValueError as error:
+        raise DataError(f"{where}: column {name!r} holds {text!r}: {error}") from None
+    return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
 
 
 #: Begin of a cell that holds a date and a time of day.
 _DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:")
+_GERMAN = re.compile(r"([0-9]{2})\.([0-9]{2})\.([0-9]{4}) +(?=[0-9]{2}:)")
+#: A time of day; a recording over midnight runs backward, and is refused for that.
+_CLOCK = re.compile(r"[0-2]?[0-9]:[0-5][0-9]:[0-5][0-9](?:[.,][0-9]+)?")
 
 
 def open_table(

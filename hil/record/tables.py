@@ -56,7 +56,9 @@ def refuse_not_finite(
             where, these = (f"row {first}", "it") if bad.size == 1 else (some, "these rows")
             raise DataError(
                 f"table {table.path}: column {source!r} has {bad.size} missing, NaN or infinite "
-                f"values of {column.size}, in {where}; cut or repair {these}"
+                f"values of {column.size}, in {where}; cut or repair {these}, or say what to do "
+                'with such rows: missing = "drop" or "interpolate" in [table] of a map, or '
+                "--missing drop or interpolate"
             )
 
 

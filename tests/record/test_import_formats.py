@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -16,7 +17,11 @@ from record_tables import write_csv as write_columns
 
 from hil.cli import main
 from hil.errors import ConfigError, DataError
+from hil.record.checks import check
+from hil.record.guess import propose
 from hil.record.mapfile import parse_map, read_map
+from hil.record.mcap_read import load
+from hil.record.table_files import text_table
 from hil.record.tables import import_table
 
 
@@ -295,3 +300,75 @@ def test_sheets_of_a_workbook_are_runs(tmp_path, frame):
     with pytest.raises(DataError, match="holds 2 runs; choose one with --run: first, second"):
         import_table(path)
     assert import_table(path, run="second").recordings[0].name == "second"
+
+
+def as_text(tmp_path, header, rows):
+    table = tmp_path / "run.csv"
+    table.write_text("\n".join([*header, *rows]) + "\n")
+    return table
+
+
+def test_a_second_header_row_with_units_is_used(tmp_path, capsys):
+    t = np.arange(0, 6, 0.002)
+    rows = [f"{x:.3f},{50 * np.sin(2 * x):.5f},{np.cos(x):.5f}" for x in t]
+    table = as_text(tmp_path, ["Time,Angle,Torque", "s,deg,Nm"], rows)
+    made = tmp_path / "m.toml"
+    assert main(["import", str(table), "--propose-map", str(made)]) == 0
+    assert main(["import", str(table), "--map", str(made), "-o", str(tmp_path / "s.mcap")]) == 0
+    assert np.ptp(load(tmp_path / "s.mcap").q) == pytest.approx(np.radians(100.0), rel=1e-3)
+    # names of a recording in its own units stay what they are
+    table = as_text(tmp_path, ["t,q1,tau1", "[s],[rad],[Nm]"], rows)
+    assert main(["import", str(table), "--unit", "rad", "-o", str(tmp_path / "s.mcap")]) == 0
+    table = as_text(tmp_path, ["t,q1,tau1", "a,b,c"], rows)
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 2
+    assert "a second row may hold their units" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("form", "first"),
+    [("{:02d}:00:{:06.3f}", 10.0 * 3600), ("01.05.2024 {:02d}:00:{:06.3f}", 1714557600.0)],
+)
+def test_times_of_day_and_german_dates_are_read(tmp_path, form, first):
+    t = np.arange(0, 6, 0.002)
+    rows = [
+        f"{form.format(10, x)};{np.sin(2 * x):.5f};{np.cos(x):.5f}".replace(".", ",") for x in t
+    ]
+    rows = [r.replace("01,05,2024", "01.05.2024") for r in rows]
+    table = as_text(tmp_path, ["Zeitstempel;q1;tau1"], rows)
+    assert text_table(table).columns(["Zeitstempel"])["Zeitstempel"][0] == pytest.approx(first)
+    made = tmp_path / "m.toml"
+    assert main(["import", str(table), "--propose-map", str(made)]) == 0
+    assert main(["import", str(table), "--map", str(made), "-o", str(tmp_path / "s.mcap")]) == 0
+    assert load(tmp_path / "s.mcap").rate == pytest.approx(500.0, rel=1e-3)
+
+
+def test_a_share_of_a_rated_torque_is_no_torque():
+    said = propose(["t", "axis1.ActPos(deg)", "axis1.ActTorque(% of rated)"])
+    assert set(said.columns) == {"t", "q1"}
+    assert "say what 100 % is" in said.text
+
+
+def test_german_names_and_the_stamp_of_a_message_are_understood():
+    said = propose(["Zeitstempel", "Position [Grad]", "Drehmoment [Nm]"])
+    assert said.columns == {
+        "t": "Zeitstempel",
+        "q1": "Position [Grad]",
+        "tau1": "Drehmoment [Nm]",
+    }
+    assert 'q = "deg"' in said.text
+    flat = ["%time", "field.header.stamp", "field.position0", "field.effort0"]
+    assert propose(flat).columns["t"] == "field.header.stamp"
+
+
+def test_missing_cells_are_refused_with_what_to_say(tmp_path, capsys):
+    rows = [f"{x:.3f},{'' if k == 7 else x},{x}" for k, x in enumerate(np.arange(0, 6, 0.002))]
+    table = as_text(tmp_path, ["t,q1,tau1"], rows)
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 2
+    assert "--missing drop or interpolate" in capsys.readouterr().err
+
+
+def test_a_velocity_that_was_never_filled_is_said():
+    run = plants.smooth_axis(1)
+    told = [f for f in check(replace(run, qd=np.zeros_like(run.q))) if f.code == "velocity-empty"]
+    assert len(told) == 1 and "never filled" in told[0].text
+    assert not [f for f in check(run) if f.code == "velocity-empty"]
