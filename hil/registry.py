@@ -28,6 +28,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "netft-rdt": "hil.drivers.netft_rdt",
     },
     "hil.controllers": {
+        "cartesian-coupling": "hil.controllers.cartesian:CARTESIAN_COUPLING",
         "computed-torque": "hil.controllers.joint_space:COMPUTED_TORQUE",
         "joint-coupling": "hil.controllers.joint_space:JOINT_COUPLING",
         "joint-pd": "hil.controllers.joint_space:JOINT_PD",

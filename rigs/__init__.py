@@ -7,7 +7,16 @@ from pathlib import Path
 
 from hil.errors import ConfigError, unknown
 
-NAMES = ("identify", "teleop", "mechanical-operator", "lawrence", "delayed", "arm6", "inverse3")
+NAMES = (
+    "identify",
+    "teleop",
+    "mechanical-operator",
+    "lawrence",
+    "delayed",
+    "arm6",
+    "inverse3",
+    "surgical",
+)
 
 
 def rig_path(name: str) -> Path:

@@ -13,7 +13,7 @@ from hil.errors import ConfigError, unknown
 from hil.signals.bus import Bus, Step
 from hil.signals.device import Status
 from hil.sim_devices.canbus.line import LINES, CanLine
-from hil.sim_devices.joints import bodies, motion
+from hil.sim_devices.joints import bodies, motion, touch
 from hil.sim_devices.joints.damiao import TOP, TOP_POSITION, SimDrive, kind_of
 from hil.sim_devices.plants.build import with_defaults
 from hil.sim_devices.plants.layout import ELEMENTS
@@ -25,7 +25,12 @@ STEPS, PARTS = 8000.0, 4
 #: Ticks whose random numbers are drawn at once.
 BLOCK = 16
 #: Keys of ``[simulation]``, with their defaults.
-DEFAULTS: dict[str, Any] = {"bench": "ideal", "home": {}, "hidden": [], "truth_seed": 0}
+DEFAULTS: dict[str, Any] = {
+    "bench": "ideal", "home": {}, "hidden": [], "truth_seed": 0,
+    "operator": {}, "incision": {}, "tissue": {},
+}  # fmt: skip
+#: Tables of what touches an arm, with who it is.
+TOUCHING = ("operator", "incision", "tissue")
 
 
 class Described(Protocol):
@@ -75,6 +80,9 @@ class SimArm:
         self._room = (*motion.scratch(d), *(np.zeros(d) for _ in range(4)))
         self.codes, self.counts, self.rates = (np.zeros(d, np.int64) for _ in range(3))
         self.powered = np.zeros(d, np.bool_)
+        self.touched = np.zeros(1, touch.TOUCH)
+        self._touch_room, self._shake = touch.scratch(), np.zeros(3)
+        self._urdf, self._rng = arm.urdf, np.random.default_rng(0)
         self.sense()
 
     def slide(self, masses: Sequence[float], steps: Sequence[float]) -> None:
@@ -123,6 +131,22 @@ class SimArm:
         for key, value in values.items():
             self.p[key][i] = value * (1.0 if shares else amplitude)
 
+    def meet(self, table: str, given: Mapping[str, Any], seed: int) -> None:
+        """Let something touch the tip or the shaft; see `touch`."""
+        t = self.touched
+        t["turn"], t["place"] = bodies.tip(self._urdf, self.joints[-1])
+        d = len(self.joints)
+        motion.outward(self._bodies, self.x["q"].copy(), np.zeros(d), self._room[:4])
+        touch.poses(self._bodies, self._room[0], self._room[2], t[0], self._touch_room)
+        self._rng = np.random.default_rng([seed, 0x7A2D])
+        touch.put(t, table, given, t["tip"][0].copy(), t["axes"][0].copy(), self._rng)
+
+    def live(self, t: float, tick: float) -> None:
+        """The hand goes on at the start of a tick; `t` [s]."""
+        if self.touched["hand"][0]:
+            self._rng.standard_normal(out=self._shake)
+            touch.aim(self.touched[0], t, tick, self._shake, self._touch_room)
+
     def run(self, random: NDArray[np.float64], span: float) -> None:
         """Advance by `span` [s]."""
         if not self.powered.all():
@@ -139,6 +163,8 @@ class SimArm:
             bodies.WEIGHT,
             span,
             max(1, round(span * STEPS)),
+            self.touched[0],
+            self._touch_room,
         )
 
     def sense(self) -> None:
@@ -174,6 +200,8 @@ class JointBench:
         Time of the world [ns].
     arms : dict of str to SimArm
         Name -> arm.
+    after : list of callable
+        Called with the time [ns] after every tick.
     """
 
     _number = itertools.count()
@@ -196,6 +224,13 @@ class JointBench:
             if name not in self.arms:
                 raise ConfigError(f"[[simulation.hidden]]: {unknown('arm', name, arms)}")
             self.arms[name].hide(row, arms[name].torque_limit)
+        for what in TOUCHING:
+            if table[what]:
+                name = str(table[what].get("arm", ""))
+                if name not in self.arms:
+                    raise ConfigError(f"[simulation.{what}] arm: {unknown('arm', name, self.arms)}")
+                self.arms[name].meet(what, table[what], seed)
+        self.after: list[Callable[[int], None]] = []
         self._rng = np.random.default_rng([seed, 0x5EED])
         most = max(len(a.joints) for a in arms.values())
         self._noise, self._left = np.zeros((BLOCK, len(arms), most)), 0
@@ -295,12 +330,16 @@ class JointBench:
                 self._rng.standard_normal(out=self._noise)
                 self._left = BLOCK
             noise = self._noise[BLOCK - self._left]
+            for arm in self.arms.values():
+                arm.live(self.now_ns * 1e-9, self.period_ns * 1e-9)
             for part in range(parts):
                 self._part(noise, self.now_ns + self.period_ns * (part + 1) // parts, parts)
             self._left -= 1
             self.now_ns += self.period_ns
             for step in list(self._pumps.values()):
                 step()
+            for act in self.after:
+                act(self.now_ns)
 
     def _part(self, noise: NDArray[np.float64], end_ns: int, parts: int) -> None:
         """Buses up to `end_ns`, then the arms."""

@@ -157,6 +157,29 @@ def read(urdf: str, joints: tuple[str, ...], seed: int) -> Bodies:
     return out
 
 
+def tip(urdf: str, last: str) -> tuple[Array, Array]:
+    """Axes (3, 3) and place (3,) of the link ``tip`` in the frame of the joint `last`.
+
+    Raises
+    ------
+    ConfigError
+        If no fixed joints lead from the tip to that joint.
+    """
+    carrier = {_end(j, "child"): j for j in ET.fromstring(urdf).findall("joint")}
+    turn, place, link = np.eye(3), np.zeros(3), "tip"
+    while link in carrier:
+        joint = carrier[link]
+        if joint.get("name") == last:
+            return turn, place
+        own_turn, own_place = _pose(joint.find("origin"))
+        turn, place = own_turn @ turn, own_place + own_turn @ place
+        link = _end(joint, "parent") if joint.get("type") == "fixed" else ""
+    raise ConfigError(
+        f"what touches a simulated arm acts on a link 'tip' behind its last joint, {last}; the "
+        "URDF has none: add it, with its z along the shaft"
+    )
+
+
 def _end(joint: ET.Element, tag: str) -> str:
     element = joint.find(tag)
     return element.get("link", "") if element is not None else ""

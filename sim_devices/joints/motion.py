@@ -14,6 +14,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
+from hil.sim_devices.joints import touch
 from hil.sim_devices.plants.friction import slip
 from hil.sim_devices.plants.layout import ELEMENTS
 
@@ -105,6 +106,13 @@ def accelerations(
     room : tuple
         From `scratch`.
     """
+    outward(b, q, qd, room)
+    inward(b, rotor, weight, tau, room, qdd)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def outward(b: Any, q: Any, qd: Any, room: Any) -> None:
+    """Transforms, speeds and inertias of the bodies, and the forces of their own motion."""
     parent, _, _, axis, slides, inertia = b
     x, ia, vec, work = room
     d = parent.size
@@ -128,6 +136,14 @@ def accelerations(
                 ia[i, r, k] = inertia[i, r, k]
                 work[r] += inertia[i, r, k] * v[k]
         crossed(v, work, -1.0, p)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def inward(b: Any, rotor: Any, weight: float, tau: Any, room: Any, qdd: Any) -> None:
+    """Articulated inertias from the tip to the base, accelerations back out, after `outward`."""
+    parent, _, _, axis, slides, _ = b
+    x, ia, vec, work = room
+    d = parent.size
     for i in range(d - 1, -1, -1):
         c, p, u = vec[i, 1], vec[i, 2], vec[i, 3]
         first = 3 if slides[i] else 0
@@ -218,6 +234,8 @@ def run(
     weight: float,
     span: float,
     n: int,
+    met: Any,
+    met_room: Any,
 ) -> None:
     """Advance an arm by `span` [s] in `n` steps.
 
@@ -229,6 +247,8 @@ def run(
         Efforts in half steps of the drives.
     random : ndarray (d,)
         Standard normal numbers.
+    met, met_room : structured record, ndarray
+        What touches the arm (`hil.sim_devices.joints.touch`), and room for it.
     """
     q, qd, tau, qdd = room[4], room[5], room[6], room[7]
     dt, d = span / n, p.size
@@ -239,7 +259,10 @@ def run(
         for i in range(d):
             q[i], qd[i] = x[i].q, x[i].v
             tau[i] = pushed(p[i], x[i], codes[i], dt) - friction(p[i], x[i], dt)
-        accelerations(b, rotor, weight, q, qd, tau, room[:4], qdd)
+        outward(b, q, qd, room[:4])
+        if met.any:
+            touch.act(b, room[0], room[2], met, dt, met_room)
+        inward(b, rotor, weight, tau, room[:4], qdd)
         for i in range(d):
             x[i].v += dt * qdd[i]
             x[i].q += dt * x[i].v

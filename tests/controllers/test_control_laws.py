@@ -159,6 +159,10 @@ GIVEN = {
         "observer_hz": 5.0,
         "fixtures": [{"kind": "line", "stiffness": 100.0, "damping": 0.1}],
     },
+    "cartesian-coupling": {
+        **load_rig("surgical").controller.parameters,
+        "singular_share": 0.99,
+    },
     "delayed": {"fixtures": [{"kind": "plane"}], "wall": {"stiffness": 200.0}},
 }
 
@@ -167,7 +171,8 @@ GIVEN = {
 def test_every_registered_law_keeps_the_contract(name):
     """`hil.signals.device.Controller`: pure, finite, and all of its state and efforts written."""
     law = registry.load("hil.controllers", name)
-    config = load_rig("arm6" if getattr(law, "ANY_JOINTS", False) else "lawrence")
+    any_joints = "surgical" if name == "cartesian-coupling" else "arm6"
+    config = load_rig(any_joints if getattr(law, "ANY_JOINTS", False) else "lawrence")
     arms = ("one", "two") if name == "joint-coupling" else config.controller.arms
     table = dict.fromkeys(arms, next(iter(config.arms.values())))
     own = ControllerConfig(name, arms, GIVEN.get(name, {}))
