@@ -32,7 +32,7 @@ PORT = 10001
 
 
 @dataclass(frozen=True)
-class Space:
+class CoordinateSpace:
     """What three numbers of the device are.
 
     Parameters
@@ -57,8 +57,10 @@ class Space:
 
 #: The cursor's axes in metres and newtons; or the joints, in degrees.
 SPACES = {
-    "cursor": Space("cursor_position", "cursor_velocity", ("x", "y", "z"), 1.0, (1e-8, 1e-7, 1e-4)),
-    "joints": Space(
+    "cursor": CoordinateSpace(
+        "cursor_position", "cursor_velocity", ("x", "y", "z"), 1.0, (1e-8, 1e-7, 1e-4)
+    ),
+    "joints": CoordinateSpace(
         "angular_position", "angular_velocity", ("a0", "a1", "a2"), radians(1.0), (1e-8, 1e-7, 1e-5)
     ),
 }

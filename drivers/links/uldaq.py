@@ -108,7 +108,7 @@ class Opened:
                 leave()
 
 
-class Clock(Protocol):
+class BoxClock(Protocol):
     """Chooses the scan that stands for a time (`hil.drivers.usb_quad08.driver.ScanClock`)."""
 
     def choose(self, t_ns: int, newest: int) -> int:
@@ -133,7 +133,7 @@ class UldaqCounts:
     channels : tuple of int
         Channels; all from the lowest to the highest are scanned.
     clock : callable
-        ``clock(period_ns, packet_ns)`` makes a `Clock`.
+        ``clock(period_ns, packet_ns)`` makes a `BoxClock`.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class UldaqCounts:
         serial: str,
         config: Any,
         channels: tuple[int, ...],
-        clock: Callable[[float, float], Clock],
+        clock: Callable[[float, float], BoxClock],
     ) -> None:
         if config.debounce_us:
             raise ConfigError(f'box {name!r}: debounce_us is of route = "own" alone; write 0.')
@@ -165,7 +165,7 @@ class UldaqCounts:
             self.close()
             raise
 
-    def _start(self, bus: Bus, clock: Callable[[float, float], Clock]) -> None:
+    def _start(self, bus: Bus, clock: Callable[[float, float], BoxClock]) -> None:
         """Configure the counters, start the scan, wait for data."""
         ul, config = self._box.ul, self.config
         self._counters = self._box.device.get_ctr_device()

@@ -374,7 +374,7 @@ STIFFNESS, SLIDING = 1.5, (0.04, 0.03, 0.02, 0.01)
 
 
 @dataclass(frozen=True)
-class Way:
+class WayOut:
     """A way out of the house, or a device that it drives.
 
     Parameters
@@ -463,16 +463,18 @@ def _uldaq(folder: Path) -> list[str]:
     return ["devices", "rig.toml"]
 
 
-WAYS: tuple[Way, ...] = (
-    Way("SDF, a joint with a spring", _spring, _stiffness),
-    Way("URDF without data, presliding in the place of Coulomb friction", _presliding, _friction),
-    Way(
+WAYS: tuple[WayOut, ...] = (
+    WayOut("SDF, a joint with a spring", _spring, _stiffness),
+    WayOut(
+        "URDF without data, presliding in the place of Coulomb friction", _presliding, _friction
+    ),
+    WayOut(
         "Haply Inverse3 at its simulated service",
         lambda folder: ["run", "inverse3", "--seconds", "1", "-o", "s.mcap"],
         _inverse,
         "websockets",
     ),
-    Way(
+    WayOut(
         "USB-QUAD08 by the vendor's library",
         _uldaq,
         lambda folder: ("the rig's boxes are listed", True),
@@ -504,7 +506,7 @@ def steps() -> int:
     return len(DOORS) + len(PUBLIC) + len(WAYS)
 
 
-def _went(way: Way, folder: Path) -> DoorRow:
+def _went(way: WayOut, folder: Path) -> DoorRow:
     words = way.words(folder)
     if way.needs and importlib.util.find_spec(way.needs) is None:
         missing = f"{way.needs} is not installed"
