@@ -57,7 +57,7 @@ def test_a_way_out_is_read_back(tmp_path):
 
 
 def test_a_way_whose_library_is_missing_is_shown_so(tmp_path):
-    way = doors.Way("x", doors._uldaq, lambda folder: ("", True), "no_such_module")
+    way = doors.WayOut("x", doors._uldaq, lambda folder: ("", True), "no_such_module")
     row = doors._went(way, tmp_path)
     assert row.good is None and "no_such_module is not installed" in row.out
     assert "uldaq" in (tmp_path / "rig.toml").read_text()
