@@ -90,7 +90,8 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
 
     exp(-delta / 2T) of the score difference, tempered by T = 1 + DISCREPANCY of the best chi2:
     real effects do not follow a library's equation exactly.  No law misses more than it leaves
-    above the noise floor, which bounds every allowance.  A richer rival (more values) gets
+    above the noise floor, which bounds the allowance of rivals that are no simpler.  A richer
+    rival (more values) gets
     an eighth of that allowance if it explains less all the same, and none if it explains little
     more: then it merely contains the best one.  A rival whose columns coincide with the best
     one's to a cosine of 0.98 gets eight times the allowance: the data hardly see the difference.
@@ -111,7 +112,7 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
         if twins(best, r, projector):
             logs.append(0.0)
             continue
-        share, most = DISCREPANCY, best.missed
+        share, most = DISCREPANCY, best.missed if dof >= copies else np.inf
         if dof > copies:
             share = DISCREPANCY / ALLOWANCE if r.chi2 <= best.chi2 else 0.0
         elif late(best, r):

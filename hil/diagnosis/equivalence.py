@@ -319,7 +319,8 @@ def _collinear(evidence: Evidence, known: list[_Set], named: set[str]) -> list[_
 def _surely(odds: float) -> str:
     """Log odds of the right effect against the other as a probability, in words at its ends."""
     sure = 1.0 / (1.0 + math.exp(-min(abs(odds), 700.0)))
-    return f"{sure:.2f}" if sure < 0.995 else "above 0.99"
+    text = f"{sure:.2f}"
+    return text if text != "1.00" else "above 0.99"
 
 
 def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguishable | None:

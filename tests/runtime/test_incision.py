@@ -50,7 +50,7 @@ def test_the_rig_runs_to_its_end_with_and_without_the_constraint(sessions):
 
 
 def test_the_constraint_keeps_the_shaft_in_the_incision(sessions):
-    """Lateral motion and force on the wall fall by more than five, at tips that follow as well."""
+    """Lateral motion and force on the wall fall by more than five; the tips follow no worse."""
     (_, held), (_, free) = sessions
     assert held["off"] < free["off"] / 5 and held["off"] < 1e-3
     assert held["force"] < free["force"] / 5

@@ -185,9 +185,10 @@ $("own").onsubmit = (e) => {
 };
 $("own-text").oninput = () => { $("agreed").checked = false; };
 $("own-part").ontoggle = async () => {
-  if (!$("own-part").open || $("own-text").value) return;
+  if (!$("own-part").open || $("own-path").value) return;
   const found = await call("/api/template");
-  $("own-text").value = found.text; $("own-path").value = found.path;
+  // what was written while it came stays
+  $("own-text").value ||= found.text; $("own-path").value ||= found.path;
 };
 $("joint").onchange = () => { draw(); places(); };
 $("whole").onclick = () => { brush = null; draw(); };
