@@ -566,6 +566,12 @@ def law(p: Any, arms: Any, u: Any, x: Any, r: Any, x_next: Any, y: Any) -> None:
             last[10 + 6 * a + i] = r.wrench[a, i]
 
 
+@nb.njit(cache=True, nogil=True)
+def _tick(p: Any, arms: Any, u: Any, x: Any, r: Any, x_next: Any, y: Any) -> None:
+    """`law` with its records as arrays of one, for which no object is made at a call."""
+    law(p[0], arms, u, x, r[0], x_next, y)
+
+
 class _Tip:
     """An arm for `tip_of`: its chain, and where the tip is in its last body."""
 
@@ -633,14 +639,14 @@ class CartesianCoupling:
         tips = [_Tip(robot, own) for robot, own in zip(robots, rotors, strict=True)]
         _bear(config, arms, tips, config.velocity_filter + 1.5 * period)
         self._arms = (tips[0].known, tips[1].known)
-        self._p = np.zeros(1, _P)
+        known, room = np.zeros(1, _P), np.zeros(1, _room(d))
         for name in _NAMES:
-            self._p[name] = getattr(config, name)
-        self._p["filter"] = 1.0 - math.exp(-period / config.velocity_filter)
-        self._r = np.zeros(1, _room(d))
-        self._r["reach"] = [tip.reach for tip in tips]
-        self._r["rotors"] = rotors[1]
-        self._r["rub"] = [each(getattr(config, name), d, name) for name in _JOINTS[2:]]
+            known[name] = getattr(config, name)
+        known["filter"] = 1.0 - math.exp(-period / config.velocity_filter)
+        room["reach"] = [tip.reach for tip in tips]
+        room["rotors"] = rotors[1]
+        room["rub"] = [each(getattr(config, name), d, name) for name in _JOINTS[2:]]
+        self._known, self._room = known, room
         places = [
             f"{arm}.start_{what}" for arm in arms
             for what in (*"xyz", *(f"{i}{j}" for i in "xyz" for j in "xyz"))
@@ -652,7 +658,7 @@ class CartesianCoupling:
         self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray
     ) -> None:
         """One period; see `hil.signals.device.Controller`."""
-        law(self._p[0], self._arms, u, x, self._r[0], x_next, y)
+        _tick(self._known, self._arms, u, x, self._room, x_next, y)
 
 
 #: What damping times mobility times the delay of the loop may come to: half of what makes a body

@@ -91,13 +91,13 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
     exp(-delta / 2T) of the score difference, tempered by T = 1 + DISCREPANCY of the best chi2:
     real effects do not follow a library's equation exactly.  No law misses more than it leaves
     above the noise floor, which bounds the allowance of rivals that are no simpler.  A richer
-    rival (more values) gets
-    an eighth of that allowance if it explains less all the same, and none if it explains little
-    more: then it merely contains the best one.  A rival whose columns coincide with the best
-    one's to a cosine of 0.98 gets eight times the allowance: the data hardly see the difference.
-    So does the simple effect of which the best one is the bent form, for no real part is straight.
-    A twin, with the same columns by its equation, is as likely as the best one; a rival that
-    contains another and cannot be put aside for its price is as likely as that one.
+    rival (more values) gets an eighth of that allowance if it explains less all the same, and none
+    if it explains little more: then it merely contains the best one.  A rival whose columns
+    coincide with the best one's to a cosine of 0.98 gets eight times the allowance: the data hardly
+    see the difference.  So does the simple effect of which the best one is the bent form, for no
+    real part is straight.  A twin, with the same columns by its equation, is as likely as the best
+    one; a rival that contains another and cannot be put aside for its price is as likely as that
+    one.
     """
     logs = [0.0]
     runs = projector.problem.runs

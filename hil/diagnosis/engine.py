@@ -315,10 +315,10 @@ def finding(
     rungs = search.rungs
     k = next((k for k, r in enumerate(rungs) if c.term.key in r.keys), len(rungs) - 1)
     before, after = rungs[max(k - 1, 0)].step, rungs[k].step
-    shares, own = _shares(search, c, (floor, other), taken), n.confidence
-    share = min(value for value, _ in shares)
+    explain, own = _explain(search, c, (floor, other), taken), n.confidence
+    share = min(value for value, _ in explain)
     worth = float(np.clip((share - HALF) / max(WHOLE - HALF, 1e-300), 0.0, 1.0))
-    least_sure = [*shares, (own, "other effects explain the same error about as well")]
+    least_sure = [*explain, (own, "other effects explain the same error about as well")]
     head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
     one = [
         float((s.result if other is None else s.heldout).rms[j] ** 2)
@@ -340,16 +340,16 @@ def finding(
     )
 
 
-def _shares(
+def _explain(
     search: Search, c: Candidate, floors: tuple[FloatArray, FloatArray | None], taken: Shares
 ) -> list[tuple[float, str]]:
     """What a name explains, by three measures, and what to say where one of them is the least."""
     own, what = taken.get(c.term.key, (1.0, ""))
-    all_, held = here(search, c.joint, *floors), there(search, c, floors[1])
+    everywhere, held = here(search, c.joint, *floors), there(search, c, floors[1])
     above = "of the squared error above the noise floor"
     return [
         (own, f"a function of {what} without a name explains much of the same error better"),
-        (all_, f"the names explain {100 * max(all_, 0.0):.0f} % {above}"),
+        (everywhere, f"the names explain {100 * max(everywhere, 0.0):.0f} % {above}"),
         (held, f"on the held-out runs the names explain {100 * max(held, 0.0):.0f} % {above}"),
     ]
 

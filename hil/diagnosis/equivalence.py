@@ -317,8 +317,8 @@ def _collinear(evidence: Evidence, known: list[_Set], named: set[str]) -> list[_
 
 
 def _surely(odds: float) -> str:
-    """Log odds of the right effect against the other as a probability, in words at its ends."""
-    sure = 1.0 / (1.0 + math.exp(-min(abs(odds), 700.0)))
+    """Log odds of the right effect against the other as a probability, in words at its end."""
+    sure = 1.0 / (1.0 + math.exp(-float(np.clip(odds, -700.0, 700.0))))
     text = f"{sure:.2f}"
     return text if text != "1.00" else "above 0.99"
 

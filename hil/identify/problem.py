@@ -167,6 +167,8 @@ class Rows:
         self._share_slips()
         self._assemble()
         self.shift = 0.0
+        #: Whether efforts that were recorded late by more than a sample have been looked for.
+        self.asked_late = False
         #: Lateness of the effort that a model's or a map's [signal] gives [s]; None = estimate.
         self.given_shift = said[0].shift_s
         #: Share of the rms effort to which the efforts are known, if a [signal] says it; else 0.

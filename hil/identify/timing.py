@@ -300,8 +300,8 @@ def _middle(seen: Sequence[tuple[float, float]], finest: float) -> tuple[float, 
 def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = None) -> FitResult:
     """Fit, align the effort, fit again; leaves the problem aligned.
 
-    Within one sample, and beyond it where efforts are late and the error falls with it.  `scale` as
-    in `fit`.
+    Within one sample, and beyond it where efforts are late and the error falls with it: how a
+    recording was made, which the first model that is fitted to it decides.  `scale` as in `fit`.
     """
     given = problem.given_shift
     if given is not None and problem.shift != given:
@@ -310,11 +310,13 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
     if given is not None:
         return result
     longest, start = longest_shift(problem), (problem.shift, result)
-    if start[0] >= -longest and model.explains == "motor":
+    if not problem.asked_late and model.explains == "motor":
+        problem.asked_late = True
         result = _taken_earlier(problem, model, result, scale)
+    least = -longest if problem.shift >= -longest else -LATEST
     for _ in range(STEPS):
         shift = sample_shift(result)
-        if not shift or not -LATEST <= problem.shift + shift <= longest:
+        if not shift or not least <= problem.shift + shift <= longest:
             break
         problem.shift_effort(shift)  # tau(t) = model(t) + T tau'(t)
         result = fit(problem, model, scale=scale)

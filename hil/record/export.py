@@ -26,11 +26,7 @@ def robot_record(recording: Recording) -> dict[str, str]:
         "joints": json.dumps(list(recording.joints)),
         "unit": recording.metadata.get("unit", "rad"),
         "name": recording.name,
-        **{
-            k: v
-            for k, v in recording.metadata.items()
-            if k.startswith(SIGNAL) or k in (LOCKED, STATED)
-        },
+        **{k: v for k, v in recording.metadata.items() if k.startswith(SIGNAL) or k in _KEPT},
     }
 
 

@@ -275,8 +275,8 @@ def explains(blurred: bool, model: str, ratio: float = 1.0) -> str:
         )
     if ratio > ADEQUATE:
         return (
-            f"{model} explains the data up to what noise of the positions leaves "
-            f"({ratio:.2f} times the noise floor)."
+            f"what {model} leaves above the noise floor (up to {ratio:.2f} times) is of no "
+            "practical size, or comes of how the positions are measured."
         )
     return f"{model} explains the data down to the noise floor."
 

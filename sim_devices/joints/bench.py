@@ -42,6 +42,9 @@ class Described(Protocol):
     torque_limit: tuple[float, ...]
 
 
+#: Steps of a linear motor with its scale: position [m], speed [m/s], force [N]; mass of its forcer
+#: by its force [kg/N].
+LINEAR_STEPS, FORCER = (1e-6, 1e-5, 1e-4), 0.06
 #: Hidden effect -> fields of `motion.JOINT`: shares of the torque limit, then values as they are.
 HIDDEN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
     "stribeck": ({"stribeck": 0.06}, {"stribeck_speed": 0.12}),
@@ -73,6 +76,8 @@ class SimArm:
         self.kinds = [kind_of(t) for t in arm.torque_limit]
         ranges = np.array([k.ranges for k in self.kinds])
         self.scales = ranges / (TOP_POSITION, TOP, TOP)
+        self._slides = built.slides.astype(np.bool_)
+        self.scales[self._slides] = LINEAR_STEPS
         self.p, self.x = np.zeros(d, motion.JOINT), np.zeros(d, motion.STATE)
         self._set_up(np.array(arm.torque_limit), np.random.default_rng([seed, 0xD21]))
         self._rotor = np.ascontiguousarray(self.p["rotor"])
@@ -103,6 +108,9 @@ class SimArm:
         p["limit"] = near(1e-3)[:, None] * np.array([0.5, 1.0, 2.0, 4.0])
         p["weight"] = rng.dirichlet(np.full(ELEMENTS, 20.0), d)
         p["lag"], p["noise"], p["top"] = near(6e-4), most * near(1.5e-3), self.scales[:, 2] * TOP
+        # a linear motor moves its own weight, and gives more than its limit for a moment
+        p["rotor"][self._slides] = (most * near(FORCER))[self._slides]
+        p["top"][self._slides] = 2.0 * most[self._slides]
         p["count"], p["rate"], p["code"] = self.scales.T
 
     def hide(self, row: Mapping[str, Any], most: Sequence[float]) -> None:

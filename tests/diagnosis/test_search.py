@@ -232,9 +232,9 @@ def test_a_correction_is_told_with_the_law_that_would_do_as_much():
     found = said(run, holdout=[other])
     assert named(found) == ["cogging"]
     (one,) = found.corrections
-    assert one.effect == "correction-position" and "spring" in one.alike
+    assert one.effect == "correction-position" and one.alike == ("unbalance", "spring")
     words = short(found, ladder(found), None)
-    assert "On joint1 " in words and "would do as much" in words
-    assert f"hil add {one.alike[0]} --joint joint1" in words
+    assert "On joint1 unbalance would do as much instead, so would spring" in words
+    assert "hil add unbalance --joint joint1" in words
     after = hil.add([run], found.explained.result.model, "spring", holdout=[other])[1]
     assert after.step.heldout.rms[0] < 1.1 * found.ladder[-1].heldout.rms[0]

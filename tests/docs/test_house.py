@@ -4,6 +4,9 @@ import ast
 from collections import defaultdict
 from pathlib import Path
 
+from hil.commands.bench import BENCHES
+from hil.commands.experiment import EXPERIMENTS
+
 ROOT = Path(__file__).parents[2]
 #: Most modules, and most modules that exactly one other imports (tables that load by name apart).
 MODULES, ONE_IMPORTER = 388, 59
@@ -48,3 +51,8 @@ def test_the_house_does_not_grow_silently():
     assert len(known) > 200, "the files were not found"
     assert len(known) <= MODULES
     assert len(one) <= ONE_IMPORTER, "\n".join(one)
+
+
+def test_what_a_table_loads_by_name_is_there():
+    for name, row in {**BENCHES, **EXPERIMENTS}.items():
+        assert callable(row.load()), name

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from hil.rig.config import load_rig
-from hil.rig.open import open_rig
+from hil.rig.open import build_controller, open_rig
 from hil.runtime import runner
 
 #: When the hand has begun to move [s].
@@ -55,3 +57,20 @@ def test_the_constraint_keeps_the_shaft_in_the_incision(sessions):
     assert held["off"] < free["off"] / 5 and held["off"] < 1e-3
     assert held["force"] < free["force"] / 5
     assert held["track"] < 1.2 * free["track"]
+
+
+def test_the_law_allocates_nothing_that_stays():
+    config = load_rig("surgical")
+    law, period = build_controller(config), config.loop.period_ns * 1e-9
+    n = len(law.state_names)
+    x, x_next, u, y = np.zeros(n), np.zeros(n), np.zeros((2, 18)), np.zeros((2, 6))
+    tracemalloc.start()
+    for k in range(500):
+        law.update(k * period, x, u, x_next, y)
+    before = tracemalloc.take_snapshot()
+    for k in range(500):
+        law.update(k * period, x, u, x_next, y)
+    grown = tracemalloc.take_snapshot().compare_to(before, "filename")
+    tracemalloc.stop()
+    assert np.isfinite(y).all()
+    assert sum(s.size_diff for s in grown if "controllers" in s.traceback[0].filename) < 512

@@ -199,3 +199,11 @@ def test_a_robot_without_a_frame_called_tip_is_recorded_with_its_last_one(tmp_pa
     run(config, 0.05, output=tmp_path / "s.mcap")
     robot = load(tmp_path / "s.mcap", "arm").robot
     assert robot.tip == "" and bare_robot(robot).joints == ("axis_0", "axis_1")
+
+
+def test_sliding_axes_hold_their_place_on_ideal_wires(tmp_path):
+    """A linear motor has the fine steps of a scale, not those of a drive that turns."""
+    ended = run(load_rig("inverse3", {"backend": "sim"}), 1.0, 1, "lockstep", tmp_path / "s.mcap")
+    assert ended.state == "ENABLED"
+    q = load(tmp_path / "s.mcap").q
+    assert 0 < np.ptp(q, axis=0).max() < 1e-3

@@ -89,9 +89,7 @@ def test_the_attached_rig_is_toml_that_lacks_the_simulation():
 def test_a_rig_file_names_the_back_ends_beside_its_own(path):
     line = next(x for x in path.read_text().splitlines() if x.startswith("backend ="))
     named = re.findall(r'"([a-z-]+)"', line)
-    # ideal wires have the steps of the drives of arms, which the axes of an Inverse3 are not
-    own = {"sim-wire", "hardware"} if path.stem == "inverse3" else {"sim", "sim-wire", "hardware"}
-    assert own == set(named) <= set(BACKENDS)
+    assert {"sim", "sim-wire", "hardware"} == set(named) <= set(BACKENDS)
 
 
 RARE = {
