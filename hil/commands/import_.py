@@ -65,7 +65,10 @@ def as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[str
 
 
 def text(output: Path, found: Imported, model: Path, written: bool) -> str:
-    """What was imported, its faults, and what to do next."""
+    """What was imported, its faults, and what to do next; the errors alone where it is quiet."""
+    if terminal.settings.quiet:
+        bad = [f for r in found.recordings for f in check(r) if f.severity == "error"]
+        return "".join(f"{_fault(f)}\n" for f in bad)
     lines = []
     for r in found.recordings:
         lines.append(

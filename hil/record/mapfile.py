@@ -74,6 +74,8 @@ class TableMap:
         ``"keep"`` what was recorded, or ``"refuse"`` it; ``"drop"`` the repeated rows.
     missing : str
         ``"refuse"`` missing values, ``"drop"`` their rows, or ``"interpolate"`` short stretches.
+    header_row : int
+        Row of a text table with the names of the columns; 0 to find it.
     units_of : mapping of str to Unit
         Unit of the columns with this stem that have no rule, or a rule for all joints.
     patterns : mapping of str to tuple of mapping
@@ -104,6 +106,7 @@ class TableMap:
     gaps: str = "keep"
     repeated: str = "keep"
     missing: str = "refuse"
+    header_row: int = 0
     units_of: Mapping[str, Unit] = field(default_factory=dict)
     patterns: Mapping[str, tuple[Mapping[str, Any], ...]] = field(default_factory=dict)
     signal: Mapping[str, float] = field(default_factory=dict)
@@ -181,7 +184,7 @@ TARGETS = (
 _TARGET = re.compile(r"t|[ft][xyz]|(q|qd|tau|tauext|i|temp)[1-9][0-9]?")
 _TOP = ("schema", "robot", "table", "columns", "units", "arms", "offsets", "extras", "signal")
 _ROBOT = ("preset", "urdf", "tip", "unit", "arm", "joints", "lock")
-_TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated", "missing")
+_TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated", "missing", "header_row")
 _SIGNAL = ("position_hz", "effort_hz", "rate_hz", "gap_s", "shift_s", "accuracy")
 _RULE = ("from", "sum", "scale", "sign", "shift", "unit", "torque_constant")
 #: Values of a key of [table]; the first is the default.
@@ -271,6 +274,7 @@ def parse_map(data: Mapping[str, Any], torque_constant: Sequence[float] = ()) ->
         gaps=str(table.get("gaps", "keep")),
         repeated=str(table.get("repeated", "keep")),
         missing=str(table.get("missing", "refuse")),
+        header_row=_row(table.get("header_row", 0)),
         units_of=units,
         patterns=_patterns(_table(data, "columns")),
         offsets=_offsets(data, arms),
@@ -279,6 +283,12 @@ def parse_map(data: Mapping[str, Any], torque_constant: Sequence[float] = ()) ->
         signal={k: _number(v, f"signal.{k}") for k, v in _table(data, "signal", _SIGNAL).items()},
         **_extras(data),
     )
+
+
+def _row(value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise ConfigError(f"table.header_row is {value!r}; expected the number of a row, e.g. 5")
+    return value
 
 
 def _units_of(table: Mapping[str, Any]) -> dict[str, Unit]:

@@ -33,6 +33,8 @@ FloatArray = NDArray[np.float64]
 FORMATS = (".csv", ".tsv", ".txt", *BINARY)
 #: Largest text table [byte], its longest row and column name [characters].
 LARGEST_TEXT, LONGEST_ROW, LONGEST_NAME = 2**33, 2**20, 256
+#: Rows that are looked at for a header after other lines.
+_PREAMBLE = 60
 #: A recording has some ten columns a joint; what has more is no table of samples.
 MOST_COLUMNS = 4096
 
@@ -75,8 +77,15 @@ class ForeignTable:
         return self.read(wanted)
 
 
-def text_table(path: Path) -> ForeignTable:
+def text_table(path: Path, header_row: int = 0) -> ForeignTable:
     """Open a text table: header row; comma, semicolon or tab between the cells.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    header_row : int
+        Row with the names of the columns, as an editor counts; 0 to find it.
 
     Raises
     ------
@@ -84,7 +93,9 @@ def text_table(path: Path) -> ForeignTable:
         If it is empty, not text, lacks a header row, or has rows, columns or names beyond
         `LONGEST_ROW`, `MOST_COLUMNS` and `LONGEST_NAME`.
     """
-    head, header = _header_line(path)
+    head, header = _given_header(path, header_row) if header_row else _header_line(path)
+    if not header_row and not header.lstrip().startswith(("#", "%")):
+        head, header = _after_preamble(path, head, header)
     header = header.lstrip("#% ")
     delimiter = max(";\t,", key=header.count)
     spaced = delimiter not in header and _spaced(path, head, header)
@@ -116,6 +127,69 @@ def _header_names(path: Path, head: int, header: str, delimiter: str) -> tuple[s
     if twice:
         raise DataError(f"table {path}: column {twice[0]!r} stands twice in the header")
     return names
+
+
+def _given_header(path: Path, row: int) -> tuple[int, str]:
+    """Number and text of the row that a map names."""
+    for number, line in _Body(path, row - 1):
+        if number == row:
+            return number, line
+        break
+    raise DataError(f"table {path}: header_row = {row} in [table], but that row is empty or absent")
+
+
+def _after_preamble(path: Path, head: int, header: str) -> tuple[int, str]:
+    """The header where other lines stand before it: the row of names next to the numbers.
+
+    Raises
+    ------
+    DataError
+        If two rows before the numbers could be it.
+    """
+    rows = [(head, header), *itertools.islice(_Body(path, head), _PREAMBLE)]
+    at = next((k for k in range(len(rows) - 1) if _samples(rows[k : k + 2])), 0)
+    if at < 2:
+        return head, header
+    delimiter = _between(rows[at][1])
+    wide = len(rows[at][1].split(delimiter))
+    names = [_names_in(line, delimiter, wide) for _, line in rows[:at]]
+    last = at - 1
+    if names[last - 1] and _units_row(rows[last][1], names[last - 1], delimiter):
+        last -= 1
+    if last == 0 or not names[last]:
+        return head, header
+    if names[last - 1]:
+        one, two = rows[last - 1][0], rows[last][0]
+        raise DataError(
+            f"table {path}: the names of the columns may stand in row {one} or in row {two}. Where "
+            f"it is row {two}, say so in a map: [table] header_row = {two}. Else cut row {two}; "
+            "a second row may hold their units, e.g. s, deg, Nm"
+        )
+    return rows[last]
+
+
+def _between(row: str) -> str:
+    """What stands between the cells of a row of numbers; a comma may be their decimal point."""
+    return next((d for d in ";\t" if d in row), ",")
+
+
+def _samples(rows: Sequence[tuple[int, str]]) -> bool:
+    """Whether rows hold numbers or times alone, two or more and as many in each."""
+    cells = [[c.strip() for c in line.split(_between(line))] for _, line in rows]
+    plain = [c.replace(",", ".") for row in cells for c in row]
+    return (
+        len({len(row) for row in cells}) == 1
+        and len(cells[0]) > 1
+        and all(not c or _is_number(c) or _TIMED.match(c) for c in plain)
+        and all(any(map(str.strip, row)) for row in cells)
+    )
+
+
+def _names_in(line: str, delimiter: str, wide: int) -> tuple[str, ...]:
+    """Cells of a row that may hold the names of so many columns; empty where it cannot."""
+    cells = tuple(c.strip() for c in line.split(delimiter))
+    fits = len(cells) == wide == len(set(cells))
+    return cells if fits and not any(not c or _is_number(c) for c in cells) else ()
 
 
 def _units_row(row: str, names: Sequence[str], delimiter: str) -> tuple[str, ...]:
@@ -286,7 +360,8 @@ class _TextColumns:
                 raise DataError(
                     f"{where}: column {name!r} holds {shown!r}; expected a number. Names stand in "
                     "one row, the last one before the numbers; a second row may hold their units. "
-                    "Cut what else stands before the numbers, or begin it with #"
+                    "Say header_row = N in [table] of a map where other lines stand before the "
+                    "names, or begin these with #"
                 ) from None
 
 
@@ -310,6 +385,8 @@ def _seconds(text: str, where: str, name: str) -> float | None:
 #: Begin of a cell that holds a date and a time of day.
 _DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:")
 _GERMAN = re.compile(r"([0-9]{2})\.([0-9]{2})\.([0-9]{4}) +(?=[0-9]{2}:)")
+#: Begin of a date or time of day.
+_TIMED = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{2}\.[0-9]{2}\.[0-9]{4} |[0-2]?[0-9]:[0-5]")
 #: A time of day; a recording over midnight runs backward, and is refused for that.
 _CLOCK = re.compile(r"[0-2]?[0-9]:[0-5][0-9]:[0-5][0-9](?:[.,][0-9]+)?")
 
@@ -319,6 +396,7 @@ def open_table(
     array: str = "",
     columns: Sequence[str] = (),
     run: str = "",
+    header_row: int = 0,
 ) -> ForeignTable:
     """Open a table.
 
@@ -334,6 +412,8 @@ def open_table(
         is a run.  Without `columns`, every structured array is one.
     run : str
         Run to choose.
+    header_row : int
+        As of `text_table`.
 
     Raises
     ------
@@ -352,7 +432,7 @@ def open_table(
             return _arrays(path, array, columns, run)
         if run:
             raise DataError(f"table {path}: a text table holds one run; leave --run {run!r} out")
-        return text_table(path)
+        return text_table(path, header_row)
     except OSError as error:
         raise DataError(f"table {path}: {error.strerror or error}") from error
 

@@ -88,6 +88,12 @@ def clean_time(
     back, same = np.flatnonzero(dt < 0), np.flatnonzero(dt == 0)
     if back.size:
         k = int(back[0])
+        if DAY / 2 < t[k] - t[k + 1] < DAY and 0 <= t.min() and t.max() < DAY:
+            raise DataError(
+                f"table {table.path}: the time of day passes midnight in row "
+                f"{table.first_row + k + 1}; write the date before each time, or import each part "
+                "by itself"
+            )
         raise DataError(
             f"table {table.path}: time runs backward {back.size} times, first in row "
             f"{table.first_row + k + 1} ({t[k]:.6g} s, then {t[k + 1]:.6g} s); "
@@ -385,7 +391,7 @@ def import_table(
         given, joints=tuple(joints) or given.joints, lock={**given.lock, **(lock or {})}
     )
     given = given.within(unit, torque_constant)
-    table = open_table(path, given.array, given.columns, run)
+    table = open_table(path, given.array, given.columns, run, given.header_row)
     return read_columns(table, given, urdf, arm)
 
 
@@ -530,6 +536,8 @@ def _timed(
     return {**rules, "t": Rule({name: factor})}, [text]
 
 
+#: A day [s].
+DAY = 86400.0
 #: A shorter period of a time since 1970 [s] says that it is none.
 FASTEST = 1e-5
 #: A longer stretch of missing values is no line [rows].

@@ -372,3 +372,38 @@ def test_a_velocity_that_was_never_filled_is_said():
     told = [f for f in check(replace(run, qd=np.zeros_like(run.q))) if f.code == "velocity-empty"]
     assert len(told) == 1 and "never filled" in told[0].text
     assert not [f for f in check(run) if f.code == "velocity-empty"]
+
+
+LABVIEW = ["Logger 7", "Operator;Miller", "Rate;500", "Comment;none"]
+
+
+@pytest.mark.parametrize("units", [[], ["s;rad;Nm"]])
+def test_lines_before_the_header_are_left_out(tmp_path, units):
+    rows = [f"{k / 500};{k / 7};{k / 3}" for k in range(9)]
+    for head in (LABVIEW, []):
+        table = text_table(as_text(tmp_path, [*head, "t;q1;tau1", *units], rows))
+        assert table.names == ("t", "q1", "tau1")
+        assert table.columns(["q1"])["q1"] == pytest.approx(np.arange(9) / 7)
+
+
+def test_a_map_says_which_of_two_rows_holds_the_names(tmp_path, capsys):
+    rows = [f"{k / 500};{np.sin(k / 50)};{np.cos(k / 50)}" for k in range(2000)]
+    table = as_text(tmp_path, ["Name;Pos;Trq", "t;q1;tau1"], rows)
+    words = ["import", str(table), "--unit", "rad", "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 2
+    assert "[table] header_row = 2" in capsys.readouterr().err
+    place = tmp_path / "m.toml"
+    place.write_text("[table]\nheader_row = 2\n")
+    assert main([*words, "--map", str(place), "--quiet"]) == 0
+    assert not any(capsys.readouterr())
+    for row, said in (("9999", "empty or absent"), ('"two"', "expected the number of a row")):
+        place.write_text(f"[table]\nheader_row = {row}\n")
+        assert main([*words, "--map", str(place)]) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_a_time_of_day_over_midnight_is_refused_as_such(tmp_path, capsys):
+    clock = ["23:59:59.996", "23:59:59.998", "00:00:00.000", "00:00:00.002"]
+    table = as_text(tmp_path, ["t,q1,tau1"], [f"{c},{k},{k}" for k, c in enumerate(clock)])
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 2
+    assert "passes midnight in row 4" in capsys.readouterr().err
