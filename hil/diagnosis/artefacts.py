@@ -253,9 +253,13 @@ def mark_smoothers(found: list[Candidate], projector: Projector) -> None:
 
 
 def _left(c: Candidate, projector: Projector, smoothers: FloatArray) -> float:
-    """Gain of a law beside the best of the smoothers (n, k)."""
+    """Gain of a law beside the best of the smoothers (n, k) of its joint."""
     rows, law = projector.rows(c.term), projector.weighted(c.term)
-    r = projector.residual[rows]
+    r, n = projector.residual[rows], projector.problem.n
+    if len(r) > n:  # the law is felt on all joints, a smoother on its own
+        wide = np.zeros((len(r), smoothers.shape[1]))
+        wide[c.term.joint * n : (c.term.joint + 1) * n] = smoothers
+        smoothers = wide
     best, more = 0.0, c.gain
     for k in range(smoothers.shape[1]):
         x = np.column_stack([smoothers[:, k], law])

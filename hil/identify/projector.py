@@ -25,6 +25,8 @@ from hil.models.effect import Effect, strict
 FloatArray = NDArray[np.float64]
 #: Relative error of a coefficient that was put on its bound in other units.
 ROUNDING = 1e-9
+#: Norm of a column below which it is none: its square would underflow.
+LEAST_NORM = 1e-150
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,7 @@ class Projector:
         by = c.transpose(1, 2, 0)
         own = by @ by.transpose(0, 2, 1)
         norm = np.sqrt(np.diagonal(own, axis1=1, axis2=2))
-        norm = np.where(norm > 1e-300, norm, 1.0)
+        norm = np.where(norm > LEAST_NORM, norm, 1.0)
         right = ((self.residual[rows] @ c.reshape(n, -1)).reshape(g, m)) / norm
         qc = self.inner(rows, c.reshape(n, -1)).reshape(-1, g, m)
         unit = qc / norm

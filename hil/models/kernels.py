@@ -91,8 +91,10 @@ def softened(
     friction: float,
     slow: float,
     parts: int,
-) -> FloatArray:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Effort that a cable passes which is soft about zero tension, instead of `load`, (n,).
+
+    Besides it, the stretch d and its second derivative d'', (n,) each.
 
     As in `sprung`, but with a stretch d that does not grow with the tension T for ever, and a
     damping that grows as the stiffness does (a loss within the cable):
@@ -109,11 +111,12 @@ def softened(
     a quadratic equation in T.  What is passed at a sample is L - I d'' with d' from the sample
     before to the one after it, so that no blow between two of them is lost.
     """
-    out, rates = np.empty(load.size), np.zeros(load.size)
+    out, rates, second = np.empty(load.size), np.zeros(load.size), np.zeros(load.size)
+    stretched = np.empty(load.size)
     own = out[0] = load[0]
     t, v = load[0], 0.0
     d = stretch * t / (tension + abs(t))
-    t_past, v_past, d_past = t, v, d
+    t_past, v_past, d_past, stretched[0] = t, v, d, d
     g, step, third = 2.0 * dt / (3.0 * parts), 1.0 / parts, 1.0 / 3.0
     rate, sharp = 1.0 / g, 1.0 / slow
     for n in range(1, load.size):
@@ -135,10 +138,11 @@ def softened(
             t = size if r >= 0.0 else -size
             d = r - w * t
             v = (d - start) * rate
-        out[n], rates[n] = own, v
+        out[n], rates[n], stretched[n] = own, v, d
     for n in range(1, load.size - 1):
-        out[n] -= inertia[n] * (rates[n + 1] - rates[n - 1]) / (2.0 * dt)
-    return out
+        second[n] = (rates[n + 1] - rates[n - 1]) / (2.0 * dt)
+        out[n] -= inertia[n] * second[n]
+    return out, stretched, second
 
 
 @numba.njit(cache=True, nogil=True)

@@ -5,16 +5,16 @@ of stiffness k and a link of inertia M behind it, w^2 = k / M, give
 
     tau_l(elastic) = H(s) tau_l,    H = w^2 / (s^2 + 2 zeta w s + w^2):
 
-the link answers as through a resonator.  The motor supplies tau_l + (H - 1) tau_l.  A cable that is
-soft about zero tension: `hil.models.transmission`.
+the link answers as through a resonator.  The motor supplies tau_l + (H - 1) tau_l.  The rotor
+sits before the spring: its inertia is no part of tau_l where it is known apart from the link's.
 
-What a play or a soft cable lets through, and what it is measured by: the load, the inertia.
+The other joints i move a link that is at q_j - d, d the stretch, and not at q_j.  To first order
+their efforts change by  -(M_ij d'' + G_ij d)  with the model's inertia M and static stiffness G.
 
-A cable between motor and link that is soft about zero tension and rigid under load.
-
-Its strands and its winding settle before they carry: between the elastic transmission (one
-stiffness) and the play (none, then a hard one) it is the family that joins them.  With the zero
-of tension at the stiffness k0 and the stretch s that the soft range takes up,
+A cable that is soft about zero tension and stiff under load: its strands and its winding settle
+before they carry.  It is the family that joins the elastic transmission (one stiffness) and the
+play (none, then a hard one).  With the stiffness k0 at zero tension and the stretch s that the
+soft range takes up,
 
     d(T) = s T / (T0 + |T|),    s = T0 / k0,    dT/dd = k0 (1 + |T| / T0)^2:
 
@@ -35,8 +35,10 @@ from hil.models.effect import (
     Fitted,
     Grid,
     Limit,
+    Of,
     Param,
     Relations,
+    Scope,
     Shapes,
     Sight,
     Trait,
@@ -53,26 +55,49 @@ LONGEST = 2e-3
 def passing(
     motion: Motion, j: int, soft: tuple[float, float], lag: float, rub: float
 ) -> FloatArray:
-    """What a cable (stretch, tension: `softened`) or a play passes, less the load, (n, 1)."""
-    load, speed = (np.ascontiguousarray(x[:, j]) for x in (motion.load, motion.qd))
+    """What a cable (stretch, tension: `softened`) or a play passes, less the load, (n, d, 1)."""
+    load, speed = carried(motion, j), np.ascontiguousarray(motion.qd[:, j])
     slow, parts = float(motion.resolution[j]), int(np.ceil(motion.dt / LONGEST))
     inertia = link_inertia(motion, j)
-    passed = softened(load, speed, inertia, motion.dt, *soft, lag, rub, slow, parts)
-    return (passed - load - rub * np.clip(speed / slow, -1.0, 1.0))[:, None]
+    passed, *moved = softened(load, speed, inertia, motion.dt, *soft, lag, rub, slow, parts)
+    out = felt(motion, j, *moved)
+    out[:, j] = passed - load - rub * np.clip(speed / slow, -1.0, 1.0)
+    return out[:, :, None]
+
+
+def felt(motion: Motion, j: int, stretch: FloatArray, second: FloatArray) -> FloatArray:
+    """What the other joints feel of a link that is not where the motor is, (n, d).
+
+    To first order -(M_ij d'' + G_ij d) for a stretch d and its second derivative: the link of
+    joint j is at q_j - d.
+    """
+    if motion.response is None or motion.d == 1:
+        return np.zeros((motion.n, motion.d))
+    inertia, gradient = motion.response.inertia[:, :, j], motion.response.gradient[:, :, j]
+    out: FloatArray = -(inertia * second[:, None] + gradient * stretch[:, None])
+    return out
+
+
+def carried(motion: Motion, j: int) -> FloatArray:
+    """Load behind the transmission (n,): without the rotor's inertia where that is known apart."""
+    load = motion.load[:, j]
+    if motion.response is not None:
+        load = load - motion.response.rotor[j] * motion.qdd[:, j]
+    return np.ascontiguousarray(load)
 
 
 def load_size(motion: Motion, j: int) -> float:
-    """Standard deviation of the load; 1 where there is none."""
-    return float(np.std(motion.load[:, j])) or 1.0
+    """Standard deviation of the load behind the transmission; 1 where there is none."""
+    return float(np.std(carried(motion, j))) or 1.0
 
 
 def link_inertia(motion: Motion, j: int) -> FloatArray:
     """Inertia of the link as the joint feels it (n,): of the model, or load by acceleration."""
     if motion.response is not None:
-        own = motion.response.inertia[:, j, j]
+        own = motion.response.inertia[:, j, j] - motion.response.rotor[j]
         if np.min(own) > 0:
             return np.ascontiguousarray(own)
-    slope = float(np.std(motion.load[:, j]) / max(float(np.std(motion.qdd[:, j])), 1e-12))
+    slope = float(np.std(carried(motion, j)) / max(float(np.std(motion.qdd[:, j])), 1e-12))
     return np.full(motion.n, max(slope, 1e-12))
 
 
@@ -188,19 +213,23 @@ class ElasticTransmission(_Resonance):
         Param("zeta", "1", "damping ratio", 0.0, 1.0),
     )
     relations = Relations(twins=(Twin("vibration-mode", _free),), causes=("resonance",))
+    scope = Scope(Of.JOINTS)
     limits = (Limit("share", _elastic_transmission_carries), RINGS, STRICT)
     traits = Trait.LOAD | _Resonance.traits
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """[T(load) - load, T(sgn(v - d')) - sgn v]."""
-        load = np.ascontiguousarray(motion.load[:, j])
+        """[T(load) - load, T(sgn(v - d')) - sgn v] on joint j, what that does to others."""
+        load = carried(motion, j)
         k, c, inertia = spring(motion, j, shape)
         passed, rate = sprung(load, inertia, motion.dt, k, c)
         side = np.tanh((motion.qd[:, j] - rate) / motion.resolution[j])
-        rung, _ = sprung(side, inertia, motion.dt, k, c)
+        rung, more = sprung(side, inertia, motion.dt, k, c)
+        out = np.empty((motion.n, motion.d, 2))
+        out[:, :, 0] = felt(motion, j, (passed - c * rate) / k, (load - passed) / inertia)
+        out[:, :, 1] = felt(motion, j, (rung - c * more) / k, (side - rung) / inertia)
         # the sign of the motor's speed, whatever its own friction's state
-        own = motion.sign(j, float(motion.v0[j]))
-        return np.stack([passed - load, rung - own]).T
+        out[:, j, 0], out[:, j, 1] = passed - load, rung - motion.sign(j, float(motion.v0[j]))
+        return out
 
 
 def _backlash_grid(motion: Motion, j: int) -> Shapes:
@@ -248,6 +277,7 @@ class Backlash(Effect):
         Param("fl", "{F}", "Coulomb friction behind the play", 0.0),
         Param("c", "s", "time in which a flank loses what a blow has pressed into it", 0.0),
     )
+    scope = Scope(Of.JOINTS)
     relations = Relations(causes=("play",))
     search = Grid(_backlash_grid, across=_backlash_across, rounds=2)
     limits = (Limit("share", _backlash_carries), STRICT)
@@ -362,6 +392,7 @@ class HardeningCable(Effect):
         Param("zeta", "1", "damping ratio about zero tension", 0.0),
         Param("fl", "{F}", "Coulomb friction behind the cable", 0.0),
     )
+    scope = Scope(Of.JOINTS)
     relations = Relations(limit="elastic-transmission", causes=("resonance", "play"))
     search = Grid(_hardening_cable_grid, across=_hardening_cable_across, rounds=2)
     limits = (Limit("between", _hardening_cable_between), STRICT)
