@@ -456,10 +456,11 @@ class _Translation:
     def _columns(self, use: Use, effect: Effect, j: int) -> Iterator[Column]:
         known = self._known(use, effect, j)
         other = int(known.get(JOINT, 0)) - 1
-        for text, value in zip(effect.doc.formulas, self._values(use, effect, j), strict=False):
-            if value:
+        for text, p in zip(effect.doc.formulas, effect.params, strict=False):
+            value = use.values.get(f"{head(effect, j)}.{p.name}")
+            if value is not None and value.value:
                 needed = {k: known[k] for k in sorted(formula.names(text) & set(known))}
-                yield Column(use.type, j, text, value, needed, other)
+                yield Column(use.type, j, text, value.value, needed, other)
 
     def _stop(self, use: Use, effect: Effect) -> None:
         for j in self._joints(use):

@@ -156,12 +156,12 @@ def pull_of(
     """
     if not len(metric) or not b.rank:
         return None
-    colour = _colour(problem, residual)
+    colour = colouring(problem, residual)
     rho = _likeliest(metric / b.scale, b, target, colour)
     return None if rho is None else Pull(metric * (colour**0.5 / rho), centre, rho)
 
 
-def _colour(problem: Problem, residual: FloatArray) -> float:
+def colouring(problem: Problem, residual: FloatArray) -> float:
     """Instants that one independent instant takes, over all joints."""
     each = [inflation(r, problem.run) for r in residual]
     return float(problem.count.sum() / np.sum(problem.count / np.array(each)))

@@ -18,6 +18,7 @@ small R_j.  What depends on the motion alone is factored once for a problem.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -26,14 +27,33 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.errors import DataError, FitError
-from hil.identify.description import Pull, described, drawn, pull_of, serves
+from hil.identify.description import Pull, colouring, described, drawn, pull_of, serves
 from hil.identify.design import Term, block, coefficients, known_values, stack
 from hil.identify.problem import Problem
-from hil.identify.regression import Basis, of_factors
+from hil.identify.regression import Basis, basis, of_factors
 from hil.models.effect import Trait
 from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What draws coefficients besides the rows of a problem.
+
+    Parameters
+    ----------
+    pull : Pull or None
+        The robot's description.
+    rows : ndarray (m, p)
+        Rows beside the weighted regressor whose target is zero: corrections are small.
+    basis : Basis
+        Of the weighted regressor and these rows.
+    """
+
+    pull: Pull | None
+    rows: FloatArray
+    basis: Basis
 
 
 def solve(
@@ -44,9 +64,9 @@ def solve(
 
 
 def solved(
-    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray, by_description: bool
-) -> tuple[FloatArray, FloatArray, Basis, list[slice], FloatArray, Pull | None]:
-    """The same, and what drew the coefficients if the robot's description counts as well."""
+    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray, drawing: bool
+) -> tuple[FloatArray, FloatArray, Basis, list[slice], FloatArray, Drawn]:
+    """The same, and what drew the coefficients besides."""
     x, slices = stack(problem, terms)
     names = [n for t in terms for n, _ in coefficients(t, problem)]
     start = prior(problem, terms, model, names)
@@ -62,17 +82,64 @@ def solved(
     theta = b.solve(target, start * free, known) + np.where(free, 0.0, start)
     theta = bounded(theta, b, *limits(terms, problem))
     residual = (y - x @ theta).reshape(problem.d, problem.n)
-    pull = _pull(problem, terms, slices, b, residual, (target, x, w)) if by_description else None
+    pull = _pull(problem, terms, slices, b, residual, (target, x, w)) if drawing else None
     if pull is not None:
         low, high = limits(terms, problem)
         free = free * ~((theta <= low) | (theta >= high))
         pull = pull if serves(problem, pull, x * (w[:, None] * free), target) else None
         free = _free(terms, problem)
-    if pull is not None:
-        theta, both = drawn(pull, b, target, start * free, known)
-        theta = bounded(theta + np.where(free, 0.0, start), both, *limits(terms, problem))
+    held_back = _held_back(problem, terms, slices, b, (target, x, w)) if drawing else None
+    draws = [p for p in (pull, held_back) if p is not None]
+    if draws:
+        rows, centre = np.concatenate([p.rows for p in draws]), sum(p.centre for p in draws)
+        both = Pull(rows, np.asarray(centre), draws[0].error)
+        theta, together = drawn(both, b, target, start * free, known)
+        theta = bounded(theta + np.where(free, 0.0, start), together, *limits(terms, problem))
         residual = (y - x @ theta).reshape(problem.d, problem.n)
-    return theta, x, b, slices, residual, pull
+    if held_back is None:
+        return theta, x, b, slices, residual, Drawn(pull, np.zeros((0, theta.size)), b)
+    wide = basis(np.concatenate([x * (w[:, None] * free), held_back.rows]))
+    return theta, x, b, slices, residual, Drawn(pull, held_back.rows, wide)
+
+
+def _held_back(
+    problem: Problem,
+    terms: list[Term],
+    slices: list[slice],
+    b: Basis,
+    equations: tuple[FloatArray, FloatArray, FloatArray],
+) -> Pull | None:
+    """What keeps corrections as small as what is left without them.
+
+    A free function of the speed, say, holds columns that the model has, too, or nearly: an offset
+    while the joint moves, a viscous friction.  What both could hold is to stay with the model, so
+    that its values keep their meaning and a program that leaves the correction out loses no more
+    than what the correction explains.  Each coefficient of a column c is drawn to zero as
+    N(0, (|r| / |c|)^2), with r what the model leaves of that joint without any correction.
+    """
+    free = [
+        t.effect.traits & (Trait.CORRECTION | Trait.GEOMETRY) == Trait.CORRECTION and not t.fixed
+        for t in terms
+    ]
+    if not any(free) or not b.rank:
+        return None
+    target, x, w = equations
+    where = np.concatenate(
+        [np.full(s.stop - s.start, f) for s, f in zip(slices, free, strict=True)]
+    )
+    reduced = b.s[:, None] * b.v.T * b.scale
+    theta = np.zeros(x.shape[1])
+    theta[~where] = np.linalg.lstsq(reduced[:, ~where], b.q.T @ target, rcond=None)[0]
+    left = (target - (x @ theta) * w).reshape(problem.d, problem.n)
+    size = np.maximum(np.linalg.norm(left, axis=1), 1e-300)
+    colour, rows = colouring(problem, left), np.zeros((int(np.sum(where)), x.shape[1]))
+    columns = np.flatnonzero(where)
+    joint = np.concatenate(
+        [np.full(s.stop - s.start, t.joint) for s, t in zip(slices, terms, strict=True)]
+    )
+    norm = np.linalg.norm(x[:, columns] * w[:, None], axis=0)
+    rows[np.arange(columns.size), columns] = colour**0.5 * norm / size[joint[columns]]
+    return Pull(rows, np.zeros(x.shape[1]), float("nan"))
 
 
 def _pull(

@@ -72,7 +72,17 @@ def _powers(q: FloatArray, centre: float, half: float, degree: int) -> FloatArra
     return np.asarray(chebvander(x, degree), dtype=np.float64)
 
 
-def _doc(equation: str, variables: str) -> Doc:
+#: Position over its range as text, and Chebyshev's polynomials of it.
+_X = f"max({-RANGE_FACTOR}, min({RANGE_FACTOR}, (q - centre) / half))"
+_CHEBYSHEV = (
+    _X,
+    f"2 * ({_X}) ** 2 - 1",
+    f"4 * ({_X}) ** 3 - 3 * ({_X})",
+    f"8 * ({_X}) ** 4 - 8 * ({_X}) ** 2 + 1",
+)
+
+
+def _doc(equation: str, variables: str, formulas: tuple[str, ...] = ()) -> Doc:
     """Documentation of a correction."""
     return Doc(
         equation=equation,
@@ -84,6 +94,7 @@ def _doc(equation: str, variables: str) -> Doc:
             "explains none"
         ),
         variables=variables,
+        formulas=formulas,
     )
 
 
@@ -118,6 +129,7 @@ class OfPosition(Correction):
             "x = (q - centre) / half, T_k Chebyshev's, k = 1 to 4 (beside a spring from 2 on)"
         ),
         variables="the position",
+        formulas=_CHEBYSHEV,
     )
     params = _POWERS
     shape = (_CENTRE, _HALF)
@@ -149,6 +161,10 @@ class OfDirection(Correction):
     doc = _doc(
         equation="tau = z sum_k c_k T_k(x) + v (c5 T_1(x) + c6 T_2(x)),  z the friction's state",
         variables="the position, by direction",
+        formulas=(
+            *(f"sign * ({power})" for power in _CHEBYSHEV),
+            *(f"v / half * ({power})" for power in _CHEBYSHEV[:2]),
+        ),
     )
     params = _coefficients(DEGREE + 2, "coefficient of z T_k, then of v T_k")
     shape = (_CENTRE, _HALF)
@@ -176,6 +192,14 @@ class OfSpeed(Correction):
             "sgn(v) (c6 exp(-(v / 0.1)^2) + c7 exp(-(v / 0.3)^2)),  v in units of the rms speed"
         ),
         variables="the speed",
+        formulas=(
+            "v / rms",
+            "abs(v) / rms",
+            "v * abs(v) / rms ** 2",
+            "sign * (abs(v) / rms) ** 0.5",
+            "abs(sign)",
+            *(f"sign * exp(-((v / (rms * {peak})) ** 2))" for peak in FADING_SPEEDS),
+        ),
     )
     params = _coefficients(5 + len(FADING_SPEEDS), "coefficient of a function of the speed")
     shape = (_RMS,)

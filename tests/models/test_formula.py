@@ -5,6 +5,7 @@ import pytest
 
 from hil.errors import ConfigError
 from hil.models import catalogue, formula
+from hil.models.effect import terms_of
 from hil.models.param import JOINT
 from hil.testing.effects import sample_motions
 
@@ -36,7 +37,9 @@ def test_a_formula_gives_the_columns(name):
                 values |= {"low": low, "high": high, "v0": motion.v0[j], "v0k": motion.v0[k]}
                 values |= {"vk": motion.qd[:, k]} | by_name
                 columns = effect.columns(motion, j, shape)
-                for text, column in zip(effect.doc.formulas, columns.T, strict=True):
+                texts = {p.name: x for p, x in zip(effect.params, effect.doc.formulas, strict=True)}
+                held = [texts[p.name] for p in terms_of(effect, motion, j)]
+                for text, column in zip(held, columns.T, strict=True):
                     if "v0" in by_name and not by_name["v0"]:
                         continue
                     if high - low < 1e-9 and "high - low" in text:
