@@ -54,8 +54,9 @@ class Rated:
     before: float
     after: float
     joint: int
-    #: What the model with it leaves of joint j, fitted to all instants (n,).
+    #: What the model with it leaves of joint j, and without it, fitted to all instants (n,).
     residual: Callable[[int], FloatArray]
+    given: Callable[[int], FloatArray]
 
     @property
     def removed(self) -> float:
@@ -181,4 +182,5 @@ def rated(c: Candidate, table: GramTable, keys: Sequence[object], now: BlockErro
         float(errors.power[j]),
         j,
         partial(table.residual, chosen),
+        partial(table.residual, keys),
     )

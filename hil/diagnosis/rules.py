@@ -274,7 +274,7 @@ def _paired(case: RuleCase) -> str:
 def _beyond(case: RuleCase) -> str:
     """N log(before / after) > m log N + 2 log(family).
 
-    N tested instants less what their correlation takes, m values to fit beyond those that they
+    N tested instants less what their correlation takes from such a law, m values to fit beyond those that they
     replace, `family` candidates of its joint.  A correction states no law: that it foretells blocks
     that were left out, by their paired differences, is all that it claims.
 
@@ -284,7 +284,8 @@ def _beyond(case: RuleCase) -> str:
     if Trait.CORRECTION in r.candidate.term.effect.traits:
         return ""
     tested = float(r.now.count[:, r.joint].sum())
-    count = max(tested / inflation(r.residual(r.joint), search.problem.run), 2.0)
+    left, now = r.residual(r.joint), r.given(r.joint)
+    count = max(tested / inflation(left, search.problem.run, now - left), 2.0)
     gain = count * np.log(r.before / max(r.after, 1e-300))
     net = max(r.candidate.dof - search.replaced(r.candidate), 1)
     family = sum(c.joint == r.joint for c in case.evidence.candidates)

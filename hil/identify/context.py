@@ -261,6 +261,32 @@ class EffortResponse:
                 out[t.joint] += float(theta[0])
         return out
 
+    @cached_property
+    def rotor(self) -> FloatArray:
+        """Reflected inertia of each rotor, where the links' is known apart; else 0, shape (d,)."""
+        out = np.zeros(self._motion.d)
+        if any(Trait.BODY in t.effect.traits for t, _ in self._parts):
+            for t, theta in self._parts:
+                if Trait.ROTOR in t.effect.traits:
+                    out[t.joint] += float(theta[0])
+        return out
+
+    @cached_property
+    def tilt(self) -> FloatArray:
+        """Derivative of tau_i by a turn of the base about its x and y axes, shape (n, d, 2).
+
+        A base that is turned by r within a field of gravity g sees g - r x g.
+        """
+        m, tree = self._motion, self._motion.robot.tree
+        body = next((x for t, x in self._parts if Trait.BODY in t.effect.traits), None)
+        if tree is None or body is None:
+            return np.zeros((m.n, m.d, 2))
+        q = m.q[self._pick]
+        zero, (_, _, z) = np.zeros_like(q), tree.gravity
+        along = [np.array([0.0, z, 0.0]), np.array([-z, 0.0, 0.0])]  # -e_x x g, -e_y x g
+        parts = [replace(tree, gravity=g).regressor(q, zero, zero) for g in along]
+        return self._along([x @ (tree.spread @ body) for x in parts])
+
     def unslipped(self, j: int) -> FloatArray:
         """f(q - e, q' - e', q'' - e'') - f(q, q', q''), e the jumps of joint j, shape (n, d)."""
         if j not in self._unslipped:

@@ -50,6 +50,9 @@ FloatArray = NDArray[np.float64]
 SCALE_CHANGE = 0.1
 #: Rounds in which load and states of friction settle for shapes that are known.
 SETTLING = 3
+#: Most rounds in which a load and what refers to it settle, and the change of the residual's scale
+#: from which on they have.
+LOADS, SAME_SCALE = 8, 0.01
 
 
 def fit(
@@ -102,6 +105,8 @@ def fit(
         if now == idle and (near or sweep >= sweeps - 1):
             break
         idle = now
+    if any(Trait.LOAD in t.effect.traits for t in terms):
+        sigma = _load_settled(problem, terms, model, sigma)
     if given:
         terms, sigma = given.or_better(problem, terms, model, sigma)
     terms = gauss_newton(problem, terms, model, sigma)
@@ -151,6 +156,21 @@ def _settled(
     return _Given(terms, motions, sigma, idle)
 
 
+def _load_settled(
+    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
+) -> FloatArray:
+    """Residual scales (d,) once the load that laws refer to is that of the fitted masses.
+
+    A law that scales the load, or turns it, moves the masses that the load is made of.
+    """
+    for _ in range(LOADS):
+        before = sigma
+        sigma, _ = _scales(problem, terms, model, sigma)
+        if np.max(np.abs(np.log(sigma / before))) < SAME_SCALE:
+            break
+    return sigma
+
+
 def _start(term: Term, problem: Problem) -> tuple[float, ...]:
     grid = problem.grid(term.effect, term.joint)
     if not grid:
@@ -163,8 +183,10 @@ def _scales(
     problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
 ) -> tuple[FloatArray, set[tuple[str, int]]]:
     """Residual scale by joint, the load, and the terms that their bounds keep at zero."""
+    # a load is made of the masses that the fit will end with, the description's part included
+    drawing = any(Trait.LOAD in t.effect.traits for t in terms)
     for _ in range(2):
-        theta, _, _, slices, residual = solve(problem, terms, model, sigma)
+        theta, _, _, slices, residual, _ = solved(problem, terms, model, sigma, drawing)
         floor = 1e-6 * np.std(problem.y, axis=1) + 1e-15
         sigma = np.maximum(problem.rms(residual), floor)
     update_load(problem, terms, theta, slices)
@@ -176,8 +198,10 @@ def assemble(
     problem: Problem, model: RobotModel, terms: list[Term], sigma: FloatArray
 ) -> FitResult:
     """Final solution with errors, bounds and identifiability."""
-    theta, x, b, slices, residual, pull = solved(problem, terms, model, sigma, True)
-    found = standard_errors(problem, terms, theta, slices, b, residual, sigma)
+    theta, x, b, slices, residual, drawn = solved(problem, terms, model, sigma, True)
+    weighted = np.concatenate([(residual / sigma[:, None]).reshape(-1), -drawn.rows @ theta])
+    found = standard_errors(problem, terms, theta, slices, drawn.basis, weighted, sigma)
+    pull = drawn.pull
     # what no row sees stays at the prior; lying on a bound there says nothing
     seen = np.linalg.norm(b.v, axis=1) > 1e-9
     values: dict[str, Value] = {}
@@ -377,15 +401,19 @@ def standard_errors(
     theta: FloatArray,
     slices: Sequence[slice],
     b: Basis,
-    residual: FloatArray,
+    weighted: FloatArray,
     sigma: FloatArray,
 ) -> Spread:
-    """Errors from the solution (p,), its basis, and the residual (d, n) with its scale (d,)."""
+    """Errors from the solution (p,), its basis, and the weighted residual of its rows.
+
+    Rows beyond the problem's are of what is known besides; each is a block of its own.
+    """
     ends = {k: end_of_range(problem, t) for k, t in enumerate(terms) if searched(problem, t)}
     free = [k for k, end in ends.items() if not end]
     b = with_shapes(problem, terms, theta, slices, b, sigma, free)
     blocks = np.tile(time_blocks(problem), problem.d)
-    weighted = (residual / sigma[:, None]).reshape(-1)
+    more = weighted.size - blocks.size
+    blocks = np.concatenate([blocks, int(blocks.max()) + 1 + np.arange(more)])
     covariance = cluster_covariance(weighted, b, blocks)
     stderr = np.sqrt(np.diag(covariance))
     known, p = b.identifiable(), theta.size
@@ -503,6 +531,7 @@ def with_shapes(
         return b
     columns = [jacobian(problem, terms, theta, slices, k) / sigma[:, None] for k in which]
     j = np.stack([c.reshape(-1) for c in columns], axis=1)
+    j = np.concatenate([j, np.zeros((len(b.q) - len(j), len(which)))])
     return extended(b, j, noise_to_signal(problem.y / sigma[:, None]))
 
 

@@ -190,11 +190,17 @@ def cluster_covariance(residual: FloatArray, b: Basis, blocks: NDArray[np.int_])
     return out
 
 
-def inflation(residual: FloatArray, run: NDArray[np.int_]) -> float:
+def inflation(
+    residual: FloatArray, run: NDArray[np.int_], effort: FloatArray | None = None
+) -> float:
     """Factor by which coloured residuals carry less information: 1 + 2 sum rho_k, at least 1.
 
     The sum stops at the first lag whose autocorrelation is below 0.05 (or after 5 % of the
-    samples).
+    samples).  About a coefficient whose column makes a certain effort they carry
+    1 + 2 sum rho_k sigma_k times less, sigma the autocorrelation of that effort: a slow remainder
+    says little of a slow law and hardly disturbs a fast one.
+
+    Source: Newey and West, Econometrica 55, 1987 (long-run variance of x r).
 
     Parameters
     ----------
@@ -202,10 +208,13 @@ def inflation(residual: FloatArray, run: NDArray[np.int_]) -> float:
         Residual of one joint, runs one after the other.
     run : ndarray (n,)
         Run index.
+    effort : ndarray (n,), optional
+        What the coefficient explains; none: a constant.
     """
     r = residual - residual.mean()
-    var = float(r @ r)
-    if var <= 0:
+    x = np.ones(r.size) if effort is None else effort - effort.mean()
+    var, size = float(r @ r), float(x @ x)
+    if var <= 0 or size <= 0:
         return 1.0
     total = 1.0
     for lag in range(1, max(2, r.size // 20)):
@@ -213,8 +222,9 @@ def inflation(residual: FloatArray, run: NDArray[np.int_]) -> float:
         rho = float((r[lag:] * r[:-lag])[same].sum() / var)
         if rho < 0.05:
             break
-        total += 2 * rho
-    return total
+        own = 1.0 if effort is None else float((x[lag:] * x[:-lag])[same].sum() / size)
+        total += 2 * rho * own
+    return max(total, 1.0)
 
 
 def time_blocks(problem: Problem, seconds: float = 1.0) -> NDArray[np.int_]:

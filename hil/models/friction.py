@@ -5,11 +5,12 @@ Friction set by more than the own speed: by the load, or by another joint's moti
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from hil.models.effect import (
+    STRICT,
     Doc,
     Effect,
     Fitted,
@@ -179,32 +180,66 @@ class AsymmetricViscous(Effect):
         return _column(np.abs(motion.qd[:, j]))
 
 
-def _quadratic_drag_remark(values: Mapping[str, float], errors: Mapping[str, float]) -> str:
-    """A negative one."""
-    if values["fd"] >= 0.0:
-        return ""
-    return "negative: friction that bends downwards with speed, by a law of its own, and no drag"
-
-
 class QuadraticDrag(Effect):
     """Drag that grows with the square of the speed."""
 
     name, family = "quadratic-drag", "friction"
     doc = Doc(
         equation="tau = fd v |v|",
-        signature="odd residual that curves upwards (or downwards) with speed",
+        signature="odd residual that curves upwards with speed",
         confused_with=("stribeck", "viscous"),
         shown_by="fast strokes beside slow ones",
         source="Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5), 2007",
-        remark=_quadratic_drag_remark,
         over=Over.SPEED,
         formulas=("v * abs(v)",),
     )
-    params = (Param("fd", "{F} s^2/{x}^2", "quadratic drag"),)
+    params = (Param("fd", "{F} s^2/{x}^2", "quadratic drag", 0.0),)
+    limits = (STRICT,)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Signed square v |v|."""
         return _column(motion.qd[:, j] * np.abs(motion.qd[:, j]))
+
+
+#: Exponents of a film that thins.  Below the least it is dry friction, above the largest viscous.
+THINNING = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
+
+
+def _sublinear_viscous_grid(motion: Motion, j: int) -> Shapes:
+    """Exponents between those of dry and of viscous friction."""
+    return [(p,) for p in THINNING]
+
+
+def _sublinear_viscous_between(f: Fitted) -> bool:
+    """Neither dry nor viscous friction: the exponent lies within its range."""
+    return THINNING[0] < f.shape[0] < THINNING[-1]
+
+
+class SublinearViscous(Effect):
+    """Viscous friction that grows less than the speed: grease that thins as it is sheared."""
+
+    name, family = "sublinear-viscous", "friction"
+    doc = Doc(
+        equation="tau = fp |v|^p sgn v,  p < 1",
+        signature="odd residual that bends downwards with speed",
+        confused_with=("stribeck", "viscous", "coulomb"),
+        shown_by="the same stroke at speeds over two decades",
+        source=(
+            "Waiboer, Aarts, Jonker, IUTAM Symposium on Vibration Control, 2005 (viscous friction "
+            "with an exponent); Bair, High-Pressure Rheology, 2007 (lubricants that thin)"
+        ),
+        over=Over.SPEED,
+        formulas=("sign * abs(v) ** p",),
+    )
+    params = (Param("fp", "{F}", "friction at 1 {x}/s", 0.0),)
+    shape = (Param("p", "1", "exponent of the speed", 0.0, 1.0),)
+    relations = Relations(replaces=("viscous",))
+    search = Grid(_sublinear_viscous_grid)
+    limits = (Limit("between", _sublinear_viscous_between), STRICT)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Friction's state times |v|^p."""
+        return _column(motion.sign(j) * np.abs(motion.qd[:, j]) ** float(shape[0]))
 
 
 def position_orders(motion: Motion, j: int, highest: float = 60.0, lowest: float = 1.5) -> Shapes:
@@ -388,6 +423,7 @@ EFFECTS = (
     AsymmetricCoulomb(),
     AsymmetricViscous(),
     QuadraticDrag(),
+    SublinearViscous(),
     PositionFriction(),
     LoadFriction(),
     CoupledFriction(),

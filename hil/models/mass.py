@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from hil.models.effect import (
     BOUNDS,
+    STRICT,
     Doc,
     Effect,
     Fitted,
@@ -81,6 +83,56 @@ class Armature(Effect):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """The joint's acceleration qdd."""
         return motion.qdd[:, j : j + 1]
+
+
+#: Largest turn of a base that a small angle stands for [rad].
+FAR = 0.8
+_TURN = "turn of the base about its {} axis, against what the description says"
+
+
+def _base_tilt_lacks(motion: Motion, j: int) -> str:
+    """Needs a description with gravity along its z axis, and a fitted model."""
+    tree = motion.robot.tree
+    if tree is None:
+        return "the robot has no description, so no direction of gravity"
+    if np.any(tree.gravity[:2]):
+        return "the description's gravity is not along its z axis"
+    return "" if motion.response is not None else "needs the fitted model's masses; fit it first"
+
+
+def _base_tilt_remark(values: Mapping[str, float], errors: Mapping[str, float]) -> str:
+    """The angle, for people."""
+    return f"tilted by {math.degrees(math.hypot(*values.values())):.2g} degrees"
+
+
+class BaseTilt(Effect):
+    """The base does not stand upright: gravity has another direction than in the description.
+
+    A robot on a wall, a wedge or a cart, or a floor that is not level.
+    """
+
+    name, family = "base-tilt", "mass"
+    doc = Doc(
+        equation="tau = rx dN/drx + ry dN/dry,  N(q) gravity of the model's masses under g - r x g",
+        signature="gravity on a joint with a vertical axis, in proportion to the masses behind it",
+        confused_with=("position-torque", "spring", "payload"),
+        shown_by="slow motion of the first joint with the arm stretched out",
+        source="Khalil, Dombre 2002, 9.3 (gravity vector of the base)",
+        remark=_base_tilt_remark,
+    )
+    params = (
+        Param("rx", "rad", _TURN.format("x"), -FAR, FAR),
+        Param("ry", "rad", _TURN.format("y"), -FAR, FAR),
+    )
+    scope = Scope(Of.ROBOT, lacks=_base_tilt_lacks)
+    limits = (STRICT,)
+    traits = Trait.LOAD | Trait.REPLAYED
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Effort of a unit turn about x and about y, shape (n, d, 2)."""
+        if motion.response is None:
+            return np.zeros((motion.n, motion.d, 2))
+        return motion.response.tilt
 
 
 def _spring_varies(f: Fitted) -> bool:
@@ -289,6 +341,7 @@ class EndStop(Effect):
 EFFECTS: tuple[Effect, ...] = (
     RigidBody(),
     Armature(),
+    BaseTilt(),
     Spring(),
     Unbalance(),
     PositionTorque(),

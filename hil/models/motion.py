@@ -28,6 +28,14 @@ class Response(Protocol):
     def damping(self) -> FloatArray:
         """Viscous coefficient of each joint, shape (d,)."""
 
+    @property
+    def rotor(self) -> FloatArray:
+        """Reflected inertia of each rotor, where the links' is known apart; else 0, shape (d,)."""
+
+    @property
+    def tilt(self) -> FloatArray:
+        """Derivative of tau_i by a turn of the base about its x and y axes, shape (n, d, 2)."""
+
     def unslipped(self, j: int) -> FloatArray:
         """Effort without the jumps of joint j's position, less that with them, shape (n, d)."""
 

@@ -110,6 +110,10 @@ class _Stiff:
     def __init__(self, n: int, d: int) -> None:
         unit: FloatArray = np.broadcast_to(np.eye(d), (n, d, d)).copy()
         self.inertia, self.gradient, self.damping = 0.1 * unit, 0.05 * unit, np.full(d, 0.02)
+        self.rotor: FloatArray = np.zeros(d)
+        self.tilt: FloatArray = np.broadcast_to(
+            0.05 * np.cos(np.arange(n))[:, None, None], (n, d, 2)
+        )
         self._n, self._d = n, d
 
     def unslipped(self, j: int) -> FloatArray:

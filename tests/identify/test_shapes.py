@@ -44,7 +44,7 @@ def brute_force(problem: Problem, terms: list[Term], sigma: np.ndarray) -> tuple
 @pytest.mark.parametrize(
     ("name", "j", "shape"),
     [
-        ("quadratic-drag", 1, ()),
+        ("asymmetric-viscous", 1, ()),
         ("spring", 0, ()),
         ("stribeck", 2, (0.2, 2.0)),
         ("cogging", 1, (2.0,)),

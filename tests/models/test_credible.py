@@ -31,6 +31,9 @@ IMPOSSIBLE = {
     "missed-counts": ((1.0,), (0.8,)),
     "payload-change": ((1.0,), (0.2, 0.2, 0.0, 0.0)),
     "vibration-mode": ((5.0, 0.3), (-0.1,)),
+    "quadratic-drag": ((), (-0.1,)),
+    "sublinear-viscous": ((0.2,), (0.1,)),
+    "base-tilt": ((), (1.0, 0.0)),
     "force-gain": ((0.0,), (0.0, 0.7)),
     "force-crosstalk": ((0.0,), (1.5, 0.0)),
     "contact-stiffness": ((0.0, 1.0), (-3.0,)),
@@ -43,7 +46,6 @@ IMPOSSIBLE = {
 ANY = {
     "asymmetric-coulomb",
     "asymmetric-viscous",
-    "quadratic-drag",
     "position-friction",
     "torque-offset",
     "cogging",

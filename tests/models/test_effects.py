@@ -131,6 +131,10 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
     "asymmetric-coulomb": ((), lambda m, i, j, s: [abs(tanh(m.qd[i, j] / V0[j]))]),
     "asymmetric-viscous": ((), lambda m, i, j, s: [abs(m.qd[i, j])]),
     "quadratic-drag": ((), lambda m, i, j, s: [m.qd[i, j] * abs(m.qd[i, j])]),
+    "sublinear-viscous": (
+        (0.6,),
+        lambda m, i, j, s: [tanh(m.qd[i, j] / V0[j]) * abs(m.qd[i, j]) ** s[0]],
+    ),
     "position-friction": (
         (1.7,),
         lambda m, i, j, s: [tanh(m.qd[i, j] / V0[j]) * x for x in waves(m.q[i, j], s[0])],

@@ -7,6 +7,7 @@ import pytest
 from hil.cli import main
 from hil.errors import ConfigError
 from hil.local_modules import beside
+from hil.models import catalogue
 
 EFFECT = """
 from dataclasses import dataclass
@@ -32,7 +33,7 @@ MODEL = 'schema = "hil.model/1"\nplugins = ["./{name}.py"]\n[robot]\npreset = "s
 
 
 @pytest.fixture
-def made(tmp_path):
+def made(tmp_path, monkeypatch):
     """A model whose plugin imports a file and a package; names of their own in each test."""
 
     def make(name):
@@ -45,6 +46,8 @@ def made(tmp_path):
         model.write_text(MODEL.format(name=name))
         return model
 
+    # what a plugin adds is known to its own test alone
+    monkeypatch.setattr(catalogue, "_table", dict(catalogue.table()))
     return make
 
 
