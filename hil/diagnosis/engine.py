@@ -343,15 +343,27 @@ def finding(
 def _explain(
     search: Search, c: Candidate, floors: tuple[FloatArray, FloatArray | None], taken: Shares
 ) -> list[tuple[float, str]]:
-    """What a name explains, by three measures, and what to say where one of them is the least."""
+    """What a name explains, by several measures, and what to say where one of them is the least."""
     own, what = taken.get(c.term.key, (1.0, ""))
     everywhere, held = here(search, c.joint, *floors), there(search, c, floors[1])
-    above = "of the squared error above the noise floor"
+    above, lost = "of the squared error above the noise floor", worst(search, c.joint)
     return [
+        (
+            float(lost < 100.0),
+            f"with the names the left-out error is still {lost:.0f} % of the effort: no model at "
+            "all would foretell as much",
+        ),
         (own, f"a function of {what} without a name explains much of the same error better"),
         (everywhere, f"the names explain {100 * max(everywhere, 0.0):.0f} % {above}"),
         (held, f"on the held-out runs the names explain {100 * max(held, 0.0):.0f} % {above}"),
     ]
+
+
+def worst(search: Search, j: int) -> float:
+    """Left-out error of joint j in % of its effort, or the largest of all that share masses."""
+    now, moves = search.now.step, ~search.problem.holds
+    body = any(Trait.BODY in t.effect.traits for t in now.result.terms)
+    return float(np.max(now.heldout.relative[moves])) if body else float(now.heldout.relative[j])
 
 
 def here(search: Search, j: int, floor: FloatArray, other: FloatArray | None = None) -> float:

@@ -370,6 +370,28 @@ def _weighed(
     return Weighed(j, float(slope @ result.theta[where]), stderr, share)
 
 
+#: Code of the warning that a fit foretells less than nothing does.
+LOST = "foretells-nothing"
+
+
+def lost(result: FitResult, heldout: FloatArray) -> list[tuple[str, str]]:
+    """Warning (code, sentence) of joints (d,) whose left-out error [%] exceeds their effort."""
+    problem = result.problem
+    bad = [j for j, e in enumerate(heldout) if e > 100.0 and not problem.holds[j]]
+    if not bad:
+        return []
+    names = ", ".join(problem.joints[j] for j in bad)
+    return [
+        (
+            LOST,
+            f"{names}: the fitted model foretells left-out data worse than no model at all. Its "
+            "values are no masses and no friction. Look for what the model is not told: does "
+            "something touch the robot (give its force, or cut these stretches), do efforts and "
+            "positions belong to the same joint, are their units right?",
+        )
+    ]
+
+
 #: Code of the warning that gravity by the data is not that of the robot's description.
 GRAVITY = "description-gravity"
 

@@ -274,9 +274,9 @@ def _paired(case: RuleCase) -> str:
 def _beyond(case: RuleCase) -> str:
     """N log(before / after) > m log N + 2 log(family).
 
-    N tested instants less what their correlation takes from such a law, m values to fit beyond those that they
-    replace, `family` candidates of its joint.  A correction states no law: that it foretells blocks
-    that were left out, by their paired differences, is all that it claims.
+    N tested instants less what their correlation takes from such a law, m values to fit beyond
+    those that they replace, `family` candidates of its joint.  A correction states no law: that it
+    foretells blocks that were left out, by their paired differences, is all that it claims.
 
     Source: Schwarz, Ann. Statist. 6, 1978.
     """

@@ -19,7 +19,7 @@ from hil.diagnosis.constants import BEATEN, NEAR_FLOOR, WHOLE, WORTH
 from hil.diagnosis.equivalence import unseen
 from hil.diagnosis.floor import practical
 from hil.diagnosis.heldout import Examiner
-from hil.diagnosis.preconditions import contradicted, other_robot
+from hil.diagnosis.preconditions import contradicted, lost, other_robot
 from hil.diagnosis.residual_tests import changes_told, unlike, unlike_notes
 from hil.diagnosis.sessions import differences
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe
@@ -233,6 +233,10 @@ def finish(
     # before the held-out runs are predicted anew: their loads are those of their own fit
     differ = differences(out, examine)
     left = outside(model.valid, result.problem) + examine.outside(result)
+    absurd = lost(result, out.ladder[-1].heldout.relative)
+    out.warnings += absurd
+    if absurd:
+        differ = []  # no change between sessions is told from a model that fits none of them
     out.warnings += other_robot(model, recordings) + contradicted(out.explained.result)
     out.warnings += [("outside-range", text) for text in left]
     out.warnings += examine.own(result)

@@ -143,10 +143,11 @@ def searched(
     for _ in range(max(effect.search.rounds, 1)):
         before = found.shape
         found, gain = _across(projector, found, gain)
-        if not (effect.search.rounds and movable) or found.shape == before:
+        if found.shape == before:
             break
-        known[found.shape] = gain
-        found, gain = _refine(projector, found, line, known, accuracy)
+        if movable:
+            known[found.shape] = gain
+            found, gain = _refine(projector, found, line, known, accuracy)
     return found, gain
 
 

@@ -135,6 +135,18 @@ def _coupled_transmission_grid(motion: Motion, j: int) -> Shapes:
     return [(float(k + 1), r) for k in range(j + 1, motion.d) for r in (1.0, -1.0)]
 
 
+#: Ratios of a gear or a pulley that are tried once a joint is found, and steps about a found one.
+RATIOS = (0.1, 0.15, 0.22, 0.33, 0.5, 0.7, 1.4, 2.0, 3.0, 4.5, 6.7, 10.0)
+FINER = (0.75, 0.85, 0.92, 0.96, 0.98, 0.99, 1.01, 1.02, 1.04, 1.08, 1.17, 1.33)
+
+
+def _coupled_transmission_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Other ratios: motors behind unlike gears, or a metre a radian; equal or opposite first."""
+    k, r = shape
+    some = [x * s for x in RATIOS for s in (1.0, -1.0)] if abs(r) == 1.0 else [x * r for x in FINER]
+    return [(k, x) for x in (r, *some)]
+
+
 def _coupled_transmission_lacks(motion: Motion, j: int) -> str:
     """Needs a later joint."""
     return "" if j + 1 < motion.d else "no later joint to couple with"
@@ -153,7 +165,7 @@ class CoupledTransmission(Effect):
         over=Over.OTHER_SPEED,
     )
     params = (
-        Param("i", "{F} s^2/{x}", "inertia on the relative motion"),
+        Param("i", "{F} s^2/{x}", "inertia on the relative motion", 0.0),
         Param("fc", "{F}", "Coulomb friction of the relative motion"),
         Param("fv", "{F} s/{x}", "viscous friction of the relative motion"),
     )
@@ -162,7 +174,9 @@ class CoupledTransmission(Effect):
         Param("r", "1", "ratio of the other joint's motion"),
     )
     scope = Scope(Of.JOINTS, lacks=_coupled_transmission_lacks)
-    search = Grid(_coupled_transmission_grid, refine=False)
+    search = Grid(
+        _coupled_transmission_grid, across=_coupled_transmission_across, refine=False, rounds=4
+    )
     limits = (Limit("drives", _coupled_transmission_brakes),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

@@ -30,6 +30,8 @@ from hil.models.parts import always
 FASTEST = 25.0
 #: Fewest periods in a run: what is slower is a drift.
 PERIODS = 4.0
+#: Temperature at which friction is that of the model, whatever a drift adds [degC].
+ROOM = 25.0
 #: Parts of a run in which a law's values may differ.
 LAW_PARTS = 8
 #: Shortest time constant of a drift, in lengths of the run.
@@ -57,7 +59,7 @@ class FrictionDrift(Effect):
         equation=(
             "tau = s (dc tanh(v / v0) + dv v),  "
             "s = 1 - exp(-t / T)  (t since the start of the run), "
-            "or s = temperature - its first value"
+            "or s = temperature - 25 degC, the same for all runs"
         ),
         signature="friction at the end of the run differs from that at its start, at all speeds",
         confused_with=("load-friction", "coulomb", "viscous"),
@@ -97,7 +99,8 @@ class FrictionDrift(Effect):
 def _warmth(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
     """Progress of the warming-up s (n,)."""
     if shape[1] and motion.temperature.shape == motion.q.shape:
-        measured: FloatArray = motion.temperature[:, j] - motion.temperature[0, j]
+        # a machine that is switched on warm is warm: no run has a zero of its own
+        measured: FloatArray = motion.temperature[:, j] - ROOM
         return measured
     # s = 1 - exp(-t / T)
     s: FloatArray = -np.expm1(-motion.since / max(float(shape[0]), 1e-9))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hil.diagnosis.artefacts import BLURRED, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT
 from hil.diagnosis.floor import known_to
-from hil.diagnosis.preconditions import GRAVITY
+from hil.diagnosis.preconditions import GRAVITY, LOST
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import Finding, UnnamedCorrection
@@ -64,7 +64,7 @@ TWO_ERRORS = (
     "adequate (docs/diagnosis.md)"
 )
 #: Codes of warnings that stand beside the verdict.
-LEADING = (NO_GEOMETRY, RECORDED_LATE, GRAVITY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
+LEADING = (NO_GEOMETRY, RECORDED_LATE, LOST, GRAVITY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
 
 
 # ------------------------------------------------------------ verdict
@@ -287,6 +287,7 @@ def details(m: Material) -> list[str]:
         (doubts(m.warnings) if m.rungs and m.verdict != "not-identifiable" else [])
         + _said(m, NO_GEOMETRY)
         + _said(m, RECORDED_LATE)
+        + _said(m, LOST)
         + _said(m, GRAVITY)
         + [_finding(m, f) for f in m.findings]
     )
