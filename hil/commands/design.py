@@ -302,7 +302,7 @@ def _judge_coupling(args: argparse.Namespace, config: RigConfig) -> int:
     ]
     period = config.loop.period_ns * 1e-9
     found = gate.coupled(law, arms, rotors, period, law.config.incision_depth)
-    trouble = "" if found.delay >= 0 else coupling_trouble(found, period)
+    trouble = "" if found.delay_s >= 0.0 else coupling_trouble(found, period)
     if args.json:
         told = {"law": COUPLING, "refused": trouble, "coupled": dataclasses.asdict(found)}
         terminal.emit({"schema": "hil.design/1", **told})
@@ -325,20 +325,16 @@ def coupling_trouble(found: gate.CoupledMargin, period: float) -> str:
 def coupling_text(found: gate.CoupledMargin, period: float, trouble: str) -> str:
     """What a law of whole arms was found to be."""
     growth = math.log(found.radius) / period
-    bears = f"{1e3 * found.delay * period:.3g} ms"
-    if not found.limit:
-        delay = f"{bears} and more"
-    elif found.delay <= 0:
-        delay = f"less than {1e3 * period:.3g} ms; it grows with {found.limit}"
-    else:
-        delay = f"{bears}; with more it grows with {found.limit}"
+    delay = f"{1e3 * found.delay_s:.3g} ms" + (
+        f" at most; beyond, unstable with {found.limit}" if found.limit else " and more"
+    )
     return "\n".join(
         [
             f"law {COUPLING}, small motions about postures where it starts, arms without friction",
             "",
             f"  judged         {found.members} cases of postures, masses, hands and contacts",
             f"  growth         {growth:.2g} /s at {found.hz:.3g} Hz, with {found.where}",
-            f"  further delay  {'none' if trouble else delay}",
+            f"  more delay     {'none' if trouble else delay}",
             "",
             f"  REFUSED: {trouble}"
             if trouble

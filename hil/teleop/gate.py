@@ -403,8 +403,9 @@ CONTACTS = {
 _MASSES = (0.75, 1.0)
 #: Postures beside the middle, and the share of the joints' ranges that they are taken from.
 _POSTURES, _REACH = 11, 0.6
-#: Delay between measurement and effort that the loop has [ticks], and the longest that is tried.
-_LATE, _LATEST = 1, 8
+#: Delay between measurement and effort that the loop has, the longest that is tried, and what it
+#: grows by [ticks].
+_LATE, _LATEST, _MORE = 1.0, 6.0, 0.25
 #: Growth [1/s] that the friction of any arm ends: free positions are double modes of 0, and weight
 #: that is compensated late makes them grow slowly.
 DRIFT = 0.2
@@ -421,8 +422,8 @@ class CoupledMargin:
         Largest eigenvalue of a period without further delay, and its frequency.
     where : str
         The member of the set with it.
-    delay : int
-        Further ticks of delay that all of the set bears; -1: it is unstable without.
+    delay_s : float
+        Further delay that all of the set bears [s]; negative: it is unstable without.
     limit : str
         The member that bears no more; empty where more was not tried.
     members : int
@@ -432,7 +433,7 @@ class CoupledMargin:
     radius: float
     hz: float
     where: str
-    delay: int
+    delay_s: float
     limit: str
     members: int
 
@@ -461,38 +462,36 @@ def coupled(
     """
     robots = [bare_robot(RobotSource("", arm.urdf), arm.joints) for arm in arms]
     members = []
-    for name, q in _postures(arms):
+    for posture, q in _postures(arms):
         near = _Near(law, q)
         for share in _MASSES:
-            leader = [
-                _arm(robots[0], q[0], share, rotors[0], period, hand) for hand in HANDS.values()
+            hands = [
+                _Arm(robots[0], q[0], share, rotors[0], period, hand) for hand in HANDS.values()
             ]
-            follower = [
-                _arm(robots[1], q[1], share, rotors[1], period, (k, 0.0, 0.0, 0.0), wall)
-                for k, across in CONTACTS.values()
-                for wall in ((behind, across),)
+            contacts = [
+                _Arm(robots[1], q[1], share, rotors[1], period, (k, 0.0, 0.0, 0.0), behind, wall)
+                for k, wall in CONTACTS.values()
             ]
             for (hand, one), (contact, other) in product(
-                zip(HANDS, leader, strict=True), zip(CONTACTS, follower, strict=True)
+                zip(HANDS, hands, strict=True), zip(CONTACTS, contacts, strict=True)
             ):
-                where = f"{name}, {100 * share:.0f} % of the masses, {hand}, {contact}"
+                where = f"{posture}, {100 * share:.0f} % of the masses, {hand}, {contact}"
                 members.append((where, near, one, other))
-    radius, hz, where = _worst(members, _LATE, period)
     most = 1.0 + DRIFT * period
+    radius, hz, where = _worst(members, _LATE, period)
     if radius > most:
-        return CoupledMargin(radius, hz, where, -1, where, len(members))
-    for late in range(_LATE + 1, _LATEST + 1):
-        more, _, limit = _worst(members, late, period)
+        return CoupledMargin(radius, hz, where, -1.0, where, len(members))
+    late = _LATE
+    while late < _LATEST:
+        more, _, limit = _worst(members, late + _MORE, period)
         if more > most:
-            return CoupledMargin(radius, hz, where, late - _LATE - 1, limit, len(members))
-    return CoupledMargin(radius, hz, where, _LATEST - _LATE, "", len(members))
-
-
-_Arm = tuple[FloatArray, FloatArray]
+            return CoupledMargin(radius, hz, where, (late - _LATE) * period, limit, len(members))
+        late += _MORE
+    return CoupledMargin(radius, hz, where, (late - _LATE) * period, "", len(members))
 
 
 def _worst(
-    members: Sequence[tuple[str, _Near, _Arm, _Arm]], late: int, period: float
+    members: Sequence[tuple[str, _Near, _Arm, _Arm]], late: float, period: float
 ) -> tuple[float, float, str]:
     """Largest eigenvalue of the set with a delay of `late` ticks, its frequency [Hz], and where."""
     best = (0.0, 0.0, "")
@@ -548,59 +547,87 @@ class _Near:
         self.a, self.b = whole[:n][np.ix_(moves, own)], whole[:n][moves, : 4 * d]
         self.c, self.d = whole[n:, own], whole[n:, : 4 * d]
 
-    def closed(self, leader: _Arm, follower: _Arm, late: int) -> FloatArray:
+    def closed(self, leader: _Arm, follower: _Arm, late: float) -> FloatArray:
         """Arms, law and a delay of `late` ticks, one period on."""
-        p, m, e = 2 * leader[0].shape[0], self.a.shape[0], self.c.shape[0]
-        n = p + m + late * e
-        out, half = np.zeros((n, n)), p // 2
-        out[:half, :half], out[half:p, half:p] = leader[0], follower[0]
-        first = p + m
-        for k, (_, b) in enumerate((leader, follower)):
-            rows, efforts = slice(k * half, (k + 1) * half), slice(k * e // 2, (k + 1) * e // 2)
-            if late:
-                at = n - e + k * e // 2
-                out[rows, at : at + e // 2] = b
-            else:
-                out[rows, :p] += b @ self.d[efforts]
-                out[rows, p:first] += b @ self.c[efforts]
-        out[p:first, :p], out[p:first, p:first] = self.b, self.a
-        if late:
-            out[first : first + e, :p], out[first : first + e, p:first] = self.d, self.c
-            out[first + e :, first : n - e] = np.eye(n - first - e)
+        whole, part = divmod(late, 1.0)
+        arms = [arm.period_on(part) for arm in (leader, follower)]
+        p, m, e = 2 * arms[0][0].shape[0], self.a.shape[0], self.c.shape[0]
+        law, first, half = slice(p, p + m), p + m, p // 2
+        slots = int(whole) + (part > 0.0)
+        out = np.zeros((first + slots * e, first + slots * e))
+        out[law, :p], out[law, law] = self.b, self.a
+        for k, (a, new, old) in enumerate(arms):
+            rows, own = slice(k * half, (k + 1) * half), slice(k * e // 2, (k + 1) * e // 2)
+            out[rows, rows] = a
+            for age, b in ((int(whole), new), (int(whole) + 1, old)):
+                if age == 0:
+                    out[rows, :p] += b @ self.d[own]
+                    out[rows, law] += b @ self.c[own]
+                elif age <= slots:
+                    at = first + (age - 1) * e + k * e // 2
+                    out[rows, at : at + e // 2] += b
+        if slots:
+            out[first : first + e, :p], out[first : first + e, law] = self.d, self.c
+            out[first + e :, first:-e] = np.eye((slots - 1) * e)
         return out
 
 
-def _arm(
-    robot: Robot,
-    q: FloatArray,
-    share: float,
-    rotors: FloatArray,
-    period: float,
-    touch: tuple[float, float, float, float],
-    wall: tuple[float, float] = (0.0, 0.0),
-) -> _Arm:
-    """An arm with what touches it, at rest: positions and speeds, and efforts, a period on."""
-    d, still = q.size, np.zeros((1, q.size))
-    pi = robot.prior[None]
-    mass = share * (robot.balance(q[None], still, pi)[1][0] + np.diag(rotors))
-    stiff, damp = np.zeros((d, d)), np.zeros((d, d))
-    for k in range(d):
-        near = np.stack([q, q])
-        near[:, k] += (_STEP, -_STEP)
-        sides = robot.balance(near, np.zeros((2, d)), np.tile(pi, (2, 1)))[0]
-        stiff[:, k] = (sides[0] - sides[1]) / (2.0 * _STEP)
-    jac = robot.external(np.tile(q, (6, 1)), np.eye(6))
-    spring, damper, turn_spring, turn_damper = touch
-    rows = [(jac[:3], spring, damper), (jac[3:], turn_spring, turn_damper)]
-    axes = robot.tip_axes(q[None])
-    if wall[0] and axes is not None:
-        lever = np.cross(jac[3:], -wall[0] * axes[0, :, 2], axis=0)
-        rows.append((axes[0, :, :2].T @ (jac[:3] + lever), wall[1], 0.0))
-    for j, stiffness, damping in rows:
-        stiff += stiffness * j.T @ j
-        damp += damping * j.T @ j
-    free = np.zeros((3 * d, 3 * d))
-    free[:d, d : 2 * d] = np.eye(d)
-    free[d : 2 * d] = np.linalg.solve(mass, np.hstack([-stiff, -damp, np.eye(d)]))
-    moved = expm(period * free)
-    return moved[: 2 * d, : 2 * d], moved[: 2 * d, 2 * d :]
+class _Arm:
+    """An arm with what touches it, at rest.
+
+    Parameters
+    ----------
+    robot, q, share, rotors : Robot, ndarray (d,), float, ndarray (d,)
+        Its bodies, posture, part of the masses, and inertia of its rotors.
+    period : float
+        Of the loop [s].
+    touch : tuple of 4 floats
+        As in `HANDS`, at its tip.
+    behind, wall : float
+        Where a wall is around its shaft, from the tip on [m], and its stiffness [N/m].
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        q: FloatArray,
+        share: float,
+        rotors: FloatArray,
+        period: float,
+        touch: tuple[float, float, float, float],
+        behind: float = 0.0,
+        wall: float = 0.0,
+    ) -> None:
+        d, pi = q.size, robot.prior[None]
+        mass = robot.balance(q[None], np.zeros((1, d)), pi)[1][0] + np.diag(rotors)
+        stiff, damp = np.zeros((d, d)), np.zeros((d, d))
+        for k in range(d):
+            near = np.stack([q, q])
+            near[:, k] += (_STEP, -_STEP)
+            sides = robot.balance(near, np.zeros((2, d)), np.tile(pi, (2, 1)))[0]
+            stiff[:, k] = (sides[0] - sides[1]) / (2.0 * _STEP)
+        jac = robot.external(np.tile(q, (6, 1)), np.eye(6))
+        rows = [(jac[:3], *touch[:2]), (jac[3:], *touch[2:])]
+        axes = robot.tip_axes(q[None])
+        if behind and axes is not None:
+            lever = np.cross(jac[3:], -behind * axes[0, :, 2], axis=0)
+            rows.append((axes[0, :, :2].T @ (jac[:3] + lever), wall, 0.0))
+        for j, spring, damper in rows:
+            stiff += spring * j.T @ j
+            damp += damper * j.T @ j
+        self._period, self._free = period, np.zeros((3 * d, 3 * d))
+        self._free[:d, d : 2 * d] = np.eye(d)
+        self._free[d : 2 * d] = np.linalg.solve(share * mass, np.hstack([-stiff, -damp, np.eye(d)]))
+        self._known: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = {}
+
+    def period_on(self, part: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions and speeds a period on, by themselves, by the effort, and by the one before.
+
+        The effort before acts for that part of the period yet.
+        """
+        if part not in self._known:
+            n = 2 * self._free.shape[0] // 3
+            before, after = (expm(x * self._period * self._free) for x in (part, 1.0 - part))
+            old = after[:n, :n] @ before[:n, n:]
+            self._known[part] = (after[:n, :n] @ before[:n, :n], after[:n, n:], old)
+        return self._known[part]

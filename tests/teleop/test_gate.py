@@ -228,14 +228,14 @@ NO_FRICTION = {"leader_friction": [], "follower_friction": []}
 
 def test_the_law_of_the_packaged_rig_is_stable_over_postures_hands_and_contacts():
     found = coupled()
-    assert found.members > 200 and found.delay >= 0
+    assert found.members > 200 and 0.0 < found.delay_s < T
     assert found.radius < 1.0 + gate.DRIFT * T
 
 
 def test_a_law_of_whole_arms_that_is_judged_unstable_rings_in_the_simulator(tmp_path):
     """Springs of turning that are as stiff as the law allows; arms without friction, let go."""
     stiff = {"turn_stiffness": 55.0}
-    assert coupled(**stiff).delay < 0
+    assert coupled(**stiff).delay_s < 0.0
 
     def speeds(**law):
         rows = []
@@ -261,6 +261,6 @@ def test_a_law_of_whole_arms_that_is_judged_unstable_rings_in_the_simulator(tmp_
 def test_hil_design_judges_a_law_of_whole_arms(capsys):
     assert main(["design", "surgical"]) == 0
     said = capsys.readouterr().out
-    assert "may run" in said and "further delay  less than 1 ms" in said
+    assert "may run" in said and "ms at most" in said
     assert main(["design", "surgical", "-o", "x.toml"]) == 2
     assert "means nothing for cartesian-coupling" in capsys.readouterr().err
