@@ -250,6 +250,13 @@ def run(args: argparse.Namespace) -> int:
     config = load_rig(args.rig)
     if config.controller.name == COUPLING and args.design is None:
         return _judge_coupling(args, config)
+    for arm in config.controller.arms:
+        if len(config.arms[arm].joints) != 3:
+            raise ConfigError(
+                f"{args.rig}: arm {arm!r} has {len(config.arms[arm].joints)} joints; laws with "
+                f"c1..c8 are of arms of three. {COUPLING}, of two arms of six or more, is judged "
+                "as the rig file has it, without --design"
+            )
     settings = rig_designs.settings(args.set)
     parameters, notes = _parameters(args, config, settings)
     law_type = registry.load("hil.controllers", "lawrence").Config
@@ -297,7 +304,7 @@ def _judge_coupling(args: argparse.Namespace, config: RigConfig) -> int:
     )
     arms = [described(config.arms[arm]) for arm in config.controller.arms]
     rotors = [
-        np.array(getattr(law.config, f"{role}_armature") or [0.0] * arm.d)
+        np.zeros(arm.d) + np.array(getattr(law.config, f"{role}_armature") or 0.0)
         for role, arm in zip(("leader", "follower"), arms, strict=True)
     ]
     period = config.loop.period_ns * 1e-9

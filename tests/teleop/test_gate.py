@@ -264,3 +264,5 @@ def test_hil_design_judges_a_law_of_whole_arms(capsys):
     assert "may run" in said and "ms at most" in said
     assert main(["design", "surgical", "-o", "x.toml"]) == 2
     assert "means nothing for cartesian-coupling" in capsys.readouterr().err
+    assert main(["design", "surgical", "--design", "position-error"]) == 2
+    assert "arm 'leader' has 6 joints" in capsys.readouterr().err
