@@ -60,6 +60,8 @@ FORMS: Mapping[str, Mapping[str, float]] = {
     HELD: {},
 }
 FITTED, SOFT = ", friction fitted", ", half as stiff"
+#: Up to that share beside what is foreseen, nothing else is taken to cost tracking.
+_EXPLAINED = 0.15
 #: Motion that shows friction: each joint a sine of its own frequency [1 / period], over that share
 #: of its range; the bandwidth that tracks it [Hz].
 PERIOD, _MULTIPLES, _SHARE, _BANDWIDTH = 12.0, (2, 3, 5, 4, 7, 6), 0.25, 5.0
@@ -294,8 +296,12 @@ def _page_read(found: Means) -> list[str]:
         "Where the shaft is free, most of the load turns it about a point near the tip, and the "
         "incision is pushed aside. Where it is held, turning moves the tip: both springs bear the "
         "load in one freedom, and the tip gives way. From the errors of the session that does not "
-        f"hold this foresees {held[3].mean:.2f} mm; {held[2].mean:.2f} mm are found. So it is not "
-        "the projection, nor a lag of the force that holds.",
+        f"hold this foresees {held[3].mean:.2f} mm; {held[2].mean:.2f} mm are found. "
+        + (
+            "So it is not the projection, nor a lag of the force that holds."
+            if abs(held[2].mean / held[3].mean - 1.0) < _EXPLAINED
+            else "So something else adds to it."
+        ),
         f"What helps: a stiffer spring of the tip ({soft[2].mean:.2f} mm with half of it, "
         f"{free_soft[2].mean:.2f} mm not held), and a better model. With Coulomb friction fitted "
         "to a motion of each arm, in place of the guesses of the rig file, the tip of the held "

@@ -30,8 +30,10 @@ def test_friction_of_an_arm_is_found_from_a_motion_that_touches_nothing(tmp_path
 def test_the_page_is_made_of_the_runs():
     names = [*incision.FORMS]
     names += [f + more for more in (incision.SOFT, incision.FITTED) for f in names[1:]]
-    one = {"off": 1e-3, "wall": 1.0, "tip": 2e-3, "turn": 1e-2, "felt": 3.0, "foreseen": None}
+    one = {"off": 1e-3, "wall": 1.0, "tip": 2e-3, "turn": 1e-2, "felt": 3.0, "foreseen": 1e-3}
     data = {"rows": [{"name": n, **one} for n in names]}
     found = means(incision.PAGE, [data, data])
     assert [s.mean for s in found[incision.HELD]][:3] == [1.0, 1.0, 2.0]
-    assert any("1.0 times the 2.00 mm" in line for line in incision.PAGE.read(found))
+    said = incision.PAGE.read(found)
+    assert any("1.0 times the 2.00 mm" in line for line in said)
+    assert any("something else adds to it" in line for line in said)  # twice what is foreseen
