@@ -134,7 +134,7 @@ class CartesianCouplingConfig:
         """What an operator may set: nothing of the geometry, which would jump."""
         return {
             "share": SettableRange(0.0, 1.0),
-            "stiffness": SettableRange(0.0, 2000.0, "N/m"),
+            "stiffness": SettableRange(0.0, 3000.0, "N/m"),
             "turn_stiffness": SettableRange(0.0, 15.0, "N m/rad"),
             "guide": SettableRange(0.0, 5.0, "N m/rad"),
         }

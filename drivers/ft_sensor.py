@@ -219,6 +219,9 @@ class ForceSensor:
         Range of the transducer [N]; beyond it a sample counts as clamped.
     """
 
+    #: Its wrench is turned by the joints of a PHANTOM.
+    ANY_ARM = False
+
     def __init__(self, name: str, source: GaugeSource, tare_samples: int, max_force: float) -> None:
         self.name = name
         self.source = source

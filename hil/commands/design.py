@@ -10,11 +10,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hil import outputs, registry, terminal
 from hil.commands import plugins
 from hil.errors import ConfigError, unknown
 from hil.report import elements as html
 from hil.report.html import written_by
+from hil.rig.check import described
 from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import build_controller
 from hil.runtime import session
@@ -245,6 +248,15 @@ def run(args: argparse.Namespace) -> int:
     outputs.check(args.report, ".html", [args.rig], _is_report, "a design report")
     plugins.load_installed()
     config = load_rig(args.rig)
+    if config.controller.name == COUPLING and args.design is None:
+        return _judge_coupling(args, config)
+    for arm in config.controller.arms:
+        if len(config.arms[arm].joints) != 3:
+            raise ConfigError(
+                f"{args.rig}: arm {arm!r} has {len(config.arms[arm].joints)} joints; laws with "
+                f"c1..c8 are of arms of three. {COUPLING}, of two arms of six or more, is judged "
+                "as the rig file has it, without --design"
+            )
     settings = rig_designs.settings(args.set)
     parameters, notes = _parameters(args, config, settings)
     law_type = registry.load("hil.controllers", "lawrence").Config
@@ -267,6 +279,76 @@ def run(args: argparse.Namespace) -> int:
         if not args.json:
             terminal.out(f"\n{args.output}: run it with 'hil run {args.output} -o s.mcap'")
     return 0
+
+
+#: The law of two whole arms that is judged as it stands in the rig file.
+COUPLING = "cartesian-coupling"
+
+
+def _judge_coupling(args: argparse.Namespace, config: RigConfig) -> int:
+    """Judge the law of whole arms over its set; nothing of it is designed here."""
+    for word in ("set", "fsf", "model", "report", "output"):
+        if getattr(args, word):
+            raise ConfigError(
+                f"--{word} means nothing for {COUPLING}, which is judged as the rig file has it; "
+                "change [controller.parameters] there, or choose a law with --design"
+            )
+    bare = {"leader_friction": (), "follower_friction": ()}
+    given = {**config.controller.parameters, **bare}
+    law: Any = build_controller(
+        dataclasses.replace(
+            config,
+            controller=dataclasses.replace(config.controller, parameters=given),
+            estimators={},
+        )
+    )
+    arms = [described(config.arms[arm]) for arm in config.controller.arms]
+    rotors = [
+        np.zeros(arm.d) + np.array(getattr(law.config, f"{role}_armature") or 0.0)
+        for role, arm in zip(("leader", "follower"), arms, strict=True)
+    ]
+    period = config.loop.period_ns * 1e-9
+    found = gate.coupled(law, arms, rotors, period, law.config.incision_depth)
+    trouble = "" if found.delay_s >= 0.0 else coupling_trouble(found, period)
+    if args.json:
+        told = {"law": COUPLING, "refused": trouble, "coupled": dataclasses.asdict(found)}
+        terminal.emit({"schema": "hil.design/1", **told})
+    else:
+        terminal.out(coupling_text(found, period, trouble))
+    if trouble:
+        raise ConfigError(f"{args.rig}: {trouble}")
+    return 0
+
+
+def coupling_trouble(found: gate.CoupledMargin, period: float) -> str:
+    """What is wrong with a law of whole arms."""
+    growth = math.log(found.radius) / period
+    return (
+        f"{COUPLING} is unstable: with {found.where}, a mode of {found.hz:.3g} Hz grows by "
+        f"{growth:.3g} /s; lower the dampings and stiffnesses, or velocity_filter, or raise rate_hz"
+    )
+
+
+def coupling_text(found: gate.CoupledMargin, period: float, trouble: str) -> str:
+    """What a law of whole arms was found to be."""
+    growth = math.log(found.radius) / period
+    delay = f"{1e3 * found.delay_s:.3g} ms" + (
+        f" at most; beyond, unstable with {found.limit}" if found.limit else " and more"
+    )
+    return "\n".join(
+        [
+            f"law {COUPLING}, small motions about postures where it starts, arms without friction",
+            "",
+            f"  judged         {found.members} cases of postures, masses, hands and contacts",
+            f"  growth         {growth:.2g} /s at {found.hz:.3g} Hz, with {found.where}",
+            f"  more delay     {'none' if trouble else delay}",
+            "",
+            f"  REFUSED: {trouble}"
+            if trouble
+            else f"  may run: no mode grows by more than {gate.DRIFT:g} /s, which friction ends",
+            "  'hil run' itself refuses only dampings that the rate and the filter cannot render",
+        ]
+    )
 
 
 def _not(output: str | None) -> str:

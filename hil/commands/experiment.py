@@ -215,4 +215,8 @@ EXPERIMENTS: dict[str, NamedFunction] = {
         "hil.experiments.manual_excitation:command",
         "What a hand, the motors, or both determine of an arm",
     ),
+    "incision": NamedFunction(
+        "hil.experiments.incision:command",
+        "Six joints through an incision: what holding the shaft there gains and costs",
+    ),
 }

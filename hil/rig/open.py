@@ -90,6 +90,13 @@ def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPo
             f"most one force sensor; it has {', '.join(mine) or 'no device'}."
         )
     limits = config.arms[arm]
+    if limits.own and not all(getattr(d, "ANY_ARM", True) for d in force):
+        name = next(n for n, d in mine.items() if d is force[0])
+        raise ConfigError(
+            f"arm {arm!r}: the force sensor {name!r} turns what it reads by the joints of a "
+            "PHANTOM, and this arm has a URDF; take it out of the rig file, or bring a driver of "
+            "your own that tells forces in the base frame."
+        )
     none, zeros = np.zeros(len(limits.joints), np.int64), np.zeros(GAUGES, np.int64)
     robot = limits_of_arm(limits, robot_source(limits))
     boxed = bool(limits.workspace_min or limits.workspace_max)

@@ -1,7 +1,7 @@
-"""What must not run: one axis judged over a set of operators, environments, poses and delays.
+"""What must not run: judged over a set of operators, environments, poses and delays.
 
-Master with operator and slave with environment meet in two scalars, the forces that each commands
-of the other.  With the transfer functions G_m, G_s between them, in sampled time,
+An axis: master with operator and slave with environment meet in two scalars, the forces that each
+commands of the other.  With the transfer functions G_m, G_s between them, in sampled time,
 
     1 - G_m(z) G_s(z) z^-d = 0
 
@@ -9,18 +9,32 @@ for d ticks of delay to and fro together.  Without delay the eigenvalues of both
 A longer delay makes a loop unstable where a root reaches the unit circle: |G_m G_s| = 1 there, at
 d = arg(G_m G_s) / angle(z).  The smallest such d over the set is the delay margin, so that every
 delay up to the longest is covered; stability is not monotonic in the delay, because of the cable.
+
+Two whole arms: a law that couples them is a function of the loop, whose derivatives at rest are
+taken from itself.  With the mass matrix M, weight g and tip Jacobian J of each arm,
+
+    M q'' + J^T (B J q' + K J q) + g(q) = tau,   held between ticks,
+
+the eigenvalues of arms, law and delay decide, in small motions about a posture where it starts.
+No arm has friction here, nor does the law feed any forward.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 
 import numpy as np
+from scipy.linalg import expm
+from scipy.stats import qmc
 
 from hil.errors import ConfigError
+from hil.models.robots import Robot, bare_robot
+from hil.record.recording import RobotSource
+from hil.signals.device import Controller
+from hil.signals.settable import ArmDescription
 from hil.teleop import hybrid
 from hil.teleop.architecture import MOTION
 from hil.teleop.hybrid import ComplexArray, FloatArray, Impedance
@@ -367,3 +381,253 @@ def _pair_text(zh: Impedance, ze: Impedance) -> str:
         return f"{z.m:g} kg, {z.b:g} N s/m, {z.k:g} N/m"
 
     return f"operator ({one(zh)}), environment ({one(ze)})"
+
+
+# ------------------------------------------------------------ a law of two whole arms
+
+#: Hands at the leader's tip: stiffness and damping of place [N/m], [N s/m] and of turning
+#: [N m/rad], [N m s/rad].  A hand holds a stylus by 320 N/m; light and firm as of an axis.
+HANDS = {
+    "let go": (0.0, 0.0, 0.0, 0.0),
+    "a light hand": (100.0, 2.0, 1.0, 0.02),
+    "a hand": (320.0, 7.0, 3.5, 0.06),
+    "a firm hand": (860.0, 19.0, 9.5, 0.16),
+}
+#: What the follower meets: stiffness at its tip and across its shaft in the incision [N/m].
+CONTACTS = {
+    "nothing": (0.0, 0.0),
+    "tissue of 500 N/m": (500.0, 500.0),
+    "a wall of 3000 N/m": (3000.0, 500.0),
+}
+#: Masses of the arms relative to their URDFs with the rotors of the rig file.
+_MASSES = (0.75, 1.0)
+#: Postures beside the middle, and the share of the joints' ranges that they are taken from.
+_POSTURES, _REACH = 11, 0.6
+#: Delay between measurement and effort that the loop has, the longest that is tried, and what it
+#: grows by [ticks].
+_LATE, _LATEST, _MORE = 1.0, 6.0, 0.25
+#: Growth [1/s] that the friction of any arm ends: free positions are double modes of 0, and weight
+#: that is compensated late makes them grow slowly.
+DRIFT = 0.2
+_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class CoupledMargin:
+    """How a law of two arms stands over its set.
+
+    Parameters
+    ----------
+    radius, hz : float
+        Largest eigenvalue of a period without further delay, and its frequency.
+    where : str
+        The member of the set with it.
+    delay_s : float
+        Further delay that all of the set bears [s]; negative: it is unstable without.
+    limit : str
+        The member that bears no more; empty where more was not tried.
+    members : int
+        In the set.
+    """
+
+    radius: float
+    hz: float
+    where: str
+    delay_s: float
+    limit: str
+    members: int
+
+
+def coupled(
+    law: Controller,
+    arms: Sequence[ArmDescription],
+    rotors: Sequence[FloatArray],
+    period: float,
+    behind: float = 0.0,
+) -> CoupledMargin:
+    """Judge a law of two arms that are described by URDFs.
+
+    Parameters
+    ----------
+    law : Controller
+        Without friction that is fed forward.
+    arms : sequence of 2 ArmDescription
+        Leader and follower.
+    rotors : sequence of 2 ndarray (d,)
+        Inertia of their rotors at the joints [kg m^2].
+    period : float
+        Of the loop [s].
+    behind : float
+        Where a wall is around the follower's shaft, from its tip on [m]; 0: none.
+    """
+    robots = [bare_robot(RobotSource("", arm.urdf), arm.joints) for arm in arms]
+    members = []
+    for posture, q in _postures(arms):
+        near = _Near(law, q)
+        for share in _MASSES:
+            hands = [
+                _Arm(robots[0], q[0], share, rotors[0], period, hand) for hand in HANDS.values()
+            ]
+            contacts = [
+                _Arm(robots[1], q[1], share, rotors[1], period, (k, 0.0, 0.0, 0.0), behind, wall)
+                for k, wall in CONTACTS.values()
+            ]
+            for (hand, one), (contact, other) in product(
+                zip(HANDS, hands, strict=True), zip(CONTACTS, contacts, strict=True)
+            ):
+                where = f"{posture}, {100 * share:.0f} % of the masses, {hand}, {contact}"
+                members.append((where, near, one, other))
+    most = 1.0 + DRIFT * period
+    radius, hz, where = _worst(members, _LATE, period)
+    if radius > most:
+        return CoupledMargin(radius, hz, where, -1.0, where, len(members))
+    late = _LATE
+    while late < _LATEST:
+        more, _, limit = _worst(members, late + _MORE, period)
+        if more > most:
+            return CoupledMargin(radius, hz, where, (late - _LATE) * period, limit, len(members))
+        late += _MORE
+    return CoupledMargin(radius, hz, where, (late - _LATE) * period, "", len(members))
+
+
+def _worst(
+    members: Sequence[tuple[str, _Near, _Arm, _Arm]], late: float, period: float
+) -> tuple[float, float, str]:
+    """Largest eigenvalue of the set with a delay of `late` ticks, its frequency [Hz], and where."""
+    best = (0.0, 0.0, "")
+    for where, near, one, other in members:
+        values = np.linalg.eigvals(near.closed(one, other, late))
+        k = int(np.argmax(np.abs(values)))
+        if abs(values[k]) > best[0]:
+            hz = abs(float(np.angle(values[k]))) / (2.0 * np.pi * period)
+            best = (float(abs(values[k])), hz, where)
+    return best
+
+
+def _postures(arms: Sequence[ArmDescription]) -> Iterator[tuple[str, list[FloatArray]]]:
+    """Both arms in their middle, then each anywhere in a part of its ranges, the same each time."""
+    d = arms[0].d
+    yield "both arms in the middle", [np.array(arm.center) for arm in arms]
+    shares = qmc.Halton(2 * d, seed=1).random(_POSTURES)
+    for n, row in enumerate(shares):
+        q = []
+        for arm, x in zip(arms, row.reshape(2, d), strict=True):
+            low, high, middle = map(np.array, (arm.low, arm.high, arm.center))
+            q.append(middle + _REACH * np.where(x > 0.5, high - middle, middle - low) * (2 * x - 1))
+        yield f"posture {n + 1}", q
+
+
+class _Near:
+    """A law in small motions about a posture that it starts from: what of its state moves."""
+
+    def __init__(self, law: Controller, q: Sequence[FloatArray]) -> None:
+        d, n = q[0].size, len(law.state_names)
+        u, y = np.zeros((2, 3 * d)), np.zeros((2, d))
+        u[:, :d] = q
+        x0, rest = np.zeros(n), np.zeros(n)
+        for _ in range(2):
+            law.update(0.0, rest, u, x0, y)
+            rest = x0.copy()
+        slopes = []
+        for k in range(4 * d + n):
+            ends = []
+            for side in (_STEP, -_STEP):
+                u_near, x_near, x_next, out = u.copy(), rest.copy(), np.zeros(n), np.zeros((2, d))
+                if k < 4 * d:
+                    u_near[k // (2 * d), k % (2 * d)] += side
+                else:
+                    x_near[k - 4 * d] += side
+                law.update(0.0, x_near, u_near, x_next, out)
+                ends.append(np.concatenate([x_next, out.ravel()]))
+            slopes.append((ends[0] - ends[1]) / (2.0 * _STEP))
+        whole = np.array(slopes).T
+        # a state counts that the arms move and that the efforts follow
+        moves = np.any(whole[:n, : 4 * d], axis=1) & np.any(whole[n:, 4 * d :], axis=0)
+        own = 4 * d + np.flatnonzero(moves)
+        self.a, self.b = whole[:n][np.ix_(moves, own)], whole[:n][moves, : 4 * d]
+        self.c, self.d = whole[n:, own], whole[n:, : 4 * d]
+
+    def closed(self, leader: _Arm, follower: _Arm, late: float) -> FloatArray:
+        """Arms, law and a delay of `late` ticks, one period on."""
+        whole, part = divmod(late, 1.0)
+        arms = [arm.period_on(part) for arm in (leader, follower)]
+        p, m, e = 2 * arms[0][0].shape[0], self.a.shape[0], self.c.shape[0]
+        law, first, half = slice(p, p + m), p + m, p // 2
+        slots = int(whole) + (part > 0.0)
+        out = np.zeros((first + slots * e, first + slots * e))
+        out[law, :p], out[law, law] = self.b, self.a
+        for k, (a, new, old) in enumerate(arms):
+            rows, own = slice(k * half, (k + 1) * half), slice(k * e // 2, (k + 1) * e // 2)
+            out[rows, rows] = a
+            for age, b in ((int(whole), new), (int(whole) + 1, old)):
+                if age == 0:
+                    out[rows, :p] += b @ self.d[own]
+                    out[rows, law] += b @ self.c[own]
+                elif age <= slots:
+                    at = first + (age - 1) * e + k * e // 2
+                    out[rows, at : at + e // 2] += b
+        if slots:
+            out[first : first + e, :p], out[first : first + e, law] = self.d, self.c
+            out[first + e :, first:-e] = np.eye((slots - 1) * e)
+        return out
+
+
+class _Arm:
+    """An arm with what touches it, at rest.
+
+    Parameters
+    ----------
+    robot, q, share, rotors : Robot, ndarray (d,), float, ndarray (d,)
+        Its bodies, posture, part of the masses, and inertia of its rotors.
+    period : float
+        Of the loop [s].
+    touch : tuple of 4 floats
+        As in `HANDS`, at its tip.
+    behind, wall : float
+        Where a wall is around its shaft, from the tip on [m], and its stiffness [N/m].
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        q: FloatArray,
+        share: float,
+        rotors: FloatArray,
+        period: float,
+        touch: tuple[float, float, float, float],
+        behind: float = 0.0,
+        wall: float = 0.0,
+    ) -> None:
+        d, pi = q.size, robot.prior[None]
+        mass = robot.balance(q[None], np.zeros((1, d)), pi)[1][0] + np.diag(rotors)
+        stiff, damp = np.zeros((d, d)), np.zeros((d, d))
+        for k in range(d):
+            near = np.stack([q, q])
+            near[:, k] += (_STEP, -_STEP)
+            sides = robot.balance(near, np.zeros((2, d)), np.tile(pi, (2, 1)))[0]
+            stiff[:, k] = (sides[0] - sides[1]) / (2.0 * _STEP)
+        jac = robot.external(np.tile(q, (6, 1)), np.eye(6))
+        rows = [(jac[:3], *touch[:2]), (jac[3:], *touch[2:])]
+        axes = robot.tip_axes(q[None])
+        if behind and axes is not None:
+            lever = np.cross(jac[3:], -behind * axes[0, :, 2], axis=0)
+            rows.append((axes[0, :, :2].T @ (jac[:3] + lever), wall, 0.0))
+        for j, spring, damper in rows:
+            stiff += spring * j.T @ j
+            damp += damper * j.T @ j
+        self._period, self._free = period, np.zeros((3 * d, 3 * d))
+        self._free[:d, d : 2 * d] = np.eye(d)
+        self._free[d : 2 * d] = np.linalg.solve(share * mass, np.hstack([-stiff, -damp, np.eye(d)]))
+        self._known: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = {}
+
+    def period_on(self, part: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions and speeds a period on, by themselves, by the effort, and by the one before.
+
+        The effort before acts for that part of the period yet.
+        """
+        if part not in self._known:
+            n = 2 * self._free.shape[0] // 3
+            before, after = (expm(x * self._period * self._free) for x in (part, 1.0 - part))
+            old = after[:n, :n] @ before[:n, n:]
+            self._known[part] = (after[:n, :n] @ before[:n, :n], after[:n, n:], old)
+        return self._known[part]

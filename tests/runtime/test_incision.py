@@ -7,6 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from hil.errors import ConfigError
 from hil.rig.config import load_rig
 from hil.rig.open import build_controller, open_rig
 from hil.runtime import runner
@@ -74,3 +75,14 @@ def test_the_law_allocates_nothing_that_stays():
     tracemalloc.stop()
     assert np.isfinite(y).all()
     assert sum(s.size_diff for s in grown if "controllers" in s.traceback[0].filename) < 512
+
+
+def test_a_force_sensor_that_would_be_turned_by_the_joints_of_another_arm_is_refused():
+    sensor = {
+        "driver": "ft-sensor", "arm": "follower", "channels": {"gauges": ["tool-ft/0"]},
+        "options": {"model": "nano17"},
+    }  # fmt: skip
+    box = {"driver": "netft-rdt", "address": "192.168.1.1"}
+    config = load_rig("surgical", {"devices": {"tool-force": sensor}, "boxes": {"tool-ft": box}})
+    with pytest.raises(ConfigError, match="'tool-force' turns what it reads by the joints"):
+        open_rig(config, 1)

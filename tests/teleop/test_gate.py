@@ -12,7 +12,9 @@ from hil.controllers import lawrence
 from hil.controllers.lawrence_config import LawrenceConfig
 from hil.errors import ConfigError, DeviceError
 from hil.models.phantom import Premium
+from hil.rig.check import described
 from hil.rig.config import load_rig
+from hil.rig.open import build_controller, open_rig
 from hil.runtime import runner
 from hil.runtime.session import plain, to_toml
 from hil.teleop import (
@@ -21,7 +23,6 @@ from hil.teleop import (
     law_parameters,
     rig_designs,
     sampled_loop,
-    transparent_search,
 )
 from hil.teleop.architecture import FORCE, RobotImpedance
 from hil.toml import parse
@@ -195,9 +196,9 @@ def test_where_no_force_gains_help_it_says_so():
 
 @pytest.mark.parametrize("accelerations", [False, True])
 def test_a_transparent_design_is_found_that_runs(accelerations, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(transparent_search, "_STIFFNESS", (250.0,))
-    monkeypatch.setattr(transparent_search, "_DAMPING", (0.6,))
-    monkeypatch.setattr(transparent_search, "_LOCAL_FORCES", (0.0, -0.3))
+    monkeypatch.setattr(rig_designs, "_STIFFNESS", (250.0,))
+    monkeypatch.setattr(rig_designs, "_DAMPING", (0.6,))
+    monkeypatch.setattr(rig_designs, "_LOCAL_FORCES", (0.0, -0.3))
     own = tmp_path / "own.toml"
     words = ["--design", "transparent", "--set", f"accelerations={int(accelerations)}"]
     assert main(["design", "lawrence", *words, "-o", str(own)]) == 0
@@ -209,3 +210,59 @@ def test_a_transparent_design_is_found_that_runs(accelerations, monkeypatch, tmp
         if accelerations:
             assert d.c1.a == pytest.approx(RobotImpedance(m[1]).m + d.c7.a)
     assert main(["run", str(own), "-o", str(tmp_path / "s.mcap"), "--seconds", "1.5"]) == 0
+
+
+# ------------------------------------------------------------ a law of two whole arms
+
+
+def coupled(**law):
+    config = load_rig("surgical", {"controller": {"parameters": {**NO_FRICTION, **law}}})
+    own = build_controller(config)
+    arms = [described(config.arms[a]) for a in config.controller.arms]
+    rotors = [np.array(getattr(own.config, f"{a}_armature")) for a in config.controller.arms]
+    return gate.coupled(own, arms, rotors, T, own.config.incision_depth)
+
+
+NO_FRICTION = {"leader_friction": [], "follower_friction": []}
+
+
+def test_the_law_of_the_packaged_rig_is_stable_over_postures_hands_and_contacts():
+    found = coupled()
+    assert found.members > 200 and 0.0 < found.delay_s < T
+    assert found.radius < 1.0 + gate.DRIFT * T
+
+
+def test_a_law_of_whole_arms_that_is_judged_unstable_rings_in_the_simulator(tmp_path):
+    """Springs of turning that are as stiff as the law allows; arms without friction, let go."""
+    stiff = {"turn_stiffness": 55.0}
+    assert coupled(**stiff).delay_s < 0.0
+
+    def speeds(**law):
+        rows = []
+
+        def opener(config, seed):
+            rig = open_rig(config, seed)
+            for arm in rig.bench.arms.values():
+                arm.p["coulomb"] = 0.0
+                arm.p["viscous"] = 1e-4
+                arm.p["lag"] = T
+            follower = rig.bench.arms["follower"]
+            rig.bench.after.append(lambda _: rows.append(np.abs(follower.x["v"]).max()))
+            return rig
+
+        config = load_rig("surgical", {"controller": {"parameters": {**NO_FRICTION, **law}}})
+        alone = replace(config, simulation={})
+        runner.run(alone, 1.0, 1, "lockstep", tmp_path / "s.mcap", opener=opener)
+        return max(rows[-500:])
+
+    assert speeds(**stiff) > 3.0 * speeds()
+
+
+def test_hil_design_judges_a_law_of_whole_arms(capsys):
+    assert main(["design", "surgical"]) == 0
+    said = capsys.readouterr().out
+    assert "may run" in said and "ms at most" in said
+    assert main(["design", "surgical", "-o", "x.toml"]) == 2
+    assert "means nothing for cartesian-coupling" in capsys.readouterr().err
+    assert main(["design", "surgical", "--design", "position-error"]) == 2
+    assert "arm 'leader' has 6 joints" in capsys.readouterr().err

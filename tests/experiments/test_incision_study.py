@@ -1,0 +1,39 @@
+"""The study of the incision: what a held shaft foresees, and a session of each kind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil.experiments import incision
+from hil.experiments.pages import means
+from hil.rig.config import load_rig
+
+
+def test_a_held_shaft_bears_moments_at_its_tip_and_forces_along_it_alone():
+    """Springs of tip and turning in one freedom: a moment about the incision over its lever."""
+    k, kr, deep = 1500.0, 12.0, 0.12
+    shaft, along = np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, 1e-3]])
+    turned = np.array([[0.0, 0.03, 0.0]])  # what the free shaft has turned by, its tip in place
+    found = incision.held_error(along, turned, shaft, np.array([deep]), k, kr)[0]
+    angle = kr * 0.03 / (kr + k * deep**2)  # the same moment against both springs
+    assert found == pytest.approx([angle * deep, 0.0, 1e-3])
+
+
+def test_friction_of_an_arm_is_found_from_a_motion_that_touches_nothing(tmp_path):
+    rig = load_rig("surgical", {"simulation": {"truth_seed": 1}})
+    found = np.array(incision.fitted(rig, "follower", tmp_path, 1))
+    fed = np.array(rig.controller.parameters["follower_friction"])
+    assert np.all(found > fed) and np.all(found < 3.0 * fed)
+
+
+def test_the_page_is_made_of_the_runs():
+    names = [*incision.FORMS]
+    names += [f + more for more in (incision.SOFT, incision.FITTED) for f in names[1:]]
+    one = {"off": 1e-3, "wall": 1.0, "tip": 2e-3, "turn": 1e-2, "felt": 3.0, "foreseen": 1e-3}
+    data = {"rows": [{"name": n, **one} for n in names]}
+    found = means(incision.PAGE, [data, data])
+    assert [s.mean for s in found[incision.HELD]][:3] == [1.0, 1.0, 2.0]
+    said = incision.PAGE.read(found)
+    assert any("1.0 times the 2.00 mm" in line for line in said)
+    assert any("something else adds to it" in line for line in said)  # twice what is foreseen
