@@ -221,7 +221,6 @@ def sample_shift(result: FitResult) -> float:
     apart from friction that turns before the speed does.  The median over joints, weighted by what
     each can tell, so that one joint's real delay or hysteresis does not shift the others.
 
-    What is not surely late is left as it is: a shift that is none costs more than one left out.
     Any alignment within one sample is as likely as another before the data are seen, with a
     standard deviation s of half a sample.  Of an estimate T with error e what is taken out is
 
@@ -235,7 +234,7 @@ def sample_shift(result: FitResult) -> float:
     seen = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
     seen = [(value, error) for value, error in seen if error < KNOWN * longest]
     shift, error = _middle(seen, longest / FINEST) if seen else (0.0, 0.0)
-    if abs(shift) > longest or abs(shift) < CLEAR * error:
+    if abs(shift) > longest:
         return 0.0
     spread = KNOWN * longest
     shift *= spread**2 / (spread**2 + error**2)
