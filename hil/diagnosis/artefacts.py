@@ -165,8 +165,9 @@ def mark_blurred(found: list[Candidate], result: FitResult, projector: Projector
     for j in {c.term.joint for c in own}:
         blurred = blur(result, projector, j)
         for c in own:
-            if blurred.gain > 0.0 and c.term.joint == j and not c.term.effect.scope.whole:
-                beside = np.column_stack([blurred.column, projector.weighted(c.term)])
+            if blurred.gain > 0.0 and c.term.joint == j:
+                law = projector.weighted(c.term)
+                beside = np.column_stack([_felt(blurred.column, j, projector, len(law)), law])
                 more = projector.gain_of(c.term, beside) - blurred.gain
                 less = not blurred.early or c.gain < blurred.gain
                 c.blurred = less and more < OPEN * c.gain
@@ -255,11 +256,8 @@ def mark_smoothers(found: list[Candidate], projector: Projector) -> None:
 def _left(c: Candidate, projector: Projector, smoothers: FloatArray) -> float:
     """Gain of a law beside the best of the smoothers (n, k) of its joint."""
     rows, law = projector.rows(c.term), projector.weighted(c.term)
-    r, n = projector.residual[rows], projector.problem.n
-    if len(r) > n:  # the law is felt on all joints, a smoother on its own
-        wide = np.zeros((len(r), smoothers.shape[1]))
-        wide[c.term.joint * n : (c.term.joint + 1) * n] = smoothers
-        smoothers = wide
+    r = projector.residual[rows]
+    smoothers = _felt(smoothers, c.term.joint, projector, len(r))
     best, more = 0.0, c.gain
     for k in range(smoothers.shape[1]):
         x = np.column_stack([smoothers[:, k], law])
@@ -271,6 +269,16 @@ def _left(c: Candidate, projector: Projector, smoothers: FloatArray) -> float:
             both = float(along @ least_squares(gram, along))
             best, more = alone, both - alone
     return more
+
+
+def _felt(own: FloatArray, j: int, projector: Projector, rows: int) -> FloatArray:
+    """Columns (n, k) of joint j alone, beside a law of its rows or of those of all joints."""
+    n, columns = projector.problem.n, own.reshape(len(own), -1)
+    if rows == n:
+        return columns
+    out = np.zeros((rows, columns.shape[1]))
+    out[j * n : (j + 1) * n] = columns
+    return out
 
 
 def _smoothers(projector: Projector, j: int) -> FloatArray:
