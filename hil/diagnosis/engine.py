@@ -65,6 +65,7 @@ from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
+from hil.models.encoders import TELLING_PUSH
 from hil.models.model import BASE_EFFECTS, RobotModel, as_model
 from hil.models.robots import undescribed
 from hil.record.arrays import Runs, as_runs, held_out
@@ -414,7 +415,7 @@ def gains(result: FitResult, split: Split) -> dict[int, float]:
     columns = {
         j: problem.gated([m.tau_ext[:, j : j + 1] for m in problem.motions], j)
         for j in range(problem.d)
-        if any(np.any(m.tau_ext[:, j]) for m in problem.motions)
+        if _pushed(problem, j)
     }
     free = np.array([np.inf])
     groups = [Group(("external", j), j, x, -free, free, np.zeros(1)) for j, x in columns.items()]
@@ -431,6 +432,18 @@ def gains(result: FitResult, split: Split) -> dict[int, float]:
         if after.power[j] < WHOLE * before.power[j] and paired(fall) > BEYOND:
             out[j] = 1.0 - float(table.coefficients([*keys, g.key])[g.key][0])
     return out
+
+
+def _pushed(problem: Problem, j: int) -> bool:
+    """Whether an external effort is more than a sensor's noise beside the motor's: else no gain.
+
+    Noise in a regressor draws its coefficient to zero, which would look like a wrong ratio.
+    """
+    push, own = (
+        float(np.sqrt(np.mean(np.concatenate([x[:, j] for x in each]) ** 2)))
+        for each in ([m.tau_ext for m in problem.motions], [m.tau for m in problem.motions])
+    )
+    return push > TELLING_PUSH * own
 
 
 def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
