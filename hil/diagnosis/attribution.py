@@ -199,9 +199,25 @@ def variance_share(c: Candidate, evidence: Evidence, result: FitResult) -> float
     return float(removed / max(evidence.floor.rms[j] ** 2, 1e-300))
 
 
-def physical(c: Candidate, motion: Motion) -> bool:
+def where_acts(problem: Problem, term: Term, beta: Sequence[float]) -> Motion:
+    """The run in which a term acts most: a stop that one run does not reach is judged in another.
+
+    The first one where every run has values of its own.
+    """
+    motions = problem.motions
+    if len(motions) == 1 or term.per_run or not beta:
+        return motions[0]
+    raw = problem.raw(term.effect, term.joint, term.shape)
+    each = [x.reshape(-1, x.shape[-1]) for x in raw]
+    if any(x.shape[1] != len(beta) for x in each):
+        return motions[0]
+    return motions[int(np.argmax([float(np.sum((x @ np.array(beta)) ** 2)) for x in each]))]
+
+
+def physical(c: Candidate, problem: Problem) -> bool:
     """Whether the coefficients can be: a negative Stribeck peak cannot, nor an unseen bias."""
     term = c.term
+    motion = where_acts(problem, term, c.coefficients)
     if refused(term.effect, motion, term.joint, term.shape, c.coefficients, c.errors):
         return False
     params = c.term.effect.params
@@ -231,7 +247,7 @@ def possible(evidence: Evidence, result: FitResult) -> list[Candidate]:
         c
         for c in evidence.candidates
         if c.p_value <= LEVEL
-        and physical(c, result.problem.motions[0])
+        and physical(c, result.problem)
         and c.score > 0
         and not c.smoother
         and not c.blurred
@@ -362,7 +378,7 @@ def allowed(result: FitResult, term: Term) -> bool:
     # differences to one run belong together
     one = term.effect.variation.relative or not term.per_run
     parts = [each] if one else np.array_split(each, runs)
-    motion = result.problem.motions[0]
+    motion = where_acts(result.problem, term, parts[0][:, 0].tolist())
     return not any(
         refused(term.effect, motion, term.joint, term.shape, p[:, 0].tolist(), p[:, 1].tolist())
         for p in parts

@@ -296,11 +296,10 @@ def _collinear(evidence: Evidence, known: list[_Set], named: set[str]) -> list[_
     if evidence.projector is None:
         return []
     out: list[_Set] = []
-    motion = evidence.projector.problem.motions[0]
     top = [
         c
         for c in evidence.candidates
-        if c.score > 0 and c.absorbed < ABSORBED and physical(c, motion)
+        if c.score > 0 and c.absorbed < ABSORBED and physical(c, evidence.projector.problem)
     ][:8]
     seen = {frozenset((a, b)) for x in known for a in x.effects for b in x.effects}
     for a_index, a in enumerate(top):

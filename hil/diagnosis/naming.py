@@ -96,7 +96,6 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     artefacts.mark_smoothers(found, projector)
     artefacts.mark_blurred(found, result, projector)
     rated = rate(result, search.split, found)
-    motion = search.problem.motions[0]
     others = [f for f in search.found if f is not c]
     sound = [
         r
@@ -105,7 +104,7 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
         or (
             r.removed > 0
             and r.candidate.score > 0
-            and physical(r.candidate, motion)
+            and physical(r.candidate, search.problem)
             and not (r.candidate.smoother or r.candidate.blurred)
             and r.candidate.absorbed < ABSORBED
             and in_time(r.candidate, result)

@@ -202,7 +202,7 @@ def _discrepancy(case: RuleCase) -> str:
 
 @_candidate("physical")
 def _physical(case: RuleCase) -> str:
-    good = physical(case.rated.candidate, case.search.problem.motions[0])
+    good = physical(case.rated.candidate, case.search.problem)
     return "" if good else "the best values are physically impossible"
 
 

@@ -177,8 +177,12 @@ def _presliding_carries(f: Fitted) -> bool:
 
 
 def _presliding_wide(f: Fitted) -> bool:
-    """Over more than the least displacement that is tried: else a sign that turns a little late."""
-    return f.shape[0] >= FORM_REACH * _least(f.motion, f.j)
+    """Over more than the least displacement that is tried: else a sign that turns a little late.
+
+    Bristles that are damped show by their damping, however stiff they are.
+    """
+    damped = f.shape[1] == LUGRE and f.beta[3] > max(f.slack[3], LOOP_SHARE * sum(f.beta))
+    return damped or f.shape[0] >= FORM_REACH * _least(f.motion, f.j)
 
 
 def _presliding_others(motion: Motion, j: int, shape: Sequence[float]) -> Others | None:
