@@ -23,8 +23,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from hil.errors import ConfigError, DataError
 from hil.record.container import FILE_COPY, METADATA_COPY, Container, read
+from hil.record.schema import LIBRARY
 
-LIBRARY = "hil"
 CHUNK_BYTES = 64 * 1024
 #: Bytes of a message record around its payload.
 FRAME = 31

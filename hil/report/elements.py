@@ -90,16 +90,6 @@ def escape(text: object) -> str:
     return html.escape(printable(str(text)), quote=True)
 
 
-def number(x: float, digits: int = 3) -> str:
-    """A number for people: significant digits, a dash where there is none."""
-    if not math.isfinite(x):
-        return "-"
-    text = f"{x:.{digits}g}"
-    if "e+" in text and abs(x) < 1e6:
-        text = f"{x:.0f}"
-    return text.replace("-", "\u2212")
-
-
 def table(
     head: Sequence[str],
     rows: Sequence[Sequence[str]],

@@ -1,15 +1,20 @@
 """How many files the house has, so that it cannot silently grow: lower a bound when one is met."""
 
 import ast
+import subprocess
+import sys
 import tomllib
 from collections import defaultdict
 from pathlib import Path
+
+import plants
 
 from hil import registry
 from hil.cli import COMMANDS
 from hil.commands.bench import BENCHES
 from hil.commands.experiment import EXPERIMENTS
 from hil.models import catalogue
+from hil.record.export import write_recordings
 from hil.sim_devices import bench
 from hil.sim_devices.joints import bench as joint_bench
 
@@ -17,6 +22,15 @@ ROOT = Path(__file__).parents[2]
 #: Most modules; most modules that exactly one other imports; most of these that no table names: a
 #: module that a table loads by its name is found there, and one import more is no reason to merge.
 MODULES, ONE_IMPORTER, UNNAMED = 379, 36, 23
+#: Most modules (packages apart) that one diagnosis of a session loads.
+OF_A_DIAGNOSIS = 109
+_COUNT = """
+import sys
+from hil.cli import main
+assert main(["diagnose", sys.argv[1], "--quiet", "--json"]) == 0
+files = [getattr(m, "__file__", None) or "" for n, m in sys.modules.items() if n[:4] == "hil."]
+print(*sorted(f for f in files if f and not f.endswith("__init__.py")), file=sys.stderr)
+"""
 
 
 def _modules() -> dict[str, Path]:
@@ -80,3 +94,13 @@ def test_the_house_does_not_grow_silently():
 def test_what_a_table_loads_by_name_is_there():
     for name, row in {**BENCHES, **EXPERIMENTS}.items():
         assert callable(row.load()), name
+
+
+def test_a_diagnosis_touches_few_files(tmp_path):
+    run = plants.two_tone_axis(6.0, (0.3, 0.2), (3.0, 7.3), 1.0, 0.3)
+    write_recordings(tmp_path / "s.mcap", [run], {})
+    words = [sys.executable, "-c", _COUNT, str(tmp_path / "s.mcap")]
+    ran = subprocess.run(words, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+    files = ran.stderr.splitlines()[-1].split()
+    assert 60 < len(files) <= OF_A_DIAGNOSIS, "\n".join(files)
