@@ -1,6 +1,6 @@
-"""A proper session from what a killed writer left: every message, byte for byte.
+"""The file of a session: written whole or not at all, and made proper again after a killed writer.
 
-File of a session: written whole or not at all, in small chunks.
+Recovery keeps every message that is there, byte for byte.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """Elements of one self-contained HTML page: sections, tables, figures.
 
-A figure of panels as plain data for plotly's script.
-
-Plotly's own Python classes check every property again at every change, which takes longer than
-the whole diagnosis; here a figure is a list of traces and a layout, written as they are.
+Plotly's own Python classes check every property again at every change, which takes longer than the
+whole diagnosis; here a figure is a list of traces and a layout, plain data for plotly's script.
 """
 
 from __future__ import annotations

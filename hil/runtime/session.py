@@ -1,9 +1,9 @@
 """What a session file says of itself: channels, metadata, the rig file without its secrets.
 
+Beside that, who runs a session, and what it turned out to be.
+
 Nothing of ``[simulation]`` reaches a session but a hash: an analysis must find hidden effects
 in the signals.  Nothing depends on wall-clock time in lockstep.
-
-Who runs a session, and what it turned out to be.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What is worth knowing of a design before it runs: figures of merit of one axis, and plots.
 
-Plots: Bode plots of H, regions of stability, width of transmitted impedance.
+The plots show H (Bode), regions of stability, and the width of transmitted impedance.
 """
 
 from __future__ import annotations
