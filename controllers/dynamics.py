@@ -1,12 +1,11 @@
-"""Geometry and rigid-body model of a PHANTOM Premium 1.5, compiled for the loop.
+"""Rigid body of a PHANTOM Premium 1.5 and its momentum observer, compiled for the loop.
 
 th1 turntable, th2 upper link from the horizontal, th3 forearm from the base (0 = hanging);
 z up, origin on the shoulder axis (Cavusoglu, Feygin & Tendick 2002).
 
 Eight parameters: tau = M(q) q'' + C(q, q') q' + N(q), form of Cavusoglu, Feygin & Tendick 2002 with
-the sign of C32 that conserves energy; pi as `hil.models.phantom.Premium` identifies it.
-
-Momentum observer of one arm: external torque without acceleration, compiled for the loop.
+the sign of C32 that conserves energy; pi as `hil.models.phantom.Premium` identifies it.  The
+observer tells the external torque without an acceleration.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Joint tracking: PD with gravity compensation to a periodic motion of every joint.
 
-Periodic reference motion: a slow and a fast multisine, the fast one swelling and fading.
+The motion is a slow and a fast multisine, the fast one swelling and fading.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 operator -> leader --c1 motion, c3 force--> follower -> environment
               ^---- c4 motion, c2 force ----'
 
-What the kernels of the Lawrence law take: its constants, friction tables and scratch.
+Constants, friction tables and scratch are set up here for the compiled kernels.
 """
 
 from __future__ import annotations

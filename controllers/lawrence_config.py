@@ -1,14 +1,12 @@
-"""Parameters of the Lawrence law, as a rig file holds them.
+"""Parameters of the Lawrence law as a rig file holds them, its state, and its channel.
 
-State of the Lawrence law from tick to tick: its names, and where each part starts.
+The state goes from tick to tick; here are its names, and where each part starts.  The kernels are
+compiled with these offsets, and the cache of numba looks at their own file alone: who changes
+something here deletes controllers/__pycache__.
 
-The kernels are compiled with these offsets, and the cache of numba looks at their own file alone:
-who changes something here deletes controllers/__pycache__.
-
-Communication channel: which sample has arrived by which tick; constant, varying, lossy.
-
-Every tick one packet leaves; it arrives after its own delay or never.  The receiver holds the
-newest packet that it has.  The schedule is drawn once from a seed and repeats.
+The channel says which sample has arrived by which tick; its delay is constant or varies, and
+packets are lost.  Every tick one packet leaves; it arrives after its own delay or never.  The
+receiver holds the newest packet that it has.  The schedule is drawn once from a seed and repeats.
 """
 
 from __future__ import annotations

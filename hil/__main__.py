@@ -1,4 +1,9 @@
-"""The program `hil`, also as ``python -m hil``; Ctrl-C is arranged before anything is imported."""
+"""The program `hil`, also as ``python -m hil``; Ctrl-C is arranged before anything is imported.
+
+A file of the user may have the name of a module of Python, e.g. a ``json.py`` in a folder of
+PYTHONPATH.  Python imports that file instead, and anything may fail from then on.  Such files are
+looked for only when something has failed.
+"""
 
 from __future__ import annotations
 
@@ -18,24 +23,86 @@ def _at_once(number: int, frame: object) -> None:
     os._exit(130)
 
 
+def in_place_of_python(error: BaseException) -> str:
+    """Sentence about a file that was imported instead of a module of Python; empty if none was.
+
+    Parameters
+    ----------
+    error : BaseException
+        What went wrong.
+    """
+    found = _hiding()
+    passed, trace = set(), error.__traceback__
+    while trace is not None:
+        passed.add(trace.tb_frame.f_code.co_filename)
+        trace = trace.tb_next
+    if isinstance(error, SyntaxError):
+        passed.add(str(error.filename))
+    loaded = {str(getattr(module, "__file__", "")) for module in list(sys.modules.values())}
+    blamed = [path for path in found if path in passed] or [
+        path for path in found if path in loaded
+    ]
+    if not blamed:
+        return ""
+    name = found[blamed[0]]
+    return (
+        f"{blamed[0]!a} takes the place of Python's own module {name}; rename it, or take its "
+        "folder off PYTHONPATH"
+    )
+
+
+def _hiding() -> dict[str, str]:
+    """Files that Python finds before its own, with the module whose name they have."""
+    own, found = os.path.realpath(os.path.dirname(os.__file__)), {}
+    for folder in sys.path:
+        if os.path.realpath(folder) == own:
+            break
+        try:
+            folder = folder or os.getcwd()
+            names = sorted(os.listdir(folder))
+        except OSError:
+            continue
+        for entry in names:
+            name = entry.removesuffix(".py")
+            if name in sys.stdlib_module_names:
+                inside = "" if entry.endswith(".py") else "__init__.py"
+                found[os.path.join(folder, entry, inside).rstrip(os.sep)] = name
+    return found
+
+
+def _refuse(error: Exception) -> NoReturn:
+    """Leave with one line where such a file is to blame; raise the error for anything else."""
+    said = "" if "--debug" in sys.argv else in_place_of_python(error)
+    if not said:
+        raise error
+    os.write(2, f"hil: {said}\n".encode())
+    os._exit(2)
+
+
 try:
     if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
         _signal.signal(_signal.SIGINT, _at_once)
 except ValueError:  # imported outside of the main thread, which alone gets signals
     pass
 
-from hil.interrupt import CODE, interrupts  # noqa: E402
+try:
+    from hil.interrupt import CODE, interrupts
+except Exception as error:
+    _refuse(error)
 
 
 def program() -> NoReturn:
     """Run the command line and end the process."""
     interrupts.arm()
-    from hil.cli import main
-    from hil.terminal import Quoting
+    try:
+        from hil.cli import main
+        from hil.terminal import Quoting
 
-    # for good: the interpreter prints the traceback of --debug after this
-    sys.stdout, sys.stderr = Quoting(sys.stdout), Quoting(sys.stderr)
-    code = main()
+        # for good: the interpreter prints the traceback of --debug after this
+        sys.stdout, sys.stderr = Quoting(sys.stdout), Quoting(sys.stderr)
+        code = main(suspect=in_place_of_python)
+    except Exception as error:
+        _refuse(error)
     if code == CODE:
         interrupts.end()
     interrupts.done(code)

@@ -12,7 +12,7 @@ import importlib
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -97,7 +97,9 @@ def refuse_rest(parser: Parser, extra: Sequence[str]) -> None:
 _OWN = "hil."
 
 
-def explain(error: Exception, command: str) -> tuple[str, int]:
+def explain(
+    error: Exception, command: str, suspect: Callable[[BaseException], str] = lambda error: ""
+) -> tuple[str, int]:
     """Sentence and exit code of any error.
 
     Parameters
@@ -106,6 +108,8 @@ def explain(error: Exception, command: str) -> tuple[str, int]:
         What went wrong.
     command : str
         Name of the command, for the way to the traceback.
+    suspect : callable
+        Sentence about a file that takes the place of a module of Python; empty if none does.
     """
     if isinstance(error, HilError):
         place = _place(error.__cause__)
@@ -116,6 +120,8 @@ def explain(error: Exception, command: str) -> tuple[str, int]:
     if isinstance(error, OSError) and error.strerror:
         where = error.filename or "a file or the standard output"
         return f"cannot read or write {where}: {error.strerror}", 2
+    if hidden := suspect(error):
+        return hidden, 2
     return (
         f"internal error: {_what(error)}; run 'hil --debug {command} ...' for the traceback, "
         f"and please report it{_suspects()}"
@@ -304,8 +310,17 @@ def _every_command() -> dict[str, tuple[str, list[argparse.Action]]]:
     }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(
+    argv: Sequence[str] | None = None, suspect: Callable[[BaseException], str] = lambda error: ""
+) -> int:
     """Run one command and return its exit code.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        What stands on the command line; default: of this process.
+    suspect : callable
+        See `explain`.
 
     Returns
     -------
@@ -315,10 +330,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if argv is None else argv)
     with terminal.quoted():
-        return _main(words)
+        return _main(words, suspect)
 
 
-def _main(words: list[str]) -> int:
+def _main(words: list[str], suspect: Callable[[BaseException], str]) -> int:
     first = next((w for w in words if not w.startswith("-")), None)
     if first is not None and first not in COMMANDS:
         sys.stderr.write(f"hil: {_one_line(unknown('command', first, COMMANDS))}\n")
@@ -352,7 +367,7 @@ def _main(words: list[str]) -> int:
             return _interrupted("")
         if args.debug:
             raise
-        text, code = explain(error, args.command)
+        text, code = explain(error, args.command, suspect)
         _drop_output()
         sys.stderr.write(f"hil {args.command}: {_one_line(text)}\n")
         return code

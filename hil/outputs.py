@@ -14,8 +14,6 @@ from pathlib import Path
 
 from hil.errors import ConfigError, HilError
 from hil.record.mcap_read import read_metadata
-from hil.record.recovery import in_use
-from hil.runtime.watchdog import beside
 from hil.userfile import parse_toml, read_text
 
 
@@ -131,6 +129,10 @@ def keep_old(path: Path) -> None:
     """Move a session that stands at the output's place aside: no recording is written over."""
     if not path.exists():
         return
+    # only where a file is there
+    from hil.record.recovery import in_use
+    from hil.runtime.watchdog import beside
+
     if in_use(path):
         raise ConfigError(
             f"cannot write {path}: another process is writing this session; nothing was touched, "

@@ -1,8 +1,7 @@
-"""A user's text file brought in without harm: what is read, how much of it, how deep it nests.
+"""A user's text file read and written without harm.
 
-And written without harm: whole or not at all.
-
-Every refusal is an error that a reader of such files expects anyway: `OSError` for the file,
+Reading bounds its size and how deep it nests; writing leaves it whole or as it was.  Every refusal
+is an error that a reader of such files expects anyway: `OSError` for the file,
 `tomllib.TOMLDecodeError` for what stands in it.
 """
 

@@ -10,12 +10,8 @@ lacks: friction tau_n that the networks of `hil.controllers.estimators.wavelets`
 touches the arm, a force on the tip afterwards.  Thesis section 3.1.3 is one joint; filter and
 networks together on three joints are its future work.
 
-Parameters of the estimator of a cable-driven arm, as in a rig file, and what it tells.
-
-Kernels of the transmission's estimator: loads of the links, a filter a joint, what is left.
-
-The equations are those of `hil.controllers.estimators.transmission`, which makes the records
-`c`, `n`, `f` and `w`.
+First the parameters, as in a rig file, and what the estimator tells; then the compiled kernels:
+loads of the links, a filter a joint, what is left.  `c`, `n`, `f` and `w` are their records.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
 """One python-can bus with several sensors on it; frames go to their mailboxes by identifier.
 
-Time is passed in: `advance` tells a simulated or replayed bus what time it is, and means
-nothing to a bus of copper, on which time passes by itself.
-
-Opens a bus of python-can; what is wrong where it does not open.
-
-CAN buses with a tap: every frame into a log, or out of a recording.
+The bus is opened here, with an error that says why it does not open; a tap writes every frame into
+a log, or answers out of a recording.  Time is passed in: `advance` tells a simulated or replayed
+bus what time it is, and means nothing to a bus of copper, on which time passes by itself.
 """
 
 from __future__ import annotations

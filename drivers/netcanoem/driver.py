@@ -1,8 +1,6 @@
-"""Driver of the ATI 9105-NETCANOEM: strain gauges in two frames, calibrated by the board.
+"""ATI 9105-NETCANOEM: strain gauges in two CAN frames, calibrated by the matrix of the board.
 
-How a NETCANOEM board is addressed and polled.
-
-Questions to a NETCANOEM board that wait for their answer: start-up and diagnosis.
+At start-up and for a diagnosis the board is asked and its answer awaited; in the loop it is polled.
 """
 
 from __future__ import annotations
@@ -376,3 +374,7 @@ def open_box(
     channel, base = split_address(name, address, config.base)
     link = shared(bus, config.interface, channel, config.bit_rate)
     return NetCanOem(name, link, replace(config, base=base))
+
+
+BUS = "can"
+Config = NetCanOemConfig

@@ -1,11 +1,8 @@
-"""Box of analog outputs: calibrated, updated in the background, zero on every way out.
+"""Measurement Computing USB-31xx: analog outputs, updated by reports over HID in the background.
 
-The outputs hold their last value when the host dies.  While all is well a digital line is turned
-over every few milliseconds; the amplifiers need a watchdog on that line (docs/hardware.md).
-
-Options of a USB-31xx, and the rate that they give.
-
-Reports to one USB-31xx through hidapi, with errors that say what to do.
+Voltages are calibrated, and zero on every way out.  The outputs hold their last value when the host
+dies.  While all is well a digital line is turned over every few milliseconds; the amplifiers need a
+watchdog on that line (docs/hardware.md).
 """
 
 from __future__ import annotations
@@ -17,7 +14,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from hil.drivers.links.uldaq import OWN, check_route
+from hil.drivers.links.uldaq import OWN, ULDAQ, UldaqVolts, check_route
 from hil.drivers.usb_31xx import codec
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError, unknown
 from hil.signals.bus import Attached, Bus
@@ -438,3 +435,16 @@ class Usb31xx:
 
 def _nothing() -> None:
     """What stops a pump that does not run."""
+
+
+def open_box(
+    name: str, bus: Bus, address: str, config: Usb31xxConfig, channels: tuple[int, ...]
+) -> Usb31xx | UldaqVolts:
+    """Open a box by the route of its options."""
+    if config.route == ULDAQ:
+        return UldaqVolts(name, bus, address, config, channels)
+    return Usb31xx(name, bus, address, config, channels)
+
+
+BUS = "hid"
+Config = Usb31xxConfig

@@ -1,10 +1,7 @@
-"""Box of eight encoder counters: opened, scanning, read in the background, counts at any tick.
+"""Measurement Computing USB-QUAD08: eight encoder counters, scanned over USB (pyusb).
 
-Options of a USB-QUAD08.
-
-Which scan of a stream stands for which time: the newest whole one, on an even grid.
-
-Register by register: a counter configured or read, and the scan started.
+The counters are configured register by register; a scan is started and read in the background.  The
+newest whole scan stands for the time of a tick, on an even grid.
 """
 
 from __future__ import annotations
@@ -15,9 +12,9 @@ from math import inf
 
 import numpy as np
 
-from hil.drivers.links.uldaq import OWN, check_route
+from hil.drivers.links.uldaq import OWN, ULDAQ, UldaqCounts, check_route
 from hil.drivers.usb_quad08 import codec, link
-from hil.drivers.usb_quad08.link import UsbLink
+from hil.drivers.usb_quad08.link import UsbLink, attached
 from hil.errors import ConfigError, DeviceError, unknown
 from hil.signals.bus import Bus
 from hil.signals.device import Status
@@ -372,3 +369,18 @@ class Quad08:
 
 def _nothing() -> None:
     """What stops a pump that does not run."""
+
+
+def open_box(
+    name: str, bus: Bus, address: str, config: Quad08Config, channels: tuple[int, ...]
+) -> Quad08 | UldaqCounts:
+    """Open a box by the route of its options."""
+    if config.route == ULDAQ:
+        return UldaqCounts(name, bus, address, config, channels, ScanClock)
+    return Quad08(name, bus, address, config, channels)
+
+
+BUS = "usb"
+Config = Quad08Config
+
+__all__ = ["BUS", "Config", "Quad08", "Quad08Config", "ScanClock", "attached", "open_box"]

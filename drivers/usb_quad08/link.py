@@ -1,6 +1,6 @@
 """Transfers to one USB-QUAD08 through pyusb, with errors that say what to do.
 
-From a box that has just got power to one whose FPGA is proven.
+A box that has just got power is brought up until its FPGA is proven.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Every door of the house: sources as labs have them, the command that takes them, what comes out.
-
-Beside them ways out and devices: a model for another program, an arm of another make.
+"""Every way into the program: sources as labs have them, the command that takes them, the result.
 
 One motion is written by the libraries that own the formats, brought in by the program as a user
-types it, and compared with what was written.  Public recordings are taken where they are.
+types it, and compared with what was written.  Public recordings are taken where they are.  Ways out
+and devices are tried in the same way: a model for another program, an arm of another make.
 """
 
 from __future__ import annotations

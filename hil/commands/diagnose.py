@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hil import terminal
-from hil.commands import bag_options, common, groups
+from hil.commands import bag_options, common
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import blurred_above
 from hil.diagnosis.equivalence import at_issue_of, sets_of
@@ -382,7 +382,24 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common.add_sessions(parser)
     common.add_report(parser)
     add_verbose(parser)
-    groups.configure(parser)
+    add_groups(parser)
+
+
+def add_groups(parser: argparse.ArgumentParser) -> None:
+    """Options of many sessions."""
+    group = parser.add_argument_group("many sessions")
+    group.add_argument(
+        "--by",
+        choices=("robot", "folder", "session"),
+        help="what is diagnosed together: all sessions of a robot (default), those of a robot in "
+        "one folder, or each session alone; the folders in a folder are looked into, too",
+    )
+    common.add_workers(group)
+    group.add_argument(
+        "--keep",
+        metavar="FOLDER",
+        help="keep every finished answer there; what is there is not diagnosed again",
+    )
 
 
 def add_verbose(parser: argparse.ArgumentParser) -> None:
@@ -396,9 +413,12 @@ def add_verbose(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose and print: one robot's sessions together, those of several group by group."""
-    found = groups.groups(args) if _many(args) else []
-    if found and groups.several(args, found):
-        return groups.run(args, found, answer)
+    if _many(args):
+        from hil.commands import groups  # only where there may be several
+
+        found = groups.groups(args)
+        if groups.several(args, found):
+            return groups.run(args, found, answer)
     runs, held, model = common.load(args)
     result = engine.diagnose(runs, model, held)
     show(args, result)

@@ -28,8 +28,6 @@ from hil.terminal import settings, silent
 from hil.userfile import read_text
 
 Data = dict[str, Any]
-#: What a group is made of.
-BY = ("robot", "folder", "session")
 VERDICTS = (
     "adequate", "missing-effect", "ambiguous", "unexplained", "not-identifiable", "bad-data",
 )  # fmt: skip
@@ -73,23 +71,6 @@ class _Row:
     named: tuple[str, ...] = ()
     before: float = 0.0
     after: float = 0.0
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare options."""
-    group = parser.add_argument_group("many sessions")
-    group.add_argument(
-        "--by",
-        choices=BY,
-        help="what is diagnosed together: all sessions of a robot (default), those of a robot in "
-        "one folder, or each session alone; the folders in a folder are looked into, too",
-    )
-    common.add_workers(group)
-    group.add_argument(
-        "--keep",
-        metavar="FOLDER",
-        help="keep every finished answer there; what is there is not diagnosed again",
-    )
 
 
 def groups(args: argparse.Namespace) -> list[RobotGroup]:

@@ -1,6 +1,6 @@
 """`hil import`: a table or a ROS bag of any rig into a session.
 
-What `hil import` prints: JSON, the session and its faults, and what to do next.
+It prints JSON, or the session, its faults and what to do next.
 """
 
 from __future__ import annotations

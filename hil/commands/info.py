@@ -1,6 +1,6 @@
 """`hil info`: what a session holds, and what is wrong with it before anyone fits it.
 
-What `hil info` says of time: when a session was, and how its loop kept the pace.
+It also says when the session was, and how its loop kept the pace.
 """
 
 from __future__ import annotations

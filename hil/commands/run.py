@@ -21,7 +21,7 @@ from typing import Any
 from tqdm import tqdm
 
 from hil import outputs
-from hil.commands import common, screen, view
+from hil.commands import common, view
 from hil.errors import ConfigError
 from hil.excite import trajectory
 from hil.interrupt import saying
@@ -32,6 +32,7 @@ from hil.runtime import runner
 from hil.runtime.board import BoardWriter
 from hil.runtime.commands import COMMANDS, scheduled
 from hil.toml import merge
+from hil.ui import desk
 
 
 @contextmanager
@@ -145,8 +146,8 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f"--seconds {args.seconds:g}: a length above 0 s is needed.")
     outputs.check(args.output, ".mcap", [args.rig, *([args.trajectory] if args.trajectory else [])])
     real = (args.clock or config.clock) == "real"
-    if real and not (args.json or args.board or args.plain) and screen.is_terminal():
-        return screen.show(_typed(args))
+    if real and not (args.json or args.board or args.plain) and desk.is_terminal():
+        return desk.show(_typed(args))
     before, began_ns = _stamp(args.output), time.time_ns()
     with saying(lambda: recorded(args.output, before, began_ns)):
         summary = _with_bar(config, args)

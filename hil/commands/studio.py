@@ -13,7 +13,7 @@ from hil import terminal
 from hil.commands import common
 from hil.errors import ConfigError, DataError
 from hil.record.table_files import FORMATS
-from hil.studio.own import TEMPLATE
+from hil.studio.intake import TEMPLATE
 from hil.studio.workbench import Inputs
 from hil.studio.worker import Worker
 from hil.web.site import serve, site

@@ -1,6 +1,6 @@
 """The motion of the menu that answers a question best, and whether any can.
 
-From names of effects to a question, with and without a recording.
+A question is made from names of effects, with and without a recording.
 """
 
 from __future__ import annotations

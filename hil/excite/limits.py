@@ -1,7 +1,4 @@
-"""Limits of a robot, and how near a motion comes to them.
-
-A motion against the limits: margins, the check before it is played, and making it fit.
-"""
+"""Limits of a robot; margins of a motion to them, its check before it is played, making it fit."""
 
 from __future__ import annotations
 

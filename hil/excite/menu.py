@@ -1,10 +1,10 @@
 """The menu of safe motions from which the best one for a question is chosen.
 
 Each isolates one factor: speed, direction, position, load, frequency, the other joints' motion.
+Paths are built from strokes at constant speed and rests.
+
 Sources: Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994 (strokes, reversals);
 Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5), 2007 (periodic excitation).
-
-Building a path from strokes at constant speed and rests.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""A question about rival effects: what is refitted, what is suspected, how loud the noise is.
+"""A question about rival effects, and how well a motion answers it.
 
-How well a motion separates rival effects: what the one does and the other cannot imitate.
+A question says what is refitted, what is suspected, and how loud the noise is.  A motion separates
+rivals by what the one does and the other cannot imitate.
 
 With base columns X, rival columns C_b and the signal s = C_a theta_a (all divided by the noise),
 the noncentrality of a against b is

@@ -1,8 +1,7 @@
 """Where a motion is to be played, and making it fit there.
 
-How far each joint may go from the middle posture, alone and together with the others.
-
-Where a motion could be played that follows on a recording: the robot's limits, else its own.
+A stage says how far each joint may go from the middle posture, alone and together with the others.
+A motion that follows on a recording is played within the robot's limits, else within its own.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """A periodic joint motion: a path through via points plus a Fourier series.
 
-Trajectory files: TOML of schema ``hil.trajectory/1``; reading checks everything.
-
-A motion as a table for a rig that is not run by this package: t, q, qd, qdd, SI, a header line.
+Its file is TOML of schema ``hil.trajectory/1``; reading checks everything.  For a rig that is not
+run by this package it is written as a table: t, q, qd, qdd, SI, a header line.
 
 It begins and ends at rest:  r(t) = q0 + s(t) (q(t) - q0),  s from 0 to 1 by
 

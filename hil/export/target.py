@@ -1,19 +1,440 @@
-"""Targets of an export: their table, what each declares, how a model becomes a file of theirs."""
+"""Targets of an export: their table, what each declares, how a model becomes a file of theirs.
+
+A model is refitted within what its target can express, with the error that this costs.  Without a
+recording the values are only translated: what is lost takes its share of the effort with it.  With
+one, all that is left is fitted anew, so that it carries what it can of the lost effects.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
 from hil import registry
+from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.types import Step
-from hil.errors import printable
-from hil.export.content import Content, Vocabulary
-from hil.export.within import Within, within
-from hil.models.model import RobotModel
+from hil.diagnosis.verbs import make_problem
+from hil.errors import ConfigError, printable
+from hil.export.content import Content, Lost, Vocabulary, slid, translate
+from hil.identify.errors import complete
+from hil.identify.fit import fit
+from hil.identify.parallel import single_threaded
+from hil.identify.result import FitResult
+from hil.identify.timing import fit_aligned
+from hil.models import catalogue
+from hil.models.effect import Trait
+from hil.models.model import ALL, RobotModel
+from hil.models.robots import Robot, bare_robot
 from hil.record.recording import Recording
+
+# Masses and inertias that real bodies can have, and the nearest ones to those that were fitted.
+#
+# A body of positive density has a positive definite pseudo-inertia
+#
+# J = [[S, h], [h', m]],    S = tr(I) / 2 1 - I,
+#
+# with mass m, first moments h and inertia I about the frame's origin.  A recording determines only
+# combinations of the parameters, so the nearest feasible ones are those whose efforts differ least:
+#
+# min |R (pi - pi_0)|^2 + small |pi - prior|^2,    J_i = S_i (V_i V_i' + e 1) S_i',
+#
+# S_i S_i' being the pseudo-inertia of the description: every body stays by e within what is
+# feasible.
+#
+# Source: Wensing, Kim, Slotine, IEEE Robotics and Automation Letters 3(1), 2018; Rucker, Wensing,
+# the same 7(2), 2022 (parameters without constraints).
+
+FloatArray = NDArray[np.float64]
+#: Least eigenvalue of a pseudo-inertia, in shares of its trace.
+LEAST = 1e-9
+#: Relative change of the efforts up to which it is the data that leave the bodies open.
+SAME = 1e-6
+#: Weight of the description where the efforts say nothing, and of its floor in each parameter.
+PULL, FLOOR = 1e-4, 1e-3
+#: Least pseudo-inertia in shares of the description's, and most evaluations of a search.
+MARGIN, MOST = 1e-4, 400
+#: Largest factor of the description's pseudo-inertia's root.
+FARTHEST = 1e4
+_ROWS, _COLUMNS = np.tril_indices(4)
+
+
+def pseudo_inertia(body: FloatArray) -> FloatArray:
+    """Pseudo-inertia (4, 4) of m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
+    m, x, y, z, xx, xy, yy, xz, yz, zz = body
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    out = np.empty((4, 4))
+    out[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    out[:3, 3] = out[3, :3] = x, y, z
+    out[3, 3] = m
+    return out
+
+
+def _parameters(j: FloatArray) -> FloatArray:
+    """Inverse of `pseudo_inertia`, linear."""
+    s = j[:3, :3]
+    i = np.trace(s) * np.eye(3) - s
+    return np.array([j[3, 3], *j[:3, 3], i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2]])
+
+
+def infeasible(bodies: FloatArray) -> list[int]:
+    """Numbers of the bodies (b, 10) that no density makes."""
+    out = []
+    for k, body in enumerate(bodies):
+        j = pseudo_inertia(body)
+        if np.linalg.eigvalsh(j)[0] <= LEAST * max(float(np.trace(j)), 0.0):
+            out.append(k)
+    return out
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The nearest feasible bodies.
+
+    Parameters
+    ----------
+    bodies : ndarray (b, 10)
+        They.
+    change : float
+        Root mean square change of the efforts over that of the efforts.
+    """
+
+    bodies: FloatArray
+    change: float
+
+    @property
+    def same(self) -> bool:
+        """Whether what the data leave open made them feasible, so that no effort had to change."""
+        return self.change < SAME
+
+
+def nearest(bodies: FloatArray, prior: FloatArray, rows: FloatArray) -> Nearest:
+    """Feasible bodies whose efforts differ least from those of some others.
+
+    Parameters
+    ----------
+    bodies : ndarray (b, 10)
+        As fitted.
+    prior : ndarray (b, 10)
+        Of the description; where no body at all, a ball takes its place.
+    rows : ndarray (n, 10 b)
+        Regressor at the states that matter, each row weighted.
+    """
+    wanted = bodies.reshape(-1)
+    r = np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
+    start = np.array([_possible(p, b) for p, b in zip(prior, bodies, strict=True)])
+    search = _Search(r, wanted, start)
+    u = np.tile(np.eye(4)[_ROWS, _COLUMNS], len(start))
+    # the description gives way step by step, so that the efforts decide wherever they say anything
+    for pull in (1.0, 1e-2, 1e-4):
+        u = search.optimum(u, pull)
+    found = _exact(search.bodies(u), wanted, r)
+    change = float(np.linalg.norm(r @ (found.reshape(-1) - wanted))) / search.size
+    return Nearest(found, change)
+
+
+class _Search:
+    """Least squares over the factors of all bodies."""
+
+    def __init__(self, r: FloatArray, wanted: FloatArray, start: FloatArray) -> None:
+        self.r, self.wanted, self.near, self.count = r, wanted, start.reshape(-1), len(start)
+        self.size = float(np.linalg.norm(r @ wanted)) or 1.0
+        most = np.abs(start).max(axis=1, keepdims=True)
+        roots = [np.linalg.cholesky(pseudo_inertia(b)) for b in start]
+        self.roots: list[FloatArray] = [np.asarray(x, dtype=np.float64) for x in roots]
+        self.ease: FloatArray = PULL / (np.abs(start) + FLOOR * most).reshape(-1)
+
+    def bodies(self, u: FloatArray) -> FloatArray:
+        """Bodies (b, 10) of parameters (10 b,)."""
+        each = zip(u.reshape(self.count, 10), self.roots, strict=True)
+        return np.array([_made(x, root)[0] for x, root in each])
+
+    def optimum(self, u: FloatArray, pull: float) -> FloatArray:
+        """Best parameters with so much of the description's pull."""
+        found = scipy.optimize.least_squares(
+            self._residual, u, self._slope, method="lm", max_nfev=MOST, args=(pull,)
+        )
+        return np.asarray(found.x, dtype=np.float64)
+
+    def _residual(self, u: FloatArray, pull: float) -> FloatArray:
+        pi = self.bodies(u).reshape(-1)
+        return np.concatenate(
+            [self.r @ (pi - self.wanted) / self.size, pull * self.ease * (pi - self.near)]
+        )
+
+    def _slope(self, u: FloatArray, pull: float) -> FloatArray:
+        n = len(self.r)
+        out = np.zeros((n + u.size, u.size))
+        for k, x in enumerate(u.reshape(self.count, 10)):
+            own, at = _made(x, self.roots[k])[1], slice(10 * k, 10 * k + 10)
+            out[:n, at] = self.r[:, at] @ own / self.size
+            out[n + 10 * k : n + 10 * k + 10, at] = pull * self.ease[at][:, None] * own
+        return out
+
+
+def _exact(found: FloatArray, wanted: FloatArray, r: FloatArray) -> FloatArray:
+    """The same moved to where the efforts are those that were wanted, if that is feasible."""
+    scale = np.repeat(np.abs(found).max(axis=1), 10)
+    step = np.linalg.lstsq(r * scale, r @ (wanted - found.reshape(-1)), rcond=1e-12)[0]
+    moved = found + (scale * step).reshape(found.shape)
+    return found if infeasible(moved) else moved
+
+
+def _possible(prior: FloatArray, body: FloatArray) -> FloatArray:
+    """The description's body where it is one; else a ball of about the fitted mass."""
+    if not infeasible(prior[None]):
+        return prior
+    m = max(abs(float(body[0])), 1e-3)
+    i = max(float(np.abs(body[[4, 6, 9]]).mean()), 1e-4 * m)
+    return np.array([m, 0, 0, 0, i, 0, i, 0, 0, i])
+
+
+def _made(x: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Body of the parameters of a factor V, and how it changes with them (10, 10)."""
+    v = np.zeros((4, 4))
+    # a trial step along what no effort sees may go anywhere; it is refused, but must be a number
+    v[_ROWS, _COLUMNS] = np.clip(x, -FARTHEST, FARTHEST)
+    body = _parameters(root @ (v @ v.T + MARGIN * np.eye(4)) @ root.T)
+    slope = np.zeros((10, 10))
+    for k, (a, b) in enumerate(zip(_ROWS, _COLUMNS, strict=True)):
+        d = np.zeros((4, 4))
+        d[a] = v[:, b]  # of V V': e_a v_b' + v_b e_a'
+        slope[:, k] = _parameters(root @ (d + d.T) @ root.T)
+    return body, slope
+
+
+#: States at which bodies are compared where no recording says which ones matter.
+STATES = 500
+
+
+@dataclass(frozen=True)
+class Within:
+    """A model within a target's words.
+
+    Parameters
+    ----------
+    content : Content
+        What the target gets; its `lost` are all effects that are lost.
+    model : RobotModel
+        The model of that content.
+    steps : tuple of Step
+        The whole model and the one that is left, with their held-out errors; empty without a
+        recording.
+    notes : tuple of str
+        What the user should know.
+    """
+
+    content: Content
+    model: RobotModel
+    steps: tuple[Step, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@single_threaded
+def within(
+    model: RobotModel,
+    words: Vocabulary,
+    runs: list[Recording],
+    holdout: list[Recording],
+    mended: bool = False,
+) -> Within:
+    """Fit a model to what a target can express.
+
+    Parameters
+    ----------
+    model : RobotModel
+        The model.
+    words : Vocabulary
+        Of the target.
+    runs, holdout : list of Recording
+        Recordings to fit and to judge on; with no runs the values are translated only.
+    mended : bool
+        Whether infeasible bodies are replaced by the nearest feasible ones, instead of refused.
+
+    Raises
+    ------
+    ConfigError
+        If the target cannot express the robot, or its bodies are infeasible and not `mended`.
+    """
+    if runs:
+        return _refitted(model, words, runs, holdout, mended)
+    robot = bare_robot(model.robot, _names(model))
+    content, friction = slid(translate(model, robot, words), model, robot, words)
+    note = "translated only, not refitted: give a recording with --data to see what the loss costs"
+    notes = (*friction, note)
+    if content.bodies is None or not words.bodies:
+        return Within(content, model, notes=notes)
+    rows = _anywhere(model, robot, content)
+    found = _feasible(content, rows, mended)
+    if found is None:
+        return Within(content, model, notes=notes)
+    return Within(replace(content, bodies=found.bodies), model, (), (*notes, _said(found)))
+
+
+def _names(model: RobotModel) -> tuple[str, ...]:
+    """Joints of a preset, as the model's identified range has them."""
+    names = tuple(r.joint for r in model.valid)
+    if not names and not model.robot.urdf:
+        raise ConfigError(
+            "the model names no joints: it has no [valid.JOINT] tables and no URDF; give the "
+            "recording with --data, or fit it: 'hil fit SESSION.mcap --model M.toml -o FITTED.toml'"
+        )
+    return names
+
+
+def _refitted(
+    model: RobotModel,
+    words: Vocabulary,
+    runs: list[Recording],
+    holdout: list[Recording],
+    mended: bool,
+) -> Within:
+    problem = make_problem(runs, model)
+    examine = Examiner(problem, holdout)
+    before = settled(fit_aligned(problem, model), examine, "whole model")
+    left, lost = reduced(model, words, problem.robot.joints)
+    after = before
+    if left != model:
+        result = complete(fit(problem, left, scale=before.result.sigma))
+        after = Step("within the target", result, examine(result))
+    content = translate(after.result.model, problem.robot, words, problem.span)
+    content = replace(content, lost=(*lost, *content.lost))
+    steps: tuple[Step, ...] = (before,) if after is before else (before, after)
+    notes = [text for _, text in after.result.warnings]
+    if content.bodies is None or not words.bodies:
+        return Within(content, after.result.model, steps, tuple(notes))
+    found = _feasible(content, _measured(after.result), mended)
+    if found is None:
+        return Within(content, after.result.model, steps, tuple(notes))
+    notes.append(_said(found))
+    if not holdout:
+        notes.append("the bodies were found on all the data, the held-out blocks included")
+    # the errors that are shown are those of the very bodies that are written
+    result = complete(fit(problem, _holding(after.result, found.bodies), scale=after.result.sigma))
+    steps = (*steps, Step("feasible bodies", result, examine(result)))
+    content = translate(result.model, problem.robot, words, problem.span)
+    content = replace(content, bodies=found.bodies, lost=(*lost, *content.lost))
+    return Within(content, result.model, steps, (*notes,))
+
+
+def reduced(
+    model: RobotModel, words: Vocabulary, joints: tuple[str, ...]
+) -> tuple[RobotModel, list[Lost]]:
+    """A model without what a target cannot say, and that; `joints` are all of the robot.
+
+    Coefficients that every run has of its own become one for all.
+
+    Raises
+    ------
+    ConfigError
+        If nothing is left.
+    """
+    kept, lost = [], []
+    for use in model.effects:
+        if reason := words.lacks(catalogue.get(use.type)):
+            lost.append(Lost(use.type, use.joints, reason))
+            continue
+        every = [j for j in joints if use.joints == ALL or j in use.joints]
+        said = {j: words.alone(use, model, j) for j in every}
+        if gone := tuple(j for j in every if said[j]):
+            lost.append(Lost(use.type, gone, said[gone[0]]))
+            if len(gone) == len(every):
+                continue
+            use = replace(use, joints=tuple(j for j in every if not said[j]))
+        options = {k: v for k, v in use.options.items() if k != "per_run"}
+        once = {k: v for k, v in use.values.items() if "[" not in k}
+        kept.append(replace(use, options=options, values=once))
+    if not kept:
+        raise ConfigError(
+            f"the target can say none of the model's effects: {', '.join(model.names())}"
+        )
+    return replace(model, effects=tuple(kept)), lost
+
+
+# ------------------------------------------------------------ bodies
+
+
+def _feasible(content: Content, rows: FloatArray, mended: bool) -> Nearest | None:
+    """Feasible bodies; None where they are already.
+
+    Raises
+    ------
+    ConfigError
+        If only others are, and those were not asked for.
+    """
+    if content.bodies is None or not (bad := infeasible(content.bodies)):
+        return None
+    tree = content.tree
+    prior = (tree.spread @ content.robot.prior).reshape(-1, 10)
+    found = nearest(content.bodies, prior, rows)
+    if found.same or mended:
+        return found
+    names = ", ".join(tree.joints[k] for k in bad)
+    raise ConfigError(
+        f"masses and inertias behind {names} are those of no body (a mass or a principal moment is "
+        f"not above zero, or one moment exceeds the sum of the others). The nearest feasible ones "
+        f"change the efforts by {100 * found.change:.2g} %; --feasible takes them"
+    )
+
+
+def _said(found: Nearest) -> str:
+    change = f"the efforts of the bodies change by {100 * found.change:.2g} %"
+    if found.same:
+        return (
+            "masses and inertias that the data do not determine were chosen so that every body is "
+            f"feasible; {change}"
+        )
+    return f"masses and inertias are the nearest feasible ones; {change}"
+
+
+def _measured(result: FitResult) -> FloatArray:
+    """Rows of the bodies' regressor at the measured states, in units of the noise."""
+    tree = result.problem.robot.tree
+    if tree is None:
+        return np.zeros((0, 0))
+    parts = []
+    for m in result.problem.motions:
+        every = max(1, m.n // STATES)
+        y = tree.regressor(m.q[::every], m.qd[::every], m.qdd[::every])
+        parts.append((y / result.sigma[:, None]).reshape(-1, y.shape[-1]))
+    return np.concatenate(parts)
+
+
+def _anywhere(model: RobotModel, robot: Robot, content: Content) -> FloatArray:
+    """The same at random states of the identified range; of a turn where nobody knows it."""
+    rng, d = np.random.default_rng(0), len(robot.joints)
+    known = {r.joint: r for r in model.valid}
+    ends = [
+        (known[j].position, known[j].speed) if j in known else ((-np.pi, np.pi), (-2.0, 2.0))
+        for j in robot.joints
+    ]
+    q, qd = (np.stack([rng.uniform(*e[i], STATES) for e in ends], axis=1) for i in (0, 1))
+    qdd = rng.uniform(-1.0, 1.0, (STATES, d)) * np.abs(qd).max(axis=0) * 2 * np.pi
+    y = content.tree.regressor(q, qd, qdd)
+    return y.reshape(-1, y.shape[-1])
+
+
+def _holding(result: FitResult, bodies: FloatArray) -> RobotModel:
+    """The model of a fit with its bodies held at some values."""
+    robot, tree = result.problem.robot, result.problem.robot.tree
+    if tree is None:
+        return result.model
+    own = np.linalg.lstsq(tree.spread, bodies.reshape(-1), rcond=None)[0]
+    effects = []
+    for use in result.model.effects:
+        if Trait.BODY in catalogue.get(use.type).traits:
+            named = dict(zip((f"{use.type}.{n}" for n in robot.names), own, strict=True))
+            values = {
+                k: replace(v, value=float(named.get(k, v.value))) for k, v in use.values.items()
+            }
+            use = replace(use, options=use.options | {"fixed": True}, values=values)
+        effects.append(use)
+    return replace(result.model, effects=tuple(effects))
 
 
 @dataclass(frozen=True)

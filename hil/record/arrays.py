@@ -9,22 +9,20 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
-from hil.record.mapfile import TableMap, read_map
 from hil.record.recording import PRESETS, Recording, RobotSource
-from hil.record.table_files import ForeignTable
-from hil.record.tables import GROUPS, WRENCH, read_columns
+
+if TYPE_CHECKING:  # the reader of tables, only where arrays come as such
+    from hil.record.mapfile import TableMap
 
 FloatArray = NDArray[np.float64]
 #: One run, or several.
 Runs = Recording | Sequence[Recording]
-#: Argument of `from_arrays` -> stem of its columns.
-_STEMS = {key: stem for stem, key in GROUPS.items()}
 
 
 def from_arrays(
@@ -99,6 +97,10 @@ def from_arrays(
         found = _frame_columns(t)
     else:
         found = _array_columns(t, {"q": q, "tau": tau, **more}, wrench)
+    from hil.record.mapfile import TableMap, read_map
+    from hil.record.table_files import ForeignTable
+    from hil.record.tables import read_columns
+
     given = map if isinstance(map, TableMap) else read_map(map) if map else TableMap()
     given = replace(given, tip=tip or given.tip).within(unit, ())
     source = _robot(robot)
@@ -121,6 +123,9 @@ def _array_columns(
     t: Any, groups: Mapping[str, Any], wrench: ArrayLike | None
 ) -> dict[str, FloatArray]:
     """Columns by name of arrays, after checking that their shapes belong together."""
+    from hil.record.tables import GROUPS, WRENCH
+
+    stems = {key: stem for stem, key in GROUPS.items()}
     out = {"t": _numbers("t", t)}
     n = out["t"].size
     if out["t"].ndim != 1:
@@ -139,7 +144,7 @@ def _array_columns(
                 f"{key} has shape {x.shape}; expected ({wide}), a row a time and a column a joint"
                 f"{turned}"
             )
-        out |= {f"{_STEMS[key]}{k + 1}": x[:, k] for k in range(d)}
+        out |= {f"{stems[key]}{k + 1}": x[:, k] for k in range(d)}
     if wrench is not None:
         w = _numbers("wrench", wrench)
         if w.shape not in ((n, 3), (n, 6)):

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
-from hil.record.foreign import read_arrays
 from hil.record.locked import frame_axes, free_joints, locked_urdf
 from hil.record.recording import BAG, LOCKED, Recording, RobotSource
-from hil.record.recovery import LIBRARY
+from hil.record.schema import LIBRARY
 
 FloatArray = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -152,6 +151,8 @@ def read_bag(path: str | Path, choice: BagChoice | None = None) -> list[Recordin
 
 def _open(path: Path) -> _Bag:
     try:
+        from hil.record.foreign import read_arrays  # its process, where there is a bag
+
         arrays = read_arrays(path)
     except OSError as error:
         raise DataError(f"bag {path}: {error.strerror or error}") from error

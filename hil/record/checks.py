@@ -1,13 +1,9 @@
-"""Data faults of a recording, before anyone fits it: time base, missing and frozen values.
+"""Data faults of a recording, before anyone fits it: time base, missing and frozen values, motion.
 
-What needs the laws of motion (scale and sign of velocities and efforts) is in
-`hil.record.checks`.  An ``"error"`` means that any fit would be worthless.
-
-Warnings from the motion of a recording: jumps, clipping, wrong scales, signs and units.
-
-What moves a joint: its effort explained by its own motion, and the work that it does.
-
-Warnings where a recording goes beyond the limits that its URDF states.
+An ``"error"`` means that any fit would be worthless.  Warnings come from the motion: jumps,
+clipping, wrong scales, signs and units, efforts that the motion does not explain, and places beyond
+the limits that the URDF states.  `hil.record.consistency` has the tests that need the laws of
+motion.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
-"""Data faults that only the laws of motion show: steps, clipping, scales and signs.
+"""Data faults that only the laws of motion show: steps, clipping, scales, signs, single spikes.
 
 All of them are warnings, and each is given only on strong evidence: a false alarm costs more
-trust than a missed one.
-
-One fault of a recording.
-
-Single samples that stand out of their neighbours: transmission errors, loose contacts.
+trust than a missed one.  A spike is a sample that stands out of its neighbours, as after an error
+of transmission or a loose contact.
 """
 
 from __future__ import annotations

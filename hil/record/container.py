@@ -6,11 +6,9 @@ where three records follow each other: a damaged length costs its record and no 
 Definitions are believed where a checksum covers them (summary, chunks), and taken as they
 stand where none does.  Payloads stay bytes: decoding is done a channel at a time.
 
-One channel's messages: columns of numbers, and payloads that stay where they were read.
-
-Messages of all channels as they are read, until every topic gets its own.
-
-Where the messages of a chunk lie: a compiled walk, for files that are worth its import.
+Messages of all channels are kept as they are read until every topic gets its own: columns of
+numbers, and payloads that stay where they were read.  Where the messages of a chunk lie is found by
+a compiled walk, in files that are worth its import.
 """
 
 from __future__ import annotations

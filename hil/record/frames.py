@@ -1,12 +1,11 @@
 """Raw wire frames: kept while a session runs, written into it, and read again.
 
-A frame is what went over a bus at a moment of the loop's time; `BoundedFrameLog` collects them
-from any thread.
+A frame is what went over a bus at a moment of the loop's time; `BoundedFrameLog` collects them from
+any thread.
 
-A recording in place of a device: its answers in their order, at their time.
-
-An answer also waits until the driver has asked as often as it had then; where the driver now asks
-something else, that is noted.
+Played back, a recording takes the place of a device: its answers come in their order, at their
+time.  An answer also waits until the driver has asked as often as it had then; where the driver now
+asks something else, that is noted.
 """
 
 from __future__ import annotations

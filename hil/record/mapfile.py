@@ -6,8 +6,6 @@ or, for a combination of columns, ``sum = { a = 0.5, b = -0.5 }`` in place of `f
 number is a constant column.  A `unit` multiplies the scale.  ``"q*" = "state.q[*]"`` is a rule for
 all joints; of a list of such names the first counts that the table has.  ``[extras]`` takes further
 columns along, each with its unit.
-
-What a map file says: rules from the columns of a table to those of a recording.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""From a session file to recordings.
-
-From the topics of one arm to its recording: on common ticks, in the order of the joints.
-"""
+"""From a session file to recordings, one an arm: on common ticks, in the order of the joints."""
 
 from __future__ import annotations
 

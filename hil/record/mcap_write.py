@@ -1,12 +1,8 @@
-"""Writes a session: metadata first, then chunks of at most 64 KiB or 100 ms.
+"""Writes a session: metadata first, then chunks of at most 64 KiB or 100 ms, index and statistics.
 
-Blocks of messages into the open chunk of an MCAP file, with its index and statistics.
-
-Many rows as MCAP messages at once: all messages of a burst are laid out in one array.
-
-Message by message, the format's own library takes two thirds of a session's time.  Here the
-constant bytes of a row's messages, frames included, are a template; a compiled loop puts in the
-numbers.  What arrives in the file is the same to the byte.
+Message by message, the format's own library takes two thirds of a session's time.  Here many rows
+become messages at once: the constant bytes of a row's messages, frames included, are a template; a
+compiled loop puts in the numbers.  What arrives in the file is the same to the byte.
 """
 
 from __future__ import annotations

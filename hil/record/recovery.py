@@ -1,6 +1,6 @@
-"""A proper session from what a killed writer left: every message, byte for byte.
+"""The file of a session: written whole or not at all, and made proper again after a killed writer.
 
-File of a session: written whole or not at all, in small chunks.
+Recovery keeps every message that is there, byte for byte.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from hil.errors import ConfigError, DataError
 from hil.record.container import FILE_COPY, METADATA_COPY, Container, read
+from hil.record.schema import LIBRARY
 
-LIBRARY = "hil"
 CHUNK_BYTES = 64 * 1024
 #: Bytes of a message record around its payload.
 FRAME = 31

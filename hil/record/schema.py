@@ -31,6 +31,8 @@ EVENT_SCHEMA = (
     '{"type": "object", "properties": {"tick": {"type": "integer"}, "name": {"type": "string"}, '
     '"data": {"type": "object"}}, "required": ["tick", "name"]}'
 )
+#: Library that the header of a session names.
+LIBRARY = "hil"
 PARTS = ("position", "velocity", "effort")
 #: Stamps [s] from here on do not fit into a ROS 2 message.
 LAST_S = 2**31

@@ -1,6 +1,6 @@
 """Columns of a table by name, whatever they mean: text, arrays, Parquet, sheets, data sets.
 
-Text tables: columns by name, the first bad cell named.
+Of a text table the first bad cell is named.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """From a table of any rig to recordings.
 
-What an import refuses: values that no fit could use, each with what to do about it.
-
-Columns of a recording, and whether a table has all that belong together.
+It is refused whole if columns that belong together are missing, or if it holds values that no fit
+could use; each refusal says what to do.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -194,3 +195,13 @@ def _honest(rung: Rung) -> Rung:
 def _none(d: int) -> MultiStep:
     nothing = np.full(d, np.nan)
     return MultiStep(0.0, nothing, nothing, 0, 0)
+
+
+def number(x: float, digits: int = 3) -> str:
+    """A number for people: significant digits, a dash where there is none."""
+    if not math.isfinite(x):
+        return "-"
+    text = f"{x:.{digits}g}"
+    if "e+" in text and abs(x) < 1e6:
+        text = f"{x:.0f}"
+    return text.replace("-", "\u2212")

@@ -1,9 +1,7 @@
 """Elements of one self-contained HTML page: sections, tables, figures.
 
-A figure of panels as plain data for plotly's script.
-
-Plotly's own Python classes check every property again at every change, which takes longer than
-the whole diagnosis; here a figure is a list of traces and a layout, written as they are.
+Plotly's own Python classes check every property again at every change, which takes longer than the
+whole diagnosis; here a figure is a list of traces and a layout, plain data for plotly's script.
 """
 
 from __future__ import annotations
@@ -88,16 +86,6 @@ document.querySelectorAll('script.figure').forEach(function (s) {
 def escape(text: object) -> str:
     """Text for HTML and for plotly's labels, which read HTML too."""
     return html.escape(printable(str(text)), quote=True)
-
-
-def number(x: float, digits: int = 3) -> str:
-    """A number for people: significant digits, a dash where there is none."""
-    if not math.isfinite(x):
-        return "-"
-    text = f"{x:.{digits}g}"
-    if "e+" in text and abs(x) < 1e6:
-        text = f"{x:.0f}"
-    return text.replace("-", "\u2212")
 
 
 def table(

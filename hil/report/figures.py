@@ -11,7 +11,7 @@ from hil.diagnosis.constants import LEVEL
 from hil.diagnosis.residuals import Spectrum, View, order_spectra, time_spectra, views
 from hil.diagnosis.types import Candidate
 from hil.identify.validity import QUANTITIES, limits
-from hil.report.data import Material
+from hil.report.data import Material, number
 from hil.report.elements import (
     AFTER,
     BAND,
@@ -24,7 +24,6 @@ from hil.report.elements import (
     escape,
     grid,
     line,
-    number,
     rung_colors,
     scatter,
     table,

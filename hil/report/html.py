@@ -19,14 +19,13 @@ from hil.models.param_text import in_words, without_error
 from hil.record.checks import OF_UNITS
 from hil.record.recording import Recording
 from hil.report import text
-from hil.report.data import COMPARED, Material, from_comparison, from_diagnosis
+from hil.report.data import COMPARED, Material, from_comparison, from_diagnosis, number
 from hil.report.effects import effect_figure
 from hil.report.elements import (
     document,
     escape,
     folded,
     items,
-    number,
     paragraph,
     section,
     table,

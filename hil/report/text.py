@@ -28,8 +28,7 @@ from hil.models.effect import Trait
 from hil.models.model import Value
 from hil.models.param_text import in_words, without_error
 from hil.record.checks import OF_UNITS
-from hil.report.data import COMPARED, Material
-from hil.report.elements import number
+from hil.report.data import COMPARED, Material, number
 
 FloatArray = NDArray[np.float64]
 #: Colour of the verdict's bar.

@@ -1,7 +1,4 @@
-"""Which channel of which box is which signal of which device; boxes opened.
-
-Wire of one device through boxes, and what it needs of them.
-"""
+"""Boxes of a rig: which channel is which signal of which device, opening them, a device's wire."""
 
 from __future__ import annotations
 

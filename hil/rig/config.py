@@ -1,7 +1,4 @@
-"""Rig files: what may stand in them, and reading one.
-
-Tables of a rig file, one class each; the whole is `hil.rig.config.RigConfig`.
-"""
+"""Rig files: what may stand in them, one class a table, and reading one."""
 
 from __future__ import annotations
 

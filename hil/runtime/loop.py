@@ -1,12 +1,8 @@
 """The fast loop: read, examine, update, limit, write, one row into the ring; nothing else.
 
-No array is allocated, nothing is logged, no lock is taken per tick.
-
-Periods missed within the last second.
-
-Exchange with all arms in one tick: measured and examined values in, limited efforts out.
-
-No array is allocated, nothing is logged, no lock is taken.
+In a tick no array is allocated, nothing is logged, no lock is taken.  Of all arms at once, measured
+and examined values come in and limited efforts go out.  Periods that were missed are counted over
+the last second.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
 """Re-run the law of a session on what it measured, and compare what it commanded, bit by bit.
 
-The loop's decisions (operating state, commands of the operator) are taken from the record; the
-law, the limits and the conversion of the driver are run again.
-
-The law, the limits and the driver's conversion once more, over the rows of a session.
-
-What a session holds for a replay: rig, measurements, commands, on rows all channels share.
+Rig, measurements and commands come from the session, on rows that all channels share.  The loop's
+decisions (operating state, commands of the operator) are taken from the record; the law, the limits
+and the conversion of the driver are run again.
 """
 
 from __future__ import annotations

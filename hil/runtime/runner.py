@@ -1,8 +1,6 @@
-"""A session in progress: loop, slow side and file over an open rig, until it ends.
+"""Run a session: open a rig, loop, record, close; the one place that knows all parts.
 
-Run a session: open a rig, loop, record, close; the one place that knows all parts.
-
-Ways out: a signal that ends the program unwinds it first, so that the motors get zero.
+A signal that ends the program unwinds the session first, so that the motors get zero.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """What a session file says of itself: channels, metadata, the rig file without its secrets.
 
+Beside that, who runs a session, and what it turned out to be.
+
 Nothing of ``[simulation]`` reaches a session but a hash: an analysis must find hidden effects
 in the signals.  Nothing depends on wall-clock time in lockstep.
-
-Who runs a session, and what it turned out to be.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from hil import registry
 from hil.errors import ConfigError, DataError
 from hil.record import mcap_read
 from hil.record.mcap_write import SessionWriter
-from hil.record.parts import SessionParts
 from hil.record.recording import TAGS, tag_record
 from hil.record.schema import Channel
 from hil.revision import source_revision
@@ -32,6 +31,7 @@ from hil.rig.config import RigConfig, robot_source
 from hil.rig.open import Rig
 from hil.runtime.board import BoardWriter
 from hil.runtime.realtime import Arrangement
+from hil.runtime.slow import SessionParts
 from hil.runtime.statistics import Statistics
 from hil.runtime.watchdog import beside
 from hil.signals.device import Controller

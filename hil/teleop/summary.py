@@ -1,6 +1,6 @@
 """What is worth knowing of a design before it runs: figures of merit of one axis, and plots.
 
-Plots: Bode plots of H, regions of stability, width of transmitted impedance.
+The plots show H (Bode), regions of stability, and the width of transmitted impedance.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from hil.teleop import force_sensor_free, hybrid, passivity, transparency
+from hil.teleop import architecture, force_sensor_free, hybrid, passivity
 from hil.teleop.architecture import IDEAL
 from hil.teleop.gate import Margins, margins
 from hil.teleop.hybrid import FREE, GRID, FloatArray, Impedance
@@ -117,7 +117,7 @@ def summarise(loop: SampledLoop, period: float, weight: float = 0.0) -> DesignSu
     return DesignSummary(
         loop.axis,
         d.name,
-        tuple(c.text for c in transparency.check(d) if not c.holds),
+        tuple(c.text for c in architecture.conditions(d) if not c.holds),
         weighted(hybrid.sensitivity(near, ze(hybrid.jw(w))), w, weight),
         float(abs(hybrid.sensitivity(still, ze(np.array([1e-4j])))[0])),
         float(tracking(far, 0.0, d.motion_scale).max()),

@@ -1,10 +1,7 @@
 """Check that a driver keeps the contract which the loop, the safety and the user rely on.
 
-A device under test: its time, its far end, and one period as the loop does it.
-
-What is checked of a driver, one rule a function, and the table of them.
-
-The far end of a device under test: what `check_driver` moves, loads, breaks and reads.
+A device under test has a far end, which is moved, loaded, broken and read, and passes one period as
+the loop does it.  Every rule is one function of a table.
 """
 
 from __future__ import annotations

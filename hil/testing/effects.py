@@ -1,6 +1,6 @@
 """Check that an effect keeps the contract which fitting, ranking and reporting rely on.
 
-Motions on which effects are checked: seeded, smooth, with exact derivatives.
+It is checked on seeded, smooth motions with exact derivatives.
 """
 
 from __future__ import annotations

@@ -10,9 +10,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from hil.errors import ConfigError
 from hil.sim_devices.canbus.frame import Frame
 from hil.sim_devices.canbus.line import Node
 from hil.sim_devices.force.transducer import Certificate, Transducer
@@ -244,3 +246,32 @@ class NetCanOemBoard(Node):
 def _single(value: float) -> bytes:
     """IEEE 754 single precision, high byte first."""
     return np.array(value, ">f4").tobytes()
+
+
+def place(address: str, base: int) -> tuple[str, int]:
+    """Channel and base of ``CHANNEL/BASE``.
+
+    Raises
+    ------
+    ConfigError
+        If the base is not a number.
+    """
+    channel, _, text = (address or "can0").partition("/")
+    try:
+        return channel, int(text, 0) if text else base
+    except ValueError:
+        raise ConfigError(f"simulated board: {address!r} is not CHANNEL/BASE.") from None
+
+
+def put(wired: Any, name: str, row: dict[str, Any]) -> NetCanOemBoard:
+    """Board of a rig file at ``CHANNEL/BASE``, set as the driver expects it."""
+    options = row["options"]
+    channel, base = place(row["address"], int(options.get("base", DEFAULT_BASE)))
+    board = NetCanOemBoard(
+        wired.force.transducer(name, row["cables"]),
+        base,
+        options.get("bit_rate", 1_000_000),
+        slot=options.get("calibration", 0),
+    )
+    wired.force.line(channel).attach(board)
+    return board

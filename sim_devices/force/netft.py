@@ -7,13 +7,14 @@ over CAN starts 60 us after the request; a record takes 100 us through the netwo
 from __future__ import annotations
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.sim_devices.canbus.frame import Frame
 from hil.sim_devices.canbus.line import Node
-from hil.sim_devices.force.netcanoem import LATENCY_NS, Faults
+from hil.sim_devices.force.netcanoem import LATENCY_NS, Faults, place
 from hil.sim_devices.force.transducer import Transducer
 from hil.sim_devices.simtime import SimTime
 
@@ -188,3 +189,22 @@ class RdtBox:
     def close(self) -> None:
         """The host's socket is gone; the box does not notice."""
         self.arrived.clear()
+
+
+def put_on_can(wired: Any, name: str, row: dict[str, Any]) -> NetFtCanBox:
+    """Box of a rig file on a CAN line of a bench."""
+    options = row["options"]
+    channel, base = place(row["address"], int(options.get("base", 0x1B0)))
+    factors = tuple(float(f) for f in options.get("scale_factors", (1.0,) * 6))
+    rate = options.get("bit_rate", 1_000_000)
+    box = NetFtCanBox(wired.force.transducer(name, row["cables"]), base, rate, factors)
+    wired.force.line(channel).attach(box)
+    return box
+
+
+def put_on_network(wired: Any, name: str, row: dict[str, Any]) -> RdtBox:
+    """Box of a rig file on the network of a bench."""
+    host, _, port = row["address"].partition(":")
+    box = RdtBox(wired.force.transducer(name, row["cables"]), wired.force.time)
+    wired.force.hosts[f"{host}:{port or 49152}"] = box
+    return box

@@ -277,3 +277,14 @@ class Sim31xx:
             self.garbled -= 1
             report = bytes([report[0] ^ 0x55]) + report[1:1]
         self.inputs.append(report)
+
+
+def put(wired: Any, name: str, row: dict[str, Any]) -> Sim31xx:
+    """Box of a rig file on the bus of a bench, cabled to its motors and amplifiers."""
+    cables, model = row["cables"], row["options"].get("model", "usb-3101")
+    box = Sim31xx(model, row["address"] or f"SIM-{name}", wired.watch(cables, name))
+    wired.hid.devices.append(box)
+    wired.bench.before.append(wired.motors(cables, box))
+    if wired.amplifiers not in wired.bench.before:
+        wired.bench.before.append(wired.amplifiers)
+    return box

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,13 +15,14 @@ from hil.errors import ConfigError, unknown
 from hil.signals.bus import Bus, Step
 from hil.signals.device import Status
 from hil.sim_devices.canbus.line import LINES, CanLine
-from hil.sim_devices.joints import bodies, motion, touch
-from hil.sim_devices.joints.damiao import TOP, TOP_POSITION, SimDrive, kind_of
+from hil.sim_devices.joints import motion, touch
 from hil.sim_devices.plants.build import with_defaults
 from hil.sim_devices.plants.layout import ELEMENTS
 from hil.sim_devices.simtime import VirtualTime
 
 Ints = NDArray[np.int64]
+#: Largest words of a drive: position; speed and effort.
+TOP_POSITION, TOP = 65535, 4095
 #: Steps of the physics a second at least, and parts of a tick in which buses and physics alternate.
 STEPS, PARTS = 8000.0, 4
 #: Ticks whose random numbers are drawn at once.
@@ -29,8 +32,36 @@ DEFAULTS: dict[str, Any] = {
     "bench": "ideal", "home": {}, "hidden": [], "truth_seed": 0,
     "operator": {}, "incision": {}, "tissue": {},
 }  # fmt: skip
+#: Driver of a box -> module whose `put` sets up what stands at the other end of its cable, and the
+#: extra that brings its libraries.
+BOXES = {
+    "damiao-can": ("hil.sim_devices.joints.damiao", "can"),
+    "haply-inverse": ("hil.sim_devices.joints.haply", "haply"),
+}
 #: Tables of what touches an arm, with who it is.
 TOUCHING = ("operator", "incision", "tissue")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A type of Damiao drive: ranges of position [rad], speed [rad/s] and torque [N m]."""
+
+    name: str
+    ranges: tuple[float, float, float]
+
+
+#: As they leave the works, by torque.
+KINDS = (
+    Kind("DM4310", (12.5, 30.0, 10.0)),
+    Kind("DM4340", (12.5, 10.0, 28.0)),
+    Kind("DM8009", (12.5, 45.0, 54.0)),
+    Kind("DM10010L", (12.5, 25.0, 200.0)),
+)
+
+
+def kind_of(torque: float) -> Kind:
+    """Smallest type that gives `torque` [N m]; the largest gives what it can."""
+    return next((k for k in KINDS if k.ranges[2] >= torque), KINDS[-1])
 
 
 class Described(Protocol):
@@ -71,7 +102,7 @@ class SimArm:
     def __init__(self, name: str, arm: Described, home: Sequence[float], seed: int) -> None:
         d = len(arm.joints)
         self.name, self.joints = name, arm.joints
-        built = bodies.read(arm.urdf, arm.joints, seed)
+        built = motion.read(arm.urdf, arm.joints, seed)
         self._bodies = tuple(getattr(built, f) for f in built.__dataclass_fields__)
         self.kinds = [kind_of(t) for t in arm.torque_limit]
         ranges = np.array([k.ranges for k in self.kinds])
@@ -142,7 +173,7 @@ class SimArm:
     def meet(self, table: str, given: Mapping[str, Any], seed: int) -> None:
         """Let something touch the tip or the shaft; see `touch`."""
         t = self.touched
-        t["turn"], t["place"] = bodies.tip(self._urdf, self.joints[-1])
+        t["turn"], t["place"] = motion.tip(self._urdf, self.joints[-1])
         d = len(self.joints)
         motion.outward(self._bodies, self.x["q"].copy(), np.zeros(d), self._room[:4])
         touch.poses(self._bodies, self._room[0], self._room[2], t[0], self._touch_room)
@@ -168,7 +199,7 @@ class SimArm:
             self._rotor,
             self.codes,
             random,
-            bodies.WEIGHT,
+            motion.WEIGHT,
             span,
             max(1, round(span * STEPS)),
             self.touched[0],
@@ -245,7 +276,7 @@ class JointBench:
         self._time = VirtualTime()
         self._prefix = f"joints{next(self._number)}:"
         self.lines: dict[str, CanLine] = {}
-        self.drives: dict[str, list[SimDrive]] = {}
+        self.drives: dict[str, list[Any]] = {}
         #: Inverse Services by HOST:PORT.
         self.services: dict[str, Any] = {}
         self._pumps: dict[str, Step] = {}
@@ -257,12 +288,26 @@ class JointBench:
         return JointWire(self, self.arms[arm])
 
     def buses(self, plan: Mapping[str, Mapping[str, Any]]) -> dict[str, Bus]:
-        """Simulated buses with what `plan` has on them."""
+        """Simulated buses with what `plan` has on them.
+
+        Raises
+        ------
+        ConfigError
+            For a box that is not known, whose library is missing, or whose cables do not fit.
+        """
         for name, row in plan.items():
-            if row["driver"] not in BUILDERS:
-                missing = unknown("simulated box", row["driver"], BUILDERS)
+            if row["driver"] not in BOXES:
+                missing = unknown("simulated box", row["driver"], BOXES)
                 raise ConfigError(f"box {name!r}: {missing}")
-            BUILDERS[row["driver"]](self, name, row)
+            module, extra = BOXES[row["driver"]]
+            try:
+                box = import_module(module)
+            except ImportError as error:
+                raise ConfigError(
+                    f"box {name!r}: its simulation needs the library {_library(error)}; "
+                    f"pip install 'hil-teleop[{extra}]'"
+                ) from error
+            box.put(self, name, row)
         can = {"interface": "hil-sim", "prefix": self._prefix}
         return {"can": self._bus("can", can), "ws": self._bus("ws", self._socket)}
 
@@ -275,44 +320,8 @@ class JointBench:
             raise OSError(111, "Connection refused")
         return self.services[f"{host}:{port}"].open()
 
-    def put_drives(self, name: str, row: Mapping[str, Any]) -> None:
-        """Damiao drives on a CAN line."""
-        line = self._line(row["address"] or "can0")
-        options, self.drives[name] = row["options"], []
-        for channel, _, arm, joint, sign in row["cables"]:
-            drive = SimDrive(
-                channel,
-                int(options.get("master", 0x10)),
-                int(options.get("bit_rate", 1_000_000)),
-                self.arms[arm],
-                joint,
-                sign,
-            )
-            line.attach(drive)
-            self.drives[name].append(drive)
-
-    def put_inverse(self, name: str, row: Mapping[str, Any]) -> None:
-        """A Haply Inverse3 at its service.
-
-        Raises
-        ------
-        ConfigError
-            If the library websockets is missing, or its axes are not three of one arm.
-        """
-        try:
-            from hil.sim_devices.joints import haply  # its library, where a rig asks for it
-        except ImportError as error:
-            raise ConfigError(
-                f"box {name!r}: its simulation needs the library websockets; "
-                "pip install 'hil-teleop[haply]'"
-            ) from error
-        server, _, device = row["address"].partition("/")
-        host, _, port = server.partition(":")
-        at = f"{host or 'localhost'}:{port or haply.PORT}"
-        service = self.services.setdefault(at, haply.SimService())
-        service.devices.append(haply.inverse_of(name, row, device, self.arms))
-
-    def _line(self, channel: str) -> CanLine:
+    def line(self, channel: str) -> CanLine:
+        """CAN line of a channel, made when it is first wanted."""
         if channel not in self.lines:
             self.lines[channel] = LINES[self._prefix + channel] = CanLine(self._time)
         return self.lines[channel]
@@ -365,6 +374,11 @@ class JointBench:
             arm.sense()
 
 
+def _library(error: ImportError) -> str:
+    """Name of the package that could not be imported."""
+    return (error.name or str(error)).partition(".")[0]
+
+
 def _home(name: str, arm: Described, table: Mapping[str, Any]) -> Sequence[float]:
     home = table.get(name, arm.center)
     if not isinstance(home, (list, tuple)) or len(home) != len(arm.joints):
@@ -408,11 +422,5 @@ class JointWire:
     def close(self) -> None:
         """Nothing to release."""
 
-
-#: Driver of a box -> what stands at the other end of its cable.
-BUILDERS: dict[str, Callable[[JointBench, str, Mapping[str, Any]], None]] = {
-    "damiao-can": JointBench.put_drives,
-    "haply-inverse": JointBench.put_inverse,
-}
 
 __all__ = ["HIDDEN", "JointBench", "JointWire", "SimArm"]

@@ -7,40 +7,17 @@ Not simulated: the gains of MIT mode (any but zero is a fault here), temperature
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 from hil.sim_devices.canbus.frame import Frame
 from hil.sim_devices.canbus.line import Node
+from hil.sim_devices.joints.bench import TOP, TOP_POSITION, JointBench
 
-#: Largest words.
-TOP_POSITION, TOP = 65535, 4095
 #: Time in which a drive answers [ns].
 ANSWER_NS = 20_000
 _SPECIAL = b"\xff" * 7
 _ALL = 0x7FF
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A type of drive: ranges of position [rad], speed [rad/s] and torque [N m]."""
-
-    name: str
-    ranges: tuple[float, float, float]
-
-
-#: As they leave the works, by torque.
-KINDS = (
-    Kind("DM4310", (12.5, 30.0, 10.0)),
-    Kind("DM4340", (12.5, 10.0, 28.0)),
-    Kind("DM8009", (12.5, 45.0, 54.0)),
-    Kind("DM10010L", (12.5, 25.0, 200.0)),
-)
-
-
-def kind_of(torque: float) -> Kind:
-    """Smallest type that gives `torque` [N m]; the largest gives what it can."""
-    return next((k for k in KINDS if k.ranges[2] >= torque), KINDS[-1])
 
 
 class SimDrive(Node):
@@ -168,4 +145,18 @@ class SimDrive(Node):
             self._switch(False)
 
 
-__all__ = ["KINDS", "TOP", "TOP_POSITION", "Kind", "SimDrive", "kind_of"]
+def put(bench: JointBench, name: str, row: Mapping[str, Any]) -> None:
+    """Drives of a box of a rig file, on their CAN line."""
+    line = bench.line(row["address"] or "can0")
+    options, bench.drives[name] = row["options"], []
+    for channel, _, arm, joint, sign in row["cables"]:
+        drive = SimDrive(
+            channel,
+            int(options.get("master", 0x10)),
+            int(options.get("bit_rate", 1_000_000)),
+            bench.arms[arm],
+            joint,
+            sign,
+        )
+        line.attach(drive)
+        bench.drives[name].append(drive)

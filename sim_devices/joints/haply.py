@@ -237,22 +237,24 @@ class SimService:
             client.closed = True
 
 
-def inverse_of(
-    name: str, row: Mapping[str, Any], device: str, arms: Mapping[str, Any]
-) -> SimInverse:
-    """Device of a box of a rig file, moving the arm that is cabled to it.
+def put(bench: JointBench, name: str, row: Mapping[str, Any]) -> None:
+    """Device of a box of a rig file, at its service, moving the arm that is cabled to it.
 
     Raises
     ------
     ConfigError
         If its channels are not the three axes of one arm.
     """
+    server, _, ident = row["address"].partition("/")
+    host, _, port = server.partition(":")
     cables = sorted(row["cables"])
     moved = {arm for _, _, arm, *_ in cables}
     if [c[0] for c in cables] != [0, 1, 2] or len(moved) != 1:
         raise ConfigError(f"box {name!r}: its channels 0, 1 and 2 are the axes of one arm.")
     axes = [(joint, sign) for _, _, _, joint, sign in cables]
-    return SimInverse(device or "0A1B", arms[moved.pop()], axes)
+    at = f"{host or 'localhost'}:{port or PORT}"
+    service = bench.services.setdefault(at, SimService())
+    service.devices.append(SimInverse(ident or "0A1B", bench.arms[moved.pop()], axes))
 
 
 def serve(

@@ -1,14 +1,19 @@
-"""MJCF for the simulator and URDF for the analyst, from one table of links."""
+"""MJCF for the simulator, URDF for the analyst from one table of links, and flaws of the mechanism.
+
+A hidden effect of the mechanism adds bodies, tendons or limits to the MJCF, or puts a shaft of its
+own between a motor and its link.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import cos, sin, sqrt
+from math import copysign, cos, exp, expm1, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.sim_devices.mujoco_plants.laws import UNIT, Place, State
 from hil.sim_devices.mujoco_plants.robots import Link, Robot
 
 FloatArray = NDArray[np.float64]
@@ -160,3 +165,177 @@ def size(robot: Robot, k: int) -> float:
 
 def _text(values: Sequence[float] | FloatArray) -> str:
     return " ".join(repr(float(x)) for x in values)
+
+
+#: Effort that motor and link exchange, from twist and its rate.
+Shaft = Callable[[State], float]
+#: Frequency of the link on a shaft that is soft, and on one that is not the effect [Hz]; damping.
+SOFT, STIFF, DAMPED = 24.0, 45.0, 0.12
+
+
+def shaft(p: Place, inertia: float, hertz: float) -> tuple[float, float]:
+    """Stiffness and damping of a shaft on which the link swings at `hertz`."""
+    w = 2 * pi * hertz
+    return inertia * w * w, 2 * DAMPED * inertia * w
+
+
+def elastic(p: Place, inertia: float) -> Shaft:
+    """A linear shaft: the softer, the larger the amplitude."""
+    j = p.j
+    k, c = shaft(p, inertia, SOFT / p.amplitude**0.5)
+    return lambda x: k * (x.m[j] - x.q[j]) + c * (x.w[j] - x.v[j])
+
+
+def hardening(p: Place, inertia: float) -> Shaft:
+    """A cable that stiffens exponentially: A (exp(|d| / d0) - 1)."""
+    j = p.j
+    k, c = shaft(p, inertia, SOFT / p.amplitude**0.5 * 0.6)
+    d0 = 8.0 * UNIT * p.link.effort / k
+
+    def pull(x: State) -> float:
+        d = x.m[j] - x.q[j]
+        force = k * d0 * expm1(min(abs(d) / d0, 4.0))
+        return copysign(force, d) + c * (x.w[j] - x.v[j])
+
+    return pull
+
+
+def backlash(p: Place, inertia: float) -> Shaft:
+    """A play, and flanks of the usual stiffness that damp only while they touch."""
+    j, half = p.j, 1.5e-3 * p.amplitude * p.link.reach
+    k, c = shaft(p, inertia, STIFF)
+    c *= 2.0
+
+    def pull(x: State) -> float:
+        d = x.m[j] - x.q[j]
+        if abs(d) <= half:
+            return 0.0
+        force = k * (d - copysign(half, d)) + c * (x.w[j] - x.v[j])
+        # a flank pushes and never pulls
+        return force if force * d > 0.0 else 0.0
+
+    return pull
+
+
+def harmonic_drive(p: Place, inertia: float) -> Shaft:
+    """A flexible spline: error twice a turn of the motor, and stiffness that grows."""
+    j, e, a = p.j, 1.2e-3 * p.amplitude * p.link.reach, p.phase(11.0, 0.5)
+    k, c = shaft(p, inertia, SOFT)
+
+    def pull(x: State) -> float:
+        d = x.m[j] + e * sin(a(x.m[j])) - x.q[j]
+        return k * d * (1.0 + 0.2 * (1.0 - exp(-abs(d) * k / p.link.effort * 5.0))) + c * (
+            x.w[j] - x.v[j]
+        )
+
+    return pull
+
+
+def belt(p: Place, inertia: float) -> Shaft:
+    """A belt that jumps teeth once or twice in a recording."""
+    j, tooth, rng = p.j, 6e-3 * p.amplitude * p.link.reach, p.rng
+    k, c = shaft(p, inertia, STIFF)
+    start, gone = rng.uniform(0.25, 0.5) * p.robot.seconds, 0.0
+
+    def pull(x: State) -> float:
+        nonlocal start, gone
+        if x.t > start and abs(x.w[j]) > 0.2 * p.link.speed:
+            gone += tooth * (1.0 if x.w[j] > 0.0 else -1.0)
+            start = x.t + rng.uniform(0.25, 0.5) * p.robot.seconds
+        return k * (x.m[j] - gone - x.q[j]) + c * (x.w[j] - x.v[j])
+
+    return pull
+
+
+SHAFTS: dict[str, Callable[[Place, float], Shaft]] = {
+    "elastic-transmission": elastic,
+    "hardening-cable": hardening,
+    "backlash": backlash,
+    "harmonic-drive": harmonic_drive,
+    "belt-skip": belt,
+}
+
+
+def end_stop(p: Place, added: Additions) -> None:
+    """MuJoCo's limit of the joint, soft, within reach of the motion."""
+    link = p.link
+    at = link.middle + link.reach * (0.3 if p.odd else 0.15)
+    # the constraint takes a share of the joint's motion that grows from nothing over this depth
+    width = 3.0 * link.reach / p.amplitude
+    added.joint[p.j] = (
+        f'limited="true" range="{link.middle - 4 * link.reach!r} {at!r}" '
+        f'solreflimit="-300 -12" solimplimit="0.0001 0.9 {width!r} 0.5 1.5"'
+    )
+
+
+def vibration(p: Place, added: Additions) -> None:
+    """A wheel on a spring that the link carries along."""
+    inertia = 0.06 * p.amplitude * p.link.rotor
+    w = 2 * pi * (4.6 + 0.7 * p.j)
+    mass = inertia if p.link.slides else 1e-6
+    about = 1e-9 if p.link.slides else inertia
+    kind = "slide" if p.link.slides else "hinge"
+    x, y, z = p.link.axis
+    added.bodies[p.j] = (
+        f'<body name="wheel"><inertial pos="0 0 0" mass="{mass!r}" '
+        f'diaginertia="{about!r} {about!r} {about!r}"/>'
+        f'<joint name="wheel" type="{kind}" axis="{x} {y} {z}" '
+        f'stiffness="{inertia * w * w!r}" damping="{0.06 * inertia * w!r}"/></body>'
+    )
+
+
+def slosh(p: Place, added: Additions) -> None:
+    """A tank whose water swings as a pendulum about two axes."""
+    length = 0.35 * size(p.robot, p.j)
+    # as heavy as a tenth of the motor's effort held at the end of the rod, at amplitude 10
+    mass = p.size / (9.81 * size(p.robot, p.j))
+    at = " ".join(repr(x) for x in p.link.along)
+    damping = 0.05 * mass * length**2 * (9.81 / length) ** 0.5
+    swing = "".join(
+        f'<joint name="water{k}" type="hinge" axis="{axis}" damping="{damping!r}"/>'
+        for k, axis in enumerate(("1 0 0", "0 1 0"))
+    )
+    about = repr(0.02 * mass * length**2)
+    added.bodies[p.j] = (
+        f'<body name="water" pos="{at}">{swing}<inertial pos="0 0 {-length!r}" mass="{mass!r}" '
+        f'diaginertia="{about} {about} {about}"/></body>'
+    )
+
+
+def idler(p: Place, added: Additions) -> None:
+    """A wheel that turns with two joints: MuJoCo's fixed tendon, with friction and damping."""
+    r = 1.0
+    f, c = p.size, p.size / p.link.speed
+    added.tendons.append(
+        f'<fixed name="idler{p.j}" frictionloss="{f!r}" damping="{c!r}" '
+        f'armature="{0.1 * p.link.rotor * p.amplitude**0.5!r}">'
+        f'<joint joint="joint{p.j + 1}" coef="1"/><joint joint="joint{p.other + 1}" '
+        f'coef="{r!r}"/></fixed>'
+    )
+
+
+def payload(p: Place, added: Additions) -> None:
+    """A small heavy body at the tip."""
+    mass = load_mass(p)
+    at = " ".join(repr(x) for x in p.robot.links[-1].along)
+    about = repr(1e-6 * mass)
+    added.bodies[len(p.robot.links) - 1] = (
+        f'<body name="load" pos="{at}"><inertial pos="0 0 0" mass="{mass!r}" '
+        f'diaginertia="{about} {about} {about}"/></body>'
+    )
+
+
+def load_mass(p: Place) -> float:
+    """Mass that a middle motor holds with this amplitude [kg]."""
+    lever = sum(size(p.robot, k) for k in range(len(p.robot.links)))
+    strong = max(link.effort for link in p.robot.links)
+    return p.amplitude * UNIT * strong / (9.81 * lever)
+
+
+STRUCTURES: dict[str, Callable[[Place, Additions], None]] = {
+    "end-stop": end_stop,
+    "vibration-mode": vibration,
+    "coupled-transmission": idler,
+    "payload": payload,
+    "outside-slosh": slosh,
+}

@@ -1,15 +1,20 @@
-"""Hidden forces on a joint: friction, position, time; each a closure that is asked at every step.
+"""Hidden effects that are laws: forces on a joint, drives, encoders, the force sensor, and noise.
 
-All sizes are in units of the joint: `Place.size` for effort, its reach and its speed.
+A force, a drive or an encoder is a closure that is asked at every step of the physics; what is
+wrong with a record is put into it afterwards.  Effects of the mechanism are in `describe`.  Sizes
+are in units of the joint: `Place.size` for effort, its reach and its speed.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import atan, copysign, cos, exp, log1p, pi, sin, sqrt, tanh
 
 import numpy as np
+import scipy.signal
+from numpy.typing import NDArray
 
 from hil.sim_devices.mujoco_plants.robots import Link, Robot
 
@@ -307,3 +312,236 @@ LINK: dict[str, Callable[[Place], Law]] = {
     "outside-magnetic-latch": latch,
     "outside-wind": gusts,
 }
+
+
+#: Effort of all motors, changed in place, at every step of the physics.
+Drive = Callable[[list[float], State], None]
+
+
+def gain(p: Place) -> Drive:
+    """A torque constant that is off."""
+    j, g = p.j, 0.05 * p.amplitude
+
+    def drive(u: list[float], x: State) -> None:
+        u[j] *= 1.0 + g
+
+    return drive
+
+
+def offset(p: Place) -> Drive:
+    """An amplifier's offset."""
+    j, f = p.j, p.size
+
+    def drive(u: list[float], x: State) -> None:
+        u[j] += f
+
+    return drive
+
+
+def ripple(p: Place) -> Drive:
+    """Commutation: two harmonics, times the effort."""
+    j, r, a = p.j, 0.08 * p.amplitude, p.phase(9.0, 0.2)
+
+    def drive(u: list[float], x: State) -> None:
+        w = a(x.m[j])
+        u[j] *= 1.0 + r * (sin(w) + 0.3 * cos(2 * w))
+
+    return drive
+
+
+def saturation(p: Place) -> Drive:
+    """An iron core that saturates: L tanh(u / L)."""
+    j, top = p.j, p.link.effort / p.amplitude
+
+    def drive(u: list[float], x: State) -> None:
+        u[j] = top * tanh(u[j] / top)
+
+    return drive
+
+
+def crosstalk(p: Place) -> Drive:
+    """A share of the neighbour's effort, of the same share of its motor."""
+    j, k = p.j, p.other
+    e = 0.05 * p.amplitude * p.link.effort / p.robot.links[k].effort
+
+    def drive(u: list[float], x: State) -> None:
+        u[j] += e * u[k]
+
+    return drive
+
+
+def lag(p: Place) -> Drive:
+    """Current loop of first order, or of second (damping ratio 0.6)."""
+    j, slow, y, rate = p.j, 4e-3 * p.amplitude, 0.0, 0.0
+
+    def first(u: list[float], x: State) -> None:
+        nonlocal y
+        y += (1.0 - exp(-x.dt / slow)) * (u[j] - y)
+        u[j] = y
+
+    def second(u: list[float], x: State) -> None:
+        nonlocal y, rate
+        w = 1.2 / slow
+        rate += x.dt * (w * w * (u[j] - y) - 1.2 * w * rate)
+        y += x.dt * rate
+        u[j] = y
+
+    return second if p.odd and slow > 2e-3 else first
+
+
+def delay(p: Place) -> Drive:
+    """A queue; what lies between two steps is interpolated."""
+    j, late = p.j, 5e-3 * p.amplitude
+    queue: deque[float] = deque()
+
+    def drive(u: list[float], x: State) -> None:
+        whole, part = divmod(late / x.dt, 1.0)
+        queue.appendleft(u[j])
+        while len(queue) > int(whole) + 2:
+            queue.pop()
+        near, far = (queue[min(int(whole) + i, len(queue) - 1)] for i in (0, 1))
+        u[j] = (1.0 - part) * near + part * far
+
+    return drive
+
+
+def dead_zone(p: Place) -> Drive:
+    """Nothing comes through below a threshold."""
+    j, width = p.j, 1.5 * p.size
+
+    def drive(u: list[float], x: State) -> None:
+        u[j] = 0.0 if abs(u[j]) < width else u[j] - copysign(width, u[j])
+
+    return drive
+
+
+def warm_gain(p: Place) -> Drive:
+    """Magnets that weaken as the winding warms with the square of the effort."""
+    j, g, heat = p.j, 0.3 * p.amplitude, 0.0
+    usual, slow = (0.15 * p.link.effort) ** 2, 0.3 * p.robot.seconds
+
+    def drive(u: list[float], x: State) -> None:
+        nonlocal heat
+        heat += x.dt * (u[j] * u[j] / usual - heat) / slow
+        u[j] *= 1.0 - g * heat / (1.0 + 2.0 * g * heat)
+
+    return drive
+
+
+DRIVES: dict[str, Callable[[Place], Drive]] = {
+    "torque-gain": gain,
+    "torque-offset": offset,
+    "torque-ripple": ripple,
+    "torque-saturation": saturation,
+    "torque-crosstalk": crosstalk,
+    "actuator-lag": lag,
+    "delay": delay,
+    "outside-dead-zone": dead_zone,
+    "outside-warm-gain": warm_gain,
+}
+
+
+FloatArray = NDArray[np.float64]
+#: What the encoder of a joint sees beside its motor's angle.
+Encoder = Callable[[State], float]
+
+
+def eccentricity(p: Place) -> Encoder:
+    """A disc that sits off its axis: once a turn, and a little twice."""
+    j, e, a = p.j, 2e-3 * p.amplitude * p.link.reach, p.phase(3.5, 1.1)
+
+    def seen(x: State) -> float:
+        w = a(x.m[j])
+        return e * (sin(w) + 0.15 * cos(2 * w))
+
+    return seen
+
+
+def missed(p: Place) -> Encoder:
+    """Counts lost at speed, some at a time, at random instants."""
+    j, some, rng, lost = p.j, 4e-3 * p.amplitude * p.link.reach, p.rng, 0.0
+    start = rng.uniform(2.0, 0.3 * p.robot.seconds)
+
+    def seen(x: State) -> float:
+        nonlocal lost, start
+        if x.t > start and abs(x.w[j]) > 0.25 * p.link.speed:
+            lost -= some * (1.0 if x.w[j] > 0.0 else -1.0)
+            start = x.t + rng.uniform(0.15, 0.4) * p.robot.seconds
+        return lost
+
+    return seen
+
+
+ENCODERS: dict[str, Callable[[Place], Encoder]] = {
+    "encoder-eccentricity": eccentricity,
+    "missed-counts": missed,
+}
+
+#: Change of what was recorded: positions (n, d), forces (n, 3), rows a second, place.
+Recorded = Callable[[FloatArray, FloatArray, float, Place], None]
+
+
+def late(q: FloatArray, force: FloatArray, rate: float, p: Place) -> None:
+    """A first-order filter on the recorded position."""
+    a = float(np.exp(-1.0 / (rate * 4e-3 * p.amplitude)))
+    x = q[:, p.j]
+    shifted = np.asarray(scipy.signal.lfilter([1.0 - a], [1.0, -a], x - x[0]))
+    q[:, p.j] = shifted + x[0]
+
+
+def bias(q: FloatArray, force: FloatArray, rate: float, p: Place) -> None:
+    """A bridge that was not zeroed."""
+    force[:, p.j % 3] += 0.1 * p.amplitude * _rms(force)
+
+
+def drift(q: FloatArray, force: FloatArray, rate: float, p: Place) -> None:
+    """Warming of the gauges: a square-root ramp that saturates."""
+    u = np.arange(len(q)) / len(q)
+    force[:, p.j % 3] += 0.2 * p.amplitude * _rms(force) * u / (0.3 + u)
+
+
+def force_gain(q: FloatArray, force: FloatArray, rate: float, p: Place) -> None:
+    """A channel whose reading grows by its square root's worth."""
+    k = p.j % 3
+    force[:, k] *= 1.0 + 0.08 * p.amplitude
+
+
+def force_crosstalk(q: FloatArray, force: FloatArray, rate: float, p: Place) -> None:
+    """A share of another channel."""
+    k = p.j % 3
+    force[:, k] += 0.1 * p.amplitude * force[:, (k + 1) % 3]
+
+
+def _rms(x: FloatArray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+RECORDED: dict[str, Recorded] = {
+    "filter-lag": late,
+    "force-bias": bias,
+    "force-drift": drift,
+    "force-gain": force_gain,
+    "force-crosstalk": force_crosstalk,
+}
+
+
+def disturbance(kind: str, n: int, std: FloatArray, step: float, seed: int) -> FloatArray:
+    """Effort (n, d) that acts on the plant beside the motors' [N m or N].
+
+    ``"coloured"`` is first-order noise of 4 Hz with a little white; ``"white"`` and ``"dac"`` have
+    none: their noise lies between the effort that acts and the recorded one.
+    """
+    if kind != "coloured":
+        return np.zeros((n, std.size))
+    rng = np.random.default_rng([seed, 0xC010])
+    a = float(np.exp(-2 * np.pi * 4.0 * step))
+    drive = rng.standard_normal((n, std.size)) * np.sqrt(1.0 - a * a)
+    low = np.asarray(scipy.signal.lfilter([1.0], [1.0, -a], drive, axis=0))
+    return np.asarray(std * (0.22 * low + 0.25 * rng.standard_normal(low.shape)))
+
+
+def recorded_noise(kind: str, n: int, std: FloatArray, seed: int) -> FloatArray:
+    """Noise (n, d) of the recorded effort [N m or N]: white for a measured current, else none."""
+    rng = np.random.default_rng([seed, 0x3117E])
+    white: FloatArray = rng.standard_normal((n, std.size))
+    return std * white * (1.0 if kind == "white" else 0.0)

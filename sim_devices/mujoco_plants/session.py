@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hil.errors import ConfigError, unknown
-from hil.sim_devices.mujoco_plants import describe, drives, laws, sensors, structure
+from hil.sim_devices.mujoco_plants import describe, laws
 from hil.sim_devices.mujoco_plants.describe import Additions
 from hil.sim_devices.mujoco_plants.laws import Place, State
 from hil.sim_devices.mujoco_plants.robots import ROBOTS, Robot
@@ -59,11 +59,11 @@ NAMES = sorted(
     {"payload-change"}.union(
         laws.MOTOR,
         laws.LINK,
-        drives.DRIVES,
-        sensors.ENCODERS,
-        sensors.RECORDED,
-        structure.SHAFTS,
-        structure.STRUCTURES,
+        laws.DRIVES,
+        laws.ENCODERS,
+        laws.RECORDED,
+        describe.SHAFTS,
+        describe.STRUCTURES,
     )
 )
 
@@ -217,10 +217,10 @@ class Plant:
         self._effects = [(str(h["effect"]), p) for h, p in zip(hidden, self.places, strict=True)]
         added = Additions()
         for name, p in self._effects:
-            if name in structure.SHAFTS:
+            if name in describe.SHAFTS:
                 added.geared.add(p.j)
-            if name in structure.STRUCTURES:
-                structure.STRUCTURES[name](p, added)
+            if name in describe.STRUCTURES:
+                describe.STRUCTURES[name](p, added)
         self.substeps = FINE if added.geared else 1
         self._geared = sorted(added.geared)
         text = describe.mjcf(robot, added, robot.step / self.substeps)
@@ -242,14 +242,14 @@ class Plant:
         inertia = inertias(self.robot)
         self._on_motor = [(p.j, laws.MOTOR[e](p)) for e, p in self._effects if e in laws.MOTOR]
         self._on_link = [(p.j, laws.LINK[e](p)) for e, p in self._effects if e in laws.LINK]
-        self._drives = [drives.DRIVES[e](p) for e, p in self._effects if e in drives.DRIVES]
+        self._drives = [laws.DRIVES[e](p) for e, p in self._effects if e in laws.DRIVES]
         self._encoders = [
-            (p.j, sensors.ENCODERS[e](p)) for e, p in self._effects if e in sensors.ENCODERS
+            (p.j, laws.ENCODERS[e](p)) for e, p in self._effects if e in laws.ENCODERS
         ]
         self._shafts = [
-            (p.j, structure.SHAFTS[e](p, inertia[p.j]))
+            (p.j, describe.SHAFTS[e](p, inertia[p.j]))
             for e, p in self._effects
-            if e in structure.SHAFTS
+            if e in describe.SHAFTS
         ]
         if self.robot.dry == "smooth":
             self._on_motor += [(k, self._smooth(k)) for k in range(len(self.robot.links))]
@@ -374,7 +374,7 @@ class Plant:
 
 def pick_up(model: Any, p: Place) -> Callable[[float], None]:
     """The last link takes a point mass at its tip from an instant on."""
-    robot, mass = p.robot, structure.load_mass(p)
+    robot, mass = p.robot, describe.load_mass(p)
     start = p.rng.uniform(0.35, 0.65) * robot.seconds
     link = robot.links[-1]
     com, about = describe.inertia(link)
@@ -563,7 +563,7 @@ def simulate(
     pushed = push(table, motion[1], tick) if force else None
     std = table.noise * np.array([link.effort for link in table.links])
     plant = Plant(table, hidden, seed)
-    acting = sensors.disturbance(noise, len(path), std, tick, seed)
+    acting = laws.disturbance(noise, len(path), std, tick, seed)
     dac = COARSE * std if noise == "dac" else 0.02 * std
     every = round(1.0 / (tick * table.rate))
     rows = plant.run(path, pushed, acting, dac, noise == "dac", every, LOST)
@@ -588,14 +588,14 @@ def _recorded(
 ) -> dict[str, FloatArray]:
     """What the recorder writes of the true signals."""
     n, rate = len(rows["t"]), table.rate
-    rows["tau"] = rows["tau"] + sensors.recorded_noise(noise, n, std, seed)
+    rows["tau"] = rows["tau"] + laws.recorded_noise(noise, n, std, seed)
     force = rows.get("force", np.zeros((n, 3)))
     if "force" in rows:
         rng = np.random.default_rng([seed, 0xF0C3])
         force = force + 0.01 * np.std(force) * rng.standard_normal(force.shape)
     for place, row in zip(plant.places, hidden, strict=True):
-        if row["effect"] in sensors.RECORDED:
-            sensors.RECORDED[row["effect"]](rows["q"], force, rate, place)
+        if row["effect"] in laws.RECORDED:
+            laws.RECORDED[row["effect"]](rows["q"], force, rate, place)
     if "force" in rows:
         rows["wrench"] = np.hstack([force, np.zeros((n, 3))])
         del rows["force"]

@@ -455,3 +455,11 @@ class SimQuad08:
 
     def halt_cleared(self, endpoint: int) -> None:
         """Nothing to do: the endpoint does not stall."""
+
+
+def put(wired: Any, name: str, row: dict[str, Any]) -> SimQuad08:
+    """Box of a rig file on the bus of a bench, cabled to its encoders."""
+    box = SimQuad08(row["address"] or f"SIM-{name}", wired.encoders(row["cables"]))
+    wired.usb.devices.append(box)
+    wired.bench.after.append(box.tick)
+    return box

@@ -134,9 +134,9 @@ def test_a_mujoco_arm_under_control_with_a_mass_at_its_tip(robot: str, amplitude
     """Its description is wrong by up to a fifth, which is no payload."""
     pytest.importorskip("mujoco")
     from hil.sim_devices.mujoco_plants import session
+    from hil.sim_devices.mujoco_plants.describe import load_mass
     from hil.sim_devices.mujoco_plants.laws import Place
     from hil.sim_devices.mujoco_plants.robots import ROBOTS
-    from hil.sim_devices.mujoco_plants.structure import load_mass
 
     told, runs = session.robots()[robot], []
     hidden = [{"effect": "payload", "joint": 0, "amplitude": amplitude}] if amplitude else []

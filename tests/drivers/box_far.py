@@ -5,10 +5,10 @@ from contextlib import ExitStack
 from bench_far import ArmFar
 
 from hil.drivers.premium import PremiumArm, PremiumConfig
-from hil.drivers.usb_31xx import Usb31xx, Usb31xxConfig
-from hil.drivers.usb_quad08 import Quad08, Quad08Config
+from hil.drivers.usb_31xx.driver import Usb31xx, Usb31xxConfig
+from hil.drivers.usb_quad08.driver import Quad08, Quad08Config
 from hil.rig.boxes import BoxPlace, BoxWire
-from hil.sim_devices.wired import WiredBench
+from hil.sim_devices.bench import WiredBench
 
 
 class BoxFar(ArmFar):

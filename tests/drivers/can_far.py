@@ -7,7 +7,7 @@ import numpy as np
 from hil.drivers import netft_can, netft_rdt
 from hil.drivers.ft_sensor import ForceSensor
 from hil.drivers.links.can import CanLink, open_bus
-from hil.drivers.netcanoem import NetCanOem, NetCanOemConfig
+from hil.drivers.netcanoem.driver import NetCanOem, NetCanOemConfig
 from hil.drivers.netft_can import NetFtCanConfig
 from hil.drivers.netft_rdt import NetFtRdtConfig
 from hil.signals.bus import Bus

@@ -3,8 +3,8 @@
 import pytest
 from box_far import BoxFar
 
-from hil.drivers.usb_31xx import Usb31xxConfig
-from hil.drivers.usb_quad08 import Quad08Config
+from hil.drivers.usb_31xx.driver import Usb31xxConfig
+from hil.drivers.usb_quad08.driver import Quad08Config
 from hil.testing import check_driver
 
 ALL = ["states", "position", "effort", "zero on exit", "unplug", "time-out", "bad frames"]

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.drivers.damiao_can import DamiaoBusConfig, codec
+from hil.drivers import damiao_can as codec
+from hil.drivers.damiao_can import DamiaoBusConfig
 from hil.errors import ConfigError, DeviceError
 from hil.signals.device import Status
 from hil.sim_devices.canbus.frame import Frame

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil.drivers.links.can import open_bus
-from hil.drivers.netcanoem import NetCanOem, NetCanOemConfig, attached, open_box
+from hil.drivers.netcanoem.driver import NetCanOem, NetCanOemConfig, attached, open_box
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
 from hil.signals.device import MeasuredCf, Status, Tareable

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.drivers.netcanoem import NetCanOem, NetCanOemConfig, codec
+from hil.drivers.netcanoem import codec
+from hil.drivers.netcanoem.driver import NetCanOem, NetCanOemConfig
 from hil.errors import DeviceError
 from hil.signals.device import Status
 from hil.sim_devices.canbus.frame import Frame

@@ -9,7 +9,7 @@ import can
 import pytest
 
 from hil.drivers.links.can import open_bus
-from hil.drivers.netcanoem import NetCanOemConfig, open_box
+from hil.drivers.netcanoem.driver import NetCanOemConfig, open_box
 from hil.errors import DeviceError
 from hil.signals.bus import Bus
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.drivers import usb_31xx, usb_quad08
+from hil.drivers.usb_31xx import driver as usb_31xx
+from hil.drivers.usb_quad08 import driver as usb_quad08
 from hil.errors import ConfigError, DeviceError
 from hil.rig.config import load_rig
 from hil.rigs import rig_path

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.drivers.usb_31xx import Usb31xx, Usb31xxConfig, codec
-from hil.drivers.usb_31xx.driver import HidLink
+from hil.drivers.usb_31xx import codec
+from hil.drivers.usb_31xx.driver import HidLink, Usb31xx, Usb31xxConfig
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
 from hil.sim_devices.hid.module import SimHid

@@ -9,8 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.drivers.usb_quad08 import Quad08, Quad08Config, codec, link
-from hil.drivers.usb_quad08.driver import ScanClock, arm, configure, read_count
+from hil.drivers.usb_quad08 import codec, link
+from hil.drivers.usb_quad08.driver import (
+    Quad08,
+    Quad08Config,
+    ScanClock,
+    arm,
+    configure,
+    read_count,
+)
 from hil.drivers.usb_quad08.link import UsbLink, find
 from hil.errors import ConfigError, DeviceError
 from hil.signals.bus import Bus

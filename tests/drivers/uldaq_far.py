@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 from bench_far import ArmFar
 
-from hil.drivers import usb_31xx, usb_quad08
 from hil.drivers.premium import PremiumArm, PremiumConfig
+from hil.drivers.usb_31xx import driver as usb_31xx
+from hil.drivers.usb_quad08 import driver as usb_quad08
 from hil.rig.boxes import BoxPlace, BoxWire
 from hil.signals.bus import Bus
 

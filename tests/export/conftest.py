@@ -9,8 +9,7 @@ import pytest
 from plants import spatial
 
 from hil.export import target
-from hil.export.target import Job
-from hil.export.within import within
+from hil.export.target import Job, within
 from hil.models.model import Use, base_model
 
 

@@ -12,7 +12,7 @@ from export_reference import evaluated
 from plants import serial_urdf
 
 from hil.errors import ConfigError
-from hil.export import code, running
+from hil.export import code
 from hil.export.content import Content, Vocabulary, translate
 from hil.export.target import Job, get
 from hil.models import bodies
@@ -21,9 +21,9 @@ from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 
 RUNNERS = {
-    "c": (running.c, ".h", ("cc", "gcc", "clang")),
-    "cpp": (running.cpp, ".hpp", ("c++", "g++", "clang++")),
-    "python": (running.python, ".py", ()),
+    "c": (code.run_c, ".h", ("cc", "gcc", "clang")),
+    "cpp": (code.run_cpp, ".hpp", ("c++", "g++", "clang++")),
+    "python": (code.run_python, ".py", ()),
 }
 
 
@@ -154,9 +154,10 @@ def test_a_name_of_a_users_file_never_becomes_code(name):
 
 
 def test_a_missing_compiler_is_said(monkeypatch):
-    monkeypatch.setattr(running.shutil, "which", lambda name: None)
+    monkeypatch.setattr(code.shutil, "which", lambda name: None)
     text = get("c").write(_content("", ("x",)), "arm", ())[".h"]
-    assert "unknown, no compiler here (cc, gcc, clang)" in running.c(text, np.zeros((1, 3, 1))).cost
+    said = code.run_c(text, np.zeros((1, 3, 1))).cost
+    assert "unknown, no compiler here (cc, gcc, clang)" in said
 
 
 def test_a_program_that_does_not_compile_is_an_error():
@@ -165,7 +166,7 @@ def test_a_program_that_does_not_compile_is_an_error():
         get("c").write(_content("", ("x",)), "arm", ())[".h"].replace("tau[j] = 0.0;", "tau[j] =;")
     )
     with pytest.raises(ConfigError, match="written program fails"):
-        running.c(text, np.zeros((1, 3, 1)))
+        code.run_c(text, np.zeros((1, 3, 1)))
 
 
 def test_names_of_files_become_names_of_programs():

@@ -9,8 +9,7 @@ from plants import spatial_urdf
 
 from hil.errors import ConfigError
 from hil.export.content import Vocabulary
-from hil.export.target import Job, get
-from hil.export.within import infeasible, nearest, within
+from hil.export.target import Job, get, infeasible, nearest, within
 from hil.models.model import RobotModel, Use, Value
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource

@@ -14,7 +14,7 @@ from bag_files import KINDS, BagFile
 from record_tables import URDF, needs_data
 
 from hil.cli import main
-from hil.record import bags
+from hil.record import foreign
 from hil.record.bags import BagChoice, is_bag, read_bag
 from hil.record.mcap_read import load
 from hil.record.recording import LOCKED
@@ -28,7 +28,7 @@ T = np.arange(300) * 0.004
 def read_once():
     """A bag that a test reads several times is read by one process."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bags, "read_arrays", functools.cache(bags.read_arrays))
+        patch.setattr(foreign, "read_arrays", functools.cache(foreign.read_arrays))
         yield
 
 

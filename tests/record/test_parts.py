@@ -16,11 +16,11 @@ from hil.cli import main
 from hil.errors import ConfigError
 from hil.record.mcap_read import load, read_attachments, read_metadata
 from hil.record.mcap_write import SessionWriter
-from hil.record.parts import SessionParts
 from hil.record.recovery import SessionFile, in_use
 from hil.record.schema import Channel
 from hil.rig.config import load_rig
 from hil.runtime import runner
+from hil.runtime.slow import SessionParts
 
 STATE = Channel("/arm/measured_js", "joint_state", ("a", "b"), ("position",))
 EFFORT = Channel("/arm/setpoint_jf", "joint_state", ("a", "b"), ("effort",))

@@ -8,7 +8,7 @@ from hil.errors import ConfigError
 from hil.rigs import rig_path
 from hil.signals.settable import ArmDescription
 from hil.sim_devices.bench import open_bench
-from hil.sim_devices.joints import bodies, motion
+from hil.sim_devices.joints import motion
 from hil.sim_devices.joints.bench import HIDDEN
 
 URDF = rig_path("arm6").with_name("arm6.urdf").read_text()
@@ -31,24 +31,24 @@ def description(urdf=URDF, joints=JOINTS):
 
 @pytest.mark.parametrize(("urdf", "joints"), [(URDF, JOINTS), (SLIDE, ("rail", "wrist"))])
 def test_accelerations_are_those_of_an_independent_library(monkeypatch, urdf, joints):
-    monkeypatch.setattr(bodies, "_off", lambda rng, size: np.ones(size))
-    built, d = bodies.read(urdf, joints, 0), len(joints)
+    monkeypatch.setattr(motion, "_off", lambda rng, size: np.ones(size))
+    built, d = motion.read(urdf, joints, 0), len(joints)
     fields = tuple(getattr(built, f) for f in built.__dataclass_fields__)
     # an unlimited joint is a pair of cosine and sine there
     model = pin.buildModelFromXML(urdf.replace("continuous", "revolute"))
     rng = np.random.default_rng(0)
     q, v, tau = rng.uniform(-1.0, 1.0, (3, d))
     model.armature = rotor = rng.uniform(0.0, 0.1, d)
-    model.gravity.linear = np.array([0.0, 0.0, -bodies.WEIGHT])
+    model.gravity.linear = np.array([0.0, 0.0, -motion.WEIGHT])
     out = np.zeros(d)
-    motion.accelerations(fields, rotor, bodies.WEIGHT, q, v, tau, motion.scratch(d), out)
+    motion.accelerations(fields, rotor, motion.WEIGHT, q, v, tau, motion.scratch(d), out)
     assert np.allclose(out, pin.aba(model, model.createData(), q, v, tau), rtol=1e-10, atol=1e-10)
 
 
 def test_every_body_is_off_the_file_and_the_same_for_a_seed():
-    arm = bodies.read(URDF, JOINTS, 3)
-    assert np.array_equal(arm.inertia, bodies.read(URDF, JOINTS, 3).inertia)
-    assert not np.array_equal(arm.inertia, bodies.read(URDF, JOINTS, 4).inertia)
+    arm = motion.read(URDF, JOINTS, 3)
+    assert np.array_equal(arm.inertia, motion.read(URDF, JOINTS, 3).inertia)
+    assert not np.array_equal(arm.inertia, motion.read(URDF, JOINTS, 4).inertia)
     model = pin.buildModelFromXML(URDF)
     mass = arm.inertia[:, 5, 5]
     off = np.abs(mass / [i.mass for i in model.inertias.tolist()[1:]] - 1)

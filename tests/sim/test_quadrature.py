@@ -11,7 +11,7 @@ from hil.errors import ConfigError
 from hil.record.decode import read_fields
 from hil.rig.config import load_rig
 from hil.runtime import runner
-from hil.sim_devices.quadrature import Quadrature, tracks
+from hil.sim_devices.bench import Quadrature, tracks
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 MS = 1e-3

@@ -10,7 +10,7 @@ import numpy as np
 import plants
 import pytest
 
-from hil.studio.own import TEMPLATE
+from hil.studio.intake import TEMPLATE
 
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

@@ -14,9 +14,9 @@ from hil.record import mcap_read
 from hil.record.mapfile import read_map
 from hil.record.tables import import_table
 from hil.studio import intake
-from hil.studio.own import TEMPLATE
-from hil.studio.session import StudioSession
+from hil.studio.intake import TEMPLATE
 from hil.studio.workbench import Inputs
+from hil.studio.worker import StudioSession
 
 OURS = {"time [ms]": ("t", "ms", False), "Encoder angle (deg)": ("q", "deg", True),
         "drive current mA": ("tau", "mA", False)}  # fmt: skip

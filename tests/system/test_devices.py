@@ -11,7 +11,8 @@ import pytest
 from hil import registry
 from hil.cli import main
 from hil.commands import devices
-from hil.drivers import usb_31xx, usb_quad08
+from hil.drivers.usb_31xx import driver as usb_31xx
+from hil.drivers.usb_quad08 import driver as usb_quad08
 from hil.errors import ConfigError, DeviceError
 from hil.record.mcap_read import load
 from hil.rig import boxes

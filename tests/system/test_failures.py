@@ -1,6 +1,7 @@
 """Failures: what is the user's is named with its place, what is ours asks for a report."""
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,6 +11,7 @@ from pathlib import Path
 import plants
 import pytest
 
+import hil
 from hil import consent
 from hil.cli import main
 from hil.commands import plugins
@@ -153,3 +155,15 @@ def test_a_full_standard_output_is_one_sentence():
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 and "standard output" in done.stderr
+
+
+@pytest.mark.parametrize("text", ["raise ValueError('mine')", "loads = None", "def ("])
+def test_a_file_named_as_a_module_of_python_is_refused_in_one_line(tmp_path, text):
+    (tmp_path / "json.py").write_text(text + "\n")
+    path = os.pathsep.join([str(tmp_path), str(Path(hil.__file__).parents[1])])
+    words = [sys.executable, "-c", "from hil.__main__ import program; program()", "info", "x.mcap"]
+    ran = subprocess.run(
+        words, cwd=tmp_path, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert ran.returncode == 2 and ran.stdout == "", ran.stderr
+    assert ran.stderr.count("\n") == 1 and "json.py' takes the place of Python's own" in ran.stderr

@@ -9,7 +9,7 @@ from prompt_toolkit.application import create_app_session
 from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
 
-from hil.commands import screen
+from hil.ui import desk as screen
 
 ARM = {"position": [0.1, 0.2], "effort": [0.0, None], "force": [3.0, 4.0, 0.0], "lamps": [4, 6]}
 SNAPSHOT = {

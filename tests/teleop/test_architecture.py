@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from teleop_designs import anchor, designs, positive, robots
 
 from hil.errors import ConfigError
-from hil.teleop import architecture, hybrid, transparency
+from hil.teleop import architecture, hybrid
 from hil.teleop.architecture import Design, MotionTerm, Realisation, RobotImpedance
 from hil.teleop.hybrid import GEL, HAND, Impedance
 
@@ -59,7 +59,7 @@ def test_the_theorem_and_the_hybrid_matrix_agree(name, kp, kf, master, slave, c5
     h = hybrid.hybrid(d, hybrid.jw(W))
     goal = np.array([[0, kf], [-kp, 0]])
     near = np.abs(h - goal).max() < 1e-8 * max(1.0, kp, kf)
-    assert transparency.transparent(d) == near
+    assert architecture.transparent(d) == near
     assert near == (name not in ("position-error", "position-force"))
 
 
@@ -68,7 +68,7 @@ def test_the_checker_names_the_condition_that_fails(missed):
     d = architecture.named_design("four-channel")
     value = getattr(d, missed)
     wrong = value + MotionTerm(b=0.5) if isinstance(value, MotionTerm) else value + 0.5
-    found = {c.name: c for c in transparency.check(replace(d, **{missed: wrong}))}
+    found = {c.name: c for c in architecture.conditions(replace(d, **{missed: wrong}))}
     assert [n for n, c in found.items() if not c.holds] == [missed]
     assert missed in found[missed].text and "should be" in found[missed].text
 
@@ -80,7 +80,7 @@ def test_a_controller_whose_channels_cancel_is_not_transparent():
     # (1 + c6)(z_cs + c7) = -(1 + c5)(z_cm + c8)
     d = replace(d, c8=-(d.slave.term + d.c7) + -d.master.term)
     d = replace(d, c4=-(d.master.term + d.c8))
-    assert [c.name for c in transparency.check(d) if not c.holds] == ["rank"]
+    assert [c.name for c in architecture.conditions(d) if not c.holds] == ["rank"]
 
 
 def rank_of(d, s):
@@ -92,8 +92,8 @@ def rank_of(d, s):
 def test_the_enumeration_is_what_brute_force_finds():
     rng = np.random.default_rng(0)
     for count in range(5):
-        found = {f.channels for f in transparency.families(count)}
-        for used in combinations(transparency.LOCAL, count):
+        found = {f.channels for f in architecture.families(count)}
+        for used in combinations(architecture.LOCAL, count):
             possible = False
             for _ in range(5):
                 c5, c6 = rng.uniform(0, 1, 2)
@@ -107,20 +107,22 @@ def test_the_enumeration_is_what_brute_force_finds():
                 c8 = t[1] if "c4" in used else -master.term
                 d = Design(c1=slave.term + c7, c2=1 + c6, c3=1 + c5, c4=-(master.term + c8),
                            c5=c5, c6=c6, c7=c7, c8=c8, master=master, slave=slave)  # fmt: skip
-                zero = [c for c in transparency.LOCAL if not transparency._there(getattr(d, c))]
-                assert set(zero) == set(transparency.LOCAL) - set(used)
+                zero = [c for c in architecture.LOCAL if not _there(getattr(d, c))]
+                assert set(zero) == set(architecture.LOCAL) - set(used)
                 possible |= rank_of(d, 2j) == 2
             assert possible == (used in found), used
-    assert [f.channels for f in transparency.families(2)] == [("c1", "c2"), ("c3", "c4")]
-    assert len(transparency.families(3)) == 4
+    assert [f.channels for f in architecture.families(2)] == [("c1", "c2"), ("c3", "c4")]
+    assert len(architecture.families(3)) == 4
 
 
-def test_a_redundant_channel_can_be_replaced():
-    d = architecture.named_design("four-channel")
-    assert transparency.redundant(d)["c4"] == "c8 = -z_cm"
+def _there(value) -> bool:
+    return (value.size() if isinstance(value, MotionTerm) else abs(value)) > 0.0
+
+
+def test_a_local_gain_replaces_a_channel():
+    assert architecture.LOCAL["c4"] == ("c8", "-z_cm")
     without = architecture.named_design("three-channel-4")
-    assert without.c4.size() == 0.0 and transparency.transparent(without)
-    assert transparency.redundant(architecture.named_design("motion-forward")) == {}
+    assert without.c4.size() == 0.0 and architecture.transparent(without)
 
 
 def of_control(d, zh, ze, real=REAL):

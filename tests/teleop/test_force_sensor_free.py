@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from teleop_designs import anchor, designs
 
 from hil.errors import ConfigError
-from hil.teleop import architecture, force_sensor_free, hybrid, transparency
+from hil.teleop import architecture, force_sensor_free, hybrid
 from hil.teleop.architecture import MotionTerm, Realisation, RobotImpedance
 from hil.teleop.hybrid import GEL, HAND
 
@@ -60,7 +60,7 @@ def test_the_acceleration_gains_are_those_of_the_thesis():
 @pytest.mark.parametrize("name", sorted(architecture.DESIGNS))
 def test_every_transparent_controller_is_singular_and_refused(name):
     d = architecture.named_design(name)
-    if not transparency.transparent(d):
+    if not architecture.transparent(d):
         assert force_sensor_free.transform(d).c2 == 0.0
         return
     assert d.D == pytest.approx(0.0, abs=1e-12)

@@ -17,7 +17,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import hil.diagnosis
 from hil.bench.diagnosis import ablation, runner
 from hil.bench.diagnosis.cases import SessionCase
 from hil.bench.diagnosis.tables import revisions, table
@@ -93,7 +92,8 @@ def varied(number: str, factor: float) -> dict[str, Any]:
 
 def _users() -> list[ModuleType]:
     """The constants, and all loaded modules that may have taken names from them."""
-    for found in pkgutil.iter_modules(hil.diagnosis.__path__, "hil.diagnosis."):
+    package = constants.__name__.rpartition(".")[0]
+    for found in pkgutil.iter_modules([str(_SOURCE.parent)], f"{package}."):
         importlib.import_module(found.name)
     return [m for name, m in list(sys.modules.items()) if name.startswith("hil.")]
 

@@ -1,4 +1,4 @@
-"""Figures of a run, and the same as Markdown, which is also what the terminal shows.
+"""Figures of a run as data and as Markdown, which is also what the terminal shows.
 
 Shares with their intervals, power, calibration, classes of failure.
 """
