@@ -973,14 +973,35 @@ def _rnea(model: pin.Model, motion: Path3) -> np.ndarray:
     return np.array([pin.rnea(model, data, *x).copy() for x in zip(*motion, strict=True)])
 
 
-def spatial(seed: int, seconds: float = 20.0, name: str = "", offset: float = 0.0) -> Recording:
-    """Random band-limited motion; effort = rnea + Coulomb and viscous friction + noise."""
+#: Reflected inertia of the rotor before the belt of `spatial` [kg m^2].
+ROTOR = 0.06
+
+
+def spatial(
+    seed: int,
+    seconds: float = 20.0,
+    name: str = "",
+    offset: float = 0.0,
+    tilt: tuple[float, float] = (0.0, 0.0),
+    belt: float = 0.0,
+) -> Recording:
+    """Random band-limited motion; effort = rnea + Coulomb and viscous friction + noise.
+
+    With `tilt` the base is turned about its x and y axes [rad]; with `belt` the second joint is
+    driven over a spring [N m/rad] by a motor with a rotor and an encoder of its own.
+    """
     rng, fs = np.random.default_rng(seed), 500.0
     t = np.arange(int(seconds * fs)) / fs
     w = 2 * np.pi * rng.uniform(0.1, 1.2, (3, 6))
     phase, size = rng.uniform(0, 2 * np.pi, (3, 6)), rng.uniform(0.3, 0.6, (3, 6)) / w**0.5
     q, qd, qdd = sines(t, w, size, phase)
-    tau = _rnea(pin.buildModelFromXML(spatial_urdf()), (q, qd, qdd))
+    model = pin.buildModelFromXML(spatial_urdf())
+    model.gravity.linear = pin.exp3(np.array([*tilt, 0.0])).T @ model.gravity.linear
+    tau = _rnea(model, (q, qd, qdd))
+    if belt:
+        q[:, 1] += tau[:, 1] / belt
+        qd[:, 1] = np.gradient(q[:, 1], t)
+        tau[:, 1] += ROTOR * np.gradient(qd[:, 1], t)
     tau += SPATIAL_FC * np.sign(qd) + SPATIAL_FV * qd + NOISE * rng.normal(size=tau.shape) + offset
     source = RobotSource("", spatial_urdf())
     return Recording(name or f"run{seed}", "arm", JOINTS, t, q, tau, robot=source)

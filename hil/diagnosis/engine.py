@@ -135,7 +135,6 @@ def diagnose(
     search.blind = bool(without_robot(problem))
     search.geometry()
     search.forward()
-    search.start_anew()
     progress.at("compare with rivals", 0.2)
     named = exchange(search)
     renew(search.now.result)

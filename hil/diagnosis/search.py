@@ -132,8 +132,6 @@ class Search:
     found: list[Candidate] = field(default_factory=list)
     #: Effects whose names stand, by effect and joint: corrections leave them their efforts.
     standing: list[tuple[str, int]] = field(default_factory=list)
-    #: The simplest law that would have paid, too, in place of a joint's first effect, by joint.
-    beaten: dict[int, Candidate | None] = field(default_factory=dict)
     first: Evidence | None = None
     last: Evidence | None = None
     _tried: _Tried | None = None
@@ -233,10 +231,9 @@ class Search:
 
     # ------------------------------------------------------------------ forward
 
-    def forward(self, joints: Sequence[int] | None = None) -> None:
-        """Add what pays, joint by joint, until every joint (of some, by default all) has failed."""
-        every = [j for j in range(self.problem.d) if not self.problem.holds[j]]
-        open_joints = every if joints is None else list(joints)
+    def forward(self) -> None:
+        """Add what pays, joint by joint, until every joint has failed."""
+        open_joints = [j for j in range(self.problem.d) if not self.problem.holds[j]]
         while open_joints:
             found = len(self.rungs) - self.start - 1
             progress.at("seek effects", 0.2 - 0.15 * 0.7**found)
@@ -244,8 +241,6 @@ class Search:
             self.first = self.first or evidence
             self.last = evidence
             picks = self._picks(rated, evidence, open_joints)
-            for p in picks:
-                self.beaten.setdefault(p.joint, self._beaten(p, rated))
             open_joints = [
                 j
                 for j in open_joints
@@ -259,66 +254,6 @@ class Search:
                 # what a large effect hid of the geometry is no news, and gets no name
                 self._corrected([c.joint for c in self.now.added], GEOMETRY)
             self.backward()
-
-    def _beaten(self, pick: Rated, rated: Sequence[Rated]) -> Candidate | None:
-        """The best candidate of a pick's joint that pays, too, with half its values at most."""
-        few = [
-            r
-            for r in rated
-            if r.joint == pick.joint
-            and r.candidate.term.key not in self.stops
-            and 2 * r.candidate.dof <= pick.candidate.dof
-            and not r.candidate.term.effect.scope.whole
-        ]
-        return max(few, key=self.score).candidate if few else None
-
-    def start_anew(self) -> None:
-        """Search a joint again from a simpler first effect, where the first one left an error.
-
-        A law with many values takes the effort of two simple ones, and leaves both unseen: what is
-        found beside it is then a third.  The other way is gone where it ends at less, with no more
-        values.
-        """
-        for j, simple in self.beaten.items():
-            own = [c for c in self.found if c.joint == j]
-            floor = self.first.floor if self.first else None
-            done = floor is None or not floor.exceeded(self.now.result.rms, j)
-            keys = {c.term.key for c in own}
-            if simple is None or done or len(own) < 2 or simple.term.key in keys:
-                continue
-            if any(c.term.effect.relations.replaces for c in own):
-                continue  # what was replaced is no longer there to go on from
-            other = self._from(simple, own)
-            now, then = (x.now.errors.power[j] for x in (self, other))
-            values = [sum(c.dof for c in x.found if c.joint == j) for x in (self, other)]
-            if then < (1 - WORTH) ** 2 * now and values[1] <= values[0]:
-                self.__dict__.update(other.__dict__)
-        renew(self.now.result)
-
-    def _from(self, first: Candidate, gone: Sequence[Candidate]) -> Search:
-        """A search of one joint from a first effect, with what was found on the others."""
-        model = self.now.result.model
-        for c in gone:
-            model = without(model, c, self.problem)
-        kept = [c for c in self.found if c not in gone]
-        trial = replace(
-            self,
-            refused={(gone[0].name, gone[0].term.joint)},
-            beside={},
-            stops=dict(self.stops),
-            fired=dict(self.fired),
-            rungs=self.rungs[: self.start + 1],
-            found=kept,
-            beaten={},
-            _tried=None,
-        )
-        label = "; ".join(f"+ {describe(c, self.problem)}" for c in (*kept, first))
-        rung = trial.rung(label, model + as_use(first, self.problem), self.now.result.sigma)
-        rung.added = (*kept, first)
-        trial.rungs.append(rung)
-        trial.found = [*kept, first]
-        trial.forward([first.joint])
-        return trial
 
     def correct(self, joints: Sequence[int]) -> list[Visited]:
         """Add corrections without a name where no effect pays any more; the rungs they give.

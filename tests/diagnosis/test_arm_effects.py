@@ -1,0 +1,46 @@
+"""What a described arm alone can tell: a soft belt before a link, a base on a slope."""
+
+from __future__ import annotations
+
+import math
+
+import plants
+import pytest
+
+from hil.diagnosis.engine import diagnose
+from hil.models.model import base_model
+
+
+def _answer(**hidden):
+    runs = [plants.spatial(k, **hidden) for k in (1, 2)]
+    return diagnose(runs[:1], base_model(runs[0].robot), runs[1:])
+
+
+def test_a_soft_belt_is_named_on_its_joint_and_felt_by_the_others():
+    found = _answer(belt=300.0)
+    assert [(f.effect, f.joint) for f in found.findings] == [("elastic-transmission", "upper")]
+    before, after = found.ladder[0].heldout.rms, found.explained.heldout.rms
+    # the third joint moves a link that hangs on the belt: that is in no other effect of the model
+    assert all(after[1:] < 0.6 * before[1:])
+    assert all(after < 1.2 * found.noise)
+
+
+def test_a_base_on_a_slope_is_named_with_its_angle():
+    found = _answer(tilt=(0.10, -0.06))
+    assert [(f.effect, f.joint) for f in found.findings] == [("base-tilt", None)]
+    values = found.findings[0].parameters
+    assert values["base-tilt.rx"].value == pytest.approx(0.10, abs=0.01)
+    assert values["base-tilt.ry"].value == pytest.approx(-0.06, abs=0.01)
+    assert all(found.explained.heldout.rms < 1.2 * found.noise)
+
+
+def test_an_arm_that_stands_upright_lacks_neither():
+    found = _answer()
+    assert found.verdict == "adequate" and not found.findings
+
+
+def test_the_angle_of_a_base_is_said_in_degrees():
+    from hil.models import catalogue
+
+    said = catalogue.get("base-tilt").doc.remark({"rx": math.radians(3), "ry": math.radians(4)}, {})
+    assert said == "tilted by 5 degrees"
