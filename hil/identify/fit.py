@@ -199,7 +199,8 @@ def assemble(
 ) -> FitResult:
     """Final solution with errors, bounds and identifiability."""
     theta, x, b, slices, residual, drawn = solved(problem, terms, model, sigma, True)
-    weighted = np.concatenate([(residual / sigma[:, None]).reshape(-1), -drawn.rows @ theta])
+    beside = drawn.target - drawn.rows @ theta
+    weighted = np.concatenate([(residual / sigma[:, None]).reshape(-1), beside])
     found = standard_errors(problem, terms, theta, slices, drawn.basis, weighted, sigma)
     pull = drawn.pull
     # what no row sees stays at the prior; lying on a bound there says nothing

@@ -30,7 +30,7 @@ from hil.errors import DataError, FitError
 from hil.identify.description import Pull, colouring, described, drawn, pull_of, serves
 from hil.identify.design import Term, block, coefficients, known_values, stack
 from hil.identify.problem import Problem
-from hil.identify.regression import Basis, basis, of_factors
+from hil.identify.regression import Basis, basis, least_squares, of_factors
 from hil.models.effect import Trait
 from hil.models.model import RobotModel
 
@@ -45,14 +45,15 @@ class Drawn:
     ----------
     pull : Pull or None
         The robot's description.
-    rows : ndarray (m, p)
-        Rows beside the weighted regressor whose target is zero: corrections are small.
+    rows, target : ndarray (m, p), (m,)
+        Rows beside the weighted regressor, and what they are to give: corrections are small.
     basis : Basis
         Of the weighted regressor and these rows.
     """
 
     pull: Pull | None
     rows: FloatArray
+    target: FloatArray
     basis: Basis
 
 
@@ -97,9 +98,10 @@ def solved(
         theta = bounded(theta + np.where(free, 0.0, start), together, *limits(terms, problem))
         residual = (y - x @ theta).reshape(problem.d, problem.n)
     if held_back is None:
-        return theta, x, b, slices, residual, Drawn(pull, np.zeros((0, theta.size)), b)
+        return theta, x, b, slices, residual, Drawn(pull, np.zeros((0, theta.size)), np.zeros(0), b)
     wide = basis(np.concatenate([x * (w[:, None] * free), held_back.rows]))
-    return theta, x, b, slices, residual, Drawn(pull, held_back.rows, wide)
+    wanted = held_back.rows @ held_back.centre
+    return theta, x, b, slices, residual, Drawn(pull, held_back.rows, wanted, wide)
 
 
 def _held_back(
@@ -109,37 +111,43 @@ def _held_back(
     b: Basis,
     equations: tuple[FloatArray, FloatArray, FloatArray],
 ) -> Pull | None:
-    """What keeps corrections as small as what is left without them.
+    """What keeps corrections, and what they change, as small as what is left without them.
 
     A free function of the speed, say, holds columns that the model has, too, or nearly: an offset
-    while the joint moves, a viscous friction.  What both could hold is to stay with the model, so
-    that its values keep their meaning and a program that leaves the correction out loses no more
-    than what the correction explains.  Each coefficient of a column c is drawn to zero as
-    N(0, (|r| / |c|)^2), with r what the model leaves of that joint without any correction.
+    while the joint moves, a viscous friction.  The values of the model are to keep their meaning,
+    and a program that leaves the correction out is to lose no more than what it explains.  With r
+    what the model leaves of a joint without any correction and theta_0 its values there, each
+    coefficient of a column c of that joint is drawn to its value in theta_0, those of corrections
+    to zero, as N(theta_0, (|r| / |c|)^2).  Masses, which belong to all joints, are not.
     """
-    free = [
-        t.effect.traits & (Trait.CORRECTION | Trait.GEOMETRY) == Trait.CORRECTION and not t.fixed
+    kind = [
+        not t.fixed and t.effect.traits & (Trait.CORRECTION | Trait.GEOMETRY) == Trait.CORRECTION
         for t in terms
     ]
-    if not any(free) or not b.rank:
+    if not any(kind) or not b.rank:
         return None
+    touched = {t.joint for t, is_free in zip(terms, kind, strict=True) if is_free}
+    own = [
+        not (t.fixed or t.effect.scope.whole or t.effect.traits & Trait.GEOMETRY)
+        and t.joint in touched
+        for t in terms
+    ]
     target, x, w = equations
-    where = np.concatenate(
-        [np.full(s.stop - s.start, f) for s, f in zip(slices, free, strict=True)]
+    free, drawn, joint = (
+        np.concatenate([np.full(s.stop - s.start, v) for s, v in zip(slices, each, strict=True)])
+        for each in (kind, own, [t.joint for t in terms])
     )
     reduced = b.s[:, None] * b.v.T * b.scale
     theta = np.zeros(x.shape[1])
-    theta[~where] = np.linalg.lstsq(reduced[:, ~where], b.q.T @ target, rcond=None)[0]
+    theta[~free] = least_squares(reduced[:, ~free], b.q.T @ target)
     left = (target - (x @ theta) * w).reshape(problem.d, problem.n)
     size = np.maximum(np.linalg.norm(left, axis=1), 1e-300)
-    colour, rows = colouring(problem, left), np.zeros((int(np.sum(where)), x.shape[1]))
-    columns = np.flatnonzero(where)
-    joint = np.concatenate(
-        [np.full(s.stop - s.start, t.joint) for s, t in zip(slices, terms, strict=True)]
-    )
+    columns = np.flatnonzero(drawn)
+    rows = np.zeros((columns.size, x.shape[1]))
     norm = np.linalg.norm(x[:, columns] * w[:, None], axis=0)
-    rows[np.arange(columns.size), columns] = colour**0.5 * norm / size[joint[columns]]
-    return Pull(rows, np.zeros(x.shape[1]), float("nan"))
+    weight = colouring(problem, left) ** 0.5
+    rows[np.arange(columns.size), columns] = weight * norm / size[joint[columns]]
+    return Pull(rows, np.where(drawn, theta, 0.0), float("nan"))
 
 
 def _pull(
