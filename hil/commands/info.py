@@ -23,7 +23,7 @@ from hil.errors import ConfigError, DataError, plural
 from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
 from hil.record.mcap_read import ChannelSummary, SessionSummary, load, read_attachments, summary
-from hil.record.recording import Recording
+from hil.record.recording import UNWRAPPED, Recording
 from hil.record.recovery import recover
 from hil.rig import safety
 from hil.runtime.watchdog import beside, in_words, parsed
@@ -267,6 +267,7 @@ def _arm_dict(arm: _Arm) -> dict[str, object]:
             {"code": f.code, "severity": f.severity, "joint": f.joint or None, "text": f.text}
             for f in arm.faults
         ],
+        "unwrapped": r.metadata.get(UNWRAPPED),
         "prepared": arm.prepared.as_dict() if arm.prepared else None,
         "readings": [{"code": code, "text": text} for code, text in arm.readings],
         "lateness": vars(arm.lateness) if arm.lateness else None,
@@ -326,7 +327,8 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
     if not arms:
         lines += ["  no arm: no /<name>/measured_js channel, so there is nothing to fit", ""]
     for arm in arms:
-        made = [f"  {text}" for text in arm.prepared.sentences] if arm.prepared else []
+        made = [f"  {x}" for x in (arm.recording.metadata.get(UNWRAPPED),) if x]
+        made += [f"  {text}" for text in arm.prepared.sentences] if arm.prepared else []
         made += [f"  {text}" for _, text in arm.readings]
         made += [f"  {arm.lateness.text}"] if arm.lateness else []
         lines += [*_arm_text(arm.recording), *made, *_faults_text(arm.faults), ""]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.locked import frame_axes, free_joints, locked_urdf
-from hil.record.recording import BAG, LOCKED, Recording, RobotSource
+from hil.record.recording import BAG, LOCKED, UNWRAPPED, Recording, RobotSource
 from hil.record.schema import LIBRARY
 
 FloatArray = NDArray[np.float64]
@@ -431,7 +431,8 @@ def _recording(
     if lost := len(state.stamp) - keep.size:
         taken += f"; {plural(lost, 'message')} of {len(state.stamp)} left out: repeated, without "
         taken += "a number, or where the other topics have none"
-    return Recording(
+    turning = [k for k, unit in enumerate(what.units) if unit != "m"]
+    found = Recording(
         name=bag.path.stem,
         arm=arm,
         joints=what.names,
@@ -447,7 +448,10 @@ def _recording(
             BAG: str(bag.path),
             **_locked_note(what),
         },
-    )
+    ).unwrapped(turning)
+    if said := found.metadata.get(UNWRAPPED):
+        found.metadata["note"] += f"; {said}"
+    return found
 
 
 def _locked_note(what: _Chosen) -> dict[str, str]:

@@ -20,7 +20,7 @@ from scipy.ndimage import maximum_filter1d
 from hil.errors import DataError, plural
 from hil.record import consistency as physics
 from hil.record.consistency import DataFault, check_spikes, smooth
-from hil.record.jumps import described
+from hil.record.jumps import TURN, described, wraps
 from hil.record.recording import STATED, Recording
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
 
@@ -237,6 +237,14 @@ def _units(r: Recording) -> Iterator[DataFault]:
 
 def _position(r: Recording, k: int, joint: str) -> Iterator[DataFault]:
     q = r.q[:, k]
+    if found := wraps(r.t, q, [TURN]) if joint_units(r)[k] == "rad" else None:
+        yield DataFault(
+            "wrap",
+            "warning",
+            joint,
+            f"{found.text(f'q{k + 1}', False)}: what acts over the position, and its derivative at "
+            "each wrap, are wrong; leave unwrap = false out of the map, or unwrap it before",
+        )
     frozen = list(physics.stuck(r.t, q))
     jumps = [j for j in physics.steps(r.t, q) if not _ends(frozen, float(r.t[j]))]
     if frozen:

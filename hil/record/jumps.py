@@ -1,12 +1,18 @@
-"""Jumps of a measured position that the joint cannot have made: counts that the decoder lost."""
+"""Jumps of a measured position that the joint cannot have made: counts that the decoder lost.
+
+Wraps are no faults: a position that is told within one turn, or in a counter of so many bits,
+starts again at the other end of it while the joint turns on.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter
 
 FloatArray = NDArray[np.float64]
 #: Samples before and after a step from which its size is foretold.
@@ -193,3 +199,107 @@ def _caught_up(dq: FloatArray, at: NDArray[np.intp], size: FloatArray) -> NDArra
         frozen = here - 1 - (moved[-1] if moved.size else -1)
         out[k] = frozen > 1 and frozen * after[here] / size[k] > 0.5
     return out
+
+
+# ------------------------------------------------------------ wraps
+
+#: Share of a period by which a step may differ from it, beyond what the speed beside it says.
+NEAR = 0.02
+#: Steps around a wrap whose median is the speed there.
+AROUND = 9
+#: Bits of a counter of a drive or a single-turn encoder.
+BITS = range(8, 33)
+
+
+@dataclass(frozen=True)
+class Wraps:
+    """A position that starts again at the other end of a period.
+
+    Parameters
+    ----------
+    period : float
+        The period, in the unit of the position.
+    name : str
+        What a person calls it, e.g. ``"2 pi"``.
+    count : int
+        How often it wraps.
+    values : ndarray (n,)
+        The position as it would be without.
+    """
+
+    period: float
+    name: str
+    count: int
+    values: FloatArray
+
+    def text(self, column: str, done: bool = True) -> str:
+        """E.g. ``q1 wraps at 2 pi, 53 times: unwrapped``."""
+        often = "once" if self.count == 1 else f"{self.count} times"
+        return f"{column} wraps at {self.name}, {often}: {'unwrapped' if done else 'left so'}"
+
+
+#: A turn of a joint that turns [rad], and its name.
+TURN = (2 * math.pi, "2 pi")
+
+
+def periods(x: FloatArray, scale: float = 1.0) -> Iterator[tuple[float, str]]:
+    """Periods at which a column (n,) may wrap, and their names; `scale` is that to radians."""
+    yield TURN
+    yield 360.0, "360 deg"
+    yield 1.0, "1 turn"
+    span = float(np.ptp(x))
+    if whole_numbers(x):
+        yield from ((2.0**n, f"{2**n} counts") for n in BITS if span > 2.0 ** (n - 1))
+    if scale:
+        yield 2 * math.pi / abs(scale), f"{2 * math.pi / abs(scale):.6g} (a turn)"
+
+
+def whole_numbers(x: FloatArray) -> bool:
+    """Whether a column (n,) holds whole numbers, more than a few of them."""
+    return bool(np.all(x == np.round(x))) and np.unique(x[:2000]).size > FEW_LEVELS
+
+
+#: Fewer levels than so are a switch or a flag, no count.
+FEW_LEVELS = 5
+
+
+def wraps(t: FloatArray, x: FloatArray, known: Iterable[tuple[float, str]]) -> Wraps | None:
+    """The period at which a position wraps; None where it does not.
+
+    All values lie within one period, and a step of nearly a period is a wrap where, without it, the
+    speed is what it is before and after.  A jump of another size, or out of the period, is left to
+    `jumps`.
+
+    Parameters
+    ----------
+    t : ndarray (n,)
+        Time, in any unit; what does not increase counts as even.
+    x : ndarray (n,)
+        Position in any unit, finite.
+    known : iterable of (float, str)
+        Periods and their names; the first that fits is taken.
+    """
+    dx = np.diff(x)
+    if dx.size < AROUND:
+        return None
+    span, most = float(np.ptp(x)), float(np.abs(dx).max())
+    if not most > span / 2:  # within a period, a wrap goes through more than half of all values
+        return None
+    dt = np.diff(t)
+    dt = dt / (float(np.median(dt)) or 1.0)
+    dt = np.where((dt > 0) & np.isfinite(dt), dt, 1.0)
+    for period, name in known:
+        if not period / 2 < most <= span <= period * (1 + NEAR / 20):
+            continue
+        rate = (dx - period * np.round(dx / period)) / dt
+        usual = median_filter(rate, AROUND, mode="nearest")
+        turns = np.round((usual * dt - dx) / period)
+        rest = np.abs(dx + turns * period - usual * dt)
+        calm = np.where(turns == 0.0, rest, 0.0)
+        limit = NEAR * period + 2.0 * maximum_filter1d(calm, AROUND)
+        found = (turns != 0.0) & (rest <= np.minimum(limit, period / 4))
+        count, far = int(found.sum()), int(np.sum(np.abs(dx) > period / 2))
+        if count and 2 * count >= far:
+            shift = np.concatenate([[0.0], np.cumsum(np.where(found, turns, 0.0))])
+            return Wraps(period, name, count, x + period * shift)
+    return None

@@ -3,7 +3,8 @@
     value = scale * sign * source + shift (+ the offset of the run)
 
 or, for a combination of columns, ``sum = { a = 0.5, b = -0.5 }`` in place of `from`; a bare
-number is a constant column.  A `unit` multiplies the scale.  ``"q*" = "state.q[*]"`` is a rule for
+number is a constant column.  A `unit` multiplies the scale.  A position that wraps is made
+continuous before, but for ``unwrap = false``.  ``"q*" = "state.q[*]"`` is a rule for
 all joints; of a list of such names the first counts that the table has.  ``[extras]`` takes further
 columns along, each with its unit.
 """
@@ -35,12 +36,14 @@ SIGNAL = "signal_"
 class Rule:
     """One column of the recording from those of the table: sum of weight * source, + shift.
 
-    `stated`: its unit was said, or a scale, so that nobody doubts it.
+    `stated`: its unit was said, or a scale, so that nobody doubts it.  `unwrap`: a position that
+    wraps is made continuous.
     """
 
     terms: Mapping[str, float]
     shift: float = 0.0
     stated: bool = False
+    unwrap: bool = True
 
     def apply(self, columns: Mapping[str, FloatArray], n: int) -> FloatArray:
         """Values (n,) of the column."""
@@ -184,7 +187,7 @@ _TOP = ("schema", "robot", "table", "columns", "units", "arms", "offsets", "extr
 _ROBOT = ("preset", "urdf", "tip", "unit", "arm", "joints", "lock")
 _TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated", "missing", "header_row")
 _SIGNAL = ("position_hz", "effort_hz", "rate_hz", "gap_s", "shift_s", "accuracy")
-_RULE = ("from", "sum", "scale", "sign", "shift", "unit", "torque_constant")
+_RULE = ("from", "sum", "scale", "sign", "shift", "unit", "torque_constant", "unwrap")
 #: Values of a key of [table]; the first is the default.
 _POLICIES = {
     "gaps": ("keep", "refuse"),
@@ -388,7 +391,11 @@ def _rule(target: str, entry: Any, units: Mapping[str, Unit]) -> Rule:
     factor *= sign * _number(entry.get("scale", 1.0), f"{target}.scale")
     weights = {str(k): factor * _number(v, f"{target}.sum.{k}") for k, v in terms.items()}
     stated = "unit" in entry or "scale" in entry or stem_of(target) in units
-    return Rule(weights, zero + _number(entry.get("shift", 0.0), f"{target}.shift"), stated)
+    unwrap = entry.get("unwrap", True)
+    if not isinstance(unwrap, bool) or (not unwrap and stem_of(target) != "q"):
+        raise ConfigError(f"column {target!r}: unwrap is of positions, true or false")
+    shift = zero + _number(entry.get("shift", 0.0), f"{target}.shift")
+    return Rule(weights, shift, stated, unwrap)
 
 
 def _to_si(target: str, entry: Mapping[str, Any], units: Mapping[str, Unit]) -> tuple[float, float]:

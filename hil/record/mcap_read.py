@@ -17,7 +17,14 @@ from hil.errors import DataError, unknown
 from hil.record.container import Container, Topic, read
 from hil.record.decode import decode, decode_joint_state
 from hil.record.mapfile import SIGNAL
-from hil.record.recording import LOCKED, STATED, Recording, RobotSource
+from hil.record.recording import (
+    AS_IS,
+    LOCKED,
+    STATED,
+    UNWRAPPED,
+    Recording,
+    RobotSource,
+)
 
 FloatArray = NDArray[np.float64]
 #: Topics of an arm beside its state that become columns of a recording.
@@ -56,7 +63,7 @@ def recording(box: Container, arm: str) -> Recording:
         )
     urdf = box.attachments.get(f"robot/{arm}.urdf", b"").decode(errors="replace")
     preset = "" if urdf else info.get("preset", "single-axis")
-    kept = ("unit", LOCKED, STATED)
+    kept = ("unit", LOCKED, STATED, UNWRAPPED, AS_IS)
     metadata = {k: v for k, v in info.items() if k in kept or k.startswith(SIGNAL)}
     metadata |= {f"session.{k}": v for k, v in box.metadata.get("session", {}).items()}
     t = box.seconds(topics["measured_js"])
@@ -295,7 +302,7 @@ def _load(box: Container, arm: str | None) -> Recording:
     chosen = arm or names[0]
     if chosen not in names:
         raise DataError(f"session {path}: " + unknown("arm", chosen, names))
-    found = recording(box, chosen)
+    found = recording(box, chosen).unwrapped()
     if notes := list(_notes(box, found, names if arm is None else ())):
         found.metadata["note"] = "; ".join(notes)
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
-from hil.record.jumps import Jumps, jumps
+from hil.record.jumps import TURN, Jumps, jumps, wraps
 from hil.shown import Shown
 
 FloatArray = NDArray[np.float64]
@@ -62,6 +62,9 @@ BAG = "bag"
 LOCKED = "locked"
 #: Metadata: numbers of the joints whose unit was said, so that nobody doubts it.
 STATED = "units_stated"
+#: Metadata: what was said of positions that wrap and were unwrapped, and the numbers of the joints
+#: whose positions were to be left as they are.
+UNWRAPPED, AS_IS = "unwrapped", "wraps_kept"
 #: Metadata record of a session: the tags that it was given.
 TAGS = "tags"
 #: Measured channels, a column a joint or component.
@@ -148,6 +151,29 @@ class Recording(Shown):
     def jumps(self) -> tuple[Jumps, ...]:
         """Jumps that each joint's position cannot have made (`hil.record.jumps`)."""
         return tuple(jumps(self.t, self.q[:, k]) for k in range(self.d))
+
+    def unwrapped(self, joints: Sequence[int] | None = None) -> Recording:
+        """The recording with positions that wrap at a turn made continuous, which is said.
+
+        Parameters
+        ----------
+        joints : sequence of int, optional
+            Joints that turn; by default all, where the unit is rad.
+        """
+        turning = range(self.d) if self.metadata.get("unit", "rad") == "rad" else ()
+        kept = self.metadata.get(AS_IS, "").split()
+        columns, said = {}, [x for x in [self.metadata.get(UNWRAPPED)] if x]
+        for k in turning if joints is None else joints:
+            found = None if str(k + 1) in kept else wraps(self.t, self.q[:, k], [TURN])
+            if found is not None:
+                columns[k] = found.values
+                said.append(found.text(f"q{k + 1}"))
+        if not columns:
+            return self
+        q = np.stack([columns.get(k, self.q[:, k]) for k in range(self.d)], axis=1)
+        stated = {*self.metadata.get(STATED, "").split(), *(str(k + 1) for k in columns)}
+        more = {UNWRAPPED: "; ".join(said), STATED: " ".join(sorted(stated, key=int))}
+        return replace(self, q=q, metadata={**self.metadata, **more})
 
     def slice(self, start: int, stop: int) -> Recording:
         """Samples start..stop as a recording of their own."""

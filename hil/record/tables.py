@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.consistency import unit_doubt, velocity_factor
 from hil.record.guess import propose
+from hil.record.jumps import NEAR, TURN, Wraps, periods, wraps
 from hil.record.locked import ColumnsRobot, columns_robot, free_joints
 from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
-from hil.record.recording import STATED, Recording, RobotSource
+from hil.record.recording import AS_IS, STATED, UNWRAPPED, Recording, RobotSource
 from hil.record.schema import LAST_S, Channel
 from hil.record.table_files import ForeignTable, open_table
-from hil.record.units import FACTORS, epoch_unit, time_unit
+from hil.record.units import FACTORS, epoch_unit, stem_of, time_unit
 from hil.record.urdf_joints import UrdfJoint
 from hil.userfile import read_text
 
@@ -625,6 +626,7 @@ def _arm(
     n = next(iter(columns.values())).size
     rules, notes = _timed(rules, columns)
     notes = [*fitted.notes, *notes]
+    columns, wrapped = _unwrapped(rules, columns)
     values = {target: rule.apply(columns, n) for target, rule in rules.items()}
     for name, offset in given.offsets.get(table.run, {}).items():
         owner, _, target = name.rpartition(".")
@@ -644,12 +646,73 @@ def _arm(
     said = {SIGNAL + k: repr(v) for k, v in given.signal.items()}
     order = fitted.order or range(d)
     positions = [rules[f"q{k + 1}"] for k in order]
+    if not given.unit:
+        _refuse_wraps(table, positions, wrapped)
+    told = [
+        found.text(f"q{k + 1}")
+        for k, rule in enumerate(positions)
+        for source, found in wrapped.items()
+        if rule.unwrap and source in rule.terms
+    ]
+    said |= {UNWRAPPED: "; ".join(told)} if told else {}
+    notes += [f"{text} (unwrap = false in its column of a map keeps it)" for text in told]
+    positions = [replace(r, stated=r.stated or _turns(r, wrapped)) for r in positions]
     stated = " ".join(str(k + 1) for k, rule in enumerate(positions) if rule.stated)
     said |= {STATED: stated} if stated else {}
+    kept = " ".join(str(k + 1) for k, rule in enumerate(positions) if not rule.unwrap)
+    said |= {AS_IS: kept} if kept else {}
     recording = _recording(arm, table, values, order, fitted, given.unit, {**said, **fitted.said})
     if not given.unit:
         refuse_units(table, recording, joints, positions)
     return _Arm(recording, rules, {n: values[n] for n in given.extras}, notes)
+
+
+def _unwrapped(
+    rules: Mapping[str, Rule], columns: Mapping[str, FloatArray]
+) -> tuple[dict[str, FloatArray], dict[str, Wraps]]:
+    """Columns (n,) in which positions that wrap are continuous, and how these wrap."""
+    out, found = dict(columns), {}
+    time = next(iter(rules["t"].terms), "") if "t" in rules else ""
+    for target, rule in rules.items():
+        sources = rule.terms.items() if stem_of(target) == "q" and rule.unwrap else ()
+        for source, weight in sources:
+            x = columns[source]
+            there = np.isfinite(x)
+            t = columns[time][there] if time else np.arange(int(there.sum()), dtype=float)
+            one = wraps(t, x[there], periods(x[there], weight)) if t.size else None
+            if one is not None:
+                found[source] = one
+                out[source] = x.copy()
+                out[source][there] = one.values
+    return out, found
+
+
+def _turns(rule: Rule, wrapped: Mapping[str, Wraps]) -> bool:
+    """Whether a position wraps at a turn in radians: then it is in radians."""
+    sizes = [abs(w) * wrapped[s].period for s, w in rule.terms.items() if s in wrapped]
+    return any(abs(size / TURN[0] - 1) < NEAR / 20 for size in sizes)
+
+
+def _refuse_wraps(
+    table: ForeignTable, positions: Sequence[Rule], wrapped: Mapping[str, Wraps]
+) -> None:
+    """Refuse a position that is no angle in radians, as the period says at which it wraps."""
+    for k, rule in enumerate(positions):
+        for source in rule.terms:
+            if source not in wrapped or rule.stated or rule.terms[source] != 1.0:
+                continue
+            found = wrapped[source]
+            if found.period == TURN[0]:
+                continue
+            units = {360.0: 'unit = "deg"', 1.0: 'unit = "rev"'}
+            scale = f"scale = {TURN[0] / found.period:.9g}  # if {found.name} are a turn"
+            entry = units.get(found.period, scale)
+            raise DataError(
+                f"table {table.path}: q{k + 1} wraps at {found.name}; it is not in radians. Say "
+                f'what it is in, in a map: [columns] q{k + 1} = {{ from = "{source}", '
+                f"{entry.partition('  #')[0]} }}"
+                + (f" (if {found.name} are one turn)" if "#" in entry else "")
+            )
 
 
 def _sources(

@@ -298,3 +298,14 @@ def test_a_motion_is_planned_from_a_bag(tmp_path, capsys):
 
     assert trajectory.read(out).joints == ("knee",)
     assert "'hil run' plays on the arms of a rig file only" in capsys.readouterr().out
+
+
+def test_a_joint_that_turns_on_is_unwrapped(tmp_path):
+    q, qd, tau = motion()
+    q = q * 4
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/joint_states", T, NAMES, (q + np.pi) % (2 * np.pi) - np.pi, qd, tau)
+        bag.description(URDF)
+    (r,) = read_bag(bag.path)
+    assert np.abs(r.q - q[:, ::-1] - (r.q - q[:, ::-1])[0]).max() < 1e-9
+    assert "wraps at 2 pi" in r.metadata["note"]

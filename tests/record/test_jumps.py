@@ -1,9 +1,15 @@
 """Jumps of a recorded position, found sample by sample."""
 
+import json
+
 import numpy as np
 import pytest
+from record_tables import write_csv
 
-from hil.record.jumps import jumps
+import hil
+from hil.cli import main
+from hil.record.checks import check
+from hil.record.jumps import jumps, periods, wraps
 
 COUNT = 1e-4
 
@@ -68,3 +74,97 @@ def test_a_gap_in_time_is_no_jump():
     t, q = motion()
     keep = (t < 6.0) | (t > 6.05)
     assert not jumps(t[keep], q[keep]).at.size
+
+
+# ------------------------------------------------------------ wraps
+
+T = np.arange(3000) * 0.01
+#: Turns one way, at a changing speed, then back.
+ANGLE = 9.0 * np.sin(0.2 * T) + 0.3 * np.sin(7 * T)
+
+
+def within(x, period, low=0.0):
+    """A position as an encoder of one turn tells it."""
+    return low + (x - low) % period
+
+
+@pytest.mark.parametrize(
+    ("low", "period", "entry"),
+    [
+        (0.0, 2 * np.pi, {}),
+        (-np.pi, 2 * np.pi, {}),
+        (0.0, 360.0, {"unit": "deg"}),
+        (0.0, 1.0, {"unit": "rev"}),
+        (0.0, 65536, {"scale": 2 * np.pi / 65536}),
+        (-32768, 65536, {"scale": 2 * np.pi / 65536}),
+        (0.0, 2000.0, {"scale": 2 * np.pi / 2000}),
+    ],
+)
+def test_a_position_that_wraps_is_made_continuous_at_import(tmp_path, capsys, low, period, entry):
+    x = within(ANGLE * period / (2 * np.pi), period, low)
+    x = np.floor(x) if period > 1000 else x
+    table = write_csv(tmp_path / "a.csv", {"t": T, "phi": x, "tau1": np.sin(T)})
+    rule = ", ".join(f"{k} = {json.dumps(v)}" for k, v in {"from": "phi", **entry}.items())
+    place, session = tmp_path / "m.toml", tmp_path / "s.mcap"
+    place.write_text(f"[columns]\nq1 = {{ {rule} }}\n")
+    assert main(["import", str(table), "--map", str(place), "-o", str(session)]) == 0
+    assert "q1 wraps at " in capsys.readouterr().out
+    back = hil.load(session)
+    shift = back.q[:, 0] - ANGLE
+    assert np.ptp(shift) < 2 * np.pi / 1900
+    assert not [f for f in check(back) if f.code in ("wrap", "step", "spike")]
+    assert main(["info", str(session)]) == 0
+    assert ": unwrapped" in capsys.readouterr().out
+
+    place.write_text(f"[columns]\nq1 = {{ {rule}, unwrap = false }}\n")
+    assert main(["import", str(table), "--map", str(place), "-o", str(session)]) == 0
+    assert np.ptp(hil.load(session).q) <= 2 * np.pi
+    assert [f.code for f in check(hil.load(session)) if f.code == "wrap"]
+
+
+@pytest.mark.parametrize(
+    ("period", "unit"), [(360.0, 'unit = "deg"'), (1.0, 'unit = "rev"'), (4096, "scale = ")]
+)
+def test_a_position_of_no_unit_that_wraps_is_not_taken_for_radians(tmp_path, capsys, period, unit):
+    x = within(ANGLE * period / (2 * np.pi), period)
+    x = np.floor(x) if period > 1000 else x
+    table = write_csv(tmp_path / "a.csv", {"t": T, "q1": x, "tau1": np.sin(T)})
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 2
+    told = capsys.readouterr().err
+    assert f"q1 wraps at {period:g}" in told
+    assert unit in told
+
+
+def test_arrays_that_wrap_are_unwrapped():
+    run = hil.from_arrays(T, within(ANGLE, 2 * np.pi), np.sin(T))
+    assert np.ptp(run.q[:, 0] - ANGLE) < 1e-9
+    assert "q1 wraps at 2 pi" in run.metadata["unwrapped"]
+
+
+def test_a_gap_and_noise_at_the_end_of_a_turn_do_not_matter():
+    noise = 0.004 * np.random.default_rng(1).standard_normal(T.size)
+    x = np.minimum(4.2 * T, 60.0 * np.pi / 5) + noise  # it ends where the turn does
+    keep = (T < 5.0) | (T > 5.7)
+    found = wraps(T[keep], within(x, 2 * np.pi)[keep], [(2 * np.pi, "2 pi")])
+    assert np.ptp(found.values - x[keep]) < 1e-9
+
+
+@pytest.mark.parametrize("lost", [3.3, 5.9, 6.0, -4.0])
+def test_lost_counts_are_no_wraps(lost):
+    t, q = motion()
+    q[9000:] += lost
+    assert wraps(t, q, periods(q)) is None
+    turning = within(ANGLE, 2 * np.pi)
+    turning[1500:] = within(turning[1500:] + 1.0, 2 * np.pi)
+    found = wraps(T, turning, periods(turning))
+    jump = np.diff(found.values - ANGLE)
+    assert np.flatnonzero(np.abs(jump) > 1e-6).tolist() == [1499]
+
+
+@pytest.mark.parametrize("fault", [blow, spike, stale, shaking])
+def test_other_faults_are_no_wraps(fault):
+    t, q = motion()
+    x = fault(t, q)
+    assert wraps(t, x, periods(x)) is None
+    whole = np.round(x / COUNT)
+    assert wraps(t, whole, periods(whole)) is None
