@@ -230,6 +230,14 @@ def _units(r: Recording) -> Iterator[DataFault]:
                 f"q{k + 1} runs from {q.min():.4g} to {q.max():.4g} {joint.unit}; is it in {what}? "
                 "Scale it in a map when importing",
             )
+        elif str(k + 1) not in stated and physics.counts_doubt(q):
+            yield DataFault(
+                "unit",
+                "warning",
+                name,
+                f"q{k + 1} holds whole numbers only, {q.min():.6g} to {q.max():.6g} {joint.unit}: "
+                "encoder counts? Scale it in a map when importing",
+            )
         elif described:
             yield from position(r, k, joint)
             yield from speed_and_effort(r, k, joint)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
+from hil.record.jumps import whole_numbers
 from hil.record.recording import Recording
 from hil.record.urdf_joints import UrdfJoint
 
@@ -207,6 +208,15 @@ def unit_doubt(q: FloatArray, joint: UrdfJoint, described: bool) -> bool:
     outside = max(q.max() - joint.upper, joint.lower - q.min()) > max(room, 0.5)
     high, low = joint.upper + 0.1 * room, joint.lower - 0.1 * room
     return bool(outside and q.max() * scale < high and q.min() * scale > low)
+
+
+#: A position in whole numbers over a longer range [rad or m] is in counts.
+COUNTED = 100.0
+
+
+def counts_doubt(q: FloatArray) -> bool:
+    """Whether positions (n,) are encoder counts rather than rad or m."""
+    return float(np.ptp(q)) > COUNTED and whole_numbers(q)
 
 
 def stuck(t: FloatArray, q: FloatArray) -> Iterator[tuple[float, float]]:

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from hil.record.mapfile import SCHEMA, is_target
-from hil.record.units import FACTORS, time_unit
+from hil.record.units import FACTORS, UNSCALED, scale_asked, time_unit
 
 #: Words of a quantity, by stem of its column.
 _WORDS = {
@@ -33,7 +33,7 @@ _OTHER = (
     "hat est estimate estimated"
 )
 #: Words of external efforts.
-_EXTERNAL = "ext external contact env loadcell"
+_EXTERNAL = "ext external contact env loadcell interaction human"
 #: Words of what was asked for, not measured.
 _COMMAND = "target desired des cmd command commanded commands ref reference setpoint goal d soll"
 #: Words that say nothing here.
@@ -41,6 +41,8 @@ _EMPTY = (
     "joint joints j axis ax motor mot link actual act measured meas msr state states robot arm "
     "observation data the of in filtered filt raw value val sensor input present feedback ist"
 )
+#: Words of what counts.
+_ENCODER = frozenset(("enc", "encoder"))
 _SETS = {stem: frozenset(words.split()) for stem, words in _WORDS.items()}
 _NONE, _OUTSIDE, _ASKED, _NOTHING = (
     frozenset(words.split()) for words in (_OTHER, _EXTERNAL, _COMMAND, _EMPTY)
@@ -54,7 +56,8 @@ _BY_KIND = {
     "force": "N mN kN",
     "i": "A mA",
     "temp": "degC K",
-    "": "V mV kV W kW Hz kHz bar mbar Pa kPa MPa g kg % m/s2 rad/s2 deg/s2 pulses",
+    "": "V mV kV W kW Hz kHz bar mbar Pa kPa MPa g kg % m/s2 rad/s2 deg/s2 permille counts "
+    "counts/s",
 }
 _KIND = {unit: kind for kind, units in _BY_KIND.items() for unit in units.split()}
 #: Other spellings, in small letters and without spaces, points and stars.
@@ -65,17 +68,38 @@ _SPELT = {
     **{"µs": "us", "μs": "us", "µm": "um", "sec": "s", "msec": "ms", "usec": "us"},
     **{"°c": "degC", "celsius": "degC", "kelvin": "K", "1/min": "rpm", "u/min": "rpm"},
     **{"grad": "deg", "grad/s": "deg/s", "umdr": "rev", "umdrehungen": "rev"},
+    **dict.fromkeys(
+        "count cnt cnts inc incs incr increments inkremente tick ticks qc pulse pulses".split(),
+        "counts",
+    ),
+    **dict.fromkeys("inc/s ticks/s pulses/s cps".split(), "counts/s"),
+    **dict.fromkeys("promille per/mille permil ‰".split(), "permille"),
+    **dict.fromkeys("revs revolution revolutions turn turns".split(), "rev"),
+    **dict.fromkeys("revolutions/s turns/s turn/s".split(), "rev/s"),
     **{"percent": "%", "prozent": "%", "pct": "%"},
     **{"milliamp": "mA", "milliamps": "mA", "rad/s^2": "rad/s2", "m/s^2": "m/s2"},
 }
 #: Words that are a unit wherever they stand in a name; others only in brackets and at its end.
-_ANYWHERE = frozenset(_SPELT) - {"ms", "us", "ns", "cm", "kg", "bar", "sec"}
+_ANYWHERE = frozenset(_SPELT) - {"ms", "us", "ns", "cm", "kg", "bar", "sec", "turn", "revolution"}
 #: A capital after a small letter, and digits beside letters, begin a word.
 _CUT = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 _BRACKETS = re.compile(r"[\[(]([^\[\]()0-9][^\[\]()]*)[\])]")
 _END = re.compile(r"(?<=[ _.\-/0-9])(?:[A-Za-zµμ°]+[_/ ])?[A-Za-zµμ°%]+$")
 _SPEED = {u.removesuffix("/s"): u for u in _BY_KIND["qd"].split()}
 _LENGTHS = frozenset(("m", "cm", "mm", "um"))
+#: Names that the protocol of a drive gives: what they say in words, and in which unit.
+_DRIVES = (
+    (re.compile(r"pos_estimate_counts", re.I), "pos", "counts"),
+    (re.compile(r"pos_estimate", re.I), "pos", "rev"),
+    (re.compile(r"vel_estimate_counts", re.I), "vel", "counts/s"),
+    (re.compile(r"vel_estimate", re.I), "vel", "rev/s"),
+    (re.compile(r"iq_measured", re.I), "current", "A"),
+    (re.compile(r"present_position", re.I), "pos", "counts"),
+    (re.compile(r"present_velocity", re.I), "vel", "counts/s"),
+    (re.compile(r"present_(?:current|load)", re.I), "current", "counts"),
+)
+#: Columns beside which positions are in turns, and speeds in turns by second: of a moteus.
+_IN_TURNS = re.compile(r"(?:^|[^A-Za-z])[qd]_current(?:_A)?$")
 _WRENCH = frozenset(f"{kind}{axis}" for kind in "ft" for axis in "xyz")
 #: What a person calls a column, by stem.
 _OF_NONE = "no column of a recording"
@@ -136,6 +160,9 @@ def propose(names: Sequence[str], joints: Sequence[str] = ()) -> Proposal | None
         None where no name says anything.
     """
     said = [_understood(n, joints, _series(names)) for n in dict.fromkeys(names)]
+    if any(_IN_TURNS.search(n) for n in names):
+        turns = {"q": "rev", "qd": "rev/s"}
+        said = [replace(c, unit=c.unit or turns.get(c.stem, "")) for c in said]
     columns = _joints_alone([c for c in said if c.stem], joints)
     timed = _timed(columns)
     columns = _efforts(columns)
@@ -257,6 +284,10 @@ def _understood(name: str, joints: Sequence[str], series: frozenset[str]) -> _Co
     timed = time_unit(name)
     if timed is not None:
         return _Column(name, "t", unit=timed)
+    for pattern, plain, unit in _DRIVES:
+        if pattern.search(name):
+            c = _understood(pattern.sub(plain, name), joints, series)
+            return replace(c, name=name, unit=c.unit or unit)
     named = _joint_named(name, joints)
     rest = re.sub(re.escape(named), " ", name, flags=re.IGNORECASE) if named else name
     if named and rest == name:  # named by its words alone
@@ -274,7 +305,13 @@ def _understood(name: str, joints: Sequence[str], series: frozenset[str]) -> _Co
         said = [w for w in words if w in _ANYWHERE]
         unit = _SPELT[said[-1]] if said else ""
         words = [w for w in words if w not in said]
-    at, stem = _meant(words, unit)
+    scaled = bool(unit) and unit not in UNSCALED
+    at, stem = _meant(words, unit if scaled else "")
+    if unit == "counts" and not stem and _ENCODER & set(words):
+        at, stem = next(k for k, w in enumerate(words) if w in _ENCODER), "q"
+    unit = "counts/s" if (stem, unit) == ("qd", "counts") else unit
+    if unit and not scaled and not scale_asked("tau" if stem == "i" else stem, unit):
+        stem = ""
     if not stem:
         why = f"in {unit}: {_OF_NONE}" if _KIND.get(unit) == "" else ""
         if unit == "%":
@@ -294,7 +331,7 @@ def _understood(name: str, joints: Sequence[str], series: frozenset[str]) -> _Co
     asked = bool(_ASKED & set(rest_of))
     unit = _SPEED.get(unit, unit) if stem == "qd" else unit
     fits = stem == "force" or _KIND.get(unit) in (stem, "force" if "tau" in stem else stem)
-    fits = fits or (stem == "tauext" and _KIND.get(unit) == "tau")
+    fits = fits or (stem == "tauext" and _KIND.get(unit) == "tau") or bool(unit and not scaled)
     return _Column(name, stem, joint, unit if fits else "", asked, family)
 
 
@@ -429,7 +466,9 @@ def _written(
         stem = target.rstrip("0123456789")
         alone = c.unit and not units.get(stem) and c.unit in FACTORS.get(stem, {})
         alone = alone and time_unit(c.name) is None  # a name of time says its unit by itself
-        lines.append(f"{target} = {_rule(c) if alone else _quoted(c.name)}")
+        asked = scale_asked(stem, c.unit)
+        note = f"  # add scale = {asked}" if asked else ""
+        lines.append(f"{target} = {_rule(c) if alone or asked else _quoted(c.name)}{note}")
     if fill:
         lines += [
             "# Fill in the names of these columns, or say what else they are (docs/import.md):"
@@ -451,7 +490,7 @@ def _unit_of(stem: str, columns: Mapping[str, _Column]) -> str:
     """Entry of [units] for a quantity; empty where no name says a unit, or not the same one."""
     units = {c.unit for c in columns.values()}
     unit = units.pop() if len(units) == 1 else ""
-    current = {c.stem for c in columns.values()} == {"i"}
+    current = {c.stem for c in columns.values()} == {"i"} and unit not in UNSCALED
     if stem == "tau" and current:
         return f'{{ unit = "{unit or "A"}" }}  # add torque_constant = [..], or --torque-constant'
     return f'"{unit}"' if unit in FACTORS.get(stem, {}) else ""

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from hil.record.units import Unit, stem_of
+from hil.record.units import Unit, scale_asked, stem_of
 from hil.userfile import parse_toml, read_text
 
 FloatArray = NDArray[np.float64]
@@ -331,7 +331,18 @@ def _arms(
 
 def _rules(table: Mapping[str, Any], units: Mapping[str, Unit]) -> dict[str, Rule]:
     plain = {t: entry for t, entry in table.items() if not t.endswith("*")}
-    return {target: _rule(_target(target), entry, units) for target, entry in plain.items()}
+    out: dict[str, Rule] = {}
+    asked: dict[str, list[str]] = {}
+    for target, entry in plain.items():
+        unit = str(entry.get("unit", "")) if isinstance(entry, dict) else ""
+        if unit and "scale" not in entry and scale_asked(stem_of(_target(target)), unit):
+            asked.setdefault(f"{unit}: {scale_asked(stem_of(target), unit)}", []).append(target)
+            continue
+        out[target] = _rule(_target(target), entry, units)
+    if asked:
+        text = "; ".join(f"{', '.join(some)} in {what}" for what, some in asked.items())
+        raise ConfigError(f"add scale = ... to these columns: {text}")
+    return out
 
 
 def _patterns(table: Mapping[str, Any]) -> dict[str, tuple[Mapping[str, Any], ...]]:
@@ -407,6 +418,8 @@ def _to_si(target: str, entry: Mapping[str, Any], units: Mapping[str, Unit]) -> 
     given = units.get(stem_of(target), Unit())
     if "unit" in entry:
         own = _unit(entry, f"column {target!r}")
+        if "scale" in entry and scale_asked(stem_of(target), own.name):
+            return 1.0, 0.0
         named = own.torque_constant or given.torque_constant
         return Unit(own.name, named).to_si(target)
     return (1.0, 0.0) if "scale" in entry else given.to_si(target)

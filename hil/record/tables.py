@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
-from hil.record.consistency import unit_doubt, velocity_factor
+from hil.record.consistency import counts_doubt, unit_doubt, velocity_factor
 from hil.record.guess import propose
 from hil.record.jumps import NEAR, TURN, Wraps, periods, wraps
 from hil.record.locked import ColumnsRobot, columns_robot, free_joints
@@ -167,7 +167,7 @@ def refuse_units(
     joints: tuple[UrdfJoint, ...],
     rules: Sequence[Rule],
 ) -> None:
-    """Refuse positions that are certainly degrees or millimetres.
+    """Refuse positions that are certainly degrees, millimetres or counts.
 
     Parameters
     ----------
@@ -191,11 +191,19 @@ def refuse_units(
         q = recording.q[:, k]
         joint = joints[k] if joints else UrdfJoint(name, recording.metadata["unit"])
         bounded = math.isfinite(joint.upper) and math.isfinite(joint.lower)
+        source = next(iter(rules[k].terms), f"q{k + 1}")
+        if counts_doubt(q):
+            raise DataError(
+                f"table {table.path}: q{k + 1} ({name}) holds whole numbers only, {q.min():.6g} to "
+                f"{q.max():.6g} {joint.unit}: encoder counts? Scale them in a map: [columns] "
+                f'q{k + 1} = {{ from = "{source}", scale = ... }}, {joint.unit} by count; if they '
+                f'truly are {joint.unit}, say unit = "{joint.unit}" in its [robot] (or --unit '
+                f"{joint.unit})"
+            )
         if unit_doubt(q, joint, bool(joints)):
             degrees = joint.unit == "rad"
             what, scale = ("degrees", "0.0174532925199433") if degrees else ("millimetres", "0.001")
             limits = f" (limits {joint.lower:.4g} to {joint.upper:.4g})" if bounded else ""
-            source = next(iter(rules[k].terms), f"q{k + 1}")
             raise DataError(
                 f"table {table.path}: q{k + 1} ({name}) runs from {q.min():.4g} to {q.max():.4g} "
                 f"{joint.unit}{limits}; these look like {what}. Scale them in a map: [columns] "

@@ -27,6 +27,23 @@ FACTORS: dict[str, dict[str, float]] = {
     "f": _FORCE,
     "m": _TORQUE,
 }
+#: Units that say nothing without a scale: unit -> stem of a column -> what its scale is.
+UNSCALED: dict[str, dict[str, str]] = {
+    "counts": {
+        "q": "rad (or m) by count, e.g. 0.00153398 for 4096 counts a turn of the joint",
+        "tau": "effort at the joint by count [N m or N]",
+    },
+    "counts/s": {"qd": "rad (or m) by count, e.g. 0.00153398 for 4096 counts a turn of the joint"},
+    "permille": {"tau": "rated effort at the joint [N m or N] / 1000"},
+    "%": {"tau": "effort at the joint at 100 % [N m or N] / 100"},
+}
+
+
+def scale_asked(stem: str, unit: str) -> str:
+    """What the scale of a column is in a unit that says nothing without; empty where none is."""
+    return UNSCALED.get(unit.replace(" ", ""), {}).get("tau" if stem == "tauext" else stem, "")
+
+
 #: Zero of a scale in SI.
 _SHIFTS = {"K": -273.15}
 _SAME = {"°": "deg", "µs": "us", "μs": "us", "°C": "degC", "°/s": "deg/s", "sec": "s"}
@@ -66,6 +83,8 @@ class Unit:
         stem = stem_of(target)
         if stem in ("tau", "tauext") and name in _CURRENT:
             return _CURRENT[name] * self._constant(target), 0.0
+        if asked := scale_asked(stem, name):
+            raise ConfigError(f"column {target!r} is in {name}: add scale = {asked}")
         known = FACTORS[stem]
         if name and name not in known:
             more = tuple(_CURRENT) if stem in ("tau", "tauext") else ()
@@ -94,7 +113,7 @@ class Unit:
 
 #: Names of a column of time, with the unit that one may end in.
 _TIME = re.compile(
-    r"(?:t|time|times|timestamp|time_?stamp|stamp|elapsed|zeitstempel|"
+    r"(?:t|time|times|utc|timestamp|time_?stamp|stamp|elapsed|zeitstempel|"
     r"(?:field\.)?header\.stamp)"
     r"[ _.]*[\[(]?(?P<unit>s|sec|secs|seconds|ms|msec|us|usec|µs|ns|nsec)?[\])]?",
     re.IGNORECASE,

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from record_tables import columns, write_csv
 
 from hil.cli import main
+from hil.errors import ConfigError
 from hil.record.guess import propose, quantity
 from hil.record.mapfile import parse_map
 from hil.record.mcap_read import load
@@ -234,3 +235,66 @@ def test_of_one_joint_the_names_need_not_agree():
     found, units = _read(["time [ms]", "Encoder angle (deg)", "drive current mA"])
     assert (found["q1"], found["tau1"]) == ("Encoder angle (deg)", "drive current mA")
     assert units["q"] == "deg" and units["tau"]["unit"] == "mA"
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "asked"),
+    [
+        (
+            ["Time_us", "PosActual_inc", "TorqueActual_permille"],
+            {"q1": "counts", "tau1": "permille"},
+            ("q1 in counts", "tau1 in permille"),
+        ),
+        (
+            ["t", "present_position", "present_current"],
+            {"q1": "counts", "tau1": "counts"},
+            ("q1 in counts", "tau1 in counts"),
+        ),
+        (
+            ["t", "x_pos_mm", "y_pos_mm", "x ActTorque [%]", "y ActTorque [%]"],
+            {"tau1": "%", "tau2": "%"},
+            ("tau1, tau2 in %",),
+        ),
+        (
+            ["t", "encoder_ticks", "vel_ticks", "motor_Nm"],
+            {"q1": "counts", "qd1": "counts/s"},
+            ("q1 in counts", "qd1 in counts/s"),
+        ),
+    ],
+)
+def test_units_of_drives_are_proposed_and_their_scale_is_asked_for(names, units, asked):
+    data = tomllib.loads(propose(names).text)
+    columns = data["columns"]
+    assert {k: columns[k]["unit"] for k in units} == units
+    with pytest.raises(ConfigError) as told:
+        parse_map(data)
+    assert all(text in str(told.value) for text in asked)
+    for target in units:
+        columns[target]["scale"] = 0.01
+    rules = parse_map(data).arms[""]
+    assert all(list(rules[k].terms.values()) == [0.01] and rules[k].stated for k in units)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["t", "axis0.pos_estimate", "axis0.vel_estimate", "axis0.Iq_measured"],
+        ["t", "servo1.position", "servo1.velocity", "servo1.q_current_A"],
+    ],
+)
+def test_drives_that_count_turns_are_not_in_radians(names):
+    found, units = _read(names)
+    assert (found["q1"], found["qd1"], found["tau1"]) == tuple(names[1:])
+    assert (units["q"], units["qd"]) == ("rev", "rev/s")
+
+
+def test_whole_numbers_over_hundreds_of_radians_are_doubted(tmp_path, capsys):
+    t = np.arange(2000) * 0.01
+    table = write_csv(
+        tmp_path / "a.csv", {"t": t, "q1": np.round(9000 * np.sin(t)), "tau1": np.cos(t)}
+    )
+    words = ["import", str(table), "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 2
+    assert "q1 (joint1) holds whole numbers only" in capsys.readouterr().err
+    assert main([*words, "--unit", "rad"]) == 0
+    assert "holds whole numbers only" in capsys.readouterr().out

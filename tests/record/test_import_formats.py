@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
@@ -344,8 +345,9 @@ def test_times_of_day_and_german_dates_are_read(tmp_path, form, first):
 
 def test_a_share_of_a_rated_torque_is_no_torque():
     said = propose(["t", "axis1.ActPos(deg)", "axis1.ActTorque(% of rated)"])
-    assert set(said.columns) == {"t", "q1"}
-    assert "say what 100 % is" in said.text
+    assert 'unit = "%"' in said.text
+    with pytest.raises(ConfigError, match="tau1 in %: effort at the joint at 100 %"):
+        parse_map(tomllib.loads(said.text))
 
 
 def test_german_names_and_the_stamp_of_a_message_are_understood():
