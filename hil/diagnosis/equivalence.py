@@ -92,6 +92,8 @@ class Planner:
     def __post_init__(self) -> None:
         self._seen: dict[tuple[tuple[str, int], ...], tuple[Survey, Question]] = {}
         self._stage = _stage(self.result)
+        #: Whether every motion of the menu was too long to foresee.
+        self.unplanned = False
 
     def plan(self, among: tuple[Candidate, ...], pair: tuple[str, ...]) -> Choice | None:
         """Choice for a set of rivals among the candidates of one joint; None without a menu."""
@@ -103,6 +105,9 @@ class Planner:
         if key not in self._seen:
             self._seen[key] = self._look(among, self._stage)
         seen, question = self._seen[key]
+        if not seen.motions:
+            self.unplanned = True
+            return None
         return decide(seen, question, pair)
 
     def _look(self, among: tuple[Candidate, ...], stage: Stage) -> tuple[Survey, Question]:
@@ -332,7 +337,9 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
     shown = "; ".join(dict.fromkeys(ways))
     if choice is None or planner is None:
         reason = STRUCTURAL if len(s.among) == 1 else EXCITATION
-        return Indistinguishable(s.effects, s.why, shown or s.effects[0], reason)
+        unplanned = planner is not None and planner.unplanned
+        why = f"{s.why}; no motion was planned: each would take too long" if unplanned else s.why
+        return Indistinguishable(s.effects, why, shown or s.effects[0], reason)
     if choice.structural:
         why = (
             f"{s.why}; structural: even all motions of the menu together leave "

@@ -94,6 +94,11 @@ class Survey:
     known: FloatArray | None
 
 
+#: A motion that takes so many times as long as was asked for is none to propose: foreseeing it
+#: takes that much longer, too.
+LONGEST = 20.0
+
+
 def survey(
     question: Question,
     stage: Stage,
@@ -114,12 +119,15 @@ def survey(
     known : ndarray (p, p), optional
         Gram matrix of what is recorded already.
     names : tuple of str
-        Motions to look at.
+        Motions to look at; what would last `LONGEST` times the stage's length is left out, so that
+        there may be none.
     """
     lone = menu.SEVERAL if stage.space.center.size == 1 else ()
     out = Survey([], [], known)
     for name in (n for n in names if n not in lone):
         wanted = menu.MENU[name](stage.space, joint, stage.seconds)
+        if wanted.period > LONGEST * stage.seconds:
+            continue
         motion, problem, found = fitted(wanted, stage, question)
         out.motions.append((motion, found))
         # as long as the others: information per time counts
@@ -131,7 +139,17 @@ def decide(seen: Survey, question: Question, names: tuple[str, ...]) -> Choice:
     """The motion that separates the first of some rivals from the others best; () means all.
 
     Rivals that no motion separates from it stay out of the score, unless all are such.
+
+    Raises
+    ------
+    ConfigError
+        If there is no motion to choose from.
     """
+    if not seen.motions:
+        raise ConfigError(
+            f"every motion would take more than {LONGEST:g} times as long as asked for: the joints "
+            "are too slow for their ranges; give narrower limits, or a longer motion"
+        )
 
     def say(g: FloatArray) -> dict[str, Verdict]:
         return against(g, question, names)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,7 +182,8 @@ def stage_of(problem: Problem, seconds: float = 0.0) -> Stage:
     """Stage for the robot of some runs, with their filter band and encoders.
 
     A robot that brings no limits (independent axes) keeps to what was recorded: its range, twice
-    its speed, twice its effort.
+    its speed, twice its effort.  Of an axis that turned on and on it takes the middle part, as far
+    as it gets in a quarter of the motion.
 
     Parameters
     ----------
@@ -204,7 +205,23 @@ def stage_of(problem: Problem, seconds: float = 0.0) -> Stage:
     quantum = np.maximum(noise, 1e-6 * (limits.high - limits.low))
     space = explore(limits, problem.robot)
     seconds = seconds or (DESCRIBED if problem.source.urdf else BARE)
+    space = space if own is not None else _crossed(space, seconds * QUARTER)
     return Stage(space, problem.source, problem.rates, quantum, seconds)
+
+
+#: Share of a motion in which a joint crosses its range, at least.
+QUARTER = 0.25
+
+
+def _crossed(space: Space, seconds: float) -> Space:
+    """The space with ranges that each joint crosses in so many seconds, about its middle."""
+    half = np.maximum(space.speed * seconds / 2, 1e-9)[:, None]
+    low, high = space.center[:, None] - half, space.center[:, None] + half
+    return replace(
+        space,
+        alone=np.clip(space.alone, low, high),
+        together=np.clip(space.together, low, high),
+    )
 
 
 def room(problem: Problem) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,9 +39,10 @@ def from_arrays(
     temperature: ArrayLike | None = None,
     joints: Sequence[str] = (),
     lock: Mapping[str, float] | None = None,
-    map: str | Path | TableMap | None = None,
+    map: str | Path | TableMap | Mapping[str, Any] | None = None,
     tip: str = "",
     unit: str = "",
+    missing: str = "",
     arm: str = "",
     name: str = "arrays",
 ) -> Recording:
@@ -51,7 +53,8 @@ def from_arrays(
     t : array_like (n,), or a frame
         Time [s], increasing.  In its place, with neither `q` nor `tau`, a pandas or polars frame
         or a mapping of columns, with the names that `hil import` knows: t, q1.., tau1.., qd1..,
-        tauext1.., i1.., temp1.., fx, fy, fz, tx, ty, tz.
+        tauext1.., i1.., temp1.., fx, fy, fz, tx, ty, tz.  The time may be the index of a pandas
+        frame, and dates or time spans.
     q, tau : array_like (n, d), or (n,) for one joint
         Joint positions [rad or m] and motor efforts at the joint [N m or N].
     robot : str, Path or RobotSource
@@ -66,12 +69,15 @@ def from_arrays(
         are locked; without `joints` those beyond an arm that the columns fill, as of a gripper.
     lock : mapping of str to float, optional
         Where joints are locked [rad or m]; by default at 0, or the limit next to it.
-    map : str, Path or TableMap, optional
-        Map file, or the name of a built-in one, for columns of other names and units.
+    map : str, Path, TableMap or dict, optional
+        Map file, the name of a built-in one, or what stands in one as a dictionary, for columns of
+        other names and units: ``{"columns": {"q1": {"from": "angle", "unit": "deg"}}}``.
     tip, unit, arm, name : str
         Frame of the wrench, unit of the axes without a URDF (``"rad"``, ``"m"``, or
         ``"deg"`` for positions in degrees), names of the
         arm and of the run.
+    missing : str
+        What becomes of rows with missing values: ``"refuse"``, ``"drop"`` or ``"interpolate"``.
 
     Returns
     -------
@@ -97,12 +103,11 @@ def from_arrays(
         found = _frame_columns(t)
     else:
         found = _array_columns(t, {"q": q, "tau": tau, **more}, wrench)
-    from hil.record.mapfile import TableMap, read_map
     from hil.record.table_files import ForeignTable
     from hil.record.tables import read_columns
 
-    given = map if isinstance(map, TableMap) else read_map(map) if map else TableMap()
-    given = replace(given, tip=tip or given.tip).within(unit, ())
+    given = replace(_map(map), tip=tip or _map(map).tip).within(_known("unit", unit, _UNITS), ())
+    given = replace(given, missing=_known("missing", missing, _MISSING) or given.missing)
     source = _robot(robot)
     described = bool(source.urdf if isinstance(source, RobotSource) else str(source) or given.urdf)
     if described:
@@ -110,13 +115,40 @@ def from_arrays(
         given = replace(given, joints=named, lock={**given.lock, **(lock or {})})
     elif lock:
         raise ConfigError("lock is of the joints of a URDF; give it with robot=...")
-    table = ForeignTable(Path(name), tuple(found), lambda w: {k: found[k] for k in w}, 0, name)
+    table = ForeignTable(
+        Path(name), tuple(found), lambda w: {k: found[k] for k in w}, 0, name, in_memory=True
+    )
     imported = read_columns(table, given, source, arm)
     if len(imported.recordings) > 1:
         arms = ", ".join(r.arm for r in imported.recordings)
         raise ConfigError(f"the map makes the arms {arms}; choose one with arm=...")
     run = imported.recordings[0]
     return run if described else _named(run, tuple(joints))
+
+
+_UNITS = ("rad", "m", "deg")
+_MISSING = ("refuse", "drop", "interpolate")
+
+
+def _known(what: str, value: str, known: Sequence[str]) -> str:
+    """A word that an argument may be, or none."""
+    if value and value not in known:
+        raise ConfigError(unknown(what, str(value), known))
+    return value
+
+
+def _map(given: str | Path | TableMap | Mapping[str, Any] | None) -> TableMap:
+    """A map, from wherever it is said."""
+    from hil.record.mapfile import TableMap, parse_map, read_map
+
+    if isinstance(given, TableMap):
+        return given
+    if isinstance(given, Mapping):
+        try:
+            return parse_map(given)
+        except ConfigError as error:
+            raise ConfigError(f"map of hil.from_arrays: {error}") from error
+    return read_map(given) if given else TableMap()
 
 
 def _array_columns(
@@ -157,15 +189,56 @@ def _numbers(what: str, value: Any) -> FloatArray:
     """An array of real numbers; `DataError` names what is none."""
     try:
         array = np.asarray(value)
+        if array.dtype.kind in "Mm":  # dates as seconds since 1970, and spans in seconds
+            seconds = array.astype(f"{array.dtype.kind}8[ns]").astype(np.int64) / 1e9
+            return np.where(np.isnat(array), np.nan, seconds)
+        if array.dtype == np.float32 and what in _TIMES and float(np.max(array, initial=0)) > 1e8:
+            raise DataError(
+                f"{what} is of type float32, which holds times since 1970 to 128 s; give it as "
+                "float64"
+            )
         if array.dtype.kind in "biuf":
             return array.astype(np.float64)
         if array.dtype.kind == "O":  # a column of a frame that holds numbers and None
+            if all(hasattr(x, "timestamp") for x in array.ravel()):  # dates with a time zone
+                return np.array([_date(x) for x in array.ravel()]).reshape(array.shape)
             return np.array([np.nan if x is None else x for x in array.ravel()], float).reshape(
                 array.shape
             )
     except (TypeError, ValueError) as error:
         raise DataError(f"{what} is no array of numbers: {error}") from error
     raise DataError(f"{what} is of type {array.dtype}; expected real numbers")
+
+
+#: What the time is called in messages.
+_TIMES = ("t", "column 't'", "column 'time'", "column 'timestamp'", "column 'stamp'")
+
+
+def _date(value: Any) -> float:
+    """Seconds since 1970 of a date; UTC where it says no zone."""
+    return float((value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp())
+
+
+def _index(frame: Any, names: Sequence[str]) -> dict[str, FloatArray]:
+    """The index of a pandas frame where it is the time, or has a name of its own."""
+    from hil.record.units import time_unit
+
+    index = getattr(frame, "index", None)
+    dtype = getattr(index, "dtype", None)
+    if not isinstance(dtype, np.dtype) and "datetime" not in str(dtype):
+        return {}
+    name = str(getattr(index, "name", None) or "t")
+    kind = getattr(dtype, "kind", "M")
+    timed = any(time_unit(n) is not None for n in names)
+    if name in names or (timed and not getattr(index, "name", None)):
+        return {}
+    if kind in "Mm" or getattr(index, "name", None):
+        try:
+            return {name: _numbers(f"the index {name!r}", index)}
+        except DataError:
+            return {}
+    plain = kind == "f" and bool(np.all(np.diff(np.asarray(index)) > 0))
+    return {name: np.asarray(index, float)} if plain else {}
 
 
 def _frame_columns(frame: Any) -> dict[str, FloatArray]:
@@ -176,7 +249,7 @@ def _frame_columns(frame: Any) -> dict[str, FloatArray]:
             "hil.from_arrays takes (t, q, tau) or one frame with columns t, q1.., tau1..; "
             f"it got {_kind(frame)} alone"
         )
-    out: dict[str, FloatArray] = {}
+    out = _index(frame, [str(n) for n in names])
     for name in names:
         try:
             out[str(name)] = _numbers(f"column {str(name)!r}", frame[name])

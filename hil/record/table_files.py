@@ -41,7 +41,7 @@ MOST_COLUMNS = 4096
 
 @dataclass(frozen=True)
 class ForeignTable:
-    """Named columns of one file.
+    """Named columns of one file, or of what a program holds.
 
     Parameters
     ----------
@@ -55,6 +55,8 @@ class ForeignTable:
         Row number of the first sample as an editor counts, for messages.
     run : str
         Name of the run.
+    in_memory : bool
+        Whether there is no file: what to do about a fault is then an argument, not an option.
     """
 
     path: Path
@@ -62,6 +64,11 @@ class ForeignTable:
     read: Callable[[Sequence[str]], dict[str, FloatArray]]
     first_row: int = 0
     run: str = ""
+    in_memory: bool = False
+
+    def option(self, name: str, value: str) -> str:
+        """What a person types, e.g. ``--unit rad``, or ``unit="rad"``."""
+        return f'{name}="{value}"' if self.in_memory else f"--{name} {value}"
 
     def columns(self, wanted: Sequence[str]) -> dict[str, FloatArray]:
         """Values of some columns.

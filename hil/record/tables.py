@@ -58,7 +58,7 @@ def refuse_not_finite(
                 f"table {table.path}: column {source!r} has {bad.size} missing, NaN or infinite "
                 f"values of {column.size}, in {where}; cut or repair {these}, or say what to do "
                 'with such rows: missing = "drop" or "interpolate" in [table] of a map, or '
-                "--missing drop or interpolate"
+                f"{table.option('missing', 'drop')} or interpolate"
             )
 
 
@@ -197,8 +197,8 @@ def refuse_units(
                 f"table {table.path}: q{k + 1} ({name}) holds whole numbers only, {q.min():.6g} to "
                 f"{q.max():.6g} {joint.unit}: encoder counts? Scale them in a map: [columns] "
                 f'q{k + 1} = {{ from = "{source}", scale = ... }}, {joint.unit} by count; if they '
-                f'truly are {joint.unit}, say unit = "{joint.unit}" in its [robot] (or --unit '
-                f"{joint.unit})"
+                f'truly are {joint.unit}, say unit = "{joint.unit}" in its [robot] (or '
+                f"{table.option('unit', joint.unit)})"
             )
         if unit_doubt(q, joint, bool(joints)):
             degrees = joint.unit == "rad"
@@ -208,7 +208,8 @@ def refuse_units(
                 f"table {table.path}: q{k + 1} ({name}) runs from {q.min():.4g} to {q.max():.4g} "
                 f"{joint.unit}{limits}; these look like {what}. Scale them in a map: [columns] "
                 f'q{k + 1} = {{ from = "{source}", scale = {scale} }}; if they truly are '
-                f'{joint.unit}, say unit = "{joint.unit}" in its [robot] (or --unit {joint.unit})'
+                f'{joint.unit}, say unit = "{joint.unit}" in its [robot] (or '
+                f"{table.option('unit', joint.unit)})"
             )
     for k in range(recording.d):
         _refuse_mixed(table, recording, k)
@@ -311,6 +312,13 @@ def _whole_wrench(table: ForeignTable, rules: Mapping[str, Rule]) -> None:
 def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError:
     reason = f" ({why})" if why else ""
     found = propose(table.names)
+    if table.in_memory:
+        said = dict(found.columns) if found is not None else {names[0]: "..."}
+        return DataError(
+            f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It "
+            f"has: {', '.join(table.names[:40])}. Rename with map={{'columns': {said}}}, which may "
+            "say units, too (docs/import.md)"
+        )
     propose_it = f"'hil import {table.path.name} --propose-map MAP.toml' writes"
     offer = f'Rename in a map file (docs/import.md): [columns] {names[0]} = "..."'
     if found is not None and names[0] in found.columns:

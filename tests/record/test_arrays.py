@@ -146,3 +146,56 @@ def test_a_robot_that_there_is_none_of_is_refused_at_once(plain):
 
 def test_the_names_of_presets_are_those_of_the_robots():
     assert set(PRESETS) == set(robots.PRESETS)
+
+
+def _framed(plain, t):
+    return pd.DataFrame({"q1": plain.q[:, 0], "tau1": plain.tau[:, 0]}, index=t)
+
+
+@pytest.mark.parametrize(
+    "how", ["named", "unnamed", "span", "date", "zone", "column", "utc column"]
+)
+def test_the_time_of_a_frame_may_be_its_index_or_a_date(plain, how):
+    t, date = plain.t, pd.Timestamp("2026-11-25 10:00")
+    span = pd.to_timedelta(t, unit="s")
+    frames = {
+        "named": lambda: _framed(plain, pd.Index(t, name="t")),
+        "unnamed": lambda: _framed(plain, t),
+        "span": lambda: _framed(plain, span),
+        "date": lambda: _framed(plain, date + span),
+        "zone": lambda: _framed(plain, (date + span).tz_localize("Europe/Vienna")),
+        "column": lambda: _framed(plain, None).assign(time=date + span),
+        "utc column": lambda: _framed(plain, None).assign(t=(date + span).tz_localize("UTC")),
+    }
+    run = hil.from_arrays(frames[how]())
+    assert np.abs(run.t - run.t[0] - (t - t[0])).max() < 1e-6
+    assert np.array_equal(run.q, plain.q)
+
+
+def test_a_map_is_a_dictionary_and_missing_rows_are_dropped(plain):
+    angle = np.degrees(plain.q[:, 0])
+    angle[50:60] = np.nan
+    frame = {"time_ms": 1e3 * plain.t, "angle": angle, "torque": plain.tau[:, 0]}
+    said = {"columns": {"q1": {"from": "angle", "unit": "deg"}, "tau1": "torque"}}
+    with pytest.raises(DataError, match=r'or missing="drop" or interpolate'):
+        hil.from_arrays(frame, map=said)
+    run = hil.from_arrays(frame, map=said, missing="drop")
+    assert run.n == plain.n - 10
+    np.testing.assert_allclose(run.q[:50], plain.q[:50])
+    with pytest.raises(ConfigError, match="map of hil.from_arrays: unknown key in the map"):
+        hil.from_arrays(frame, map={"colums": {}})
+    with pytest.raises(ConfigError, match="missing"):
+        hil.from_arrays(frame, map=said, missing="skip")
+
+
+def test_what_is_said_of_a_frame_is_said_in_python(plain):
+    frame = {"time": plain.t, "angle": plain.q[:, 0], "torque": plain.tau[:, 0]}
+    with pytest.raises(DataError, match=r"Rename with map=\{'columns': \{.*'q1': 'angle'") as told:
+        hil.from_arrays(frame)
+    assert "hil import" not in str(told.value)
+    wide = 15 * plain.q / np.ptp(plain.q)
+    with pytest.raises(DataError, match=r'or unit="rad"') as told:
+        hil.from_arrays(plain.t, np.vstack([wide, wide[::-1]])[: plain.n], plain.tau)
+    assert hil.from_arrays(plain.t, wide, plain.tau, unit="rad").d == 1
+    with pytest.raises(DataError, match="float32, which holds times since 1970 to 128 s"):
+        hil.from_arrays((1.7e9 + plain.t).astype(np.float32), plain.q, plain.tau)
