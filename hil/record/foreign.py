@@ -362,7 +362,28 @@ def _parts(name: str, value: Array) -> Iterator[tuple[str, str | None, Array]]:
     fields: Any = value
     one = value.size == 1 and value.dtype.hasobject
     for field in names:
-        yield name, field, np.asarray(fields[field].ravel()[0] if one else fields[field])
+        inner = np.asarray(fields[field].ravel()[0] if one else fields[field])
+        yield from ((name, *part) for part in _within(field, inner, DEEPEST))
+
+
+#: Structs within structs of a MAT file that are looked into, and of a list of them so many.
+DEEPEST, MOST_LISTED = 6, 99
+
+
+def _within(path: str, value: Array, deeper: int) -> Iterator[tuple[str, Array]]:
+    """A field of a struct, or by dotted path the fields of the structs in it."""
+    names = value.dtype.names
+    if not names or not value.dtype.hasobject or not deeper or value.size > MOST_LISTED:
+        if value.ndim == 3 and value.shape[2] > 1 and value.dtype.kind in _NUMBERS:
+            value = value.reshape(-1, value.shape[2]).T  # a sample a page, as Simulink logs it
+        yield path, value
+        return
+    fields: Any = value
+    for k in range(value.size):
+        own = path if value.size == 1 else f"{path}({k + 1})"
+        for name in names:
+            inner = np.asarray(fields[name].ravel()[k])
+            yield from _within(f"{own}.{name}", inner, deeper - 1)
 
 
 def _bag(path: str, most: int) -> Iterator[tuple[str, str | None, Array]]:

@@ -39,7 +39,8 @@ _COMMAND = "target desired des cmd command commanded commands ref reference setp
 #: Words that say nothing here.
 _EMPTY = (
     "joint joints j axis ax motor mot link actual act measured meas msr state states robot arm "
-    "observation data the of in filtered filt raw value val sensor input present feedback ist"
+    "observation data signals values log logs logsout the of in filtered filt raw value val sensor "
+    "input present feedback ist"
 )
 #: Words of what counts.
 _ENCODER = frozenset(("enc", "encoder"))
@@ -216,6 +217,8 @@ def _timed(columns: Sequence[_Column]) -> _Column | None:
     if stamped := [c for c in timed if c.name.endswith("header.stamp")]:
         return stamped[0]
     called = [c for c in timed if time_unit(c.name) is not None]
+    if first := next((c.name for c in columns if c.stem == "q"), ""):  # that of the positions
+        called.sort(key=lambda c: not first.startswith(c.name.rpartition(".")[0] + "."))
     return called[0] if called else timed[0] if len(timed) == 1 else None
 
 

@@ -14,7 +14,7 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
@@ -57,6 +57,8 @@ class ForeignTable:
         Name of the run.
     in_memory : bool
         Whether there is no file: what to do about a fault is then an argument, not an option.
+    times : mapping of str to str
+        Column of the time of each column that was logged at times of its own.
     """
 
     path: Path
@@ -65,6 +67,7 @@ class ForeignTable:
     first_row: int = 0
     run: str = ""
     in_memory: bool = False
+    times: Mapping[str, str] = field(default_factory=dict)
 
     def option(self, name: str, value: str) -> str:
         """What a person types, e.g. ``--unit rad``, or ``unit="rad"``."""
@@ -486,6 +489,9 @@ def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> Foreign
     if not data:
         raise DataError(f"table {path} holds no arrays")
     records = {key: value for key, value in data.items() if isinstance(value, dict)}
+    if any(_times(value) for value in records.values()):  # signals with times, not runs
+        flat = {f"{key}.{n}": v for key, value in records.items() for n, v in value.items()}
+        return _named(path, {**flat, **_plain(data)}, path.stem)
     if array in records:
         return _named(path, records[array], array)
     if array or columns:
@@ -507,7 +513,26 @@ def _named(path: Path, data: Mapping[str, Array], run: str) -> ForeignTable:
     found = _by_key(path, data)
     if not found:
         raise DataError(f"table {path} holds no columns; it has {', '.join(data) or 'nothing'}")
-    return ForeignTable(path, tuple(found), _picker(path, found), 1, run)
+    return ForeignTable(path, tuple(found), _picker(path, found), 1, run, times=_times(found))
+
+
+#: How a logged signal calls its time, and how the last part of its values is called.
+_SIGNAL = re.compile(r"(?:(?P<head>.*)\.)?(?:data|signals(?:\([0-9]+\))?\.values)[0-9]*", re.I)
+
+
+def _times(data: Mapping[str, Array]) -> dict[str, str]:
+    """Time of each signal that has one of its own: ``pos.Time`` of ``pos.Data``.
+
+    So are a timeseries as a struct, and a "structure with time" (``time``, ``signals.values``).
+    """
+    out: dict[str, str] = {}
+    for name in data:
+        if found := _SIGNAL.fullmatch(name):
+            head = f"{found['head']}." if found["head"] else ""
+            own = [t for t in (f"{head}Time", f"{head}time") if t in data]
+            if own:
+                out[name] = own[0]
+    return out
 
 
 def _choose(path: Path, runs: list[str], run: str, width: int = 0) -> str:

@@ -638,10 +638,10 @@ def _arm(
     robot, joints = fitted.robot, fitted.joints
     d = count_joints(rules, table, joints, given.rate_hz > 0)
     rules = {**rules, **given.extras}
-    columns = _sources(rules, tables)
+    columns, resampled = _sources(rules, tables)
     n = next(iter(columns.values())).size
     rules, notes = _timed(rules, columns)
-    notes = [*fitted.notes, *notes]
+    notes = [*fitted.notes, *notes, *resampled]
     columns, wrapped = _unwrapped(rules, columns)
     values = {target: rule.apply(columns, n) for target, rule in rules.items()}
     for name, offset in given.offsets.get(table.run, {}).items():
@@ -733,8 +733,8 @@ def _refuse_wraps(
 
 def _sources(
     rules: Mapping[str, Rule], tables: Mapping[str, ForeignTable]
-) -> dict[str, FloatArray]:
-    """Values of every column that a rule uses, all of one length."""
+) -> tuple[dict[str, FloatArray], list[str]]:
+    """Values of every column that a rule uses, all of one length, and what is said of them."""
     wanted = list(dict.fromkeys(s for rule in rules.values() for s in rule.terms))
     out: dict[str, FloatArray] = {}
     for prefix, table in tables.items():
@@ -746,13 +746,47 @@ def _sources(
     for name in wanted:
         if name not in out:
             raise ConfigError(f"table {tables[''].path}: " + unknown("column", name, known))
+    out, said = _on_one_time(rules, tables[""], out)
     sizes = {name: values.size for name, values in out.items()}
     if len(set(sizes.values())) > 1:
         text = ", ".join(f"{n} {s}" for n, s in sizes.items())
         raise DataError(f"table {tables[''].path}: columns of different lengths: {text}")
     if not out or not min(sizes.values()):
         raise DataError(f"table {tables[''].path} holds no samples")
-    return out
+    return out, said
+
+
+def _on_one_time(
+    rules: Mapping[str, Rule], table: ForeignTable, values: dict[str, FloatArray]
+) -> tuple[dict[str, FloatArray], list[str]]:
+    """Columns that were logged at times of their own, interpolated at those that `t` is read from.
+
+    Only while all of them were logged.
+    """
+    base = next(iter(rules["t"].terms), "") if "t" in rules else ""
+    others = {n: table.times[n] for n in values if table.times.get(n, base) != base}
+    if base not in values or not others:
+        return values, []
+    read = table.columns(list(dict.fromkeys(others.values())))
+    t, moved, inside = values[base], [], np.ones(values[base].size, dtype=np.bool_)
+    out = dict(values)
+    for name, own in others.items():
+        at = read[own]
+        if at.size != values[name].size or at.size < 2 or np.any(np.diff(at) < 0):
+            raise DataError(
+                f"table {table.path}: {own!r} is not the increasing time of each sample of {name!r}"
+            )
+        if at.size == t.size and np.array_equal(at, t):
+            continue
+        out[name] = np.interp(t, at, values[name])
+        inside &= (t >= at[0]) & (t <= at[-1])
+        moved.append(name)
+    if moved and all(v.size == t.size for v in out.values()):
+        out = {n: v[inside] for n, v in out.items()}
+    text = f"{', '.join(moved)}: interpolated at the times of {base}"
+    lost = plural(int(np.sum(~inside)), "sample")
+    text += f"; {lost} left out that not all of them span" if not inside.all() else ""
+    return out, [text] if moved else []
 
 
 def _recording(

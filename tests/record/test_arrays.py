@@ -152,9 +152,7 @@ def _framed(plain, t):
     return pd.DataFrame({"q1": plain.q[:, 0], "tau1": plain.tau[:, 0]}, index=t)
 
 
-@pytest.mark.parametrize(
-    "how", ["named", "unnamed", "span", "date", "zone", "column", "utc column"]
-)
+@pytest.mark.parametrize("how", ["named", "unnamed", "span", "date", "zone", "column", "utc"])
 def test_the_time_of_a_frame_may_be_its_index_or_a_date(plain, how):
     t, date = plain.t, pd.Timestamp("2026-11-25 10:00")
     span = pd.to_timedelta(t, unit="s")
@@ -165,7 +163,7 @@ def test_the_time_of_a_frame_may_be_its_index_or_a_date(plain, how):
         "date": lambda: _framed(plain, date + span),
         "zone": lambda: _framed(plain, (date + span).tz_localize("Europe/Vienna")),
         "column": lambda: _framed(plain, None).assign(time=date + span),
-        "utc column": lambda: _framed(plain, None).assign(t=(date + span).tz_localize("UTC")),
+        "utc": lambda: _framed(plain, None).assign(t=(date + span).tz_localize("UTC")),
     }
     run = hil.from_arrays(frames[how]())
     assert np.abs(run.t - run.t[0] - (t - t[0])).max() < 1e-6
@@ -182,7 +180,7 @@ def test_a_map_is_a_dictionary_and_missing_rows_are_dropped(plain):
     run = hil.from_arrays(frame, map=said, missing="drop")
     assert run.n == plain.n - 10
     np.testing.assert_allclose(run.q[:50], plain.q[:50])
-    with pytest.raises(ConfigError, match="map of hil.from_arrays: unknown key in the map"):
+    with pytest.raises(ConfigError, match=r"map of hil\.from_arrays: unknown key in the map"):
         hil.from_arrays(frame, map={"colums": {}})
     with pytest.raises(ConfigError, match="missing"):
         hil.from_arrays(frame, map=said, missing="skip")

@@ -15,6 +15,7 @@ import pytest
 from pyarrow import feather, parquet
 from record_tables import columns
 from record_tables import write_csv as write_columns
+from scipy.io import savemat
 
 from hil.cli import main
 from hil.errors import ConfigError, DataError
@@ -409,3 +410,47 @@ def test_a_time_of_day_over_midnight_is_refused_as_such(tmp_path, capsys):
     table = as_text(tmp_path, ["t,q1,tau1"], [f"{c},{k},{k}" for k, c in enumerate(clock)])
     assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 2
     assert "passes midnight in row 4" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------ logs of Simulink
+
+
+def _timeseries(run, to, **more):
+    """A signal as a timeseries exported as a struct, and as a structure with time."""
+    return {
+        "timeseries": {"Name": "s", **more, "Time": run.t[to][:, None], "Data": run.q[to]},
+        "with time": {
+            "time": run.t[to][:, None],
+            "signals": {"values": run.q[to], "dimensions": run.d, "label": "s"},
+            "blockName": "m/s",
+        },
+        "pages": {
+            "time": run.t[to][:, None],
+            "signals": {"values": run.q[to].T[:, None, :], "dimensions": run.d},
+        },
+    }
+
+
+@pytest.mark.parametrize("kind", ["timeseries", "with time", "pages"])
+@pytest.mark.parametrize("within", ["", "logs."])
+def test_structs_of_signals_with_times_are_read_by_their_paths(run, tmp_path, kind, within):
+    tau = replace(run, q=run.tau)
+    signals = {
+        "pos": _timeseries(run, slice(None))[kind],
+        "torque": _timeseries(tau, slice(10, -10, 2))[kind],
+    }
+    place, made = tmp_path / "s.mat", tmp_path / "m.toml"
+    savemat(place, {"logs": signals, "ans": 1.0} if within else signals)
+    assert main(["import", str(place), "--propose-map", str(made)]) == 0
+    said = tomllib.loads(made.read_text())["columns"]
+    data = "Data" if kind == "timeseries" else "signals.values"
+    assert said["q2"] == f"{within}pos.{data}2"
+    assert said["tau1"] == f"{within}torque.{data}1"
+    assert said["t"] == f"{within}pos.{'Time' if kind == 'timeseries' else 'time'}"
+    found = import_table(place, read_map(made))
+    back = found.recordings[0]
+    inner = slice(10, 10 + back.n)
+    np.testing.assert_allclose(back.t, run.t[inner])
+    np.testing.assert_array_equal(back.q, run.q[inner])
+    np.testing.assert_allclose(back.tau[::2], run.tau[inner][::2], atol=1e-12)
+    assert any("interpolated at the times of" in text for text in found.notes)
