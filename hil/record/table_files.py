@@ -30,7 +30,8 @@ from hil.record.units import FACTORS, stem_of
 from hil.userfile import open_regular
 
 FloatArray = NDArray[np.float64]
-FORMATS = (".csv", ".tsv", ".txt", *BINARY)
+#: Endings of sessions and bags, which are not tables.
+_NOT_TABLES = (".mcap", ".bag", ".db3")
 #: Largest text table [byte], its longest row and column name [characters].
 LARGEST_TEXT, LONGEST_ROW, LONGEST_NAME = 2**33, 2**20, 256
 #: Rows that are looked at for a header after other lines.
@@ -104,13 +105,18 @@ def text_table(path: Path, header_row: int = 0) -> ForeignTable:
         `LONGEST_ROW`, `MOST_COLUMNS` and `LONGEST_NAME`.
     """
     head, header = _given_header(path, header_row) if header_row else _header_line(path)
-    if not header_row and not header.lstrip().startswith(("#", "%")):
+    labview = not header_row and header.startswith(_LABVIEW)
+    if labview:
+        head, header = _labview(path)
+    elif not header_row and not header.lstrip().startswith(("#", "%")):
         head, header = _after_preamble(path, head, header)
     header = header.lstrip("#% ")
     delimiter = max(";\t,", key=header.count)
     spaced = delimiter not in header and _spaced(path, head, header)
     header, delimiter = (",".join(header.split()), ",") if spaced else (header, delimiter)
     names = _header_names(path, head, header, delimiter)
+    if labview and names[-1] == "Comment":  # of which rows have no cell
+        names = names[:-1]
     body = _Body(path, head, spaced)
     first = list(itertools.islice(body, 100))
     if first and (units := _units_row(first[0][1], names, delimiter)):
@@ -118,9 +124,22 @@ def text_table(path: Path, header_row: int = 0) -> ForeignTable:
     if not first:
         raise DataError(f"table {path} has a header row but no samples")
     cells = [c.strip() for _, line in first for c in line.split(delimiter)]
-    comma = delimiter == ";" and not any(_is_number(c) and "." in c for c in cells)
+    comma = delimiter in (";", "\t") and not any(_is_number(c) and "." in c for c in cells)
     reader = _TextColumns(path, names, delimiter, body, comma)
     return ForeignTable(path, names, reader, first[0][0], path.stem)
+
+
+#: How a measurement file of LabVIEW begins, and what ends each of its headers.
+_LABVIEW, _HEADER_ENDS = "LabVIEW Measurement", "***End_of_Header***"
+
+
+def _labview(path: Path) -> tuple[int, str]:
+    """Number and text of the row behind the last header of a measurement file of LabVIEW."""
+    rows = list(itertools.islice(_Body(path, 0), _PREAMBLE))
+    ends = [k for k, (_, line) in enumerate(rows) if line.startswith(_HEADER_ENDS)]
+    if not ends or ends[-1] + 1 >= len(rows):
+        raise DataError(f"table {path} begins as a file of LabVIEW, and has no {_HEADER_ENDS}")
+    return rows[ends[-1] + 1]
 
 
 def _header_names(path: Path, head: int, header: str, delimiter: str) -> tuple[str, ...]:
@@ -282,6 +301,13 @@ class _Body:
                 raise DataError(f"table {self.path} is not a text file: {error}") from error
 
 
+def _is_text(path: Path) -> bool:
+    """Whether a file begins as text does: without zeros, but for the wide letters of UTF-16."""
+    with open_regular(path, LARGEST_TEXT) as file:
+        start = file.read(4096)
+    return b"\0" not in start or start[:2] in (b"\xff\xfe", b"\xfe\xff")
+
+
 def _encoding(file: BinaryIO) -> str:
     """UTF-16 where a file begins like that, as some spreadsheets write it; else UTF-8."""
     start = file.read(2)
@@ -414,7 +440,7 @@ def open_table(
     Parameters
     ----------
     path : str or Path
-        Text (comma, semicolon, tab or space; header row), NPY, NPZ, MAT, Parquet, Feather or XLSX
+        Text of any ending (comma, semicolon, tab or space; header row), NPY, NPZ, MAT, Parquet, Feather or XLSX
         file, or the folder of a LeRobot data set.
     array : str
         The 2-D array (n, k), structured array or struct of a binary file that holds the columns.
@@ -434,13 +460,17 @@ def open_table(
     path = Path(path)
     if is_dataset(path):
         return _episode(path, run)
-    if path.suffix.lower() not in FORMATS:
-        raise DataError(f"table {path}: format {path.suffix!r}; expected {', '.join(FORMATS)}")
     try:
         if path.stat().st_size == 0:
             raise DataError(f"table {path} is empty (0 bytes); a header row and samples are needed")
         if path.suffix.lower() in BINARY:
             return _arrays(path, array, columns, run)
+        known = path.suffix.lower() in (".csv", ".tsv", ".txt")
+        if path.suffix.lower() in _NOT_TABLES or not (known or _is_text(path)):
+            raise DataError(
+                f"table {path}: format {path.suffix!r}; expected text of any ending, or "
+                f"{', '.join(BINARY)}"
+            )
         if run:
             raise DataError(f"table {path}: a text table holds one run; leave --run {run!r} out")
         return text_table(path, header_row)

@@ -113,7 +113,7 @@ class Unit:
 
 #: Names of a column of time, with the unit that one may end in.
 _TIME = re.compile(
-    r"(?:t|time|times|utc|timestamp|time_?stamp|stamp|elapsed|zeitstempel|"
+    r"(?:t|time|times|utc|x_value|timestamp|time_?stamp|stamp|elapsed|zeitstempel|"
     r"(?:field\.)?header\.stamp|[\w.()]+\.time)"
     r"[ _.]*[\[(]?(?P<unit>s|sec|secs|seconds|ms|msec|us|usec|µs|ns|nsec)?[\])]?",
     re.IGNORECASE,

@@ -220,8 +220,8 @@ def test_no_such_file(tmp_path, refuse):
 
 
 def test_unknown_format(tmp_path, refuse):
-    (tmp_path / "run.xls").write_text("x")
-    refuse(tmp_path / "run.xls", ".xls", ".csv")
+    (tmp_path / "run.xls").write_bytes(b"\xd0\xcf\x11\xe0" + bytes(600))
+    refuse(tmp_path / "run.xls", ".xls", "expected text", ".xlsx")
 
 
 def test_binary_named_csv(tmp_path, refuse):

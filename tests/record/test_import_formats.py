@@ -454,3 +454,52 @@ def test_structs_of_signals_with_times_are_read_by_their_paths(run, tmp_path, ki
     np.testing.assert_array_equal(back.q, run.q[inner])
     np.testing.assert_allclose(back.tau[::2], run.tau[inner][::2], atol=1e-12)
     assert any("interpolated at the times of" in text for text in found.notes)
+
+
+# ------------------------------------------------------------ text of any ending
+
+LVM = """LabVIEW Measurement\t
+Writer_Version\t2
+Separator\tTab
+Decimal_Separator\t{point}
+Multi_Headings\tNo
+X_Columns\tOne
+Date\t2026/11/25
+Time\t10:00:00.0
+***End_of_Header***\t
+\t
+Channels\t2\t\t
+Samples\t200\t200\t
+Date\t2026/11/25\t2026/11/25\t
+X_Dimension\tTime\tTime\t
+X0\t0\t0\t
+Delta_X\t0{point}002\t0{point}002\t
+***End_of_Header***\t\t\t
+X_Value\tangle_deg\tmotor_Nm\tComment
+"""
+
+
+@pytest.mark.parametrize("point", [".", ","])
+@pytest.mark.parametrize("ending", ["", "\t"])
+def test_measurement_files_of_labview_are_read(run, tmp_path, point, ending):
+    rows = zip(run.t[:200], np.degrees(run.q[:200, 0]), run.tau[:200, 0], strict=True)
+    text = "".join("\t".join(f"{x:.9f}" for x in row) + ending + "\n" for row in rows)
+    place, made = tmp_path / "a.lvm", tmp_path / "m.toml"
+    place.write_text(LVM.format(point=point) + text.replace(".", point))
+    assert main(["import", str(place), "--propose-map", str(made)]) == 0
+    back = import_table(place, read_map(made)).recordings[0]
+    np.testing.assert_allclose(back.q[:, 0], run.q[:200, 0], atol=1e-9)
+    np.testing.assert_allclose(back.tau[:, 0], run.tau[:200, 0], atol=1e-8)
+
+
+@pytest.mark.parametrize("ending", [".asc", ".log", ".dat", ".prn", ""])
+def test_text_is_a_table_whatever_its_ending(run, tmp_path, ending):
+    table = write_columns(tmp_path / "a.csv", columns(run), "\t")
+    table.rename(tmp_path / f"a{ending}")
+    assert np.array_equal(import_table(tmp_path / f"a{ending}").recordings[0].q, run.q)
+
+
+def test_what_is_no_text_is_refused_as_such(tmp_path):
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n\0\0\0")
+    with pytest.raises(DataError, match=r"format '.h5'; expected text of any ending"):
+        import_table(tmp_path / "a.h5")
