@@ -30,7 +30,7 @@ from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import ALL, RobotModel
-from hil.models.robots import Robot, bare_robot
+from hil.models.robots import IndependentAxes, Robot, bare_robot
 from hil.record.recording import Recording
 
 # Masses and inertias that real bodies can have, and the nearest ones to those that were fitted.
@@ -263,7 +263,7 @@ def within(
     """
     if runs:
         return _refitted(model, words, runs, holdout, mended)
-    robot = bare_robot(model.robot, _names(model))
+    robot = _bare(model)
     content, friction = slid(translate(model, robot, words), model, robot, words)
     note = "translated only, not refitted: give a recording with --data to see what the loss costs"
     notes = (*friction, note) if content.lost else friction
@@ -274,6 +274,15 @@ def within(
     if found is None:
         return Within(content, model, notes=notes)
     return Within(replace(content, bodies=found.bodies), model, (), (*notes, _said(found)))
+
+
+def _bare(model: RobotModel) -> Robot:
+    """Robot of a model without a recording; axes whose inertia is a mass slide."""
+    names, source = _names(model), model.robot
+    units = {v.unit for name, v in model.values().items() if name.startswith("rigid-body.m")}
+    if source.urdf or source.preset not in ("", "single-axis") or units != {"kg"}:
+        return bare_robot(source, names)
+    return IndependentAxes(names, "m")
 
 
 def _names(model: RobotModel) -> tuple[str, ...]:

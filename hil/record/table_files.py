@@ -30,6 +30,8 @@ from hil.record.units import FACTORS, stem_of
 from hil.userfile import open_regular
 
 FloatArray = NDArray[np.float64]
+#: Endings that tables usually have; any other text is one, too.
+FORMATS = (".csv", ".tsv", ".txt", ".lvm", ".asc", *BINARY)
 #: Endings of sessions and bags, which are not tables.
 _NOT_TABLES = (".mcap", ".bag", ".db3")
 #: Largest text table [byte], its longest row and column name [characters].

@@ -11,8 +11,9 @@ import pytest
 from hil.cli import main
 from hil.export import target
 from hil.models.files import write_model
-from hil.models.model import Use, Value
+from hil.models.model import Range, RobotModel, Use, Value
 from hil.record.export import write_recordings
+from hil.record.recording import RobotSource
 
 
 @pytest.fixture(scope="module")
@@ -166,3 +167,28 @@ def test_without_data_a_spring_needs_the_range_that_it_refers_to(folder, made, c
         assert (beside in said) == (name == "old")
         written = (folder / f"{name}.sdf").read_text().split("<sdf")[1]
         assert ("spring_stiffness" in written) == (name == "new")
+
+
+@pytest.mark.parametrize(
+    ("unit", "kind", "said"),
+    [("m", "prismatic", "N and 4 N s/m"), ("rad", "continuous", "N m and 4 N m s/rad")],
+)
+def test_without_data_axes_whose_inertia_is_a_mass_slide(tmp_path, capsys, unit, kind, said):
+    f, inertia = ("N", "kg") if unit == "m" else ("N m", "kg m^2")
+    values = {
+        "rigid-body": {"rigid-body.m": Value(2.0, unit=inertia)},
+        "coulomb": {
+            "j1.coulomb.fc": Value(3.0, unit=f),
+            "j1.coulomb.v0": Value(1e-3, unit=f"{unit}/s"),
+        },
+        "viscous": {"j1.viscous.fv": Value(4.0, unit=f"{f} s/{unit}")},
+        "quadratic-drag": {"j1.quadratic-drag.fd": Value(0.0, unit=f"{f} s^2/{unit}^2")},
+    }
+    uses = tuple(Use(name, values=some) for name, some in values.items())
+    seen = Range("slide", (0.0, 1.0), (-1.0, 1.0), (-9.0, 9.0))
+    model = RobotModel(RobotSource("single-axis"), uses, valid=(seen,))
+    told = without_data(tmp_path, model, capsys)
+    assert f"friction of slide is 3 {said}" in told
+    joint = ET.parse(tmp_path / "said.urdf").find("joint[@name='slide']")
+    assert joint.attrib["type"] == kind
+    assert friction_of(tmp_path / "said.urdf", "slide") == pytest.approx((3.0, 4.0), rel=1e-6)
