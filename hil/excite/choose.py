@@ -125,7 +125,10 @@ def survey(
     lone = menu.SEVERAL if stage.space.center.size == 1 else ()
     out = Survey([], [], known)
     for name in (n for n in names if n not in lone):
-        wanted = menu.MENU[name](stage.space, joint, stage.seconds)
+        try:
+            wanted = menu.MENU[name](stage.space, joint, stage.seconds)
+        except ConfigError:  # longer than any trajectory may be
+            continue
         if wanted.period > LONGEST * stage.seconds:
             continue
         motion, problem, found = fitted(wanted, stage, question)

@@ -1,5 +1,7 @@
 """Trajectories: derivatives are right, files come back, mistakes are named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,11 +9,13 @@ from hypothesis import strategies as st
 
 from hil.errors import ConfigError
 from hil.excite import menu, trajectory
+from hil.excite.choose import decide, survey
 from hil.excite.limits import check, margins, of_robot
-from hil.excite.stage import explore
+from hil.excite.stage import explore, stage_of
 from hil.excite.trajectory import Trajectory, grid, sample
+from hil.identify.problem import Problem
 from hil.models.robots import bare_robot
-from hil.record.recording import RobotSource
+from hil.record.recording import Recording, RobotSource
 
 PREMIUM = RobotSource("phantom-premium-1.5")
 JOINTS = ("joint1", "joint2", "joint3")
@@ -109,3 +113,35 @@ def test_what_does_not_fit_the_arm_is_refused():
         check(x, limits, robot, 50.0)
     with pytest.raises(ConfigError, match=r"position joint1|workspace"):
         check(x.shrunk(2.0, limits.center), limits, robot, 1000.0)
+
+
+def turning(span: float, seconds: float = 60.0):
+    """Problem of an axis that turns on, or swings within `span` [rad]."""
+    t = np.arange(0.0, seconds, 0.02)
+    q = span * t / seconds if span > 100 else span / 2 * np.sin(2 * np.pi * t / 5)
+    run = Recording("run", "arm", ("axis",), t, q[:, None], np.cos(t)[:, None])
+    return Problem([run], RobotSource("single-axis"))
+
+
+def test_an_axis_that_turned_on_is_planned_for_about_its_middle():
+    stage = stage_of(turning(600.0))
+    (width,), (speed,) = np.ptp(stage.space.alone, axis=1), stage.space.speed
+    assert width == pytest.approx(speed * stage.seconds / 4)
+    center = stage.space.alone.mean()
+    assert center == pytest.approx(300.0, rel=0.02)
+    made = [menu.MENU[name](stage.space, 0, stage.seconds) for name in menu.MENU if name != "pairs"]
+    assert max(x.period for x in made) < 10 * stage.seconds
+
+
+def test_an_axis_that_swings_keeps_its_range():
+    stage = stage_of(turning(2.0))
+    assert np.ptp(stage.space.alone) == pytest.approx(0.95 * 2.0, rel=0.03)
+
+
+def test_motions_that_take_too_long_are_not_foreseen():
+    stage = stage_of(turning(2.0))
+    slow = replace(stage, space=replace(stage.space, speed=stage.space.speed * 1e-4))
+    seen = survey(None, slow, 0, names=("range-strokes", "rests"))
+    assert seen.motions == []
+    with pytest.raises(ConfigError, match="too slow for their ranges"):
+        decide(seen, None, ())
