@@ -266,7 +266,7 @@ def within(
     robot = _bare(model)
     content, friction = slid(translate(model, robot, words), model, robot, words)
     note = "translated only, not refitted: give a recording with --data to see what the loss costs"
-    notes = (*friction, note) if content.lost else friction
+    notes = (*friction, note) if content.lost else tuple(friction)
     if content.bodies is None or not words.bodies:
         return Within(content, model, notes=notes)
     rows = _anywhere(model, robot, content)
