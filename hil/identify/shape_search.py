@@ -22,7 +22,7 @@ from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.screening import CLOSE, flat, grid_of, left, simplest, tried
-from hil.models.effect import Waves
+from hil.models.effect import Waves, alone
 
 FloatArray = NDArray[np.float64]
 #: Share of the squared residual below which a shape is not worth refining.
@@ -45,6 +45,10 @@ def best_shape(
     `accuracy` is the share of the gain, or of what is left if that is less, within which the
     shape must be the best.
     """
+    if term.effect.scope.sought_alone and projector.problem.d > 1:
+        own = replace(term, effect=alone(term.effect))
+        found = term.reshaped(best_shape(projector, own, refine, accuracy)[0].shape)
+        return found, projector.gain(found) if found.shape else 0.0
     problem = projector.problem
     grid = grid_of(problem, term)
     if not grid:

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -76,6 +78,7 @@ __all__ = [
     "Twin",
     "Variation",
     "Waves",
+    "alone",
     "are_twins",
     "brakes",
     "log_grid",
@@ -183,6 +186,20 @@ def refused(
     """
     values = Fitted(effect, motion, j, shape, beta, error)
     return next((limit.code for limit in effect.limits if not limit.met(values)), "")
+
+
+@cache
+def alone(effect: Effect) -> Effect:
+    """An effect that all joints feel, as its own joint feels it: columns (n, m)."""
+
+    def columns(self: Effect, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        own: FloatArray = effect.columns(motion, j, shape)[:, j]
+        return own
+
+    scope = replace(effect.scope, of=Of.JOINT, sought_alone=False)
+    named = {"name": f"{effect.name} alone", "scope": scope, "columns": columns}
+    made: Effect = type("Alone", (type(effect),), named)()
+    return made
 
 
 def are_twins(a: Effect, b: Effect, motion: Motion) -> bool:

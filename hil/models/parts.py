@@ -194,12 +194,15 @@ class Scope:
         Why the effect cannot be tried on these data; empty if it can.
     terms : callable (motion, j) -> tuple of Param, or None
         Coefficients for joint j of this robot; None: always the same, `Effect.params`.
+    sought_alone : bool
+        Whether its shape is sought by the effort of its own joint, though all joints feel it.
     """
 
     of: Of = Of.JOINT
     explains: tuple[str, ...] = ("motor",)
     lacks: Callable[[Motion, int], str] = _nothing
     terms: Callable[[Motion, int], tuple[Param, ...]] | None = None
+    sought_alone: bool = False
 
     @property
     def whole(self) -> bool:

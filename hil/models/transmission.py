@@ -213,7 +213,7 @@ class ElasticTransmission(_Resonance):
         Param("zeta", "1", "damping ratio", 0.0, 1.0),
     )
     relations = Relations(twins=(Twin("vibration-mode", _free),), causes=("resonance",))
-    scope = Scope(Of.JOINTS)
+    scope = Scope(Of.JOINTS, sought_alone=True)
     limits = (Limit("share", _elastic_transmission_carries), RINGS, STRICT)
     traits = Trait.LOAD | _Resonance.traits
 
@@ -277,7 +277,7 @@ class Backlash(Effect):
         Param("fl", "{F}", "Coulomb friction behind the play", 0.0),
         Param("c", "s", "time in which a flank loses what a blow has pressed into it", 0.0),
     )
-    scope = Scope(Of.JOINTS)
+    scope = Scope(Of.JOINTS, sought_alone=True)
     relations = Relations(causes=("play",))
     search = Grid(_backlash_grid, across=_backlash_across, rounds=2)
     limits = (Limit("share", _backlash_carries), STRICT)
@@ -392,7 +392,7 @@ class HardeningCable(Effect):
         Param("zeta", "1", "damping ratio about zero tension", 0.0),
         Param("fl", "{F}", "Coulomb friction behind the cable", 0.0),
     )
-    scope = Scope(Of.JOINTS)
+    scope = Scope(Of.JOINTS, sought_alone=True)
     relations = Relations(limit="elastic-transmission", causes=("resonance", "play"))
     search = Grid(_hardening_cable_grid, across=_hardening_cable_across, rounds=2)
     limits = (Limit("between", _hardening_cable_between), STRICT)
