@@ -165,7 +165,7 @@ class CoupledTransmission(Effect):
         over=Over.OTHER_SPEED,
     )
     params = (
-        Param("i", "{F} s^2/{x}", "inertia on the relative motion", 0.0),
+        Param("i", "{F} s^2/{x}", "inertia on the relative motion"),
         Param("fc", "{F}", "Coulomb friction of the relative motion"),
         Param("fv", "{F} s/{x}", "viscous friction of the relative motion"),
     )
