@@ -350,9 +350,9 @@ def _explain(
     above, lost = "of the squared error above the noise floor", worst(search, c.joint)
     return [
         (
-            float(lost < 100.0),
-            f"with the names the left-out error is still {lost:.0f} % of the effort: no model at "
-            "all would foretell as much",
+            float(lost < 1.0),
+            f"with the names the left-out error is still {100 * lost:.0f} % of the effort: no "
+            "model at all would foretell as much",
         ),
         (own, f"a function of {what} without a name explains much of the same error better"),
         (everywhere, f"the names explain {100 * max(everywhere, 0.0):.0f} % {above}"),
@@ -361,10 +361,11 @@ def _explain(
 
 
 def worst(search: Search, j: int) -> float:
-    """Left-out error of joint j in % of its effort, or the largest of all that share masses."""
+    """Left-out error of joint j in its effort's size, or the largest of all that share masses."""
     now, moves = search.now.step, ~search.problem.holds
     body = any(Trait.BODY in t.effect.traits for t in now.result.terms)
-    return float(np.max(now.heldout.relative[moves])) if body else float(now.heldout.relative[j])
+    share = now.heldout.relative / 100
+    return float(np.max(share[moves]) if body else share[j])
 
 
 def here(search: Search, j: int, floor: FloatArray, other: FloatArray | None = None) -> float:

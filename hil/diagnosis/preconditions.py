@@ -377,7 +377,7 @@ LOST = "foretells-nothing"
 def lost(result: FitResult, heldout: FloatArray) -> list[tuple[str, str]]:
     """Warning (code, sentence) of joints (d,) whose left-out error [%] exceeds their effort."""
     problem = result.problem
-    bad = [j for j, e in enumerate(heldout) if e > 100.0 and not problem.holds[j]]
+    bad = [j for j, e in enumerate(heldout) if e / 100 > 1.0 and not problem.holds[j]]
     if not bad:
         return []
     names = ", ".join(problem.joints[j] for j in bad)

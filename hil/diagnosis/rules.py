@@ -27,6 +27,7 @@ from hil.diagnosis.attribution import (
 from hil.diagnosis.candidates import Rated
 from hil.diagnosis.constants import (
     BEYOND,
+    CERTAIN,
     DISCREPANCY,
     HALF,
     LEVEL,
@@ -275,9 +276,9 @@ def _beyond(case: RuleCase) -> str:
     """N log(before / after) > m log N + 2 log(family).
 
     N tested instants less the model's own values on the joint and what their correlation takes
-    from such a law, m values to fit beyond those that are replaced, `family` forms that were tried
-    on the joint.  A correction states no law: that it foretells blocks that were left out, by their
-    paired differences, is all that it claims.
+    (of a law beyond any doubt what it takes from that law), m values to fit beyond those that are
+    replaced, `family` forms that were tried on the joint.  A correction states no law: that it
+    foretells blocks that were left out, by their paired differences, is all that it claims.
 
     Source: Schwarz, Ann. Statist. 6, 1978.
     """
@@ -288,7 +289,9 @@ def _beyond(case: RuleCase) -> str:
     own = search.now.result.x.reshape(problem.d, problem.n, -1)[j]
     tested = float(r.now.count[:, j].sum()) - int(np.sum(np.any(own != 0.0, axis=0)))
     left, now = r.residual(j), r.given(j)
-    count = max(tested / inflation(left, problem.run, now - left), 2.0)
+    # of many fast laws that are tried in a slow remainder one is soon the best
+    law = now - left if r.sureness > CERTAIN else None
+    count = max(tested / inflation(left, problem.run, law), 2.0)
     gain = count * np.log(r.before / max(r.after, 1e-300))
     net = max(r.candidate.dof - search.replaced(r.candidate), 1)
     mine = [c.term for c in case.evidence.candidates if c.joint == j]

@@ -368,15 +368,10 @@ class Search:
     def _added(self, picks: list[Rated], joints: list[int]) -> list[int]:
         """Fit with the picks; those that do not hold after the fit are refused.
 
-        Effects of several joints that do not hold together are tried without those that failed,
-        then one by one, the best first.
+        Effects of several joints that do not hold together are tried one by one, the best first.
         """
         before = self.now
         bad = self._fitted(picks, before)
-        if 0 < len(bad) < len(picks) - 1:
-            rest = [p for p in picks if p not in bad]
-            if not self._fitted(rest, before):
-                return joints
         if bad and len(picks) > 1:
             single = sorted(picks, key=lambda p: -self.score(p))
             bad = [p for p in single if self.now is not before or self._fitted([p], before)]

@@ -179,10 +179,11 @@ def _presliding_carries(f: Fitted) -> bool:
 def _presliding_wide(f: Fitted) -> bool:
     """Over more than the least displacement that is tried: else a sign that turns a little late.
 
-    Bristles that are damped show by their damping, however stiff they are.
+    Bristles that carry and are damped show by their damping, however stiff they are.
     """
-    damped = f.shape[1] == LUGRE and f.beta[3] > max(f.slack[3], LOOP_SHARE * sum(f.beta))
-    return damped or f.shape[0] >= FORM_REACH * _least(f.motion, f.j)
+    least = LOOP_SHARE * sum(f.beta)
+    sure = all(f.beta[k] > max(f.slack[k], least) for k in (1, 3))
+    return (f.shape[1] == LUGRE and sure) or f.shape[0] >= FORM_REACH * _least(f.motion, f.j)
 
 
 def _presliding_others(motion: Motion, j: int, shape: Sequence[float]) -> Others | None:

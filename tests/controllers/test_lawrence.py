@@ -28,7 +28,6 @@ from hil.teleop import (
     law_parameters,
     lawrence_filters,
     sampled_loop,
-    transparency,
 )
 from hil.teleop.architecture import Design, MotionTerm, RobotImpedance
 from hil.toml import parse
@@ -301,7 +300,7 @@ def test_goals_and_conditions_are_told_apart(capsys):
 
 def test_rounding_is_not_said():
     law = Design(c1=MotionTerm(250.0, 1.5, 7.8e-18), c7=MotionTerm(250.0, 1.5, 0.0))
-    texts = [c.text for c in transparency.check(law) if c.name == "c1"]
+    texts = [c.text for c in architecture.conditions(law) if c.name == "c1"]
     assert texts[0].startswith("c1 is 250/s + 1.5, it")
 
 

@@ -37,7 +37,7 @@ SHAPES = {
     "coulomb": (0.02,),
 }
 REFUSED = {
-    "rigid-body", "armature", "payload", "payload-change",
+    "rigid-body", "armature", "payload", "payload-change", "base-tilt",
     "coupled-transmission", "contact-stiffness",
     "contact-damping", "contact-hardening", "contact-hysteresis", "contact-inclusion",
     "periodic-disturbance", "force-bias", "force-drift", "force-gain", "force-crosstalk",
