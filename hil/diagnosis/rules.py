@@ -275,10 +275,10 @@ def _paired(case: RuleCase) -> str:
 def _beyond(case: RuleCase) -> str:
     """N log(before / after) > m log N + 2 log(family).
 
-    N tested instants less the model's own values on the joint and what their correlation takes
-    (of a law beyond any doubt what it takes from that law), m values to fit beyond those that are
-    replaced, `family` forms that were tried on the joint.  A correction states no law: that it
-    foretells blocks that were left out, by their paired differences, is all that it claims.
+    N tested instants less what their correlation takes (of a law beyond any doubt what it takes
+    from that law), m values to fit beyond those that are replaced, `family` candidates of its
+    joint.  A correction states no law: that it foretells blocks that were left out, by their paired
+    differences, is all that it claims.
 
     Source: Schwarz, Ann. Statist. 6, 1978.
     """
@@ -286,16 +286,14 @@ def _beyond(case: RuleCase) -> str:
     if Trait.CORRECTION in r.candidate.term.effect.traits:
         return ""
     problem, j = search.problem, r.joint
-    own = search.now.result.x.reshape(problem.d, problem.n, -1)[j]
-    tested = float(r.now.count[:, j].sum()) - int(np.sum(np.any(own != 0.0, axis=0)))
+    tested = float(r.now.count[:, j].sum())
     left, now = r.residual(j), r.given(j)
     # of many fast laws that are tried in a slow remainder one is soon the best
     law = now - left if r.sureness > CERTAIN else None
     count = max(tested / inflation(left, problem.run, law), 2.0)
     gain = count * np.log(r.before / max(r.after, 1e-300))
     net = max(r.candidate.dof - search.replaced(r.candidate), 1)
-    mine = [c.term for c in case.evidence.candidates if c.joint == j]
-    family = sum(max(len(problem.grid(t.effect, t.joint)), 1) for t in mine)
+    family = sum(c.joint == j for c in case.evidence.candidates)
     price = net * np.log(count) + 2 * np.log(max(family, 2))
     return "" if gain > price else "too few independent instants show it: it may be chance"
 
