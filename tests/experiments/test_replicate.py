@@ -38,13 +38,16 @@ def test_processes_and_this_one_give_the_same_digits_in_the_order_of_the_seeds()
 def test_a_dask_cluster_gives_the_same_digits_and_its_lost_workers_are_survived(tmp_path):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as cluster:
         done = []
         far = Where(cluster=cluster.scheduler_address)
         found = replicate(digits, "x", SEEDS, cluster=far.cluster, done=done.append)
         survived = replicate(lost_once, str(tmp_path), SEEDS, cluster=far.cluster)
         others = dict(spread(partial(lost_always, "x"), [1, 2], far))
+        # a worker that is started again just now cannot be closed
+        with distributed.Client(cluster) as client:
+            client.wait_for_workers(2, timeout=30)
     assert survived == {s: {"seed": s} for s in SEEDS}
     assert others == {0: {"seed": 1}, 1: LostRun()}
     assert found == {s: digits("x", s) for s in SEEDS}
