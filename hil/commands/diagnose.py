@@ -25,7 +25,7 @@ from hil.diagnosis.verdict import NO_GEOMETRY, only_there
 from hil.errors import plural
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
-from hil.models.effect import VALUE_DEVIATIONS
+from hil.models.effect import VALUE_DEVIATIONS, Lines, Waves
 from hil.models.model import Value
 from hil.models.param_text import remark
 from hil.record.checks import OF_UNITS
@@ -151,7 +151,8 @@ def _telling(f: Finding) -> str:
     """The value that says how large an effect is.
 
     Of a wave its amplitude and period; else a coefficient that the data determine, the largest of
-    one unit; else the shape; one that is not determined only where there is no other.
+    one unit, or both of two; else the shape; one that is not determined only where there is no
+    other.
     """
     if wave := _wave(f):
         return wave
@@ -163,6 +164,8 @@ def _telling(f: Finding) -> str:
     for deviations in (VALUE_DEVIATIONS, 1.0):
         if sure := [n for n in sized if _sure(short[n], deviations)]:
             like = [n for n in sure if short[n].unit == short[sure[0]].unit]
+            if like == own and len(own) == 2:  # a direction: neither part says its size alone
+                return ", ".join(common.value_line(n, short[n]) for n in own)
             best = max(like, key=lambda n: abs(short[n].value))
             return common.value_line(best, short[best])
     shaped = [p.name for p in kind.shape if p.name in short and p.unit != "1"]
@@ -179,7 +182,8 @@ def _wave(f: Finding) -> str:
     kind = catalogue.get(f.effect)
     names = [p.name for p in kind.params]
     number = next((p.name for p in kind.shape if p.unit in ("1/{x}", "Hz")), "")
-    if not names or len(names) % 2 or not {number, *names} <= set(short):
+    waves = isinstance(kind.search, Waves | Lines)
+    if not waves or not names or len(names) % 2 or not {number, *names} <= set(short):
         return ""
     pairs = [(short[s], short[c]) for s, c in zip(names[::2], names[1::2], strict=True)]
     sizes = [math.hypot(s.value, c.value) for s, c in pairs]

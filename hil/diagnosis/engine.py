@@ -347,7 +347,7 @@ def _explain(
     """What a name explains, by several measures, and what to say where one of them is the least."""
     own, what = taken.get(c.term.key, (1.0, ""))
     everywhere, held = here(search, c.joint, *floors), there(search, c, floors[1])
-    above, lost = "of the squared error above the noise floor", worst(search, c.joint)
+    above, lost = "of the squared error above the noise floor", _left_share(search, c.joint)
     return [
         (
             float(lost < 1.0),
@@ -360,7 +360,7 @@ def _explain(
     ]
 
 
-def worst(search: Search, j: int) -> float:
+def _left_share(search: Search, j: int) -> float:
     """Left-out error of joint j in its effort's size, or the largest of all that share masses."""
     now, moves = search.now.step, ~search.problem.holds
     body = any(Trait.BODY in t.effect.traits for t in now.result.terms)

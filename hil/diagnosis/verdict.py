@@ -231,13 +231,14 @@ def finish(
     out.unseen = unseen(result, out.last)
     out.valid = model.valid
     # before the held-out runs are predicted anew: their loads are those of their own fit
-    differ = differences(out, examine)
-    left = outside(model.valid, result.problem) + examine.outside(result)
     absurd = lost(result, out.ladder[-1].heldout.relative)
+    # no change between sessions is told from a model that fits none of them
+    differ = [] if absurd else differences(out, examine)
+    left = outside(model.valid, result.problem) + examine.outside(result)
     out.warnings += absurd
-    if absurd:
-        differ = []  # no change between sessions is told from a model that fits none of them
-    out.warnings += other_robot(model, recordings) + contradicted(out.explained.result)
+    out.warnings += other_robot(model, recordings)
+    # a description is not doubted by values that are no masses
+    out.warnings += [] if absurd else contradicted(out.explained.result)
     out.warnings += [("outside-range", text) for text in left]
     out.warnings += examine.own(result)
     out.warnings += differ

@@ -155,7 +155,7 @@ def _array_columns(
     t: Any, groups: Mapping[str, Any], wrench: ArrayLike | None
 ) -> dict[str, FloatArray]:
     """Columns by name of arrays, after checking that their shapes belong together."""
-    from hil.record.tables import GROUPS, WRENCH
+    from hil.record.locked import GROUPS, WRENCH
 
     stems = {key: stem for stem, key in GROUPS.items()}
     out = {"t": _numbers("t", t)}

@@ -1,4 +1,7 @@
-"""Joints of a robot that a recording does not hold: the URDF with them locked in place.
+"""Which joints a recording holds: all columns of each, and a URDF with the others locked in place.
+
+A position and an effort of each joint, and what else there is of any, are all there or the table is
+refused; the refusal proposes names.
 
 A stock URDF has more joints than a recording of its arm: grippers, fingers, wheels, a lift.  Here
 they become fixed joints at a position; everything behind this file sees a robot that has the
@@ -9,16 +12,22 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.errors import ConfigError, DataError, unknown
+from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.recording import LOCKED, RobotSource
 from hil.record.urdf_joints import UrdfJoint, checked_urdf, urdf_joints
+
+if TYPE_CHECKING:
+    from hil.record.mapfile import Rule
+    from hil.record.table_files import ForeignTable
 
 FloatArray = NDArray[np.float64]
 #: What a fixed joint has not.
@@ -335,3 +344,109 @@ def _turned(joint: ET.Element, names: Sequence[str], q: FloatArray) -> FloatArra
     if joint.get("type") not in ("revolute", "continuous") or name not in names:
         return np.eye(3)
     return _about(_axis(joint), q[:, list(names).index(name)])
+
+
+# ------------------------------------------------------------ the columns of the joints
+
+#: Columns of a force and of a torque at the tip.
+WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
+#: Stem of a column -> field of a recording.
+GROUPS = {
+    "q": "q",
+    "tau": "tau",
+    "qd": "qd",
+    "tauext": "tau_ext",
+    "i": "current",
+    "temp": "temperature",
+}
+
+
+def count_joints(
+    rules: Mapping[str, Rule], table: ForeignTable, joints: tuple[UrdfJoint, ...], timed: bool
+) -> int:
+    """Number of joints, after checking that every group of columns is complete.
+
+    Parameters
+    ----------
+    rules : mapping
+        By target column.
+    table : Table
+        For messages.
+    joints : tuple of UrdfJoint
+        Of the robot; empty without a URDF.
+    timed : bool
+        Whether the time follows from a rate.
+
+    Raises
+    ------
+    DataError
+        If a column is missing or one too many, or the URDF is of another robot.
+    """
+    groups = grouped(rules)
+    d = max(groups.get("q", [0]))
+    if "t" not in rules and not timed:
+        raise _no_column(table, ["t"], "the time [s]; or rate_hz = ... in [table] of a map")
+    for stem in GROUPS:
+        if stem in groups or stem in ("q", "tau"):
+            _whole(table, stem, groups.get(stem, []), d)
+    _whole_wrench(table, rules)
+    if joints and len(joints) != d:
+        names = ", ".join(j.name for j in joints)
+        raise DataError(
+            f"the URDF does not match table {table.path}: {plural(len(joints), 'moving joint')} "
+            f"({names}), but {plural(d, 'position column')}; name the joints of the columns with "
+            "--joints A,B,.. (or joints = [..] in a map), and the others are locked"
+        )
+    return d
+
+
+def grouped(rules: Mapping[str, Rule]) -> dict[str, list[int]]:
+    """Stem -> numbers of the columns that have one."""
+    groups: dict[str, list[int]] = {}
+    for name in rules:
+        match = re.fullmatch(r"([a-z]+)([0-9]+)", name)
+        if match:
+            groups.setdefault(match[1], []).append(int(match[2]))
+    return groups
+
+
+def _whole(table: ForeignTable, stem: str, numbers: Sequence[int], d: int) -> None:
+    """Refuse a group that has not one column for each of `d` joints."""
+    count = plural(d, "joint")
+    missing = [f"{stem}{k}" for k in range(1, max(d, 1) + 1) if k not in numbers]
+    if missing:
+        raise _no_column(table, missing, f"it has {count} (q columns)" if d else "")
+    if max(numbers) > d:
+        raise DataError(f"table {table.path}: column {stem}{max(numbers)}, but only {count}")
+
+
+def _whole_wrench(table: ForeignTable, rules: Mapping[str, Rule]) -> None:
+    """Refuse a force or a wrench of which a component is missing."""
+    force = [n for n in WRENCH if n in rules]
+    need = WRENCH if any(n in force for n in WRENCH[3:]) else WRENCH[:3]
+    if force and not set(need) <= set(force):
+        raise _no_column(table, [n for n in need if n not in force], f"it has {', '.join(force)}")
+
+
+def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError:
+    from hil.record.guess import propose  # of tables alone, and only where one is refused
+
+    reason = f" ({why})" if why else ""
+    found = propose(table.names)
+    if table.in_memory:
+        said = dict(found.columns) if found is not None else {names[0]: "..."}
+        return DataError(
+            f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It "
+            f"has: {', '.join(table.names[:40])}. Rename with map={{'columns': {said}}}, which may "
+            "say units, too (docs/import.md)"
+        )
+    propose_it = f"'hil import {table.path.name} --propose-map MAP.toml' writes"
+    offer = f'Rename in a map file (docs/import.md): [columns] {names[0]} = "..."'
+    if found is not None and names[0] in found.columns:
+        offer = f"{propose_it} a map from these names"
+    elif found is not None:
+        offer += f"; {propose_it} one to complete"
+    return DataError(
+        f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It has: "
+        f"{', '.join(table.names[:40])}. {offer}"
+    )

@@ -18,9 +18,16 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.consistency import counts_doubt, unit_doubt, velocity_factor
-from hil.record.guess import propose
 from hil.record.jumps import NEAR, TURN, Wraps, periods, wraps
-from hil.record.locked import ColumnsRobot, columns_robot, free_joints
+from hil.record.locked import (
+    GROUPS,
+    WRENCH,
+    ColumnsRobot,
+    columns_robot,
+    count_joints,
+    free_joints,
+    grouped,
+)
 from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
 from hil.record.recording import AS_IS, STATED, UNWRAPPED, Recording, RobotSource
 from hil.record.schema import LAST_S, Channel
@@ -228,107 +235,6 @@ def _refuse_mixed(table: ForeignTable, r: Recording, k: int) -> None:
                 f"q{k + 1}, so {column} is in degrees. Scale it in a map: [columns] "
                 f'{column} = {{ from = "{column}", scale = 0.0174532925199433 }}'
             )
-
-
-WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
-#: Stem of a column -> field of a recording.
-GROUPS = {
-    "q": "q",
-    "tau": "tau",
-    "qd": "qd",
-    "tauext": "tau_ext",
-    "i": "current",
-    "temp": "temperature",
-}
-
-
-def count_joints(
-    rules: Mapping[str, Rule], table: ForeignTable, joints: tuple[UrdfJoint, ...], timed: bool
-) -> int:
-    """Number of joints, after checking that every group of columns is complete.
-
-    Parameters
-    ----------
-    rules : mapping
-        By target column.
-    table : Table
-        For messages.
-    joints : tuple of UrdfJoint
-        Of the robot; empty without a URDF.
-    timed : bool
-        Whether the time follows from a rate.
-
-    Raises
-    ------
-    DataError
-        If a column is missing or one too many, or the URDF is of another robot.
-    """
-    groups = _grouped(rules)
-    d = max(groups.get("q", [0]))
-    if "t" not in rules and not timed:
-        raise _no_column(table, ["t"], "the time [s]; or rate_hz = ... in [table] of a map")
-    for stem in GROUPS:
-        if stem in groups or stem in ("q", "tau"):
-            _whole(table, stem, groups.get(stem, []), d)
-    _whole_wrench(table, rules)
-    if joints and len(joints) != d:
-        names = ", ".join(j.name for j in joints)
-        raise DataError(
-            f"the URDF does not match table {table.path}: {plural(len(joints), 'moving joint')} "
-            f"({names}), but {plural(d, 'position column')}; name the joints of the columns with "
-            "--joints A,B,.. (or joints = [..] in a map), and the others are locked"
-        )
-    return d
-
-
-def _grouped(rules: Mapping[str, Rule]) -> dict[str, list[int]]:
-    """Stem -> numbers of the columns that have one."""
-    groups: dict[str, list[int]] = {}
-    for name in rules:
-        match = re.fullmatch(r"([a-z]+)([0-9]+)", name)
-        if match:
-            groups.setdefault(match[1], []).append(int(match[2]))
-    return groups
-
-
-def _whole(table: ForeignTable, stem: str, numbers: Sequence[int], d: int) -> None:
-    """Refuse a group that has not one column for each of `d` joints."""
-    count = plural(d, "joint")
-    missing = [f"{stem}{k}" for k in range(1, max(d, 1) + 1) if k not in numbers]
-    if missing:
-        raise _no_column(table, missing, f"it has {count} (q columns)" if d else "")
-    if max(numbers) > d:
-        raise DataError(f"table {table.path}: column {stem}{max(numbers)}, but only {count}")
-
-
-def _whole_wrench(table: ForeignTable, rules: Mapping[str, Rule]) -> None:
-    """Refuse a force or a wrench of which a component is missing."""
-    force = [n for n in WRENCH if n in rules]
-    need = WRENCH if any(n in force for n in WRENCH[3:]) else WRENCH[:3]
-    if force and not set(need) <= set(force):
-        raise _no_column(table, [n for n in need if n not in force], f"it has {', '.join(force)}")
-
-
-def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError:
-    reason = f" ({why})" if why else ""
-    found = propose(table.names)
-    if table.in_memory:
-        said = dict(found.columns) if found is not None else {names[0]: "..."}
-        return DataError(
-            f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It "
-            f"has: {', '.join(table.names[:40])}. Rename with map={{'columns': {said}}}, which may "
-            "say units, too (docs/import.md)"
-        )
-    propose_it = f"'hil import {table.path.name} --propose-map MAP.toml' writes"
-    offer = f'Rename in a map file (docs/import.md): [columns] {names[0]} = "..."'
-    if found is not None and names[0] in found.columns:
-        offer = f"{propose_it} a map from these names"
-    elif found is not None:
-        offer += f"; {propose_it} one to complete"
-    return DataError(
-        f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It has: "
-        f"{', '.join(table.names[:40])}. {offer}"
-    )
 
 
 FloatArray = NDArray[np.float64]
@@ -634,7 +540,7 @@ def _arm(
     joints: tuple[UrdfJoint, ...],
 ) -> _Arm:
     table = tables[""]
-    fitted = columns_robot(robot, given.joints, given.lock, max(_grouped(rules).get("q", [0])))
+    fitted = columns_robot(robot, given.joints, given.lock, max(grouped(rules).get("q", [0])))
     robot, joints = fitted.robot, fitted.joints
     d = count_joints(rules, table, joints, given.rate_hz > 0)
     rules = {**rules, **given.extras}

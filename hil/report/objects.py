@@ -21,8 +21,8 @@ from hil.errors import ConfigError
 from hil.identify.result import FitResult
 from hil.models.model import RobotModel, Value
 from hil.models.param_text import in_words, without_error
+from hil.record.locked import GROUPS, WRENCH
 from hil.record.recording import COLUMNS, Recording
-from hil.record.tables import GROUPS, WRENCH
 from hil.report import elements
 from hil.report import text as sentences
 from hil.report.data import Material, from_comparison, from_diagnosis

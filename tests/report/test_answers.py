@@ -115,6 +115,19 @@ NAN = float("nan")
             },
             "amplitude = 0.5 +- 0.0037 N m, period = 0.625 rad",
         ),
+        (  # a share and a friction are no harmonics, though there are two of them and a frequency
+            "elastic-transmission",
+            {
+                **{"a": (0.9, 0.06, "1"), "fl": (0.004, 0.005, "N m")},
+                **{"f": (4.5, 0.02, "Hz"), "zeta": (0.06, NAN, "1")},
+            },
+            "f = 4.5 +- 0.02 Hz",
+        ),
+        (
+            "base-tilt",
+            {"rx": (0.1, 2e-3, "rad"), "ry": (-0.06, 2e-3, "rad")},
+            "rx = 0.1 +- 0.002 rad, ry = -0.06 +- 0.002 rad",
+        ),
         (
             "periodic-disturbance",
             {"a": (0.3, 0.03, "N m"), "b": (0.4, 0.03, "N m"), "f": (4.0, 0.01, "Hz")},
