@@ -36,17 +36,26 @@ ROOM = 25.0
 LAW_PARTS = 8
 #: Shortest time constant of a drift, in lengths of the run.
 SHORTEST_DRIFT = 0.1
+#: Shortest time in which a machine warms up [s]; a motor's winding, its smallest part that heats,
+#: takes 10 to 30 s (maxon, Technology - short and to the point, 2012: thermal time constant of the
+#: winding).  Doubled, a machine that warms as fast as its winding is missed; halved, what a short
+#: recording of a few seconds shows by chance is a drift.
+WARMS_UP = 5.0
 
 
 def _friction_drift_lasts(f: Fitted) -> bool:
-    """What is over within a tenth of the run is no drift: that run began differently."""
-    return bool(f.shape[1]) or f.shape[0] > 1.01 * SHORTEST_DRIFT * float(f.motion.since[-1])
+    """What is over within a tenth of the run is no drift: that run began differently.
+
+    Nor is what no part of a machine warms up in.
+    """
+    shortest = max(SHORTEST_DRIFT * float(f.motion.since[-1]), WARMS_UP)
+    return bool(f.shape[1]) or f.shape[0] > 1.01 * shortest
 
 
 def _friction_drift_grid(motion: Motion, j: int) -> Shapes:
     """A tenth of the run to three times its length; temperature where it was recorded."""
-    length = max(float(motion.since[-1]), 1e-9)
-    times = [(x, 0.0) for (x,) in log_grid(SHORTEST_DRIFT * length, 3 * length, 7)]
+    length = max(float(motion.since[-1]), WARMS_UP)
+    times = [(x, 0.0) for (x,) in log_grid(max(SHORTEST_DRIFT * length, WARMS_UP), 3 * length, 7)]
     known = motion.temperature.shape == motion.q.shape and np.ptp(motion.temperature[:, j]) > 0
     return [*times, (length, 1.0)] if known else list(times)
 

@@ -231,7 +231,7 @@ class SublinearViscous(Effect):
         over=Over.SPEED,
         formulas=("sign * abs(v) ** p",),
     )
-    params = (Param("fp", "{F}", "friction at 1 {x}/s", 0.0),)
+    params = (Param("fp", "{F}", "friction at unit speed", 0.0),)
     shape = (Param("p", "1", "exponent of the speed", 0.0, 1.0),)
     relations = Relations(replaces=("viscous",))
     search = Grid(_sublinear_viscous_grid)
