@@ -130,6 +130,18 @@ def drag(p: Place) -> Law:
     return lambda x: -f * copysign((abs(x.w[j]) / top) ** 2.2, x.w[j])
 
 
+def shear_thinning(p: Place) -> Law:
+    """Carreau's fluid: thick where it is sheared slowly."""
+    j, f, vc = p.j, 3.0 * p.size, 0.1 * p.link.speed
+
+    def law(x: State) -> float:
+        r = x.w[j] / vc
+        # v (1 + (v/vc)^2)^((n - 1)/2), n = 0.4
+        return -f * 0.1 * r * float((1.0 + r * r) ** -0.3)
+
+    return law
+
+
 def presliding(p: Place) -> Law:
     """LuGre with a Stribeck bristle, or Bouc-Wen, on different joints."""
     j, f, z0, z = p.j, p.size, 0.02 * p.link.reach, 0.0
@@ -295,6 +307,7 @@ MOTOR: dict[str, Callable[[Place], Law]] = {
     "asymmetric-coulomb": asymmetric_coulomb,
     "asymmetric-viscous": asymmetric_viscous,
     "quadratic-drag": drag,
+    "sublinear-viscous": shear_thinning,
     "presliding": presliding,
     "position-friction": position_friction,
     "load-friction": load_friction,

@@ -55,6 +55,9 @@ RANGES = {
     "filter-lag": (0.1, 6.0),
 }
 
+#: Laws that came after the plans had numbered the others: they are numbered last.
+LATER = ("sublinear-viscous",)
+
 NAMES = sorted(
     {"payload-change"}.union(
         laws.MOTOR,
@@ -64,8 +67,8 @@ NAMES = sorted(
         laws.RECORDED,
         describe.SHAFTS,
         describe.STRUCTURES,
-    )
-)
+    ).difference(LATER)
+) + list(LATER)
 
 
 def kinds() -> dict[str, tuple[str, float, float]]:
