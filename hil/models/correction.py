@@ -51,6 +51,11 @@ REMEMBERED = 1 / 12
 #: Speeds at which a friction peak fades, in units of the rms speed.
 FADING_SPEEDS = (0.1, 0.3)
 
+#: Pieces of a function of the position in detail, and the length of one in halves of the range.
+#: Half: it follows no more than a polynomial does; double: a stroke or two do not determine it.
+KNOTS = 16
+WIDTH = 2.0 / KNOTS
+
 _CENTRE = Param("centre", "{x}", "middle of the range of the position")
 _HALF = Param("half", "{x}", "half the range of the position", 0.0)
 _RMS = Param("rms", "{x}/s", "rms speed", 0.0)
@@ -147,6 +152,39 @@ def _sprung(motion: Motion, j: int) -> bool:
     """Whether the model has a spring on joint j: a surface that is touched throughout."""
     q0, side = motion.contact[j]
     return bool(np.isfinite(q0)) and bool(np.min(side * (motion.span[j] - q0)) >= 0)
+
+
+def _of_detail_grid(motion: Motion, j: int) -> Shapes:
+    """The range that was recorded."""
+    return [_range(motion, j)]
+
+
+class OfDetail(Correction):
+    """A function of the position that bends where it will: what no smooth one follows."""
+
+    name = "correction-detail"
+    doc = _doc(
+        equation=(
+            f"tau = sum_k c_k max(0, 1 - |x - x_k| / w),  "
+            f"x = (q - centre) / half, x_k = -1 + k w, k = 0 to {KNOTS}"
+        ),
+        variables="the position in detail",
+        formulas=tuple(
+            f"max(0, 1 - abs(max(-1, min(1, (q - centre) / half)) - ({-1 + k * WIDTH})) / {WIDTH})"
+            for k in range(KNOTS + 1)
+        ),
+    )
+    params = tuple(Param(f"c{k}", "{F}", "effort at x_k") for k in range(KNOTS + 1))
+    shape = (_CENTRE, _HALF)
+    search = Grid(_of_detail_grid, refine=False)
+    traits = Correction.traits | Trait.MOTION
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """max(0, 1 - |x - x_k| / w)."""
+        x = np.clip((motion.q[:, j] - shape[0]) / shape[1], -1.0, 1.0)
+        knots = -1.0 + WIDTH * np.arange(KNOTS + 1)
+        hats: FloatArray = np.maximum(0.0, 1.0 - np.abs(x[:, None] - knots) / WIDTH)
+        return hats
 
 
 def _of_direction_grid(motion: Motion, j: int) -> Shapes:
@@ -499,6 +537,7 @@ class GenericInertia(_OfGeometry):
 
 EFFECTS = (
     OfPosition(),
+    OfDetail(),
     OfDirection(),
     OfSpeed(),
     OfDisplacement(),
