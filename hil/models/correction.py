@@ -48,8 +48,11 @@ TIMES = (0.02, 0.06, 0.2, 0.6, 2.0)
 #: Share of the shortest run that such a time may take.  What was before a run is not known: after
 #: three times that is forgotten, and three quarters of the run are left to show the past.
 REMEMBERED = 1 / 12
-#: Speeds at which a friction peak fades, in units of the rms speed.
-FADING_SPEEDS = (0.1, 0.3)
+#: Speeds between which a function of the speed is linear, in rms speeds: of what changes its sign
+#: with the speed, and of what does not.  Half as many: a brake that fades is not followed; twice as
+#: many: a stroke or two do not determine it.
+ODD = (0.0, 0.05, 0.15, 0.3, 0.5, 0.8, 1.2, 1.7, 2.4)
+EVEN = (0.0, 0.3, 1.0, 2.4)
 
 #: Pieces of a function of the position in detail, and the length of one in halves of the range.
 #: Half: it follows no more than a polynomial does; double: a stroke or two do not determine it.
@@ -220,35 +223,59 @@ def _of_speed_grid(motion: Motion, j: int) -> Shapes:
     return [(typical_speed(motion, j),)]
 
 
+def _hat(x: str, knots: Sequence[float], k: int) -> str:
+    """Text of the piecewise linear function of x that is one at a knot and zero at the others."""
+    sides = [f"({x} - {knots[k - 1]}) / {knots[k] - knots[k - 1]:.12g}"]
+    if k + 1 < len(knots):
+        sides.append(f"({knots[k + 1]} - {x}) / {knots[k + 1] - knots[k]:.12g}")
+    return f"max(0, min(1, {', '.join(sides)}))"
+
+
+def _hats(x: FloatArray, knots: Sequence[float]) -> FloatArray:
+    """Piecewise linear functions that are one at a knot and zero at the others, without the first.
+
+    Beyond the last knot they stay as they are there.
+    """
+    unit = np.eye(len(knots))[1:]
+    return np.stack([np.interp(x, knots, row) for row in unit], axis=1)
+
+
 class OfSpeed(Correction):
-    """Any smooth function of the speed, another one in each direction."""
+    """Any function of the speed, another one in each direction."""
 
     name = "correction-speed"
     doc = _doc(
         equation=(
-            "tau = c1 v + c2 |v| + c3 v |v| + c4 sgn(v) sqrt|v| + c5 |sgn v| + "
-            "sgn(v) (c6 exp(-(v / 0.1)^2) + c7 exp(-(v / 0.3)^2)),  v in units of the rms speed"
+            "tau = sgn(v) sum_k c_k h_k(|v|) + sum_k d_k g_k(|v|),  "
+            "h_k, g_k linear pieces between speeds, v in units of the rms speed"
         ),
         variables="the speed",
         formulas=(
-            "v / rms",
-            "abs(v) / rms",
-            "v * abs(v) / rms ** 2",
-            "sign * (abs(v) / rms) ** 0.5",
-            "abs(sign)",
-            *(f"sign * exp(-((v / (rms * {peak})) ** 2))" for peak in FADING_SPEEDS),
+            *(f"sign * {_hat('abs(v) / rms', ODD, k)}" for k in range(1, len(ODD))),
+            *(_hat("abs(v) / rms", EVEN, k) for k in range(1, len(EVEN))),
         ),
     )
-    params = _coefficients(5 + len(FADING_SPEEDS), "coefficient of a function of the speed")
+    params = (
+        *(Param(f"c{k}", "{F}", f"effort at {x:g} rms speeds") for k, x in enumerate(ODD[1:], 1)),
+        *(
+            Param(f"d{k}", "{F}", f"mean of both directions at {x:g} rms speeds")
+            for k, x in enumerate(EVEN[1:], 1)
+        ),
+    )
     shape = (_RMS,)
     search = Grid(_of_speed_grid, refine=False)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """Powers of the speed, and peaks about zero."""
-        v, sign = motion.qd[:, j] / shape[0], motion.sign(j)
-        size = np.abs(v)
-        peaks = (sign * np.exp(-((v / peak) ** 2)) for peak in FADING_SPEEDS)
-        return np.stack([v, size, v * size, sign * np.sqrt(size), np.abs(sign), *peaks], axis=1)
+        """sgn(v) h_k(|v|), g_k(|v|)."""
+        size = np.abs(motion.qd[:, j]) / shape[0]
+        odd = motion.sign(j)[:, None] * _hats(size, ODD)
+        return np.concatenate([odd, _hats(size, EVEN)], axis=1)
+
+
+def _steady(motion: Motion, j: int) -> FloatArray:
+    """State of the joint's dry friction (n,), which its model has; of a surface it has none."""
+    touches = bool(np.isfinite(motion.contact[j, 0]))
+    return np.zeros(motion.n) if touches else motion.sign(j)
 
 
 def _of_displacement_grid(motion: Motion, j: int) -> Shapes:
@@ -262,7 +289,10 @@ class OfDisplacement(Correction):
 
     name = "correction-hysteresis"
     doc = _doc(
-        equation="tau = sum_k c_k z(w_k),  z <- clip(z + dq / w, -1, 1),  w_k = s, 3 s, 9 s",
+        equation=(
+            "tau = sum_k c_k (z(w_k) - sgn v),  z <- clip(z + dq / w, -1, 1),  w_k = s, 3 s, 9 s "
+            "(of a surface: without sgn v)"
+        ),
         variables="the displacement since a reversal",
     )
     params = _coefficients(len(WIDER), "force at which an element slips")
@@ -271,9 +301,9 @@ class OfDisplacement(Correction):
     traits = Correction.traits | Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """States of the elements."""
-        q = np.ascontiguousarray(motion.q[:, j])
-        return np.stack([slip_state(q, k * float(shape[0])) for k in WIDER], axis=1)
+        """States of the elements, less the friction's: while they all slip they are none."""
+        q, steady = np.ascontiguousarray(motion.q[:, j]), _steady(motion, j)
+        return np.stack([slip_state(q, k * float(shape[0])) - steady for k in WIDER], axis=1)
 
 
 def _of_past_grid(motion: Motion, j: int) -> Shapes:
@@ -324,7 +354,9 @@ class OfLoad(Correction):
 
     name = "correction-load"
     doc = _doc(
-        equation="tau = |L| (c1 z + c2 z(s) + c3 z(9 s)) / Lrms + c4 (L / Lrms)^2 z",
+        equation=(
+            "tau = |L| (c1 z + c2 (z(s) - z) + c3 (z(9 s) - z)) / Lrms + c4 (L / Lrms)^2 z"
+        ),
         variables="the load, by direction",
     )
     params = _coefficients(4, "coefficient of a function of the load")
@@ -339,8 +371,8 @@ class OfLoad(Correction):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """The load's size times friction's state, and times elements that slip."""
         q, load = np.ascontiguousarray(motion.q[:, j]), np.abs(motion.load[:, j]) / shape[0]
-        sign = motion.sign(j)
-        slips = (load * slip_state(q, k * float(shape[1])) for k in (1.0, 9.0))
+        sign, steady = motion.sign(j), _steady(motion, j)
+        slips = (load * (slip_state(q, k * float(shape[1])) - steady) for k in (1.0, 9.0))
         return np.stack([load * sign, *slips, load**2 * sign], axis=1)
 
 
