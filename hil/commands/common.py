@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -11,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from hil import outputs, terminal
-from hil.commands import bag_options, plugins
+from hil.commands import plugins
 from hil.errors import ConfigError
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Value, base_model
 from hil.models.param_text import in_words, without_error
+from hil.record.bags import BagChoice
 from hil.record.recording import Recording
-from hil.record.sources import find, load_sources, stand_elsewhere
+from hil.record.sources import find, load_sources, stand_elsewhere, urdf_text
 from hil.terminal import Found
 from hil.userfile import parse_toml, read_text
 
@@ -36,7 +38,7 @@ def add_sources(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--robot", default="", metavar="URDF", help="robot; default: that of the session or bag"
     )
-    bag_options.add(parser)
+    add_bag(parser)
 
 
 def add_workers(parser: argparse._ActionsContainer, what: str = "", *also: str) -> None:
@@ -158,7 +160,7 @@ def load(
     note_compiling()
     model = model_file(args.model) if args.model else None
     arm = args.arm or (model.arm if model else "") or None
-    runs, held = load_sources(paths, others, arm, bag_options.choice(args))
+    runs, held = load_sources(paths, others, arm, bag_choice(args))
     if note := runs[0].metadata.get("note"):
         terminal.log(note)
     for text in stand_elsewhere([*runs, *held]):
@@ -284,3 +286,106 @@ def value_line(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
     text += f" ({said})" if said else ""
     text += f" (no standard error: {why})" if why and v.identifiable and not v.at_bound else ""
     return text + (", on its bound" if v.at_bound else "" if v.identifiable else ", undetermined")
+
+
+# Options that say what is taken of a ROS bag, and which joints of a robot the columns are of.
+
+_TOPICS = ("topic", "effort_topic", "force_topic")
+
+
+def add_bag(parser: argparse.ArgumentParser) -> None:
+    """--topic, --effort-topic, --force-topic, --joints, --lock."""
+    group = parser.add_argument_group(
+        "ROS bags and joints", "chosen where only one choice is possible"
+    )
+    group.add_argument("--topic", default="", metavar="T", help="joint states, e.g. /joint_states")
+    group.add_argument("--effort-topic", default="", metavar="T", help="motor efforts")
+    group.add_argument(
+        "--force-topic",
+        default="",
+        metavar="T",
+        help="force on the robot at the tip, in axes of its base (WrenchStamped)",
+    )
+    group.add_argument(
+        "--joints",
+        default="",
+        metavar="A,B",
+        help="joints that move, of a table in the order of its columns; the others of the URDF are "
+        "locked (default: those that a bag shows moving, with efforts; of a table all, or the arm "
+        "without what hangs beyond its last column)",
+    )
+    group.add_argument(
+        "--lock",
+        action="append",
+        default=[],
+        metavar="JOINT=X",
+        help="lock a joint at a position [rad or m] (repeatable)",
+    )
+
+
+def bag_choice(args: argparse.Namespace) -> BagChoice:
+    """What the options say.
+
+    Raises
+    ------
+    ConfigError
+        If an option makes no sense, or the URDF cannot be read.
+    """
+    return BagChoice(
+        topic=args.topic,
+        effort_topic=args.effort_topic,
+        force_topic=args.force_topic,
+        robot=urdf_text(args.robot),
+        joints=bag_joints(args),
+        lock=bag_locks(args),
+        tip=getattr(args, "tip", ""),
+        arm=args.arm or "",
+    )
+
+
+def bag_joints(args: argparse.Namespace) -> tuple[str, ...]:
+    """Joints of --joints."""
+    return tuple(n.strip() for n in args.joints.split(",") if n.strip())
+
+
+def bag_locks(args: argparse.Namespace) -> dict[str, float]:
+    """Positions [rad or m] of --lock.
+
+    Raises
+    ------
+    ConfigError
+        If one makes no sense.
+    """
+    return dict(_locked(text) for text in args.lock)
+
+
+def bag_words(args: argparse.Namespace) -> tuple[str, ...]:
+    """The words of these options, for a command that comes next."""
+    single = {k: getattr(args, k) for k in ("robot", *_TOPICS, "joints")}
+    out = [w for k, v in single.items() if v for w in (f"--{k.replace('_', '-')}", v)]
+    return (*out, *(w for text in args.lock for w in ("--lock", text)))
+
+
+def refuse_topics(args: argparse.Namespace) -> None:
+    """Refuse topics for something that is no bag.
+
+    Raises
+    ------
+    ConfigError
+        If one is given.
+    """
+    for name in _TOPICS:
+        if getattr(args, name):
+            option = "--" + name.replace("_", "-")
+            raise ConfigError(f"{option} is for ROS bags; {args.table} is none")
+
+
+def _locked(text: str) -> tuple[str, float]:
+    name, _, number = text.partition("=")
+    try:
+        value = float(number)
+    except ValueError:
+        value = math.nan
+    if not name.strip() or not math.isfinite(value):
+        raise ConfigError(f"--lock {text!r}; expected JOINT=X with X in rad or m, e.g. finger=0.02")
+    return name.strip(), value

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hil import terminal
-from hil.commands import bag_options, common
+from hil.commands import common
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import blurred_above
 from hil.diagnosis.equivalence import at_issue_of, sets_of
@@ -442,7 +442,7 @@ def answer(args: argparse.Namespace) -> dict[str, Any]:
     rungs = verbs.ladder(result)
     files = Files(
         tuple(args.typed), tuple(args.holdout), args.model or "", args.arm or "",
-        bag_options.typed(args),
+        common.bag_words(args),
     )  # fmt: skip
     return {
         "diagnosis": _json(result, rungs, rising(rungs)),
@@ -483,7 +483,7 @@ def _words(args: argparse.Namespace, result: Diagnosis, rungs: list[Rung]) -> st
 
 def _files(args: argparse.Namespace) -> Files:
     """What was analysed, as it was typed."""
-    more = bag_options.typed(args)
+    more = common.bag_words(args)
     return Files(tuple(args.sessions), tuple(args.holdout), args.model or "", args.arm or "", more)
 
 

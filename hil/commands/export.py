@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hil import outputs, progress, terminal
-from hil.commands import bag_options, common, plugins
+from hil.commands import common, plugins
 from hil.errors import ConfigError
 from hil.export import target
 from hil.export.target import Job, Made
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     plugins.load_installed()
     model = common.model_file(args.model)
     arm = args.arm or model.arm or None
-    runs, held = load_sources(paths, others, arm, bag_options.choice(args))
+    runs, held = load_sources(paths, others, arm, common.bag_choice(args))
     if runs and not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=runs[0].robot)
     job = Job(model, Path(args.model), place.stem, runs, held, args.feasible)

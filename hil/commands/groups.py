@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from hil import progress, terminal
-from hil.commands import bag_options, common
+from hil.commands import common
 from hil.errors import ConfigError, HilError, plural
 from hil.experiments.replicate import FAILED, KeptRuns, LostRun, counted, made_by, spread, where
 from hil.record.sources import RobotName, below, find, robot_of
@@ -86,7 +86,7 @@ def groups(args: argparse.Namespace) -> list[RobotGroup]:
     paths = below(args.sessions) if args.by else find(args.sessions)
     kind, out = args.by or "robot", []
     arm = args.arm or (common.model_file(args.model).arm if args.model else "") or None
-    choice = bag_options.choice(args)
+    choice = common.bag_choice(args)
     for k, path in enumerate(paths):
         progress.at("which robots", k / len(paths))
         try:

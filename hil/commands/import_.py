@@ -18,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from hil import outputs, terminal
-from hil.commands import bag_options, common, plugins
+from hil.commands import common, plugins
 from hil.errors import ConfigError, DataError, plural
 from hil.models.files import write_model
 from hil.models.model import base_model
@@ -202,7 +202,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="MAP.toml",
         help="write a map that is made from the names of the columns, to check and to edit",
     )
-    bag_options.add(parser)
+    common.add_bag(parser)
     common.add_tags(parser)
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
 
@@ -212,7 +212,7 @@ def run(args: argparse.Namespace) -> int:
     plugins.load_installed()
     if is_bag(args.table):
         return _bag(args)
-    bag_options.refuse(args)
+    common.refuse_topics(args)
     table, mapping = _source(args.table, args.map, _constants(args.torque_constant))
     if args.propose_map:
         return _propose(args, table, mapping)
@@ -248,7 +248,7 @@ def _bag(args: argparse.Namespace) -> int:
         raise ConfigError("-o S.mcap is missing")
     output = Path(args.output)
     outputs.check(output, ".mcap", _inputs(args, bag))
-    return _one(args, output, bag, Imported(tuple(read_bag(bag, bag_options.choice(args))), ()))
+    return _one(args, output, bag, Imported(tuple(read_bag(bag, common.bag_choice(args))), ()))
 
 
 def _one(args: argparse.Namespace, output: Path, table: Path, found: Imported) -> int:
@@ -318,8 +318,8 @@ def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which
         unit=args.unit,
         torque_constant=_constants(args.torque_constant),
         missing=args.missing,
-        joints=bag_options.joints(args),
-        lock=bag_options.locked(args),
+        joints=common.bag_joints(args),
+        lock=common.bag_locks(args),
     )
     for recording in found.recordings:
         if not recording.robot.urdf:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError, printable
 from hil.export.content import Content, Vocabulary
 from hil.export.target import Program
-from hil.models.formula import FUNCTIONS, Syntax, number
+from hil.models.formula import FUNCTIONS, STATE, Syntax, number, states
 
 FloatArray = NDArray[np.float64]
 #: Calls over which the cost is averaged, compiled and interpreted; seconds a compiler may take.
@@ -204,8 +204,9 @@ def _tables(content: Content) -> dict[str, NDArray[Any]]:
 def _statements(content: Content, line: str, syntax: Syntax, mark: str) -> list[str]:
     """One line a column, its effect as a comment."""
     out = []
+    every = states(len(content.robot.joints), "q[{}]".format, "v[{}]".format, "a[{}]".format)
     for c in content.columns:
-        state = {"q": f"q[{c.joint}]", "v": f"v[{c.joint}]", "a": f"a[{c.joint}]"}
+        state = {"q": f"q[{c.joint}]", "v": f"v[{c.joint}]", "a": f"a[{c.joint}]", **every}
         state |= {"vk": f"v[{c.other}]"}
         term = c.written(state, syntax)
         out.append(f"{line.format(c.joint, term)}  {mark} {comment(c.effect)}")
@@ -293,16 +294,18 @@ def _write_python(content: Content, name: str, head: tuple[str, ...]) -> dict[st
 
 
 def _write_ros2(content: Content, name: str, head: tuple[str, ...]) -> dict[str, str]:
-    lines = [*(f"# {x}" for x in head), "/**:", "  ros__parameters:"]
+    told = (*head, "q, v, a: state of a column's own joint; q1, v1, a1: of the first joint; ...")
+    lines = [*(f"# {x}" for x in told), "/**:", "  ros__parameters:"]
     lines.append(f"    joints: {json.dumps(list(content.robot.joints))}")
     if tables := _tables(content):
         lines.append("    bodies:")
         lines += [f"      {key}: {x.reshape(-1).tolist()!r}" for key, x in tables.items()]
     lines.append("    columns:")
+    every = states(len(content.robot.joints), str, str, str)
     for j, joint in enumerate(content.robot.joints):
         own = [c for c in content.columns if c.joint == j]
         others = {c.other for c in own} - {-1}
-        state = {x: x for x in ("q", "v", "a")} | {"vk": "vk"}
+        state = {x: x for x in STATE} | {x: x for x in every}
         lines.append(f"      {json.dumps(joint)}:")
         # an empty list has no type there, so what a joint lacks is left out
         if own:

@@ -20,7 +20,7 @@ from hil.models.bodies import Tree
 from hil.models.effect import Effect, Over, Trait
 from hil.models.model import ALL, RobotModel, Use
 from hil.models.motion import Motion
-from hil.models.param import JOINT
+from hil.models.param import JOINT, Param
 from hil.models.robots import Robot
 
 FloatArray = NDArray[np.float64]
@@ -55,12 +55,14 @@ class Vocabulary:
         """Why an effect cannot be said; empty if it can."""
         if Trait.BODY in effect.traits:
             return "" if self.bodies else "the target has no bodies"
-        if not effect.doc.formulas:
+        if not effect.doc.formulas and effect.scope.formulas is None:
             return "it is no formula of the joint's present state"
         if self.columns is None:
             return ""
         words = {_same(text) for text in self.columns}
-        known = all(_same(text) in words for text in effect.doc.formulas)
+        known = effect.scope.formulas is None and all(
+            _same(text) in words for text in effect.doc.formulas
+        )
         return "" if known else f"the target has no term for  {effect.doc.equation}"
 
     def alone(self, use: Use, model: RobotModel, joint: str) -> str:
@@ -206,9 +208,11 @@ class Content:
         out = np.zeros(q.shape)
         if self.bodies is not None:
             out += self.tree.regressor(q, qd, qdd) @ self.bodies.reshape(-1)
+        d = q.shape[1]
+        every = formula.states(d, lambda i: q[:, i], lambda i: qd[:, i], lambda i: qdd[:, i])
         for c in self.columns:
             j, k = c.joint, max(c.other, 0)
-            state = {"q": q[:, j], "v": qd[:, j], "a": qdd[:, j], "vk": qd[:, k]}
+            state = {"q": q[:, j], "v": qd[:, j], "a": qdd[:, j], "vk": qd[:, k], **every}
             out[:, j] += c.value * formula.evaluate(c.text, {**c.known, **state})
         return out
 
@@ -430,13 +434,23 @@ class _Translation:
     def _gap(self, use: Use, effect: Effect, j: int) -> str:
         """What number is missing on one joint; empty where none is, or the effect does not act."""
         known = self._known(use, effect, j)
-        for text in effect.doc.formulas if self._values(use, effect, j) else ():
-            lacking = formula.names(text) - set(known) - set(formula.STATE)
+        if effect.scope.formulas is not None and self.span is None:
+            return "its law is about the recorded span; give the recording with --data"
+        for text, _ in self._terms(effect, j) if self._values(use, effect, j) else ():
+            lacking = formula.numbers(text) - set(known)
             if lacking & {"low", "high"}:
                 return "its law is about the recorded span; give the recording with --data"
             if lacking:
                 return f"the model has no value of {', '.join(sorted(lacking))}"
         return ""
+
+    def _terms(self, effect: Effect, j: int) -> list[tuple[str, Param]]:
+        """Columns of an effect on a joint as formulas, and their coefficients."""
+        scope = effect.scope
+        if scope.formulas is None or scope.terms is None or self.span is None:
+            return list(zip(effect.doc.formulas, effect.params, strict=False))
+        rest = replace(self._stroke(j, 1.0), span=self.span)
+        return list(zip(scope.formulas(rest, j), scope.terms(rest, j), strict=True))
 
     def _known(self, use: Use, effect: Effect, j: int) -> dict[str, float]:
         """Numbers that the formulas of an effect on a joint may name."""
@@ -450,13 +464,17 @@ class _Translation:
 
     def _values(self, use: Use, effect: Effect, j: int) -> list[float]:
         """Coefficients on one joint; empty where the effect does not act there."""
-        names = [f"{head(effect, j)}.{p.name}" for p in effect.params]
+        own = effect.params if effect.scope.formulas is None else self._own(effect, j)
+        names = [f"{head(effect, j)}.{p.name}" for p in own]
         return [use.values[n].value for n in names if n in use.values]
+
+    def _own(self, effect: Effect, j: int) -> list[Param]:
+        return [p for _, p in self._terms(effect, j)]
 
     def _columns(self, use: Use, effect: Effect, j: int) -> Iterator[Column]:
         known = self._known(use, effect, j)
         other = int(known.get(JOINT, 0)) - 1
-        for text, p in zip(effect.doc.formulas, effect.params, strict=False):
+        for text, p in self._terms(effect, j):
             value = use.values.get(f"{head(effect, j)}.{p.name}")
             if value is not None and value.value:
                 needed = {k: known[k] for k in sorted(formula.names(text) & set(known))}

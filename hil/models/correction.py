@@ -30,6 +30,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from hil.models.effect import Doc, Effect, Grid, Param, Scope, Shapes, Trait, typical_speed
+from hil.models.formula import evaluate, states
 from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.presliding import slip_state
@@ -225,10 +226,10 @@ def _of_speed_grid(motion: Motion, j: int) -> Shapes:
 
 def _hat(x: str, knots: Sequence[float], k: int) -> str:
     """Text of the piecewise linear function of x that is one at a knot and zero at the others."""
-    sides = [f"({x} - {knots[k - 1]}) / {knots[k] - knots[k - 1]:.12g}"]
-    if k + 1 < len(knots):
-        sides.append(f"({knots[k + 1]} - {x}) / {knots[k + 1] - knots[k]:.12g}")
-    return f"max(0, min(1, {', '.join(sides)}))"
+    rises = f"min(1, ({x} - {knots[k - 1]}) / {knots[k] - knots[k - 1]!r})"
+    if k + 1 == len(knots):
+        return f"max(0, {rises})"
+    return f"max(0, min({rises}, ({knots[k + 1]} - {x}) / {knots[k + 1] - knots[k]!r}))"
 
 
 def _hats(x: FloatArray, knots: Sequence[float]) -> FloatArray:
@@ -354,9 +355,7 @@ class OfLoad(Correction):
 
     name = "correction-load"
     doc = _doc(
-        equation=(
-            "tau = |L| (c1 z + c2 (z(s) - z) + c3 (z(9 s) - z)) / Lrms + c4 (L / Lrms)^2 z"
-        ),
+        equation=("tau = |L| (c1 z + c2 (z(s) - z) + c3 (z(9 s) - z)) / Lrms + c4 (L / Lrms)^2 z"),
         variables="the load, by direction",
     )
     params = _coefficients(4, "coefficient of a function of the load")
@@ -439,12 +438,20 @@ def moving(motion: Motion, j: int) -> list[int]:
     return sorted(sorted(some, key=lambda k: abs(k - j))[:MAX_ANGLES])
 
 
-def waves(motion: Motion, k: int) -> tuple[FloatArray, FloatArray]:
-    """Sine and cosine of joint k's angle (n,)."""
-    return np.sin(motion.q[:, k]), np.cos(motion.q[:, k])
+#: A column as a formula (`hil.models.formula`): what these laws are made of.
+Texts = Callable[[Motion, int], Iterator[str]]
 
 
-Count = Callable[[Motion, int], int]
+def waves(k: int) -> tuple[str, str]:
+    """Sine and cosine of joint k's angle."""
+    return f"sin(q{k + 1})", f"cos(q{k + 1})"
+
+
+def _evaluated(texts: Texts, motion: Motion, j: int) -> FloatArray:
+    """Columns (n, m) of formulas in the joints' states."""
+    q, v, a = motion.q, motion.qd, motion.qdd
+    state = states(motion.d, lambda k: q[:, k], lambda k: v[:, k], lambda k: a[:, k])
+    return np.stack([evaluate(text, state) for text in texts(motion, j)], axis=1)
 
 
 def _geometry_doc(equation: str, signature: str, variables: str) -> Doc:
@@ -459,21 +466,24 @@ def _geometry_doc(equation: str, signature: str, variables: str) -> Doc:
     )
 
 
-def _scope(count: Count) -> Scope:
+def _scope(texts: Texts) -> Scope:
     """Several turning joints of which nothing is known, a coefficient for each of the products."""
 
     def lacks(motion: Motion, j: int) -> str:
         if not isinstance(motion.robot, IndependentAxes) or motion.robot.units[j] != "rad":
             return "the robot's geometry is known, or it has no turning joints"
-        if motion.d < 2 or not count(motion, j):
+        if motion.d < 2 or not any(texts(motion, j)):
             return "needs two joints that move"
         return ""
 
     def terms(motion: Motion, j: int) -> tuple[Param, ...]:
-        names = (f"c{k}" for k in range(1, count(motion, j) + 1))
+        names = (f"c{k}" for k, _ in enumerate(texts(motion, j), 1))
         return tuple(Param(name, "{F}", "coefficient of a product") for name in names)
 
-    return Scope(lacks=lacks, terms=terms)
+    def formulas(motion: Motion, j: int) -> tuple[str, ...]:
+        return tuple(texts(motion, j))
+
+    return Scope(lacks=lacks, terms=terms, formulas=formulas)
 
 
 class _OfGeometry(Correction):
@@ -483,10 +493,10 @@ class _OfGeometry(Correction):
     traits = Correction.traits | Trait.GEOMETRY
 
 
-def _single(motion: Motion, j: int) -> Iterator[FloatArray]:
-    """Waves of single joints, one column after the other (n,)."""
+def _single(motion: Motion, j: int) -> Iterator[str]:
+    """Waves of single joints, one column after the other."""
     for k in moving(motion, j):
-        yield from waves(motion, k)
+        yield from waves(k)
 
 
 class GenericGravity(_OfGeometry):
@@ -498,26 +508,20 @@ class GenericGravity(_OfGeometry):
         "an effort that stays at rest and varies with the posture",
         "gravity of an unknown geometry",
     )
-    scope = _scope(lambda motion, j: 2 * len(moving(motion, j)))
+    scope = _scope(_single)
     traits = _OfGeometry.traits | Trait.MOTION
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """All products, (n, m)."""
-        return np.stack(list(_single(motion, j)), axis=1)
+        return _evaluated(_single, motion, j)
 
 
-def _pairs(motion: Motion, j: int) -> int:
-    """Number of products of the waves of two joints."""
-    count = len(moving(motion, j))
-    return 2 * count * (count - 1)
-
-
-def _paired(motion: Motion, j: int) -> Iterator[FloatArray]:
+def _paired(motion: Motion, j: int) -> Iterator[str]:
     """Products of the waves of two joints."""
     for k, other in combinations(moving(motion, j), 2):
-        for a in waves(motion, k):
-            for b in waves(motion, other):
-                yield a * b
+        for a in waves(k):
+            for b in waves(other):
+                yield f"{a} * {b}"
 
 
 class GenericPosture(_OfGeometry):
@@ -529,25 +533,25 @@ class GenericPosture(_OfGeometry):
         "an effort that stays at rest and varies with the posture of two joints",
         "gravity of an unknown geometry, by pairs of joints",
     )
-    scope = _scope(_pairs)
+    scope = _scope(_paired)
     traits = _OfGeometry.traits | Trait.MOTION
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """All products, (n, m)."""
-        return np.stack(list(_paired(motion, j)), axis=1)
+        return _evaluated(_paired, motion, j)
 
 
-def _coupled(motion: Motion, j: int) -> Iterator[FloatArray]:
+def _coupled(motion: Motion, j: int) -> Iterator[str]:
     """Accelerations of the other joints, and squares of speeds, times waves."""
-    v, a = motion.qd, motion.qdd
     for k in (k for k in moving(motion, j) if k != j):
-        yield a[:, k]
-        for w in waves(motion, max(j, k)):
-            yield a[:, k] * w
-            yield v[:, k] ** 2 * w
-            yield v[:, j] * v[:, k] * w
-        for w in waves(motion, k):
-            yield a[:, j] * w
+        v, a = f"v{k + 1}", f"a{k + 1}"
+        yield a
+        for w in waves(max(j, k)):
+            yield f"{a} * {w}"
+            yield f"{v} ** 2 * {w}"
+            yield f"v{j + 1} * {v} * {w}"
+        for w in waves(k):
+            yield f"a{j + 1} * {w}"
 
 
 class GenericInertia(_OfGeometry):
@@ -560,11 +564,11 @@ class GenericInertia(_OfGeometry):
         "an effort with the acceleration of other joints, and with squares of speeds",
         "inertia of an unknown geometry",
     )
-    scope = _scope(lambda motion, j: 9 * len([k for k in moving(motion, j) if k != j]))
+    scope = _scope(_coupled)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """All products, (n, m)."""
-        return np.stack(list(_coupled(motion, j)), axis=1)
+        return _evaluated(_coupled, motion, j)
 
 
 EFFECTS = (

@@ -5,6 +5,7 @@ A formula is one expression in the state of a joint,
     q, v, a           position, speed, acceleration
     sign, v0          tanh(v / v0), and the speed over which that is resolved
     vk, v0k           speed and resolution of the other joint, where the shape names one
+    q1, v1, a1, ...   position, speed and acceleration of the joint of that number
     low, high         ends of the recorded span
     pi                and the effect's own shape values, by name
 
@@ -16,9 +17,11 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +29,7 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
+Value = TypeVar("Value")
 #: Functions by name.
 FUNCTIONS: dict[str, Callable[..., FloatArray]] = {
     "sin": np.sin,
@@ -38,6 +42,7 @@ FUNCTIONS: dict[str, Callable[..., FloatArray]] = {
 }
 #: What changes from instant to instant; every other name is a number of the model.
 STATE = ("q", "v", "a", "vk")
+_NUMBERED = re.compile(r"[qva][1-9][0-9]*")
 _SIGN = "tanh(v / v0)"
 _OPERATORS: dict[type[ast.operator], tuple[str, Callable[[FloatArray, FloatArray], FloatArray]]] = {
     ast.Add: ("+", np.add),
@@ -94,6 +99,22 @@ def names(text: str) -> set[str]:
     """Names of a formula but for functions and pi."""
     found = {n.id for n in ast.walk(parsed(text)) if isinstance(n, ast.Name)}
     return found - set(FUNCTIONS) - {"pi"}
+
+
+def numbers(text: str) -> set[str]:
+    """Names of a formula that are numbers of the model: all but those of a joint's state."""
+    return {x for x in names(text) - set(STATE) if not _NUMBERED.fullmatch(x)}
+
+
+def states(
+    joints: int, q: Callable[[int], Value], v: Callable[[int], Value], a: Callable[[int], Value]
+) -> dict[str, Value]:
+    """Names ``q1``, ``v1``, ``a1``, ... of all joints, by what `q`, `v`, `a` make of a number.
+
+    Joints are counted from 0 on there.
+    """
+    forms = {"q": q, "v": v, "a": a}
+    return {f"{x}{j + 1}": form(j) for x, form in forms.items() for j in range(joints)}
 
 
 def evaluate(text: str, values: Mapping[str, FloatArray | float]) -> FloatArray:

@@ -196,6 +196,9 @@ class Scope:
         Coefficients for joint j of this robot; None: always the same, `Effect.params`.
     sought_alone : bool
         Whether its shape is sought by the effort of its own joint, though all joints feel it.
+    formulas : callable (motion, j) -> tuple of str, or None
+        Columns of `terms` as formulas (`hil.models.formula`), where they depend on the robot;
+        None: always those of `Doc.formulas`, if any.
     """
 
     of: Of = Of.JOINT
@@ -203,6 +206,7 @@ class Scope:
     lacks: Callable[[Motion, int], str] = _nothing
     terms: Callable[[Motion, int], tuple[Param, ...]] | None = None
     sought_alone: bool = False
+    formulas: Callable[[Motion, int], tuple[str, ...]] | None = None
 
     @property
     def whole(self) -> bool:
