@@ -356,7 +356,9 @@ def _weighed(
     columns = np.concatenate(wide)
     said = columns @ problem.robot.prior
     power = float(said @ said)
-    if power <= 0.0:
+    rms = float(problem.rms(problem.effort)[j])
+    share = float(np.sqrt(power / len(said))) / max(rms, 1e-300)
+    if share < LITTLE:  # nothing that the effort could show: of an upright axis it is none
         return None
     slope = said @ columns / power
     # in the fit's own directions: var(c'theta) = |c' V / (S scale)|^2, times what colour takes
@@ -365,8 +367,6 @@ def _weighed(
     stderr = (
         float(np.linalg.norm(spread)) * float(inflation(result.residual[j], problem.run)) ** 0.5
     )
-    rms = float(problem.rms(problem.effort)[j])
-    share = float(np.sqrt(power / len(said))) / max(rms, 1e-300)
     return Weighed(j, float(slope @ result.theta[where]), stderr, share)
 
 
