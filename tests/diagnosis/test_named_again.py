@@ -68,7 +68,7 @@ def test_of_equal_scores_the_one_with_less_to_fit_comes_first() -> None:
     assert order == [scores[4], scores[2], scores[1], scores[3], scores[0]]
 
 
-@pytest.mark.parametrize("gain", [1.1, 1.25])
+@pytest.mark.parametrize("gain", [pytest.param(1.1, marks=pytest.mark.slow), 1.25])
 def test_a_gain_of_one_joint_is_not_that_of_the_one_that_fails_most(gain: float) -> None:
     train, other = (identify.simulate(30.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
     for run in (train, other):

@@ -8,20 +8,20 @@ from hil.bench import hidden
 from hil.cli import main
 from hil.rigs import rig_path
 
-#: One seed of each family here; `hil bench hidden` runs all ten with three seeds.
+#: One seed of each family here, 12 s long; `hil bench hidden` runs all ten with three of 30 s.
 CASES = [
     ("", "joint1"),
-    ("stribeck", "joint2"),
-    ("presliding", "joint2"),
+    pytest.param("stribeck", "joint2", marks=pytest.mark.slow),
+    pytest.param("presliding", "joint2", marks=pytest.mark.slow),
     ("coupled-friction", "joint2"),
-    ("position-torque", "joint1"),
+    pytest.param("position-torque", "joint1", marks=pytest.mark.slow),
     ("cogging", "joint2"),
 ]
 
 
 @pytest.mark.parametrize(("effect", "joint"), CASES)
 def test_hidden_effect_is_named(tmp_path, effect, joint):
-    found = hidden.case(rig_path("identify"), tmp_path, effect, joint, seed=4)
+    found = hidden.case(rig_path("identify"), tmp_path, effect, joint, seed=4, length=12.0)
     assert found.right, found
     assert found.after < 1.25
 
@@ -37,7 +37,8 @@ def test_outside_effect_gets_no_name(tmp_path):
 
 
 def test_session_carries_no_trace_of_what_is_hidden(tmp_path):
-    path = hidden.session(rig_path("identify"), tmp_path, 1, 1, "stribeck", "joint2")
+    rig = rig_path("identify")
+    path = hidden.session(rig, tmp_path, 1, 1, "stribeck", "joint2", seconds=2.0)
     raw = path.read_bytes()
     assert b"stribeck" not in raw and b"hidden" not in raw
 
