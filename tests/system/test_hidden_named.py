@@ -1,6 +1,7 @@
 """A hidden effect is named from the recording alone; a session with none raises no alarm."""
 
 import json
+from functools import partial
 
 import pytest
 
@@ -27,7 +28,8 @@ def test_hidden_effect_is_named(tmp_path, effect, joint):
 
 
 def test_outside_effect_gets_no_name(tmp_path):
-    path = hidden.session(rig_path("identify"), tmp_path, 5, 5, "outside-speed-product", "joint2")
+    rig, effect = rig_path("identify"), "outside-speed-product"
+    path = hidden.session(rig, tmp_path, 5, 5, effect, "joint2", seconds=12.0)
     from hil.diagnosis.engine import diagnose
     from hil.models.model import base_model
     from hil.record.mcap_read import load
@@ -43,7 +45,8 @@ def test_session_carries_no_trace_of_what_is_hidden(tmp_path):
     assert b"stribeck" not in raw and b"hidden" not in raw
 
 
-def test_demo_tells_the_whole_story(tmp_path, capsys):
+def test_demo_tells_the_whole_story(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(hidden, "session", partial(hidden.session, seconds=12.0))
     assert main(["demo", "--seed", "2", "-o", str(tmp_path), "--json"]) == 0
     out = json.loads(capsys.readouterr().out)
     assert out["verdict"] == "missing-effect"
