@@ -12,7 +12,8 @@ install: $(VENV)/.installed
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet -e '.[test]'
+	$(BIN)/python -m pip install --quiet --no-compile -e '.[test]'
+	-$(BIN)/python -m compileall -q -j 2 $(VENV) > /dev/null 2>&1
 	touch $@
 
 demo: install
@@ -22,9 +23,9 @@ demo: install
 test: export OMP_NUM_THREADS = 1
 test: install
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not real_time and not slow"
-	$(BIN)/python -m pytest -m real_time
+	$(BIN)/python -m pytest -m real_time $$(grep -rlw real_time tests --include='test_*.py')
 
-# whole pipelines of more than about ten seconds each, and pages in a browser: before a release
+# whole pipelines of more than about ten seconds each, further seeds, and pages in a browser: before a release
 test-slow: export OMP_NUM_THREADS = 1
 test-slow: install
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow and not real_time"

@@ -24,12 +24,15 @@ TRIES = 5
 
 #: Files that take 20 s of CPU and more come first, so that two processes end together.
 LONGEST = (
-    "system/test_recordings.py",
     "diagnosis/test_payload_body.py",
+    "system/test_recordings.py",
     "system/test_hidden_named.py",
+    "diagnosis/test_sensors_named.py",
     "system/test_own_arm_circle.py",
     "docs/test_blocks.py",
-    "diagnosis/test_sensors_named.py",
+    "experiments/test_experiments.py",
+    "experiments/test_replicate.py",
+    "experiments/test_hidden_effect.py",
     "diagnosis/test_named_again.py",
     "identify/test_simulated_fit.py",
     "experiments/test_cable_arm.py",

@@ -21,6 +21,13 @@ import scipy.signal
 from hil.record.recording import COLUMNS, Recording, RobotSource
 
 Path3 = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def seeds(first: int, *more: int) -> list:
+    """Seeds of a test: the first in every run of the tests, the others in the slow ones."""
+    return [first, *(pytest.param(seed, marks=pytest.mark.slow) for seed in more)]
+
+
 SINGLE = RobotSource("single-axis")
 
 

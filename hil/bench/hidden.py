@@ -76,9 +76,16 @@ class HiddenCase:
 
 
 def session(
-    rig: Path, folder: Path, seed: int, motion: int, effect: str, joint: str, amplitude: float = 1.0
+    rig: Path,
+    folder: Path,
+    seed: int,
+    motion: int,
+    effect: str,
+    joint: str,
+    amplitude: float = 1.0,
+    seconds: float | None = None,
 ) -> Path:
-    """Record one identification session with a hidden effect in the follower."""
+    """Record one identification session, as long as the rig says or `seconds`, with an effect."""
     row = {"effect": effect, "arm": "follower", "joint": joint, "amplitude": amplitude}
     hidden = [row] if effect else []
     config = load_rig(
@@ -86,17 +93,23 @@ def session(
         {"simulation": {"hidden": hidden}, "controller": {"parameters": {"seed": motion}}},
     )
     path = folder / f"{effect or 'none'}-{joint}-{seed}-{motion}.mcap"
-    runner.run(config, seed=seed, clock="lockstep", output=path)
+    runner.run(config, seconds, seed, "lockstep", path)
     return path
 
 
 def case(
-    rig: Path, folder: Path, effect: str, joint: str, seed: int, amplitude: float = 1.0
+    rig: Path,
+    folder: Path,
+    effect: str,
+    joint: str,
+    seed: int,
+    amplitude: float = 1.0,
+    length: float | None = None,
 ) -> HiddenCase:
     """Record two sessions and a held-out one, each on its own motion; diagnose; judge."""
     began = time.perf_counter()
     paths = [
-        session(rig, folder, 10 * seed + k, 3 * seed + k, effect, joint, amplitude)
+        session(rig, folder, 10 * seed + k, 3 * seed + k, effect, joint, amplitude, length)
         for k in range(3)
     ]
     runs = [load(path, "follower") for path in paths]

@@ -40,7 +40,10 @@ def test_a_limit_that_is_not_reached_is_not_named() -> None:
     assert d.verdict == "adequate"
 
 
-@pytest.mark.parametrize(("j", "k", "share"), [(0, 1, 0.08), (1, 2, -0.1), (2, 1, 0.05)])
+@pytest.mark.parametrize(
+    ("j", "k", "share"),
+    [(0, 1, 0.08), (1, 2, -0.1), pytest.param(2, 1, 0.05, marks=pytest.mark.slow)],
+)
 def test_a_leak_is_named_with_its_source_and_its_size(j: int, k: int, share: float) -> None:
     def leaks(seed: int):
         run = plants.arm(seed)
@@ -58,7 +61,14 @@ def test_a_leak_is_named_with_its_source_and_its_size(j: int, k: int, share: flo
     assert values["e"] == pytest.approx(share, rel=0.15)
 
 
-@pytest.mark.parametrize(("j", "k"), [(1, 2), (2, 1), (0, 1)])
+@pytest.mark.parametrize(
+    ("j", "k"),
+    [
+        (1, 2),
+        pytest.param(2, 1, marks=pytest.mark.slow),
+        pytest.param(0, 1, marks=pytest.mark.slow),
+    ],
+)
 def test_a_hose_between_two_joints_is_no_leak(j: int, k: int) -> None:
     def hose(seed: int):
         run = plants.arm(seed)

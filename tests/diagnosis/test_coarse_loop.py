@@ -9,7 +9,7 @@ from hil.identify.problem import Problem
 
 
 @pytest.mark.parametrize("counts", [2000, 4000])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", plants.seeds(1, 2))
 def test_nothing_is_missing_behind_a_coarse_encoder(counts, seed):
     run, other = plants.counted_loop(seed, counts), plants.counted_loop(seed + 10, counts)
     assert counts > 2000 or coarse(Problem([run], run.robot)).all()

@@ -20,7 +20,7 @@ def share(d):
     return float((artefacts.blurred_parts(d.first, first) / first.rms**2)[0])
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", plants.seeds(1, 2))
 def test_exact_dry_friction_at_quick_reversals_is_adequate(seed):
     d = diagnosed(plants.quick_axis(seed))
     assert d.verdict == "adequate" and not d.findings

@@ -53,7 +53,7 @@ def test_a_coefficient_on_its_bound_is_within_it_in_any_unit(bound: float) -> No
 
 
 def test_offsets_of_all_joints_are_the_base_models() -> None:
-    train, other = (identify.simulate(30.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
+    train, other = (identify.simulate(15.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
     found = diagnose([train], base_model(train.robot), [other])
     assert found.verdict == "adequate"
     without = diagnose([train], base_model(train.robot) - "torque-offset", [other])
@@ -68,9 +68,9 @@ def test_of_equal_scores_the_one_with_less_to_fit_comes_first() -> None:
     assert order == [scores[4], scores[2], scores[1], scores[3], scores[0]]
 
 
-@pytest.mark.parametrize("gain", [1.1, 1.25])
+@pytest.mark.parametrize("gain", [pytest.param(1.1, marks=pytest.mark.slow), 1.25])
 def test_a_gain_of_one_joint_is_not_that_of_the_one_that_fails_most(gain: float) -> None:
-    train, other = (identify.simulate(30.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
+    train, other = (identify.simulate(15.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
     for run in (train, other):
         # the last motor gives more than it is told to; the error is largest on the joint before it
         run.tau[:, 2] /= gain

@@ -31,7 +31,7 @@ def values(d: Diagnosis) -> dict[str, float]:
     ("d", "link"),
     [
         (2, 2),
-        (3, 3),
+        pytest.param(3, 3, marks=pytest.mark.slow),
         (3, 2),
         pytest.param(4, 4, marks=pytest.mark.slow),
         pytest.param(6, 6, marks=pytest.mark.slow),
@@ -56,7 +56,14 @@ def test_a_body_in_one_of_two_runs_is_named_with_its_link(d: int, link: int) -> 
     assert np.all(last.result.rms < 1.1 * answer.floor)
 
 
-@pytest.mark.parametrize("held", [(0,), (3,), (0, 3)], ids=["bare", "loaded", "both"])
+@pytest.mark.parametrize(
+    "held",
+    [
+        pytest.param((0,), id="bare"),
+        pytest.param((3,), id="loaded", marks=pytest.mark.slow),
+        pytest.param((0, 3), id="both"),
+    ],
+)
 def test_held_out_runs_with_and_without_the_body(held: tuple[int, ...], tmp_path) -> None:
     """A relative payload with one held-out run: it has no other run to differ from."""
     runs = [plants.serial_arm(3, k, link, seconds=12.0) for k, link in ((1, 0), (2, 3))]
@@ -93,7 +100,7 @@ def test_the_first_run_may_be_the_loaded_one() -> None:
     )
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", plants.seeds(1, 2, 3))
 def test_two_runs_alike_have_no_payload(seed: int) -> None:
     runs = [plants.serial_arm(3, 10 * seed), plants.serial_arm(3, 10 * seed + 1)]
     answer = hil.diagnose(runs, base_model(runs[0].robot))
@@ -101,7 +108,7 @@ def test_two_runs_alike_have_no_payload(seed: int) -> None:
 
 
 @pytest.mark.parametrize("fixed", [False, True])
-@pytest.mark.parametrize("wrong", [1, 2])
+@pytest.mark.parametrize("wrong", plants.seeds(1, 2))
 def test_a_description_that_is_a_bit_wrong_is_no_payload(wrong: int, fixed: bool) -> None:
     """Masses, centres and inertias of all links are wrong by 5 %; fitted, or kept as they are."""
     runs = [plants.serial_arm(3, 1, wrong=wrong), plants.serial_arm(3, 2, wrong=wrong)]

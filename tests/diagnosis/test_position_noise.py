@@ -18,13 +18,13 @@ def diagnosed(*args, **more):
 
 
 @pytest.mark.parametrize("noise", [1e-6, 3e-5, 1e-4])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", plants.seeds(1, 2))
 def test_nothing_is_hidden_behind_a_coarse_encoder(noise, seed):
     d = diagnosed(noise, seed)
     assert d.verdict == "adequate", d
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", plants.seeds(1, 2))
 def test_nothing_is_named_behind_a_very_coarse_one(seed):
     d = diagnosed(3e-4, seed)
     assert d.verdict in ("adequate", "unexplained") and not d.findings

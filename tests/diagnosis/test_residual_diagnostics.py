@@ -41,7 +41,7 @@ def test_a_wave_whose_frequency_rises_is_told_with_its_frequencies(tmp_path):
     assert "An effect is missing on joint1" in html and "Record this joint at rest" in html
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", plants.seeds(1, 2))
 def test_a_torque_that_switches_is_no_noise(seed):
     d, (said,) = answer(2.5 * switching(seed), seed=seed)
     assert d.verdict == "unexplained" and "It is not noise (kurtosis -1." in said
@@ -63,7 +63,7 @@ def test_bursts_are_told_with_their_instants_and_leave_the_verdict():
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.9, 0.99])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", plants.seeds(1, 2, 3))
 def test_of_noise_of_any_colour_nothing_is_said(colour, seed):
     d, said = answer(np.zeros(plants.DRY_T.size), seed=seed, colour=colour)
     assert d.verdict == "adequate" and not said

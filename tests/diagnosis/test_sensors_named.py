@@ -199,7 +199,7 @@ def test_layer_below_the_surface_is_an_inclusion(stiffer):
     assert found == ({"contact-inclusion"} if stiffer else set())
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", plants.seeds(1, 2))
 def test_nothing_is_named_where_nothing_is_hidden(seed):
     for run in (
         plants.axis(seed),

@@ -14,7 +14,7 @@ from hil.models.model import base_model
 from hil.models.presliding import Presliding
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", plants.seeds(1, 2, 3))
 def test_sticking_alone_is_no_missing_effect_and_parameters_are_exact(seed: int) -> None:
     run = plants.stiction_axis(seed)
     out = diagnose([run], base_model(run.robot))

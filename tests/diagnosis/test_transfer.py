@@ -50,7 +50,7 @@ def errors(d, other):
     return out
 
 
-@pytest.mark.parametrize("seed", [41, 42, 43])
+@pytest.mark.parametrize("seed", plants.seeds(41, 42, 43))
 def test_a_foam_pressed_deeper_is_not_foretold_worse(seed):
     run, other = creeping_foam(seed, 2.5, 0.06), creeping_foam(seed + 70, 2.5, 0.065)
     law = (Use("contact-stiffness"), Use("torque-offset"))
@@ -60,7 +60,8 @@ def test_a_foam_pressed_deeper_is_not_foretold_worse(seed):
     assert found[-1] < 0.8 * found[0]
 
 
-@pytest.mark.parametrize(("seconds", "seed"), [(6.0, 21), (6.0, 22), (12.0, 21), (12.0, 22)])
+@pytest.mark.parametrize("seed", plants.seeds(21, 22))
+@pytest.mark.parametrize("seconds", [6.0, pytest.param(12.0, marks=pytest.mark.slow)])
 def test_a_slow_disturbance_gives_no_correction(seconds, seed):
     run, other = disturbed_arm(seed, seconds, 2.0), disturbed_arm(seed + 50, 15.0, 2.0)
     d = hil.diagnose([run], hil.base_model(run.robot))

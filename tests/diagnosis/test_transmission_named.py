@@ -11,7 +11,7 @@ from hil.models.kernels import lag, softened, sprung
 from hil.models.model import base_model
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", plants.seeds(1, 2))
 @pytest.mark.parametrize("fast", [0.5, 1.0])
 def test_a_rigid_drive_lacks_nothing(seed: int, fast: float) -> None:
     run = plants.transmission(seed, fast=fast)
@@ -22,8 +22,8 @@ def test_a_rigid_drive_lacks_nothing(seed: int, fast: float) -> None:
     ("hidden", "effect", "parameter", "value"),
     [
         ({"lag": 0.02}, "actuator-lag", "T", 0.02),
-        ({"lag": 0.05}, "actuator-lag", "T", 0.05),
-        ({"ripple": 0.05}, "torque-ripple", "p", 9 / 6.2832),
+        pytest.param({"lag": 0.05}, "actuator-lag", "T", 0.05, marks=pytest.mark.slow),
+        pytest.param({"ripple": 0.05}, "torque-ripple", "p", 9 / 6.2832, marks=pytest.mark.slow),
         ({"ripple": 0.15}, "torque-ripple", "p", 9 / 6.2832),
     ],
 )
@@ -124,7 +124,7 @@ def test_a_link_flies_through_its_play_and_hands_its_momentum_over(friction: flo
     assert blow == pytest.approx((friction - 2.0) * flight, rel=0.1)
 
 
-@pytest.mark.parametrize("width", [0.01, 0.015])
+@pytest.mark.parametrize("width", [0.01, pytest.param(0.015, marks=pytest.mark.slow)])
 def test_backlash_is_named(width: float) -> None:
     run = plants.transmission(3, gravity=0.6, frequency=40.0, zeta=0.3, width=width)
     d = diagnose([run], base_model(run.robot) + "position-torque")

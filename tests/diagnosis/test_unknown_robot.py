@@ -60,7 +60,7 @@ def test_a_known_geometry_needs_none() -> None:
     assert not any(c.effect.startswith("generic") for c in d.corrections)
 
 
-@pytest.mark.parametrize("robot", ["planar2", "elbow3"])
+@pytest.mark.parametrize("robot", ["planar2", pytest.param("elbow3", marks=pytest.mark.slow)])
 def test_a_mujoco_arm_without_a_description_lacks_its_description_alone(robot: str) -> None:
     run = plants.mujoco_arm(robot, 1)
     d = hil.diagnose([run], base_model(run.robot))
@@ -74,7 +74,11 @@ def test_a_mujoco_arm_without_a_description_lacks_its_description_alone(robot: s
 
 @pytest.mark.parametrize(
     ("robot", "motion", "effect", "joint"),
-    [("planar2", 1, "stribeck", 1), ("elbow3", 2, "cogging", 1), ("elbow3", 3, "stribeck", 0)],
+    [
+        ("planar2", 1, "stribeck", 1),
+        ("elbow3", 2, "cogging", 1),
+        pytest.param("elbow3", 3, "stribeck", 0, marks=pytest.mark.slow),
+    ],
 )
 def test_a_name_beside_an_unknown_geometry_stands_alone(
     robot: str, motion: int, effect: str, joint: int

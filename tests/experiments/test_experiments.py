@@ -1,9 +1,11 @@
 """The studies run end to end and say what the thesis says."""
 
 import json
+from functools import partial
 
 import pytest
 
+from hil.bench import ukf
 from hil.cli import main
 from hil.experiments import manual_excitation
 
@@ -16,7 +18,9 @@ def test_elastic_ukf_as_json(capsys):
     assert len(found["rows"]) == 16
 
 
-def test_bench_ukf_agrees_with_filterpy(capsys):
+def test_bench_ukf_agrees_with_filterpy(capsys, monkeypatch):
+    monkeypatch.setattr(ukf, "measure", partial(ukf.measure, steps=300))
+    monkeypatch.setattr(ukf, "_in_the_loop", partial(ukf._in_the_loop, ticks=500))
     assert main(["bench", "ukf", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["worst"] < 1e-3

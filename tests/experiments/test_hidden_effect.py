@@ -57,6 +57,7 @@ def test_the_figure_has_a_bar_for_every_model_of_every_effect():
 
 def test_one_effect_in_both_arms_is_found_added_and_felt_no_more(monkeypatch):
     monkeypatch.setattr(study, "IDENTIFIED_S", 10.0)
+    monkeypatch.setattr(study, "PERIODS", 2)
     found = study.case("presliding", "joint2", 1)
     assert found.right, found.named
     assert found.error[1] < 1.25 < 2.0 < found.error[0]

@@ -27,7 +27,7 @@ def test_seven_joints_with_smooth_friction_lack_nothing() -> None:
     assert np.all(d.ladder[0].heldout.rms < 1.1 * d.noise)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", plants.seeds(1, 2, 3))
 def test_a_run_that_lingers_shows_how_blunt_a_sign_is_that_fast_runs_hardly_see(seed: int) -> None:
     fast = plants.smooth_friction_axes(1, seed, noise=0.05, speed=1.0)
     slow = plants.smooth_friction_axes(1, seed + 10, lingering=True, noise=0.05)

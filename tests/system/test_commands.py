@@ -16,11 +16,13 @@ from hil.record.recording import Recording
 IDEAL = str(Path(__file__).parents[2] / "rigs" / "lawrence.toml")
 
 
-@pytest.fixture
-def session(tmp_path):
-    path = tmp_path / "s.mcap"
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    """Two sessions that every test here reads and none writes."""
+    folder = tmp_path_factory.mktemp("sessions")
+    path = folder / "s.mcap"
     write_recordings(path, [plants.bench_axis("s", 1, drag=0.01)])
-    other = tmp_path / "h.mcap"
+    other = folder / "h.mcap"
     write_recordings(other, [plants.bench_axis("h", 2, drag=0.01)])
     return path, other
 

@@ -1,6 +1,7 @@
 """A hidden effect is named from the recording alone; a session with none raises no alarm."""
 
 import json
+from functools import partial
 
 import pytest
 
@@ -8,26 +9,27 @@ from hil.bench import hidden
 from hil.cli import main
 from hil.rigs import rig_path
 
-#: One seed of each family here; `hil bench hidden` runs all ten with three seeds.
+#: One seed of each family here, 12 s long; `hil bench hidden` runs all ten with three of 30 s.
 CASES = [
     ("", "joint1"),
-    ("stribeck", "joint2"),
-    ("presliding", "joint2"),
+    pytest.param("stribeck", "joint2", marks=pytest.mark.slow),
+    pytest.param("presliding", "joint2", marks=pytest.mark.slow),
     ("coupled-friction", "joint2"),
-    ("position-torque", "joint1"),
+    pytest.param("position-torque", "joint1", marks=pytest.mark.slow),
     ("cogging", "joint2"),
 ]
 
 
 @pytest.mark.parametrize(("effect", "joint"), CASES)
 def test_hidden_effect_is_named(tmp_path, effect, joint):
-    found = hidden.case(rig_path("identify"), tmp_path, effect, joint, seed=4)
+    found = hidden.case(rig_path("identify"), tmp_path, effect, joint, seed=4, length=12.0)
     assert found.right, found
     assert found.after < 1.25
 
 
 def test_outside_effect_gets_no_name(tmp_path):
-    path = hidden.session(rig_path("identify"), tmp_path, 5, 5, "outside-speed-product", "joint2")
+    rig, effect = rig_path("identify"), "outside-speed-product"
+    path = hidden.session(rig, tmp_path, 5, 5, effect, "joint2", seconds=12.0)
     from hil.diagnosis.engine import diagnose
     from hil.models.model import base_model
     from hil.record.mcap_read import load
@@ -37,12 +39,14 @@ def test_outside_effect_gets_no_name(tmp_path):
 
 
 def test_session_carries_no_trace_of_what_is_hidden(tmp_path):
-    path = hidden.session(rig_path("identify"), tmp_path, 1, 1, "stribeck", "joint2")
+    rig = rig_path("identify")
+    path = hidden.session(rig, tmp_path, 1, 1, "stribeck", "joint2", seconds=2.0)
     raw = path.read_bytes()
     assert b"stribeck" not in raw and b"hidden" not in raw
 
 
-def test_demo_tells_the_whole_story(tmp_path, capsys):
+def test_demo_tells_the_whole_story(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(hidden, "session", partial(hidden.session, seconds=12.0))
     assert main(["demo", "--seed", "2", "-o", str(tmp_path), "--json"]) == 0
     out = json.loads(capsys.readouterr().out)
     assert out["verdict"] == "missing-effect"

@@ -25,14 +25,19 @@ def circle(tmp_path_factory):
     return folder, rig, session
 
 
-def test_the_hidden_spring_is_named_added_and_played_for_again(circle, capsys):
-    folder, rig, session = circle
+@pytest.mark.slow
+def test_the_hidden_spring_is_named(circle, capsys):
+    _, _, session = circle
     capsys.readouterr()
     assert main(["diagnose", session, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["findings"]
     assert ("spring", "elbow") == (found[0]["effect"], found[0]["joint"])
     assert found[0]["confidence"] > 0.9
 
+
+def test_the_hidden_spring_is_added_and_played_for_again(circle, capsys):
+    folder, rig, session = circle
+    capsys.readouterr()
     model = str(folder / "second.toml")
     add = ["add", "spring", "--joint", "elbow", "--session", session, "-o", model, "--json"]
     assert main(add) == 0
