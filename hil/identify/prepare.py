@@ -394,7 +394,7 @@ def prepare(
         slips=_slips(r, pick, rates),
         began=part.start,
     )
-    still = standstill.standing(r.q, qdd, fs, 0.5 / rates.effort, rates.position)
+    still = standstill.standing(r.q, qd, qdd, fs, 0.5 / rates.effort, rates.position)
     spoilt = bridged(part, rates.position).astype(np.float64)
     return motion, still[pick], spoilt[pick], Decimator(t.size, 1 / step, rates.effort)
 

@@ -3,7 +3,8 @@
 A joint that sticks transmits any effort between minus and plus its break-away friction; that is
 an inequality, not an equation, and least squares must not read it as one.  Left in, stiction
 imitates a Stribeck peak, a delay or a ripple over position.  What counts as standing is decided
-by the encoder: no displacement beyond its resolution for longer than any smooth reversal takes.
+by the encoder: no displacement beyond its resolution for longer than any smooth reversal takes; and
+by the speed, where an encoder resolves how a joint creeps while it sticks.
 
 Source: Karnopp, J. Dyn. Syst. Meas. Control 107, 1985 (set-valued friction at zero speed).
 """
@@ -23,6 +24,10 @@ TOLERATED = 0.7
 PEAK_TO_PEAK = 7.0
 #: Periods of the position filter's cut-off by which each edge of a standstill is widened.
 SMEAR = 0.35
+#: Share of the rms speed below which a joint creeps within the stiffness of its friction, however
+#: fine its encoder is.  Half: a dwell under integral action is motion; double: the slowest of
+#: the strokes that show a Stribeck curve are none.
+CREEP = 0.01
 #: A joint with less than this share of its instants left keeps them all: poses are all there is.
 SCARCE = 0.1
 #: Resolutions within which a joint stays for nine tenths of the time that only holds its place.
@@ -44,7 +49,7 @@ def quanta(q: FloatArray) -> FloatArray:
 
 
 def standing(
-    q: FloatArray, qdd: FloatArray, fs: float, longest: float, cutoff: float
+    q: FloatArray, qd: FloatArray, qdd: FloatArray, fs: float, longest: float, cutoff: float
 ) -> FloatArray:
     """Where each joint stands still: 1 there, 0 elsewhere, shape (n, d).
 
@@ -52,8 +57,8 @@ def standing(
     ----------
     q : ndarray (n, d)
         Positions as recorded [rad or m].
-    qdd : ndarray (n, d)
-        Filtered accelerations [rad/s^2 or m/s^2].
+    qd, qdd : ndarray (n, d)
+        Filtered velocities [rad/s or m/s] and accelerations [rad/s^2 or m/s^2].
     fs : float
         Sample rate [Hz].
     longest : float
@@ -71,14 +76,22 @@ def standing(
         typical = max(float(np.sqrt(np.mean(qdd[:, j] ** 2))), 1e-12)
         # a reversal with acceleration a stays within the band for sqrt(8 band / a)
         window = float(np.clip(1.5 * np.sqrt(8 * band / typical), 5 / fs, longest))
-        size = 2 * int(np.ceil(window * fs / 2)) + 1
-        x = q[:, j]
-        high = scipy.ndimage.maximum_filter1d(x, size)
-        still = high - scipy.ndimage.minimum_filter1d(x, size) <= band
-        still = still.astype(np.float64)
-        wider = size + (2 * int(np.ceil(SMEAR / cutoff * fs)) if np.any(still) else 0)
-        out[:, j] = scipy.ndimage.maximum_filter1d(still, wider)
+        speed = float(np.sqrt(np.mean(qd[:, j] ** 2)))
+        # w = 1.5 sqrt(8 c v w / a): for so long a reversal is slower than the share c of v
+        slow = max(longest, 1.5**2 * 8 * CREEP * speed / typical)
+        edge = 2 * int(np.ceil(SMEAR / cutoff * fs))
+        for within, time in ((band, window), (CREEP * speed * slow, slow)):
+            out[:, j] = np.maximum(out[:, j], _within(q[:, j], within, time, fs, edge))
     return out
+
+
+def _within(x: FloatArray, band: float, window: float, fs: float, edge: int) -> FloatArray:
+    """1 where x (n,) stays within a band for a time [s], and `edge` samples around that."""
+    size = 2 * int(np.ceil(window * fs / 2)) + 1
+    high = scipy.ndimage.maximum_filter1d(x, size)
+    still = (high - scipy.ndimage.minimum_filter1d(x, size) <= band).astype(np.float64)
+    wide: FloatArray = scipy.ndimage.maximum_filter1d(still, size + (edge if np.any(still) else 0))
+    return wide
 
 
 def live(share: FloatArray) -> NDArray[np.bool_]:

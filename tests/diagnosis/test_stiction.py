@@ -51,7 +51,7 @@ def test_standstill_is_found_and_a_smooth_reversal_is_none() -> None:
     noise = np.random.default_rng(0).normal(size=(t.size, 2)) * 1e-6
     q = np.stack([smooth, held], axis=1) + noise
     qdd = -((2 * np.pi) ** 2) * np.stack([smooth, smooth], axis=1)
-    share = standing(q, qdd, 1000.0, 0.03, 60.0).mean(axis=0)
+    share = standing(q, np.gradient(q, 1e-3, axis=0), qdd, 1000.0, 0.03, 60.0).mean(axis=0)
     assert share[0] < 0.02
     assert share[1] == pytest.approx(0.3 / 4, abs=0.02)
 
