@@ -117,6 +117,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
     lines += ["", _joints_table(d, rungs)]
     said = [w for code, w in d.warnings if code in LEADING]
     said += _worse(rising(rungs))
+    said += _left(d)[1:]
     if d.corrections:
         count = plural(len(d.corrections), "correction")
         said.append(f"The improved model also holds {count} without a name")
