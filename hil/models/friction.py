@@ -42,8 +42,8 @@ HARMONICS = (
     "sin(4 * pi * p * q)",
     "cos(4 * pi * p * q)",
 )
-#: Speed of two joints against each other, by mode.
-_OWN = "min(1, 10 * abs(mode))"
+#: Speed of two joints against each other, by mode: of 0 the other one's alone.
+_OWN = "min(1, 1e9 * abs(mode))"
 _RELATIVE = f"({_OWN} * v + (mode + 1 - {_OWN}) * vk)"
 
 
