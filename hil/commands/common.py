@@ -173,6 +173,8 @@ def load(
         )
     elif not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=robot)
+    if args.arm:  # what is written holds for this arm alone
+        model = replace(model, arm=args.arm)
     outputs.refuse_urdf(getattr(args, "output", None), model.robot.urdf)
     _refuse_robots([*paths, *others], [*runs, *held])
     model.check_joints(runs[0].joints)

@@ -9,6 +9,7 @@ from hil.commands import common
 from hil.diagnosis import verbs
 from hil.diagnosis.verbs import Comparison
 from hil.diagnosis.verdict import NO_GEOMETRY
+from hil.models.model import Band
 from hil.report.json import comparison_json
 
 EXAMPLE = "hil compare run.mcap --model arm.toml --report out.html"
@@ -59,7 +60,7 @@ def _horizon(c: Comparison) -> str:
 def text(c: Comparison) -> str:
     """The comparison for a terminal."""
     first = [f"{f.sentence}.\n" for f in c.faults if f.code == NO_GEOMETRY]
-    lines = [*first, _errors(c), f"\n{_judged(c)}", "\nWhere it fails", *_places(c)]
+    lines = [*first, _errors(c), f"\n{_judged(c)}", _taken(c), "\nWhere it fails", *_places(c)]
     rest = (f for f in c.faults if f.code != NO_GEOMETRY)
     return "\n".join([*lines, *(f"  warning: {f.sentence}" for f in rest)])
 
@@ -107,6 +108,20 @@ def _judged(c: Comparison) -> str:
         f"  {values}; errors on {judged}; noise floor from {method[c.evidence.floor.method]}; "
         f"simulated: position simulated over {c.multi_step.horizon:g} s; replay: over "
         f"{_horizon(c)} with a soft servo to the measured motion"
+    )
+
+
+def _taken(c: Comparison) -> str:
+    """Filters and shift of both sides, and where they are from."""
+    problem = c.result.problem
+    rates, shift = problem.rates, problem.shift
+    said = f"{abs(shift) * 1e3:.3g} ms {'earlier' if shift < 0 else 'later'}"
+    source = "chosen from the data; to change it, set [signal] in the model file"
+    if c.result.model.band != Band():
+        source = "as [fitted] or [signal] in the model file says; [signal] goes first"
+    return (
+        f"  positions to {rates.position:.4g} Hz, efforts to {rates.effort:.4g} Hz and taken "
+        f"{said if shift else 'in time'} ({source})"
     )
 
 

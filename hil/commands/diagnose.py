@@ -15,7 +15,7 @@ import numpy as np
 from hil import terminal
 from hil.commands import common
 from hil.diagnosis import engine, verbs
-from hil.diagnosis.artefacts import blurred_above
+from hil.diagnosis.artefacts import at_reversals, blurred_above
 from hil.diagnosis.equivalence import at_issue_of, sets_of
 from hil.diagnosis.sessions import DIFFER
 from hil.diagnosis.types import Diagnosis, Finding
@@ -34,6 +34,7 @@ from hil.report.data import from_diagnosis
 from hil.report.json import diagnosis_json, ladder_json
 from hil.report.text import (
     ACCEPT,
+    AT_REVERSALS,
     LEADING,
     TWO_ERRORS,
     UNDESCRIBED,
@@ -117,6 +118,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
     lines += ["", _joints_table(d, rungs)]
     said = [w for code, w in d.warnings if code in LEADING]
     said += _worse(rising(rungs))
+    said += _left(d)[1:]
     if d.corrections:
         count = plural(len(d.corrections), "correction")
         said.append(f"The improved model also holds {count} without a name")
@@ -283,6 +285,8 @@ def verdict(d: Diagnosis) -> str:
         return f"adequate: {explains(blurred, 'the model', max(ratio.values()))}"
     if not d.partial and undescribed(d.verdict, d.warnings, d.corrections):
         return f"unexplained: {UNDESCRIBED[0].lower()}{UNDESCRIBED[1:]}"
+    if d.verdict == "unexplained" and d.ladder and at_reversals(d.explained, d.last, d.noise):
+        return f"unexplained: {AT_REVERSALS[0].lower()}{AT_REVERSALS[1:]}"
     return SENTENCES[d.verdict]
 
 

@@ -36,8 +36,17 @@ import scipy
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from hil.diagnosis.constants import ADEQUATE, COARSE_COUNTS, FLOOR_SHARE, LEAD, LEVEL, OPEN, TENTH
-from hil.diagnosis.types import Candidate, Evidence
+from hil.diagnosis.constants import (
+    ADEQUATE,
+    COARSE_COUNTS,
+    FLOOR_SHARE,
+    HALF,
+    LEAD,
+    LEVEL,
+    OPEN,
+    TENTH,
+)
+from hil.diagnosis.types import Candidate, Evidence, Step
 from hil.identify import bands, standstill
 from hil.identify.design import Term
 from hil.identify.problem import Problem
@@ -205,6 +214,23 @@ def blurred_above(warnings: Sequence[tuple[str, str]], ratio: Mapping[str, float
     """
     told = [text.split(":")[0] for code, text in warnings if code == BLURRED]
     return any(ratio.get(joint, 0.0) > ADEQUATE for joint in told)
+
+
+def at_reversals(step: Step, evidence: Evidence, floor: FloatArray) -> bool:
+    """Whether blurred reversals are most of the error of every joint that is above its floor.
+
+    Parameters
+    ----------
+    step : Step
+        The last model with names.
+    evidence : Evidence
+        Beside it.
+    floor : ndarray (d,)
+        Noise floor of its left-out error [N m or N].
+    """
+    over = ~step.result.problem.holds & (step.heldout.rms > ADEQUATE * floor)
+    share = blurred_parts(evidence, step.result) / np.maximum(step.result.rms**2, 1e-300)
+    return bool(np.any(over) and np.all(share[over] > HALF))
 
 
 def blur_notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:

@@ -97,6 +97,8 @@ class Examiner:
                 self._other.shift_effort(self._problem.shift - self._other.shift)
             residual = predict(result, self._other)
             return _held(residual, self._other, self.kind)
+        if result.terms and all(t.fixed for t in result.terms):  # no row has been fitted
+            return _held(result.residual, self._problem, self.kind)
         folds = split(self._problem, whole_runs=not any(t.per_run for t in result.terms))
         return of_blocks(held_out(result, folds), self._problem, folds)
 

@@ -191,13 +191,16 @@ def _practical(case: RuleCase) -> str:
 def _discrepancy(case: RuleCase) -> str:
     """Laws that were named before miss their effects by a share of what they explain.
 
-    No name is given to that; a correction may take it.
+    No name is given to that; a correction may take it.  Friction is no inaccuracy of a mass: that
+    is a law of posture and acceleration, which dissipates nothing.
     """
     r = case.rated
     if Trait.CORRECTION in r.candidate.term.effect.traits:
         return ""
-    explained = max(float(case.search.base.errors.power[r.joint]) - r.before, 0.0)
-    small = r.removed <= DISCREPANCY * explained
+    explained = float(case.search.base.errors.power[r.joint]) - r.before
+    if r.candidate.term.effect.family == "friction":
+        explained -= case.search.of_masses(r.joint)
+    small = r.removed <= DISCREPANCY * max(explained, 0.0)
     return "it may be an inaccuracy of the laws named before" if small else ""
 
 

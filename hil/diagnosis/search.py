@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -228,6 +229,15 @@ class Search:
         gone = {(name, c.term.joint) for name in c.term.effect.relations.replaces}
         own = [t for t in self.now.result.terms if t.key in gone]
         return sum(len(t.effect.params) + len(t.effect.shape) for t in own)
+
+    def of_masses(self, j: int) -> float:
+        """Power of joint j's error that masses took, which were added without other laws there."""
+        out = 0.0
+        for before, after in pairwise(self.rungs[self.start :]):
+            there = [c for c in after.added if c.joint == j]
+            if there and all(c.term.effect.family == "mass" for c in there):
+                out += float(before.errors.power[j] - after.errors.power[j])
+        return out
 
     # ------------------------------------------------------------------ forward
 

@@ -226,7 +226,7 @@ def assemble(
     names = [n for t in terms for n, _ in coefficients(t, problem)]
     start = prior(problem, terms, model, names)
     return FitResult(
-        replace(model, effects=effects, valid=identified(problem)),
+        replace(model, effects=effects, valid=identified(problem), fitted=problem.taken),
         problem,
         terms,
         theta,

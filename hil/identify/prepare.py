@@ -16,7 +16,7 @@ have a transform X_d of their own of length M, and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numba
 import numpy as np
@@ -188,12 +188,8 @@ def prepared(recording: Recording, band: Band | None = None, moving: bool = True
 
 def signal(band: Band, recording: Recording) -> Band:
     """A model's [signal], and where it is silent the one of the map that a run came through."""
-    plain, said = Band(), {}
-    for key in (f.name for f in fields(Band)):
-        text = recording.metadata.get(SIGNAL + key, "")
-        if text and getattr(band, key) == getattr(plain, key):
-            said[key] = float(text)
-    return replace(band, **said) if said else band
+    said = {f.name: recording.metadata.get(SIGNAL + f.name, "") for f in fields(Band)}
+    return band.beside(Band(**{key: float(text) for key, text in said.items() if text}))
 
 
 def _excitation(runs: Sequence[Recording], rates: bands.Rates) -> tuple[Excitation, ...]:

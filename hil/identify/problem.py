@@ -197,6 +197,11 @@ class Rows:
         return int(self.whole[-1]) + 1
 
     @property
+    def taken(self) -> Band:
+        """Filters and shift of the efforts that everything here has passed."""
+        return Band(float(self.rates.position), float(self.rates.effort), shift_s=float(self.shift))
+
+    @property
     def notes(self) -> list[tuple[str, str]]:
         """What was done to the rows before the filters: (code, sentence), run by run."""
         names = [self.recordings[int(np.argmax(self.whole == k))].name for k in range(self.runs)]

@@ -214,8 +214,10 @@ def _alignment(result: FitResult, j: int, whole: bool) -> float:
     return min([longest_shift(problem), *([max(known)] if known else [])])
 
 
-def sample_shift(result: FitResult) -> float:
-    """Delay of the effort against the motion [s], common to all joints; 0 beyond one sample.
+def sample_shift(result: FitResult) -> tuple[float, float]:
+    """Delay of the effort against the motion [s], common to all joints, and its standard error.
+
+    Zero beyond one sample.
 
     Of the slow motion, for noise in a closed loop looks like a delay where it is fast; and told
     apart from friction that turns before the speed does.  The median over joints, weighted by what
@@ -228,17 +230,17 @@ def sample_shift(result: FitResult) -> float:
     """
     problem = result.problem
     if result.model.explains != "motor":
-        return 0.0
+        return 0.0, 0.0
     late = {t.joint for t in result.terms if Trait.SHIFTS in t.effect.traits}
     longest = longest_shift(problem)
     seen = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
     seen = [(value, error) for value, error in seen if error < KNOWN * longest]
     shift, error = _middle(seen, longest / FINEST) if seen else (0.0, 0.0)
     if abs(shift) > longest:
-        return 0.0
+        return 0.0, error
     spread = KNOWN * longest
     shift *= spread**2 / (spread**2 + error**2)
-    return shift if abs(shift) >= longest / FINEST else 0.0
+    return (shift if abs(shift) >= longest / FINEST else 0.0), error
 
 
 def recorded_late(result: FitResult) -> float:
@@ -288,13 +290,17 @@ def _slow_runs(x: FloatArray, problem: Problem) -> FloatArray:
 def _middle(seen: Sequence[tuple[float, float]], finest: float) -> tuple[float, float]:
     """Median of values, each with the weight of its standard error, and its own standard error.
 
-    No value counts for more than one that is known to `finest`.
+    No value counts for more than one that is known to `finest`.  The error is that of the values'
+    own errors e, or of what they differ by if that is more (Birge, as in `_agreed`):
+
+        1 / sqrt(sum 1 / e^2)  max(1, chi),   chi^2 = sum ((T - middle) / e)^2 / (joints - 1).
     """
     value, error = np.array(seen).T
-    order = np.argsort(value)
-    weight = np.cumsum(1.0 / np.maximum(error[order], finest) ** 2)
+    order, least = np.argsort(value), np.maximum(error, finest)
+    weight = np.cumsum(1.0 / least[order] ** 2)
     middle = float(value[order][np.searchsorted(weight, weight[-1] / 2)])
-    return middle, float(1.0 / np.sqrt(np.sum(1.0 / error**2)))
+    chi = np.sqrt(np.sum(((value - middle) / least) ** 2) / max(value.size - 1, 1))
+    return middle, float(max(1.0, chi) / np.sqrt(np.sum(1.0 / error**2)))
 
 
 def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = None) -> FitResult:
@@ -315,14 +321,24 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
         result = _taken_earlier(problem, model, result, scale)
     least = -longest if problem.shift >= -longest else -LATEST
     for _ in range(STEPS):
-        shift = sample_shift(result)
+        shift, error = sample_shift(result)
         if not shift or not least <= problem.shift + shift <= longest:
             break
+        before = result.rms
         problem.shift_effort(shift)  # tau(t) = model(t) + T tau'(t)
         result = fit(problem, model, scale=scale)
+        if abs(shift) < CLEAR * error and _ratio(result, before) > 1.0:
+            # neither the slow motion is sure of it nor does the whole band want it
+            problem.shift_effort(-shift)
+            result = fit(problem, model, scale=scale)
+            break
         if abs(shift) < AGAIN * longest:
             break
-    if problem.shift < -longest and start[0] >= -longest and not _lower(result, start[1]):
+    if (
+        problem.shift < -longest
+        and start[0] >= -longest
+        and _ratio(result, start[1].rms) > 1 - LESS
+    ):
         problem.shift_effort(start[0] - problem.shift)
         return fit(problem, model, scale=scale)
     return result
@@ -347,11 +363,11 @@ def _taken_earlier(
     return fit(problem, model, scale=scale)
 
 
-def _lower(result: FitResult, before: FitResult) -> bool:
-    """Whether the joints that move have a clearly lower error than before, by geometric mean."""
+def _ratio(result: FitResult, before: FloatArray) -> float:
+    """Error of the joints that move over what it was before (d,), their geometric mean."""
     moves = ~result.problem.holds
-    ratio = result.rms[moves] / np.maximum(before.rms[moves], 1e-300)
-    return bool(np.exp(np.mean(np.log(np.maximum(ratio, 1e-300)))) < 1 - LESS)
+    ratio = result.rms[moves] / np.maximum(before[moves], 1e-300)
+    return float(np.exp(np.mean(np.log(np.maximum(ratio, 1e-300)))))
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from hil.models.effect import (
     Trait,
     Waves,
     brakes,
+    other_ratios,
 )
 from hil.models.friction import HARMONICS, harmonics, position_orders
 from hil.models.motion import FloatArray, Motion
@@ -135,16 +136,10 @@ def _coupled_transmission_grid(motion: Motion, j: int) -> Shapes:
     return [(float(k + 1), r) for k in range(j + 1, motion.d) for r in (1.0, -1.0)]
 
 
-#: Ratios of a gear or a pulley that are tried once a joint is found, and steps about a found one.
-RATIOS = (0.1, 0.15, 0.22, 0.33, 0.5, 0.7, 1.4, 2.0, 3.0, 4.5, 6.7, 10.0)
-FINER = (0.75, 0.85, 0.92, 0.96, 0.98, 0.99, 1.01, 1.02, 1.04, 1.08, 1.17, 1.33)
-
-
 def _coupled_transmission_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
     """Other ratios: motors behind unlike gears, or a metre a radian; equal or opposite first."""
     k, r = shape
-    some = [x * s for x in RATIOS for s in (1.0, -1.0)] if abs(r) == 1.0 else [x * r for x in FINER]
-    return [(k, x) for x in (r, *some)]
+    return [(k, x) for x in (r, *other_ratios(r))]
 
 
 def _coupled_transmission_lacks(motion: Motion, j: int) -> str:

@@ -53,11 +53,15 @@ def _friction_drift_lasts(f: Fitted) -> bool:
 
 
 def _friction_drift_grid(motion: Motion, j: int) -> Shapes:
-    """A tenth of the run to three times its length; temperature where it was recorded."""
+    """Temperature where it was recorded; a tenth of the run to three times its length.
+
+    What warms up is a state and time only its clock: time is for a run without a thermometer, or
+    where it explains clearly more, as of a part that is warm before the thermometer is.
+    """
     length = max(float(motion.since[-1]), WARMS_UP)
     times = [(x, 0.0) for (x,) in log_grid(max(SHORTEST_DRIFT * length, WARMS_UP), 3 * length, 7)]
     known = motion.temperature.shape == motion.q.shape and np.ptp(motion.temperature[:, j]) > 0
-    return [*times, (length, 1.0)] if known else list(times)
+    return [(length, 1.0), *times] if known else list(times)
 
 
 class FrictionDrift(Effect):

@@ -214,6 +214,18 @@ def are_twins(a: Effect, b: Effect, motion: Motion) -> bool:
 # ------------------------------------------------------------ for grids
 
 
+#: Ratios of a gear or a pulley that are tried once a joint is found, and steps about a found one.
+RATIOS = (0.1, 0.15, 0.22, 0.33, 0.5, 0.7, 1.4, 2.0, 3.0, 4.5, 6.7, 10.0)
+FINER = (0.75, 0.85, 0.92, 0.96, 0.98, 0.99, 1.01, 1.02, 1.04, 1.08, 1.17, 1.33)
+
+
+def other_ratios(r: float) -> list[float]:
+    """Ratios that are worth trying beside one: of all sizes beside 1 or -1, else near it."""
+    if abs(r) == 1.0:
+        return [x * s for x in RATIOS for s in (1.0, -1.0)]
+    return [x * r for x in FINER]
+
+
 def log_grid(low: float, high: float, count: int) -> Shapes:
     """`count` logarithmically spaced one-parameter shapes from low to high."""
     return [(float(x),) for x in np.geomspace(low, max(high, low * 1.001), count)]

@@ -21,7 +21,7 @@ from hil.record.recording import RobotSource
 from hil.userfile import parse_toml, read_text, write_text
 
 __all__ = ["SCHEMA", "read_model", "write_model"]
-_TOP = ("schema", "robot", "effects", "signal", "plugins", "valid")
+_TOP = ("schema", "robot", "effects", "signal", "plugins", "valid", "fitted")
 _RANGES = ("position", "speed", "load")
 _ROBOT = ("urdf", "preset", "tip", "arm", "explains")
 _OPTIONS = ("per_run", "fixed", "fixed_shape")
@@ -75,7 +75,8 @@ def _model(data: dict[str, Any], path: Path) -> RobotModel:
         effects=(),
         arm=str(robot.get("arm", "")),
         explains=explains,
-        band=_band(data.get("signal", {})),
+        band=_band(data.get("signal", {}), "signal"),
+        fitted=_band(data.get("fitted", {}), "fitted"),
         plugins=plugins,
         urdf_path=str(robot.get("urdf", "")),
         valid=_valid(data.get("valid", {})),
@@ -118,20 +119,20 @@ def _number(value: Any, what: str) -> float:
     return float(value)
 
 
-def _band(signal: Any) -> Band:
-    if not isinstance(signal, dict):
+def _band(table: Any, of: str) -> Band:
+    if not isinstance(table, dict):
         raise ConfigError(
-            f"[signal] must be a table with some of {', '.join(f.name for f in fields(Band))}"
+            f"[{of}] must be a table with some of {', '.join(f.name for f in fields(Band))}"
         )
-    _keys(signal, tuple(f.name for f in fields(Band)), "[signal]")
-    values = {k: _number(v, f"signal.{k}") for k, v in signal.items()}
+    _keys(table, tuple(f.name for f in fields(Band)), f"[{of}]")
+    values = {k: _number(v, f"{of}.{k}") for k, v in table.items()}
     for key, value in values.items():
         least = -math.inf if key == "shift_s" else 0.0
         most = 1.0 if key == "accuracy" else math.inf
         if not (least <= value < most and math.isfinite(value)):
             what = "a frequency in Hz" if key.endswith("_hz") else "a time in s"
             what = "a share of the rms effort, e.g. 0.01," if key == "accuracy" else what
-            raise ConfigError(f"signal.{key} = {value:g}: expected {what}, or 0 = choose")
+            raise ConfigError(f"{of}.{key} = {value:g}: expected {what}, or 0 = choose")
     return Band(**values)
 
 
@@ -236,13 +237,7 @@ def write_model(model: RobotModel, path: str | Path) -> None:
     if model.plugins:
         lines.append(f"plugins = {_toml([_relative(p, path.parent) for p in model.plugins])}")
     lines += ["", "[robot]", *_robot_lines(model, urdf)]
-    if model.band != Band():
-        lines += ["", "[signal]", f"position_hz = {model.band.position_hz!r}"]
-        lines += [f"effort_hz = {model.band.effort_hz!r}"]
-        for key in ("rate_hz", "gap_s", "shift_s", "accuracy"):
-            value = getattr(model.band, key)
-            if value != getattr(Band(), key):
-                lines += [f"{key} = {value!r}"]
+    lines += _band_lines("signal", model.band) + _band_lines("fitted", model.fitted)
     for use in model.effects:
         lines += ["", *_use_lines(use)]
     for r in model.valid:
@@ -252,6 +247,19 @@ def write_model(model: RobotModel, path: str | Path) -> None:
     if urdf and not urdf.exists():
         write_text(urdf, model.robot.urdf)
     write_text(path, "\n".join(lines) + "\n")
+
+
+def _band_lines(of: str, band: Band) -> list[str]:
+    """Table of filters, where there is anything to say."""
+    if band == Band():
+        return []
+    lines = ["", f"[{of}]", f"position_hz = {band.position_hz!r}"]
+    lines += [f"effort_hz = {band.effort_hz!r}"]
+    for key in ("rate_hz", "gap_s", "shift_s", "accuracy"):
+        value = getattr(band, key)
+        if value != getattr(Band(), key):
+            lines += [f"{key} = {value!r}"]
+    return lines
 
 
 def _toml(value: object) -> str:

@@ -26,6 +26,7 @@ from hil.models.effect import (
     Waves,
     brakes,
     log_grid,
+    other_ratios,
     typical_speed,
 )
 from hil.models.motion import FloatArray, Motion
@@ -41,8 +42,9 @@ HARMONICS = (
     "sin(4 * pi * p * q)",
     "cos(4 * pi * p * q)",
 )
-#: Speed of two joints against each other, by mode.
-_RELATIVE = "(abs(mode) * v + (mode + 1 - abs(mode)) * vk)"
+#: Speed of two joints against each other, by mode: of 0 the other one's alone.
+_OWN = "min(1, 1e9 * abs(mode))"
+_RELATIVE = f"({_OWN} * v + (mode + 1 - {_OWN}) * vk)"
 
 
 def _column(values: FloatArray) -> FloatArray:
@@ -364,6 +366,12 @@ def _coupled_friction_grid(motion: Motion, j: int) -> Shapes:
     return [(float(k), mode) for k in others for mode in (0.0, 1.0, -1.0)]
 
 
+def _coupled_friction_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Other ratios of the joint that was found: pulleys of other radii; the present one first."""
+    k, mode = shape
+    return [(k, mode), *((k, x) for x in other_ratios(mode) if mode)]
+
+
 def _alone(motion: Motion, j: int) -> str:
     """Needs a second joint."""
     return "" if motion.d > 1 else "the robot has one joint"
@@ -374,7 +382,7 @@ class CoupledFriction(Effect):
 
     name, family = "coupled-friction", "friction"
     doc = Doc(
-        equation="tau = fk tanh(w / v0) + vk w,  w = v_k, v + v_k or v - v_k",
+        equation="tau = fk tanh(w / v0) + vk w,  w = v_k or v + r v_k",
         signature="residual follows the sign of another joint's speed",
         confused_with=("rigid-body", "coupled-transmission"),
         shown_by="one joint at a time, then pairs with all combinations of signs",
@@ -391,19 +399,18 @@ class CoupledFriction(Effect):
         Param(
             "mode",
             "1",
-            "0: w = v_k; +1: w = v + v_k; -1: w = v - v_k",
-            -1.0,
-            1.0,
+            "0: w = v_k; else w = v + r v_k, r = the mode",
+            -10.0,
+            10.0,
             codes=(
                 (0.0, "the other joint's speed"),
                 (1.0, "the sum of both speeds"),
                 (-1.0, "the difference of both speeds"),
             ),
-            choice=True,
         ),
     )
     scope = Scope(lacks=_alone)
-    search = Grid(_coupled_friction_grid, refine=False)
+    search = Grid(_coupled_friction_grid, across=_coupled_friction_across, refine=False, rounds=4)
     limits = (Limit("drives", _coupled_friction_brakes),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +97,12 @@ class Band:
     shift_s: float | None = None
     accuracy: float = 0.0
 
+    def beside(self, other: Band) -> Band:
+        """What it says, and what another one says where it is silent."""
+        plain = Band()
+        mine = {f.name: getattr(self, f.name) for f in fields(Band)}
+        return replace(other, **{k: v for k, v in mine.items() if v != getattr(plain, k)})
+
 
 @dataclass(frozen=True)
 class Range:
@@ -140,6 +146,8 @@ class RobotModel(Shown):
         Files with a user's effects.
     valid : tuple of Range
         What it was identified on; empty where nobody knows.
+    fitted : Band
+        Filters and shift of the efforts behind which its values were fitted.
     """
 
     robot: RobotSource
@@ -150,6 +158,7 @@ class RobotModel(Shown):
     plugins: tuple[str, ...] = ()
     urdf_path: str = ""
     valid: tuple[Range, ...] = ()
+    fitted: Band = Band()
 
     def __post_init__(self) -> None:
         if not isinstance(self.robot, RobotSource):
@@ -175,6 +184,8 @@ class RobotModel(Shown):
     def as_it_is(self) -> RobotModel:
         """The model with all its values kept: a fit of it fits nothing.
 
+        Filters and shift are those that it was fitted with, where `band` does not say otherwise.
+
         Raises
         ------
         ConfigError
@@ -190,9 +201,8 @@ class RobotModel(Shown):
                 "'hil fit SESSION.mcap --model M.toml -o FITTED.toml' finds them"
             )
         kept = {"fixed": True, "fixed_shape": True}
-        return replace(
-            self, effects=tuple(replace(u, options=u.options | kept) for u in self.effects)
-        )
+        effects = tuple(replace(u, options=u.options | kept) for u in self.effects)
+        return replace(self, effects=effects, band=self.band.beside(self.fitted))
 
     def _replaced(self, use: Use) -> bool:
         """Whether other effects stand in the place of an effect on all of its joints."""

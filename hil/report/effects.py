@@ -186,15 +186,11 @@ def other_speed(result: FitResult, fit: Learnt) -> Variable:
     k, mode = int(fit.term.shape[0]) - 1, float(fit.term.shape[1])
     own, other = problem.joints[j], problem.joints[k]
     unit = f"[{_unit(result, k)}/s]"
-    if not fit.term.effect.shape[1].choice:  # any ratio of the speeds
-        x, sign = problem.qd[j] + mode * problem.qd[k], "+" if mode > 0 else "\u2212"
-        return Variable(
-            x, f"speed of {own} {sign} {abs(mode):g} x speed of {other} {unit}", dense_at_zero(x)
-        )
     if not mode:
         return Variable(problem.qd[k], f"speed of {other} {unit}", dense_at_zero(problem.qd[k]))
     x, sign = problem.qd[j] + mode * problem.qd[k], "+" if mode > 0 else "\u2212"
-    return Variable(x, f"speed of {own} {sign} speed of {other} {unit}", dense_at_zero(x))
+    times = f"{abs(mode):.3g} x " if abs(mode) != 1.0 else ""
+    return Variable(x, f"speed of {own} {sign} {times}speed of {other} {unit}", dense_at_zero(x))
 
 
 def depth(result: FitResult, fit: Learnt) -> Variable:

@@ -12,6 +12,7 @@ from hil.diagnosis.residuals import Region, regions
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Explainable, Finding, joint_of
 from hil.diagnosis.verbs import Comparison, Rung
 from hil.identify.multistep import MultiStep
+from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.model import Value
 from hil.models.param_text import in_words
@@ -97,6 +98,7 @@ def comparison_json(c: Comparison) -> dict[str, object]:
         "held_out": c.heldout.kind,
         "noise_floor_from": c.evidence.floor.method,
         "multi_step": multi_json(c.multi_step, result),
+        "signal": _band(result.problem),
         "warnings": [{"code": f.code, "text": f.sentence} for f in c.faults],
     }
 
@@ -168,12 +170,18 @@ def _signal(d: Diagnosis) -> dict[str, object] | None:
     if not d.ladder:
         return None
     problem = d.ladder[-1].result.problem
+    return _band(problem) | {
+        "runs": list(dict.fromkeys(r.name for r in problem.recordings)),
+    }
+
+
+def _band(problem: Problem) -> dict[str, object]:
+    """The same of the filters alone, in SI units."""
     return {
         "position_hz": number(problem.rates.position),
         "effort_hz": number(problem.rates.effort),
         "rate_hz": number(problem.rate),
         "shift_s": number(problem.shift),
-        "runs": list(dict.fromkeys(r.name for r in problem.recordings)),
     }
 
 

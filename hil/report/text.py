@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.artefacts import BLURRED, blurred_above
+from hil.diagnosis.artefacts import BLURRED, at_reversals, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT
 from hil.diagnosis.floor import known_to
 from hil.diagnosis.preconditions import GRAVITY, LOST
@@ -224,6 +224,8 @@ def headline(m: Material) -> str:
         joint = m.joints[m.concerned(1)[0]]
         if only_there(m.after, m.last, m.floor):
             return f"The model explains the fitted data, but not {joint} in the held-out data."
+        if at_reversals(m.explained, m.last, m.floor):
+            return AT_REVERSALS
         return f"An effect is missing on {joint}, and none in the catalogue explains it."
     if m.verdict == "not-identifiable":
         return "Nothing can be concluded from these data, neither for nor against the model."
@@ -234,6 +236,12 @@ def headline(m: Material) -> str:
     tail = "all joints are at the noise floor" if ratio <= 1.1 else f"{m.joints[j]} is worst"
     return f"Held-out error is up to {ratio:.2f} times the noise floor: {tail}."
 
+
+#: Verdict where what is left is mostly reversals that the filter of the positions blurs.
+AT_REVERSALS = (
+    "The model leaves more than noise, most of it at reversals that the position filter blurs: "
+    "a missing effect is not shown."
+)
 
 #: Verdict where free functions for the missing description are all that was added.
 UNDESCRIBED = (

@@ -4,7 +4,7 @@ import plants
 import pytest
 
 import hil
-from hil.commands.diagnose import text
+from hil.commands.diagnose import text, verdict
 from hil.diagnosis import artefacts
 from hil.diagnosis.verbs import ladder
 from hil.report import text as report_text
@@ -75,3 +75,15 @@ def test_without_dry_friction_in_the_model_nothing_is_said():
     d = diagnosed(run)
     assert d.first.projector is not None
     assert artefacts.blur(result, d.first.projector, 0).gain == 0.0
+
+
+def test_what_is_left_at_reversals_is_no_missing_effect(monkeypatch):
+    d = diagnosed(plants.quick_axis(1))
+    floor, most = 0.5 * d.explained.heldout.rms, d.explained.result.rms**2
+    d.verdict, d.floor, d.heldout_floor = "unexplained", floor, None
+    for part, said in ((0.8, True), (0.3, False)):
+        monkeypatch.setattr(artefacts, "blurred_parts", lambda *_, p=part: p * most)
+        assert artefacts.at_reversals(d.explained, d.last, floor) is said
+        assert not artefacts.at_reversals(d.explained, d.last, 4 * floor)
+        assert ("at reversals" in verdict(d)) is said
+        assert ("at reversals" in report_text.headline(from_diagnosis(d))) is said

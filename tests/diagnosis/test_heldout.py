@@ -10,7 +10,8 @@ import hil
 from hil.diagnosis.heldout import Examiner
 from hil.errors import DataError
 from hil.identify.problem import Problem
-from hil.models.model import Use
+from hil.models.files import read_model, write_model
+from hil.models.model import Band, Use
 from hil.record.recording import RobotSource
 
 
@@ -69,3 +70,20 @@ def test_a_diagnosis_of_bad_data_says_that_it_has_no_model() -> None:
     for name in ("model", "result"):
         with pytest.raises(DataError, match=r"holds no model: its verdict is 'bad-data'.*NaN"):
             getattr(found, name)
+
+
+def test_a_written_model_keeps_the_band_and_the_shift_of_its_fit(tmp_path) -> None:
+    fitted, other = plants.axis(1).slice(0, 3000), plants.axis(2)
+    late = replace(fitted, tau=np.roll(fitted.tau, 1, axis=0)).slice(5, 2990)
+    base = replace(hil.base_model(late.robot), band=Band(effort_hz=9.0))
+    found = hil.compare([late], base, [other], simulate=False)
+    write_model(replace(found.result.model, band=Band()), tmp_path / "m.toml")
+    model = read_model(tmp_path / "m.toml")
+    kept = hil.compare([other], model.as_it_is(), simulate=False)
+    assert found.result.problem.shift != 0.0
+    assert kept.result.problem.taken == found.result.problem.taken
+    assert kept.heldout.rms == pytest.approx(found.heldout.rms, rel=1e-9)
+    # what the file says under [signal] goes first, and a refit chooses again
+    own = replace(model, band=Band(effort_hz=11.0)).as_it_is()
+    assert hil.compare([other], own, simulate=False).result.problem.rates.effort == 11.0
+    assert hil.fit([other], model).model.fitted.effort_hz not in (9.0, 11.0)

@@ -238,3 +238,22 @@ def test_nothing_is_named_on_a_joint_at_its_floor(
     one.rated.after = 0.96**2
     one.rated.candidate.term.effect = catalogue.get(CORRECTION)  # the verdict keeps those away
     assert not rules.CANDIDATE["at-floor"](one)
+
+
+@pytest.mark.parametrize(
+    ("effect", "masses", "stopped"),
+    [
+        ("friction-drift", 1.0, False),
+        ("friction-drift", 0.0, True),
+        ("spring", 1.0, True),
+    ],
+)
+def test_friction_is_no_inaccuracy_of_a_mass(effect: str, masses: float, stopped: bool) -> None:
+    """A hundredth of what other laws took may be what they miss; a mass misses no friction."""
+    one = case(effect)
+    one.rated.before, one.rated.removed = 0.02, 0.01
+    one.search = SimpleNamespace(
+        base=SimpleNamespace(errors=SimpleNamespace(power=np.array([1.02]))),
+        of_masses=lambda j: masses,
+    )
+    assert bool(rules.CANDIDATE["discrepancy"](one)) is stopped

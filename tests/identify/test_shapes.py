@@ -148,3 +148,14 @@ def test_a_fit_keeps_the_form_of_a_file_where_it_leaves_less() -> None:
     again = fit(Problem([run], run.robot), freed)
     assert again.rms[0] < 1.02 * first.rms[0]
     assert again.values["j1.presliding.form"].value == 1.0
+
+
+def test_the_ratio_of_a_coupled_friction_is_found() -> None:
+    """A cable that passes a pulley of another radius rubs with v + r v_k."""
+    run = plants.two_axes("", 3, "cable")
+    v = np.gradient(run.q, run.t, axis=0)
+    tau = run.tau + 0.4 * np.tanh((v[:, 0] - 0.6 * v[:, 1]) / 0.01)[:, None] * [1.0, 0.0]
+    model = base_model(run.robot) + Use("coupled-friction", ("joint1",))
+    values = fit(Problem([replace(run, tau=tau)], run.robot), model).values
+    assert values["j1.coupled-friction.mode"].value == pytest.approx(-0.6, abs=0.01)
+    assert values["j1.coupled-friction.fk"].value == pytest.approx(0.4, rel=0.05)

@@ -72,7 +72,7 @@ def waves(x: float, p: float) -> list[float]:
 
 def relative_speed(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
     other = m.qd[i, int(s[0]) - 1]
-    w = {0.0: other, 1.0: m.qd[i, j] + other, -1.0: m.qd[i, j] - other}[s[1]]
+    w = m.qd[i, j] + s[1] * other if s[1] else other
     return [tanh(w / 0.05), w]
 
 
@@ -182,7 +182,7 @@ def test_columns_are_the_equation(name: str, j: int) -> None:
     np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("mode", [0.0, 1.0])
+@pytest.mark.parametrize("mode", [0.0, 1.0, -0.72, 0.075])
 def test_coupled_friction_of_the_other_joint_alone_or_with_it(mode: float) -> None:
     motion = motion_of(IndependentAxes(("a", "b")))
     got = catalogue.get("coupled-friction").columns(motion, 0, (2.0, mode))
