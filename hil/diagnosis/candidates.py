@@ -151,7 +151,7 @@ def rate(
         more = [candidate_group(problem, c) for c in some]
         table = GramTable(problem, folds, result.sigma, base, more)
         now = table.errors(keys)
-        out |= {id(c): rated(c, table, keys, now) for c in some}
+        out |= dict(zip(map(id, some), rated(some, table, keys, now), strict=True))
     return [out[id(c)] for c in candidates]
 
 
@@ -162,25 +162,33 @@ def held_out(result: FitResult, split: Split) -> FloatArray:
     return table.left_out([g.key for g in groups])
 
 
-def rated(c: Candidate, table: GramTable, keys: Sequence[object], now: BlockErrors) -> Rated:
-    """One candidate beside the groups `keys`, whose errors are `now`."""
-    gone = {(name, c.term.joint) for name in c.term.effect.relations.replaces}
-    chosen = [k for k in keys if k not in gone] + [key_of(c)]
-    if c.term.effect.variation.dated(c.term.shape):
-        table.hold(key_of(c), table.coefficients(chosen)[key_of(c)])
-    errors = table.errors(chosen)
-    j = c.term.joint
-    if c.term.effect.scope.whole:
-        j = int(np.argmax((now.power - errors.power) / np.maximum(now.power, 1e-300)))
-    fall = now.squared[:, j] - errors.squared[:, j]
-    return Rated(
-        c,
-        now,
-        errors,
-        fall,
-        float(now.power[j]),
-        float(errors.power[j]),
-        j,
-        partial(table.residual, chosen),
-        partial(table.residual, keys),
-    )
+def rated(
+    some: Sequence[Candidate], table: GramTable, keys: Sequence[object], now: BlockErrors
+) -> list[Rated]:
+    """Candidates, each beside the groups `keys`, whose errors are `now`."""
+    models = []
+    for c in some:
+        gone = {(name, c.term.joint) for name in c.term.effect.relations.replaces}
+        chosen = [k for k in keys if k not in gone] + [key_of(c)]
+        if c.term.effect.variation.dated(c.term.shape):
+            table.hold(key_of(c), table.coefficients(chosen)[key_of(c)])
+        models.append(chosen)
+    out = []
+    for c, chosen, errors in zip(some, models, table.each(models), strict=True):
+        j = c.term.joint
+        if c.term.effect.scope.whole:
+            j = int(np.argmax((now.power - errors.power) / np.maximum(now.power, 1e-300)))
+        out.append(
+            Rated(
+                c,
+                now,
+                errors,
+                now.squared[:, j] - errors.squared[:, j],
+                float(now.power[j]),
+                float(errors.power[j]),
+                j,
+                partial(table.residual, chosen),
+                partial(table.residual, keys),
+            )
+        )
+    return out

@@ -229,23 +229,38 @@ class GramTable:
 
     def errors(self, keys: Sequence[Hashable]) -> BlockErrors:
         """Held-out errors of the model that consists of some groups."""
-        theta, chosen = self.solutions(keys)
-        alone = self._alone(keys)
-        own = chosen.size - (0 if alone is None else self.groups[alone].lower.size)
-        if alone is not None and not np.any(theta[:, own:]):
-            # nothing of it: not even rounding is to tell the two models apart
-            return self.errors([k for k in keys if k != alone])
-        full = np.zeros((len(theta), self._width))
-        full[:, chosen[:own]] = theta[:, :own]
-        v, u = full[self.split.fold], theta[self.split.fold, own:]
-        squared = np.zeros((self.split.blocks, self.d))
+        return self.each([keys])[0]
+
+    def each(self, models: Sequence[Sequence[Hashable]]) -> list[BlockErrors]:
+        """Held-out errors of several models, each of some groups: products read once for all."""
+        full = np.zeros((len(models), self.split.folds, self._width))
+        added: list[tuple[Hashable, FloatArray] | None] = []
+        same: dict[int, BlockErrors] = {}
+        for out, keys in zip(full, models, strict=True):
+            theta, chosen = self.solutions(keys)
+            alone = self._alone(keys)
+            own = chosen.size - (0 if alone is None else self.groups[alone].lower.size)
+            if alone is not None and not np.any(theta[:, own:]):
+                # nothing of it: not even rounding is to tell the two models apart
+                same[len(added)], alone = self.errors([k for k in keys if k != alone]), None
+            out[:, chosen[:own]] = theta[:, :own]
+            added.append(None if alone is None else (alone, theta[self.split.fold, own:]))
+        squared = np.zeros((len(models), self.split.blocks, self.d))
         for j in range(self.d):
-            each = np.concatenate([v[:, self._joint_columns[j]], -np.ones((len(v), 1))], axis=1)
-            squared[:, j] = _forms(each, self._test[j], each)
-            if alone is not None and j in self._apart[alone].tested:
-                cross, inner = self._apart[alone].tested[j]
-                squared[:, j] += 2 * _forms(each, cross, u) + _forms(u, inner, u)
-        return BlockErrors(np.maximum(squared, 0.0), self.count)
+            ids = self._joint_columns[j]
+            v = np.concatenate([full[:, :, ids], np.full((*full.shape[:2], 1), -1.0)], axis=2)
+            for k in range(self.split.folds):
+                own_blocks = np.flatnonzero(self.split.fold == k)
+                # v' M v of every model and block of the fold
+                x = v[:, k].T
+                squared[:, own_blocks, j] = np.sum((self._test[j][own_blocks] @ x) * x, axis=1).T
+            for n, some in enumerate(added):
+                if some is not None and j in self._apart[some[0]].tested:
+                    (cross, inner), u = self._apart[some[0]].tested[j], some[1]
+                    squared[n, :, j] += 2 * _forms(v[n, self.split.fold], cross, u)
+                    squared[n, :, j] += _forms(u, inner, u)
+        every = [BlockErrors(np.maximum(x, 0.0), self.count) for x in squared]
+        return [same.get(k, x) for k, x in enumerate(every)]
 
     def left_out(self, keys: Sequence[Hashable]) -> FloatArray:
         """Residual (d, n) of the model of some groups, each block by the fit to the other folds.

@@ -17,7 +17,7 @@ from hil.errors import ConfigError
 from hil.excite.foresee import efforts, nominal, problem_of
 from hil.excite.limits import HEADROOM, Limits, Margin, allowed, margins, of_data, of_robot
 from hil.excite.question import Question, ready
-from hil.excite.trajectory import Trajectory
+from hil.excite.trajectory import Trajectory, grid, sample
 from hil.identify import standstill
 from hil.identify.bands import Rates
 from hil.identify.problem import Problem
@@ -144,15 +144,53 @@ class Stage:
 def fitted(
     motion: Trajectory, stage: Stage, question: Question
 ) -> tuple[Trajectory, Problem, list[Margin]]:
-    """The motion made small enough for every limit, foreseen, with its margins."""
+    """The motion made small enough for every limit, foreseen, with its margins.
+
+    Its efforts are foreseen where it keeps the other limits.  One that passes the middle posture
+    and breaks a torque limit even as small as it may become breaks it there: no size between is
+    foreseen.
+    """
     limits, robot = stage.space.limits, stage.space.robot
-    for _ in range(30):
-        problem = ready(stage.foresee(motion), question)
-        found = margins(motion, limits, robot, efforts(problem))
-        if not any(_beyond(m) for m in found):
-            break
-        motion = motion.shrunk(0.9, limits.center)
-    return motion, problem, found
+    sizes = [motion]
+    for _ in range(SIZES):
+        sizes.append(sizes[-1].shrunk(SMALLER, limits.center))
+
+    def foreseen_at(k: int) -> tuple[Trajectory, Problem, list[Margin]]:
+        problem = ready(stage.foresee(sizes[k]), question)
+        found = margins(sizes[k], limits, robot, efforts(problem))
+        # one that is too large at any size is played smaller still
+        return sizes[k + any(_beyond(m) for m in found)], problem, found
+
+    last, first = SIZES - 1, True
+    for k in range(last):
+        if any(_beyond(m) for m in margins(sizes[k], limits, robot, None)):
+            continue
+        out = foreseen_at(k)
+        if out[0] is sizes[k]:
+            return out
+        if first and _passes_middle(motion, stage.space):
+            smallest = foreseen_at(last)
+            if smallest[0] is not sizes[last]:
+                return smallest
+        first = False
+    return foreseen_at(last)
+
+
+#: Sizes of a motion that are tried, each by so much smaller than the one before.
+SIZES, SMALLER = 30, 0.9
+#: Share of the way from the middle posture to the ends of the ranges that is next to it.
+NEAR_MIDDLE = 0.05
+
+
+def _passes_middle(motion: Trajectory, space: Space) -> bool:
+    """Whether a motion passes by the middle posture."""
+    q = sample(motion, grid(motion, MIDDLE_RATE))[0]
+    reach = np.maximum(np.max(np.abs(space.alone - space.center[:, None]), axis=1), 1e-12)
+    return bool(np.min(np.max(np.abs(q - space.center) / reach, axis=1)) < NEAR_MIDDLE)
+
+
+#: Rate at which that is looked at [Hz].
+MIDDLE_RATE = 100.0
 
 
 def foreseen(

@@ -20,6 +20,8 @@ FloatArray = NDArray[np.float64]
 CACHE_BYTES = 3 * 2**26
 #: Part of it that former columns leave to new ones: one in so many.
 NEW_PART = 2
+#: Part of it that is made free at once where there is none left: one in so many.
+ROOM_PART = 8
 #: Fields of a motion; the robot is the problem's own.
 FIELDS = frozenset(f.name for f in fields(Motion)) - {"robot"}
 #: Those that are compared by value and not as objects.
@@ -81,11 +83,13 @@ class _Made:
 class Kept:
     """Columns by key; one whose fields have changed since counts as absent.
 
-    Columns that are tried are made again and again as a search goes on.  As long as there is room
-    they are kept, for several values of the small fields (a sign's resolution) at once.
+    Columns that are tried are made again and again as a search goes on.  They are kept, for several
+    values of the small fields (a sign's resolution) at once, until newer ones need their room.
     """
 
     def __init__(self) -> None:
+        #: Those that may go, the oldest first.
+        self._spare: dict[int, tuple[tuple[object, ...], _Made]] = {}
         self._made: dict[tuple[object, ...], list[_Made]] = {}
         self._motions: Sequence[Motion] = ()
         self._states: dict[Seen, tuple[object, ...]] = {}
@@ -106,9 +110,24 @@ class Kept:
         motions: Sequence[Motion],
         spare: bool = False,
     ) -> None:
-        """Keep columns that were made of these fields; `spare` ones if there is room."""
+        """Keep columns that were made of these fields; for `spare` ones the oldest of them go."""
+        if spare and columns.nbytes > self._room:
+            self._make_room(columns.nbytes)
         if not spare or columns.nbytes <= self._room:
             self._hold(key, _Made(columns, seen, self._now(seen, motions), spare))
+
+    def _make_room(self, size: int) -> None:
+        """Let the oldest spare columns go, a part of the room at once."""
+        wanted = max(size, CACHE_BYTES // ROOM_PART)
+        for name in list(self._spare):
+            if self._room >= wanted:
+                break
+            gone = self._spare.pop(name, None)
+            if gone is None:  # another thread was quicker
+                continue
+            key, made = gone
+            self._made[key] = [x for x in self._made[key] if x is not made]
+            self._room += made.columns.nbytes
 
     def pruned(self, motions: Sequence[Motion]) -> Kept:
         """The same without what has changed.
@@ -116,22 +135,29 @@ class Kept:
         Spare columns whose small fields alone have changed may be as they are now once more: the
         latest of them stay, but for a part of the room that is left to new ones.
         """
-        out, former = Kept(), []
+        out, former, fresh = Kept(), [], []
         for key, every in self._made.items():
             for made in every:
                 if out._fresh(made, motions):
-                    out._hold(key, made)
+                    fresh.append((key, made))
                 elif made.spare and out._may(made):
                     former.append((key, made))
+        room = CACHE_BYTES - sum(made.columns.nbytes for _, made in fresh if made.spare)
+        some = []
         for key, made in reversed(former):
-            if out._room - made.columns.nbytes > CACHE_BYTES // NEW_PART:
-                out._hold(key, made)
+            if room - made.columns.nbytes > CACHE_BYTES // NEW_PART:
+                some.append((key, made))
+                room -= made.columns.nbytes
+        # former ones are the first to go
+        for key, made in (*reversed(some), *fresh):
+            out._hold(key, made)
         return out
 
     def _hold(self, key: tuple[object, ...], made: _Made) -> None:
         self._made[key] = [*self._made.get(key, ()), made]
         if made.spare:
             self._room -= made.columns.nbytes
+            self._spare[id(made)] = key, made
 
     def _fresh(self, made: _Made, motions: Sequence[Motion]) -> bool:
         """Whether the runs are as they were in all that was looked at."""

@@ -491,17 +491,23 @@ class Decimator:
         self._slice = slice(edge, max(last, edge + 1))
         self.times = np.arange(self._out)[self._slice] / self.rate
 
-    def __call__(self, x: FloatArray) -> FloatArray:
-        """Filter and decimate along axis 0; (n, ...) to (n_out, ...)."""
-        # pad by a straight line back to the start: linear in x, and without a step
-        pad = self._good - self._n
+    def __call__(self, x: FloatArray, weight: FloatArray | None = None) -> FloatArray:
+        """Filter and decimate along axis 0; (n, ...) to (n_out, ...), `weight` (n,) before it."""
+        flat = x.reshape(self._n, -1).T
+        wide = np.empty((len(flat), self._good))
+        inside, pad = wide[:, : self._n], self._good - self._n
+        if weight is None:
+            inside[:] = flat
+        else:
+            np.multiply(flat, weight, out=inside)
         if pad:
-            ramp = np.arange(1, pad + 1).reshape(-1, *[1] * (x.ndim - 1)) / (pad + 1)
-            x = np.concatenate([x, x[-1:] + (x[:1] - x[-1:]) * ramp])
-        flat = x.reshape(self._good, -1)
+            # pad by a straight line back to the start: linear in x, and without a step
+            ramp = np.arange(1, pad + 1) / (pad + 1)
+            last = inside[:, -1:]
+            wide[:, self._n :] = last + (inside[:, :1] - last) * ramp
         # every p-th instant has a spectrum of its own: short, and at hand at once
-        parts = scipy.fft.rfft(flat.T.reshape(flat.shape[1], -1, self._parts), axis=1)
-        spectrum = np.empty((self._keep, flat.shape[1]), dtype=np.complex128)
+        parts = scipy.fft.rfft(wide.reshape(len(flat), -1, self._parts), axis=1)
+        spectrum = np.empty((self._keep, len(flat)), dtype=np.complex128)
         _joined(parts, self._turns, spectrum)
         out = scipy.fft.irfft(spectrum, n=self._out, axis=0)
         result: FloatArray = out[self._slice].reshape(-1, *x.shape[1:])

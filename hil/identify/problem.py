@@ -319,10 +319,8 @@ class Rows:
         """Effort filter of what acts on joint j, standstill taken out before and after it."""
         if not self._stands[j]:
             return self.filtered(parts)
-        shape = (-1, *[1] * (parts[0].ndim - 1))
-        moving = [(1.0 - s[:, j]).reshape(shape) for s in self._still]
-        out = self.filtered([x * w for x, w in zip(parts, moving, strict=True)])
-        out *= self.live[j].reshape(shape)
+        out = self.filtered(parts, [1.0 - s[:, j] for s in self._still])
+        out *= self.live[j].reshape(-1, *[1] * (out.ndim - 1))
         return out
 
     def back(self, rows: FloatArray, j: int) -> FloatArray:
@@ -353,9 +351,12 @@ class Rows:
     def _sampled(self, name: str) -> FloatArray:
         return self.filtered([getattr(m, name) for m in self.motions])
 
-    def filtered(self, parts: Sequence[FloatArray]) -> FloatArray:
-        """Effort filter of one array a run, runs stacked along axis 0."""
-        runs = [f(x) for f, x in zip(self._filters, parts, strict=True)]
+    def filtered(
+        self, parts: Sequence[FloatArray], weights: Sequence[FloatArray | None] | None = None
+    ) -> FloatArray:
+        """Effort filter of one array a run, with its weights (n,), runs stacked along axis 0."""
+        weights = weights or [None] * len(self._filters)
+        runs = [f(x, w) for f, x, w in zip(self._filters, parts, weights, strict=True)]
         return np.concatenate(runs) if len(runs) > 1 else runs[0]
 
 

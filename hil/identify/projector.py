@@ -111,7 +111,7 @@ class Projector:
         """The term's weighted columns on its rows."""
         columns = block(self.problem, term)
         if term.effect.scope.whole:
-            flat = columns / self.sigma[:, None, None]
+            flat = np.divide(columns, self.sigma[:, None, None], out=np.empty(columns.shape))
             return flat.reshape(self.problem.d * self.problem.n, -1)
         out: FloatArray = columns / self.sigma[term.joint]
         return out

@@ -193,7 +193,7 @@ def alone(effect: Effect) -> Effect:
     """An effect that all joints feel, as its own joint feels it: columns (n, m)."""
 
     def columns(self: Effect, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        own: FloatArray = effect.columns(motion, j, shape)[:, j]
+        own: FloatArray = effect.columns(motion.of_one(), j, shape)[:, j]
         return own
 
     scope = replace(effect.scope, of=Of.JOINT, sought_alone=False)

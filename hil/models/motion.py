@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,6 +117,9 @@ class Motion:
 
     began: float = 0.0
 
+    #: Whether an effect is asked for its own joint alone: what others feel of it may be left out.
+    lone: ClassVar[bool] = False
+
     def __post_init__(self) -> None:
         self._remember({})
 
@@ -202,6 +205,12 @@ class Motion:
     def at_rest(self) -> Motion:
         """The same postures without speed and acceleration."""
         return self.with_(qd=np.zeros_like(self.qd), qdd=np.zeros_like(self.qdd))
+
+    def of_one(self) -> Motion:
+        """The same run, of which an effect is asked for its own joint alone."""
+        out = object.__new__(type(self))
+        out.__dict__.update(self.__dict__, lone=True)
+        return out
 
     def jumps(self, j: int) -> bool:
         """Whether the recorded position of joint j jumps in any run."""

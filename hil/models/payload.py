@@ -145,6 +145,10 @@ def parameters(j: FloatArray) -> FloatArray:
     return np.array([j[3, 3], *j[:3, 3], i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2]])
 
 
+#: The same of a pseudo-inertia's sixteen entries, (10, 16).
+_PARAMETERS = np.stack([parameters(e) for e in np.eye(16).reshape(16, 4, 4)], axis=1)
+
+
 def _seen(motion: Motion, columns: FloatArray) -> FloatArray:
     """Triangle R (10, 10) of columns (n, d, 10), each joint's rows over its rms effort."""
     size = np.sqrt(np.mean(motion.tau**2, axis=0))
@@ -189,11 +193,18 @@ def _apart(seen: FloatArray, pi: FloatArray) -> float:
     """Squared effort between parameters (10,) and those of the nearest real body."""
     scale, inverse = _inverse(seen)
     at, unit = np.tril_indices(4), max(float(np.linalg.norm(seen @ pi)), 1e-300)
+    # parameters are linear in J = L L'
+    per = (seen @ _PARAMETERS) / unit
+    goal, twice = seen @ pi / unit, per.reshape(-1, 4, 4) + per.reshape(-1, 4, 4).transpose(0, 2, 1)
+    low = np.zeros((4, 4))
 
     def left(x: FloatArray) -> FloatArray:
-        low = np.zeros((4, 4))
         low[at] = x
-        return np.asarray(seen @ (parameters(low @ low.T) - pi)) / unit
+        return np.asarray(per @ (low @ low.T).ravel() - goal)
+
+    def slope(x: FloatArray) -> FloatArray:
+        low[at] = x
+        return np.asarray((twice @ low)[:, at[0], at[1]])
 
     # from the values as they are, and without what no motion shows
     least = float(np.inf)
@@ -202,8 +213,8 @@ def _apart(seen: FloatArray, pi: FloatArray) -> float:
         size = max(float(np.abs(value).max()), 1e-300)
         if value[0] >= -EXACT * size:
             return 0.0
-        low = np.linalg.cholesky((vector * np.maximum(value, NEAR * size)) @ vector.T)
-        found = scipy.optimize.least_squares(left, low[at], x_scale="jac", max_nfev=200)
+        begin = np.linalg.cholesky((vector * np.maximum(value, NEAR * size)) @ vector.T)[at]
+        found = scipy.optimize.least_squares(left, begin, slope, x_scale="jac", max_nfev=200)
         least = min(least, float(2 * found.cost))
     return float(least * unit**2)
 

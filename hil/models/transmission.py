@@ -69,9 +69,9 @@ def felt(motion: Motion, j: int, stretch: FloatArray, second: FloatArray) -> Flo
     """What the other joints feel of a link that is not where the motor is, (n, d).
 
     To first order -(M_ij d'' + G_ij d) for a stretch d and its second derivative: the link of
-    joint j is at q_j - d.
+    joint j is at q_j - d.  Nothing where joint j alone is asked for.
     """
-    if motion.response is None or motion.d == 1:
+    if motion.response is None or motion.d == 1 or motion.lone:
         return np.zeros((motion.n, motion.d))
     inertia, gradient = motion.response.inertia[:, :, j], motion.response.gradient[:, :, j]
     out: FloatArray = -(inertia * second[:, None] + gradient * stretch[:, None])

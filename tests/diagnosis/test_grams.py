@@ -56,6 +56,18 @@ def test_any_subset_of_columns_gives_what_the_rows_give(made, names):
     assert found == pytest.approx(expected, rel=1e-4, abs=1e-6 * expected.sum())
 
 
+def test_models_that_are_judged_together_have_the_errors_that_each_has_alone(made):
+    problem, folds = made
+    own, more = columns(problem, *"av1"), columns(problem, *"sq")
+    table = GramTable(problem, folds, np.array([0.01]), own, more)
+    models = [list("av1"), list("av1s"), list("a1q"), list("av1q")]
+    together = table.each(models)
+    for keys, found in zip(models, together, strict=True):
+        alone = table.errors(keys)
+        assert found.squared == pytest.approx(alone.squared, rel=1e-9)
+        assert np.array_equal(found.count, alone.count)
+
+
 def test_left_out_rows_give_the_same_errors(made):
     problem, folds = made
     table = GramTable(problem, folds, np.array([0.01]), columns(problem, *"avs1"))

@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.errors import ConfigError
-from hil.excite import menu, trajectory
+from hil.excite import menu, stage, trajectory
 from hil.excite.choose import decide, survey
-from hil.excite.limits import check, margins, of_robot
-from hil.excite.stage import explore, stage_of
+from hil.excite.limits import HEADROOM, check, margins, of_robot
+from hil.excite.stage import Stage, explore, fitted, stage_of
 from hil.excite.trajectory import Trajectory, grid, sample
+from hil.identify.bands import Rates
 from hil.identify.problem import Problem
 from hil.models.robots import bare_robot
 from hil.record.recording import Recording, RobotSource
@@ -145,3 +146,24 @@ def test_motions_that_take_too_long_are_not_foreseen():
     assert seen.motions == []
     with pytest.raises(ConfigError, match="too slow for their ranges"):
         decide(seen, None, ())
+
+
+@pytest.mark.parametrize(("rests_at", "moves_with"), [(1.2, 0.5), (0.0, 2.0), (0.3, 0.1)])
+def test_the_largest_size_that_keeps_the_torque_is_found(monkeypatch, rests_at, moves_with):
+    _, limits, space = premium()
+    wanted = menu.MENU["fast-strokes"](space, 0, 12.0)
+    seen = []
+
+    def effort(motion):
+        seen.append(float(np.ptp(motion.via[:, 0]) / np.ptp(wanted.via[:, 0])))
+        return (rests_at + moves_with * seen[-1]) * limits.torque[None]
+
+    monkeypatch.setattr(Stage, "foresee", lambda self, motion: motion)
+    monkeypatch.setattr(stage, "ready", lambda motion, question: motion)
+    monkeypatch.setattr(stage, "efforts", effort)
+    _, problem, _ = fitted(wanted, Stage(space, PREMIUM, Rates(60.0, 20.0), np.ones(3)), None)
+    size = float(np.ptp(problem.via[:, 0]) / np.ptp(wanted.via[:, 0]))
+    sizes = 0.9 ** np.arange(30)
+    fits = sizes[rests_at + moves_with * sizes <= HEADROOM]
+    assert size == pytest.approx(fits[0] if fits.size else sizes[-1])
+    assert len(seen) == 2 or fits.size  # at any size it would be too much: asked of two of them

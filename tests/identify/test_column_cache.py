@@ -7,7 +7,8 @@ import numpy as np
 import plants
 import pytest
 
-from hil.identify.column_cache import watched
+from hil.identify import column_cache
+from hil.identify.column_cache import Kept, watched
 from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.motion import FloatArray
@@ -73,3 +74,18 @@ def test_what_was_looked_at_has_one_order(problem: Problem) -> None:
     effect = catalogue.get("load-friction")
     orders = {watched(effect, [m], 1, (0.0,))[1] for m in problem.motions for _ in range(3)}
     assert orders == {tuple(sorted(seen, key=str)) for seen in orders} and len(orders) == 1
+
+
+def test_what_was_tried_last_is_kept_and_what_is_needed_never_goes(
+    problem: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, motions, one = Kept(), problem.motions, np.zeros((100, 1))
+    monkeypatch.setattr(column_cache, "CACHE_BYTES", 10 * one.nbytes)
+    kept._room = 10 * one.nbytes
+    kept.put(("needed",), one, (), motions)
+    for k in range(30):
+        kept.put((k,), one.copy(), (), motions, spare=True)
+    there = [k for k in range(30) if kept.get((k,), motions) is not None]
+    assert there[-9:] == list(range(21, 30))
+    assert len(there) <= 10
+    assert kept.get(("needed",), motions) is one
