@@ -24,6 +24,8 @@ from hil.models.param import JOINT, Param
 from hil.models.robots import Robot
 
 FloatArray = NDArray[np.float64]
+#: Family of what belongs to the sensors: a program that drives the robot has no use for it.
+SENSOR = "sensor"
 #: Formulas of friction that simulators have.
 _FRICTION = ("sign", "v")
 #: Speeds at which laws of friction are compared; way between two instants of a stroke [rad or m].
@@ -294,6 +296,8 @@ class _Translation:
         bodies = None
         for use in self.model.effects:
             effect = catalogue.get(use.type)
+            if effect.family == SENSOR:
+                continue
             if reason := self._unsaid(use, effect):
                 lost.append(Lost(use.type, use.joints, reason))
             elif Trait.BODY in effect.traits:

@@ -21,7 +21,7 @@ from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.types import Step
 from hil.diagnosis.verbs import make_problem
 from hil.errors import ConfigError, printable
-from hil.export.content import Content, Lost, Vocabulary, slid, translate
+from hil.export.content import SENSOR, Content, Lost, Vocabulary, slid, translate
 from hil.identify.errors import complete
 from hil.identify.fit import fit
 from hil.identify.parallel import single_threaded
@@ -336,7 +336,8 @@ def reduced(
 ) -> tuple[RobotModel, list[Lost]]:
     """A model without what a target cannot say, and that; `joints` are all of the robot.
 
-    Coefficients that every run has of its own become one for all.
+    Coefficients that every run has of its own become one for all.  What the sensors do stays: it is
+    no part of the robot, and no target gets it.
 
     Raises
     ------
@@ -345,6 +346,9 @@ def reduced(
     """
     kept, lost = [], []
     for use in model.effects:
+        if catalogue.get(use.type).family == SENSOR:  # without it the robot would take what it does
+            kept.append(use)
+            continue
         if reason := words.lacks(catalogue.get(use.type)):
             lost.append(Lost(use.type, use.joints, reason))
             continue
@@ -358,7 +362,7 @@ def reduced(
         options = {k: v for k, v in use.options.items() if k != "per_run"}
         once = {k: v for k, v in use.values.items() if "[" not in k}
         kept.append(replace(use, options=options, values=once))
-    if not kept:
+    if all(catalogue.get(use.type).family == SENSOR for use in kept):
         raise ConfigError(
             f"the target can say none of the model's effects: {', '.join(model.names())}"
         )
@@ -531,7 +535,16 @@ class Program:
         lost = tuple(x.text for x in found.content.lost)
         texts = self.write(found.content, job.name, head(job, found, lost))
         cost = self.cost(texts[self.ending], found.content) if self.cost else ""
-        return Made(texts, found.steps, lost, (*found.notes, *([cost] if cost else [])))
+        said = (*found.notes, *_of_sensors(job.model), *([cost] if cost else []))
+        return Made(texts, found.steps, lost, said)
+
+
+def _of_sensors(model: RobotModel) -> list[str]:
+    """What a model says of the sensors, which no target gets."""
+    theirs = [u.type for u in model.effects if catalogue.get(u.type).family == SENSOR]
+    if not theirs:
+        return []
+    return [f"not written, for it is of the sensors and not of the robot: {', '.join(theirs)}"]
 
 
 def head(job: Job, found: Within, lost: tuple[str, ...]) -> tuple[str, ...]:

@@ -30,6 +30,12 @@ from hil.models.parts import always
 FASTEST = 25.0
 #: Fewest periods in a run: what is slower is a drift.
 PERIODS = 4.0
+#: Share of a motion's power at a frequency that is its own; share of one of which it mostly
+#: consists, multiples of that which are its own, too, and how many bins of the spectrum apart two
+#: frequencies are two.  A machine answers a sine with its multiples; beyond the eighth nothing that
+#: it does is as large as a name.  Half: hums near a slow motion go unnamed; double: what a model
+#: misses of a motion of few sines is a hum.
+A_LINE, MOSTLY, OVERTONES, RESOLVED = 0.05, 0.8, 8, 1.5
 #: Temperature at which friction is that of the model, whatever a drift adds [degC].
 ROOM = 25.0
 #: Parts of a run in which a law's values may differ.
@@ -133,6 +139,30 @@ def _periodic_disturbance_foils(
     return [here * x[:, None] for x in own]
 
 
+def _periodic_disturbance_foreign(f: Fitted) -> bool:
+    """A frequency of the motion, or a multiple of the one of which it mostly consists, is its own.
+
+    What answers the motion there is a wrong gain, a friction, a spring; it is no disturbance.
+    """
+    q, duration = f.motion.q[:, f.j], f.motion.n * f.motion.dt
+    power = np.abs(np.fft.rfft((q - q.mean()) * np.hanning(q.size))) ** 2
+    whole = float(power[1:].sum())
+    if duration <= 0.0 or whole <= 0.0:
+        return True
+
+    def share(at: int) -> float:
+        # a line of a Hann window is four bins wide
+        return float(power[max(at - 2, 1) : at + 3].sum()) / whole
+
+    if share(round(f.shape[0] * duration)) > A_LINE:
+        return False
+    top = int(np.argmax(power[1:])) + 1
+    multiple = f.shape[0] * duration / top
+    nearest = round(multiple)
+    apart = abs(multiple - nearest) * top > RESOLVED
+    return share(top) < MOSTLY or not 1 <= nearest <= OVERTONES or apart
+
+
 def _periodic_disturbance_grid(motion: Motion, j: int) -> Shapes:
     """Every half period over the run; read off the residual's spectrum, not tried one by one.
 
@@ -163,6 +193,7 @@ class PeriodicDisturbance(Effect):
     variation = Variation(per_run=True, own=always)
     relations = Relations(foils=_periodic_disturbance_foils)
     search = Lines(_periodic_disturbance_grid)
+    limits = (Limit("own-line", _periodic_disturbance_foreign),)
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
