@@ -27,6 +27,7 @@ from hil.models.effect import (
     Trait,
     Waves,
     brakes,
+    even_ratio,
     other_ratios,
 )
 from hil.models.friction import HARMONICS, harmonics, position_orders
@@ -133,13 +134,14 @@ def _coupled_transmission_brakes(f: Fitted) -> bool:
 
 def _coupled_transmission_grid(motion: Motion, j: int) -> Shapes:
     """Every later joint (the pair is unordered), equal or opposite."""
-    return [(float(k + 1), r) for k in range(j + 1, motion.d) for r in (1.0, -1.0)]
+    later = range(j + 1, motion.d)
+    return [(float(k + 1), s * even_ratio(motion, j, k)) for k in later for s in (1.0, -1.0)]
 
 
 def _coupled_transmission_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
     """Other ratios: motors behind unlike gears, or a metre a radian; equal or opposite first."""
     k, r = shape
-    return [(k, x) for x in (r, *other_ratios(r))]
+    return [(k, x) for x in (r, *other_ratios(r, even_ratio(motion, j, int(k) - 1)))]
 
 
 def _coupled_transmission_lacks(motion: Motion, j: int) -> str:
@@ -179,7 +181,7 @@ class CoupledTransmission(Effect):
         k, r = int(shape[0]) - 1, shape[1]
         w = motion.qd[:, j] + r * motion.qd[:, k]
         slope = motion.qdd[:, j] + r * motion.qdd[:, k]
-        v0 = float(max(motion.v0[j], motion.v0[k]))
+        v0 = float(max(motion.v0[j], abs(r) * motion.v0[k]))
         parts = np.stack([slope, motion.sign_of(w, slope, v0), w], axis=1)
         out = np.zeros((motion.n, motion.d, 3))
         out[:, j], out[:, k] = parts, r * parts

@@ -219,10 +219,18 @@ RATIOS = (0.1, 0.15, 0.22, 0.33, 0.5, 0.7, 1.4, 2.0, 3.0, 4.5, 6.7, 10.0)
 FINER = (0.75, 0.85, 0.92, 0.96, 0.98, 0.99, 1.01, 1.02, 1.04, 1.08, 1.17, 1.33)
 
 
-def other_ratios(r: float) -> list[float]:
-    """Ratios that are worth trying beside one: of all sizes beside 1 or -1, else near it."""
-    if abs(r) == 1.0:
-        return [x * s for x in RATIOS for s in (1.0, -1.0)]
+def even_ratio(motion: Motion, j: int, k: int) -> float:
+    """Ratio r at which v_j and r v_k are alike: 1, or between a turn and a slide that of speeds."""
+    units = motion.robot.units
+    if units[j] == units[k]:
+        return 1.0
+    return float(f"{typical_speed(motion, j) / typical_speed(motion, k):.2g}")
+
+
+def other_ratios(r: float, even: float) -> list[float]:
+    """Ratios that are worth trying beside one: of all sizes beside the even one, else near it."""
+    if abs(r) == even:
+        return [even * x * s for x in RATIOS for s in (1.0, -1.0)]
     return [x * r for x in FINER]
 
 

@@ -25,6 +25,7 @@ from hil.models.effect import (
     Trait,
     Waves,
     brakes,
+    even_ratio,
     log_grid,
     other_ratios,
     typical_speed,
@@ -362,14 +363,15 @@ def _coupled_friction_brakes(f: Fitted) -> bool:
 
 def _coupled_friction_grid(motion: Motion, j: int) -> Shapes:
     """Every other joint, alone and relative to this one."""
-    others = [k + 1 for k in range(motion.d) if k != j]
-    return [(float(k), mode) for k in others for mode in (0.0, 1.0, -1.0)]
+    others = [k for k in range(motion.d) if k != j]
+    return [(k + 1.0, s * even_ratio(motion, j, k)) for k in others for s in (0.0, 1.0, -1.0)]
 
 
 def _coupled_friction_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
     """Other ratios of the joint that was found: pulleys of other radii; the present one first."""
     k, mode = shape
-    return [(k, mode), *((k, x) for x in other_ratios(mode) if mode)]
+    even = even_ratio(motion, j, int(k) - 1)
+    return [(k, mode), *((k, x) for x in other_ratios(mode, even) if mode)]
 
 
 def _alone(motion: Motion, j: int) -> str:
@@ -419,7 +421,7 @@ class CoupledFriction(Effect):
         own, side = float(bool(mode)), mode or 1.0
         w = own * motion.qd[:, j] + side * motion.qd[:, k]
         slope = own * motion.qdd[:, j] + side * motion.qdd[:, k]
-        v0 = float(max(motion.v0[j], motion.v0[k]))
+        v0 = float(max(own * motion.v0[j], abs(side) * motion.v0[k]))
         return np.stack([motion.sign_of(w, slope, v0), w], axis=1)
 
 
