@@ -389,6 +389,7 @@ def prepare(
         grain=standstill.position_noise(r.q) * np.sqrt(12),
         slips=_slips(r, pick, rates),
         began=part.start,
+        band=rates.effort,
     )
     still = standstill.standing(r.q, qd, qdd, fs, 0.5 / rates.effort, rates.position)
     spoilt = bridged(part, rates.position).astype(np.float64)

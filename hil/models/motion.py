@@ -90,6 +90,8 @@ class Motion:
         the sign of the speed: every law that scales friction scales this state.
     began : float
         Its first instant after the start of its run, of which it may be a later part [s].
+    band : float
+        Cut-off of the filter that the efforts pass [Hz]; 0 where none is known.
     """
 
     t: FloatArray
@@ -116,6 +118,7 @@ class Motion:
     friction: tuple[FloatArray | None, ...] = ()
 
     began: float = 0.0
+    band: float = 0.0
 
     #: Whether an effect is asked for its own joint alone: what others feel of it may be left out.
     lone: ClassVar[bool] = False

@@ -132,6 +132,9 @@ def inside(motion: Motion, f: float) -> bool:
     return f < 0.95 * highest(motion)
 
 
+#: How far beyond the effort filter's cut-off a mode still shows its flank.  Half: modes of the upper
+#: band go unnamed; double: what reversals leave of dry friction is a mode.
+BEYOND_BAND = 1.1
 #: Share of the load behind a spring or a play from which it is one (the rotor is before it).
 LOAD_SHARE = 0.25
 #: Frictions behind a play that are tried, in units of the load's standard deviation.
@@ -293,9 +296,11 @@ class Backlash(Effect):
 def _vibration_mode_swings(f: Fitted) -> bool:
     """A structure that rings: one damped more than `SWINGING` is an inertia that fades.
 
-    That is also what the filtered noise of a coarse position looks like.
+    That is also what the filtered noise of a coarse position looks like.  Nor does one ring that is
+    faster than what the efforts show: it is an inertia with a lag.
     """
-    return f.shape[1] < SWINGING
+    within = not f.motion.band or f.shape[0] < BEYOND_BAND * f.motion.band
+    return f.shape[1] < SWINGING and within
 
 
 class VibrationMode(_Resonance):

@@ -49,8 +49,12 @@ def test_an_improved_model_says_which_of_its_names_are_not_settled(tmp_path, cap
     write_recordings(str(tmp_path / "a.mcap"), [plants.late_axes((6, 6))])
     assert main(["improve", str(tmp_path / "a.mcap"), "-o", str(tmp_path / "m.toml")]) == 0
     shown = capsys.readouterr().out
-    assert "not settled: delay on joint2 or actuator-lag; these data fit either" in shown
-    assert "delay on joint1 or" not in shown
+    for joint in ("joint1", "joint2"):
+        assert f"not settled: delay on {joint} or actuator-lag; these data fit either" in shown
+    write_recordings(str(tmp_path / "b.mcap"), [plants.axis_with_stop(1.0, 1)])
+    assert main(["improve", str(tmp_path / "b.mcap"), "-o", str(tmp_path / "n.toml")]) == 0
+    shown = capsys.readouterr().out
+    assert "end-stop on joint1" in shown and "not settled" not in shown
 
 
 def test_an_effect_that_later_ones_have_emptied_gets_no_name():
