@@ -17,6 +17,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from hil import registry
+from hil.diagnosis.constants import MATTERS
 from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.types import Step
 from hil.diagnosis.verbs import make_problem
@@ -378,14 +379,15 @@ def _feasible(content: Content, rows: FloatArray, mended: bool) -> Nearest | Non
     Raises
     ------
     ConfigError
-        If only others are, and those were not asked for.
+        If only bodies with other efforts are, by more than efforts are measured to, and those were
+        not asked for.
     """
     if content.bodies is None or not (bad := infeasible(content.bodies)):
         return None
     tree = content.tree
     prior = (tree.spread @ content.robot.prior).reshape(-1, 10)
     found = nearest(content.bodies, prior, rows)
-    if found.same or mended:
+    if found.same or mended or found.change < MATTERS:
         return found
     names = ", ".join(tree.joints[k] for k in bad)
     raise ConfigError(

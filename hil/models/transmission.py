@@ -132,8 +132,8 @@ def inside(motion: Motion, f: float) -> bool:
     return f < 0.95 * highest(motion)
 
 
-#: How far beyond the effort filter's cut-off a mode still shows its flank.  Half: modes of the upper
-#: band go unnamed; double: what reversals leave of dry friction is a mode.
+#: How far beyond the effort filter's cut-off a mode still shows its flank.  Half: modes of the
+#: upper band go unnamed; double: what reversals leave of dry friction is a mode.
 BEYOND_BAND = 1.1
 #: Share of the load behind a spring or a play from which it is one (the rotor is before it).
 LOAD_SHARE = 0.25
