@@ -272,8 +272,8 @@ def kindred(a: Candidate, b: Candidate) -> bool:
 
 def choose(
     candidates: list[Candidate], projector: Projector
-) -> tuple[Candidate, float, list[Candidate]]:
-    """Best candidate, its confidence, and the rivals that keep at least 5 % each.
+) -> tuple[Candidate, float, list[tuple[Candidate, float]]]:
+    """Best candidate, its confidence, and the rivals that keep at least 5 % each, with that.
 
     Rivals on another joint compete for the same residual only through the shared rigid-body
     parameters; they are retested after the best one is in, so only rivals on the same joint
@@ -291,7 +291,7 @@ def choose(
         or mirrored(best, c, projector)
     ]
     p = weights(best, same[:12], projector)
-    rivals = [c for k, c in enumerate(same[:12], start=1) if p[k] >= RIVAL]
+    rivals = [(c, p[k]) for k, c in enumerate(same[:12], start=1) if p[k] >= RIVAL]
     return best, p[0], rivals
 
 

@@ -35,7 +35,7 @@ from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.grams import GramTable, Group
 from hil.diagnosis.heldout import Examiner, settled
-from hil.diagnosis.naming import Named, exchange, shares
+from hil.diagnosis.naming import Named, exchange, separated, shares
 from hil.diagnosis.preconditions import mistaken, undetermined
 from hil.diagnosis.search import Search, Visited
 from hil.diagnosis.types import (
@@ -143,7 +143,11 @@ def diagnose(
     out.warnings = without_robot(problem) + doubtful + out.warnings
     out.stops, out.fired = search.stops, search.fired
     finish(out, examine, model, recordings, faults)
-    return floored(corrected(out, search))
+    return floored(separate(corrected(out, search), search, named))
+
+
+#: Why a name is not sure that has rivals.
+AS_WELL = "other effects explain the same error about as well"
 
 
 def floored(out: Diagnosis) -> Diagnosis:
@@ -184,6 +188,26 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
         with_errors(out)
         out.corrections = with_laws(out.corrections, search)
     renew(search.now.result)
+    return out
+
+
+def separate(out: Diagnosis, search: Search, named: list[Named]) -> Diagnosis:
+    """The diagnosis without rivals that the last model shows to be none."""
+    problem, of = (
+        search.problem,
+        {(n.candidate.name, joint_of(n.candidate, search.problem)): n for n in named},
+    )
+    for k, f in enumerate(out.findings):
+        before = of[f.effect, f.joint]
+        now = separated(search, before) if f.rivals else before
+        if now is not before:
+            c = now.candidate
+            names = dict.fromkeys(rival_name(r, c, problem) for r in now.rivals)
+            sure = min(f.confidence * now.confidence / max(before.confidence, 1e-300), 1.0)
+            why = "" if not names and f.reason == AS_WELL else f.reason
+            out.findings[k] = replace(f, confidence=round(sure, 3), rivals=list(names), reason=why)
+    if out.verdict == "ambiguous":
+        out.verdict = _verdict(out.findings, out.partial, True)
     return out
 
 
@@ -319,7 +343,7 @@ def finding(
     explain, own = _explain(search, c, (floor, other), taken), n.confidence
     share = min(value for value, _ in explain)
     worth = float(np.clip((share - HALF) / max(WHOLE - HALF, 1e-300), 0.0, 1.0))
-    least_sure = [*explain, (own, "other effects explain the same error about as well")]
+    least_sure = [*explain, (own, AS_WELL)]
     head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
     one = [
         float((s.result if other is None else s.heldout).rms[j] ** 2)

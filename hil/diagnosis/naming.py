@@ -7,7 +7,7 @@ What cannot be told from it is its rival, and free functions without a name run 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from hil.diagnosis.evidence import (
     priced,
     terms_to_try,
 )
+from hil.diagnosis.floor import practical
 from hil.diagnosis.grams import GramTable, Group
 from hil.diagnosis.search import Search, Visited, simplest, without
 from hil.diagnosis.types import Candidate, describe, ranking
@@ -34,6 +35,9 @@ from hil.models.effect import Effect, Lines
 FloatArray = NDArray[np.float64]
 #: Draws of the bootstrap.
 DRAWS = 400
+#: Error over that of the effect from which another one in its place is no rival of it.  Half: a
+#: law whose form is a little off has no rival; double: names beside a large rest stay ambiguous.
+TWICE = 2.0
 #: Rules of a fit in which one effect takes the place of another.
 FORMS = ("never-rises", "coefficients", "scales", "allowed")
 
@@ -50,11 +54,32 @@ class Named:
         Weight of the models that hold it, among those that cannot be told apart.
     rivals : list of Candidate
         Effects that take its place in the others.
+    odds : list of (float, float)
+        Weight of each rival by the likelihood, and share of the draws that it wins; empty where
+        there are none.
+    own : (float, float)
+        The same of the effect: its confidence is the lesser one.
     """
 
     candidate: Candidate
     confidence: float
     rivals: list[Candidate]
+    odds: list[tuple[float, float]] = field(default_factory=list)
+    own: tuple[float, float] = (HALF, HALF)
+
+    def among(self, rivals: Sequence[Candidate]) -> Named:
+        """The same among fewer rivals."""
+        kept = [k for k, r in enumerate(self.rivals) if any(r is x for x in rivals)]
+        gone = [x for k, x in enumerate(self.odds) if k not in kept]
+        left = (1.0 - sum(x[way] for x in gone) for way in (0, 1))
+        own = tuple(min(p / max(x, p, 1e-300), 1.0) for p, x in zip(self.own, left, strict=True))
+        return Named(
+            self.candidate,
+            min(own),
+            [self.rivals[k] for k in kept],
+            [self.odds[k] for k in kept],
+            (own[0], own[1]),
+        )
 
 
 def exchange(search: Search) -> list[Named]:
@@ -199,21 +224,39 @@ def _refitted_rivals(
     if not others:
         return named
     keys = {r.term.key for r in named.rivals}
-    worse = [r for r in rated if r.candidate.term.key in keys and _surely_worse(search, c, r)]
+    most = (1 + WORTH) ** 2 * float(search.now.errors.power[c.joint])
+    near = [r for r in rated if r.candidate.term.key in keys]
+    worse = [r for r in near if _surely_worse(search, c, r.candidate, most)]
     if not worse:
         return named
     return _weighed(search, c, [r for r in rated if all(r is not w for w in worse)], projector)
 
 
-def _surely_worse(search: Search, c: Candidate, rival: Rated) -> bool:
-    """Whether the model with a rival in the place of an effect foretells left-out blocks worse."""
-    now, problem, j = search.now, search.problem, c.joint
-    model = without(now.result.model, c, problem) + as_use(rival.candidate, problem)
+def separated(search: Search, named: Named) -> Named:
+    """A name without the rivals that the last model, corrections and all, shows to be none.
+
+    With one of them in the place of the effect it errs twice as much.  What other effects and
+    corrections take hid that before.
+    """
+    problem, j = search.problem, named.candidate.joint
+    accuracy = (practical(problem) * float(problem.rms(problem.effort)[j])) ** 2
+    most = max(TWICE**2 * float(search.now.errors.power[j]), accuracy)
+    kept = [r for r in named.rivals if not _surely_worse(search, named.candidate, r, most)]
+    return named if len(kept) == len(named.rivals) else named.among(kept)
+
+
+def _surely_worse(search: Search, c: Candidate, rival: Candidate, most: float) -> bool:
+    """Whether the model with a rival in the place of an effect foretells left-out blocks worse.
+
+    And leaves more power on its joint than `most`.
+    """
+    now, problem = search.now, search.problem
+    model = without(now.result.model, c, problem) + as_use(rival, problem)
     rung = search.rung("in place", model, now.result.sigma)
     weight = ~problem.holds / np.maximum(now.errors.power, 1e-300)
     rise = paired((rung.errors.squared - now.errors.squared) @ weight)
     renew(now.result)
-    return rise > SURE and rung.errors.power[j] > (1 + WORTH) ** 2 * now.errors.power[j]
+    return rise > SURE and rung.errors.power[c.joint] > most
 
 
 def _weighed(search: Search, c: Candidate, rated: list[Rated], projector: Projector) -> Named:
@@ -228,11 +271,13 @@ def _weighed(search: Search, c: Candidate, rated: list[Rated], projector: Projec
     if own is None:
         return Named(c, HALF, [])
     rest = [x for x in order if x is not own]
-    _, likely, rivals = choose([own, *rest], projector)
-    drawn = _drawn(own, rated, ~search.problem.holds)
-    rivals += [r.candidate for r, p in drawn if p >= RIVAL and r.candidate not in [own, *rivals]]
-    best = next(p for r, p in drawn if r.candidate is own)
-    return Named(c, min(likely, best), rivals)
+    _, likely, heavy = choose([own, *rest], projector)
+    drawn = [(r.candidate, p) for r, p in _drawn(own, rated, ~search.problem.holds)]
+    best = next(p for r, p in drawn if r is own)
+    rivals = [r for r, _ in heavy]
+    rivals += [r for r, p in drawn if p >= RIVAL and r not in [own, *rivals]]
+    odds = [tuple(next((p for x, p in of if x is r), 0.0) for of in (heavy, drawn)) for r in rivals]
+    return Named(c, min(likely, best), rivals, [(a, b) for a, b in odds], (likely, best))
 
 
 def _in_noise(search: Search, c: Candidate, rated: list[Rated]) -> list[Rated]:

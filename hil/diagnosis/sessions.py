@@ -294,7 +294,7 @@ def _names(named: list[Candidate], projector: Projector | None) -> str:
     if projector is None:
         return named[0].name
     best, _, rivals = choose(named, projector)
-    return " or ".join(dict.fromkeys([best.name, *(c.name for c in rivals)]))
+    return " or ".join(dict.fromkeys([best.name, *(c.name for c, _ in rivals)]))
 
 
 def _here(c: Candidate, result: FitResult) -> float:

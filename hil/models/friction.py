@@ -45,6 +45,7 @@ HARMONICS = (
 )
 #: Speed of two joints against each other, by mode: of 0 the other one's alone.
 _OWN = "min(1, 1e9 * abs(mode))"
+_SIDE = f"abs(mode + 1 - {_OWN})"
 _RELATIVE = f"({_OWN} * v + (mode + 1 - {_OWN}) * vk)"
 
 
@@ -390,7 +391,7 @@ class CoupledFriction(Effect):
         shown_by="one joint at a time, then pairs with all combinations of signs",
         source="Naerum thesis 3.1.2; Miyasaka, Haghighipanah, Li, Hannaford, ICRA 2016",
         over=Over.OTHER_SPEED,
-        formulas=(f"tanh({_RELATIVE} / max(v0, v0k))", _RELATIVE),
+        formulas=(f"tanh({_RELATIVE} / max({_OWN} * v0, {_SIDE} * v0k))", _RELATIVE),
     )
     params = (
         Param("fk", "{F}", "Coulomb part"),

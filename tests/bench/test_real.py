@@ -58,7 +58,9 @@ KNOWN = {
 
 @needs_data
 @pytest.mark.parametrize("name", KNOWN)
-def test_person_on_recordings(name):
+def test_person_on_recordings(name, monkeypatch):
+    # the published figures are of rows among which a joint that creeps while it sticks still moves
+    monkeypatch.setattr("hil.identify.standstill.CREEP", 0.0)
     train, hold = datasets.load_set(name, "train"), datasets.load_set(name, "hold")
     found = least_squares_script.run(train, hold, train[0].robot)
     given, final, joints = KNOWN[name]

@@ -73,7 +73,10 @@ def waves(x: float, p: float) -> list[float]:
 def relative_speed(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
     other = m.qd[i, int(s[0]) - 1]
     w = m.qd[i, j] + s[1] * other if s[1] else other
-    return [tanh(w / 0.05), w]
+    # as sharp as the speeds are known, each in units of the sum
+    mine, theirs = float(m.v0[j]), float(m.v0[int(s[0]) - 1])
+    v0 = max(mine, abs(s[1]) * theirs) if s[1] else theirs
+    return [tanh(w / v0), w]
 
 
 def chebyshev(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
