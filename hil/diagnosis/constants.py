@@ -85,7 +85,8 @@ OPEN = 0.3
 #: The share that it leaves.
 WHOLE = 1 - OPEN
 #: Even odds: share from which a name is worth something, confidence from which one without rivals
-#: stands, share of a named effect's effort that a correction may take.  Half: shadows get names;
+#: stands, share of a named effect's effort that a correction may take, error over that of a law in
+#: its place from which that is no rival.  Half: shadows get names;
 #: double: no name stands that does not explain everything.
 HALF = 0.5
 #: Share of what a name does by which a free function in its place must surely do better, so that

@@ -17,7 +17,16 @@ from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import as_use, choose, kindred, physical
 from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
 from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
-from hil.diagnosis.constants import ABSORBED, BEATEN, DISCREPANCY, HALF, RISEN, RIVAL, SURE, WORTH
+from hil.diagnosis.constants import (
+    ABSORBED,
+    BEATEN,
+    DISCREPANCY,
+    HALF,
+    RISEN,
+    RIVAL,
+    SURE,
+    WORTH,
+)
 from hil.diagnosis.evidence import (
     in_time,
     priced,
@@ -35,9 +44,6 @@ from hil.models.effect import Effect, Lines
 FloatArray = NDArray[np.float64]
 #: Draws of the bootstrap.
 DRAWS = 400
-#: Error over that of the effect from which another one in its place is no rival of it.  Half: a
-#: law whose form is a little off has no rival; double: names beside a large rest stay ambiguous.
-TWICE = 2.0
 #: Rules of a fit in which one effect takes the place of another.
 FORMS = ("never-rises", "coefficients", "scales", "allowed")
 
@@ -240,7 +246,7 @@ def separated(search: Search, named: Named) -> Named:
     """
     problem, j = search.problem, named.candidate.joint
     accuracy = (practical(problem) * float(problem.rms(problem.effort)[j])) ** 2
-    most = max(TWICE**2 * float(search.now.errors.power[j]), accuracy)
+    most = max(float(search.now.errors.power[j]) / HALF**2, accuracy)
     kept = [r for r in named.rivals if not _surely_worse(search, named.candidate, r, most)]
     return named if len(kept) == len(named.rivals) else named.among(kept)
 
