@@ -185,25 +185,30 @@ def _again(run: Callable[[T], R], thing: T) -> R | LostRun:
 def _on_cluster(
     run: Callable[[T], R], things: Sequence[T], address: str
 ) -> Iterator[tuple[int, R | LostRun]]:
-    """Results of a Dask cluster; the scheduler gives the runs of lost workers to other ones."""
+    """Results of a Dask cluster; the scheduler gives the runs of lost workers to other ones.
+
+    A run may be lost with workers that another one ended: it is tried again when nothing else runs,
+    and lost if it ends them by itself.
+    """
     distributed = _dask()
     with _client(distributed, address) as client:
         at_once = 2 * max(1, sum(client.nthreads().values()))
-        left, number = deque(range(len(things))), {}
+        left, number = deque(range(len(things))), dict[str, int]()
+        suspected, alone = deque[int](), set[int]()
 
-        def given() -> Any:
-            k = left.popleft()
+        def given(k: int) -> Any:
             job = client.submit(_versioned, run, things[k], pure=False)
             number[job.key] = k
             return job
 
-        first = [given() for _ in range(min(at_once, len(left)))]
+        first = [given(left.popleft()) for _ in range(min(at_once, len(left)))]
         arrived: Any = distributed.as_completed(first)
         for job in arrived:
+            version, result = hil.__version__, None
             try:
                 version, result = job.result()
             except distributed.KilledWorker:
-                version, result = hil.__version__, LostRun()
+                result = LostRun()
             except (CancelledError, distributed.comm.CommClosedError) as error:
                 raise DeviceError(
                     f"cluster {address} went away before all was done; start it again, then type "
@@ -220,10 +225,17 @@ def _on_cluster(
                     f"{hil.__version__}; install the same version there: numbers of two versions "
                     "are not to be mixed"
                 )
-            yield number.pop(job.key), result
+            k = number.pop(job.key)
             job.release()  # the scheduler need not keep it
+            if isinstance(result, LostRun) and k not in alone:
+                suspected.append(k)
+            else:
+                yield k, result
             if left:
-                arrived.add(given())
+                arrived.add(given(left.popleft()))
+            elif suspected and not number:
+                alone.add(suspected[0])
+                arrived.add(given(suspected.popleft()))
 
 
 def _versioned(run: Callable[[T], R], thing: T) -> tuple[str, R]:
