@@ -193,10 +193,8 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
 
 def separate(out: Diagnosis, search: Search, named: list[Named]) -> Diagnosis:
     """The diagnosis without rivals that the last model shows to be none."""
-    problem, of = (
-        search.problem,
-        {(n.candidate.name, joint_of(n.candidate, search.problem)): n for n in named},
-    )
+    problem = search.problem
+    of = {(n.candidate.name, joint_of(n.candidate, problem)): n for n in named}
     for k, f in enumerate(out.findings):
         before = of[f.effect, f.joint]
         now = separated(search, before) if f.rivals else before

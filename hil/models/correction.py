@@ -75,6 +75,11 @@ def _range(motion: Motion, j: int) -> tuple[float, float]:
     return float(low + high) / 2, max(float(high - low) / 2, 1e-9)
 
 
+def _range_grid(motion: Motion, j: int) -> Shapes:
+    """The range that was recorded."""
+    return [_range(motion, j)]
+
+
 def _powers(q: FloatArray, centre: float, half: float, degree: int) -> FloatArray:
     """Chebyshev polynomials 0 to `degree` of a position over its range, shape (n, degree + 1)."""
     x = np.clip((q - centre) / half, -RANGE_FACTOR, RANGE_FACTOR)
@@ -123,11 +128,6 @@ def _of_position_terms(motion: Motion, j: int) -> tuple[Param, ...]:
     return _POWERS[int(_sprung(motion, j)) :]
 
 
-def _of_position_grid(motion: Motion, j: int) -> Shapes:
-    """The range that was recorded."""
-    return [_range(motion, j)]
-
-
 class OfPosition(Correction):
     """Any smooth function of the position."""
 
@@ -143,7 +143,7 @@ class OfPosition(Correction):
     params = _POWERS
     shape = (_CENTRE, _HALF)
     scope = replace(Correction.scope, terms=_of_position_terms)
-    search = Grid(_of_position_grid, refine=False)
+    search = Grid(_range_grid, refine=False)
     traits = Correction.traits | Trait.MOTION
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -156,11 +156,6 @@ def _sprung(motion: Motion, j: int) -> bool:
     """Whether the model has a spring on joint j: a surface that is touched throughout."""
     q0, side = motion.contact[j]
     return bool(np.isfinite(q0)) and bool(np.min(side * (motion.span[j] - q0)) >= 0)
-
-
-def _of_detail_grid(motion: Motion, j: int) -> Shapes:
-    """The range that was recorded."""
-    return [_range(motion, j)]
 
 
 class OfDetail(Correction):
@@ -180,7 +175,7 @@ class OfDetail(Correction):
     )
     params = tuple(Param(f"c{k}", "{F}", "effort at x_k") for k in range(KNOTS + 1))
     shape = (_CENTRE, _HALF)
-    search = Grid(_of_detail_grid, refine=False)
+    search = Grid(_range_grid, refine=False)
     traits = Correction.traits | Trait.MOTION
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -189,11 +184,6 @@ class OfDetail(Correction):
         knots = -1.0 + WIDTH * np.arange(KNOTS + 1)
         hats: FloatArray = np.maximum(0.0, 1.0 - np.abs(x[:, None] - knots) / WIDTH)
         return hats
-
-
-def _of_direction_grid(motion: Motion, j: int) -> Shapes:
-    """The range that was recorded."""
-    return [_range(motion, j)]
 
 
 class OfDirection(Correction):
@@ -210,7 +200,7 @@ class OfDirection(Correction):
     )
     params = _coefficients(DEGREE + 2, "coefficient of z T_k, then of v T_k")
     shape = (_CENTRE, _HALF)
-    search = Grid(_of_direction_grid, refine=False)
+    search = Grid(_range_grid, refine=False)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """State times T_k(x), and v T_1(x), v T_2(x); v in ranges a second."""
