@@ -150,17 +150,17 @@ def _periodic_disturbance_foreign(f: Fitted) -> bool:
     if duration <= 0.0 or whole <= 0.0:
         return True
 
-    def share(at: int) -> float:
-        # a line of a Hann window is four bins wide
-        return float(power[max(at - 2, 1) : at + 3].sum()) / whole
+    def share(at: int, near: int) -> float:
+        return float(power[max(at - near, 1) : at + near + 1].sum()) / whole
 
-    if share(round(f.shape[0] * duration)) > A_LINE:
+    # what is two bins away is another frequency, though a line of a Hann window is four bins wide
+    if share(round(f.shape[0] * duration), 1) > A_LINE:
         return False
     top = int(np.argmax(power[1:])) + 1
     multiple = f.shape[0] * duration / top
     nearest = round(multiple)
     apart = abs(multiple - nearest) * top > RESOLVED
-    return share(top) < MOSTLY or not 1 <= nearest <= OVERTONES or apart
+    return share(top, 2) < MOSTLY or not 1 <= nearest <= OVERTONES or apart
 
 
 def _periodic_disturbance_grid(motion: Motion, j: int) -> Shapes:

@@ -56,6 +56,18 @@ def test_standstill_is_found_and_a_smooth_reversal_is_none() -> None:
     assert share[1] == pytest.approx(0.3 / 4, abs=0.02)
 
 
+def test_a_joint_that_creeps_while_it_sticks_stands_still() -> None:
+    t = np.arange(0, 4, 1e-3)
+    # from 1 s on it settles by a thousandth of its stroke, in a thousand of the encoder's steps
+    settled = np.sin(2 * np.pi) + 1e-3 * (1 - np.exp(-(t - 1) / 0.3))
+    q = np.where(t < 1, np.sin(2 * np.pi * t), settled)[:, None]
+    q = q + np.random.default_rng(0).normal(size=q.shape) * 1e-6
+    qd = np.where(t < 1, 2 * np.pi * np.cos(2 * np.pi * t), 0.0)[:, None]
+    qdd = np.where(t < 1, -((2 * np.pi) ** 2) * np.sin(2 * np.pi * t), 0.0)[:, None]
+    still = standing(q, qd, qdd, 1000.0, 0.03, 60.0)[:, 0]
+    assert np.all(still[1100:]) and np.mean(still[:950]) < 0.02
+
+
 def test_the_slow_motion_measures_a_delay_in_spite_of_the_loop() -> None:
     run = plants.stiction_axis(5, late=3)
     out = fit_aligned(Problem([run], run.robot), base_model(run.robot))

@@ -7,16 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import plants
 import pytest
 from export_reference import evaluated
 from plants import serial_urdf
 
+import hil
 from hil.errors import ConfigError
 from hil.export import code
 from hil.export.content import Content, Vocabulary, translate
-from hil.export.target import Job, get
+from hil.export.target import Job, get, reduced
 from hil.models import bodies
-from hil.models.files import read_model
+from hil.models.files import read_model, write_model
+from hil.models.model import base_model
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 
@@ -191,6 +194,28 @@ def test_without_a_recording_it_is_only_translated(made, tmp_path):
     assert [x.partition(":")[0] for x in found.lost] == ["spring on upper"]
     assert any("only, not refitted" in x for x in found.notes)
     assert "--data" in found.lost[0]
+
+
+def test_gravity_of_an_unknown_geometry_goes_with_the_model(tmp_path):
+    run = plants.double_pendulum()
+    path = tmp_path / "m.toml"
+    write_model(hil.diagnose([run], base_model(run.robot)).model, path)
+    made = get("python").make(Job(read_model(path), path, "pendulum"))
+    assert not any("generic" in x for x in made.lost)
+    q = np.array([[0.0, 0.0], [0.5, -0.4], [-0.6, 0.3]])
+    states = np.stack([q, np.zeros_like(q), np.zeros_like(q)], axis=1)
+    both = 4 * np.cos(q.sum(axis=1))
+    weight = np.stack([12 * np.cos(q[:, 0]) + both, both], axis=1)
+    efforts = code.run_python(made.texts[".py"], states).efforts
+    np.testing.assert_allclose(efforts, weight, atol=0.2)
+
+
+def test_what_the_sensors_do_stays_in_the_fit_and_out_of_the_program():
+    words = Vocabulary()
+    model = base_model(RobotSource("single-axis")) + "encoder-eccentricity" + "friction-drift"
+    left, lost = reduced(model, words, ("joint1",))
+    assert "encoder-eccentricity" in left.names() and "friction-drift" not in left.names()
+    assert [x.effect for x in lost] == ["friction-drift"]
 
 
 def test_a_model_of_contact_has_no_feed_forward(arm):

@@ -124,6 +124,21 @@ def test_a_structure_rings() -> None:
     assert not allowed("vibration-mode", (5.0, 0.5), (0.1,))
 
 
+def test_a_mode_faster_than_the_efforts_show_is_none() -> None:
+    seen = swing().with_(band=4.0)
+    effect = catalogue.get("vibration-mode")
+    assert not refused(effect, seen, 0, (4.2, 0.3), (0.1,), ())
+    assert refused(effect, seen, 0, (5.0, 0.3), (0.1,), ())
+
+
+@pytest.mark.parametrize(
+    ("f", "foreign"), [(0.207, False), (0.621, False), (0.35, True), (3.1, True)]
+)
+def test_a_frequency_of_the_motion_is_no_disturbance(f: float, foreign: bool) -> None:
+    # 1.3 rad/s are 0.207 Hz, and 0.621 Hz three times that
+    assert allowed("periodic-disturbance", (f,), (0.1, 0.1)) == foreign
+
+
 def test_loops_without_a_part_of_the_friction_are_a_blunt_sign() -> None:
     shape = (4e-4, 0.0, 0.01, 0.0)
     assert not allowed("presliding", shape, (0.9, 0.0, 0.0, 0.002), (0.004, 0.008, 0.006, 0.001))

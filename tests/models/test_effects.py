@@ -193,6 +193,27 @@ def test_coupled_friction_of_the_other_joint_alone_or_with_it(mode: float) -> No
     np.testing.assert_allclose(got, expected, rtol=1e-12)
 
 
+def test_a_hysteresis_without_a_name_is_none_in_steady_sliding() -> None:
+    t = np.arange(400) * 0.01
+    motion = motion_of(IndependentAxes(("a",)), n=400)
+    away = np.full((1, 2), np.nan)
+    slide = motion.with_(t=t, q=2.0 * t[:, None], qd=np.full((400, 1), 2.0), contact=away)
+    columns = catalogue.get("correction-hysteresis").columns(slide, 0, (0.01,))
+    np.testing.assert_allclose(columns[20:], 0.0, atol=1e-12)  # the dry friction stays the model's
+    assert np.all(np.abs(columns[0]) > 0.9)
+
+
+def test_a_turn_and_a_slide_are_coupled_at_the_ratio_of_their_speeds() -> None:
+    both = IndependentAxes(("a", "b"))
+    motion = motion_of(both)
+    mixed = IndependentAxes(("a", "b"))
+    mixed.units = ("m", "rad")
+    slow = motion.with_(qd=motion.qd * np.array([1.0, 250.0]), robot=mixed)
+    grid = catalogue.get("coupled-transmission").search.grid
+    assert [r for _, r in grid(motion, 0)] == [1.0, -1.0]
+    assert [r for _, r in grid(slow, 0)] == pytest.approx([0.004, -0.004], rel=0.3)
+
+
 def test_load_friction_of_the_static_load_alone() -> None:
     motion = motion_of(IndependentAxes(("a", "b")))
     got = catalogue.get("load-friction").columns(motion, 1, (1.0,))[:, 0]
