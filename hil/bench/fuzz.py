@@ -37,6 +37,8 @@ LONGEST, SLOW_S, MEMORY = 2**20, 20.0, 2**31
 MOST_KEPT = 2000
 #: Every so often a worker says how far it is [s].
 _REPORT_S = 1.0
+#: What a process that ended at once counts of its target's time [s].
+_LEAST_S = 1.0
 #: Files whose lines count: of this program, and of libraries' parsers in Python.
 _COUNTED = re.compile(r"[/\\](hil|drivers|tomllib|rosbags|openpyxl)[/\\]")
 _OWN = re.compile(r"[/\\](hil|drivers)[/\\]")
@@ -94,7 +96,7 @@ class Explored:
     name : str
         Of the target.
     seconds : float
-        Time that was spent.
+        Processor time that was spent.
     runs, lines, kept : int
         Inputs that were run, pairs of successive lines that they reached, inputs that were kept.
     findings : list of Finding
@@ -218,18 +220,19 @@ def explore(
 ) -> Explored:
     """Mutate and run in this process; `report` gets every input before it runs, then the state."""
     rng, lines, out = random.Random(seed), LineCoverage(), Explored(target.name)
-    began = time.monotonic()
+    began = _processor_s()
     kinds: set[str] = set()
     kept: list[bytes] = []
     with tempfile.TemporaryDirectory() as name:
         waiting = list(target.seeds())[::-1]
-        while (now := time.monotonic()) - began < seconds or waiting:
+        while _processor_s() - began < seconds or waiting:
+            now = _processor_s()
             data = waiting.pop() if waiting else mutated(_chosen(kept, rng), kept or [b""], rng)
             report(data)
             before = len(lines.seen)
             with lines.watch():
                 wrong = tried(target, data, Path(name))
-            took = time.monotonic() - now
+            took = _processor_s() - now
             wrong = wrong or (f"takes {took:.0f} s" if took > SLOW_S else "")
             if wrong and wrong.split(" s")[0] not in kinds:
                 kinds.add(wrong.split(" s")[0])
@@ -237,9 +240,17 @@ def explore(
             elif len(lines.seen) > before or not out.runs:
                 kept = [*kept, data][-MOST_KEPT:]
             out.runs += 1
-            out.seconds, out.lines, out.kept = time.monotonic() - began, len(lines.seen), len(kept)
+            out.seconds, out.lines, out.kept = _processor_s() - began, len(lines.seen), len(kept)
             report(out)
     return out
+
+
+def _processor_s() -> float:
+    """Processor time of this process and of the readers that it has waited for [s].
+
+    A machine that does other work too then tries as many inputs a minute as a quiet one.
+    """
+    return sum(os.times()[:4])
 
 
 def _chosen(kept: Sequence[bytes], rng: random.Random) -> bytes:
@@ -253,15 +264,16 @@ def _chosen(kept: Sequence[bytes], rng: random.Random) -> bytes:
 
 def guarded(target: Target, seconds: float, seed: int = 0) -> Explored:
     """Explore in a process; it is started again after a crash or a hang until the time is over."""
-    total, lines, began = Explored(target.name), 0, time.monotonic()
-    while (left := seconds - (time.monotonic() - began)) > 0:
+    total, lines = Explored(target.name), 0
+    while (left := seconds - total.seconds) > 0:
         some = _one_process(target, left, seed)
+        total.seconds += max(some.seconds, _LEAST_S)
         seed += 1
         total.runs += some.runs
         total.kept, lines = max(total.kept, some.kept), max(lines, some.lines)
         known = {f.what for f in total.findings}
         total.findings += [f for f in some.findings if f.what not in known]
-    total.seconds, total.lines = time.monotonic() - began, lines
+    total.lines = lines
     return total
 
 
@@ -449,10 +461,11 @@ def verdict(found: Sequence[Sum]) -> str:
 _PAGE = (
     "# Parsers under mutated input\n\n"
     "Made by `{command}` with Python {python} on {processors} processors, which did other work "
-    "too. The minutes of several turns add up (revisions {revisions}).\n\n"
+    "too. The minutes of several turns add up (revisions {revisions}). They are minutes of processor "
+    "time, and up to revision 8fb4cd9 of the clock.\n\n"
     "Inputs are changed at random; those that reach new lines of the program are changed further. "
     "A finding is an error that is no refusal in the program's own words, a warning, a crash, an "
-    "input that takes longer than {slow:.0f} s, or more memory than {memory:.0f} GiB. The last "
+    "input that takes more than {slow:.0f} s, or more memory than {memory:.0f} GiB. The last "
     "column counts the minutes after the last turn with a finding. Inputs that were found are "
     "mended and kept in `tests/bench/fuzz_seeds`; they are run with the tests. Targets that start "
     "a reader's process for each input, or run whole commands, try few inputs a minute.\n\n"
