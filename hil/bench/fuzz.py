@@ -461,8 +461,8 @@ def verdict(found: Sequence[Sum]) -> str:
 _PAGE = (
     "# Parsers under mutated input\n\n"
     "Made by `{command}` with Python {python} on {processors} processors, which did other work "
-    "too. The minutes of several turns add up (revisions {revisions}). They are minutes of processor "
-    "time, and up to revision 8fb4cd9 of the clock.\n\n"
+    "too. The minutes of several turns add up (revisions {revisions}). They are minutes of "
+    "processor time, and up to revision 8fb4cd9 of the clock.\n\n"
     "Inputs are changed at random; those that reach new lines of the program are changed further. "
     "A finding is an error that is no refusal in the program's own words, a warning, a crash, an "
     "input that takes more than {slow:.0f} s, or more memory than {memory:.0f} GiB. The last "

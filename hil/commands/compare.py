@@ -68,13 +68,20 @@ def text(c: Comparison) -> str:
 def _errors(c: Comparison) -> str:
     """Both errors of every joint beside its noise floor."""
     floor = c.noise
+    size = c.heldout.effort_rms
     rows = [
         [
             name,
-            f"{c.heldout.rms[j]:.4g}",
-            f"{c.heldout.relative[j]:.2f}",
-            f"{floor[j]:.4g}",
-            f"{c.heldout.rms[j] / floor[j]:.2f}",
+            *(
+                (
+                    f"{c.heldout.rms[j]:.4g}",
+                    f"{c.heldout.relative[j]:.2f}",
+                    f"{floor[j]:.4g}",
+                    f"{c.heldout.rms[j] / floor[j]:.2f}",
+                )
+                if size[j]
+                else ("-",) * 4  # no effort was recorded
+            ),
             _short(c, j),
             _replay(c, j),
         ]

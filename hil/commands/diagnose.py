@@ -220,14 +220,16 @@ def _names_table(d: Diagnosis) -> str:
 def _joints_table(d: Diagnosis, rungs: list[Rung]) -> str:
     """Held-out error of the given and of the improved model, a row a joint."""
     first, last = d.ladder[0].heldout, d.ladder[-1].heldout
-    floor = 100 * d.noise / last.effort_rms
+    size = last.effort_rms
     simulated = _cells(rungs[0].multi_step), _cells(rungs[-1].multi_step)
     grew = len(d.ladder) > 1
     rows = []
     for j, name in enumerate(d.result.problem.joints):
         errors = [f"{first.relative[j]:.2f}", *([f"{last.relative[j]:.2f}"] if grew else [])]
         ratio = f"{last.rms[j] / d.noise[j]:.2f}"
-        row = [name, *errors, f"{floor[j]:.2f}", ratio]
+        row = [name, *errors, f"{100 * d.noise[j] / max(size[j], 1e-300):.2f}", ratio]
+        if not size[j]:  # no effort was recorded
+            row[1:] = ["-"] * len(row[1:])
         if d.result.model.explains == "motor":
             ends = simulated if grew else simulated[:1]
             row.append(" -> ".join("diverged" if s[j] == "-" else s[j] for s in ends))

@@ -14,12 +14,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.evidence import Key, try_all
+from hil.diagnosis.evidence import try_all
 from hil.diagnosis.folds import Split
 from hil.diagnosis.folds import split as dealt
 from hil.diagnosis.grams import BlockErrors, GramTable, Group
 from hil.diagnosis.types import Candidate
-from hil.identify.design import Term, block
+from hil.identify.design import Key, Term, block, replaced
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
@@ -168,7 +168,7 @@ def rated(
     """Candidates, each beside the groups `keys`, whose errors are `now`."""
     models = []
     for c in some:
-        gone = {(name, c.term.joint) for name in c.term.effect.relations.replaces}
+        gone = replaced(c.term)
         chosen = [k for k in keys if k not in gone] + [key_of(c)]
         if c.term.effect.variation.dated(c.term.shape):
             table.hold(key_of(c), table.coefficients(chosen)[key_of(c)])

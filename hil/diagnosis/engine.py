@@ -62,7 +62,7 @@ from hil.identify.context import renew
 from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
-from hil.identify.timing import fit_aligned
+from hil.identify.timing import fit_aligned, late_beside
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.encoders import TELLING_PUSH
@@ -124,17 +124,20 @@ def diagnose(
     if wrong:
         return Diagnosis("bad-data", warnings=wrong)
     examine = Examiner(problem, held)
-    search = Search(problem, folds, examine, seed)
-    given = {u.type for u in model.effects} - set(BASE_EFFECTS)
-    first = settled(result, examine, "given model" if given else "base model")
-    search.rungs.append(search.judged(first.label, first.result))
+    search = _begun(result, folds, examine, seed)
+    first = search.now.step
     reasons = undetermined(first.result)
     if reasons:
         none, _ = search.evidence([])
         return Diagnosis("not-identifiable", [], [first], none, none, none.floor.rms, reasons)
-    search.blind = bool(without_robot(problem))
     search.geometry()
     search.forward()
+    if search.found and late_beside(search.now.result):
+        progress.at("efforts are late: seek again", 0.1)
+        examine = Examiner(problem, held)
+        search = _begun(fit_aligned(problem, model), folds, examine, seed)
+        search.geometry()
+        search.forward()
     progress.at("compare with rivals", 0.2)
     named = exchange(search)
     renew(search.now.result)
@@ -144,6 +147,16 @@ def diagnose(
     out.stops, out.fired = search.stops, search.fired
     finish(out, examine, model, recordings, faults)
     return floored(separate(corrected(out, search), search, named))
+
+
+def _begun(result: FitResult, folds: Split, examine: Examiner, seed: int) -> Search:
+    """A search that begins with a fit of the given model."""
+    search = Search(result.problem, folds, examine, seed)
+    given = {u.type for u in result.model.effects} - set(BASE_EFFECTS)
+    first = settled(result, examine, "given model" if given else "base model")
+    search.rungs.append(search.judged(first.label, first.result))
+    search.blind = bool(without_robot(result.problem))
+    return search
 
 
 #: Why a name is not sure that has rivals.

@@ -14,7 +14,7 @@ from hil.diagnosis.floor import measure
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import FLIPS, Candidate, Evidence, Floor, ranking
 from hil.identify import line_spectrum
-from hil.identify.design import Term
+from hil.identify.design import Key, Term, replaced
 from hil.identify.fit import time_blocks
 from hil.identify.parallel import in_parallel
 from hil.identify.projector import Projector
@@ -27,7 +27,6 @@ from hil.models import catalogue
 from hil.models.effect import Effect, Lines, Trait
 
 FloatArray = NDArray[np.float64]
-Key = tuple[str, int]
 #: What is sought: effects with a name; free functions for what none explains; a robot's geometry.
 EFFECT, CORRECTION, GEOMETRY = "effect", "correction", "geometry"
 #: Share of the squared length of columns of length one below which one is made of the others.
@@ -68,19 +67,23 @@ def terms_to_try(
     motion, held = problem.motions[0], problem.holds
     joints = range(problem.d) if joints is None else joints
     present = {t.key for t in result.terms} - set(without)
+    # one value for all runs leaves those of every run to be tried
+    shared = {t.key for t in result.terms if not (t.per_run or t.effect.variation.relative)}
+    own_values = present - shared
     terms: list[Term] = []
     impossible: dict[str, str] = {}
     for effect in catalogue.table().values():
         if _kind(effect) != kind or explains not in effect.scope.explains:
             continue
         for j in range(1 if effect.scope.of_robot else problem.d):
-            if (effect.name, j) in present or (held[j] and not effect.scope.of_robot):
+            own = effect.variation.per_run and problem.runs > 1
+            there = own_values if own else present
+            if (effect.name, j) in there or (held[j] and not effect.scope.of_robot):
                 continue
             reason = effect.scope.lacks(motion, j)
             if reason:
                 impossible.setdefault(effect.name, reason)
             elif j in joints or (effect.scope.of_robot and joints):
-                own = effect.variation.per_run and problem.runs > 1
                 terms.append(Term(effect, j, () if own else effect.variation.single, per_run=own))
     tried = {t.effect.name for t in terms}
     return terms, [(n, why) for n, why in impossible.items() if n not in tried]
@@ -165,11 +168,7 @@ def _parts(
 
 def _reduced(projector: Projector, result: FitResult, term: Term) -> Projector:
     """The projector without what a candidate replaces, e.g. presliding Coulomb friction."""
-    gone = [
-        t
-        for t in result.terms
-        if t.joint == term.joint and t.effect.name in term.effect.relations.replaces
-    ]
+    gone = [t for t in result.terms if t.key in replaced(term)]
     if not gone:
         return projector
     key = ("without", *(t.key for t in gone))
@@ -381,9 +380,9 @@ def priced(found: list[Candidate], floor: Floor, result: FitResult) -> None:
     noise = np.maximum((floor.scale / result.sigma) ** 2 * floor.inflation, 1e-300)
     for c in found:
         j = c.joint
-        replaced = len(c.term.effect.relations.replaces)
+        instead = len(replaced(c.term))
         c.chi2 = float(np.sum(c.parts / noise))
         # so far for noise of variance 1 in the weighted rows
         c.errors = tuple(float(e * np.sqrt(noise[j])) for e in c.errors)
         c.spare = float(effective[j] * (ADEQUATE**2 - 1) * (floor.rms[j] / floor.scale[j]) ** 2)
-        c.price = max(c.dof - replaced, 1) * float(np.log(max(effective[j], 2.0)))
+        c.price = max(c.dof - instead, 1) * float(np.log(max(effective[j], 2.0)))

@@ -92,10 +92,13 @@ def largest_model(
     x = result.x.reshape(problem.d, problem.n, -1)
     dealt = split(problem, whole_runs=False)
     out = np.empty_like(result.residual)
-    factor, scale, predicted = np.ones((3, problem.d))
+    factor, scale, predicted = np.ones((3, problem.d)) * [[1.0], [0.0], [0.0]]
     for j in range(problem.d):
         own = x[j][:, np.any(x[j] != 0, axis=0)]
         live = problem.live[j]
+        out[j] = 0.0
+        if not np.any(live):
+            continue
         columns, y = (
             _beside(own, [*extra[j], smooth_features(problem, j)], live),
             problem.y[j, live],
@@ -106,7 +109,6 @@ def largest_model(
         # in place: of ten minutes these are the largest arrays of a diagnosis
         columns = columns[:, some]
         columns /= norm[some]
-        out[j] = 0.0
         folds = _folds(columns, y, dealt, live)
         out[j, live], rank = _least_squares(folds)
         factor[j] = inflation(out[j], problem.run)
@@ -198,20 +200,26 @@ def repeat_floor(result: FitResult) -> FloatArray | None:
         both = live[:, lag:] & live[:, :-lag]
         total += np.sum(both * (r[:, lag:] - r[:, :-lag]) ** 2, axis=1) / 2
         count += np.sum(both, axis=1)
-    return np.sqrt(total / count) if np.all(count) else None
+    known = count > 0
+    if not np.all(known | problem.silent):
+        return None
+    return np.sqrt(total / np.maximum(count, 1))
 
 
 def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
     """Noise floor of a fit, from repeats where the motion repeats, else the largest model.
 
-    Of a joint that only holds its place nothing is judged: its floor is its residual.
+    Of a joint that only holds its place nothing is judged: its floor is its residual.  One without
+    an effort has the largest effort of the others.
     """
     residual, factor, scale, predicted = largest_model(result, extra)
     repeats = repeat_floor(result)
     rms, method = (predicted, "largest-model") if repeats is None else (repeats, "repeats")
     size = result.problem.rms(result.problem.effort)
     rms = np.where(result.problem.holds, result.rms, np.hypot(rms, known_to(result) * size))
-    return Floor(rms, method, residual, factor, scale)
+    # where no effort is recorded nothing is known of it
+    unknown = np.where(result.problem.silent, float(np.max(size)), 0.0)
+    return Floor(np.maximum(rms, unknown), method, residual, factor, np.maximum(scale, unknown))
 
 
 def known_to(result: FitResult) -> float:

@@ -37,7 +37,7 @@ from hil.diagnosis.grams import GramTable, Group
 from hil.diagnosis.search import Search, Visited, simplest, without
 from hil.diagnosis.types import Candidate, describe, ranking
 from hil.identify.context import renew
-from hil.identify.design import Term
+from hil.identify.design import Term, replaced
 from hil.identify.projector import Projector
 from hil.models.effect import Effect, Lines
 
@@ -368,7 +368,7 @@ def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
             own = race.power(rest) - race.power(every)
             gain, words = beside
             out[c.term.key] = (taken / (taken + gain) if taken > 0 else 0.0, words)
-            if not c.term.effect.relations.replaces:  # what it replaced is not there to be put back
+            if not replaced(c.term):  # what it replaced is not there to be put back
                 gain, words = race.best(rest, every)
                 stands = own > 0 and gain <= (0.0 if words == FOIL else BEATEN) * own
                 out[c.term.key] = min(

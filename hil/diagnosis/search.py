@@ -29,18 +29,20 @@ from hil.diagnosis.evidence import (
     terms_to_try,
 )
 from hil.diagnosis.folds import Split
+from hil.diagnosis.folds import split as dealt
 from hil.diagnosis.grams import BlockErrors, GramTable
 from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
 from hil.identify.context import renew
+from hil.identify.design import replaced
 from hil.identify.multistep import MultiStep, both
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
-from hil.models.model import RobotModel
+from hil.models.model import RobotModel, Use
 
 FloatArray = NDArray[np.float64]
 
@@ -138,6 +140,11 @@ class Search:
     _tried: _Tried | None = None
 
     @property
+    def _moves(self) -> list[int]:
+        """Joints that move."""
+        return np.flatnonzero(~self.problem.holds).tolist()
+
+    @property
     def now(self) -> Visited:
         """The last model."""
         return self.rungs[-1]
@@ -226,7 +233,7 @@ class Search:
 
     def replaced(self, c: Candidate) -> int:
         """Values of the model that a candidate takes the place of."""
-        gone = {(name, c.term.joint) for name in c.term.effect.relations.replaces}
+        gone = replaced(c.term)
         own = [t for t in self.now.result.terms if t.key in gone]
         return sum(len(t.effect.params) + len(t.effect.shape) for t in own)
 
@@ -324,9 +331,8 @@ class Search:
 
     def geometry(self) -> None:
         """Add what stands for a robot description that is missing; names are sought beside it."""
-        joints = np.flatnonzero(~self.problem.holds).tolist()
-        if terms_to_try(self.now.result, joints, kind=GEOMETRY)[0]:
-            self._corrected(joints, GEOMETRY)
+        if terms_to_try(self.now.result, self._moves, kind=GEOMETRY)[0]:
+            self._corrected(self._moves, GEOMETRY)
             self.start = len(self.rungs) - 1
             self.first, self.stops, self.fired = None, {}, {}
 
@@ -398,14 +404,35 @@ class Search:
         for p in picks:
             model = model + as_use(p.candidate, self.problem)
         label = "; ".join(f"+ {describe(p.candidate, self.problem)}" for p in picks)
+        judged = (self.split, [(r.step, r.errors) for r in self.rungs])
+        if self.split.by_run and any(p.candidate.term.per_run for p in picks):
+            self._by_blocks()
         rung = self.rung(label, model, before.result.sigma)
         bad = [p for p in picks if not self._holds(p, before, rung)]
+        if bad and self.split is not judged[0]:
+            self._judged_by(*judged)
         if not bad:
             rung.added = tuple(p.candidate for p in picks)
             self.rungs.append(rung)
             self.found += list(rung.added)
             self._asked_again({p.joint for p in picks})
         return bad
+
+    def _by_blocks(self) -> None:
+        """Judge on blocks of all runs: no run determines the values that another one has."""
+        self.split = dealt(self.problem, self.seed, whole_runs=False)
+        judged = []
+        for rung in self.rungs:
+            renew(rung.result)
+            again = self.judged(rung.step.label, rung.result)
+            judged.append((again.step, again.errors))
+        self._judged_by(self.split, judged)
+
+    def _judged_by(self, split: Split, judged: Sequence[tuple[Step, BlockErrors]]) -> None:
+        """Give every rung its errors on a dealing of the instants."""
+        self.split, self._tried = split, None
+        for rung, (step, errors) in zip(self.rungs, judged, strict=True):
+            rung.step, rung.errors = step, errors
 
     def _asked_again(self, joints: set[int]) -> None:
         """What did not hold may hold beside a model that has grown."""
@@ -426,21 +453,22 @@ class Search:
         """Take out what later effects have made superfluous."""
         for c in self.found[:-1]:
             now = self.now
-            key, j = c.term.key, c.joint
-            if not any(t.key == key for t in now.result.terms) or c.term.effect.relations.replaces:
+            key = c.term.key
+            if not any(t.key == key for t in now.result.terms) or replaced(c.term):
                 continue
             groups = model_groups(now.result)
             table = GramTable(self.problem, self.split, now.result.sigma, groups)
             rest = table.errors([g.key for g in groups if g.key != key])
-            rise = rest.squared[:, j] - now.errors.squared[:, j]
-            if rest.power[j] > (1 + WORTH / 2) ** 2 * now.errors.power[j] or paired(rise) > BEYOND:
+            feel = self._moves if c.term.effect.scope.whole else [c.joint]
+            rise = rest.squared - now.errors.squared
+            if _missed(rest, now.errors, feel) or any(paired(rise[:, j]) > BEYOND for j in feel):
                 continue
             rung = self.rung(
                 f"- {describe(c, self.problem)}",
                 without(now.result.model, c, self.problem),
                 now.result.sigma,
             )
-            if rung.errors.power[j] <= (1 + WORTH / 2) ** 2 * now.errors.power[j]:
+            if not _missed(rung.errors, now.errors, feel):
                 self.rungs.append(rung)
                 self.found.remove(c)
                 self.refused.add((c.name, c.term.joint))
@@ -455,8 +483,18 @@ def _score(r: Rated) -> float:
 def without(model: RobotModel, c: Candidate, problem: Problem) -> RobotModel:
     """A model without an effect that was added on one joint."""
     use = as_use(c, problem)
-    rest = tuple(u for u in model.effects if (u.type, u.joints) != (use.type, use.joints))
+    rest = tuple(u for u in model.effects if _place(u) != _place(use))
     return replace(model, effects=rest)
+
+
+def _missed(rest: BlockErrors, now: BlockErrors, joints: Sequence[int]) -> bool:
+    """Whether the error of a joint is larger without an effect by what would be worth a name."""
+    return any(rest.power[j] > (1 + WORTH / 2) ** 2 * now.power[j] for j in joints)
+
+
+def _place(use: Use) -> tuple[str, tuple[str, ...], bool]:
+    """What tells the uses of an effect in a model apart."""
+    return use.type, use.joints, bool(use.options.get("per_run"))
 
 
 #: Options of an effect whose values stay.
@@ -494,8 +532,8 @@ def _held(model: RobotModel) -> RobotModel:
 
 def _freed(result: FitResult, named: FitResult) -> FitResult:
     """A fit with the effects and values of another one beside its own corrections."""
-    own = {(u.type, u.joints): u for u in named.model.effects}
-    effects = tuple(own.get((u.type, u.joints), u) for u in result.model.effects)
+    own = {_place(u): u for u in named.model.effects}
+    effects = tuple(own.get(_place(u), u) for u in result.model.effects)
     model = replace(result.model, effects=effects)
     return replace(result, model=model, values={**result.values, **named.values})
 

@@ -151,6 +151,8 @@ def ranking(c: Candidate) -> tuple[float, int, float]:
 
 
 FLIPS = 400
+#: Noise floor of a joint without an effort: nothing is divided by zero.
+NO_NOISE = 1e-300
 #: A run and an instant of it [s].
 Cut = tuple[int, float]
 
@@ -529,8 +531,9 @@ class Diagnosis(Plotted):
 
     @property
     def noise(self) -> FloatArray:
-        """Noise floor that belongs to the held-out errors (d,)."""
-        return self.floor if self.heldout_floor is None else self.heldout_floor
+        """Noise floor that belongs to the held-out errors (d,), above zero."""
+        noise = self.floor if self.heldout_floor is None else self.heldout_floor
+        return np.maximum(noise, NO_NOISE)
 
     @property
     def explained(self) -> Step:

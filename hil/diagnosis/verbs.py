@@ -18,7 +18,7 @@ from hil.diagnosis.preconditions import contradicted, other_robot
 from hil.diagnosis.residual_tests import unlike, unlike_notes
 from hil.diagnosis.residuals import Region, regions, seeming
 from hil.diagnosis.sessions import differences
-from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step
+from hil.diagnosis.types import NO_NOISE, Diagnosis, Evidence, HeldOut, Step
 from hil.diagnosis.verdict import NO_GEOMETRY, noticed
 from hil.errors import ConfigError, DataError
 from hil.identify.errors import complete
@@ -85,8 +85,10 @@ class Comparison(Plotted):
     def noise(self) -> FloatArray:
         """Noise floor that belongs to the held-out errors (d,), as `Diagnosis.noise`."""
         if self.heldout_floor is not None:
-            return np.minimum(self.heldout_floor, self.heldout.rms)
-        return np.minimum(self.evidence.floor.rms, self.result.rms)
+            noise = np.minimum(self.heldout_floor, self.heldout.rms)
+        else:
+            noise = np.minimum(self.evidence.floor.rms, self.result.rms)
+        return np.maximum(noise, NO_NOISE)
 
 
 def faults_of(recordings: list[Recording]) -> list[DataFault]:

@@ -24,6 +24,7 @@ from hil.diagnosis.residual_tests import changes_told, unlike, unlike_notes
 from hil.diagnosis.sessions import differences
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe
 from hil.diagnosis.unnamed import explainable, foretold, hidden
+from hil.identify.context import renew
 from hil.identify.errors import complete
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -32,7 +33,7 @@ from hil.identify.timing import late_effort
 from hil.identify.validity import outside
 from hil.models import catalogue
 from hil.models.effect import Trait
-from hil.models.model import RobotModel
+from hil.models.model import RobotModel, Value
 from hil.record.consistency import DataFault
 from hil.record.jumps import described
 from hil.record.recording import Recording
@@ -280,10 +281,19 @@ def matters(result: FitResult) -> NDArray[np.bool_]:
 
 
 def with_errors(out: Diagnosis) -> None:
-    """Give standard errors to every shape value, in the last model and in what was found."""
-    step = out.ladder[-1]
+    """Give standard errors to every shape value, in the last model and in what was found.
+
+    Values of what was found are those beside no correction: a free function of a law's own
+    variables takes any share of it, and the law's values then mean little by themselves.
+    """
+    step, named = out.ladder[-1], out.explained.result
+    values: dict[str, Value] = {}
+    if named is not step.result:
+        renew(named)
+        values = complete(named).values
+        renew(step.result)
     out.ladder = [*out.ladder[:-1], replace(step, result=complete(step.result))]
-    values = out.ladder[-1].result.values
+    values = values or out.ladder[-1].result.values
     for kind in ("findings", "partial"):
         told = [
             replace(f, parameters={n: values.get(n, v) for n, v in f.parameters.items()})

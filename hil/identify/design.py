@@ -15,6 +15,8 @@ from hil.models.effect import Effect, Param, Trait, terms_of
 from hil.models.model import RobotModel, Use, Value
 
 FloatArray = NDArray[np.float64]
+#: Effect and joint.
+Key = tuple[str, int]
 OPTIONS = ("per_run", "fixed", "fixed_shape")
 
 
@@ -45,13 +47,22 @@ class Term:
     use: int = -1
 
     @property
-    def key(self) -> tuple[str, int]:
+    def key(self) -> Key:
         """Effect name and joint."""
         return self.effect.name, self.joint
 
     def reshaped(self, shape: tuple[float, ...]) -> Term:
         """Copy with other shape values."""
         return replace(self, shape=shape)
+
+
+def replaced(term: Term) -> set[Key]:
+    """Effects of its joint that a term takes the place of.
+
+    Values of every run take that of one value for all.
+    """
+    gone = {(name, term.joint) for name in term.effect.relations.replaces}
+    return gone | {term.key} if term.per_run and not term.effect.variation.relative else gone
 
 
 def head(effect: Effect, j: int) -> str:
@@ -90,7 +101,7 @@ def bind(model: RobotModel, problem: Problem) -> list[Term]:
     Effects that cannot act on this robot (a rotor inertia beside an axis' only inertia) are
     left out, and so are joints without anything to try (the last one of a coupled pair) and
     differences between runs where there is one run; an effect that another one replaces on a joint
-    is left out there.
+    is left out there, and so is one value for all runs beside those of every run.
 
     Raises
     ------
@@ -118,8 +129,7 @@ def bind(model: RobotModel, problem: Problem) -> list[Term]:
                 continue  # one run alone shows no difference between runs
             shape = stored_shape(use, effect, j, problem)
             terms.append(Term(effect, j, shape, use=index, **options))
-    gone = {(name, t.joint) for t in terms for name in t.effect.relations.replaces}
-    return [t for t in terms if t.key not in gone]
+    return [t for t in terms if not any(t.key in replaced(x) for x in terms if x is not t)]
 
 
 def _joints(use: Use, effect: Effect, problem: Problem) -> list[int]:

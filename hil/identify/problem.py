@@ -169,6 +169,8 @@ class Rows:
         self.shift = 0.0
         #: Whether efforts that were recorded late by more than a sample have been looked for.
         self.asked_late = False
+        #: Whether the alignment is settled: no fit changes it.
+        self.aligned = False
         #: Lateness of the effort that a model's or a map's [signal] gives [s]; None = estimate.
         self.given_shift = said[0].shift_s
         #: Share of the rms effort to which the efforts are known, if a [signal] says it; else 0.
@@ -223,14 +225,17 @@ class Rows:
 
     @property
     def holds(self) -> NDArray[np.bool_]:
-        """Joints (d,) that only hold their place in every run: nothing is to be learnt of them."""
+        """Joints (d,) of which nothing is to be learnt.
+
+        They only hold their place in every run, or have no effort that changes.
+        """
         if self.explains != "motor":
             return np.zeros(self.d, dtype=bool)
         motions = [(m.q, m.grain) for m in self.motions]
         held = self.remembered(
             ("holds",), sum(motions, ()), lambda: [standstill.holding(*m) for m in motions]
         )
-        return np.asarray(np.all(held, axis=0))
+        return np.asarray(np.all(held, axis=0)) | self.silent
 
     def remembered(
         self, key: tuple[object, ...], made_of: Sequence[object], make: Callable[[], T]
@@ -306,6 +311,9 @@ class Rows:
         live = standstill.live(self.filtered(self._still))
         kept = np.all(live, axis=0)
         self._still = [np.where(kept, 0.0, x) for x in self._still]
+        self.silent = self._silent()
+        live &= ~self.silent
+        self._still = [np.where(self.silent, 1.0, x) for x in self._still]
         if any(np.any(x) for x in self._spoilt):
             wide = [x[:, None] for x in self._spoilt]
             whole = zip(self._still, wide, strict=True)
@@ -314,6 +322,18 @@ class Rows:
         #: Joints (d,) that stand still at any instant that counts.
         self._stands = np.any([np.any(x, axis=0) for x in self._still], axis=0)
         return live.T.copy()
+
+    def _silent(self) -> NDArray[np.bool_]:
+        """Joints (d,) whose effort never changes: without a motor, or not recorded.
+
+        A joint's rows are weighed by its own error, so that rows without one would outweigh all
+        others; where no joint has an effort, the fit says so itself.
+        """
+        if self.explains != "motor":
+            return np.zeros(self.d, dtype=bool)
+        efforts = np.concatenate([m.tau + m.tau_ext for m in self.motions])
+        silent = np.ptp(efforts, axis=0) == 0
+        return np.asarray(silent & ~np.all(silent))
 
     def gated(self, parts: Sequence[FloatArray], j: int) -> FloatArray:
         """Effort filter of what acts on joint j, standstill taken out before and after it."""

@@ -282,9 +282,9 @@ def _end_stop_pushes(f: Fitted) -> bool:
 
 
 def _end_stop_grid(motion: Motion, j: int) -> Shapes:
-    """2 to 35 % of the span from either end."""
+    """2 to 65 % of the span from either end: a spring may engage within the range, too."""
     low, high = motion.span[j]
-    fractions = (0.02, 0.05, 0.1, 0.15, 0.2, 0.27, 0.35)
+    fractions = (0.02, 0.05, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45, 0.55, 0.65)
     upper: Shapes
     upper = [(float(high - f * (high - low)), 1.0) for f in fractions]
     return upper + [(float(low + f * (high - low)), -1.0) for f in fractions]
@@ -302,7 +302,7 @@ class EndStop(Effect):
         equation=(
             "tau = k d + h d |d| + c |d| v,  d = max(0, q - q0) (upper), min(0, q - q0) (lower)"
         ),
-        signature="residual only at one end of the range",
+        signature="residual only on one side of a position, often near an end of the range",
         confused_with=("spring", "position-torque"),
         shown_by="strokes that reach the end of the range, slowly and fast",
         source="Hunt, Crossley, J. Applied Mechanics 42, 1975",

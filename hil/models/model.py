@@ -207,12 +207,19 @@ class RobotModel(Shown):
     def _replaced(self, use: Use) -> bool:
         """Whether other effects stand in the place of an effect on all of its joints."""
         joints = {r.joint for r in self.valid} if use.joints == ("*",) else set(use.joints)
-        by = [u for u in self.effects if use.type in catalogue.get(u.type).relations.replaces]
+        by = [
+            u
+            for u in self.effects
+            if use.type in catalogue.get(u.type).relations.replaces
+            or (u.type == use.type and u is not use and u.options.get("per_run"))
+        ]
         everywhere = any(u.joints == ("*",) for u in by)
         return bool(by) and (everywhere or joints <= {j for u in by for j in u.joints})
 
     def __add__(self, other: Use | str) -> RobotModel:
         """Model with one more effect (what it replaces steps back on the same joints).
+
+        Values of every run take the place of one value for all.
 
         Raises
         ------
@@ -222,7 +229,8 @@ class RobotModel(Shown):
         use = Use(other) if isinstance(other, str) else other
         catalogue.get(use.type)
         for old in self.effects:
-            if old.type == use.type and _overlap(old.joints, use.joints):
+            own = bool(use.options.get("per_run")) and not old.options.get("per_run")
+            if old.type == use.type and _overlap(old.joints, use.joints) and not own:
                 raise ConfigError(
                     f"the model already has {use.type!r} on {_text(old.joints)}; "
                     "remove it first or name another joint"

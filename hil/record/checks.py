@@ -557,5 +557,8 @@ def _frozen(r: Recording) -> Iterator[DataFault]:
             )
             yield DataFault("stuck", "warning", joint, text)
         if idle[k] and not still[k] and (r.tau[0, k] != 0 or not idle.all()):
-            text = f"tau{k + 1} never changes while q{k + 1} moves; is the channel dead?"
+            text = (
+                f"tau{k + 1} never changes while q{k + 1} moves: nothing is said of {joint}. "
+                "Is the channel dead? A joint without a motor has no effort"
+            )
             yield DataFault("stuck", "warning", joint, text)

@@ -434,7 +434,7 @@ def trace_figure(m: Material) -> Figure:
     """Measured against predicted effort of every joint, before and after, on held-out data."""
     old, new = m.before.heldout, m.after.heldout
     run = old.run if old.run.size else np.zeros(old.effort.shape[1], dtype=int)
-    scale = np.maximum(m.floor, 1e-300)[:, None] ** 2
+    scale = np.maximum(m.floor**2, 1e-300)[:, None]
     weight = np.sum(
         (old.residual**2 - (new.residual**2 if len(m.rungs) > 1 else 0)) / scale, axis=0
     )
