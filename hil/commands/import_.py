@@ -123,16 +123,22 @@ def every_as_dict(found: Mapping[Path, Imported], model: tuple[Path, bool]) -> d
 
 
 def every(folder: Path, found: Mapping[Path, Imported], model: Path, written: bool) -> str:
-    """Sessions and data faults of all runs together, and which run to look at first."""
+    """Sessions and data faults of all runs together, and which run to look at first.
+
+    Where it is quiet, only which of them cannot be fitted.
+    """
     faults = {p: [f for r in one.recordings for f in check(r)] for p, one in found.items()}
     bad = [p.name for p, some in faults.items() if any(f.severity == "error" for f in some)]
+    useless = f"{len(bad)} of them cannot be fitted: {', '.join(bad)}\n" if bad else ""
+    if terminal.settings.quiet:
+        return useless and f"{folder}: {useless}"
     state = "base model written" if written else "model kept as it was"
     said = (
         f"{folder}: {plural(len(found), 'session')}, "
         f"{plural(sum(map(len, faults.values())), 'data fault')}\n{model}: {state}\n"
-        f"next:\n  hil info {folder / (bad[0] if bad else next(iter(found)).name)}"
+        f"next:\n  hil info {folder / (bad[0] if bad else next(iter(found)).name)}\n"
     )
-    return said + (f"\n{len(bad)} of them cannot be fitted: {', '.join(bad)}" if bad else "")
+    return said + useless
 
 
 _Item = TypeVar("_Item")
@@ -217,7 +223,7 @@ def run(args: argparse.Namespace) -> int:
     if args.propose_map:
         return _propose(args, table, mapping)
     if args.dry_run:
-        return _show(args, table, mapping)
+        return _show(args, table, _read(args, table, mapping, args.which))
     if not args.output:
         raise ConfigError("-o S.mcap is missing; --dry-run shows what would be read without it")
     output = Path(args.output)
@@ -236,7 +242,6 @@ def _bag(args: argparse.Namespace) -> int:
         ("--unit", args.unit),
         ("--torque-constant", args.torque_constant),
         ("--missing", args.missing),
-        ("--dry-run", args.dry_run),
         ("--propose-map", args.propose_map),
     )
     for option, value in of_tables:
@@ -244,11 +249,18 @@ def _bag(args: argparse.Namespace) -> int:
             raise ConfigError(f"{bag} is a ROS bag, in SI units and of one run; leave {option} out")
     if args.all_runs:
         raise ConfigError(f"{bag} is a ROS bag, of one run; leave --all-runs out")
+    if args.dry_run:
+        return _show(args, bag, _of_bag(args, bag))
     if not args.output:
-        raise ConfigError("-o S.mcap is missing")
+        raise ConfigError("-o S.mcap is missing; --dry-run shows what would be read without it")
     output = Path(args.output)
     outputs.check(output, ".mcap", _inputs(args, bag))
-    return _one(args, output, bag, Imported(tuple(read_bag(bag, common.bag_choice(args))), ()))
+    return _one(args, output, bag, _of_bag(args, bag))
+
+
+def _of_bag(args: argparse.Namespace, bag: Path) -> Imported:
+    """What a bag holds; it has topics in place of columns, and so no rules."""
+    return Imported(tuple(read_bag(bag, common.bag_choice(args))), ())
 
 
 def _one(args: argparse.Namespace, output: Path, table: Path, found: Imported) -> int:
@@ -288,10 +300,10 @@ def _every_run(
         _write(path, found[path], table, args.tag)
     model = _model(folder / "model.toml", next(iter(found.values())).recordings)
     if args.json:
-        text = json.dumps(every_as_dict(found, model))
+        text = json.dumps(every_as_dict(found, model)) + "\n"
     else:
         text = every(folder, found, *model)
-    sys.stdout.write(text + "\n")
+    sys.stdout.write(text)
     return 0
 
 
@@ -357,12 +369,20 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
         write_text(place, found.text)
     except OSError as error:
         raise ConfigError(f"cannot write {place}: {error.strerror}") from error
+    if args.json:
+        said = {"schema": "hil.propose-map/1", "map": str(place), "text": found.text}
+        said |= {"missing": list(found.missing), "fill": list(found.fill)}
+        sys.stdout.write(json.dumps(said) + "\n")
+        return 0
     lacks = ""
     if found.missing:
         lacks = (
             f"\nno column's name says {', '.join(found.missing)}: fill in {', '.join(found.fill)} "
             "under [columns] (docs/import.md)"
         )
+    if terminal.settings.quiet:
+        sys.stdout.write(lacks.lstrip("\n") + ("\n" if lacks else ""))
+        return 0
     robot = f" --robot {args.robot}" if args.robot else ""
     sys.stdout.write(
         f"{found.text}\n{place}: written, check it{lacks}\nnext:\n"
@@ -375,9 +395,8 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
 FIRST_ROWS = 5
 
 
-def _show(args: argparse.Namespace, table: Path, mapping: TableMap | None) -> int:
+def _show(args: argparse.Namespace, table: Path, found: Imported) -> int:
     """What an import would read; nothing is written."""
-    found = _read(args, table, mapping, args.which)
     if args.json:
         nothing = as_dict(Path(), found, (Path(), False)) | {"session": None, "model": None}
         rules = [{t: dict(r.terms) for t, r in some.items()} for some in found.rules]
@@ -391,13 +410,17 @@ def _show(args: argparse.Namespace, table: Path, mapping: TableMap | None) -> in
 def preview(table: Path, found: Imported) -> str:
     """Columns as they would be read, the first rows, what was guessed, and the faults."""
     parts = []
-    for r, rules in zip(found.recordings, found.rules, strict=True):
+    for k, r in enumerate(found.recordings):
         parts.append(
             f"{table}: arm {r.arm}, {plural(r.n, 'sample')} at {r.rate:.5g} Hz, "
             f"{plural(r.d, 'joint')} ({', '.join(r.joints)})"
         )
-        rows = [[target, _formula(rule)] for target, rule in sorted(rules.items(), key=_place)]
-        parts.append(terminal.table(["column", "is read as"], rows, (0, 1)))
+        if found.rules:  # of a table; a bag has topics
+            rules = sorted(found.rules[k].items(), key=_place)
+            rows = [[target, _formula(rule)] for target, rule in rules]
+            parts.append(terminal.table(["column", "is read as"], rows, (0, 1)))
+        if note := r.metadata.get("note"):
+            parts.append(f"took of {note}")
         parts.append(terminal.table(*first_rows(r), ()))
         parts += [_fault(f) for f in check(r)]
     parts += found.notes
@@ -427,7 +450,7 @@ def first_rows(r: Recording) -> tuple[list[str], list[list[str]]]:
     every = list(columns(r))
     head = ["t [s]", *(f"{name} [{column_unit(name, axes.get(j, ''))}]" for name, j, _ in every)]
     values = np.column_stack([r.t, *(v for _, _, v in every)])[:FIRST_ROWS]
-    return head, [[f"{x:.6g}" for x in row] for row in values]
+    return head, [[f"{row[0]:.13g}", *(f"{x:.6g}" for x in row[1:])] for row in values]
 
 
 def _source(

@@ -7,6 +7,7 @@ one, all that is left is fitted anew, so that it carries what it can of the lost
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.types import Step
 from hil.diagnosis.verbs import make_problem
 from hil.errors import ConfigError, printable
+from hil.export import trees
 from hil.export.content import SENSOR, Content, Lost, Vocabulary, slid, translate
 from hil.identify.errors import complete
 from hil.identify.fit import fit
@@ -264,10 +266,15 @@ def within(
     """
     if runs:
         return _refitted(model, words, runs, holdout, mended)
+    stood, base = model, _base(model)
+    if base is not None:
+        model = _on(base, model)
     robot = _bare(model)
     content, friction = slid(translate(model, robot, words), model, robot, words)
     note = "translated only, not refitted: give a recording with --data to see what the loss costs"
     notes = (*friction, note) if content.lost else tuple(friction)
+    if base is not None:
+        notes = (*notes, _leans(base) + f"; {_second_order(stood)}")
     if content.bodies is None or not words.bodies:
         return Within(content, model, notes=notes)
     rows = _anywhere(model, robot, content)
@@ -275,6 +282,51 @@ def within(
     if found is None:
         return Within(content, model, notes=notes)
     return Within(replace(content, bodies=found.bodies), model, (), (*notes, _said(found)))
+
+
+#: The effect that is no part of a program's words, for it is how the robot stands.
+_TILT = "base-tilt"
+
+
+def _base(model: RobotModel) -> FloatArray | None:
+    """Orientation (3, 3) of the base that a model found; None where it stands as described."""
+    use = next((u for u in model.effects if u.type == _TILT), None)
+    named = [f"{_TILT}.{p.name}" for p in catalogue.get(_TILT).params]
+    if use is None or not model.robot.urdf or not all(n in use.values for n in named):
+        return None
+    return trees.rotation(np.array([*(use.values[n].value for n in named), 0.0]))
+
+
+def _on(base: FloatArray, model: RobotModel) -> RobotModel:
+    """The model of the robot whose description says how the base stands."""
+    robot = replace(model.robot, urdf=trees.turned(model.robot.urdf, base))
+    kept = tuple(u for u in model.effects if u.type != _TILT)
+    return replace(model, robot=robot, effects=kept)
+
+
+def _seen(base: FloatArray, run: Recording) -> Recording:
+    """A run whose measured forces are in the axes of the ground, as the base is now known."""
+    robot, wrench = run.robot, run.wrench
+    if robot.urdf:
+        robot = replace(robot, urdf=trees.turned(robot.urdf, base))
+    if wrench is not None:
+        wrench = np.concatenate([wrench[:, :3] @ base.T, wrench[:, 3:] @ base.T], axis=1)
+    return replace(run, robot=robot, wrench=wrench)
+
+
+def _leans(base: FloatArray) -> str:
+    roll, pitch, yaw = trees.angles(base)
+    return (
+        f"the base leans as {_TILT} says: it is turned by roll {roll:.4g}, pitch {pitch:.4g}, yaw "
+        f"{yaw:.2g} rad against the ground, which is the base of what is written"
+    )
+
+
+def _second_order(model: RobotModel) -> str:
+    """What a rotation differs by from the effect, whose gravity is longer."""
+    use = next(u for u in model.effects if u.type == _TILT)
+    size = float(np.linalg.norm([v.value for v in use.values.values()]))
+    return f"gravity is {100 * (math.hypot(1.0, size) - 1.0):.2g} % less than the model's"
 
 
 def _bare(model: RobotModel) -> Robot:
@@ -309,13 +361,23 @@ def _refitted(
     before = settled(fit_aligned(problem, model), examine, "whole model")
     left, lost = reduced(model, words, problem.robot.joints)
     after = before
-    if left != model:
+    base = _base(before.result.model)
+    if base is not None:
+        left, lost = reduced(_on(base, model), words, problem.robot.joints)
+        least, problem = problem.least, make_problem([_seen(base, r) for r in runs], left)
+        problem.least.update(least)
+        examine = Examiner(problem, [_seen(base, r) for r in holdout])
+        result = complete(fit_aligned(problem, left, before.result.sigma))
+        after = Step("within the target", result, examine(result))
+    elif left != model:
         result = complete(fit(problem, left, scale=before.result.sigma))
         after = Step("within the target", result, examine(result))
     content = translate(after.result.model, problem.robot, words, problem.span)
     content = replace(content, lost=(*lost, *content.lost))
     steps: tuple[Step, ...] = (before,) if after is before else (before, after)
     notes = [text for _, text in after.result.warnings]
+    if base is not None:
+        notes.append(_leans(base))
     if content.bodies is None or not words.bodies:
         return Within(content, after.result.model, steps, tuple(notes))
     found = _feasible(content, _measured(after.result), mended)

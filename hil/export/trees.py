@@ -46,6 +46,35 @@ def angles(r: FloatArray) -> FloatArray:
     return np.array([math.atan2(r[2, 1], r[2, 2]), pitch, math.atan2(r[1, 0], r[0, 0])])
 
 
+def rotation(turn: FloatArray) -> FloatArray:
+    """Orientation of a base under which gravity has the direction g - r x g, r = `turn`."""
+    size = float(np.linalg.norm(turn))
+    if not size:
+        return np.eye(3)
+    x, y, z = turn / size
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = math.atan(size)  # g - r x g is longer than g
+    return np.asarray(
+        np.eye(3) + math.sin(angle) * across + (1 - math.cos(angle)) * across @ across
+    )
+
+
+def turned(urdf: str, r: FloatArray) -> str:
+    """A description on a base of orientation r: a link of its own before the first one."""
+    root = ET.fromstring(urdf)
+    links = [str(x.get("name")) for x in root.findall("link")]
+    held = {str(x.get("link")) for x in root.findall("joint/child")}
+    (first,) = (x for x in links if x not in held)
+    names = (x for k in range(len(links) + 2) if (x := f"level_ground{k or ''}") not in links)
+    ground = next(names)
+    ET.SubElement(root, "link", name=ground)
+    joint = ET.SubElement(root, "joint", name=f"{ground}_to_{first}", type="fixed")
+    ET.SubElement(joint, "parent", link=ground)
+    ET.SubElement(joint, "child", link=first)
+    ET.SubElement(joint, "origin", xyz="0 0 0", rpy=numbers(angles(r)))
+    return ET.tostring(root, encoding="unicode")
+
+
 def turns(axis: FloatArray) -> bool:
     """Whether a joint with this axis [linear, angular] turns."""
     return bool(np.any(axis[3:]))

@@ -43,6 +43,8 @@ WORKING = 3
 PATIENCE_S, SPEED = 20.0, 2e6
 #: The reader; a file of its name in the working directory is not run.
 _WORDS = (sys.executable, "-P", "-m", "hil.record.foreign")
+#: Threads, and heaps of threads, take address space, which is limited.
+_SPARING = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1"}
 #: Endings of ROS bags; a folder is one, too.
 _BAGS = (".bag", ".db3", ".mcap")
 #: Kinds of numbers that are handed over.
@@ -82,7 +84,7 @@ def read_arrays(path: Path) -> Arrays:
                 stderr=subprocess.DEVNULL,
                 timeout=seconds,
                 check=False,
-                env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+                env={**os.environ, **_SPARING},
                 start_new_session=True,  # Ctrl-C is for the process that waits here
             )
         except subprocess.TimeoutExpired:
@@ -420,6 +422,7 @@ def _answer(path: str, limited: bool = True) -> dict[str, Any]:
 
         pyarrow.set_memory_pool(pyarrow.system_memory_pool())
         pyarrow.set_cpu_count(1)
+        pyarrow.set_io_thread_count(1)  # a thread takes address space, which is limited
     most = allowed(_size(Path(path)))
     if limited:
         _limit(most)

@@ -143,10 +143,24 @@ class TableMap:
     def within(self, unit: str, torque_constant: Sequence[float]) -> TableMap:
         """The map with units from the command line; ``"deg"`` is of positions and speeds."""
         units = _with_constants(self.units_of, torque_constant)
-        if unit == "deg":
-            units |= {"q": Unit("deg"), "qd": Unit("deg/s")}
-        axes = "rad" if unit == "deg" else unit
-        return replace(self, unit=axes or self.unit, units_of=units)
+        if unit != "deg":
+            return replace(self, unit=unit or self.unit, units_of=units)
+        degrees = {"q": Unit("deg"), "qd": Unit("deg/s")}
+        arms = {
+            arm: {target: _in_units(target, rule, degrees) for target, rule in rules.items()}
+            for arm, rules in self.arms.items()
+        }
+        return replace(self, arms=arms, unit="rad", units_of=units | degrees)
+
+
+def _in_units(target: str, rule: Rule, units: Mapping[str, Unit]) -> Rule:
+    """A rule whose unit the map does not say, in that of its stem; a constant stays."""
+    stem = stem_of(target)
+    if rule.stated or not rule.terms or stem not in units:
+        return rule
+    factor, zero = units[stem].to_si(target)
+    terms = {name: factor * weight for name, weight in rule.terms.items()}
+    return replace(rule, terms=terms, shift=rule.shift + zero, stated=True)
 
 
 def _with_constants(units: Mapping[str, Unit], torque_constant: Sequence[float]) -> dict[str, Unit]:

@@ -211,9 +211,10 @@ def refuse_units(
             degrees = joint.unit == "rad"
             what, scale = ("degrees", "0.0174532925199433") if degrees else ("millimetres", "0.001")
             limits = f" (limits {joint.lower:.4g} to {joint.upper:.4g})" if bounded else ""
+            every = f"Say {table.option('unit', 'deg')} where all are, or scale" if degrees else "Scale"
             raise DataError(
                 f"table {table.path}: q{k + 1} ({name}) runs from {q.min():.4g} to {q.max():.4g} "
-                f"{joint.unit}{limits}; these look like {what}. Scale them in a map: [columns] "
+                f"{joint.unit}{limits}; these look like {what}. {every} them in a map: [columns] "
                 f'q{k + 1} = {{ from = "{source}", scale = {scale} }}; if they truly are '
                 f'{joint.unit}, say unit = "{joint.unit}" in its [robot] (or '
                 f"{table.option('unit', joint.unit)})"

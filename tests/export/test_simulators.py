@@ -2,10 +2,17 @@
 
 import xml.etree.ElementTree as ET
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from export_reference import evaluated
+from plants import spatial
+
+from hil.export.target import Job, get
+from hil.models.model import Use, base_model
 
 
 def rnea(model, q, v, a):
@@ -152,3 +159,77 @@ def test_a_refit_is_better_than_leaving_out(made, arm):
 def _motion(run):
     qd = np.gradient(run.q, run.t, axis=0)
     return run.q, qd, np.gradient(qd, run.t, axis=0)
+
+
+@pytest.fixture(scope="module")
+def leaning():
+    """A robot on a slope that its description does not know, with a known force at its tip."""
+    one, two = (spatial(seed, tilt=(0.10, -0.06)) for seed in (1, 2))
+    return one, two, base_model(one.robot) + Use("base-tilt")
+
+
+def _leant(leaning, name, data=True):
+    one, two, model = leaning
+    job = Job(model, Path("arm.toml"), "arm", [one] if data else [], [two] if data else [], True)
+    return get(name).make(job)
+
+
+def test_a_base_that_leans_is_written_as_its_place(leaning, states):
+    found = _leant(leaning, "urdf")
+    assert not any(x.startswith("base-tilt") for x in found.lost)
+    assert any("turned by roll 0.099" in x and "pitch -0.059" in x for x in found.notes)
+    q, v, a = states
+    model = pin.buildModelFromXML(found.texts[".urdf"])
+    joints = {j.get("name"): j for j in ET.fromstring(found.texts[".urdf"]).iter("joint")}
+    said = [joints[n].find("dynamics").attrib for n in list(model.names)[1:]]
+    damping, friction = (np.array([float(x[k]) for x in said]) for k in ("damping", "friction"))
+    efforts = rnea(model, q, v, a) + damping * v + friction * np.sign(v)
+    np.testing.assert_allclose(efforts, evaluated(found.steps[-1], q, v, a), atol=1e-6)
+    # the first joint is vertical as it is described, so only a base that leans gives it gravity
+    assert np.ptp(rnea(model, q, 0 * v, 0 * a)[:, 0]) > 0.1
+    # the printed error is that of the written base, and as small as the model's
+    whole, written = (s.heldout.relative for s in found.steps[:2])
+    assert np.all(written < 1.05 * whole)
+
+
+@pytest.mark.parametrize("name", ["mjcf", "sdf"])
+def test_a_base_that_leans_is_written_for_simulators(leaning, states, name):
+    found = _leant(leaning, name)
+    q, v, a = states
+    weight = _our_weight(found.steps[-1], q)
+    if name == "sdf":
+        model = _sdf_model(found.texts[".sdf"])[0]
+        np.testing.assert_allclose(rnea(model, q, 0 * v, 0 * a), weight, atol=1e-9)
+        return
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(found.texts[".xml"])
+    data, efforts = mujoco.MjData(model), []
+    for x in q:
+        data.qpos[:], data.qvel[:] = x, 0.0
+        mujoco.mj_forward(model, data)
+        efforts.append(data.qfrc_bias.copy())
+    np.testing.assert_allclose(np.array(efforts), weight, atol=1e-9)
+
+
+def _our_weight(step, q):
+    result = step.result
+    own = result.slices[[t.effect.name for t in result.terms].index("rigid-body")]
+    still = np.zeros_like(q)
+    return result.problem.robot.regressor(q, still, still) @ result.theta[own]
+
+
+def test_a_base_that_leans_without_a_recording(leaning, states):
+    """The rotation is the model's to second order, and the answer says by how much not."""
+    whole = _leant(leaning, "urdf").steps[0]
+    one, two, _ = leaning
+    found = _leant((one, two, replace(whole.result.model, robot=one.robot)), "urdf", data=False)
+    assert any("gravity is 0.6" in x and "% less than the model's" in x for x in found.notes)
+    q, v, a = states
+    tilt = whole.result.values["base-tilt.rx"].value, whole.result.values["base-tilt.ry"].value
+    tree = whole.result.problem.robot.tree
+    gravity = tree.gravity - np.cross([*tilt, 0.0], tree.gravity)
+    own = whole.result.slices[[t.effect.name for t in whole.result.terms].index("rigid-body")]
+    bodies = tree.spread @ whole.result.theta[own]
+    ours = replace(tree, gravity=gravity).regressor(q, 0 * q, 0 * q) @ bodies
+    written = rnea(pin.buildModelFromXML(found.texts[".urdf"]), q, 0 * v, 0 * a)
+    np.testing.assert_allclose(written * np.hypot(1.0, np.hypot(*tilt)), ours, atol=1e-6)

@@ -309,3 +309,15 @@ def test_a_joint_that_turns_on_is_unwrapped(tmp_path):
     (r,) = read_bag(bag.path)
     assert np.abs(r.q - q[:, ::-1] - (r.q - q[:, ::-1])[0]).max() < 1e-9
     assert "wraps at 2 pi" in r.metadata["note"]
+
+
+def test_a_dry_run_shows_what_would_be_taken_of_a_bag(plain, tmp_path, capsys):
+    assert main(["import", str(plain), "--dry-run"]) == 0
+    out = capsys.readouterr().out
+    assert "positions of /joint_states" in out and "nothing was written" in out
+    assert "q1 [rad]" in out and f"{motion()[0][0, 1]:.6g}" in out
+    assert main(["import", str(plain), "--dry-run", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["session"] is None and "/joint_states" in told["arms"][0]["taken"]
+    assert main(["import", str(plain)]) == 2
+    assert "--dry-run shows what would be read" in capsys.readouterr().err

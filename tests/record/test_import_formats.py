@@ -13,7 +13,7 @@ import plants
 import pyarrow as pa
 import pytest
 from pyarrow import feather, parquet
-from record_tables import columns
+from record_tables import URDF, columns
 from record_tables import write_csv as write_columns
 from scipy.io import savemat
 
@@ -46,6 +46,7 @@ def npy(frame, path):
     return parse_map({"table": {"columns": list(frame.columns)}})
 
 
+T_S = np.arange(500) * 0.004
 FORMATS = {
     ".parquet": lambda f, p: f.to_parquet(p),
     ".pq": lambda f, p: f.to_parquet(p),
@@ -64,6 +65,17 @@ def test_every_format_is_the_same_recording(tmp_path, frame, ending):
     np.testing.assert_allclose(found.t, frame["t"], atol=1e-12)
     np.testing.assert_allclose(found.q, frame[["q1", "q2"]], rtol=1e-14)
     np.testing.assert_allclose(found.tau, frame[["tau1", "tau2"]], rtol=1e-14)
+
+
+@pytest.mark.parametrize("compression", ["lz4", "zstd"])
+def test_a_compressed_feather_needs_no_more_memory_than_it_may(tmp_path, run, compression):
+    """Threads of the reader, with a heap each, once took the address space that is allowed."""
+    every = pd.DataFrame(columns(run)).iloc[:5000]
+    wide = every.assign(**{f"more{k}": np.sin(k * every["t"]) for k in range(12)})
+    path = tmp_path / "run.feather"
+    wide.to_feather(path, compression=compression)
+    found = import_table(path).recordings[0]
+    np.testing.assert_allclose(found.q, every[["q1", "q2"]], rtol=1e-14)
 
 
 @pytest.mark.parametrize("ending", [".parquet", ".feather", ".xlsx", ".npy"])
@@ -116,6 +128,61 @@ def test_degrees_and_currents_from_the_command_line(tmp_path, frame, capsys):
     assert first[1] == pytest.approx(frame["q1"][0], rel=1e-4)
     assert main([*words, "--torque-constant", "2;4"]) == 2
     assert "expected numbers with commas" in capsys.readouterr().err
+
+
+def test_degrees_reach_the_columns_that_a_map_names_without_a_unit(tmp_path, frame, capsys):
+    other = pd.DataFrame({"t": frame["t"], "a": np.degrees(frame["q1"]), "b": frame["q2"]})
+    other = other.assign(va=np.degrees(np.gradient(frame["q1"], frame["t"])), fa=frame["tau1"])
+    table = write_csv(tmp_path / "run.csv", other.assign(fb=frame["tau2"]))
+    place = tmp_path / "m.toml"
+    place.write_text(
+        '[columns]\nq1 = "a"\nq2 = { from = "b", unit = "rad" }\nqd1 = "va"\nqd2 = 0.0\n'
+        'tau1 = "fa"\ntau2 = "fb"\n'
+    )
+    words = ["import", str(table), "--map", str(place), "--unit", "deg", "--dry-run", "--json"]
+    assert main(words) == 0
+    told = json.loads(capsys.readouterr().out)["columns"][0]
+    degree = pytest.approx(np.pi / 180)
+    assert told["q1"] == {"a": degree} and told["qd1"] == {"va": degree}
+    assert told["q2"] == {"b": 1.0} and told["tau1"] == {"fa": 1.0}
+
+
+def test_positions_beyond_the_joints_range_are_asked_whether_they_are_degrees(tmp_path, capsys):
+    q = {f"q{k + 1}": 60.0 * x for k, x in enumerate(np.sin([3 * T_S, 5 * T_S]))}
+    table = write_csv(tmp_path / "run.csv", {"t": T_S, **q, "tau1": 0 * T_S, "tau2": T_S})
+    robot = tmp_path / "arm.urdf"
+    robot.write_text(URDF)
+    words = ["import", str(table), "--robot", str(robot), "--dry-run"]
+    assert main(words) == 2
+    assert "Say --unit deg where all are, or scale" in capsys.readouterr().err
+    assert main([*words, "--unit", "deg"]) == 0
+
+
+def test_a_proposed_map_as_json_or_in_quiet(tmp_path, frame, capsys):
+    names = {"q1": "pos1_deg", "q2": "pos2_deg", "tau1": "trq1", "tau2": "trq2"}
+    table = write_csv(tmp_path / "run.csv", frame.rename(columns=names))
+    place = tmp_path / "m.toml"
+    words = ["import", str(table), "--propose-map", str(place)]
+    assert main([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["text"] == place.read_text() and told["missing"] == [] and told["map"] == str(place)
+    place.unlink()
+    assert main([*words, "--quiet"]) == 0
+    assert not any(capsys.readouterr()) and place.exists()
+
+
+def test_every_run_in_quiet(tmp_path, frame, capsys):
+    """Nothing where all is well; else what cannot be fitted."""
+    table = tmp_path / "two.xlsx"
+    with pd.ExcelWriter(table) as file:
+        frame.to_excel(file, sheet_name="a", index=False)
+        frame.assign(tau1=0.0, tau2=0.0, q1=0.25, q2=0.5).to_excel(file, sheet_name="b", index=False)
+    words = ["import", str(table), "--all-runs", "-o", str(tmp_path / "out")]
+    assert main([*words, "--quiet"]) == 0
+    out, err = capsys.readouterr()
+    assert out == f"{tmp_path / 'out'}: 1 of them cannot be fitted: b.mcap\n" and not err
+    assert main(words) == 0
+    assert "1 of them cannot be fitted: b.mcap\n" in capsys.readouterr().out
 
 
 def test_a_dry_run_shows_and_writes_nothing(tmp_path, frame, capsys):
