@@ -369,7 +369,8 @@ def _main(words: list[str], suspect: Callable[[BaseException], str]) -> int:
             raise
         text, code = explain(error, args.command, suspect)
         _drop_output()
-        sys.stderr.write(f"hil {args.command}: {_one_line(text)}\n")
+        said = f"hil {args.command}: {_one_line(text)}"
+        sys.stderr.write(terminal.sentences(said, sys.stderr) + "\n")
         return code
 
 

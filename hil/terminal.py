@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import re
 import shutil
 import sys
 import textwrap
@@ -106,10 +107,11 @@ def quoted() -> Iterator[None]:
         sys.stdout, sys.stderr = before
 
 
-def width() -> int | None:
+def width(stream: TextIO | None = None) -> int | None:
     """Characters in a line of the terminal; None where the output goes into a file or a pipe."""
     try:
-        return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+        shown = (sys.stdout if stream is None else stream).isatty()
+        return shutil.get_terminal_size().columns if shown else None
     except (AttributeError, ValueError):  # no stream, or a closed one
         return None
 
@@ -163,17 +165,51 @@ def log(text: str) -> None:
     """One line to stderr, unless it is to be quiet."""
     if settings.quiet:
         return
-    sys.stderr.write(text + "\n")
+    sys.stderr.write(sentences(text, sys.stderr) + "\n")
 
 
 def out(text: str) -> None:
-    """Text to stdout."""
-    sys.stdout.write(text + "\n")
+    """Text to stdout, its sentences within the terminal."""
+    sys.stdout.write(sentences(text) + "\n")
+
+
+#: Lines that somebody copies, or a program reads: commands, JSON, comments and keys of TOML.
+_AS_IT_IS = re.compile(r"\s*(hil (?![\w-]+:)|\$ |[\[\]{}\"#]|[\w.*\"-]+ = )")
+
+
+def sentences(text: str, stream: TextIO | None = None) -> str:
+    """Text whose lines are broken between words where the terminal ends; else as it is.
+
+    Parameters
+    ----------
+    text : str
+        Lines; a broken one goes on below, further to the right.
+    stream : TextIO, optional
+        Where it is written to; default the standard output.
+    """
+    wide = width(stream)
+    if wide is None:
+        return text
+    return "\n".join(_within(line, wide) for line in text.split("\n"))
+
+
+def _within(line: str, wide: int) -> str:
+    if len(line) <= wide or _AS_IT_IS.match(line):
+        return line
+    indent = " " * (len(line) - len(line.lstrip(" ")))
+    return textwrap.fill(
+        line.lstrip(" "),
+        max(wide, len(indent) + NARROW),
+        initial_indent=indent,
+        subsequent_indent=indent + " " * INDENT,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def emit(data: dict[str, Any]) -> None:
     """JSON to stdout."""
-    out(json.dumps(data, indent=2, allow_nan=False))
+    sys.stdout.write(json.dumps(data, indent=2, allow_nan=False) + "\n")
 
 
 def finite(value: Any) -> Any:

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-
-from hil import terminal
 
 EXAMPLE = 'eval "$(hil completion bash)"'
 
@@ -55,7 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the script of a shell."""
     rows = {name: _words(text, actions) for name, (text, actions) in args.every_command().items()}
-    terminal.out(_SHELLS[args.shell](rows))
+    sys.stdout.write(_SHELLS[args.shell](rows) + "\n")
     return 0
 
 

@@ -272,7 +272,7 @@ def _one(args: argparse.Namespace, output: Path, table: Path, found: Imported) -
     if args.json:
         sys.stdout.write(json.dumps(as_dict(output, found, model)) + "\n")
     else:
-        sys.stdout.write(text(output, found, *model))
+        sys.stdout.write(terminal.sentences(text(output, found, *model)))
     return 0
 
 
@@ -370,9 +370,9 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
     except OSError as error:
         raise ConfigError(f"cannot write {place}: {error.strerror}") from error
     if args.json:
+        lacking = {"missing": list(found.missing), "fill": list(found.fill)}
         said = {"schema": "hil.propose-map/1", "map": str(place), "text": found.text}
-        said |= {"missing": list(found.missing), "fill": list(found.fill)}
-        sys.stdout.write(json.dumps(said) + "\n")
+        sys.stdout.write(json.dumps(said | lacking) + "\n")
         return 0
     lacks = ""
     if found.missing:
@@ -403,7 +403,7 @@ def _show(args: argparse.Namespace, table: Path, found: Imported) -> int:
         first = [first_rows(r)[1] for r in found.recordings]
         sys.stdout.write(json.dumps(nothing | {"columns": rules, "first_rows": first}) + "\n")
         return 0
-    sys.stdout.write(preview(table, found))
+    sys.stdout.write(terminal.sentences(preview(table, found)))
     return 0
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mcap.reader import make_reader
 
-from hil import outputs
+from hil import outputs, terminal
 from hil.commands import trust
 from hil.errors import ConfigError, DataError, plural
 from hil.record.checks import check, column_unit, columns, joint_units
@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
         entries += [{"path": path, **trust.entry(what)} for path, what in run_by]
         sys.stdout.write(json.dumps({"schema": "hil.info/1", "sessions": entries}) + "\n")
     else:
-        sys.stdout.write("\n".join(_text(*entry) for entry in seen))
+        sys.stdout.write(terminal.sentences("\n".join(_text(*entry) for entry in seen)))
         sys.stdout.writelines(f"{path}: {trust.line(what)}\n" for path, what in run_by)
         idle = [path for path in files if path not in {p for p, _ in run_by}]
         sys.stdout.writelines(f"{path}: runs nothing\n" for path in idle)

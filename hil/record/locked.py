@@ -392,10 +392,11 @@ def count_joints(
     _whole_wrench(table, rules)
     if joints and len(joints) != d:
         names = ", ".join(j.name for j in joints)
+        how = 'joints=["a", "b"]' if table.in_memory else "--joints A,B,.."
         raise DataError(
             f"the URDF does not match table {table.path}: {plural(len(joints), 'moving joint')} "
             f"({names}), but {plural(d, 'position column')}; name the joints of the columns with "
-            "--joints A,B,.. (or joints = [..] in a map), and the others are locked"
+            f"{how} (or joints = [..] in a map), and the others are locked"
         )
     return d
 

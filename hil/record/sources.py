@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -168,7 +169,7 @@ def load(
     path: str | Path,
     arm: str | None = None,
     *,
-    robot: str = "",
+    robot: str | Path = "",
     joints: Sequence[str] = (),
     lock: Mapping[str, float] | None = None,
     topic: str = "",
@@ -184,7 +185,7 @@ def load(
         Session, or a bag: ROS 1, ROS 2 folder, or a file of one (MCAP, SQLite).
     arm : str, optional
         Arm; default the only one, else the first.
-    robot : str
+    robot : str or Path
         URDF file or text; default that of the session or bag.
     joints : sequence of str
         Joints to keep; the others of the URDF are locked.
@@ -200,7 +201,16 @@ def load(
     ConfigError
         If what was named is not there.
     """
-    text = robot if robot.lstrip().startswith("<") else urdf_text(robot)
+    if not isinstance(path, str | os.PathLike):
+        raise ConfigError(
+            f"hil.load takes the path of one session or bag, not {type(path).__name__}; "
+            "hil.from_arrays makes a recording of arrays or a frame, [hil.load(p) for p in paths] "
+            "a list of several"
+        )
+    if isinstance(joints, str):
+        raise ConfigError(f"joints takes a list of names, not one text: joints=[{joints!r}]")
+    named = str(robot)
+    text = named if named.lstrip().startswith("<") else urdf_text(named)
     chosen = BagChoice(
         topic, effort_topic, force_topic, text, tuple(joints), dict(lock or {}), tip, arm or ""
     )

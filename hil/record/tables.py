@@ -211,7 +211,9 @@ def refuse_units(
             degrees = joint.unit == "rad"
             what, scale = ("degrees", "0.0174532925199433") if degrees else ("millimetres", "0.001")
             limits = f" (limits {joint.lower:.4g} to {joint.upper:.4g})" if bounded else ""
-            every = f"Say {table.option('unit', 'deg')} where all are, or scale" if degrees else "Scale"
+            every = (
+                f"Say {table.option('unit', 'deg')} where all are, or scale" if degrees else "Scale"
+            )
             raise DataError(
                 f"table {table.path}: q{k + 1} ({name}) runs from {q.min():.4g} to {q.max():.4g} "
                 f"{joint.unit}{limits}; these look like {what}. {every} them in a map: [columns] "
@@ -505,7 +507,9 @@ def _robot(
     try:
         text = read_text(file)
     except FileNotFoundError as error:
-        raise DataError(f"URDF {file}: no such file; give its path with --robot") from error
+        raise DataError(
+            f"URDF {file}: no such file; give the path of one as the robot (--robot, or robot=...)"
+        ) from error
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not text"
         raise DataError(f"URDF {file} cannot be read: {why}") from error

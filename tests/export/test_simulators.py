@@ -1,7 +1,6 @@
 """Files for simulators, read back by their own programs: the same efforts as our evaluation."""
 
 import xml.etree.ElementTree as ET
-
 from dataclasses import replace
 from pathlib import Path
 

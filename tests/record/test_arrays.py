@@ -197,3 +197,23 @@ def test_what_is_said_of_a_frame_is_said_in_python(plain):
     assert hil.from_arrays(plain.t, wide, plain.tau, unit="rad").d == 1
     with pytest.raises(DataError, match="float32, which holds times since 1970 to 128 s"):
         hil.from_arrays((1.7e9 + plain.t).astype(np.float32), plain.q, plain.tau)
+
+
+@pytest.mark.parametrize("given", [3, None, ["a.mcap"], pd.DataFrame({"t": [0.0]})])
+def test_a_path_is_due_where_a_session_is_loaded(given):
+    with pytest.raises(ConfigError, match=r"hil\.load takes the path of one session or bag, not"):
+        hil.load(given)
+
+
+def test_robot_and_joints_of_a_load(tmp_path):
+    with pytest.raises(ConfigError, match=r"joints takes a list of names.*joints=\['shoulder'\]"):
+        hil.load("a.mcap", joints="shoulder")
+    with pytest.raises(ConfigError, match=r"robot .*none\.urdf cannot be read"):
+        hil.load("a.mcap", robot=tmp_path / "none.urdf")
+
+
+def test_what_is_said_of_a_robot_is_said_in_python(plain):
+    with pytest.raises(DataError, match=r"as the robot \(--robot, or robot="):
+        hil.from_arrays(plain.t, plain.q, plain.tau, robot="none.urdf")
+    with pytest.raises(DataError, match=r'name the joints .* with joints=\["a", "b"\]'):
+        hil.from_arrays(plain.t, *two(plain), robot=ARM)

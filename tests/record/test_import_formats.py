@@ -176,7 +176,9 @@ def test_every_run_in_quiet(tmp_path, frame, capsys):
     table = tmp_path / "two.xlsx"
     with pd.ExcelWriter(table) as file:
         frame.to_excel(file, sheet_name="a", index=False)
-        frame.assign(tau1=0.0, tau2=0.0, q1=0.25, q2=0.5).to_excel(file, sheet_name="b", index=False)
+        frame.assign(tau1=0.0, tau2=0.0, q1=0.25, q2=0.5).to_excel(
+            file, sheet_name="b", index=False
+        )
     words = ["import", str(table), "--all-runs", "-o", str(tmp_path / "out")]
     assert main([*words, "--quiet"]) == 0
     out, err = capsys.readouterr()
