@@ -70,7 +70,18 @@ def _hiding() -> dict[str, str]:
     return found
 
 
-def _refuse(error: Exception) -> NoReturn:
+def _away_from_here() -> None:
+    """Import nothing of the working directory, which ``python -m`` puts before all else."""
+    try:
+        here = os.getcwd()
+    except OSError:  # it was deleted
+        return
+    own = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    if sys.path and sys.path[0] == here and not os.path.samefile(here, own):
+        del sys.path[0]
+
+
+def _refuse(error: BaseException) -> NoReturn:
     """Leave with one line where such a file is to blame; raise the error for anything else."""
     said = "" if "--debug" in sys.argv else in_place_of_python(error)
     if not said:
@@ -85,9 +96,12 @@ try:
 except ValueError:  # imported outside of the main thread, which alone gets signals
     pass
 
+if __name__ == "__main__":
+    _away_from_here()
+
 try:
     from hil.interrupt import CODE, interrupts
-except Exception as error:
+except (Exception, SystemExit) as error:
     _refuse(error)
 
 
@@ -100,6 +114,9 @@ def program() -> NoReturn:
 
         # for good: the interpreter prints the traceback of --debug after this
         sys.stdout, sys.stderr = Quoting(sys.stdout), Quoting(sys.stderr)
+    except (Exception, SystemExit) as error:
+        _refuse(error)
+    try:
         code = main(suspect=in_place_of_python)
     except Exception as error:
         _refuse(error)

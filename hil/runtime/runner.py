@@ -98,6 +98,7 @@ class Session:
         name = "broken off"
         try:
             loop.rehearse()
+            self.slow.rehearse()
             if self.operator.lines is not None:
                 self.operator.lines(self.slow.inbox.append)
                 self.operator.say(commands.usage(self.slow.shop.settable()))

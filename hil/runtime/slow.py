@@ -279,6 +279,13 @@ class SlowSide:
         """Have an event written ahead of the next rows."""
         self._noted.append((tick, t_ns, name))
 
+    def rehearse(self) -> None:
+        """Do what a step does with rows, without any, before there is power.
+
+        Loads compiled code, which the loop of a lockstep session would be kept waiting for.
+        """
+        self._writer.write_rows(self._topics, *self._ring.take())
+
     def step(self, seconds: float) -> None:
         """Write all rows that wait, then pass on commands that are due at `seconds`."""
         stamps, data = self._ring.take()

@@ -180,6 +180,13 @@ class SimArm:
         self._rng = np.random.default_rng([seed, 0x7A2D])
         touch.put(t, table, given, t["tip"][0].copy(), t["axes"][0].copy(), self._rng)
 
+    def rehearse(self) -> None:
+        """Do on copies what a tick does: compiled code is there before anything is enabled."""
+        met = self.touched.copy()
+        self._advance(self.x.copy(), np.zeros(len(self.joints)), 1.0 / STEPS, met)
+        if met["hand"][0]:
+            touch.aim(met[0], 0.0, 1.0 / STEPS, self._shake, self._touch_room)
+
     def live(self, t: float, tick: float) -> None:
         """The hand goes on at the start of a tick; `t` [s]."""
         if self.touched["hand"][0]:
@@ -191,10 +198,15 @@ class SimArm:
         if not self.powered.all():
             self.x["v"] = 0.0
             return
+        self._advance(self.x, random, span, self.touched)
+
+    def _advance(
+        self, x: NDArray[Any], random: NDArray[np.float64], span: float, touched: NDArray[Any]
+    ) -> None:
         motion.run(
             self._bodies,
             self.p,
-            self.x,
+            x,
             self._room,
             self._rotor,
             self.codes,
@@ -202,7 +214,7 @@ class SimArm:
             motion.WEIGHT,
             span,
             max(1, round(span * STEPS)),
-            self.touched[0],
+            touched[0],
             self._touch_room,
         )
 
@@ -269,6 +281,8 @@ class JointBench:
                 if name not in self.arms:
                     raise ConfigError(f"[simulation.{what}] arm: {unknown('arm', name, self.arms)}")
                 self.arms[name].meet(what, table[what], seed)
+        for one in self.arms.values():
+            one.rehearse()
         self.after: list[Callable[[int], None]] = []
         self._rng = np.random.default_rng([seed, 0x5EED])
         most = max(len(a.joints) for a in arms.values())

@@ -407,3 +407,38 @@ def test_agreements_are_kept_in_the_users_folder(monkeypatch, tmp_path):
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert consent.folder() == tmp_path / ".local" / "state" / "hil"
+
+
+#: Prints what was compiled or loaded between power and the end of a session.
+_COMPILED = """
+import gc, sys
+from numba.core.dispatcher import Dispatcher
+from hil.rig.config import load_rig
+from hil.rigs import rig_path
+from hil.runtime import runner
+
+def compiled():
+    return {
+        f"{d.py_func.__module__}.{d.py_func.__qualname__}": len(d.signatures)
+        for d in gc.get_objects() if isinstance(d, Dispatcher)
+    }
+
+def enable(self, before=runner.Session._enable):
+    self.found = compiled()
+    sessions.append(self)
+    before(self)
+
+sessions, runner.Session._enable = [], enable
+runner.run(load_rig(rig_path(sys.argv[2])), 0.1, 1, "lockstep", sys.argv[1])
+found = sessions[0].found
+assert found["hil.rig.safety.limit"]
+print(*[name for name, n in compiled().items() if found.get(name) != n])
+"""
+
+
+@pytest.mark.parametrize("rig", ["teleop", "surgical"])
+def test_nothing_is_compiled_once_there_is_power(tmp_path, rig):
+    # after an installation this takes seconds, and the watchdog took them for the loop's end
+    words = [sys.executable, "-c", _COMPILED, str(tmp_path / "s.mcap"), rig]
+    ran = subprocess.run(words, capture_output=True, text=True)
+    assert ran.returncode == 0 and ran.stdout.strip() == "", ran.stdout + ran.stderr

@@ -157,7 +157,7 @@ def test_a_full_standard_output_is_one_sentence():
     assert done.stderr.count("\n") == 1 and "standard output" in done.stderr
 
 
-@pytest.mark.parametrize("text", ["raise ValueError('mine')", "loads = None", "def ("])
+@pytest.mark.parametrize("text", ["raise ValueError('mine')", "raise SystemExit", "loads = None", "def ("])
 def test_a_file_named_as_a_module_of_python_is_refused_in_one_line(tmp_path, text):
     (tmp_path / "json.py").write_text(text + "\n")
     path = os.pathsep.join([str(tmp_path), str(Path(hil.__file__).parents[1])])
@@ -167,3 +167,13 @@ def test_a_file_named_as_a_module_of_python_is_refused_in_one_line(tmp_path, tex
     )
     assert ran.returncode == 2 and ran.stdout == "", ran.stderr
     assert ran.stderr.count("\n") == 1 and "json.py' takes the place of Python's own" in ran.stderr
+
+
+def test_the_module_imports_nothing_of_the_working_directory(tmp_path):
+    (tmp_path / "json.py").write_text("raise SystemExit\n")
+    words = [sys.executable, "-m", "hil", "info", "x.mcap"]
+    path = str(Path(hil.__file__).parents[1])
+    ran = subprocess.run(
+        words, cwd=tmp_path, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert ran.returncode == 2 and "x.mcap: No such file" in ran.stderr
