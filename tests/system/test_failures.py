@@ -157,7 +157,9 @@ def test_a_full_standard_output_is_one_sentence():
     assert done.stderr.count("\n") == 1 and "standard output" in done.stderr
 
 
-@pytest.mark.parametrize("text", ["raise ValueError('mine')", "raise SystemExit", "loads = None", "def ("])
+@pytest.mark.parametrize(
+    "text", ["raise ValueError('mine')", "raise SystemExit", "loads = None", "def ("]
+)
 def test_a_file_named_as_a_module_of_python_is_refused_in_one_line(tmp_path, text):
     (tmp_path / "json.py").write_text(text + "\n")
     path = os.pathsep.join([str(tmp_path), str(Path(hil.__file__).parents[1])])
