@@ -216,14 +216,17 @@ def verdict(found: Soak) -> str:
     memory = np.array([m.memory for m in found.parts])
     # after the first quarter: imports and compiled code are loaded by then
     late = slice(len(minutes) // 4, None)
-    slope = float(np.polyfit(minutes[late], memory[late], 1)[0]) if len(minutes) > 4 else np.nan
+    growth = "Too short a session to say how memory grows."
+    if len(minutes) > 4:
+        slope = float(np.polyfit(minutes[late], memory[late], 1)[0])
+        growth = f"Memory grows by {slope:.2f} MB a minute after the first quarter."
     grown = found.start_memory
     return "\n".join(
         [
             f"{found.ticks} ticks in {found.hours:g} h: {found.missed} missed, {found.dropped} "
             f"rows dropped by the ring, {found.unwritten} not written; session of "
             f"{found.megabytes:.0f} MB.",
-            f"Memory grows by {slope:.2f} MB a minute after the first quarter.",
+            growth,
             f"{found.starts} starts and stops: memory {grown[0]:.1f} to {grown[-1]:.1f} MB, open "
             f"files {found.files[0]} to {found.files[1]}, threads {found.threads[0]} to "
             f"{found.threads[1]}.",

@@ -463,7 +463,7 @@ def open_table(
     if is_dataset(path):
         return _episode(path, run)
     try:
-        if path.stat().st_size == 0:
+        if path.stat().st_size == 0 and path.is_file():
             raise DataError(f"table {path} is empty (0 bytes); a header row and samples are needed")
         if path.suffix.lower() in BINARY:
             return _arrays(path, array, columns, run)

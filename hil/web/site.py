@@ -102,6 +102,10 @@ def site(
         content = _file("hil.web" if name in _SHARED else package, name)
         return answer(content, _TYPES[name.rpartition(".")[2]])
 
+    async def elsewhere(request: Request, error: Exception) -> Response:
+        status = int(getattr(error, "status_code", 404))
+        return answer(b"There is nothing here.", "text/plain", status)
+
     def handler(found: Answer) -> Callable[[Request], Awaitable[Any]]:
         async def wrapped(request: Request) -> Any:
             if not same(request.headers.get("x-hil-token", "")):
@@ -139,6 +143,7 @@ def site(
             *(Route(f"/api/{name}", handler(f), methods=["POST"]) for name, f in requests.items()),
         ],
         middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts)],
+        exception_handlers={404: elsewhere, 405: elsewhere},
     )
 
 

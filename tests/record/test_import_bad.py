@@ -378,8 +378,9 @@ def test_a_header_of_many_columns(tmp_path, refuse):
 def test_what_is_no_regular_file(tmp_path, refuse):
     os.mkfifo(tmp_path / "run.csv")
     (tmp_path / "run.npz").symlink_to("/dev/zero")
-    for name in ("run.csv", "run.npz"):
-        refuse(tmp_path / name, name)
+    os.mkfifo(tmp_path / "run.mat")
+    for name in ("run.csv", "run.npz", "run.mat"):
+        refuse(tmp_path / name, name, "regular file")
     (tmp_path / "run.csv").unlink()
     (tmp_path / "map.toml").symlink_to("/dev/zero")
     table = changed(tmp_path, lambda c: None)

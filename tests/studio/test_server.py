@@ -52,6 +52,9 @@ def test_the_page_is_for_who_has_the_address(page):
     found = client.get(f"/?token={TOKEN}")
     assert found.status_code == 200 and "<h1>hil studio</h1>" in found.text
     assert found.headers["content-security-policy"] == POLICY
+    for reply, status in ((client.get("/nothing"), 404), (client.put("/api/ask"), 405)):
+        assert reply.status_code == status
+        assert reply.headers["content-security-policy"] == POLICY
     assert found.headers["referrer-policy"] == "no-referrer"
 
 
