@@ -57,6 +57,8 @@ def opener(path: str) -> Callable[[RigConfig, int], Rig]:
 EXAMPLE = "hil run rigs/teleop.toml --clock lockstep --seconds 10 -o s.mcap"
 #: Exit code of a session at whose end the motors were without torque.
 ENDED_PAUSED = 4
+#: How long a session stays PAUSED that nobody can command any more, before it ends [s].
+LEFT_ALONE = 5.0
 #: A short trajectory is repeated to fill about this time [s].
 MEASURED = 30.0
 _SHARES = (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999"), ("most", "most"))
@@ -248,7 +250,7 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
     with tqdm(total=total, unit="tick", disable=None, leave=False, file=sys.stderr) as bar:
         live = bar.set_postfix_str if not bar.disable else None
         board = BoardWriter(args.board) if args.board else None
-        lines = (lambda take: _lines(take, "pause" if board else "")) if args.operator else None
+        lines = (lambda take: _lines(take, board is not None)) if args.operator else None
         operator = runner.Operator(
             scheduled(args.at), bar_writer(bar), live, lines, args.wait, board
         )
@@ -286,18 +288,21 @@ def bar_writer(bar: Any) -> Callable[[str], None]:
     return lambda text: bar.write(f"hil run: {text}", file=sys.stderr)
 
 
-def _lines(take: Callable[[str], None], at_the_end: str = "") -> None:
+def _lines(take: Callable[[str], None], shown: bool = False) -> None:
     """Give every line of the standard input to the slow side, from a thread of its own.
 
-    `at_the_end` is given where nobody writes any more.
+    A session that is `shown` by another program pauses when that is gone, and ends soon after: no
+    other program can command it, and it would keep its devices.
     """
 
     def read() -> None:
         for line in sys.stdin:
             if line.strip():
                 take(line)
-        if at_the_end:
-            take(at_the_end)
+        if shown:
+            take("pause")
+            time.sleep(LEFT_ALONE)
+            take("stop")
 
     threading.Thread(target=read, name="operator", daemon=True).start()
 

@@ -105,6 +105,7 @@ def application(worker: Worker, token: str, hosts: list[str], folder: Path | Non
 
     questions = {
         "status": lambda _: worker.status(),
+        "look": lambda _: worker.look,
         "state": lambda _: worker.state,
         "files": lambda _: worker.files,
         "template": lambda _: {"text": TEMPLATE, "path": "my_effects.py"},

@@ -82,6 +82,7 @@ def application(desk: Desk, token: str, rig: str, scene: Scene | None = None) ->
         if scene is not None:
             session = seen["session"]
             seen |= {"places": scene.arms(session), "margin": scene.margin(session)}
+            seen |= {"joints": scene.joints()}
         return seen
 
     def take(given: Mapping[str, Any]) -> dict[str, Any]:

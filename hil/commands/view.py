@@ -37,8 +37,9 @@ EXAMPLE = (
 )
 #: Port that viewers propose.
 PORT = 8765
-#: How often a file that is written is looked at, and how long a viewer gets the rest of it [s].
-_LOOKED, _LINGER = 0.02, 0.5
+#: How often a file that is written is looked at; how long nothing may wait for a viewer before it
+#: has the rest, and how long it may take to get that [s].
+_LOOKED, _LINGER, _PATIENT = 0.02, 0.5, 8.0
 #: How long a session that was promised may take to begin, a next part may take, and a file that
 #: nobody writes may still grow [s].
 _PATIENCE, _NEXT, _QUIET = 60.0, 0.3, 1.0
@@ -316,9 +317,37 @@ class FoxgloveSink:
         """See `Sink`."""
         self._log[number](data, log_time=t_ns)
 
+    def flush(self) -> None:
+        """Wait until the viewers have what was sent, or for `_PATIENT` seconds.
+
+        The server has no question for it, and drops what waits when it stops.  While something
+        waits within it, something waits for the network, too.
+        """
+        end = time.monotonic() + _PATIENT
+        idle = 0.0
+        while idle < _LINGER and time.monotonic() < end:
+            time.sleep(_LOOKED)
+            idle = 0.0 if _unsent(self.port) else idle + _LOOKED
+
     def close(self) -> None:
         """Disconnect the viewers."""
         self._server.stop()
+
+
+#: Where Linux lists connections, and the state of one that is open.
+_CONNECTIONS, _OPEN = Path("/proc/net/tcp"), "01"
+
+
+def _unsent(port: int) -> int:
+    """Bytes that wait in connections to a port of this machine; 0 where that is not known."""
+    if not _CONNECTIONS.exists():
+        return 0
+    total = 0
+    for line in _CONNECTIONS.read_text(encoding="ascii").splitlines()[1:]:
+        _, local, _, state, queues, *_ = line.split()
+        if state == _OPEN and int(local.rpartition(":")[2], 16) == port:
+            total += int(queues.partition(":")[0], 16)
+    return total
 
 
 def check_live(port: int) -> None:
@@ -356,7 +385,7 @@ def _stream(path: Path, port: int, expected: bool) -> int:
     terminal.out("Lichtblick; Ctrl-C ends it")
     try:
         follow(path, sink, expected)
-        time.sleep(_LINGER)
+        sink.flush()
     finally:
         sink.close()
     return 0
@@ -403,7 +432,7 @@ class Streamer:
         if self._process is None:
             return
         try:
-            self._process.wait(_QUIET + 4 * _LINGER)
+            self._process.wait(_QUIET + _PATIENT + 4 * _LINGER)
         except subprocess.TimeoutExpired:
             self._process.terminate()
             self._process.wait()

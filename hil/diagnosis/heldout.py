@@ -21,7 +21,7 @@ from hil.identify.context import set_context
 from hil.identify.design import Term
 from hil.identify.fit import assemble, fit, predict, time_blocks
 from hil.identify.predict import own_values
-from hil.identify.problem import Problem
+from hil.identify.problem import AUTOMATIC, Problem
 from hil.identify.result import FitResult
 from hil.identify.screening import CLOSE
 from hil.identify.timing import fit_aligned
@@ -45,9 +45,13 @@ class Examiner:
         The runs of the fit.
     holdout : list of Recording
         Other runs; may be empty.
+    before : Problem, optional
+        What the held-out runs were for another model of the same runs.
     """
 
-    def __init__(self, problem: Problem, holdout: list[Recording]) -> None:
+    def __init__(
+        self, problem: Problem, holdout: list[Recording], before: Problem | None = None
+    ) -> None:
         self.kind = "holdout" if holdout else "folds"
         self._problem = problem
         self._other: Problem | None = None
@@ -58,9 +62,14 @@ class Examiner:
                 _of_robot(other, problem)
                 _sound(other)
             _other_than(problem.recordings, holdout)
-            self._other = Problem(
-                holdout, problem.source, problem.explains, rates=problem.rates, span=problem.span
-            )
+            asked = (holdout, problem.source, problem.explains, AUTOMATIC, problem.rates)
+            known = before.again(*asked) if before is not None else None
+            self._other = known or Problem(*asked, problem.span)
+
+    @property
+    def other(self) -> Problem | None:
+        """The held-out runs; None without any."""
+        return self._other
 
     def outside(self, result: FitResult) -> list[str]:
         """Where the held-out runs leave the range of the fit; empty without any."""

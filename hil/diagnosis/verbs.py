@@ -76,6 +76,8 @@ class Comparison(Plotted):
     heldout_floor: FloatArray | None = None
     #: What the given model had been identified on.
     valid: tuple[Range, ...] = ()
+    #: The held-out runs as they were judged on.
+    judged: Problem | None = None
 
     def __repr__(self) -> str:
         each = zip(self.result.problem.joints, self.heldout.rms / self.noise, strict=True)
@@ -96,8 +98,10 @@ def faults_of(recordings: list[Recording]) -> list[DataFault]:
     return [f for r in recordings for f in check(r)]
 
 
-def make_problem(recordings: list[Recording], model: RobotModel) -> Problem:
-    """Problem of some runs for a model.
+def make_problem(
+    recordings: list[Recording], model: RobotModel, before: Problem | None = None
+) -> Problem:
+    """Problem of some runs for a model; `before` as `hil.identify.problem.of_model` has it.
 
     Raises
     ------
@@ -111,7 +115,7 @@ def make_problem(recordings: list[Recording], model: RobotModel) -> Problem:
             + "; ".join(f.text for f in errors[:3])
             + ". Run 'hil info' on it, mend or cut the recording, then try again."
         )
-    return of_model(recordings, model)
+    return of_model(recordings, model, before)
 
 
 @single_threaded
@@ -152,7 +156,8 @@ def compare(
     holdout: Runs | None = None,
     *,
     simulate: bool = True,
-    fitted: Callable[[HeldOut], None] = lambda held: None,
+    fitted: Callable[[FitResult, HeldOut], None] = lambda result, held: None,
+    before: Comparison | None = None,
 ) -> Comparison:
     """Model against measurement: error, noise floor, where it fails, one-step and simulated.
 
@@ -163,8 +168,11 @@ def compare(
     simulate : bool
         Whether the model is simulated over short horizons.
     fitted : callable
-        Gets the errors on held-out data as soon as they are known; the noise floor and the
-        effects that may be missing take several times longer.
+        Gets the fit and its errors on held-out data as soon as they are known; the noise floor and
+        the effects that may be missing take several times longer.
+    before : Comparison, optional
+        Of another model with the same runs: what was made of their motion is used again.  Effects
+        must be the same ones as then.
 
     Raises
     ------
@@ -176,11 +184,12 @@ def compare(
     """
     recordings, model = as_runs(recordings, "hil.compare"), as_model(model, "hil.compare")
     progress.at("fit", 0.0)
-    problem = make_problem(recordings, model)
-    examine = Examiner(problem, held_out(holdout, "hil.compare"))
+    rows, judged = (before.result.problem, before.judged) if before else (None, None)
+    problem = make_problem(recordings, model, rows)
+    examine = Examiner(problem, held_out(holdout, "hil.compare"), judged)
     step = settled(fit_aligned(problem, model), examine, "model")
     result, heldout = complete(step.result), step.heldout
-    fitted(heldout)
+    fitted(result, heldout)
     progress.at("measure the noise floor", 0.15)
     evidence = gather(result)
     where = regions(result, evidence.floor)
@@ -202,7 +211,9 @@ def compare(
     notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))
     faults += [DataFault(code, "warning", "", x) for code, x in notes]
     steps = both(result, problem) if simulate else _unsimulated(problem.d)
-    out = Comparison(result, heldout, evidence, where, steps, faults, floor, model.valid)
+    out = Comparison(
+        result, heldout, evidence, where, steps, faults, floor, model.valid, examine.other
+    )
     ratio = dict(zip(problem.joints, (heldout.rms / out.noise).tolist(), strict=True))
     out.faults.extend(DataFault(code, "warning", "", x) for code, x in seeming(ratio, where))
     return out

@@ -5,6 +5,7 @@ Rows of a regression: runs through the filters, where each joint moves, what its
 
 from __future__ import annotations
 
+import copy
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -182,6 +183,9 @@ class Rows:
         self._spare = False
         self._raw: dict[tuple[object, ...], list[FloatArray]] = {}
         self._rest: dict[tuple[object, ...], list[tuple[NDArray[np.int_], FloatArray]]] = {}
+        #: What it was made of, and what a fit changes, as it was before any.
+        self._asked = (tuple(recordings), robot, explains, band, rates)
+        self._first = (tuple(self.motions), self.y, self.effort)
 
     @property
     def d(self) -> int:
@@ -383,6 +387,38 @@ class Rows:
 class Problem(Rows):
     """Runs of one arm, ready for regression; parameters and rows as of `Rows`."""
 
+    def again(
+        self,
+        recordings: Sequence[Recording],
+        robot: RobotSource,
+        explains: str,
+        band: Band,
+        rates: bands.Rates | None = None,
+    ) -> Problem | None:
+        """The same before any fit, with the columns that were made of the motion; what it gives to
+        the new one, this one makes again where it is asked for it.  None where anything of what is
+        asked for differs from what this one was made of.
+        """
+        runs, *rest = self._asked
+        same = len(runs) == len(recordings) and all(map(lambda a, b: a is b, runs, recordings))
+        if not same or rest != [robot, explains, band, rates]:
+            return None
+        motions, y, effort = self._first
+        fresh = {
+            "motions": list(motions),
+            "y": y,
+            "effort": effort,
+            "memo": {},
+            "least": {},
+            "shift": 0.0,
+            "asked_late": False,
+            "_spare": False,
+        }
+        out = copy.copy(self)
+        vars(out).update(fresh, _kept=self._kept.pruned(fresh["motions"]))
+        self._kept = Kept()
+        return out
+
     def shift_effort(self, seconds: float) -> None:
         """Take the motor effort `seconds` later: tau(t) <- tau(t - s), by cubic splines."""
         self.shift += seconds
@@ -523,7 +559,16 @@ class Problem(Rows):
         return np.concatenate([np.where(mask == k, x, 0.0) for k in runs] or [x[..., :0]], axis=-1)
 
 
-def of_model(recordings: Sequence[Recording], model: RobotModel) -> Problem:
-    """Runs as a model is fitted to them; values that it keeps refer to the range that it states."""
+def of_model(
+    recordings: Sequence[Recording], model: RobotModel, before: Problem | None = None
+) -> Problem:
+    """Runs as a model is fitted to them; values that it keeps refer to the range that it states.
+
+    `before` is a problem that may be of the same runs: its columns are used again then.
+    """
+    if before is not None and not model.keeps:
+        known = before.again(recordings, model.robot, model.explains, model.band)
+        if known is not None:
+            return known
     span = model.spans(recordings[0].joints) if model.keeps and recordings else None
     return Problem(list(recordings), model.robot, model.explains, model.band, span=span)

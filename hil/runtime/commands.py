@@ -96,7 +96,7 @@ def parse(text: str, shop: Workshop) -> OperatorCommand:
     except ConfigError:
         raise
     except (ValueError, TypeError) as error:
-        raise ConfigError(f"{text!r}: {error}; usage: {form}") from error
+        raise ConfigError(f"{' '.join(words)!r}: {error}; usage: {form}") from error
 
 
 def _bare(words: Sequence[str]) -> None:
@@ -164,8 +164,15 @@ def _set(words: Sequence[str], shop: Workshop) -> Callable[[Operated], None]:
     if len(words) < 2:
         raise ValueError("a name and a number are needed")
     name, *values = words
-    law = shop.law({name: [float(v) for v in values]})
+    law = shop.law({name: [_number(v) for v in values]})
     return lambda loop: loop.follow(law, restart=False)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is no number") from None
 
 
 #: name -> usage, and what makes it.

@@ -18,6 +18,7 @@ from hil.diagnosis.types import Diagnosis, FloatArray, HeldOut, Step
 from hil.diagnosis.verbs import Comparison, compare, diagnose
 from hil.errors import ConfigError
 from hil.export import target
+from hil.identify.result import FitResult
 from hil.models import catalogue
 from hil.models.files import write_model
 from hil.models.model import RobotModel, Use, Value, base_model
@@ -101,8 +102,12 @@ class Workbench:
     other: int = -1
     #: Names of the user's own effects.
     own: list[str] = field(default_factory=list)
-    #: Gets the ladder with a new model as soon as that is fitted, over the floor of the one before.
-    early: Callable[[list[dict[str, Any]]], None] = lambda rows: None
+    #: Gets what can be shown of a new model as soon as that is fitted, over the floor of the one
+    #: before: first the ladder alone, then with curves, learnt effects and parameters.
+    early: Callable[[dict[str, Any]], None] = lambda look: None
+
+    #: The last comparison that was made: the next one uses what it made of the motion.
+    before: Comparison | None = None
 
     def __post_init__(self) -> None:
         if not self.stack:
@@ -231,25 +236,44 @@ class Workbench:
 
     def _push(self, rung: StudioRung) -> dict[str, Any]:
         """Compare a new model first: one that cannot be fitted leaves the stack as it was."""
-        rung.found = self._seen(rung.model, lambda held: self.early(self._fallen(rung, held)))
+        rung.found = self._seen(
+            rung.model, lambda result, held: self._first_look(rung, result, held)
+        )
         self.stack[self.at + 1 :] = [rung]
         self.at += 1
         return self.state()
 
     def _seen(
-        self, model: RobotModel, fitted: Callable[[HeldOut], None] = lambda held: None
+        self,
+        model: RobotModel,
+        fitted: Callable[[FitResult, HeldOut], None] = lambda result, held: None,
     ) -> Comparison:
         """Comparison of a model; the page shows no simulation, so none is made."""
         i = self.inputs
-        return compare(list(i.runs), model, list(i.held) or None, simulate=False, fitted=fitted)
+        self.before = compare(
+            list(i.runs),
+            model,
+            list(i.held) or None,
+            simulate=False,
+            fitted=fitted,
+            before=self.before,
+        )
+        return self.before
 
-    def _fallen(self, rung: StudioRung, held: HeldOut) -> list[dict[str, Any]]:
-        """Ladder up to the current model, and a new one over the floor of that."""
+    def _first_look(self, rung: StudioRung, result: FitResult, held: HeldOut) -> None:
+        """Show a new model over the floor of the current one, before its own is known."""
         before = self.now.found
-        kept = [self._rung(k) for k in range(self.at + 1)]
         if before is None or before.noise.shape != held.rms.shape:
-            return []
-        return [*kept, {"label": rung.label, "joints": _errors(held, before.noise)}]
+            return
+        kept = [self._rung(k) for k in range(self.at + 1)]
+        look: dict[str, Any] = {
+            "ladder": [*kept, {"label": rung.label, "joints": _errors(held, before.noise)}]
+        }
+        self.early(look)
+        curves = _series(result, before.evidence.floor.rms)
+        self.early(
+            look | {"series": curves, "learnt": _learnt(result), "model": _model(result.model)}
+        )
 
     def _command(self, verb: str, effect: str, *more: str) -> str:
         """The same on the command line."""
@@ -280,8 +304,8 @@ class Workbench:
             "where": {j: [region_json(r) for r in found] for j, found in c.where.items()},
             "candidates": self._candidates(c),
             "model": _model(c.result.model),
-            "learnt": _learnt(c),
-            "series": _series(c),
+            "learnt": _learnt(c.result),
+            "series": _series(c.result, c.evidence.floor.rms),
             "beside": self._beside(c),
             "own": list(self.own),
             "exports": _exports(),
@@ -366,18 +390,18 @@ def _value(name: str, v: Value) -> dict[str, Any]:
     }
 
 
-def _learnt(c: Comparison) -> list[dict[str, Any]]:
+def _learnt(result: FitResult) -> list[dict[str, Any]]:
     """Every effect beside the base over its own variable: the data and the law, in bins."""
     out = []
-    plain = set(base_model(c.result.model.robot).names())
-    for use in c.result.model.effects:
+    plain = set(base_model(result.model.robot).names())
+    for use in result.model.effects:
         if use.type in plain:
             continue
-        for joint in c.result.problem.joints if use.joints == ("*",) else use.joints:
-            fit = effects.learnt(c.result, use.type, joint)
+        for joint in result.problem.joints if use.joints == ("*",) else use.joints:
+            fit = effects.learnt(result, use.type, joint)
             if fit is None:
                 continue
-            v = effects.variable_of(c.result, fit)
+            v = effects.variable_of(result, fit)
             sign = 1.0 if v.sign is None else v.sign
             out.append(
                 {
@@ -405,9 +429,9 @@ def _binned(x: Any, data: Any, law: Any, edges: Any) -> dict[str, list[float | N
     }
 
 
-def _series(c: Comparison) -> dict[str, Any]:
+def _series(result: FitResult, floor: FloatArray) -> dict[str, Any]:
     """Residual and motion of every joint on the fitted runs, thinned for drawing."""
-    p = c.result.problem
+    p = result.problem
     pick = np.arange(0, p.n, max(1, -(-p.n // POINTS)))
 
     def short(values: Any) -> list[float | None]:
@@ -418,12 +442,12 @@ def _series(c: Comparison) -> dict[str, Any]:
         "run": p.run[pick].tolist(),
         "joints": [
             {
-                "trace": _trace(p.t, p.run, c.result.residual[j]),
-                "residual": short(c.result.residual[j]),
+                "trace": _trace(p.t, p.run, result.residual[j]),
+                "residual": short(result.residual[j]),
                 "effort": short(p.effort[j]),
                 "position": short(p.q[j]),
                 "speed": short(p.qd[j]),
-                "floor": number(float(c.evidence.floor.rms[j])),
+                "floor": number(float(floor[j])),
             }
             for j in range(p.d)
         ],

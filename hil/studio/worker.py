@@ -18,7 +18,7 @@ from typing import Any
 
 from hil import progress
 from hil.errors import ConfigError, HilError
-from hil.interrupt import held_back
+from hil.interrupt import held_back, with_its_parent
 from hil.models.model import base_model
 from hil.record.recording import Recording
 from hil.record.sources import find, load_sources
@@ -64,7 +64,7 @@ class StudioSession:
     ) -> None:
         self.table, self.written = table, written
         #: See `Workbench`.
-        self.early: Callable[[list[dict[str, Any]]], None] = lambda rows: None
+        self.early: Callable[[dict[str, Any]], None] = lambda look: None
         models = [r.model for r in stack or ()] or ([inputs.model] if inputs else [])
         intake.again({p for m in models for p in m.plugins} | set(written))
         self.bench = Workbench(inputs, stack or [], at) if inputs else None
@@ -175,6 +175,8 @@ class StudioSession:
         rung = self.bench.now
         plugins = tuple(dict.fromkeys([*rung.model.plugins, str(place)]))
         rung.model, rung.found = replace(rung.model, plugins=plugins), None
+        # an effect of the same name may have other columns now
+        self.bench.before = None
         return self.bench.state()
 
 
@@ -241,11 +243,11 @@ class FirstLook:
 
     Parameters
     ----------
-    ladder : list of dict
-        Rungs with the new model, over the noise floor of the one before.
+    shown : dict
+        Parts of the state, see `Workbench.early`.
     """
 
-    ladder: list[dict[str, Any]]
+    shown: dict[str, Any]
 
 
 def checked(verb: str, given: Mapping[str, Any]) -> dict[str, str]:
@@ -267,9 +269,10 @@ def checked(verb: str, given: Mapping[str, Any]) -> dict[str, str]:
 
 def _serve(pipe: Connection, kept: BenchState) -> None:
     """The process: requests in, answers and what must be kept out."""
+    with_its_parent()
     stack = [replace(r, found=None) for r in kept.stack]
     session = StudioSession(kept.inputs, stack, kept.at, kept.table, kept.written, kept.effects)
-    session.early = lambda rows: pipe.send(FirstLook(rows))
+    session.early = lambda look: pipe.send(FirstLook(look))
     with progress.listening(lambda what, share: pipe.send(Reached(what, share))):
         while True:
             try:
@@ -313,7 +316,7 @@ class Worker:
         self._state: dict[str, Any] | None = None
         self._intake: dict[str, Any] | None = None
         self._preview: dict[str, Any] | None = None
-        self._reached, self._look = Reached("", 0.0), FirstLook([])
+        self._reached, self._look = Reached("", 0.0), FirstLook({})
 
     def ask(self, verb: str, given: Mapping[str, Any]) -> int:
         """Begin a request; its number.
@@ -328,7 +331,7 @@ class Worker:
             if self._verb:
                 raise ConfigError(f"{self._verb} is running; wait for it, or cancel it")
             self._verb, self._since, self._error, self._note = verb, time.monotonic(), "", ""
-            self._reached, self._look = Reached("", 0.0), FirstLook([])
+            self._reached, self._look = Reached("", 0.0), FirstLook({})
             self._number += 1
             number = self._number
             if self._process is None:
@@ -397,10 +400,16 @@ class Worker:
                 "number": self._number,
                 "doing": self._reached.what,
                 "share": self._reached.share,
-                "ladder": self._look.ladder if self._verb else [],
+                "ladder": self._look.shown.get("ladder", []) if self._verb else [],
+                "looked": bool(self._verb) and "series" in self._look.shown,
                 "error": self._error,
                 "note": self._note,
             }
+
+    @property
+    def look(self) -> dict[str, Any]:
+        """What can be shown of the running request before it is done."""
+        return self._look.shown
 
     @property
     def state(self) -> dict[str, Any] | None:

@@ -7,8 +7,10 @@ writes lines any more, the session pauses by itself.
 
 from __future__ import annotations
 
+import glob
 import math
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -44,8 +46,7 @@ class SessionProgram(threading.Thread):
 
     def __init__(self, words: Sequence[str]) -> None:
         super().__init__(daemon=True)
-        folder = Path(tempfile.mkdtemp(prefix="hil-board-"))
-        self.board = folder / "board"
+        self.board = Path(tempfile.mkdtemp(prefix="hil-board-")) / "board"
         self.said: deque[str] = deque(maxlen=LINES)
         self._process = subprocess.Popen(
             [sys.executable, "-m", "hil", "run", *words, "--board", str(self.board), "--operator"],
@@ -95,9 +96,11 @@ class SessionProgram(threading.Thread):
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 pipe.close()
+        if self.board.parent.exists():
+            shutil.rmtree(self.board.parent)
 
     def snapshot(self) -> tuple[int, dict[str, Any]]:
-        """Number and content of its board."""
+        """Number and content of its board; nothing once it was waited for."""
         return read_board(self.board)
 
 
@@ -135,6 +138,7 @@ class Desk:
         self._seat = Seat()
         self._program: Any = None
         self._log: deque[str] = deque(maxlen=LINES)
+        self._silent = ""
         self.path: Path | None = None
 
     def view(self, page: str, now: float) -> dict[str, Any]:
@@ -151,6 +155,8 @@ class Desk:
                 "running": self._program is not None and code is None,
                 "code": code,
                 "record": str(self.path or ""),
+                "disk": _disk(self.path),
+                "silent": self._silent,
                 "said": said[-12:],
                 "log": list(self._log)[-12:],
                 "commands": page == self._seat.page,
@@ -169,7 +175,7 @@ class Desk:
             if self._seat.page != page and self._taken(now):
                 raise ConfigError("another page commands; it must be closed, or be silent, first")
             if self._seat.page != page:
-                self._seat = Seat(page, now)
+                self._seat, self._silent = Seat(page, now), ""
                 self._log.append("this page commands now" if not self._program else "new page")
 
     def _taken(self, now: float) -> bool:
@@ -229,6 +235,8 @@ class Desk:
                 raise ConfigError("this page does not command; press Take command first")
             if self._program is not None and self._program.code is None:
                 raise ConfigError("a session is running; stop it first")
+            if self._program is not None:
+                self._program.wait(PATIENCE)
             self.path = self._output()
             self._program = self._make([*self._words, "--wait", "-o", str(self.path)])
             self._log.append(f"session {self.path}")
@@ -241,7 +249,8 @@ class Desk:
             self._seat = Seat()
             if self._program is not None and self._program.code is None:
                 self._program.write("pause")
-                self._log.append(f"paused: the page that commands was not heard for {SILENCE:g} s")
+                self._silent = f"The page that commands was not heard for {SILENCE:g} s"
+                self._log.append(f"paused: {self._silent}")
 
     def close(self) -> None:
         """End the session: zero torque, file closed."""
@@ -249,6 +258,19 @@ class Desk:
             if self._program is not None:
                 self._program.end()
                 self._program.wait(20.0)
+
+
+def _disk(path: Path | None) -> dict[str, int]:
+    """Bytes of a record with all its parts, and bytes that its disk has left."""
+    if path is None:
+        return {}
+    size = 0
+    for part in (path, *path.parent.glob(f"{glob.escape(path.stem)}.part*{path.suffix}")):
+        try:
+            size += part.stat().st_size
+        except FileNotFoundError:  # it has not begun, or was taken away
+            continue
+    return {"record": size, "free": shutil.disk_usage(path.parent).free}
 
 
 #: How often the screen is drawn, and how long a session may take to end [s].

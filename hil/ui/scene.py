@@ -47,11 +47,19 @@ class Scene:
         out = {}
         for name, arm in session.get("arms", {}).items():
             robot = self._robots.get(name)
-            if robot is None or None in arm["position"]:
+            if robot is None or not hasattr(robot, "places") or None in arm["position"]:
                 continue
             places = robot.places(np.array(arm["position"], dtype=np.float64))
             out[name] = [[number(float(x), 5) for x in row] for row in places]
         return out
+
+    def joints(self) -> list[dict[str, str]]:
+        """Names of the joints of the first arm, with the units of positions and efforts."""
+        arm = self._config.controller.arms[0]
+        names = self._config.arms[arm].joints
+        known = getattr(self._robots[arm], "units", ("rad",) * len(names))
+        each = zip(names, known, strict=True)
+        return [{"name": n, "unit": u, "effort": "N" if u == "m" else "N m"} for n, u in each]
 
     def margin(self, session: Mapping[str, Any]) -> dict[str, Any]:
         """Margin of the gains in force; computed beside, the last one until it is there."""
@@ -120,4 +128,4 @@ def _robot(config: RigConfig, name: str) -> Any:
         robot = bare_robot(RobotSource(table.robot, tip=table.tip), tuple(table.joints))
     except HilError:
         return None
-    return robot if hasattr(robot, "places") else None
+    return robot

@@ -6,14 +6,18 @@ header, which no other site can send.  Nothing is loaded from outside.
 
 from __future__ import annotations
 
+import contextlib
 import filecmp
 import hmac
 import json
 import os
 import re
+import signal
 import socket
+import sys
 import tempfile
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+import threading
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -213,7 +217,24 @@ def serve(app: Any, port: int, told: Callable[[str], None], token: str) -> None:
         ) from error
     told(f"http://127.0.0.1:{listening.getsockname()[1]}/?token={token}")
     config = uvicorn.Config(app, log_level="warning", lifespan="off")
-    uvicorn.Server(config).run(sockets=[listening])
+    with _terminated():
+        uvicorn.Server(config).run(sockets=[listening])
+
+
+@contextlib.contextmanager
+def _terminated() -> Iterator[None]:
+    """SIGTERM unwinds as an exit: what the pages began (a session, a worker) is ended properly.
+
+    The server gives the signal again when it has closed, and by itself that ends the process.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _file(package: str, name: str) -> bytes:

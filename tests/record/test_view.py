@@ -4,11 +4,14 @@ import json
 import re
 import socket
 import struct
+import sys
 import threading
+import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
+from mcap import records
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
@@ -240,6 +243,43 @@ def test_a_viewer_gets_the_messages_of_the_session(tmp_path):
     viewer.join(5.0)
     assert got == known
     assert set(names.values()) == topics
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell what waits")
+def test_a_slow_viewer_gets_what_waits_at_the_end_of_a_session():
+    pytest.importorskip("foxglove", reason="needs hil-teleop[live]")
+    client = pytest.importorskip("websockets.sync.client")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    sink, count, got, ready = FoxgloveSink("test", port), 3000, [], threading.Event()
+    sink.channel(1, records.Channel(1, "/x", "json", {}, 0), None)
+
+    def view():
+        address, link_of = f"ws://127.0.0.1:{port}", client.connect
+        with link_of(address, subprotocols=["foxglove.sdk.v1"], max_queue=4) as link:
+            for said in link:
+                if isinstance(said, bytes):
+                    ready.set()
+                    got.append(int(said[13:]))
+                    time.sleep(5e-4)
+                elif channels := json.loads(said).get("channels"):
+                    n = channels[0]["id"]
+                    wanted = [{"id": n, "channelId": n}]
+                    link.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+    viewer = threading.Thread(target=view, daemon=True)
+    viewer.start()
+    for _ in range(200):
+        sink.message(1, 0, b"-1")
+        if ready.wait(0.05):
+            break
+    assert ready.is_set()
+    for k in range(count):  # 12 MB: more than the network holds
+        sink.message(1, k, str(k).encode().rjust(4096))
+    sink.flush()
+    sink.close()
+    viewer.join(20.0)
+    assert [k for k in got if k >= 0] == list(range(count))
 
 
 @pytest.mark.parametrize(

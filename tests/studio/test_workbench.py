@@ -77,13 +77,32 @@ def test_the_ladder_falls_before_the_candidates_are_ranked(begun):
     bench.early = looks.append
     bench.go("0")
     state = bench.add("stribeck", first["joints"][0])
-    bench.early = lambda rows: None
-    (rows,) = looks
+    bench.early = lambda look: None
+    rows = looks[0]["ladder"]
     assert [r["label"] for r in rows] == [r["label"] for r in state["ladder"]]
     early, last = (x[-1]["joints"][0] for x in (rows, state["ladder"]))
     assert early["relative"] == last["relative"]  # the error is final, its floor is not
     assert early["ratio"] == pytest.approx(last["ratio"], rel=0.2)
     assert len(bench.stack) == 2
+    # then what the fit alone tells, and it is final
+    assert len(looks) == 2 and looks[1]["ladder"] == rows
+    assert looks[1]["model"] == state["model"] and looks[1]["learnt"] == state["learnt"]
+    shown = looks[1]["series"]["joints"][0]
+    assert shown["residual"] == state["series"]["joints"][0]["residual"]
+    assert shown["floor"] == first["series"]["joints"][0]["floor"]
+
+
+def test_columns_of_the_comparison_before_change_no_number(begun):
+    kept, first = begun
+    kept.go("0")
+    with_them = kept.add("stribeck", first["joints"][0])
+    bench = Workbench(inputs())
+    bench.start()
+    made, bench.before = bench.before, None
+    alone = bench.add("stribeck", first["joints"][0])
+    assert made.result.problem is not bench.before.result.problem
+    for part in ("ladder", "candidates", "model", "series", "where", "warnings", "learnt"):
+        assert with_them[part] == alone[part], part
 
 
 def test_what_cannot_be_added_leaves_the_stack(begun):
@@ -182,6 +201,7 @@ def test_one_request_at_a_time_and_its_answer_becomes_the_state(quiet):
         "doing": "",
         "share": 0.0,
         "ladder": [],
+        "looked": False,
         "error": "",
         "note": "",
     }
@@ -194,7 +214,8 @@ def test_the_page_gets_the_first_look_while_the_request_runs(quiet):
     _, pipe, kept = made[0]
     rows = [{"label": "base model", "joints": None}]
     looked = threading.Event()
-    replies = [worker_module.FirstLook(rows), ({"at": 0}, "", kept)]
+    look = {"ladder": rows, "series": {"t": []}}
+    replies = [worker_module.FirstLook(look), ({"at": 0}, "", kept)]
 
     def recv():
         if len(replies) == 1:
@@ -208,6 +229,7 @@ def test_the_page_gets_the_first_look_while_the_request_runs(quiet):
     pipe.answer.clear()
     assert looked.wait(5.0)
     assert worker.status()["ladder"] == rows and worker.status()["running"] == "start"
+    assert worker.status()["looked"] and worker.look == look
     pipe.answer.set()
     assert settled(worker)["ladder"] == []
 

@@ -112,6 +112,27 @@ def test_a_page_that_is_silent_pauses_the_rig_and_frees_the_place(desk):
     assert any("not heard" in line for line in desk.view(OTHER, 7.3)["log"])
 
 
+def test_a_page_is_told_why_the_rig_paused_until_somebody_commands(desk):
+    desk, _ = desk
+    begun(desk)
+    assert desk.view(OTHER, 0.1)["silent"] == ""
+    desk.watch(SILENCE + 0.1)
+    assert "was not heard for 2 s" in desk.view(OTHER, 2.2)["silent"]
+    desk.take(OTHER, 2.3)
+    assert desk.view(OTHER, 2.4)["silent"] == ""
+
+
+def test_a_record_is_counted_with_its_parts(tmp_path):
+    desk = Desk(["teleop"], lambda: tmp_path / "s[1].mcap", Program)
+    assert desk.view(ONE, 0.0)["disk"] == {}
+    begun(desk)
+    assert desk.view(ONE, 0.1)["disk"]["record"] == 0
+    for name, size in (("s[1].mcap", 10), ("s[1].part2.mcap", 5), ("s1.part2.mcap", 99)):
+        (tmp_path / name).write_bytes(bytes(size))
+    seen = desk.view(ONE, 0.2)["disk"]
+    assert seen["record"] == 15 and seen["free"] > 0
+
+
 def test_too_many_commands_are_refused(desk):
     desk, made = desk
     begun(desk)
@@ -330,5 +351,10 @@ def test_a_session_of_the_page_runs_and_pauses_when_nobody_writes_any_more(tmp_p
     program = desk._program
     program._process.stdin.close()  # as if the page's program had been killed
     until("PAUSED")
+    # nobody can command it any more: it ends, and its devices are free
+    seen = until("ended")
+    assert seen["code"] == 0
+    assert seen["disk"]["record"] == (tmp_path / "s.mcap").stat().st_size
     desk.close()
+    assert not program.board.parent.exists()
     assert load(tmp_path / "s.mcap", "leader").n > 100

@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 
@@ -19,14 +20,23 @@ pytestmark = [
 ]
 
 
+@contextmanager
+def served(folder, *more):
+    """The page's program and its address."""
+    words = [sys.executable, "-m", "hil", "ui", "teleop", "--no-browser", "-o", str(folder), *more]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        yield process, re.search(r"http\S+", process.stdout.readline())[0]
+    finally:
+        process.terminate()
+        process.wait(30)
+        process.stdout.close()
+
+
 @pytest.fixture
 def address(tmp_path):
-    words = [sys.executable, "-m", "hil", "ui", "teleop", "--no-browser", "-o", str(tmp_path)]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    yield re.search(r"http\S+", process.stdout.readline())[0]
-    process.terminate()
-    process.wait(30)
-    process.stdout.close()
+    with served(tmp_path) as (_, address):
+        yield address
 
 
 def test_a_person_starts_a_session_and_stops_it_by_the_key(address, tmp_path):
@@ -72,3 +82,43 @@ def test_a_person_starts_a_session_and_stops_it_by_the_key(address, tmp_path):
     assert load(session, "follower").n > 100
     assert b"mark" in b"".join(read(session).topics["/events"].data)
     assert not problems and not outside
+
+
+def test_what_a_page_does_not_know_it_does_not_show(tmp_path):
+    """A program that is ended ends its session; its page says so, also beside a new one."""
+    with sync.sync_playwright() as playwright:
+        window = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        page = window.new_page()
+        page.set_default_timeout(60_000)
+        problems = []
+        page.on("pageerror", lambda e: problems.append(str(e)))
+        with served(tmp_path) as (process, address):
+            page.goto(address)
+            page.locator("#take:enabled").click()
+            page.locator("#begin:enabled").click()
+            page.locator("#state", has_text="DISABLED").wait_for()
+            assert page.locator("#joint option").all_inner_texts() == ["joint1", "joint2", "joint3"]
+            assert page.locator("#value").input_value() == "8 8 4"  # what is in force
+            page.locator("#health", has_text="left on the disk").wait_for()
+            # an emergency stop that the network keeps back arrives when it is there again
+            page.context.set_offline(True)
+            page.locator("#state", has_text="unknown").wait_for()
+            page.keyboard.press("Escape")
+            page.locator("#next", has_text="in the power line").wait_for()
+            page.context.set_offline(False)
+            page.locator("#state", has_text="ended (0)").wait_for()
+            page.locator("#take:enabled").click()
+            page.locator("#begin:enabled").click()
+            page.locator("#state", has_text="DISABLED").wait_for()
+            process.terminate()
+            process.wait(30)
+            assert process.returncode == 143
+            page.locator("#state", has_text="unknown").wait_for()
+            assert page.locator("main button:enabled").all_inner_texts() == ["Clear the trail"]
+        sessions = sorted(tmp_path.glob("*.mcap"))
+        assert [read(path).truncated for path in sessions] == [False, False]
+        port = re.search(r":(\d+)/", address)[1]
+        with served(tmp_path, "--port", port):
+            page.locator("#next", has_text="that the new one printed").wait_for()
+        window.close()
+    assert not problems

@@ -7,6 +7,7 @@ let state = null, brush = null, frame = null, asked = 0, tab = 0;
 
 function show() {
   $("main").hidden = false;
+  for (const id of ["places", "candidates"]) $(id).removeAttribute("aria-busy");
   $("sessions").textContent = `${state.sessions.join(", ")}${state.holdout.length ? `, judged on ${state.holdout.join(", ")}` : ", judged on blocks that were not fitted"}`;
   $("adequate").textContent = state.adequate;
   ladder(); verdict(); joints(); besides(); exports(); draw(); places(); candidates(); learnt(); model(); notes();
@@ -35,6 +36,7 @@ function ladder(rungs = state.ladder, at = state.at, waits = false) {
         bar.append(fill, el("b", `${x.ratio.toFixed(2)} (${x.relative.toFixed(1)} %)`));
         bar.setAttribute("role", "img"); bar.setAttribute("aria-label", `${r.label}, ${j}: ${x.ratio.toFixed(2)} times the floor, ${x.relative.toFixed(1)} %`);
       } else bar.append(el("b", "not compared yet"));
+      bar.dataset.joint = j; // shown in a narrow window, which has no head
       row.append(bar);
     });
     out.append(row);
@@ -175,7 +177,7 @@ $("undo").onclick = () => ask("undo");
 $("redo").onclick = () => ask("redo");
 $("diagnose").onclick = () => ask("diagnose");
 $("take").onclick = () => ask("take");
-$("cancel").onclick = () => call("/api/cancel", {});
+$("cancel").onclick = () => call("/api/cancel", {}).catch(() => {}); // the wait for the answer says where there is none
 $("beside").onchange = () => ask("beside", { at: $("beside").value });
 $("export").onsubmit = (e) => { e.preventDefault(); ask("export", { kind: $("kind").value, path: $("export-path").value }); };
 $("own").onsubmit = (e) => {
@@ -214,7 +216,16 @@ canvas.onkeydown = (e) => {
 };
 window.addEventListener("resize", () => state && (draw(), learnt()));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => state && (draw(), learnt()));
-early((rungs) => { if (state) ladder(rungs, rungs.length - 1, true); });
+let first = null;
+early((rungs, more) => {
+  if (!state) return;
+  ladder(rungs, rungs.length - 1, true);
+  if (!more || more === first || !more.series) return;
+  // the new model's curves and parameters; where it fails and what may be missing is not known yet
+  first = more; state = { ...state, series: more.series, learnt: more.learnt, model: more.model, beside: null };
+  for (const id of ["places", "candidates"]) $(id).setAttribute("aria-busy", "true");
+  draw(); learnt(); model();
+});
 start();
 answered((now, found) => {
   files(now, found);

@@ -3,27 +3,60 @@ import { plot, range } from "./plot.js";
 import { above, space } from "./space.js";
 
 const token = new URLSearchParams(location.search).get("token") || "";
-const page = crypto.randomUUID();
+// not randomUUID, which only pages of this machine have
+const page = [...crypto.getRandomValues(new Uint8Array(16))].map((x) => x.toString(16).padStart(2, "0")).join("");
 const $ = (id) => document.getElementById(id);
 const KEPT = 400;
-let number = 0, last = null, told = "", seen = 0;
+let number = 0, last = null, told = "", since = 0, seen = 0, named = "";
+// silence of the program after which it counts as gone, and how long an emergency stop is repeated [ms]
+const SILENCE = 5000, REPEATED = 10000;
+// what went wrong with a command is shown for so long [ms]
+const SHOWN = 8000;
 const track = { t: [], arms: {} };
 const view = { turn: 0.5, lift: 0.35 };
 let trail = [];
 
 async function call(path, body) {
-  const options = { headers: { "X-Hil-Token": token } };
+  const options = { headers: { "X-Hil-Token": token }, signal: AbortSignal.timeout(SILENCE) };
   if (body !== undefined) { options.method = "POST"; options.body = JSON.stringify({ page, ...body }); }
   return (await fetch(path, options)).json();
 }
 
+const LOST = "The command did not reach the program.";
+
 async function ask(path, body = {}) {
-  const found = await call(`/api/${path}`, body);
-  told = found.error || "";
+  let found;
+  try { found = await call(`/api/${path}`, body); } catch { found = { error: LOST, lost: true }; }
+  told = found.error || ""; since = Date.now();
+  return !found.lost;
 }
 
 // a number of its own makes a command that is sent twice done once
 const say = (text) => ask("command", { text, number: ++number });
+
+let stopping = false;
+// an emergency stop is sent until the program has it
+async function stop() {
+  if (stopping) return;
+  stopping = true;
+  const body = { text: "stop", number: ++number }, until = Date.now() + REPEATED;
+  while (!(await ask("command", body))) {
+    told = "The emergency stop did not reach the program. Use the one in the power line.";
+    gone();
+    if (Date.now() > until) break;
+    await new Promise((done) => setTimeout(done, 200));
+  }
+  stopping = false;
+}
+
+// the program is not there, or belongs to another page: what is shown is not known any more
+function gone(why = "The program does not answer. A session that runs pauses by itself.") {
+  $("state").textContent = "unknown"; $("state").dataset.level = "warn";
+  $("recording").textContent = "unknown"; delete $("recording").dataset.level;
+  $("next").textContent = told || why;
+  $("status").classList.add("error");
+  for (const b of document.querySelectorAll("main button[data-say], #take, #begin, #set button, #note button")) b.disabled = true;
+}
 
 // states in which a command does something
 const FITS = { start: ["DISABLED"], pause: ["ENABLED"], resume: ["PAUSED"] };
@@ -34,12 +67,14 @@ const NEXT = {
 
 function show(v) {
   last = v;
+  if (Date.now() - since > SHOWN) told = "";
   const s = v.session, state = v.running ? s.state || "starting" : v.code === null ? "no session" : `ended (${v.code})`;
   $("rig").textContent = `Rig ${v.rig}`;
   $("record").textContent = v.record ? s.record || v.record : "";
   $("state").textContent = state;
   $("state").dataset.level = state === "ENABLED" ? "good" : state === "FAULT" || v.code > 0 ? "bad" : "warn";
-  $("next").textContent = told || (v.running ? (s.why && s.state !== "ENABLED" ? `${s.why}. ` : "") + (NEXT[s.state] || "") :
+  const reason = s.state === "PAUSED" && v.silent ? v.silent : s.state !== "ENABLED" && s.why;
+  $("next").textContent = told || (v.running ? (reason ? `${reason}. ` : "") + (NEXT[s.state] || "") :
     s.state === "FAULT" && s.reason ? `The session ended in FAULT: ${s.reason}. ${NEXT.FAULT}` : v.commands ? "Press New session." : v.free ? "Press Take command." : "Another page commands; this one watches.");
   $("status").classList.toggle("error", Boolean(told));
   $("take").disabled = v.commands || !v.free;
@@ -47,12 +82,21 @@ function show(v) {
   for (const b of document.querySelectorAll("[data-say], #set button, #note button"))
     b.disabled = !v.running || (!v.commands && b.dataset.say !== "stop") || (b.dataset.say in FITS && !FITS[b.dataset.say].includes(s.state));
   $("said").replaceChildren(...[...v.log.slice(-3), ...v.said.filter((x) => !x.startsWith("hil run: commands:")).slice(-4)].map((x) => { const e = document.createElement("li"); e.textContent = x.replace(/^hil run: /, ""); return e; }));
-  settable(s.settable || {});
+  settable(s.settable || {}, s.values || {});
+  choices(v.joints || []);
   if (s.arms && v.number !== seen) { seen = v.number; keep(s, v.places || {}); draw(); }
   margin(v.margin);
   record(v.running, s);
   devices(s.devices || []);
-  health(s);
+  health(s, v.disk || {});
+}
+
+// joints of this rig, to choose one of
+function choices(joints) {
+  const key = joints.map((j) => j.name).join();
+  if (!joints.length || key === $("joint").dataset.key) return;
+  $("joint").dataset.key = key;
+  $("joint").replaceChildren(...joints.map((j, k) => { const o = document.createElement("option"); o.value = k; o.textContent = j.name; return o; }));
 }
 
 function margin(m) {
@@ -93,11 +137,14 @@ function scene() {
   above($("above"), trail, $("hide").checked);
 }
 
-function settable(all) {
+function settable(all, values) {
   const box = $("name"), names = Object.keys(all);
   if (box.options.length !== names.length) box.replaceChildren(...names.map((n) => { const o = document.createElement("option"); o.value = o.textContent = n; return o; }));
   const r = all[box.value];
-  $("range").textContent = r ? `${r.entries > 1 ? `${r.entries} numbers, ` : ""}${r.low} to ${r.high} ${r.unit}` : "";
+  const now = (values[box.value] || []).map((x) => +x.toPrecision(6)).join(" ");
+  $("range").textContent = r ? `now ${now}; ${r.entries > 1 ? `${r.entries} numbers, ` : ""}${r.low} to ${r.high} ${r.unit}` : "";
+  // what is in force is what is changed
+  if (now && named !== box.value) { named = box.value; $("value").value = now; }
 }
 
 function keep(s, places) {
@@ -116,17 +163,17 @@ const COLORS = ["--before", "--after"];
 function lines(id, values, ylabel) {
   const t = track.t;
   plot($(id), { xs: range(t, 0), ys: range(values.flat()), xlabel: "time [s]", ylabel, layers: values.map((y, k) => ({ x: t, y, color: COLORS[k], width: 1.6 })),
-    title: values.length > 1 ? "leader (orange), follower (blue)" : "" });
+    title: values.length > 1 ? Object.keys(track.arms).map((name, k) => `${name} (${["orange", "blue"][k]})`).join(", ") : "" });
 }
 
 function draw() {
   scene();
-  const arms = Object.entries(track.arms), j = Number($("joint").value);
+  const arms = Object.entries(track.arms), j = Number($("joint").value), of = (last.joints || [])[j] || { unit: "rad", effort: "N m" };
   if (!arms.length) return;
   lines("force", arms.map(([, a]) => a.map((x) => size(x.force))), "force [N]");
-  lines("position", arms.map(([, a]) => a.map((x) => x.position[j])), "position [rad]");
-  lines("effort", arms.map(([, a]) => a.map((x) => x.effort[j])), "effort [N m]");
-  if (arms.length === 2) lines("error", [arms[0][1].map((x, k) => x.position[j] - arms[1][1][k].position[j])], "leader - follower [rad]");
+  lines("position", arms.map(([, a]) => a.map((x) => x.position[j])), `position [${of.unit}]`);
+  lines("effort", arms.map(([, a]) => a.map((x) => x.effort[j])), `effort [${of.effort}]`);
+  if (arms.length === 2) lines("error", [arms[0][1].map((x, k) => x.position[j] - arms[1][1][k].position[j])], `${arms[0][0]} - ${arms[1][0]} [${of.unit}]`);
   $("forces").replaceChildren(...arms.map(([name, a]) => {
     const f = size(a[a.length - 1].force), e = document.createElement("span");
     e.className = "lamp"; e.textContent = `${name}: ${f.toFixed(2)} N`;
@@ -137,10 +184,12 @@ function draw() {
   }));
 }
 
-function health(s) {
+const bytes = (n) => (n === undefined ? "-" : n >= 1e9 ? `${(n / 1e9).toFixed(1)} GB` : `${(n / 1e6).toFixed(1)} MB`);
+
+function health(s, disk) {
   if (s.tick === undefined) return;
   const rows = { "time": `${s.seconds.toFixed(1)} s, tick ${s.tick}`, "wake-up late, p99": `${s.late_p99_us.toFixed(1)} us`, "missed deadlines": s.missed,
-    "rows dropped": s.dropped, "most rows waiting": s.ring, "rows not written": s.unwritten, "rows left out": s.left_out, "hottest winding": `${s.winding.toFixed(0)} degC`, "controller": s.controller };
+    "rows dropped": s.dropped, "most rows waiting": s.ring, "rows not written": s.unwritten, "rows left out": s.left_out, "hottest winding": `${s.winding.toFixed(0)} degC`, "size of the record": bytes(disk.record), "left on the disk": bytes(disk.free), "controller": s.controller };
   $("health").replaceChildren(...Object.entries(rows).map(([k, v]) => {
     const d = document.createElement("div"), a = document.createElement("dt"), b = document.createElement("dd");
     a.textContent = k; b.textContent = v; d.append(a, b); return d;
@@ -149,7 +198,7 @@ function health(s) {
 
 $("take").onclick = () => ask("take");
 $("begin").onclick = () => ask("begin");
-$("emergency").onclick = () => say("stop");
+$("emergency").onclick = stop;
 for (const b of document.querySelectorAll("[data-say]")) b.onclick = () => say(b.dataset.say);
 $("set").onsubmit = (e) => { e.preventDefault(); say(`set ${$("name").value} ${$("value").value}`); };
 $("note").onsubmit = (e) => { e.preventDefault(); say(`note ${$("text").value}`); $("text").value = ""; };
@@ -162,13 +211,15 @@ $("space").onkeydown = (e) => {
   const by = { ArrowLeft: [0.15, 0], ArrowRight: [-0.15, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] }[e.key];
   if (by) { e.preventDefault(); turn(...by); }
 };
-window.addEventListener("keydown", (e) => { if (e.key === "Escape") { e.preventDefault(); say("stop"); } });
+window.addEventListener("keydown", (e) => { if (e.key === "Escape") { e.preventDefault(); stop(); } });
 window.addEventListener("resize", draw);
 
 (async () => {
   for (;;) {
-    try { show(await call(`/api/view?page=${page}`)); }
-    catch { $("next").textContent = "The program does not answer. The session pauses by itself."; $("status").classList.add("error"); }
+    let v = null;
+    try { v = await call(`/api/view?page=${page}`); } catch { gone(); }
+    if (v && v.error) gone("This page belongs to a program that has ended. Open the address that the new one printed.");
+    else if (v) show(v);
     await new Promise((done) => setTimeout(done, 100));
   }
 })();
