@@ -16,7 +16,7 @@ import numpy as np
 from hil.diagnosis.constants import ADEQUATE
 from hil.diagnosis.types import Diagnosis, FloatArray, HeldOut, Step
 from hil.diagnosis.verbs import Comparison, compare, diagnose
-from hil.errors import ConfigError
+from hil.errors import ConfigError, HilError
 from hil.export import target
 from hil.identify.result import FitResult
 from hil.models import catalogue
@@ -82,6 +82,8 @@ class StudioRung:
     model: RobotModel
     command: str = ""
     found: Comparison | None = None
+    #: File to which the fitted model was saved; empty: none.
+    file: str = ""
 
 
 @dataclass
@@ -185,25 +187,52 @@ class Workbench:
         if place.exists() and "hil.model/" not in place.read_text(encoding="utf-8")[:400]:
             raise ConfigError(f"cannot write {path}: a file is there that is not a model file")
         write_model(self.compared().result.model, place)
-        return {"saved": str(place.resolve())}
+        written = str(place.resolve())
+        for rung in self.stack:  # what another model had there is gone
+            rung.file = "" if rung.file == written else rung.file
+        self.now.file = written
+        return {"saved": written}
 
     def export(self, kind: str, path: str) -> dict[str, Any]:
-        """Write the current model for another program, refitted within what that can express."""
+        """Write the current model for another program, refitted within what that can express.
+
+        What is written names the model's file.  A model that was not saved is saved beside it.
+        """
         program, place = target.get(kind), Path(path)
         if place.suffix != program.ending:
             raise ConfigError(f"cannot write {path}: this file ends in {program.ending}")
         i, model = self.inputs, self.compared().result.model
-        job = target.Job(model, Path(i.model_file or "model.toml"), place.stem,
-                         list(i.runs), list(i.held))  # fmt: skip
-        made = program.make(job)
-        files = {place.with_suffix(ending): text for ending, text in made.texts.items()}
-        for file in files:
-            if file.exists():
-                raise ConfigError(f"cannot write {file}: a file is there; choose another name")
+        source, fresh = self._file_of_model(place)
+        try:
+            job = target.Job(model, source, place.stem, list(i.runs), list(i.held))
+            made = program.make(job)
+            files = {place.with_suffix(ending): text for ending, text in made.texts.items()}
+            for file in files:
+                if file.exists():
+                    raise ConfigError(f"cannot write {file}: a file is there; choose another name")
+        except HilError:
+            if fresh:
+                source.unlink()
+            raise
         for file, text in files.items():
             file.write_text(text, encoding="utf-8")
+        self.now.file = str(source.resolve())
         notes = [*(f"lost: {x}" for x in made.lost), *made.notes]
-        return {"saved": ", ".join(str(f.resolve()) for f in files), "notes": notes}
+        written = [*files, *([source] if fresh else [])]
+        return {"saved": ", ".join(str(f.resolve()) for f in written), "notes": notes}
+
+    def _file_of_model(self, place: Path) -> tuple[Path, bool]:
+        """File of the current model, and whether it was written now, beside an export."""
+        if self.now.file and Path(self.now.file).is_file():
+            return Path(self.now.file), False
+        source = place.with_suffix(".toml")
+        if source.exists():
+            raise ConfigError(
+                f"cannot write {source} beside {place}: a file is there; save the model first, or "
+                "choose another name"
+            )
+        write_model(self.compared().result.model, source)
+        return source, True
 
     def report(self, path: str) -> dict[str, Any]:
         """Write the report of the diagnosis, or of the comparison where there is none."""

@@ -153,7 +153,7 @@ class StudioSession:
         else:
             inputs = _joined(self.bench.inputs, runs, paths, use)
             inputs = replace(inputs, made=(*inputs.made, *commands))
-            stack = [replace(r, found=None) for r in self.bench.stack]
+            stack = [replace(r, found=None, file="") for r in self.bench.stack]
             bench = Workbench(inputs, stack, self.bench.at)
         bench.own = list(self.effects)
         state = bench.start()
@@ -174,7 +174,7 @@ class StudioSession:
         self.bench.own = list(self.effects)
         rung = self.bench.now
         plugins = tuple(dict.fromkeys([*rung.model.plugins, str(place)]))
-        rung.model, rung.found = replace(rung.model, plugins=plugins), None
+        rung.model, rung.found, rung.file = replace(rung.model, plugins=plugins), None, ""
         # an effect of the same name may have other columns now
         self.bench.before = None
         return self.bench.state()

@@ -105,6 +105,26 @@ def test_columns_of_the_comparison_before_change_no_number(begun):
         assert with_them[part] == alone[part], part
 
 
+def test_an_export_names_the_file_of_the_model_that_it_was_made_of(begun, tmp_path):
+    bench, _ = begun
+    bench.now.file = ""
+    found = bench.export("card", str(tmp_path / "robot.md"))
+    assert found["saved"] == f"{tmp_path / 'robot.md'}, {tmp_path / 'robot.toml'}"
+    assert "# Model card: robot.toml" in (tmp_path / "robot.md").read_text()
+    read_model(tmp_path / "robot.toml")
+    # one that was saved is named, and no other is written
+    bench.save(str(tmp_path / "mine.toml"))
+    assert bench.export("c", str(tmp_path / "a.h"))["saved"] == str(tmp_path / "a.h")
+    assert "mine.toml" in (tmp_path / "a.h").read_text()
+    # a file of somebody else stays, and of a refused export nothing is left
+    bench.now.file = ""
+    with pytest.raises(ConfigError, match=r"robot\.toml beside"):
+        bench.export("c", str(tmp_path / "robot.h"))
+    with pytest.raises(ConfigError, match=r"a\.h: a file is there"):
+        bench.export("c", str(tmp_path / "a.h"))
+    assert not (tmp_path / "a.toml").exists()
+
+
 def test_what_cannot_be_added_leaves_the_stack(begun):
     bench, _ = begun
     count = len(bench.stack)
