@@ -117,13 +117,12 @@ def site(
             try:
                 if request.method == "GET":
                     return JSONResponse(found(dict(request.query_params)))
-                body = await request.body()
-                if len(body) > LARGEST:
-                    return JSONResponse({"error": "the request is too large"}, 413)
-                given = json.loads(body)
-                if not isinstance(given, dict):
-                    raise ConfigError("a request is an object")
-                return JSONResponse(found(given))
+                body = b""
+                async for part in request.stream():
+                    body += part
+                    if len(body) > LARGEST:
+                        return JSONResponse({"error": "the request is too large"}, 413)
+                return JSONResponse(found(_asked(body)))
             except (ValueError, ConfigError) as error:
                 return JSONResponse({"error": str(error)}, 400)
 
@@ -149,6 +148,24 @@ def site(
         middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts)],
         exception_handlers={404: elsewhere, 405: elsewhere},
     )
+
+
+def _asked(body: bytes) -> dict[str, Any]:
+    """The object of a request.
+
+    Raises
+    ------
+    ValueError, ConfigError
+        If it is none, or holds what is no text.
+    """
+    try:
+        given = json.loads(body)
+    except RecursionError:
+        raise ConfigError("the request is nested too deeply") from None
+    if not isinstance(given, dict):
+        raise ConfigError("a request is an object")
+    json.dumps(given, ensure_ascii=False).encode()  # half a character is no text
+    return given
 
 
 async def _store(parts: AsyncIterator[bytes], folder: Path, name: str) -> str:

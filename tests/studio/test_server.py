@@ -95,7 +95,8 @@ def test_requests_of_others_are_refused(page):
 @pytest.mark.parametrize(
     ("body", "status"),
     [(b"", 400), (b"[1]", 400), (b"{", 400), (b'{"verb": 3}', 400), (b"\xff", 400),
-     (b'{"verb": "kill"}', 400), (b"x" * (LARGEST + 1), 413)],
+     (b'{"verb": "kill"}', 400), (b"[" * 60_000, 400), (b'{"verb": "\\ud800"}', 400),
+     (b'{"verb": "undo", "at": "\\udfff"}', 400), (b"x" * (LARGEST + 1), 413)],
 )  # fmt: skip
 def test_what_is_no_request_is_said(page, body, status):
     client, worker = page

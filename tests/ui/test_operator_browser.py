@@ -105,11 +105,12 @@ def test_what_a_page_does_not_know_it_does_not_show(tmp_path):
             page.locator("#state", has_text="unknown").wait_for()
             page.keyboard.press("Escape")
             page.locator("#next", has_text="in the power line").wait_for()
+            page.wait_for_timeout(2_500)  # and the command is free
             page.context.set_offline(False)
             page.locator("#state", has_text="ended (0)").wait_for()
             page.locator("#take:enabled").click()
             page.locator("#begin:enabled").click()
-            page.locator("#state", has_text="DISABLED").wait_for()
+            page.locator("#next", has_text="clear of the arms").wait_for()
             process.terminate()
             process.wait(30)
             assert process.returncode == 143
