@@ -64,7 +64,9 @@ class Examiner:
             _other_than(problem.recordings, holdout)
             asked = (holdout, problem.source, problem.explains, AUTOMATIC, problem.rates)
             known = before.again(*asked) if before is not None else None
-            self._other = known or Problem(*asked, problem.span)
+            if known is None or not np.array_equal(known.span, problem.span):
+                known = Problem(*asked, problem.span)
+            self._other = known
 
     @property
     def other(self) -> Problem | None:

@@ -403,9 +403,10 @@ class Problem(Rows):
         same = len(runs) == len(recordings) and all(map(lambda a, b: a is b, runs, recordings))
         if not same or rest != [robot, explains, band, rates]:
             return None
-        motions, y, effort = self._first
+        first, y, effort = self._first
+        motions = list(first)
         fresh = {
-            "motions": list(motions),
+            "motions": motions,
             "y": y,
             "effort": effort,
             "memo": {},
@@ -415,7 +416,7 @@ class Problem(Rows):
             "_spare": False,
         }
         out = copy.copy(self)
-        vars(out).update(fresh, _kept=self._kept.pruned(fresh["motions"]))
+        vars(out).update(fresh, _kept=self._kept.pruned(motions))
         self._kept = Kept()
         return out
 

@@ -7,11 +7,11 @@ import plants
 import pytest
 
 from hil.identify.fit import fit
-from hil.identify.problem import Problem
+from hil.identify.problem import AUTOMATIC, Problem
 from hil.identify.timing import slow_delay
 from hil.identify.validity import identified
 from hil.models import catalogue
-from hil.models.model import base_model
+from hil.models.model import Band, base_model
 from hil.record.recording import RobotSource
 
 
@@ -65,3 +65,27 @@ def test_a_slow_delay_follows_a_shift_of_the_effort(problem: Problem) -> None:
     assert slow_delay(result, 1)[0] == late
     problem.shift_effort(0.002)
     assert slow_delay(result, 1)[0] - late == pytest.approx(-0.002, abs=1e-4)
+
+
+def test_a_problem_begins_again_for_the_very_same_runs_with_their_columns() -> None:
+    run, source = plants.spatial(1, 8.0), RobotSource("", plants.spatial_urdf())
+    used, effect = Problem([run], source), catalogue.get("viscous")
+    y = used.y.copy()
+    with used.aside():
+        made = used.columns(effect, 0, ())
+    used.shift_effort(0.002)
+    again = used.again([run], source, "motor", AUTOMATIC)
+    assert again is not None and again.shift == 0.0 and used.shift == 0.002
+    assert np.array_equal(again.y, y) and not np.array_equal(used.y, y)
+    assert again.columns(effect, 0, ()) is made
+    # a shift of the one is none of the other
+    again.shift_effort(0.001)
+    assert (used.shift, again.shift) == (0.002, 0.001)
+    for asked in (
+        ([plants.spatial(1, 8.0)], source, "motor", AUTOMATIC),  # alike, but not the same
+        ([run, run], source, "motor", AUTOMATIC),
+        ([run], source, "external", AUTOMATIC),
+        ([run], source, "motor", Band(position_hz=20.0)),
+        ([run], RobotSource("single-axis"), "motor", AUTOMATIC),
+    ):
+        assert used.again(*asked) is None
