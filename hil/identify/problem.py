@@ -413,6 +413,7 @@ class Problem(Rows):
             "least": {},
             "shift": 0.0,
             "asked_late": False,
+            "aligned": False,
             "_spare": False,
         }
         out = copy.copy(self)

@@ -74,8 +74,10 @@ def test_a_problem_begins_again_for_the_very_same_runs_with_their_columns() -> N
     with used.aside():
         made = used.columns(effect, 0, ())
     used.shift_effort(0.002)
+    used.asked_late = used.aligned = True
     again = used.again([run], source, "motor", AUTOMATIC)
-    assert again is not None and again.shift == 0.0 and used.shift == 0.002
+    assert again is not None and not again.asked_late and not again.aligned
+    assert again.shift == 0.0 and used.shift == 0.002
     assert np.array_equal(again.y, y) and not np.array_equal(used.y, y)
     assert again.columns(effect, 0, ()) is made
     # a shift of the one is none of the other
