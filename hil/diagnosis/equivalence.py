@@ -40,6 +40,7 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.types import (
     EXCITATION,
+    NO_MOTION,
     STRUCTURAL,
     Candidate,
     Diagnosis,
@@ -346,8 +347,8 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
             f"{100 * (1 - choice.everything.share):.1f} % of it to the other"
         )
         if len(s.among) > 1:
-            return Indistinguishable(s.effects, why, "no motion of this robot alone")
-        return Indistinguishable(s.effects, why, f"no motion of this robot alone; {shown}")
+            return Indistinguishable(s.effects, why, NO_MOTION)
+        return Indistinguishable(s.effects, why, f"{NO_MOTION}; {shown}")
     if s.aside and choice.now is not None and choice.now.decided:
         return None
     return _by_motion(s, choice, planner)

@@ -35,6 +35,7 @@ from hil.diagnosis.constants import (
     SHORTEST,
     TENTH,
 )
+from hil.errors import plural
 from hil.identify.design import head
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -396,13 +397,37 @@ def lost(result: FitResult, heldout: FloatArray) -> list[tuple[str, str]]:
 GRAVITY = "description-gravity"
 
 
+def _other_gravity(every: Sequence[Weighed]) -> str:
+    """Sentence where all joints give no gravity, or the opposite one; else empty."""
+    for times, seen, why, text in (
+        (
+            0.0,
+            "the efforts hold no gravity",
+            "were they recorded after a gravity compensation, or does the robot lie flat?",
+            "0 0 0",
+        ),
+        (-1.0, "gravity acts upwards", "does the robot hang from a ceiling?", "0 0 9.81"),
+    ):
+        if every and all(abs(w.ratio - times) < TENTH for w in every):
+            return (
+                f"{seen}: the data give {times:.0f} times what the robot description says, on "
+                f"{plural(len(every), 'joint')}; {why} Then write <gravity>{text}</gravity> within "
+                "<robot> of the URDF and import again"
+            )
+    return ""
+
+
 def contradicted(result: FitResult) -> list[tuple[str, str]]:
     """Warnings (code, sentence) where the data surely give another gravity than the description.
 
     By more than a little of the joint's effort.
     """
+    every = weighed(result)
+    said = _other_gravity(every)
+    if said:
+        return [(GRAVITY, said)]
     out = []
-    for w in weighed(result):
+    for w in every:
         if abs(w.ratio - 1) > max(LITTLE / max(w.share, LITTLE), CERTAIN * w.stderr):
             joint = result.problem.joints[w.joint]
             out.append(

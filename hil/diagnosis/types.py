@@ -359,6 +359,10 @@ class Unseen:
 STRUCTURAL, EXCITATION = "structural", "excitation"
 
 
+#: What separates rivals where the robot's own motion cannot.
+NO_MOTION = "no motion of this robot alone"
+
+
 @dataclass(frozen=True)
 class Indistinguishable:
     """A set of effects that the data cannot separate.

@@ -26,6 +26,8 @@ from hil.models.robots import Robot
 FloatArray = NDArray[np.float64]
 #: Family of what belongs to the sensors: a program that drives the robot has no use for it.
 SENSOR = "sensor"
+#: Share of the recorded range beyond a stop from which it is no end of the range.
+DEEPEST = 1 / 3
 #: Formulas of friction that simulators have.
 _FRICTION = ("sign", "v")
 #: Speeds at which laws of friction are compared; way between two instants of a stroke [rad or m].
@@ -487,5 +489,13 @@ class _Translation:
     def _stop(self, use: Use, effect: Effect) -> None:
         for j in self._joints(use):
             shape = list(self._shape(use, effect, j).values())
-            if len(shape) == 2:
+            if len(shape) == 2 and self._ends(j, *shape):
                 self.stops.setdefault(j, []).append((shape[0], shape[1]))
+
+    def _ends(self, j: int, place: float, side: float) -> bool:
+        """Whether a stop ends the range; a spring that engages far within it does not."""
+        if self.span is None:
+            return True
+        low, high = self.span[j]
+        beyond = high - place if side > 0 else place - low
+        return bool(beyond < DEEPEST * (high - low))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError
 from hil.models import bodies
-from hil.record.urdf_joints import checked_urdf
+from hil.record.urdf_joints import checked_urdf, gravity_of
 
 FloatArray = NDArray[np.float64]
 _BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -63,7 +63,7 @@ class UrdfRobot:
 
     def __init__(self, urdf: str, tip: str = "") -> None:
         try:
-            checked_urdf(urdf)
+            root = checked_urdf(urdf)
         except DataError as error:
             raise ConfigError(str(error)) from error
         import pinocchio as pin
@@ -75,6 +75,7 @@ class UrdfRobot:
         except (ValueError, RuntimeError) as error:
             raise ConfigError(f"the URDF does not parse: {error}") from error
         model = self._model
+        model.gravity.linear = np.array(gravity_of(root))
         bad = [n for n, j in zip(model.names, model.joints, strict=True) if j.nv > 1]
         if bad:
             raise ConfigError(f"URDF joints with several degrees of freedom: {', '.join(bad)}")

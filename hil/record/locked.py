@@ -416,7 +416,10 @@ def _whole(table: ForeignTable, stem: str, numbers: Sequence[int], d: int) -> No
     count = plural(d, "joint")
     missing = [f"{stem}{k}" for k in range(1, max(d, 1) + 1) if k not in numbers]
     if missing:
-        raise _no_column(table, missing, f"it has {count} (q columns)" if d else "")
+        why = f"it has {count} (q columns)" if d else ""
+        if numbers and stem == "tau":
+            why += f"; of a joint without a motor write {missing[0]} = 0.0 in a map"
+        raise _no_column(table, missing, why)
     if max(numbers) > d:
         raise DataError(f"table {table.path}: column {stem}{max(numbers)}, but only {count}")
 

@@ -15,6 +15,8 @@ from hil.errors import DataError
 _KINDS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 #: Largest URDF [characters], and what is more than any robot has; columns are named to q99.
 LARGEST, MOST_ELEMENTS, MOST_LINKS, MOST_JOINTS = 4 * 2**20, 100_000, 1000, 99
+#: Gravity where a description names none [m/s^2].
+GRAVITY = (0.0, 0.0, -9.81)
 #: Larger or smaller than any part of a machine, in SI units.
 _ABSURD = 1e9
 #: Attributes of numbers by element, and how many each holds.
@@ -101,6 +103,33 @@ def urdf_joints(text: str, where: str = "the URDF") -> tuple[UrdfJoint, ...]:
     return tuple(out)
 
 
+def gravity_of(root: ET.Element, where: str = "the URDF") -> tuple[float, float, float]:
+    """Gravity in axes of the base [m/s^2]: down, unless the description says otherwise.
+
+    URDF has no word for it.  ``<gravity>0 0 0</gravity>`` within ``<robot>`` is that of efforts
+    which were recorded without gravity; ``0 0 9.81`` that of a robot under a ceiling.
+
+    Raises
+    ------
+    DataError
+        If it is not three numbers.
+    """
+    found = root.findall("gravity")
+    if not found:
+        return GRAVITY
+    text = found[0].text or ""
+    try:
+        x, y, z = (float(part) for part in text.split())
+    except ValueError:
+        x = y = z = math.nan
+    if len(found) > 1 or not all(abs(v) < _ABSURD for v in (x, y, z)):
+        raise DataError(
+            f"{where}: <gravity>{text[:80]!r}</gravity>; expected one element with three numbers "
+            "[m/s^2] in axes of the base, as 0 0 -9.81"
+        )
+    return x, y, z
+
+
 def checked_urdf(text: str, where: str = "the URDF") -> ET.Element:
     """Root of a URDF in which no claim, loop or number does harm to what reads it next.
 
@@ -126,6 +155,7 @@ def checked_urdf(text: str, where: str = "the URDF") -> ET.Element:
             if element.tag not in ("visual", "collision"):
                 _refuse_numbers(owner, element, where)
     _refuse_loops(root, where)
+    gravity_of(root, where)
     return root
 
 

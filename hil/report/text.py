@@ -18,7 +18,7 @@ from hil.diagnosis.floor import known_to
 from hil.diagnosis.preconditions import GRAVITY, LOST
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
-from hil.diagnosis.types import Finding, UnnamedCorrection
+from hil.diagnosis.types import NO_MOTION, Finding, Indistinguishable, UnnamedCorrection
 from hil.diagnosis.unnamed import told
 from hil.diagnosis.verdict import COMMON, NO_GEOMETRY, only_there
 from hil.errors import ConfigError
@@ -416,11 +416,20 @@ FIXED = {
 # ------------------------------------------------------------ what to do
 
 
+def _separating(s: Indistinguishable) -> str:
+    """Which motion tells rivals apart, if one does."""
+    names = " or ".join(s.effects)
+    if not s.experiment.startswith(NO_MOTION):
+        return f"{names}: record {s.experiment}."
+    other = s.experiment.removeprefix(NO_MOTION).removeprefix("; ")
+    return f"{names}: {NO_MOTION} tells them apart{f'; what does: {other}' if other else ''}."
+
+
 def next_steps(m: Material) -> list[str]:
     """What to do now, in plain words."""
     named = {f.effect for f in m.findings}
     rivals = [s for s in m.sets if named & set(s.effects)]
-    motions = [f"{' or '.join(s.effects)}: record {s.experiment}." for s in rivals]
+    motions = [_separating(s) for s in rivals]
     if m.verdict == "missing-effect":
         sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
         steps = [f"{ACCEPT} {listed(sure)}; all parameters are fitted again."]

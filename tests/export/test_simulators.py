@@ -11,7 +11,7 @@ from export_reference import evaluated
 from plants import spatial
 
 from hil.export.target import Job, get
-from hil.models.model import Use, base_model
+from hil.models.model import Range, Use, Value, base_model
 
 
 def rnea(model, q, v, a):
@@ -232,3 +232,21 @@ def test_a_base_that_leans_without_a_recording(leaning, states):
     ours = replace(tree, gravity=gravity).regressor(q, 0 * q, 0 * q) @ bodies
     written = rnea(pin.buildModelFromXML(found.texts[".urdf"]), q, 0 * v, 0 * a)
     np.testing.assert_allclose(written * np.hypot(1.0, np.hypot(*tilt)), ours, atol=1e-6)
+
+
+@pytest.mark.parametrize("place, ends", [(0.9, True), (0.1, False)])
+def test_a_spring_that_engages_far_within_the_range_is_no_end_of_it(place, ends):
+    values = {
+        f"j2.end-stop.{name}": Value(x)
+        for name, x in {"k": 30.0, "h": 0.0, "c": 0.0, "q0": place, "side": 1.0}.items()
+    }
+    run = spatial(1)
+    name = run.joints[1]
+    model = base_model(run.robot) + Use("end-stop", (name,), values=values)
+    went = tuple(Range(j, (-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)) for j in run.joints)
+    found = get("mjcf").make(Job(replace(model, valid=went), Path("arm.toml"), "arm"))
+    joint = next(
+        j for j in ET.fromstring(found.texts[".xml"]).iter("joint") if j.get("name") == name
+    )
+    high = joint.get("range", "").split()[-1:]
+    assert (high == [f"{place:g}"]) is ends
