@@ -151,8 +151,6 @@ def ranking(c: Candidate) -> tuple[float, int, float]:
 
 
 FLIPS = 400
-#: Noise floor of a joint without an effort: nothing is divided by zero.
-NO_NOISE = 1e-300
 #: A run and an instant of it [s].
 Cut = tuple[int, float]
 
@@ -390,6 +388,11 @@ class Indistinguishable:
 # ------------------------------------------------------------ the answer
 
 
+def above_zero(noise: FloatArray) -> FloatArray:
+    """Noise floors to divide by: a joint without an effort has none."""
+    return np.maximum(noise, np.finfo(np.float64).tiny)
+
+
 @dataclass(frozen=True)
 class Finding:
     """One accepted effect.
@@ -537,7 +540,7 @@ class Diagnosis(Plotted):
     def noise(self) -> FloatArray:
         """Noise floor that belongs to the held-out errors (d,), above zero."""
         noise = self.floor if self.heldout_floor is None else self.heldout_floor
-        return np.maximum(noise, NO_NOISE)
+        return above_zero(noise)
 
     @property
     def explained(self) -> Step:

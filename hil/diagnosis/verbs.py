@@ -18,7 +18,7 @@ from hil.diagnosis.preconditions import contradicted, other_robot
 from hil.diagnosis.residual_tests import unlike, unlike_notes
 from hil.diagnosis.residuals import Region, regions, seeming
 from hil.diagnosis.sessions import differences
-from hil.diagnosis.types import NO_NOISE, Diagnosis, Evidence, HeldOut, Step
+from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step, above_zero
 from hil.diagnosis.verdict import NO_GEOMETRY, noticed
 from hil.errors import ConfigError, DataError
 from hil.identify.errors import complete
@@ -90,7 +90,7 @@ class Comparison(Plotted):
             noise = np.minimum(self.heldout_floor, self.heldout.rms)
         else:
             noise = np.minimum(self.evidence.floor.rms, self.result.rms)
-        return np.maximum(noise, NO_NOISE)
+        return above_zero(noise)
 
 
 def faults_of(recordings: list[Recording]) -> list[DataFault]:

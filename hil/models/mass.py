@@ -282,9 +282,9 @@ def _end_stop_pushes(f: Fitted) -> bool:
 
 
 def _end_stop_grid(motion: Motion, j: int) -> Shapes:
-    """2 to 65 % of the span from either end: a spring may engage within the range, too."""
+    """2 to 55 % of the span from either end: a spring may engage within the range, too."""
     low, high = motion.span[j]
-    fractions = (0.02, 0.05, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45, 0.55, 0.65)
+    fractions = (0.02, 0.05, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45, 0.55)
     upper: Shapes
     upper = [(float(high - f * (high - low)), 1.0) for f in fractions]
     return upper + [(float(low + f * (high - low)), -1.0) for f in fractions]
