@@ -74,7 +74,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     lines += [f"  partial explanation: {where(f)} (no name: {f.reason})" for f in d.partial]
     lines += _left(d) + _corrections(d)
     beside = set(LEADING) - {NO_GEOMETRY}
-    lines += [f"  {w}." for code, w in d.warnings if code in beside]
+    lines += dict.fromkeys(f"  {w}." for code, w in d.warnings if code in beside)
     if d.verdict == "adequate":
         lines += [f"  {floor_says(d.beyond)}"]
     if d.network:
@@ -116,7 +116,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
         with_rivals = [f for f in d.findings if f.rivals and d.verdict == "ambiguous"]
         lines += [f"  rivals of {where(f)}: {', '.join(f.rivals)}" for f in with_rivals]
     lines += ["", _joints_table(d, rungs)]
-    said = [w for code, w in d.warnings if code in LEADING]
+    said = list(dict.fromkeys(w for code, w in d.warnings if code in LEADING))
     said += _worse(rising(rungs))
     said += _left(d)[1:]
     if d.corrections:

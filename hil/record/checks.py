@@ -534,6 +534,10 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[DataFault]:
         )
 
 
+#: Code of the warning that a joint has no effort.
+SILENT = "silent-joint"
+
+
 def _frozen(r: Recording) -> Iterator[DataFault]:
     still = np.ptp(r.q, axis=0) == 0
     idle = np.ptp(r.tau, axis=0) == 0
@@ -561,4 +565,4 @@ def _frozen(r: Recording) -> Iterator[DataFault]:
                 f"tau{k + 1} never changes while q{k + 1} moves: nothing is said of {joint}. "
                 "Is the channel dead? A joint without a motor has no effort"
             )
-            yield DataFault("stuck", "warning", joint, text)
+            yield DataFault(SILENT, "warning", joint, text)

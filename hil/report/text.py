@@ -27,7 +27,7 @@ from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import Value
 from hil.models.param_text import in_words, without_error
-from hil.record.checks import OF_UNITS
+from hil.record.checks import OF_UNITS, SILENT
 from hil.report.data import COMPARED, Material, number
 
 FloatArray = NDArray[np.float64]
@@ -63,7 +63,18 @@ TWO_ERRORS = (
     "adequate (docs/diagnosis.md)"
 )
 #: Codes of warnings that stand beside the verdict.
-LEADING = (NO_GEOMETRY, RECORDED_LATE, LOST, GRAVITY, DIFFER, BLURRED, CHANGED, UNLIKE, COMMON)
+LEADING = (
+    NO_GEOMETRY,
+    SILENT,
+    RECORDED_LATE,
+    LOST,
+    GRAVITY,
+    DIFFER,
+    BLURRED,
+    CHANGED,
+    UNLIKE,
+    COMMON,
+)
 
 
 # ------------------------------------------------------------ verdict

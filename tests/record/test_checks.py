@@ -146,7 +146,7 @@ def test_no_effort_anywhere_is_an_error():
 
 def test_dead_effort_channel():
     r = one(plants.joints(), "tau", lambda x: 0 * x)
-    assert faults(r) == [("stuck", "warning", "joint1")]
+    assert faults(r) == [("silent-joint", "warning", "joint1")]
 
 
 def test_frozen_encoder_that_catches_up():
