@@ -198,6 +198,14 @@ def changed(m: Material) -> list[str]:
     return _said(m, CHANGED)
 
 
+def _unlike_alone(m: Material) -> str:
+    """Joints on which something else than noise is left, where nothing else is wrong."""
+    at_floor = float(m.ratio(m.after).max()) <= ADEQUATE
+    names = [text.split(":")[0] for code, text in m.warnings if code == UNLIKE]
+    alone = bool(names) and at_floor and not m.network
+    return listed(list(dict.fromkeys(names))) if alone else ""
+
+
 def unlike(m: Material) -> list[str]:
     """Sentences on what is left at the floor and is no noise."""
     return _said(m, UNLIKE)
@@ -237,6 +245,9 @@ def headline(m: Material) -> str:
             return f"The model explains the fitted data, but not {joint} in the held-out data."
         if at_reversals(m.explained, m.last, m.floor):
             return AT_REVERSALS
+        no_noise = _unlike_alone(m)
+        if no_noise:
+            return f"All joints are at the noise floor, but what is left on {no_noise} is no noise."
         return f"An effect is missing on {joint}, and none in the catalogue explains it."
     if m.verdict == "not-identifiable":
         return "Nothing can be concluded from these data, neither for nor against the model."
