@@ -14,21 +14,25 @@ from hil.models.urdf import UrdfRobot
 
 def test_a_joint_without_an_effort_says_nothing_and_spoils_nothing():
     run, hold = (plants.two_axes("stribeck", seed, "") for seed in (1, 2))
-    whole = hil.diagnose([run], hil.base_model(run.robot), [hold])
+    whole = hil.compare([run], hil.base_model(run.robot), [hold], simulate=False)
     silent = [
         replace(r, name=name, tau=r.tau * [0.0, 1.0]) for r, name in ((run, "run"), (hold, "hold"))
     ]
     d = hil.diagnose(silent[:1], hil.base_model(run.robot), silent[1:])
     assert [(f.effect, f.joint) for f in d.findings] == [("stribeck", "joint2")]
-    for step, same in zip(d.ladder, whole.ladder, strict=False):
-        assert step.heldout.relative[1] == pytest.approx(same.heldout.relative[1], rel=0.05)
-        assert step.heldout.relative[0] == 0.0 and not step.heldout.effort_rms[0]
+    first = d.ladder[0].heldout
+    assert first.relative[1] == pytest.approx(whole.heldout.relative[1], rel=0.05)
+    assert first.relative[0] == 0.0 and not first.effort_rms[0]
     assert [t for code, t in d.warnings if code == "silent-joint" and "joint1" in t]
+
+
+def _axis(seed, extra=None):
+    return plants.smooth_axis(seed, seconds=12.0, rate=250.0, extra=extra)
 
 
 def test_zeros_of_a_sensor_that_differ_from_run_to_run_are_values_of_every_run():
     zeros = (0.0, 0.3, -0.2, 0.5)
-    runs = [plants.smooth_axis(k, extra=lambda t, q, v, a, z=z: z) for k, z in enumerate(zeros)]
+    runs = [_axis(k, extra=lambda t, q, v, a, z=z: z) for k, z in enumerate(zeros)]
     d = hil.diagnose(runs[:3], hil.base_model(runs[0].robot), runs[3:])
     assert [f.effect for f in d.findings] == ["torque-offset"]
     found = [v.value for v in d.findings[0].parameters.values()]
@@ -41,31 +45,28 @@ def test_zeros_of_a_sensor_that_differ_from_run_to_run_are_values_of_every_run()
 
 
 def test_equal_zeros_get_no_values_of_every_run():
-    runs = [plants.smooth_axis(k) for k in range(4)]
+    runs = [_axis(k) for k in range(4)]
     d = hil.diagnose(runs[:3], hil.base_model(runs[0].robot), runs[3:])
     assert d.verdict == "adequate" and not d.findings
 
 
 def _pendulum(seed, late):
-    run = plants.smooth_axis(seed, extra=lambda t, q, v, a: 3.0 * np.sin(q))
-    return replace(run, t=run.t[:-late], q=run.q[late:], tau=run.tau[:-late]) if late else run
+    run = _axis(seed, lambda t, q, v, a: 3.0 * np.sin(q))
+    return replace(run, t=run.t[:-late], q=run.q[late:], tau=run.tau[:-late])
 
 
 def test_late_efforts_are_found_beside_a_large_effect_that_was_missing():
-    runs = [_pendulum(seed, 10) for seed in (1, 2)]
+    runs = [_pendulum(seed, 5) for seed in (1, 2)]
     d = hil.diagnose(runs[:1], hil.base_model(runs[0].robot), runs[1:])
     assert [f.effect for f in d.findings] == ["unbalance"]
     assert d.findings[0].parameters["j1.unbalance.gs"].value == pytest.approx(3.0, rel=0.01)
     assert any(code == "recorded-late" for code, _ in d.warnings)
-    in_time = [_pendulum(seed, 0) for seed in (1, 2)]
-    best = hil.diagnose(in_time[:1], hil.base_model(runs[0].robot), in_time[1:])
-    assert d.ladder[-1].heldout.relative[0] < 1.3 * best.ladder[-1].heldout.relative[0]
+    assert d.ladder[-1].heldout.relative[0] < 1.0 < d.ladder[0].heldout.relative[0] / 10
 
 
 def test_a_spring_that_engages_within_the_range_has_its_name_and_place():
     runs = [
-        plants.smooth_axis(seed, extra=lambda t, q, v, a: 20.0 * np.maximum(q - 0.1, 0.0))
-        for seed in (1, 2)
+        _axis(seed, extra=lambda t, q, v, a: 20.0 * np.maximum(q - 0.1, 0.0)) for seed in (1, 2)
     ]
     low, high = runs[0].q.min(), runs[0].q.max()
     assert 0.3 < (0.1 - low) / (high - low) < 0.7
@@ -78,7 +79,7 @@ def test_a_spring_that_engages_within_the_range_has_its_name_and_place():
 
 def _weightless(seed, text=""):
     """An arm whose controller compensates gravity: its efforts hold none."""
-    run = plants.serial_arm(3, seed)
+    run = plants.serial_arm(3, seed, seconds=8.0)
     model = pin.buildModelFromXML(run.robot.urdf)
     data = model.createData()
     weight = np.stack([pin.computeGeneralizedGravity(model, data, q) for q in run.q])
@@ -88,11 +89,11 @@ def _weightless(seed, text=""):
 
 def test_efforts_without_gravity_are_recognised_and_described():
     runs = [_weightless(seed) for seed in (1, 2)]
-    c = hil.compare(runs[:1], hil.base_model(runs[0].robot), runs[1:])
+    c = hil.compare(runs[:1], hil.base_model(runs[0].robot), runs[1:], simulate=False)
     said = [f.sentence for f in c.faults if f.code == "description-gravity"]
     assert len(said) == 1 and "<gravity>0 0 0</gravity>" in said[0]
     told = [_weightless(seed, "<gravity>0 0 0</gravity>") for seed in (1, 2)]
-    again = hil.compare(told[:1], hil.base_model(told[0].robot), told[1:])
+    again = hil.compare(told[:1], hil.base_model(told[0].robot), told[1:], simulate=False)
     assert not [f for f in again.faults if f.code == "description-gravity"]
     assert np.all(again.heldout.relative < c.heldout.relative)
 
