@@ -79,7 +79,7 @@ def test_a_spring_that_engages_within_the_range_has_its_name_and_place():
 
 def _weightless(seed, text=""):
     """An arm whose controller compensates gravity: its efforts hold none."""
-    run = plants.serial_arm(3, seed, seconds=8.0)
+    run = plants.serial_arm(3, seed, seconds=14.0)
     model = pin.buildModelFromXML(run.robot.urdf)
     data = model.createData()
     weight = np.stack([pin.computeGeneralizedGravity(model, data, q) for q in run.q])
