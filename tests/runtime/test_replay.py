@@ -63,7 +63,7 @@ BAD = [
     ("dance", "unknown command 'dance'"),
     ("set colour 3", "unknown parameter 'colour'. Available: damping"),
     ("set force_scale", "a name and a number are needed; usage: set PARAMETER NUMBER"),
-    ("set force_scale much", "could not convert"),
+    ("set force_scale much", "is no number"),
     ("set force_scale 1e9", "force_scale = 1e+09 is out of range: 0..2"),
     ("set force_scale nan", "out of range"),
     ("set stiffness 3", "takes 3 numbers, got 1"),
