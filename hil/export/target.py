@@ -32,7 +32,7 @@ from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
-from hil.models.model import ALL, RobotModel
+from hil.models.model import ALL, RobotModel, Use
 from hil.models.robots import IndependentAxes, Robot, bare_robot
 from hil.record.recording import Recording
 
@@ -422,6 +422,8 @@ def reduced(
             if len(gone) == len(every):
                 continue
             use = replace(use, joints=tuple(j for j in every if not said[j]))
+        if use.options.get("per_run") and _shared(use, model):
+            continue  # what all runs have in common says it once
         options = {k: v for k, v in use.options.items() if k != "per_run"}
         once = {k: v for k, v in use.values.items() if "[" not in k}
         kept.append(replace(use, options=options, values=once))
@@ -430,6 +432,16 @@ def reduced(
             f"the target can say none of the model's effects: {', '.join(model.names())}"
         )
     return replace(model, effects=tuple(kept)), lost
+
+
+def _shared(use: Use, model: RobotModel) -> bool:
+    """Whether the model has one value for all runs beside those of every run, on all joints."""
+    return any(
+        other.type == use.type
+        and not other.options.get("per_run")
+        and (other.joints == ALL or set(use.joints) <= set(other.joints))
+        for other in model.effects
+    )
 
 
 # ------------------------------------------------------------ bodies

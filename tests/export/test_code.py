@@ -19,7 +19,7 @@ from hil.export.content import Content, Vocabulary, translate
 from hil.export.target import Job, get, reduced
 from hil.models import bodies
 from hil.models.files import read_model, write_model
-from hil.models.model import base_model
+from hil.models.model import Use, base_model
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 
@@ -222,3 +222,17 @@ def test_a_model_of_contact_has_no_feed_forward(arm):
     with pytest.raises(ConfigError, match="law of contact"):
         robot = bare_robot(arm.model.robot)
         translate(replace(arm.model, explains="external"), robot, Vocabulary())
+
+
+def test_offsets_of_every_run_become_one_for_all():
+    runs = [
+        plants.smooth_axis(k, seconds=6.0, rate=250.0, extra=lambda t, q, v, a, z=z: z)
+        for k, z in enumerate((0.1, 0.3, 0.2))
+    ]
+    model = base_model(runs[0].robot)
+    model += Use("torque-offset", ("joint1",), options={"per_run": True})
+    found = get("python").make(Job(model, Path("axis.toml"), "axis", runs))
+    whole, within = (step.result for step in found.steps)
+    assert [t.per_run for t in whole.terms if t.effect.name == "torque-offset"] == [True]
+    assert [t.per_run for t in within.terms if t.effect.name == "torque-offset"] == [False]
+    assert within.values["j1.torque-offset.t0"].value == pytest.approx(0.25, abs=0.02)
