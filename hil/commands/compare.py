@@ -121,14 +121,18 @@ def _judged(c: Comparison) -> str:
 def _taken(c: Comparison) -> str:
     """Filters and shift of both sides, and where they are from."""
     problem = c.result.problem
-    rates, shift = problem.rates, problem.shift
-    said = f"{abs(shift) * 1e3:.3g} ms {'earlier' if shift < 0 else 'later'}"
+    rates, shift, lag = problem.rates, problem.shift, problem.alignment.lag
+    said = (
+        f"{abs(shift) * 1e3:.3g} ms {'earlier' if shift < 0 else 'later'}" if shift else "in time"
+    )
+    if lag:
+        said += f", without a low-pass of {lag * 1e3:.3g} ms"
     source = "chosen from the data; to change it, set [signal] in the model file"
     if c.result.model.band != Band():
         source = "as [fitted] or [signal] in the model file says; [signal] goes first"
     return (
         f"  positions to {rates.position:.4g} Hz, efforts to {rates.effort:.4g} Hz and taken "
-        f"{said if shift else 'in time'} ({source})"
+        f"{said} ({source})"
     )
 
 

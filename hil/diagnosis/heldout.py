@@ -104,8 +104,8 @@ class Examiner:
     def __call__(self, result: FitResult) -> HeldOut:
         """Held-out residuals of a fit."""
         if self._other is not None:
-            if self._other.shift != self._problem.shift:
-                self._other.shift_effort(self._problem.shift - self._other.shift)
+            if self._other.alignment != self._problem.alignment:
+                self._other.align_effort(self._problem.alignment)
             residual = predict(result, self._other)
             return _held(residual, self._other, self.kind)
         if result.terms and all(t.fixed for t in result.terms):  # no row has been fitted

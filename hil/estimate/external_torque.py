@@ -57,8 +57,7 @@ def inverse_dynamics(result: FitResult, run: Recording) -> tuple[FloatArray, Flo
         )
     bare = replace(run, wrench=None, tau_ext=None)  # what was measured must not help
     problem = Problem([bare], fitted.source, fitted.explains, rates=fitted.rates, span=fitted.span)
-    if problem.shift != fitted.shift:
-        problem.shift_effort(fitted.shift - problem.shift)
+    problem.align_effort(fitted.alignment)
     residual = predict(result, problem)
     return problem.t, np.asarray(-residual.T, np.float64)
 

@@ -9,7 +9,7 @@ import copy
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -34,10 +34,44 @@ KEPT = 2**27
 ROW_BATCH = 2**22
 
 
-def later(x: FloatArray, t: FloatArray, seconds: float) -> FloatArray:
-    """Columns (n, d) so much later; the ends are kept."""
-    spline = scipy.interpolate.CubicSpline(t, x, axis=0)
-    return np.asarray(spline(np.clip(t - seconds, t[0], t[-1])))
+@dataclass(frozen=True)
+class Alignment:
+    """How motor efforts r that were recorded become those tau that acted.
+
+        tau(t) = r(t - s) + T r'(t - s) + T^2/2 r''(t - s),
+
+    the last part of a low-pass of two poles alone (Butterworth's, T = sqrt(2) / its half-power
+    frequency).  Of more poles this is the series of a delay by T.
+
+    Parameters
+    ----------
+    shift : float
+        By how much they are taken later, s [s].
+    lag : float
+        Time constant T of a low-pass that they passed, and that is undone [s]; 0 = none.
+    poles : int
+        Of that low-pass: 1 or 2.
+    """
+
+    shift: float = 0.0
+    lag: float = 0.0
+    poles: int = 1
+
+    @property
+    def late(self) -> float:
+        """By how much slow efforts were recorded late [s]."""
+        return self.lag - self.shift
+
+    def __call__(self, x: FloatArray, t: FloatArray) -> FloatArray:
+        """Columns (n, d) over t (n,), aligned by cubic splines; the ends are kept."""
+        spline = scipy.interpolate.CubicSpline(t, x, axis=0)
+        at = np.clip(t - self.shift, t[0], t[-1])
+        out = spline(at)
+        if self.lag:
+            out += self.lag * spline(at, 1)
+        if self.lag and self.poles > 1:
+            out += self.lag**2 / 2 * spline(at, 2)
+        return np.asarray(out)
 
 
 def _beside(parts: Sequence[FloatArray]) -> FloatArray:
@@ -167,13 +201,16 @@ class Rows:
             self._filters.append(decimator)
         self._share_slips()
         self._assemble()
-        self.shift = 0.0
+        #: How the motor efforts are aligned.
+        self.alignment = Alignment()
         #: Whether efforts that were recorded late by more than a sample have been looked for.
         self.asked_late = False
         #: Whether the alignment is settled: no fit changes it.
         self.aligned = False
         #: Lateness of the effort that a model's or a map's [signal] gives [s]; None = estimate.
         self.given_shift = said[0].shift_s
+        #: Low-pass that a model or a map's [signal] says the efforts passed.
+        self.given_lag = Alignment(0.0, said[0].lag_s, int(said[0].lag_poles))
         #: Share of the rms effort to which the efforts are known, if a [signal] says it; else 0.
         self.accuracy = said[0].accuracy
         #: Least first shape value of an effect on a joint, where other runs have shown it.
@@ -204,8 +241,15 @@ class Rows:
 
     @property
     def taken(self) -> Band:
-        """Filters and shift of the efforts that everything here has passed."""
-        return Band(float(self.rates.position), float(self.rates.effort), shift_s=float(self.shift))
+        """Filters and alignment of the efforts that everything here has passed."""
+        position, effort = float(self.rates.position), float(self.rates.effort)
+        a = self.alignment
+        return Band(position, effort, shift_s=a.shift, lag_s=a.lag, lag_poles=a.poles)
+
+    @property
+    def shift(self) -> float:
+        """By how much the motor efforts are taken later [s]."""
+        return self.alignment.shift
 
     @property
     def notes(self) -> list[tuple[str, str]]:
@@ -411,7 +455,7 @@ class Problem(Rows):
             "effort": effort,
             "memo": {},
             "least": {},
-            "shift": 0.0,
+            "alignment": Alignment(),
             "asked_late": False,
             "aligned": False,
             "_spare": False,
@@ -422,9 +466,16 @@ class Problem(Rows):
         return out
 
     def shift_effort(self, seconds: float) -> None:
-        """Take the motor effort `seconds` later: tau(t) <- tau(t - s), by cubic splines."""
-        self.shift += seconds
-        self.motions = [m.with_(tau=later(m.tau, m.t, seconds)) for m in self.motions]
+        """Take the motor effort `seconds` later than it is: tau(t) <- tau(t - s)."""
+        self.align_effort(replace(self.alignment, shift=self.shift + seconds))
+
+    def align_effort(self, alignment: Alignment) -> None:
+        """Align the motor effort as it was recorded."""
+        self.alignment = alignment
+        recorded = [m.tau for m in self._first[0]]
+        self.motions = [
+            m.with_(tau=alignment(r, m.t)) for m, r in zip(self.motions, recorded, strict=True)
+        ]
         self._target()
         self._kept = self._kept.pruned(self.motions)
 

@@ -5,7 +5,9 @@ row are rarely taken at the same instant.  Up to one sample that is how the reco
 not a physical delay; left in, it imitates small effects at every reversal.
 
 Efforts that are early by more may be a delay of the drive.  Efforts that are late by more cannot be
-one: no joint moves before its motor pushes.  They came by a slower bus, or through a filter.
+one: no joint moves before its motor pushes.  They came by a slower bus, or through a filter.  Slow
+motion shows both as the same lateness L; the error over the whole band says how much of it is a
+filter's (`hil.identify.problem.Alignment`).
 
 Stamps, positions or velocities wrong by a factor: both readings, and which the dynamics support.
 
@@ -19,7 +21,7 @@ that a rigid body's effort tells them apart wherever a joint lifts something:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +33,7 @@ from hil.identify.bands import Rates
 from hil.identify.context import renew
 from hil.identify.design import Term, block
 from hil.identify.fit import fit
-from hil.identify.problem import Problem, later
+from hil.identify.problem import Alignment, Problem
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
 from hil.models.effect import Doc, Effect, Param, Trait
@@ -63,13 +65,15 @@ LATEST = 0.05
 #: Shifts that are tried up to it, at most, and how often: late efforts blunt the sign of friction,
 #: which then asks for too small a shift.
 MOST_SHIFTS, TURNS = 25, 8
-#: Share by which the error must fall where efforts are taken earlier by more than a sample, and by
-#: which that of one joint may rise.
+#: Shares of a lateness that are tried as a filter's, and how often their neighbours are.
+FILTERED, CLOSER = (0.5, 1.0), 3
+#: Share by which the error must fall where efforts are taken earlier by more than a sample, or a
+#: filter is undone, and by which that of one joint may rise.
 LESS = 0.1
 #: Share of the squared error that a delay must take where it is asked for beside a model that has
-#: grown, and the model is sought again with it: a delay of the recording takes nearly all, a
-#: first-order filter with the same lag about three quarters (pendulum, 7 Hz).  With 0.8 filters
-#: are called delays; with 0.95 delays beside a second missing effect are not found.
+#: grown, and the model is sought again with it: how a recording was made takes nearly all, a
+#: delay in the place of a first-order filter about three quarters (pendulum, 7 Hz).  With 0.95
+#: delays beside a second missing effect are not found.
 DELAYED = 0.9
 
 
@@ -283,7 +287,8 @@ def _left(result: FitResult, j: int, shift: float) -> float:
         return np.asarray(scipy.linalg.qr(own, mode="economic")[0])
 
     q = problem.remembered(key, [result.x], made)
-    late = [later(m.tau[:, j : j + 1], m.t, shift) - m.tau[:, j : j + 1] for m in problem.motions]
+    later = Alignment(shift)
+    late = [later(m.tau[:, [j]], m.t) - m.tau[:, [j]] for m in problem.motions]
     y = _slow_runs(problem.y[j][:, None] + problem.gated(late, j), problem)[:, 0]
     return float(np.linalg.norm(y - q @ (q.T @ y)))
 
@@ -316,21 +321,39 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
     recording was made, which the first model that is fitted to it decides.  `scale` as in `fit`.
     """
     given = problem.given_shift
-    if given is not None and problem.shift != given:
-        problem.shift_effort(given - problem.shift)
+    stated = problem.given_lag if problem.given_lag.lag else problem.alignment
+    stated = replace(stated, shift=problem.shift if given is None else given)
+    if stated != problem.alignment:
+        problem.align_effort(stated)
     result = fit(problem, model, scale=scale)
     if given is not None or problem.aligned:
         return result
-    longest, start = longest_shift(problem), (problem.shift, result)
-    if not problem.asked_late and model.explains == "motor":
+    start, at_first, longest = problem.alignment, result.relative, longest_shift(problem)
+    ask = not problem.asked_late and not start.lag and model.explains == "motor"
+    if ask:
         problem.asked_late = True
         result = _taken_earlier(problem, model, result, scale)
+    result = _in_time(problem, model, result, scale)
+    if ask and problem.shift < -longest:
+        result = _filter_undone(problem, model, result, scale)
+    late = problem.alignment.late > longest >= start.late
+    if late and _ratio(result, at_first) > 1 - LESS:
+        problem.align_effort(start)
+        return fit(problem, model, scale=scale)
+    return result
+
+
+def _in_time(
+    problem: Problem, model: RobotModel, result: FitResult, scale: FloatArray | None
+) -> FitResult:
+    """The fit with efforts and positions aligned to a part of a sample."""
+    longest = longest_shift(problem)
     least = -longest if problem.shift >= -longest else -LATEST
     for _ in range(STEPS):
         shift, error = sample_shift(result)
         if not shift or not least <= problem.shift + shift <= longest:
             break
-        before = result.rms
+        before = result.relative
         problem.shift_effort(shift)  # tau(t) = model(t) + T tau'(t)
         result = fit(problem, model, scale=scale)
         if abs(shift) < CLEAR * error and _ratio(result, before) > 1.0:
@@ -340,33 +363,32 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
             break
         if abs(shift) < AGAIN * longest:
             break
-    if (
-        problem.shift < -longest
-        and start[0] >= -longest
-        and _ratio(result, start[1].rms) > 1 - LESS
-    ):
-        problem.shift_effort(start[0] - problem.shift)
-        return fit(problem, model, scale=scale)
     return result
 
 
 def late_beside(result: FitResult) -> bool:
     """Whether efforts prove late by more than a sample beside a model with further effects.
 
-    A large effect that the given model lacks hides it there.  Leaves the problem aligned for good
-    if so, and the model to be sought again; else everything as it was.
+    Or, if they are known to be late, to have passed a filter.  A large effect that the given model
+    lacks hides it there.  Leaves the problem aligned for good if so, and the model to be sought
+    again; else everything as it was.
     """
-    problem, before = result.problem, result.problem.shift
-    longest = longest_shift(problem)
+    problem = result.problem
+    before, longest, error = problem.alignment, longest_shift(problem), result.relative
     known = problem.given_shift is not None or problem.aligned or result.model.explains != "motor"
-    if known or before < -longest or not recorded_late(result):
+    if known or before.lag:
         return False
-    earlier = _taken_earlier(problem, result.model, result, result.sigma)
-    # a filter is no delay where the effort is fast: a shift takes a part of its error alone
-    whole = _ratio(earlier, result.rms) ** 2 < 1 - DELAYED
-    problem.aligned = problem.shift < before - longest and whole
+    found = result
+    if problem.shift >= -longest and recorded_late(result):
+        found = _taken_earlier(problem, result.model, result, result.sigma)
+        found = _in_time(problem, result.model, found, result.sigma)
+    if problem.shift < -longest:
+        found = _filter_undone(problem, result.model, found, result.sigma)
+    now = problem.alignment
+    changed = now.lag > 0.0 or now.late > before.late + longest
+    problem.aligned = changed and _ratio(found, error) ** 2 < 1 - DELAYED
     if not problem.aligned:
-        problem.shift_effort(before - problem.shift)
+        problem.align_effort(before)
         renew(result)
     return problem.aligned
 
@@ -390,10 +412,44 @@ def _taken_earlier(
     return fit(problem, model, scale=scale)
 
 
+def _filter_undone(
+    problem: Problem, model: RobotModel, result: FitResult, scale: FloatArray | None
+) -> FitResult:
+    """The fit of late efforts with a low-pass undone in the place of a part of their shift.
+
+    As it was where that does not take `LESS` of the squared error.
+    """
+    start, error = problem.alignment, result.relative
+    tried: dict[tuple[int, float], float] = {}
+
+    def fitted(poles: int, share: float) -> FitResult:
+        problem.align_effort(Alignment(-(1 - share) * start.late, share * start.late, poles))
+        return fit(problem, model, scale=scale)
+
+    def best(more: Iterable[tuple[int, float]]) -> tuple[int, float]:
+        for one in more:
+            if one not in tried and one[1] > 0.0:
+                tried[one] = _ratio(fitted(*one), error)
+        return min(tried, key=tried.__getitem__)
+
+    poles, share = best((n, x) for n in (1, 2) for x in FILTERED)
+    for k in range(CLOSER):
+        step = 0.25 / 2**k
+        poles, share = best([(poles, share - step), (poles, share + step)])
+    if tried[poles, share] ** 2 > 1 - LESS:
+        problem.align_effort(start)
+        renew(result)
+        return result
+    return _in_time(problem, model, fitted(poles, share), scale)
+
+
 def _ratio(result: FitResult, before: FloatArray) -> float:
-    """Error of the joints that move over what it was before (d,), their geometric mean."""
+    """Relative error of the joints that move over what it was before (d,), their geometric mean.
+
+    Relative to the effort as each of them has it: a filter that is undone makes it larger.
+    """
     moves = ~result.problem.holds
-    ratio = result.rms[moves] / np.maximum(before[moves], 1e-300)
+    ratio = result.relative[moves] / np.maximum(before[moves], 1e-300)
     return float(np.exp(np.mean(np.log(np.maximum(ratio, 1e-300)))))
 
 
@@ -450,8 +506,11 @@ def lateness(recording: Recording) -> Lateness:
             "this motion does not show the delay between efforts and positions to half a sample; "
             "record slow strokes of about a second with much effort, for a minute",
         )
-    late = -problem.shift
+    late = problem.alignment.late
     size, side = abs(late), "late" if late > 0 else "early"
+    side += (
+        f", through a low-pass of {_low_pass(problem.alignment)}" if problem.alignment.lag else ""
+    )
     if size < longest / FINEST:
         return Lateness(late, late * samples, "efforts against positions: in time, as far as seen")
     return Lateness(
@@ -467,15 +526,34 @@ def lateness(recording: Recording) -> Lateness:
 ALIGNED, RECORDED_LATE = "late-effort", "recorded-late"
 
 
+def _low_pass(a: Alignment) -> str:
+    """Poles and half-power frequency of a low-pass that was undone."""
+    poles = "one pole" if a.poles == 1 else "two poles"
+    return f"{poles} at {np.sqrt(a.poles) / (2 * np.pi * a.lag):.3g} Hz"
+
+
 def late_effort(problem: Problem) -> list[tuple[str, str]]:
     """Note (code, sentence) on the lateness of the effort that was taken out; none for none."""
-    shift, longest = problem.shift, longest_shift(problem)
-    if abs(shift) < longest / FINEST:
+    a, longest = problem.alignment, longest_shift(problem)
+    stated = problem.given_shift is not None or problem.given_lag.lag > 0.0
+    if a.lag:
+        rest = f" They were also shifted by {a.shift * 1e3:.3g} ms." if abs(a.shift) > 1e-5 else ""
+        why = "as [signal] says" if stated else "for no drive moves a joint before it pushes"
+        return [
+            (
+                RECORDED_LATE,
+                f"the efforts passed a low-pass of {_low_pass(a)} before they were recorded "
+                f"({a.lag * 1e3:.3g} ms late), {why}: the filter was undone.{rest} To use another "
+                "one, set lag_s, lag_poles and shift_s under [signal]; to change nothing, set "
+                "shift_s to 0",
+            )
+        ]
+    if abs(a.shift) < longest / FINEST:
         return []
-    later, share = ("late" if shift < 0 else "early"), abs(shift) * min(problem.sources)
-    size = f"the efforts are {abs(shift) * 1e3:.3g} ms {later} against the positions"
+    later, share = ("late" if a.shift < 0 else "early"), abs(a.shift) * min(problem.sources)
+    size = f"the efforts are {abs(a.shift) * 1e3:.3g} ms {later} against the positions"
     said = f"{size} ({share:.2g} samples) and were shifted"
-    if shift >= -longest or problem.given_shift is not None:
+    if a.shift >= -longest or stated:
         return [(ALIGNED, f"{said} (to change it, set shift_s under [signal])")]
     return [
         (

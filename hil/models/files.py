@@ -129,6 +129,8 @@ def _band(table: Any, of: str) -> Band:
     for key, value in values.items():
         least = -math.inf if key == "shift_s" else 0.0
         most = 1.0 if key == "accuracy" else math.inf
+        if key == "lag_poles" and value not in (1.0, 2.0):
+            raise ConfigError(f"{of}.{key} = {value:g}: expected 1 or 2, the poles of a low-pass")
         if not (least <= value < most and math.isfinite(value)):
             what = "a frequency in Hz" if key.endswith("_hz") else "a time in s"
             what = "a share of the rms effort, e.g. 0.01," if key == "accuracy" else what
@@ -255,7 +257,7 @@ def _band_lines(of: str, band: Band) -> list[str]:
         return []
     lines = ["", f"[{of}]", f"position_hz = {band.position_hz!r}"]
     lines += [f"effort_hz = {band.effort_hz!r}"]
-    for key in ("rate_hz", "gap_s", "shift_s", "accuracy"):
+    for key in ("rate_hz", "gap_s", "shift_s", "lag_s", "lag_poles", "accuracy"):
         value = getattr(band, key)
         if value != getattr(Band(), key):
             lines += [f"{key} = {value!r}"]

@@ -85,6 +85,11 @@ class Band:
     shift_s : float or None
         By how much the efforts are early against the positions, and are taken later; None =
         estimated within one sample.
+    lag_s : float
+        Time constant of a low-pass that the efforts passed before they were recorded, and that is
+        undone; 0 = none, or estimated where `shift_s` is.
+    lag_poles : int
+        Of that low-pass: 1, or 2 as Butterworth's.
     accuracy : float
         Share of the rms effort to which the efforts are known: no effect below it is named, and no
         error below it is unexplained.
@@ -95,6 +100,8 @@ class Band:
     rate_hz: float = 0.0
     gap_s: float = 0.0
     shift_s: float | None = None
+    lag_s: float = 0.0
+    lag_poles: int = 1
     accuracy: float = 0.0
 
     def beside(self, other: Band) -> Band:

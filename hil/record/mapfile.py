@@ -200,7 +200,16 @@ _TARGET = re.compile(r"t|[ft][xyz]|(q|qd|tau|tauext|i|temp)[1-9][0-9]?")
 _TOP = ("schema", "robot", "table", "columns", "units", "arms", "offsets", "extras", "signal")
 _ROBOT = ("preset", "urdf", "tip", "unit", "arm", "joints", "lock")
 _TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated", "missing", "header_row")
-_SIGNAL = ("position_hz", "effort_hz", "rate_hz", "gap_s", "shift_s", "accuracy")
+_SIGNAL = (
+    "position_hz",
+    "effort_hz",
+    "rate_hz",
+    "gap_s",
+    "shift_s",
+    "lag_s",
+    "lag_poles",
+    "accuracy",
+)
 _RULE = ("from", "sum", "scale", "sign", "shift", "unit", "torque_constant", "unwrap")
 #: Values of a key of [table]; the first is the default.
 _POLICIES = {

@@ -182,6 +182,8 @@ def _band(problem: Problem) -> dict[str, object]:
         "effort_hz": number(problem.rates.effort),
         "rate_hz": number(problem.rate),
         "shift_s": number(problem.shift),
+        "lag_s": number(problem.alignment.lag),
+        "lag_poles": problem.alignment.poles,
     }
 
 

@@ -6,9 +6,11 @@ import numpy as np
 import pinocchio as pin
 import plants
 import pytest
+import scipy
 
 import hil
 from hil.errors import ConfigError
+from hil.models.files import read_model, write_model
 from hil.models.urdf import UrdfRobot
 
 
@@ -112,3 +114,36 @@ def test_gravity_of_a_description_turns_the_weight():
     still = np.zeros_like(q)
     weight = [r.regressor(q, still, still) @ r.prior for r in (UrdfRobot(text), UrdfRobot(up))]
     assert np.any(weight[0]) and np.allclose(weight[0], -weight[1])
+
+
+def _filtered(seed, poles, hz, extra):
+    """An axis whose efforts pass a low-pass before they are recorded."""
+    run = _axis(seed, extra)
+    sos = scipy.signal.butter(poles, hz, output="sos", fs=250.0)
+    tau = scipy.signal.sosfilt(sos, run.tau, axis=0)
+    return replace(run, t=run.t[50:], q=run.q[50:], tau=tau[50:])
+
+
+@pytest.mark.parametrize(("poles", "hz"), [(1, 7.0), (2, 7.0), (2, 20.0)])
+def test_a_low_pass_of_the_recorded_efforts_is_undone(poles, hz):
+    runs = [_filtered(seed, poles, hz, lambda t, q, v, a: 0.0 * q) for seed in (1, 2)]
+    d = hil.diagnose(runs[:1], hil.base_model(runs[0].robot), runs[1:])
+    assert d.verdict == "adequate" and not d.findings
+    found = d.ladder[-1].result.problem.alignment
+    assert found.poles == poles
+    assert found.lag == pytest.approx(np.sqrt(poles) / (2 * np.pi * hz), rel=0.15)
+    assert d.ladder[-1].heldout.relative[0] < 0.6
+    said = [text for code, text in d.warnings if code == "recorded-late"]
+    assert len(said) == 1 and "low-pass" in said[0]
+
+
+def test_a_model_file_holds_the_filter_that_was_undone(tmp_path):
+    runs = [_filtered(seed, 2, 7.0, lambda t, q, v, a: 3.0 * np.sin(q)) for seed in (1, 2)]
+    d = hil.diagnose(runs[:1], hil.base_model(runs[0].robot), runs[1:])
+    assert [f.effect for f in d.findings] == ["unbalance"]
+    assert d.findings[0].parameters["j1.unbalance.gs"].value == pytest.approx(3.0, rel=0.01)
+    write_model(d.model, tmp_path / "m.toml")
+    model = read_model(tmp_path / "m.toml").as_it_is()
+    again = hil.compare(runs[1:], model, simulate=False)
+    assert again.result.problem.alignment.poles == 2
+    assert again.heldout.relative[0] < 1.5 * d.ladder[-1].heldout.relative[0]
