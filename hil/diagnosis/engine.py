@@ -45,6 +45,7 @@ from hil.diagnosis.types import (
     Evidence,
     Finding,
     HeldOut,
+    Step,
     UnnamedCorrection,
     joint_of,
 )
@@ -70,6 +71,8 @@ from hil.models.model import BASE_EFFECTS, RobotModel, as_model
 from hil.models.robots import undescribed
 from hil.record.arrays import Runs, as_runs, held_out
 from hil.record.checks import check
+from hil.record.consistency import DataFault
+from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
 #: What a name's free functions say: share that it takes, and their variables.
@@ -138,15 +141,32 @@ def diagnose(
         search = _begun(fit_aligned(problem, model), folds, examine, seed)
         search.geometry()
         search.forward()
+    return floored(_concluded(search, model, recordings, faults, doubtful))
+
+
+def _concluded(
+    search: Search,
+    model: RobotModel,
+    recordings: list[Recording],
+    faults: list[DataFault],
+    doubtful: list[tuple[str, str]],
+) -> Diagnosis:
+    """The diagnosis of what was found, with corrections for the rest.
+
+    Once more if corrections have led the fit out of a local minimum, and are not needed there.
+    """
     progress.at("compare with rivals", 0.2)
     named = exchange(search)
     renew(search.now.result)
     progress.at("judge the names", 0.33)
     out = judged(search, named, _last(search))
-    out.warnings = without_robot(problem) + doubtful + out.warnings
+    out.warnings = without_robot(search.problem) + doubtful + out.warnings
     out.stops, out.fired = search.stops, search.fired
-    finish(out, examine, model, recordings, faults)
-    return floored(separate(corrected(out, search), search, named))
+    finish(out, search.examine, model, recordings, faults)
+    corrected(out, search)
+    if out.corrected and search.settle(out.corrected):
+        return _concluded(search, model, recordings, faults, doubtful)
+    return separate(out, search, named)
 
 
 def _begun(result: FitResult, folds: Split, examine: Examiner, seed: int) -> Search:
@@ -287,6 +307,7 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     every = [finding(n, search, floor, other, taken) for n in named]
     partial = [f for f in every if f.confidence < (RIVAL if f.rivals else HALF)]
     findings = [f for f in every if f not in partial]
+    ladder = unnamed(search, named, every, partial)
     # what stands for a robot description explains nothing either
     stands = [(a, b) for a, b in pairwise(search.rungs) if _geometry(b)]
     lacking = bool(np.any(above(search, last, there, named))) or bool(stands)
@@ -302,6 +323,19 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     if out.verdict == "adequate" and any(felt[c.joint] for c in last.changes):
         out.verdict = "unexplained"
     return out
+
+
+def unnamed(
+    search: Search, named: list[Named], every: list[Finding], partial: list[Finding]
+) -> list[Step]:
+    """Steps of the ladder; those whose effects all got no name say so."""
+    none = {n.candidate.term.key for n, f in zip(named, every, strict=True) if f in partial}
+    return [
+        replace(r.step, label=f"{r.step.label} (not named)")
+        if r.added and {c.term.key for c in r.added} <= none
+        else r.step
+        for r in search.rungs
+    ]
 
 
 def _geometry(rung: Visited) -> bool:
@@ -389,7 +423,12 @@ def _explain(
             f"with the names the left-out error is still {100 * lost:.0f} % of the effort: no "
             "model at all would foretell as much",
         ),
-        (own, f"a function of {what} without a name explains much of the same error better"),
+        (
+            own,
+            f"a function of {what} without a name explains much of the same error better"
+            if what
+            else "left-out data show little of what it explains",
+        ),
         (everywhere, f"the names explain {100 * max(everywhere, 0.0):.0f} % {above}"),
         (held, f"on the held-out runs the names explain {100 * max(held, 0.0):.0f} % {above}"),
     ]

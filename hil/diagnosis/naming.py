@@ -44,6 +44,8 @@ from hil.models.effect import Effect, Lines
 FloatArray = NDArray[np.float64]
 #: Draws of the bootstrap.
 DRAWS = 400
+#: Other effects that a search starts from in the place of one, and exchanges one after another.
+STARTS, ROUNDS = 2, 5
 #: Rules of a fit in which one effect takes the place of another.
 FORMS = ("never-rises", "coefficients", "scales", "allowed")
 
@@ -94,20 +96,22 @@ def exchange(search: Search) -> list[Named]:
     One that does better takes the place; those that cannot be told from it are its rivals.
     """
     named: dict[tuple[str, int], Named] = {}
-    for _ in range(2):
+    for _ in range(ROUNDS):
         changed = False
         for k, c in enumerate(list(search.found)):
             if c.term.key in named:
                 continue
             progress.at(f"rivals of {c.name}", 0.2 + 0.13 * k / len(search.found))
+            now = search.now
             rated, projector = _beside(search, c)
             rated = _settled(rated, c, search.now)
             other = _better(search, c, rated)
-            if other is not None:
+            went = {} if other is not None else _elsewhere(search, c, rated)
+            if other is not None or search.now is not now:
                 changed = True
                 named.clear()
                 break
-            named[c.term.key] = _refitted_rivals(search, c, rated, projector)
+            named[c.term.key] = _refitted_rivals(search, c, rated, went, projector)
         if not changed:
             break
     return [named.get(c.term.key) or Named(c, HALF, []) for c in search.found]
@@ -217,19 +221,72 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
     return best.candidate
 
 
+def _elsewhere(search: Search, c: Candidate, rated: list[Rated]) -> dict[tuple[str, int], Rated]:
+    """Effects that take nearly what one takes, each with what pays beside it, by key.
+
+    As long as the error of their joint is above its floor, all are but a start: a spring and an
+    eccentric mass differ by little, and only beside the mass does the friction of its load pay.
+    The search goes on from each of them; where it leaves less, it is taken over.
+    """
+    now, j = search.now, c.joint
+    own = next((r for r in rated if _own(r, c)), None)
+    floor = search.first.floor if search.first else None
+    if own is None or floor is None or not floor.exceeded(now.result.rms, j):
+        return {}
+    near = [
+        r
+        for r in rated
+        if r.joint == j
+        and r.candidate.name != c.name
+        and (r.candidate.name, c.term.joint) not in search.refused
+        and r.removed > (1 - DISCREPANCY) * own.removed
+    ]
+    went = {}
+    weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
+    for r in sorted(near, key=lambda r: r.after)[:STARTS]:
+        apart = search.started(c, r.candidate)
+        if apart is None or apart.now.errors.squared.shape != now.errors.squared.shape:
+            continue
+        gain = paired((now.errors.squared - apart.now.errors.squared) @ weight)
+        less = apart.now.errors.power[j] < (1 - WORTH) ** 2 * now.errors.power[j]
+        refit = rules.Refit(search, r, now, apart.now)
+        if less and gain > RISEN and not rules.fails(refit, FORMS):
+            search.taken_over(apart, c)
+            return {}
+        went[r.candidate.term.key] = _gone_on(r, search, apart)
+    renew(now.result)
+    return went
+
+
+def _gone_on(r: Rated, search: Search, apart: Search) -> Rated:
+    """A rated effect with the errors of the search that started from it, and all its values."""
+    j, errors = r.joint, apart.now.errors
+    more = sum(f.dof for f in apart.found) - sum(f.dof for f in search.found)
+    own = next(f for f in apart.found if f.term.key == r.candidate.term.key).dof
+    candidate = replace(r.candidate, dof=max(own + more, 1))
+    fall = r.now.squared[:, j] - errors.squared[:, j]
+    return replace(r, candidate=candidate, errors=errors, fall=fall, after=float(errors.power[j]))
+
+
 def _refitted_rivals(
-    search: Search, c: Candidate, rated: list[Rated], projector: Projector
+    search: Search,
+    c: Candidate,
+    rated: list[Rated],
+    went: dict[tuple[str, int], Rated],
+    projector: Projector,
 ) -> Named:
     """Confidence and rivals, without those that do surely worse once everything is fitted again.
 
     Where another effect of the joint has a shape, that was found without either of the two; beside
-    it they may look alike though one leaves much more with the shape that suits it.
+    it they may look alike though one leaves much more with the shape that suits it.  `went` holds
+    those from which the search went on.
     """
+    rated = [went.get(r.candidate.term.key, r) for r in rated]
     named = _weighed(search, c, rated, projector)
     others = [f for f in search.found if f is not c and f.joint == c.joint and f.term.effect.shape]
     if not others:
         return named
-    keys = {r.term.key for r in named.rivals}
+    keys = {r.term.key for r in named.rivals} - went.keys()
     most = (1 + WORTH) ** 2 * float(search.now.errors.power[c.joint])
     near = [r for r in rated if r.candidate.term.key in keys]
     worse = [r for r in near if _surely_worse(search, c, r.candidate, most)]
@@ -241,20 +298,23 @@ def _refitted_rivals(
 def separated(search: Search, named: Named) -> Named:
     """A name without the rivals that the last model, corrections and all, shows to be none.
 
-    With one of them in the place of the effect it errs twice as much.  What other effects and
-    corrections take hid that before.
+    With one of them in the place of the effect it errs twice as much, on left-out blocks or on the
+    held-out runs.  What other effects and corrections take hid that before; and held-out runs that
+    go further than the fitted ones tell a law from what follows it within their range.
     """
     problem, j = search.problem, named.candidate.joint
     accuracy = (practical(problem) * float(problem.rms(problem.effort)[j])) ** 2
     most = max(float(search.now.errors.power[j]) / HALF**2, accuracy)
-    kept = [r for r in named.rivals if not _surely_worse(search, named.candidate, r, most)]
+    kept = [r for r in named.rivals if not _surely_worse(search, named.candidate, r, most, True)]
     return named if len(kept) == len(named.rivals) else named.among(kept)
 
 
-def _surely_worse(search: Search, c: Candidate, rival: Candidate, most: float) -> bool:
+def _surely_worse(
+    search: Search, c: Candidate, rival: Candidate, most: float, held_out: bool = False
+) -> bool:
     """Whether the model with a rival in the place of an effect foretells left-out blocks worse.
 
-    And leaves more power on its joint than `most`.
+    And leaves more power on its joint than `most`.  Held-out runs may show it, too, if `held_out`.
     """
     now, problem = search.now, search.problem
     model = without(now.result.model, c, problem) + as_use(rival, problem)
@@ -262,6 +322,11 @@ def _surely_worse(search: Search, c: Candidate, rival: Candidate, most: float) -
     weight = ~problem.holds / np.maximum(now.errors.power, 1e-300)
     rise = paired((rung.errors.squared - now.errors.squared) @ weight)
     renew(now.result)
+    one, other = now.step.heldout, rung.step.heldout
+    if held_out and one.kind == "holdout" and one.gain(other, c.joint) > RISEN:
+        power = float(other.rms[c.joint]) ** 2
+        if power > max(most, float(one.rms[c.joint]) ** 2 / HALF**2):
+            return True
     return rise > SURE and rung.errors.power[c.joint] > most
 
 

@@ -44,7 +44,7 @@ from hil.diagnosis.types import CheckResult, Evidence
 from hil.identify.context import SOLID
 from hil.identify.design import head
 from hil.identify.regression import inflation
-from hil.models.effect import Trait
+from hil.models.effect import Trait, Waves
 
 if TYPE_CHECKING:
     from hil.diagnosis.search import Search, Visited
@@ -424,7 +424,10 @@ def _coefficients(case: Refit) -> str:
 
 @_fit("scales")
 def _scales(case: Refit) -> str:
-    """A time, a width or a frequency that is less than its standard error is not determined."""
+    """A time, a width or a frequency that is less than its standard error is not determined.
+
+    Nor is the period of a wave that is longer than what the motion can show.
+    """
     result, key = case.after.result, case.rated.candidate.term.key
     term = next((t for t in result.terms if t.key == key), None)
     if term is None:
@@ -432,8 +435,12 @@ def _scales(case: Refit) -> str:
     start = head(term.effect, term.joint)
     for p in term.effect.shape:
         v = result.values.get(f"{start}.{p.name}")
-        if v is not None and p.size and v.stderr > abs(v.value):
+        if v is None or not p.size:
+            continue
+        if v.stderr > abs(v.value):
             return f"its {p.text} is not determined"
+        if v.at_bound and isinstance(term.effect.search, Waves):
+            return f"its {p.text} lies on the end of what this motion can show"
     return ""
 
 

@@ -248,9 +248,9 @@ class Search:
 
     # ------------------------------------------------------------------ forward
 
-    def forward(self) -> None:
-        """Add what pays, joint by joint, until every joint has failed."""
-        open_joints = [j for j in range(self.problem.d) if not self.problem.holds[j]]
+    def forward(self, joints: Sequence[int] | None = None) -> None:
+        """Add what pays, joint by joint, until every one of some joints, or of all, has failed."""
+        open_joints = self._moves if joints is None else list(joints)
         while open_joints:
             found = len(self.rungs) - self.start - 1
             progress.at("seek effects", 0.2 - 0.15 * 0.7**found)
@@ -294,6 +294,27 @@ class Search:
         for rung in self.rungs[first:]:
             rung.step = replace(rung.step, result=_freed(rung.result, named))
         return self.rungs[start:]
+
+    def settle(self, corrections: int) -> bool:
+        """Whether the model without its last corrections does better than it did before them.
+
+        Fitted on from the values that it has beside them: the fit before was in a local minimum.
+        The lower one then takes its place, and the corrections are gone.
+        """
+        last, before = self.now, self.rungs[-1 - corrections]
+        model = _uncorrected(last.result.model)
+        rung = self.rung(before.step.label, model, last.result.sigma)
+        old, new = (
+            np.stack([x.errors.rms, x.step.heldout.rms])[:, self._moves] for x in (before, rung)
+        )
+        lower = bool(np.any(new[0] < (1 - WORTH) * old[0]) and np.all(new < (1 + WORTH / 2) * old))
+        if not lower:
+            renew(last.result)
+            return False
+        rung.added = before.added
+        self.rungs[-1 - corrections :] = [rung]
+        self._tried = None
+        return True
 
     def alike(self, joints: Sequence[int]) -> dict[int, tuple[str, ...]]:
         """Laws that do as much as all corrections of a joint, by joint, the simplest first.
@@ -446,6 +467,58 @@ class Search:
         if fail is not None:
             self.stops[p.candidate.term.key] = fail
         return fail is None
+
+    def started(self, c: Candidate, other: Candidate) -> Search | None:
+        """The search from another start: one effect in the place of a found one of its joint.
+
+        What was found on that joint after it is sought anew, and the rest stays.  None where the
+        fit with the other effect is none.
+        """
+        mine = self._since(c)
+        model = self.now.result.model
+        for f in mine:
+            model = without(model, f, self.problem)
+        model = model + as_use(other, self.problem)
+        rung = self.rung(f"+ {describe(other, self.problem)}", model, self.now.result.sigma)
+        if not np.all(np.isfinite(rung.errors.power)):
+            return None
+        rung.added = (other,)
+        gone = {id(f) for f in mine} - {id(c)}
+        kept = [other if f is c else f for f in self.found if id(f) not in gone]
+        apart = replace(self, refused=set(), beside={}, stops={}, fired={}, found=kept)
+        apart.rungs = [*self.rungs[: self._rung_of(c)], rung]
+        apart.forward([c.joint])
+        return apart
+
+    def taken_over(self, apart: Search, c: Candidate) -> None:
+        """Go on from where a search came to that started elsewhere.
+
+        Its steps take the places of those from there on, or become one where other joints' effects
+        are among these.
+        """
+        k = self._rung_of(c)
+        new = [f for f in apart.found if all(f is not old for old in self.found)]
+        since = {id(f) for f in self._since(c)}
+        if all(id(f) in since for rung in self.rungs[k:] for f in rung.added):
+            self.rungs[k:] = apart.rungs[k:]
+        else:
+            names, rung = "; ".join(describe(f, self.problem) for f in new), apart.now
+            rung.step = replace(rung.step, label=f"{names} for {describe(c, self.problem)}")
+            rung.added = tuple(new)
+            self.rungs.append(rung)
+        self.found, self.stops, self.last = apart.found, apart.stops, apart.last
+        self.refused |= apart.refused | {(c.name, c.term.joint)}
+        self.beside = apart.beside
+
+    def _since(self, c: Candidate) -> list[Candidate]:
+        """A found effect, and those that were found on its joint after it."""
+        later = self.found[self.found.index(c) :]
+        one = [f for f in later if f.joint == c.joint and not f.term.effect.scope.whole]
+        return one if any(f is c for f in one) else [c, *one]
+
+    def _rung_of(self, c: Candidate) -> int:
+        """The rung that an effect was added with."""
+        return next(k for k, r in enumerate(self.rungs) if any(a is c for a in r.added))
 
     # ------------------------------------------------------------------ backward, exchange
 

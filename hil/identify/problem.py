@@ -244,7 +244,7 @@ class Rows:
         """Filters and alignment of the efforts that everything here has passed."""
         position, effort = float(self.rates.position), float(self.rates.effort)
         a = self.alignment
-        return Band(position, effort, shift_s=a.shift, lag_s=a.lag, lag_poles=a.poles)
+        return Band(position, effort, shift_s=a.shift, lag_s=a.lag, lag_poles=float(a.poles))
 
     @property
     def shift(self) -> float:

@@ -88,7 +88,7 @@ class Band:
     lag_s : float
         Time constant of a low-pass that the efforts passed before they were recorded, and that is
         undone; 0 = none, or estimated where `shift_s` is.
-    lag_poles : int
+    lag_poles : float
         Of that low-pass: 1, or 2 as Butterworth's.
     accuracy : float
         Share of the rms effort to which the efforts are known: no effect below it is named, and no
@@ -101,7 +101,7 @@ class Band:
     gap_s: float = 0.0
     shift_s: float | None = None
     lag_s: float = 0.0
-    lag_poles: int = 1
+    lag_poles: float = 1.0
     accuracy: float = 0.0
 
     def beside(self, other: Band) -> Band:
