@@ -908,11 +908,17 @@ PLANAR = "".join(
 
 
 def planar(
-    seed: int, gain=(1.0, 1.0), offset=(0.0, 0.0), seconds: float = 25.0, noise=(0.02, 0.01)
+    seed: int,
+    gain=(1.0, 1.0),
+    offset=(0.0, 0.0),
+    seconds: float = 25.0,
+    noise=(0.02, 0.01),
+    shared=(0.0, 0.0),
 ) -> Recording:
     """An arm of two joints in a vertical plane, from its Lagrangian; five tones a joint.
 
-    The motors' commands are gain times their torque, plus offset.
+    The motors' commands are gain times their torque, plus offset.  `shared`: inertia [kg m^2] and
+    dry friction [N m] of a rotor that turns with the first joint less the second.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, seconds, 1e-3)
@@ -937,6 +943,8 @@ def planar(
         ],
         axis=1,
     )
+    apart = shared[0] * (w[:, 0] - w[:, 1]) + shared[1] * np.sign(v[:, 0] - v[:, 1])
+    tau += apart[:, None] * np.array([1.0, -1.0])
     tau += PLANAR_FC * np.sign(v) + PLANAR_FV * v + noise * rng.standard_normal(v.shape)
     tau = tau * gain + offset
     q = q + 1e-6 * rng.standard_normal(q.shape)

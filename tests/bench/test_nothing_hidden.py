@@ -11,9 +11,10 @@ NAMED = {
     "none/arm/coloured/strokes/5/force": "torque-crosstalk",
     "none/arm/white/repeated/7/force": "torque-crosstalk",
 }
+FIRST, SECOND, AGAIN = NAMED
 
 
-@pytest.mark.parametrize("name", NAMED)
+@pytest.mark.parametrize("name", [FIRST, SECOND, pytest.param(AGAIN, marks=pytest.mark.slow)])
 def test_nothing_is_named_where_nothing_is_hidden(name):
     (case,) = (c for c in cases.plan() if c.name == name)
     row = runner.judge(case)

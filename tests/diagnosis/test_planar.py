@@ -1,6 +1,7 @@
 """Gains and offsets of an arm with two joints: what the data cannot tell is said, not guessed."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import plants
@@ -12,15 +13,21 @@ from hil.diagnosis.verbs import ladder
 from hil.identify import parallel
 
 
-@pytest.fixture(scope="module")
+@cache
+def diagnosed(elbow: float):
+    """A run whose elbow has a gain, and its answer in one thread; several tests look at it."""
+    run = plants.planar(1, gain=(1.0, elbow))
+    with parallel.alone():
+        return run, hil.diagnose([run], hil.base_model(run.robot))
+
+
+@pytest.fixture
 def gained():
-    run = plants.planar(1, gain=(1.0, 1.2))
-    return run, hil.diagnose([run], hil.base_model(run.robot))
+    return diagnosed(1.2)
 
 
 def test_with_nothing_hidden_the_model_is_adequate():
-    run = plants.planar(1)
-    assert hil.diagnose([run], hil.base_model(run.robot)).verdict == "adequate"
+    assert diagnosed(1.0)[1].verdict == "adequate"
 
 
 def test_of_two_joints_each_ones_gain_is_the_others_rival(gained):
@@ -39,6 +46,18 @@ def test_every_rung_is_simulated_with_its_own_load(gained):
     again = hil.compare([run], d.model).multi_step
     assert last.relative == pytest.approx(again.relative, rel=0.35)
     assert np.all(last.relative < ladder(d)[0].multi_step.relative)
+
+
+def test_a_rotor_that_turns_with_two_joints_is_named_with_its_ratio():
+    """A wrist's differential; its inertia is one with those of the joints, its friction is not."""
+    run, other = (plants.planar(k, seconds=12.0, shared=(0.02, 0.06)) for k in (1, 2))
+    d = hil.diagnose([run], hil.base_model(run.robot), [other])
+    (f,) = d.findings
+    assert (d.verdict, f.effect, f.joint) == ("missing-effect", "coupled-transmission", "shoulder")
+    values = {k.rsplit(".")[-1]: v.value for k, v in f.parameters.items()}
+    assert (values["joint"], values["r"]) == (2.0, -1.0)
+    assert values["fc"] == pytest.approx(0.06, rel=0.15)
+    assert np.all(d.ladder[-1].heldout.rms < 1.1 * d.noise)
 
 
 def test_an_offset_is_no_change_at_the_beginning():
@@ -64,11 +83,9 @@ def test_exchanged_efforts_are_bad_data():
     )
 
 
-@pytest.mark.parametrize("gain", [(1.0, 1.0), (1.0, 1.2)])
-def test_what_is_found_does_not_depend_on_the_threads(gain, monkeypatch):
-    run = plants.planar(1, gain=gain)
-    with parallel.alone():
-        one = hil.diagnose([run], hil.base_model(run.robot))
+@pytest.mark.parametrize("elbow", [1.0, 1.2])
+def test_what_is_found_does_not_depend_on_the_threads(elbow, monkeypatch):
+    run, one = diagnosed(elbow)
     monkeypatch.setattr(parallel, "LONG", 0)
     monkeypatch.setattr(parallel, "threads", lambda: 2)
     two = hil.diagnose([run], hil.base_model(run.robot))

@@ -32,6 +32,7 @@ def test_geometry_is_learnt_and_not_named() -> None:
     assert d.verdict == "unexplained"
     assert not d.findings
     assert {c.effect.split("-")[0] for c in d.corrections} == {"generic"}
+    assert all("unknown geometry" in c.of for c in d.corrections)
     assert np.all(d.ladder[0].heldout.relative > 20)
     assert np.all(d.ladder[-1].heldout.relative < 1)
     assert d.warnings[0][0] == "no-geometry"
@@ -60,7 +61,8 @@ def test_a_known_geometry_needs_none() -> None:
     assert not any(c.effect.startswith("generic") for c in d.corrections)
 
 
-@pytest.mark.parametrize("robot", ["planar2", pytest.param("elbow3", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["planar2", "elbow3"])
 def test_a_mujoco_arm_without_a_description_lacks_its_description_alone(robot: str) -> None:
     run = plants.mujoco_arm(robot, 1)
     d = hil.diagnose([run], base_model(run.robot))
@@ -76,7 +78,7 @@ def test_a_mujoco_arm_without_a_description_lacks_its_description_alone(robot: s
     ("robot", "motion", "effect", "joint"),
     [
         ("planar2", 1, "stribeck", 1),
-        ("elbow3", 2, "cogging", 1),
+        pytest.param("elbow3", 2, "cogging", 1, marks=pytest.mark.slow),
         pytest.param("elbow3", 3, "stribeck", 0, marks=pytest.mark.slow),
     ],
 )

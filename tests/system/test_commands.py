@@ -1,8 +1,11 @@
 """The program as a user meets it: JSON contracts, exit codes, help with an example."""
 
+import io
 import json
 import subprocess
 import sys
+from contextlib import redirect_stdout
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +30,20 @@ def session(tmp_path_factory):
     return path, other
 
 
+@pytest.fixture(scope="module")
+def answer(session):
+    """What commands say of both sessions, as JSON; several tests look at the same answer."""
+
+    @cache
+    def said(name):
+        out = io.StringIO()
+        with redirect_stdout(out):
+            code = main([name, str(session[0]), "--holdout", str(session[1]), "--json"])
+        return code, json.loads(out.getvalue())
+
+    return said
+
+
 def run(capsys, *words):
     code = main([str(w) for w in words])
     return code, json.loads(capsys.readouterr().out)
@@ -41,8 +58,8 @@ def test_compare_json(session, capsys):
     assert out["multi_step"]["relative"]["joint1"] > 0 and "warnings" in out
 
 
-def test_diagnose_json_names_the_drag(session, capsys):
-    code, out = run(capsys, "diagnose", session[0], "--holdout", session[1], "--json")
+def test_diagnose_json_names_the_drag(answer):
+    code, out = answer("diagnose")
     assert code == 0 and out["schema"] == "hil.diagnose/1"
     assert out["verdict"] == "missing-effect"
     (finding,) = out["findings"]
@@ -53,12 +70,12 @@ def test_diagnose_json_names_the_drag(session, capsys):
 
 
 @pytest.mark.parametrize("name", ["diagnose", "improve"])
-def test_both_errors_of_every_rung_are_shown(session, capsys, name):
+def test_both_errors_of_every_rung_are_shown(session, answer, capsys, name):
     assert main([name, str(session[0]), "--holdout", str(session[1]), "--verbose"]) == 0
     one, multi = capsys.readouterr().out.split("simulated error, 0.5 s")
     for text in (one, multi):
         assert "base model" in text and "+ quadratic-drag on joint1" in text
-    code, out = run(capsys, name, session[0], "--holdout", session[1], "--json")
+    code, out = answer(name)
     assert code == 0 and len(out["ladder"]) == 2 and out["ladder"][0]["multi_step"]["windows"]
 
 
@@ -209,6 +226,6 @@ def test_the_list_of_commands_loads_none_of_them():
     assert not {"numpy", "scipy", "numba"} & set(done.stdout.split())
 
 
-def test_results_are_the_same_twice(session, capsys):
-    first = run(capsys, "diagnose", session[0], "--json")
-    assert first == run(capsys, "diagnose", session[0], "--json")
+def test_results_are_the_same_twice(session, answer, capsys):
+    again = run(capsys, "diagnose", session[0], "--holdout", session[1], "--json")
+    assert again == answer("diagnose")

@@ -55,6 +55,7 @@ def test_rigid_wall_is_not_identifiable():
     assert {c.verdict for c in found} == {"not-identifiable"}
 
 
+@pytest.mark.slow
 def test_wrist_coupling_is_found_in_the_first_half_and_holds_in_the_second():
     d = recordings.wrist("halves").diagnosis
     first = d.findings[0]
