@@ -27,13 +27,15 @@ from hil.record import datasets
 from hil.record.bags import is_bag, read_bag
 from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
+from hil.record.dates import changed
 from hil.record.export import write_recordings
 from hil.record.guess import propose
 from hil.record.locked import free_joints
 from hil.record.mapfile import Rule, TableMap, builtin_maps, read_map
-from hil.record.recording import TAGS, Recording, tag_record
+from hil.record.recording import BEGAN, BEGAN_BY, TAGS, Recording, tag_record
 from hil.record.table_files import is_dataset, open_table, run_names
 from hil.record.tables import Imported, import_table
+from hil.record.units import epoch_unit
 from hil.userfile import read_text, write_text
 
 
@@ -479,6 +481,7 @@ def _write(output: Path, found: Imported, table: Path, tags: Sequence[str]) -> N
     try:
         if shift := first.metadata.get("time_shift_s"):
             source["import"]["time_shift_s"] = shift
+        source["import"] |= _began(first, table)
         write_recordings(temporary, found.recordings, source, found.extras)
         mask = os.umask(0)
         os.umask(mask)
@@ -489,6 +492,15 @@ def _write(output: Path, found: Imported, table: Path, tags: Sequence[str]) -> N
         raise ConfigError(f"cannot write {output}: {error.strerror}") from error
     finally:
         Path(temporary).unlink(missing_ok=True)
+
+
+def _began(first: Recording, table: Path) -> dict[str, str]:
+    """When the recording began, where its own times do not say it; else when the table changed."""
+    if epoch_unit(float(first.t[0])) == "s":
+        return {}
+    if BEGAN in first.metadata:
+        return {BEGAN: first.metadata[BEGAN], BEGAN_BY: "stamps"}
+    return {BEGAN: f"{changed(table):.3f}", BEGAN_BY: "table"}
 
 
 def _refuse_urdf(model: Path, recordings: tuple[Recording, ...]) -> None:

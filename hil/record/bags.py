@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.locked import frame_axes, free_joints, locked_urdf
-from hil.record.recording import BAG, LOCKED, UNWRAPPED, Recording, RobotSource
+from hil.record.recording import BAG, BEGAN, LOCKED, UNWRAPPED, Recording, RobotSource
 from hil.record.schema import LIBRARY
+from hil.record.units import epoch_unit
 
 FloatArray = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -446,12 +447,23 @@ def _recording(
             "unit": "m" if set(what.units) == {"m"} else "rad",
             "note": taken,
             BAG: str(bag.path),
+            **_began(state, stamps[keep[0]], clock),
             **_locked_note(what),
         },
     ).unwrapped(turning)
     if said := found.metadata.get(UNWRAPPED):
         found.metadata["note"] += f"; {said}"
     return found
+
+
+def _began(state: _Group, first: int, clock: str) -> dict[str, str]:
+    """When the first sample was taken, where a stamp says it: its own, else that of reception.
+
+    The own stamps of a simulated robot count from the start of the simulation.
+    """
+    received = int(state.stamp[np.argmax(state.header == first)]) if clock == "header" else first
+    known = next((ns for ns in (int(first), int(received)) if epoch_unit(ns * 1e-9) == "s"), 0)
+    return {BEGAN: f"{known * 1e-9:.3f}"} if known else {}
 
 
 def _locked_note(what: _Chosen) -> dict[str, str]:
