@@ -49,7 +49,9 @@ _FIGURES = {"ticks", "missed", "dropped", "ring_most", "longest_gap"} | {
 
 def when(found: SessionSummary) -> str:
     """Date and length, e.g. ``recorded 2026-11-21 13:45:02 UTC, 3 s``."""
-    length = max((c.last_s for c in found.channels if c.count), default=0.0)
+    counted = [c for c in found.channels if c.count]
+    first = min((c.first_s for c in counted), default=0.0)
+    length = max((c.last_s for c in counted), default=0.0) - first
     date, by = began(found)
     if by == "file":  # of a session that says no date; its copies have others
         return f"{length:.4g} s"

@@ -91,13 +91,13 @@ def run(args: argparse.Namespace) -> int:
     tagged = f" with {', '.join(args.tag)}" if args.tag else ""
     terminal.out(f"\n{plural(len(rows), 'session')}{tagged} of {len(paths)}")
     if kinds := [by for by in _CHANGED if any(r.recorded_by == by for r in rows)]:
-        whose = " or ".join(f"the {by} ({_CHANGED[by]})" for by in kinds)
-        terminal.out(f"* says no date of its own: when {whose} was last changed")
+        whose = " or ".join(_CHANGED[by] for by in kinds)
+        terminal.out(f"* the recording says no date; this is the last change of {whose}")
     return 0
 
 
 #: What a date is of that is not the recording's own.
-_CHANGED = {"table": "that was imported", "file": "itself"}
+_CHANGED = {"table": "the imported table", "file": "the file itself"}
 
 
 def _cells(r: ListedSession) -> list[str]:
@@ -120,7 +120,7 @@ def _row(path: Path) -> ListedSession:
         tuple(f"{r.arm} ({r.d})" for r in runs),
         f"{date:%Y-%m-%d %H:%M}",
         by,
-        max((float(r.t[-1]) for r in runs), default=0.0),
+        max((float(r.t[-1] - r.t[0]) for r in runs), default=0.0),
         tags_of(found.metadata.get(TAGS, {})) if found else (),
         _verdict(runs, found),
     )

@@ -112,7 +112,7 @@ def test_a_recording_without_a_date_of_its_own_has_that_of_its_table(folder, cap
     assert main(["list", "old.mcap"]) == 0
     out = capsys.readouterr().out
     assert "2023-11-14 22:13 *" in out
-    assert "* says no date of its own: when the table (that was imported) was last changed" in out
+    assert "* the recording says no date; this is the last change of the imported table" in out
     assert main(["info", "old.mcap"]) == 0
     assert "table last changed 2023-11-14 22:13:20 UTC" in capsys.readouterr().out
 
@@ -141,3 +141,13 @@ def test_a_table_with_dates_has_these(folder, capsys):
     capsys.readouterr()
     row = listed(capsys, "dated.mcap")["dated.mcap"]
     assert (row["recorded"], row["recorded_by"]) == ("2023-11-14 22:13", "stamps")
+
+
+def test_a_recording_whose_time_does_not_begin_at_0_is_as_long_as_it_is(folder, capsys):
+    rows = "".join(f"{1234.5 + k * 0.004:.3f},{(k % 50) * 0.01},{k % 7}\n" for k in range(401))
+    Path("late.csv").write_text("t,q1,tau1\n" + rows)
+    assert main(["import", "late.csv", "-o", "late.mcap"]) == 0
+    capsys.readouterr()
+    assert listed(capsys, "late.mcap")["late.mcap"]["seconds"] == pytest.approx(1.6)
+    assert main(["info", "late.mcap"]) == 0
+    assert ", 1.6 s" in capsys.readouterr().out
