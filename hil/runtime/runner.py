@@ -88,6 +88,7 @@ class Session:
         self.layout = layout
         self.watchdog: Watchdog | None = None
         self.trip: dict[str, object] = {}
+        self.began = time.perf_counter()
 
     def run(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
         """Until the time is up, an arm faults, or the operator stops."""
@@ -99,6 +100,7 @@ class Session:
         try:
             loop.rehearse()
             self.slow.rehearse()
+            self.began = time.perf_counter()  # what was compiled is no part of the session
             if self.operator.lines is not None:
                 self.operator.lines(self.slow.inbox.append)
                 self.operator.say(commands.usage(self.slow.shop.settable()))
@@ -412,7 +414,6 @@ def run(
     config = session.with_run_options(config, seconds, seed, clock)
     operator = operator or Operator()
     commands.rehearse(operator.schedule, config.loop.seconds, Shop(None, config))
-    began = time.perf_counter()
     with (
         unwinding_signals(),
         guarded(config.safety, Path(output), source, rearm) as watchdog,
@@ -423,4 +424,4 @@ def run(
             made.run(progress, watchdog)
         finally:
             rig.close()
-    return made.summary(seed, time.perf_counter() - began)
+    return made.summary(seed, time.perf_counter() - made.began)
