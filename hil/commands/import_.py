@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from hil import outputs, terminal
 from hil.commands import common, plugins
-from hil.errors import ConfigError, DataError, plural
+from hil.errors import ConfigError, DataError, families, plural
 from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.robots import make_robot, undescribed
@@ -77,14 +77,14 @@ def text(output: Path, found: Imported, model: Path, written: bool) -> str:
             f"{output}: arm {r.arm}, {plural(r.n, 'sample')} at {r.rate:.5g} Hz, "
             f"{plural(r.d, 'joint')} ({', '.join(r.joints)})"
         )
-    lines += [f"took of {note}" for r in found.recordings if (note := r.metadata.get("note"))]
+    lines += [f"taken from {note}" for r in found.recordings if (note := r.metadata.get("note"))]
     if shift := found.recordings[0].metadata.get("time_shift_s"):
         lines.append(f"time begins before 0: shifted by {float(shift):.6g} s")
     lines += found.notes
     if lacking := undescribed(found.recordings[0].robot, found.recordings[0].d):
         lines.append(f"note: {lacking}")
     if found.unused:
-        lines.append(f"not used: {', '.join(found.unused)}")
+        lines.append(f"not used: {', '.join(families(found.unused))}")
     lines.append(f"{model}: {'base model written' if written else _kept(model, found)}")
     faults = [f for r in found.recordings for f in check(r)]
     lines += [_fault(f) for f in faults if f.severity != "error"]
@@ -362,7 +362,7 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
     if found is None:
         raise DataError(
             f"table {path}: no column's name says a quantity or a unit. It has: "
-            f"{', '.join(table.names[:40])}. Write the map yourself (docs/import.md): "
+            f"{', '.join(families(table.names)[:40])}. Write the map yourself (docs/import.md): "
             '[columns] t = "...", q1 = "...", tau1 = "..."'
         )
     if place.exists():
@@ -422,11 +422,11 @@ def preview(table: Path, found: Imported) -> str:
             rows = [[target, _formula(rule)] for target, rule in rules]
             parts.append(terminal.table(["column", "is read as"], rows, (0, 1)))
         if note := r.metadata.get("note"):
-            parts.append(f"took of {note}")
+            parts.append(f"taken from {note}")
         parts.append(terminal.table(*first_rows(r), ()))
         parts += [_fault(f) for f in check(r)]
     parts += found.notes
-    parts += [f"not used: {', '.join(found.unused)}"] if found.unused else []
+    parts += [f"not used: {', '.join(families(found.unused))}"] if found.unused else []
     return (
         "\n".join([*parts, "nothing was written; with -o S.mcap in place of --dry-run it is"])
         + "\n"
