@@ -20,7 +20,7 @@ from hil.rig import estimators
 from hil.rig.config import RigConfig
 from hil.rig.open import Rig, open_rig
 from hil.rig.operator import Shop
-from hil.rig.safety import sentence
+from hil.rig.safety import beyond, sentence
 from hil.runtime import commands, session
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.runtime.guard import Watchdog, guarded
@@ -254,6 +254,27 @@ class Session:
         """Why the loop let go of the arms; empty where it did not."""
         return sentence(self.loop.reason) if self.loop.unsafe else ""
 
+    def _reason(self) -> str:
+        """Why the loop let go, with the joints that it is of and what may help."""
+        loop, which = self.loop, []
+        if not loop.reason:
+            return ""
+        arms = self.config.controller.arms
+        for i, arm in enumerate(arms):
+            q, qd, *_ = self.layout.arm(loop.seen, i)
+            joints, lim = self.config.arms[arm].joints, self.rig.ports[i].limits
+            names = [f"{arm} {name}" for name in joints] if len(arms) > 1 else joints
+            which += beyond(loop.reason, names, q, qd, lim)
+        said = sentence(loop.reason) + (f" ({', '.join(which)})" if which else "")
+        plays = self.config.controller.parameters.get("trajectory")
+        if which and plays and loop.unsafe:
+            said += (
+                "; a motion of 'hil excite' is slower than that, so the law does not follow it: "
+                "see to its gains (a rotor's inertia guessed too small in armature leaves a joint "
+                "undamped), or take computed-torque"
+            )
+        return said
+
     def _finish(self, name: str, told: dict[str, object]) -> None:
         """Close the file with what the session was; it may be that it takes nothing more."""
         loop, timer = self.loop, self.timer
@@ -284,7 +305,7 @@ class Session:
     def summary(self, seed: int, wall: float) -> Summary:
         """What it was; raises where it ended badly."""
         loop, config = self.loop, self.config.loop
-        reason = sentence(loop.reason) if loop.reason else ""
+        reason = self._reason()
         if self.slow.trouble is not None:
             raise ConfigError(
                 cut_short(self.output, self.slow.trouble, self.slow.unwritten)
