@@ -312,6 +312,40 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int
     return aligned(head, rows, left, width())
 
 
+#: With more joints than this, and than there are models, joints are rows.
+_FEW = 3
+
+
+def of_joints(
+    what: str,
+    joints: Sequence[str],
+    rows: Sequence[tuple[str, Sequence[Sequence[str]]]],
+    kinds: Sequence[str] = ("%",),
+) -> str:
+    """Values of every joint for several models; the rows are joints where these are many.
+
+    Parameters
+    ----------
+    what : str
+        What the values are.
+    joints : sequence of str
+        Names, length d.
+    rows : sequence of (label, values)
+        A model, and for each kind d values.
+    kinds : sequence of str
+        What stands behind a joint's or a model's name, e.g. ``%`` and ``simulated %``.
+    """
+    if len(joints) <= max(_FEW, len(rows)):
+        head = [what, *(f"{j} {kind}" for kind in kinds for j in joints)]
+        return table(head, [[label, *(x for v in values for x in v)] for label, values in rows])
+    head = [what, *(f"{label} {kind}" for kind in kinds for label, _ in rows)]
+    cells = [
+        [joint, *(values[k][j] for k in range(len(kinds)) for _, values in rows)]
+        for j, joint in enumerate(joints)
+    ]
+    return table(head, cells)
+
+
 def aligned(
     head: Sequence[str],
     rows: Sequence[Sequence[str]],
