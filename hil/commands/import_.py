@@ -11,6 +11,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -86,7 +87,7 @@ def text(output: Path, found: Imported, model: Path, written: bool) -> str:
     if found.unused:
         lines.append(f"not used: {', '.join(families(found.unused))}")
     lines.append(f"{model}: {'base model written' if written else _kept(model, found)}")
-    faults = [f for r in found.recordings for f in check(r)]
+    faults = _faults(found)
     lines += [_fault(f) for f in faults if f.severity != "error"]
     return "\n".join([*lines, *_next(output, model, faults)]) + "\n"
 
@@ -112,6 +113,13 @@ def _next(output: Path, model: Path, faults: list[DataFault]) -> list[str]:
         f"{output} is written but cannot be fitted: {plural(len(errors), 'error')}, see above; "
         "mend the table and import it again",
     ]
+
+
+def _faults(found: Imported) -> list[DataFault]:
+    """Faults of every arm; its name stands before them where there are several."""
+    several = len(found.recordings) > 1
+    named = ((r.arm if several else "", f) for r in found.recordings for f in check(r))
+    return [replace(f, joint=f"{arm} {f.joint}".strip()) for arm, f in named]
 
 
 def _fault(f: DataFault) -> str:

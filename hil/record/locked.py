@@ -417,6 +417,8 @@ def _whole(table: ForeignTable, stem: str, numbers: Sequence[int], d: int) -> No
     missing = [f"{stem}{k}" for k in range(1, max(d, 1) + 1) if k not in numbers]
     if missing:
         why = f"it has {count} (q columns)" if d else ""
+        if not numbers and stem == "tau":
+            why += ", and without the motors' efforts no model of them can be found"
         if numbers and stem == "tau":
             why += f"; of a joint without a motor write {missing[0]} = 0.0 in a map"
         raise _no_column(table, missing, why)
@@ -439,8 +441,9 @@ def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError
 
     reason = f" ({why})" if why else ""
     found, log = propose(table.names), known_log(table.names)
+    wanted = ", ".join(map(repr, families(names)))
     lacks = (
-        f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It has: "
+        f"table {table.path} has no column {wanted}{reason}. It has: "
         f"{', '.join(families(table.names)[:40])}. "
     )
     if log:
@@ -452,7 +455,8 @@ def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError
             f"{lacks}Rename with map={{'columns': {said}}}, which may say units, too "
             "(docs/import.md)"
         )
-    propose_it = f"'hil import {table.path.name} --propose-map MAP.toml' writes"
+    file = table.path.name if table.path.is_file() else "TABLE"  # an episode is no file of its own
+    propose_it = f"'hil import {file} --propose-map MAP.toml' writes"
     offer = f'Rename in a map file (docs/import.md): [columns] {names[0]} = "..."'
     if found is not None and names[0] in found.columns:
         offer = f"{propose_it} a map from these names"

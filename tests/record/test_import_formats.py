@@ -634,3 +634,17 @@ def test_a_log_of_a_known_program_is_recognised_where_it_is_refused(tmp_path, fr
     frame.rename(columns=renamed).to_csv(path, index=False)
     with pytest.raises(DataError, match=r"columns of a libfranka log: read it with --map libfra"):
         import_table(path)
+
+
+def test_a_data_set_without_efforts_says_that_these_are_needed(tmp_path, frame):
+    """Most LeRobot sets have positions and commands alone."""
+    place = tmp_path / "set" / "data" / "chunk-000"
+    place.mkdir(parents=True)
+    (tmp_path / "set" / "meta").mkdir()
+    (tmp_path / "set" / "meta" / "info.json").write_text('{"codebase_version": "v2.1"}')
+    q = frame[["q1", "q2"]].to_numpy().tolist()
+    told = {"observation.state": q, "action": q, "timestamp": frame["t"]}
+    parquet.write_table(pa.table(told), place / "episode_000000.parquet")
+    needed = r"no column 'tau1', 'tau2' .*without the motors' efforts no model.*import TABLE"
+    with pytest.raises(DataError, match=needed):
+        import_table(tmp_path / "set", read_map("lerobot"))
