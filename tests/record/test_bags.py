@@ -327,8 +327,8 @@ def test_a_dry_run_shows_what_would_be_taken_of_a_bag(plain, tmp_path, capsys):
 def test_topics_of_another_arm_that_is_taken_are_not_told_as_unused(tmp_path, capsys):
     """Two arms by CRTK's names: each says what nobody took, and faults say whose they are."""
     run = plants.joints(d=2)
-    names, t = list(run.joints), run.t[:400]
-    q, tau = (np.ascontiguousarray(x[:400]) for x in (run.q, run.tau))
+    names, t = list(run.joints), run.t[:3000]
+    q, tau = (np.ascontiguousarray(x[:3000]) for x in (run.q, run.tau))
     with BagFile(tmp_path, "mcap") as bag:
         for arm in ("PSM1", "MTML"):
             wrong = np.ascontiguousarray(50 * np.gradient(q, t, axis=0))
