@@ -14,6 +14,7 @@ from bag_files import BagFile
 
 from hil.cli import main
 from hil.record.export import write_recordings
+from hil.record.sources import below, find
 
 SMALL = Path(__file__).with_name("small.mcap")
 
@@ -151,3 +152,13 @@ def test_a_recording_whose_time_does_not_begin_at_0_is_as_long_as_it_is(folder, 
     assert listed(capsys, "late.mcap")["late.mcap"]["seconds"] == pytest.approx(1.6)
     assert main(["info", "late.mcap"]) == 0
     assert ", 1.6 s" in capsys.readouterr().out
+
+
+def test_a_folder_of_folders_is_the_sessions_in_them(folder):
+    """The analyses take what the list shows, where a folder holds only folders of days."""
+    (folder / "fleet").mkdir()
+    shutil.move(str(folder / "sessions" / "day2"), str(folder / "fleet" / "day2"))
+    assert find([folder / "fleet"]) == below([folder / "fleet"])
+    assert {p.name for p in find([folder / "fleet"])} == {"a.mcap", "bag"}
+    beside = {p.name for p in find([folder / "sessions"])}  # those of the folder itself alone
+    assert beside == {"small.mcap", "b.mcap", "broken.mcap"}
