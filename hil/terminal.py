@@ -158,7 +158,7 @@ def working(shown: bool = True) -> Iterator[None]:
 
 
 #: What is said while kernels are compiled; the machine code is kept for later runs.
-COMPILES = "compile, once after an installation"
+COMPILES = "compiling (once per installation)"
 
 
 class Compilation:

@@ -437,7 +437,7 @@ def lines(snapshot: Mapping[str, Any]) -> list[list[Part]]:
             [
                 (
                     "",
-                    "starting ... (compiles for up to a minute, once after an installation)",
+                    "starting ... (compiling for up to a minute, once per installation)",
                 )
             ]
         ]
